@@ -1,0 +1,1 @@
+"""Speech in, motion out: rotations, skeleton, networks, training and measures."""

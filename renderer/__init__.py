@@ -1,0 +1,1 @@
+"""Bodies, cameras, offscreen pictures, videos and figures."""
