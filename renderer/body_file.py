@@ -1,0 +1,263 @@
+"""Reading a body from disk: the project's open body, or a licensed SMPL-X ``.npz``.
+
+Both become one :class:`BodyArrays`. Nothing in a file is ever unpickled: licensed files hold a
+few pickled arrays, and those are not needed to pose the body.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+from jaxtyping import Float32, Int32
+
+from renderer.smplx_joints import NUM_JOINTS, PARENTS
+
+OPEN_BODY_PATH = Path(__file__).parent / "assets" / "open_body.npz"
+OPEN_BODY_FORMAT = 1
+
+MAX_UNPACKED_BYTES = 4 << 30
+NUM_POSE_FEATURES = 9 * (NUM_JOINTS - 1)
+MAX_EXPRESSIONS = 100
+
+
+class BodyError(ValueError):
+    """A body file or a motion that cannot be posed; the message is one sentence for a person."""
+
+
+@dataclass(frozen=True)
+class BodyArrays:
+    """What linear blend skinning needs, in metres, y up, in the zero pose."""
+
+    name: str
+    sha256: str
+    expression_basis: str
+    """Which motion files may drive the face: ``arkit52`` (open body) or ``flame100`` (SMPL-X)."""
+    expression_names: tuple[str, ...]
+    """Names of the expression components where the file gives them, else empty."""
+    template: Float32[np.ndarray, "V 3"]
+    faces: Int32[np.ndarray, "F 3"]
+    weights: sp.csr_array
+    """(V, 55): share of each joint in the motion of each vertex; rows sum to one."""
+    rest_joints: Float32[np.ndarray, "J 3"]
+    shape_dirs: Float32[np.ndarray, "V 3 B"]
+    """Vertex offset per unit of each beta; B = 0 on the open body."""
+    shape_joints: Float32[np.ndarray, "J 3 B"]
+    expression_vertices: Int32[np.ndarray, " M"]
+    """Vertices that any expression moves."""
+    expression_dirs: Float32[np.ndarray, "E M 3"]
+    expression_joints: Float32[np.ndarray, "E J 3"]
+    pose_vertices: Int32[np.ndarray, " P"]
+    """Vertices that have pose correctives."""
+    pose_dirs: sp.csr_array | Float32[np.ndarray, "P3 N"]
+    """(3 P, 486): corrective offset per entry of (R - I) of joints 1 to 54; sparse or dense."""
+    regions: Int32[np.ndarray, " V"] | None
+    """Index of the painted region of each vertex (see ``renderer.look``), where the file has it."""
+
+
+def read_body_file(path: Path) -> BodyArrays:
+    """The arrays of the body in ``path``.
+
+    Raises:
+        BodyError: if the file is missing, no body, damaged, or not SMPL-X shaped.
+    """
+    if not path.is_file():
+        raise BodyError(f"There is no body file at {path}.")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            unpacked = sum(member.file_size for member in archive.infolist())
+    except (zipfile.BadZipFile, OSError) as error:
+        raise BodyError(
+            f"{path.name} is no body file: an SMPL-X .npz is needed "
+            "(a .pkl body has to be downloaded again as .npz)."
+        ) from error
+    if unpacked > MAX_UNPACKED_BYTES:
+        raise BodyError(
+            f"{path.name} would unpack to {unpacked / 2**30:.1f} GiB; "
+            f"a body has at most {MAX_UNPACKED_BYTES >> 30} GiB."
+        )
+    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            reader = _Reader(path.name, archive)
+            arrays = (
+                _open_body(reader, sha256)
+                if "open_body_format" in archive.files
+                else _licensed_body(reader, path.stem, sha256)
+            )
+    except (zipfile.BadZipFile, EOFError, OSError, KeyError) as error:
+        raise BodyError(f"{path.name} is damaged and cannot be read as a body.") from error
+    _check(path.name, arrays)
+    return arrays
+
+
+class _Reader:
+    """Plain arrays of one npz by name, each failure as a sentence that names file and key."""
+
+    def __init__(self, file_name: str, archive: np.lib.npyio.NpzFile) -> None:
+        self.file_name = file_name
+        self._archive = archive
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._archive.files
+
+    def array(self, key: str, *shape: int | None) -> np.ndarray:
+        """The array ``key``; ``None`` in ``shape`` leaves that axis free."""
+        if key not in self._archive.files:
+            raise BodyError(f"{self.file_name} is no SMPL-X body: it has no array '{key}'.")
+        try:
+            array = self._archive[key]
+        except ValueError as error:
+            raise BodyError(
+                f"{self.file_name} holds '{key}' as a pickled object or damaged array, which is "
+                "not opened because it could run code; use the .npz of the SMPL-X download page."
+            ) from error
+        fits = array.ndim == len(shape) and all(
+            want in (None, have) for want, have in zip(shape, array.shape, strict=True)
+        )
+        if not fits:
+            wanted = ", ".join("any" if size is None else str(size) for size in shape)
+            raise BodyError(
+                f"{self.file_name}: '{key}' has shape {array.shape}; ({wanted}) is needed."
+            )
+        return array
+
+    def floats(self, key: str, *shape: int | None) -> np.ndarray:
+        array = self.array(key, *shape)
+        if array.dtype.kind not in "fiu":
+            raise BodyError(f"{self.file_name}: '{key}' holds {array.dtype}, not numbers.")
+        result = array.astype(np.float32)
+        if not np.isfinite(result).all():
+            raise BodyError(f"{self.file_name}: '{key}' holds values that are not finite.")
+        return result
+
+    def integers(self, key: str, *shape: int | None) -> np.ndarray:
+        array = self.array(key, *shape)
+        if array.dtype.kind not in "iu":
+            raise BodyError(f"{self.file_name}: '{key}' holds {array.dtype}, not integers.")
+        return array.astype(np.int64).astype(np.int32)
+
+
+def _open_body(reader: _Reader, sha256: str) -> BodyArrays:
+    version = int(reader.array("open_body_format"))
+    if version != OPEN_BODY_FORMAT:
+        raise BodyError(
+            f"{reader.file_name} is an open body of format {version}; "
+            f"this version reads format {OPEN_BODY_FORMAT}."
+        )
+    template = reader.floats("template", None, 3)
+    num_vertices = len(template)
+    joints = reader.integers("weight_joints", num_vertices, None)
+    shares = reader.floats("weight_shares", *joints.shape)
+    shares /= shares.sum(1, keepdims=True)
+    rows = np.repeat(np.arange(num_vertices), joints.shape[1])
+    used = shares.ravel() > 0
+    if joints.min() < 0 or joints.max() >= NUM_JOINTS:
+        raise BodyError(f"{reader.file_name}: 'weight_joints' names joints outside 0 to 54.")
+    weights = sp.csr_array(
+        (shares.ravel()[used], (rows[used], joints.ravel()[used])),
+        shape=(num_vertices, NUM_JOINTS),
+    )
+    names = tuple(str(name) for name in reader.array("expression_names", None))
+    moved = reader.integers("expression_vertices", None)
+    steps = reader.floats("expression_steps", len(names))
+    levels = reader.array("expression_levels", len(names), len(moved), 3)
+    corrected = reader.integers("pose_vertices", None)
+    return BodyArrays(
+        name="open body",
+        sha256=sha256,
+        expression_basis="arkit52",
+        expression_names=names,
+        template=template,
+        faces=reader.integers("faces", None, 3),
+        weights=weights,
+        rest_joints=reader.floats("rest_joints", NUM_JOINTS, 3),
+        shape_dirs=np.zeros((num_vertices, 3, 0), np.float32),
+        shape_joints=np.zeros((NUM_JOINTS, 3, 0), np.float32),
+        expression_vertices=moved,
+        expression_dirs=levels.astype(np.float32) * steps[:, None, None],
+        expression_joints=np.zeros((len(names), NUM_JOINTS, 3), np.float32),
+        pose_vertices=np.unique(corrected).astype(np.int32),
+        pose_dirs=_sparse_pose_dirs(
+            corrected,
+            reader.integers("pose_joints", len(corrected)),
+            reader.floats("pose_offsets", len(corrected), 3, 9),
+        ),
+        regions=reader.integers("regions", num_vertices),
+    )
+
+
+def _sparse_pose_dirs(
+    vertices: Int32[np.ndarray, " K"],
+    joints: Int32[np.ndarray, " K"],
+    offsets: Float32[np.ndarray, "K 3 9"],
+) -> sp.csr_array:
+    """(3 P, 486) matrix from blocks: ``offsets[k]`` moves vertex k by (R - I) of its joint."""
+    corrected, row = np.unique(vertices, return_inverse=True)
+    rows = (3 * row[:, None] + np.arange(3))[:, :, None]
+    columns = (9 * (joints[:, None] - 1) + np.arange(9))[:, None, :]
+    rows, columns = (np.broadcast_to(index, offsets.shape).ravel() for index in (rows, columns))
+    return sp.csr_array(
+        (offsets.ravel(), (rows, columns)), shape=(3 * len(corrected), NUM_POSE_FEATURES)
+    )
+
+
+def _licensed_body(reader: _Reader, name: str, sha256: str) -> BodyArrays:
+    template = reader.floats("v_template", None, 3)
+    num_vertices = len(template)
+    kintree = reader.array("kintree_table", 2, None)
+    if kintree.shape[1] != NUM_JOINTS:
+        raise BodyError(
+            f"{reader.file_name} has {kintree.shape[1]} joints; SMPL-X has {NUM_JOINTS} "
+            "(SMPL and SMPL-H files do not fit)."
+        )
+    if tuple(kintree[0, 1:].astype(np.int64)) != PARENTS[1:]:
+        raise BodyError(f"{reader.file_name}: 'kintree_table' is not the joint tree of SMPL-X.")
+    shape_dirs = reader.floats("shapedirs", num_vertices, 3, None)
+    # 2019 files: 10 betas, then expressions. 2020 files: 300 betas, then 100 expressions.
+    num_betas = 300 if shape_dirs.shape[2] > 300 else min(10, shape_dirs.shape[2])
+    expressions = shape_dirs[:, :, num_betas : num_betas + MAX_EXPRESSIONS]
+    regressor = reader.floats("J_regressor", NUM_JOINTS, num_vertices)
+    moved = np.flatnonzero(np.abs(expressions).max(axis=(1, 2), initial=0) > 0)
+    posedirs = reader.floats("posedirs", num_vertices, 3, NUM_POSE_FEATURES)
+    corrected = np.flatnonzero(np.abs(posedirs).max(axis=(1, 2)) > 0)
+    betas = np.ascontiguousarray(shape_dirs[:, :, :num_betas])
+    return BodyArrays(
+        name=name,
+        sha256=sha256,
+        expression_basis="flame100",
+        expression_names=(),
+        template=template,
+        faces=reader.integers("f", None, 3),
+        weights=sp.csr_array(reader.floats("weights", num_vertices, NUM_JOINTS)),
+        rest_joints=regressor @ template,
+        shape_dirs=betas,
+        shape_joints=np.einsum("jv,vcb->jcb", regressor, betas, optimize=True),
+        expression_vertices=moved.astype(np.int32),
+        expression_dirs=np.ascontiguousarray(expressions[moved].transpose(2, 0, 1)),
+        expression_joints=np.einsum("jv,vce->ejc", regressor, expressions, optimize=True),
+        pose_vertices=corrected.astype(np.int32),
+        pose_dirs=np.ascontiguousarray(posedirs[corrected].reshape(-1, NUM_POSE_FEATURES)),
+        regions=None,
+    )
+
+
+def _check(file_name: str, arrays: BodyArrays) -> None:
+    num_vertices = len(arrays.template)
+    if num_vertices == 0 or len(arrays.faces) == 0:
+        raise BodyError(f"{file_name} has no mesh: {num_vertices} vertices.")
+    if arrays.faces.min() < 0 or arrays.faces.max() >= num_vertices:
+        raise BodyError(
+            f"{file_name}: a face names vertex {arrays.faces.max()}, "
+            f"but there are only {num_vertices} vertices."
+        )
+    for vertices in (arrays.expression_vertices, arrays.pose_vertices):
+        if len(vertices) and (vertices.min() < 0 or vertices.max() >= num_vertices):
+            raise BodyError(f"{file_name}: an offset names a vertex that does not exist.")
+    row_sums = arrays.weights.sum(axis=1)
+    if np.abs(row_sums - 1).max() > 0.01:
+        raise BodyError(f"{file_name}: the skinning weights of a vertex do not sum to one.")
