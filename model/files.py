@@ -1,0 +1,56 @@
+"""Writing files so that nothing half-written ever stands under its final name."""
+
+import errno
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+class WriteError(OSError):
+    """A file could not be written; the message is one sentence for a person."""
+
+
+_REASONS = {
+    errno.ENOSPC: "the disk is full; free some space or choose another folder",
+    errno.EDQUOT: "your disk quota is used up; free some space or choose another folder",
+    errno.EFBIG: "it would exceed the largest file size allowed here",
+    errno.EACCES: "permission denied; choose a folder you may write to",
+    errno.EPERM: "permission denied; choose a folder you may write to",
+    errno.EROFS: "the disk is read-only; choose another folder",
+    errno.ENOENT: "its folder does not exist; create it first",
+    errno.ENOTDIR: "its folder is a file; choose another folder",
+    errno.EISDIR: "a folder has that name; choose another name",
+}
+
+
+def write_error(path: Path, error: OSError) -> WriteError:
+    """The sentence that says why ``path`` could not be written and what to do."""
+    reason = _REASONS.get(error.errno or 0, error.strerror or str(error))
+    return WriteError(f"{path} could not be written: {reason}.")
+
+
+@contextmanager
+def written_atomically(path: str | Path) -> Iterator[Path]:
+    """A temporary path in the same folder that becomes ``path`` when the block ends well.
+
+    If the block raises, nothing is left behind and an older file under ``path`` stays as it was.
+
+    Raises:
+        WriteError: in place of any other `OSError`, with the reason in one sentence.
+    """
+    path = Path(path)
+    temporary = path.with_name(f".{secrets.token_hex(6)}.part{path.suffix}")
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    except WriteError:
+        raise
+    except OSError as error:
+        raise write_error(path, error) from error
+    finally:
+        try:
+            temporary.unlink(missing_ok=True)
+        except OSError:  # an unreachable folder, which the error above already names
+            pass
