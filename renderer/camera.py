@@ -1,0 +1,144 @@
+"""Cameras: where the viewer stands, and how near it may go without losing a hand.
+
+World frame: y up, metres, the body faces +z. A camera looks along its own -z, as in OpenGL.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+View = Literal["front", "three_quarter", "side"]
+VIEWS: tuple[View, ...] = get_args(View)
+
+Z_NEAR_M = 0.1
+Z_FAR_M = 60.0
+YFOV_RAD = 0.55
+"""Vertical opening angle: about a 45 mm lens, so that hands held out are not enlarged."""
+
+_AZIMUTH_RAD: dict[View, float] = {
+    "front": 0.0,
+    "three_quarter": np.deg2rad(40.0),
+    "side": np.deg2rad(90.0),
+}
+_ELEVATION_RAD = np.deg2rad(6.0)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A perspective camera that stands upright at ``eye`` and looks at ``target`` (metres)."""
+
+    eye: tuple[float, float, float]
+    target: tuple[float, float, float]
+    yfov_rad: float = YFOV_RAD
+
+    def axes(self) -> Float[np.ndarray, "3 3"]:
+        """Rows: the camera's right, up and backward directions in the world."""
+        backward = np.subtract(self.eye, self.target).astype(np.float64)
+        backward /= np.linalg.norm(backward)
+        right = np.cross((0.0, 1.0, 0.0), backward)
+        right /= np.linalg.norm(right)
+        return np.stack([right, np.cross(backward, right), backward])
+
+    def pose(self) -> Float[np.ndarray, "4 4"]:
+        """``T_world_camera``, as pyrender wants it."""
+        pose = np.eye(4)
+        pose[:3, :3] = self.axes().T
+        pose[:3, 3] = self.eye
+        return pose
+
+    def project(
+        self, points: Float[np.ndarray, "*batch 3"], width: int, height: int
+    ) -> Float[np.ndarray, "*batch 2"]:
+        """Picture coordinates in pixels, (0, 0) at the upper left corner.
+
+        Points behind the camera give NaN.
+        """
+        in_camera = (points - np.asarray(self.eye)) @ self.axes().T
+        depth = np.where(in_camera[..., 2] < 0.0, -in_camera[..., 2], np.nan)
+        focal_px = 0.5 * height / np.tan(0.5 * self.yfov_rad)
+        x = 0.5 * width + focal_px * in_camera[..., 0] / depth
+        y = 0.5 * height - focal_px * in_camera[..., 1] / depth
+        return np.stack([x, y], axis=-1)
+
+    def sees(
+        self, points: Float[np.ndarray, "*batch 3"], width: int, height: int
+    ) -> Bool[np.ndarray, "*batch"]:
+        """Which points fall inside the picture."""
+        pixels = self.project(points, width, height)
+        with np.errstate(invalid="ignore"):
+            inside = (pixels >= 0.0) & (pixels <= (width, height))
+        return np.logical_and(inside[..., 0], inside[..., 1])
+
+
+def view_axes(view: View) -> Float[np.ndarray, "3 3"]:
+    """Rows: right, up and backward of a camera of that view, whatever its distance."""
+    if view not in VIEWS:
+        raise ValueError(f"View {view!r} is unknown; choose one of {', '.join(VIEWS)}.")
+    azimuth, elevation = _AZIMUTH_RAD[view], _ELEVATION_RAD
+    eye = (
+        float(np.sin(azimuth) * np.cos(elevation)),
+        float(np.sin(elevation)),
+        float(np.cos(azimuth) * np.cos(elevation)),
+    )
+    return Camera(eye=eye, target=(0.0, 0.0, 0.0)).axes()
+
+
+def frame_points(
+    points: Float[np.ndarray, "N 3"],
+    view: View = "front",
+    *,
+    aspect: float = 1.0,
+    radius_m: Float[np.ndarray, " N"] | float = 0.0,
+    margin: float = 0.06,
+    yfov_rad: float = YFOV_RAD,
+) -> Camera:
+    """The nearest camera of a view that has every point inside its picture.
+
+    Each side of the picture is a plane through the eye, so the eye is found in closed form: the
+    planes of one axis touch the outermost points, and the axis that needs more distance decides.
+
+    Args:
+        points: in metres; the same array for all systems of a comparison gives equal cameras.
+        aspect: width of the picture by its height.
+        radius_m: keeps a ball of this radius around each point inside.
+        margin: share of the half picture kept free at each side, 0 to 1.
+
+    Raises:
+        ValueError: if there is no point, or a coordinate is not finite.
+    """
+    if not len(points):
+        raise ValueError("A camera needs at least one point to frame; none was given.")
+    if not np.isfinite(points).all():
+        raise ValueError("The motion holds NaN or infinite positions; it cannot be framed.")
+    axes = view_axes(view)
+    right, up, backward = (points.astype(np.float64) @ axes.T).T
+    radius = np.broadcast_to(radius_m, len(points))
+    tan_y = (1.0 - margin) * np.tan(0.5 * yfov_rad)
+    tan_x = (1.0 - margin) * np.tan(0.5 * yfov_rad) * aspect
+    x, z_for_x = _apex(right, backward, tan_x, radius)
+    y, z_for_y = _apex(up, backward, tan_y, radius)
+    # Nothing may come nearer than the near plane, however small it is.
+    z = max(z_for_x, z_for_y, float((backward + radius).max()) + 2.0 * Z_NEAR_M)
+    eye = np.array([x, y, z]) @ axes
+    target = eye - axes[2] * (z - float(backward.mean()))
+    return Camera(eye=_triple(eye), target=_triple(target), yfov_rad=yfov_rad)
+
+
+def _apex(
+    across: Float[np.ndarray, " N"],
+    backward: Float[np.ndarray, " N"],
+    tangent: float,
+    radius: Float[np.ndarray, " N"],
+) -> tuple[float, float]:
+    """Where two planes of slopes ``+-tangent`` that just enclose the points meet."""
+    outwards = tangent * backward + radius * np.hypot(1.0, tangent)
+    high = float((across + outwards).max())
+    low = float((-across + outwards).max())
+    return (high - low) / 2.0, (high + low) / (2.0 * tangent)
+
+
+def _triple(vector: Float[np.ndarray, " 3"]) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in vector)
+    return x, y, z

@@ -1,0 +1,120 @@
+"""Pictures without a screen: the choice of OpenGL backend and the life of its context.
+
+Of the ways to have pyrender in one plain ``pip install``, ``pyrender2`` was chosen: pyrender
+0.1.45 pins PyOpenGL 3.1.0, whose OSMesa binding lacks ``OSMesaCreateContextAttribs``, and it uses
+``np.infty``, which numpy 2 removed. ``pyrender2`` 0.2.2 (MIT) is 0.1.45 with those two lifted and
+a matrix-uniform bug fixed, needs neither six nor Python 3.12, and keeps shaders and renderer
+otherwise unchanged; ``pyrender-maintained`` 1.0.1 has the same changes but forces pyglet 2, and
+``scikit-robot-pyrender`` 0.1.50 re-formats every file and adds features that are not wanted here.
+PyOpenGL is listed beside it with bounds of its own, because EGL and OSMesa both need >= 3.1.5.
+"""
+
+import importlib
+import os
+import sys
+import types
+from typing import TYPE_CHECKING, Literal, Self, get_args
+
+import numpy as np
+from jaxtyping import UInt8
+
+if TYPE_CHECKING:
+    from renderer.gl import Antialias
+    from renderer.scene import BodyScene
+
+Backend = Literal["egl", "osmesa"]
+BACKENDS: tuple[Backend, ...] = get_args(Backend)
+
+
+class GLError(RuntimeError):
+    """No picture can be drawn; the message says why in one sentence."""
+
+
+def open_gl(backend: Backend) -> None:
+    """Load pyrender and PyOpenGL for one backend, once per process.
+
+    PyOpenGL reads ``PYOPENGL_PLATFORM`` when it is first imported and never again; so this is the
+    only place that sets it, and the only door through which pyrender is imported.
+
+    Raises:
+        GLError: if the libraries are missing, or the process already runs the other backend.
+    """
+    if backend not in BACKENDS:
+        raise ValueError(f"OpenGL backend {backend!r} is unknown; choose one of {BACKENDS}.")
+    if "OpenGL" in sys.modules and os.environ.get("PYOPENGL_PLATFORM") != backend:
+        raise GLError(
+            f"OpenGL is already loaded for {os.environ.get('PYOPENGL_PLATFORM')!r}; "
+            f"{backend!r} needs a process of its own."
+        )
+    os.environ["PYOPENGL_PLATFORM"] = backend
+    if "pyrender.viewer" not in sys.modules:
+        # The window of pyrender is never used here, and importing it wants pyglet with X libraries.
+        viewer = types.ModuleType("pyrender.viewer")
+        viewer.Viewer = None  # type: ignore[attr-defined]
+        sys.modules["pyrender.viewer"] = viewer
+    try:
+        importlib.import_module("renderer.gl")
+    except (ImportError, OSError, AttributeError, TypeError) as error:
+        raise GLError(f"OpenGL through {backend} cannot be loaded: {error}.") from error
+
+
+class OffscreenRenderer:
+    """One OpenGL context and framebuffer, kept for a whole job. Use it in ``with``, in one thread.
+
+    Raises on entering:
+        GLError: if the backend gives no usable context.
+    """
+
+    def __init__(
+        self, width: int, height: int, backend: Backend, antialias: "Antialias" = "msaa"
+    ) -> None:
+        if width < 1 or height < 1:
+            raise ValueError(f"A picture of {width} x {height} pixels cannot be drawn.")
+        self.width, self.height = width, height
+        self.backend: Backend = backend
+        self.antialias: Antialias = antialias
+
+    def __enter__(self) -> Self:
+        open_gl(self.backend)
+        from renderer.gl import FrameRenderer
+
+        self._platform = _new_platform(self.backend, self.width, self.height)
+        try:
+            self._platform.init_context()
+            self._platform.make_current()
+            self._renderer = FrameRenderer(self.width, self.height, self.antialias)
+        except Exception as error:  # PyOpenGL and pyrender raise whatever the driver does
+            self._platform.delete_context()
+            raise GLError(
+                f"OpenGL through {self.backend} gives no context for {self.width} x {self.height} "
+                f"pixels: {type(error).__name__} {error}".rstrip()
+                + "."
+            ) from error
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._renderer.delete()
+        self._platform.delete_context()
+
+    def draw(self, scene: "BodyScene") -> UInt8[np.ndarray, "H W 3"]:
+        """The picture, upper row first. The array is overwritten by the next call."""
+        return self._renderer.draw(scene.scene)
+
+    @property
+    def driver(self) -> str:
+        """What OpenGL calls itself, such as ``llvmpipe (LLVM 15.0.6, 256 bits)``."""
+        from OpenGL import GL
+
+        name = GL.glGetString(GL.GL_RENDERER)
+        return name.decode() if name else "an unnamed driver"
+
+
+def _new_platform(backend: Backend, width: int, height: int):
+    """pyrender's context for a backend; EGL on its first device."""
+    if backend == "egl":
+        from pyrender.platforms import egl
+
+        return egl.EGLPlatform(width, height, device=egl.get_default_device())
+    from pyrender.platforms.osmesa import OSMesaPlatform
+
+    return OSMesaPlatform(width, height)

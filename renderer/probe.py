@@ -1,0 +1,145 @@
+"""Which OpenGL backend works here, found out where a crash does no harm: in a child process."""
+
+import functools
+import json
+import subprocess
+import sys
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from renderer.offscreen import BACKENDS, Backend, GLError, OffscreenRenderer
+
+DEBIAN_PACKAGES: dict[Backend, str] = {"egl": "libegl1 libgl1", "osmesa": "libosmesa6"}
+_TIMEOUT_S = 60.0
+_PROBE_SIZE_PX = 256
+_TIMED_FRAMES = 5
+
+
+@dataclass(frozen=True)
+class BackendReport:
+    """What one backend can do here."""
+
+    name: Backend
+    works: bool
+    renderer_string: str
+    """The driver's own name; empty if it does not work."""
+    ms_per_frame: float | None
+    """One small mesh at 256 x 256 pixels."""
+    error: str
+    """Why it does not work, in one sentence; empty if it does."""
+
+
+@functools.cache
+def probe_backends() -> tuple[BackendReport, ...]:
+    """Try every backend, the preferred one first. The answer is kept for this process."""
+    return tuple(probe_backend(name) for name in BACKENDS)
+
+
+@functools.cache
+def choose_backend() -> Backend:
+    """The first backend that draws.
+
+    Raises:
+        GLError: if none does, naming the packages to install.
+    """
+    reports = []
+    for name in BACKENDS:
+        report = probe_backend(name)
+        if report.works:
+            return name
+        reports.append(report)
+    raise GLError(no_backend_sentence(reports))
+
+
+def no_backend_sentence(reports: list[BackendReport]) -> str:
+    """What to do when nothing draws."""
+    reasons = "; ".join(f"{report.name}: {report.error.rstrip('.')}" for report in reports)
+    return (
+        f"No offscreen OpenGL works here ({reasons}); on Debian or Ubuntu install it with: "
+        f"apt-get install {DEBIAN_PACKAGES['egl']} {DEBIAN_PACKAGES['osmesa']}"
+    )
+
+
+@functools.cache
+def probe_backend(name: Backend, python: str = sys.executable) -> BackendReport:
+    """Draw a few frames in a child process.
+
+    Args:
+        python: the interpreter of the child.
+    """
+    command = [python, "-m", "renderer.probe", name]
+    try:
+        child = subprocess.run(
+            command,
+            cwd=Path(__file__).parents[1],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=_TIMEOUT_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return _broken(name, f"it did not answer within {_TIMEOUT_S:.0f} s")
+    except OSError as error:
+        return _broken(name, f"no child process can be started: {error}")
+    lines = child.stdout.decode(errors="replace").strip().splitlines()
+    if child.returncode < 0:
+        return _broken(name, f"the driver crashed (signal {-child.returncode})")
+    if child.returncode or not lines:
+        said = child.stderr.decode(errors="replace").strip().splitlines()
+        return _broken(name, said[-1] if said else f"exit status {child.returncode}")
+    return BackendReport(**json.loads(lines[-1]))
+
+
+def _broken(name: Backend, error: str) -> BackendReport:
+    return BackendReport(name, works=False, renderer_string="", ms_per_frame=None, error=error)
+
+
+def try_backend(name: Backend) -> BackendReport:
+    """Draw a ball through a backend in this process, and look whether it is there."""
+    from renderer.camera import frame_points
+    from renderer.scene import BodyScene, FramePreparer, Studio
+    from renderer.stage import Stage
+
+    vertices, faces = _octahedron()
+    camera = frame_points(vertices)
+    stage = Stage(camera, floor_m=-1.0, centre_xz=(0.0, 0.0), extent_m=0.0)
+    studio = Studio()
+    prepare = FramePreparer(faces, len(vertices), stage, studio)
+    frame = prepare(vertices)
+    try:
+        with OffscreenRenderer(_PROBE_SIZE_PX, _PROBE_SIZE_PX, name, "supersample") as renderer:
+            scene = BodyScene(faces, None, frame, prepare.ground.corners(), camera, 1.0, studio)
+            picture = renderer.draw(scene)
+            started = time.perf_counter()
+            for _ in range(_TIMED_FRAMES):
+                scene.show(frame)
+                picture = renderer.draw(scene)
+            ms_per_frame = 1e3 * (time.perf_counter() - started) / _TIMED_FRAMES
+            driver = renderer.driver
+    except GLError as error:
+        return _broken(name, str(error))
+    middle = picture[_PROBE_SIZE_PX // 2, _PROBE_SIZE_PX // 2].astype(int)
+    corner = picture[0, 0].astype(int)
+    if np.abs(middle - corner).max() < 16:
+        return _broken(name, f"{driver} draws an empty picture")
+    return BackendReport(name, True, driver, ms_per_frame, "")
+
+
+def _octahedron() -> tuple[np.ndarray, np.ndarray]:
+    """Six vertices on the axes, and eight faces that look outwards."""
+    vertices = np.concatenate([np.eye(3), -np.eye(3)]).astype(np.float32)
+    faces = [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]]
+    return vertices, np.array(faces)
+
+
+def _main() -> int:
+    report = try_backend(sys.argv[1])  # type: ignore[arg-type]  # checked by open_gl
+    sys.stdout.write(json.dumps(asdict(report)) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(_main())

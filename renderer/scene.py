@@ -1,0 +1,117 @@
+"""The studio a body is shown in: lights, background, floor and the body itself."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from renderer.camera import Z_FAR_M, Z_NEAR_M, Camera
+from renderer.ground import HALF_SIZE_M, ShadowGround
+from renderer.normals import VertexNormals
+from renderer.stage import Stage
+
+CLAY_COLOR = (0.50, 0.46, 0.43)
+"""Linear colour of a body that brings no colours of its own."""
+
+
+@dataclass(frozen=True)
+class Light:
+    """A distant light. ``towards`` points from the body to the light; colour is linear."""
+
+    towards: tuple[float, float, float]
+    color: tuple[float, float, float]
+    intensity: float
+
+
+@dataclass(frozen=True)
+class Studio:
+    """A look: three lights, their ambient part, and the colour behind everything."""
+
+    key: Light = Light((2.6, 2.0, 1.7), (1.0, 0.95, 0.88), 3.7)
+    fill: Light = Light((-3.0, 0.3, 2.2), (0.74, 0.86, 1.0), 0.6)
+    rim: Light = Light((-1.6, 1.4, -2.8), (1.0, 0.98, 1.0), 3.2)
+    ambient: float = 0.17
+    background: tuple[float, float, float] = (0.894, 0.902, 0.918)
+    shadow_from: tuple[float, float, float] = (0.42, 1.0, 0.22)
+    """Where the ground shadow's light stands: steeper than the key, so that it stays short."""
+
+
+@dataclass(frozen=True)
+class PosedFrame:
+    """All that changes from one picture to the next, computed without OpenGL."""
+
+    vertices: Float[np.ndarray, "V 3"]
+    normals: Float[np.ndarray, "V 3"]
+    ground: np.ndarray
+    """(R, R, 3) uint8: the floor with this frame's shadow."""
+
+
+class FramePreparer:
+    """Turns vertices into ``PosedFrame``. Holds no OpenGL state: any thread may run it."""
+
+    def __init__(
+        self,
+        faces: Int[np.ndarray, "F 3"],
+        num_vertices: int,
+        stage: Stage,
+        studio: Studio,
+    ) -> None:
+        self.normals = VertexNormals(faces, num_vertices)
+        self.ground = ShadowGround(
+            centre_xz=stage.centre_xz,
+            floor_m=stage.floor_m,
+            light_from=studio.shadow_from,
+            background=studio.background,
+            half_size_m=HALF_SIZE_M + stage.extent_m / 2.0,
+        )
+
+    def __call__(self, vertices: Float[np.ndarray, "V 3"]) -> PosedFrame:
+        return PosedFrame(vertices, self.normals(vertices), self.ground.texture(vertices))
+
+
+class BodyScene:
+    """A pyrender scene of one body on the floor, moved in place from frame to frame.
+
+    ``offscreen.open_gl`` must have chosen the backend before.
+    """
+
+    def __init__(
+        self,
+        faces: Int[np.ndarray, "F 3"],
+        colors: Float[np.ndarray, "V 3"] | None,
+        first: PosedFrame,
+        ground_corners: Float[np.ndarray, "4 3"],
+        camera: Camera,
+        aspect: float,
+        studio: Studio,
+    ) -> None:
+        import pyrender
+
+        from renderer.gl import DynamicMesh, TexturedQuad
+
+        if colors is None:
+            colors = np.tile(np.array(CLAY_COLOR, np.float32), (len(first.vertices), 1))
+        self._body = DynamicMesh(first.vertices, first.normals, colors, faces)
+        self._ground = TexturedQuad(ground_corners, first.ground)
+        self.scene = pyrender.Scene(
+            bg_color=[*studio.background, 1.0], ambient_light=[studio.ambient] * 3
+        )
+        self.scene.add(self._body.mesh)
+        self.scene.add(self._ground.mesh)
+        self.scene.add(
+            pyrender.PerspectiveCamera(
+                yfov=camera.yfov_rad, aspectRatio=aspect, znear=Z_NEAR_M, zfar=Z_FAR_M
+            ),
+            pose=camera.pose(),
+        )
+        for light in (studio.key, studio.fill, studio.rim):
+            facing = Camera(eye=light.towards, target=(0.0, 0.0, 0.0))
+            self.scene.add(
+                pyrender.DirectionalLight(color=light.color, intensity=light.intensity),
+                pose=facing.pose(),
+            )
+
+    def show(self, frame: PosedFrame) -> None:
+        """Move the body and its shadow. The OpenGL context must be current."""
+        self._body.move(frame.vertices, frame.normals)
+        self._ground.show(frame.ground)

@@ -1,0 +1,68 @@
+"""Where one comparison takes place: one camera and one floor for all of its bodies."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from renderer.body import Body, BodyMotion
+from renderer.camera import Camera, View, frame_points
+from renderer.smplx_joints import JOINT_INDEX
+
+_FEET = [JOINT_INDEX[f"{side}_{name}"] for side in ("left", "right") for name in ("ankle", "foot")]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A camera, and the floor under the motions it was made for. Metres, y up."""
+
+    camera: Camera
+    floor_m: float
+    centre_xz: tuple[float, float]
+    """Middle of the ground that the joints stay above."""
+    extent_m: float
+    """Longer side of that ground."""
+
+
+def set_stage(
+    body: Body, motions: Sequence[BodyMotion], view: View = "front", aspect: float = 1.0
+) -> Stage:
+    """The stage that shows all of these motions whole, each in turn, with equal cameras.
+
+    The joints of every frame are framed, each with the reach of the flesh around it: far cheaper
+    than posing every vertex, and the picture's margin takes up what skinning adds.
+
+    Args:
+        aspect: width of the picture by its height.
+
+    Raises:
+        ValueError: if there is no motion.
+    """
+    if not motions:
+        raise ValueError("A stage needs at least one motion; none was given.")
+    joints = [body.joint_positions(motion) for motion in motions]
+    points = np.concatenate(joints).astype(np.float64)  # (sum of T, J, 3)
+    reach = np.broadcast_to(_reach(body), points.shape[:2])
+    low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
+    return Stage(
+        camera=frame_points(points.reshape(-1, 3), view, aspect=aspect, radius_m=reach.ravel()),
+        floor_m=float(np.median([_floor(body, positions) for positions in joints])),
+        centre_xz=(float(low[0] + high[0]) / 2.0, float(low[2] + high[2]) / 2.0),
+        extent_m=float(max(high[0] - low[0], high[2] - low[2])),
+    )
+
+
+def _reach(body: Body) -> Float[np.ndarray, " J"]:
+    """Distance from each joint to the farthest vertex that mainly follows it, at rest."""
+    owner = np.asarray(body.arrays.weights.argmax(axis=1)).ravel()
+    distance = np.linalg.norm(body.template - body.rest_joints[owner], axis=1)
+    reach = np.zeros(len(body.rest_joints))
+    np.maximum.at(reach, owner, distance)
+    return reach
+
+
+def _floor(body: Body, positions: Float[np.ndarray, "T J 3"]) -> float:
+    """Height of the soles in the median frame: the lower foot is taken to stand."""
+    sole = body.rest_joints[_FEET, 1] - body.template[:, 1].min()
+    return float(np.median((positions[:, _FEET, 1] - sole).min(axis=1)))

@@ -1,0 +1,288 @@
+"""Frames into a browser-playable file: H.264 yuv420p with AAC sound, by ffmpeg in a child process.
+
+The ffmpeg binary comes inside the ``imageio-ffmpeg`` wheel. A file appears under its final name
+only when it is complete; until then it has a partial name in the same folder.
+"""
+
+import os
+import re
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Self
+
+import imageio_ffmpeg
+import numpy as np
+from jaxtyping import UInt8
+
+FPS = 30
+DEFAULT_CRF = 20
+
+# What ffmpeg prints -> what a person can do about it.
+_KNOWN_FAILURES = (
+    ("No space left on device", "there is no space left on the disk of {folder}"),
+    ("Disk quota exceeded", "the disk quota of {folder} is used up"),
+    ("File too large", "the file grew beyond the size allowed in {folder}"),
+    ("Permission denied", "{folder} may not be written to"),
+    ("Read-only file system", "{folder} is on a read-only disk"),
+    ("Unknown encoder 'libx264'", "this ffmpeg has no H.264 encoder; install imageio-ffmpeg"),
+    ("Unknown encoder 'aac'", "this ffmpeg has no AAC encoder; install imageio-ffmpeg"),
+    ("Invalid data found", "ffmpeg cannot read one of its inputs"),
+)
+
+
+class VideoError(RuntimeError):
+    """A video could not be made; the message says why in one sentence."""
+
+
+class Cancelled(Exception):
+    """The caller asked to stop; no file was left."""
+
+
+def partial_path(out: Path, process_id: int) -> Path:
+    """Where a process keeps ``out`` while it is not complete."""
+    return out.with_name(f".{out.stem}.{process_id}.part{out.suffix}")
+
+
+class VideoWriter:
+    """Streams frames into one mp4 file of exactly ``num_frames`` frames at 30 fps.
+
+    Use it in ``with``. Leaving the block normally completes the file; leaving it by an exception
+    ends ffmpeg and leaves no file.
+    """
+
+    def __init__(
+        self,
+        out: Path,
+        width: int,
+        height: int,
+        num_frames: int,
+        speech_wav: Path | None = None,
+        crf: int = DEFAULT_CRF,
+    ) -> None:
+        """
+        Args:
+            speech_wav: sound from the first frame on; cut or padded with silence to the frames.
+            crf: x264's constant quality; lower is better and larger.
+
+        Raises:
+            ValueError: if the size is odd or a number is out of its range.
+        """
+        check_size(width, height)
+        if num_frames < 1:
+            raise ValueError(f"A video needs at least one frame; {num_frames} were asked for.")
+        self._shape = (height, width, 3)
+        self._num_frames, self._num_written = num_frames, 0
+        inputs = [
+            *("-f", "rawvideo", "-pixel_format", "rgb24"),
+            *("-video_size", f"{width}x{height}", "-framerate", str(FPS), "-i", "pipe:0"),
+            *(("-i", str(speech_wav)) if speech_wav else ()),
+            *("-map", "0:v:0", "-vf", "scale=out_color_matrix=bt709:out_range=tv"),
+        ]
+        self._encoder = Encoder(
+            out, [*inputs, *encoding(num_frames, crf, 1 if speech_wav else None)], stdin=True
+        )
+
+    def __enter__(self) -> Self:
+        self._encoder.start()
+        return self
+
+    def write(self, frame: UInt8[np.ndarray, "H W 3"]) -> None:
+        """Append one RGB frame, upper row first.
+
+        Raises:
+            VideoError: if ffmpeg has ended.
+        """
+        if frame.shape != self._shape:
+            raise ValueError(f"A frame has shape {frame.shape}; the video wants {self._shape}.")
+        self._encoder.feed(np.ascontiguousarray(frame).data)
+        self._num_written += 1
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        if kind is not None:
+            self._encoder.abort()
+        elif self._num_written != self._num_frames:
+            self._encoder.abort()
+            raise VideoError(
+                f"{self._num_written} frames came for {self._encoder.out.name}; "
+                f"{self._num_frames} were promised."
+            )
+        else:
+            self._encoder.finish()
+
+
+def check_size(width: int, height: int) -> None:
+    """yuv420p halves both axes, so both must be even.
+
+    Raises:
+        ValueError: if one is odd or not positive.
+    """
+    if width < 2 or height < 2 or width % 2 or height % 2:
+        raise ValueError(
+            f"A video of {width} x {height} pixels cannot be encoded; both sizes must be even."
+        )
+
+
+def encoding(num_frames: int, crf: int, sound_input: int | None) -> list[str]:
+    """ffmpeg's output options for exactly ``num_frames`` frames and as much sound.
+
+    Args:
+        sound_input: which of ffmpeg's inputs is the sound; None for a silent video.
+    """
+    duration_s = num_frames / FPS
+    video = [
+        *("-c:v", "libx264", "-preset", "veryfast", "-crf", str(crf), "-pix_fmt", "yuv420p"),
+        # A key frame each second: the page scrubs through the videos in lock-step.
+        *("-g", str(FPS), "-frames:v", str(num_frames), "-r", str(FPS)),
+        # Without these tags each player guesses how to turn yuv420p back into colours.
+        *("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709"),
+    ]
+    if sound_input is None:
+        return [*video, "-an", "-movflags", "+faststart"]
+    exact = f"apad=whole_dur={duration_s:.6f},atrim=end={duration_s:.6f}"
+    return [
+        *video,
+        *("-map", f"{sound_input}:a:0", "-af", exact, "-c:a", "aac", "-b:a", "128k"),
+        *("-movflags", "+faststart"),
+    ]
+
+
+def ffmpeg_path() -> str:
+    """The ffmpeg binary.
+
+    Raises:
+        VideoError: if there is none.
+    """
+    try:
+        return imageio_ffmpeg.get_ffmpeg_exe()
+    except RuntimeError as error:
+        raise VideoError("No ffmpeg was found; install it with: pip install imageio-ffmpeg") from (
+            error
+        )
+
+
+@dataclass(frozen=True)
+class VideoFacts:
+    """What has to agree between videos that are shown together."""
+
+    width: int
+    height: int
+    num_frames: int
+
+
+def read_facts(video: Path) -> VideoFacts:
+    """Size and exact number of frames; the file's packets are counted, not decoded.
+
+    Raises:
+        VideoError: if the file is missing or holds no video.
+    """
+    command = [ffmpeg_path(), "-hide_banner", "-i", str(video), "-map", "0:v:0", "-c", "copy"]
+    run = subprocess.run(
+        [*command, "-f", "null", "-"], stdin=subprocess.DEVNULL, capture_output=True, check=False
+    )
+    said = run.stderr.decode(errors="replace")
+    size = re.search(r"Video: .*?, (\d+)x(\d+)[ ,]", said)
+    counts = re.findall(r"frame=\s*(\d+)", said)
+    if run.returncode or size is None or not counts:
+        raise VideoError(f"{video} cannot be read as a video.")
+    return VideoFacts(int(size[1]), int(size[2]), int(counts[-1]))
+
+
+class Encoder:
+    """One run of ffmpeg that makes one file, whole or not at all."""
+
+    def __init__(self, out: Path, arguments: list[str], *, stdin: bool) -> None:
+        """
+        Args:
+            arguments: inputs and output options, without the output's name.
+            stdin: whether bytes will be fed to it.
+        """
+        self.out = out.absolute()
+        self._partial = partial_path(self.out, os.getpid())
+        self._arguments = arguments
+        self._stdin = stdin
+        self._messages: IO[bytes]
+        self._process: subprocess.Popen[bytes]
+
+    def start(self) -> None:
+        """Run ffmpeg.
+
+        Raises:
+            VideoError: if there is no ffmpeg, or the folder cannot take the file.
+        """
+        if not self.out.parent.is_dir():
+            raise VideoError(f"The video cannot be written: {self.out.parent} is not a folder.")
+        command = [
+            *(ffmpeg_path(), "-hide_banner", "-loglevel", "error", "-nostats", "-y"),
+            *("-progress", "pipe:1", "-stats_period", "0.2", *self._arguments, str(self._partial)),
+        ]
+        self._messages = tempfile.TemporaryFile()
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE if self._stdin else subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL if self._stdin else subprocess.PIPE,
+            stderr=self._messages,
+        )
+
+    def feed(self, data: memoryview) -> None:
+        """Write to ffmpeg's standard input; waits while ffmpeg is busy."""
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(data)
+        except OSError as error:  # a broken pipe: ffmpeg has ended
+            raise self._failure() from error
+
+    def progress(self) -> Iterator[int]:
+        """Yield the number of frames done, each time ffmpeg tells it, until it ends."""
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            key, _, value = line.decode(errors="replace").strip().partition("=")
+            if key == "frame" and value.isdigit():
+                yield int(value)
+
+    def finish(self) -> None:
+        """Wait for the end and give the file its name.
+
+        Raises:
+            VideoError: if ffmpeg failed; then there is no file.
+        """
+        try:
+            if self._process.stdin is not None:
+                self._process.stdin.close()
+        except OSError as error:
+            raise self._failure() from error
+        if self._process.wait() != 0:
+            raise self._failure()
+        self._messages.close()
+        os.replace(self._partial, self.out)
+
+    def abort(self) -> None:
+        """End ffmpeg at once and leave no file."""
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                try:
+                    pipe.close()
+                except OSError:  # bytes that can no longer be delivered
+                    pass
+        self._messages.close()
+        self._partial.unlink(missing_ok=True)
+
+    def _failure(self) -> VideoError:
+        """What ffmpeg said, as one sentence; cleans up."""
+        try:
+            self._process.wait(timeout=10.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+        self._messages.seek(0)
+        said = self._messages.read().decode(errors="replace").strip()
+        self.abort()
+        for message, meaning in _KNOWN_FAILURES:
+            if message in said:
+                reason = meaning.format(folder=self.out.parent)
+                return VideoError(f"{self.out.name} cannot be written: {reason}.")
+        last_line = said.splitlines()[-1] if said else f"exit status {self._process.returncode}"
+        return VideoError(f"{self.out.name} cannot be written; ffmpeg said: {last_line}")

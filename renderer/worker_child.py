@@ -1,0 +1,61 @@
+"""The child's side of ``renderer.worker``: read one job, do it, tell how it went."""
+
+import os
+import pickle
+import sys
+import threading
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import UInt8
+
+from renderer.body import load_body
+from renderer.render import render_stills, render_video
+from renderer.worker import KNOWN_ERRORS, RenderJob, RenderResult
+
+
+def main() -> int:
+    """Messages leave as pickled ``(kind, value)``: progress, done, or the name of an error."""
+    # They take a private copy of standard output, so that what libraries print does no harm.
+    channel = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    job: RenderJob = pickle.load(sys.stdin.buffer)
+    parent_hung_up = threading.Event()
+    threading.Thread(target=_listen, args=(parent_hung_up,), daemon=True).start()
+
+    def send(kind: str, value: object) -> None:
+        pickle.dump((kind, value), channel)
+        channel.flush()
+
+    try:
+        stills = _run(job, lambda share: send("progress", share), parent_hung_up.is_set)
+        send("done", RenderResult(job.out, stills))
+    except BrokenPipeError:  # the parent is gone
+        return 1
+    except tuple(KNOWN_ERRORS.values()) as error:
+        name = type(error).__name__
+        send(name if name in KNOWN_ERRORS else ValueError.__name__, str(error))
+    return 0
+
+
+def _listen(parent_hung_up: threading.Event) -> None:
+    """Nothing more is ever sent: whatever ends this read ends the job."""
+    os.read(sys.stdin.fileno(), 1)
+    parent_hung_up.set()
+
+
+def _run(
+    job: RenderJob, on_progress: Callable[[float], None], should_cancel: Callable[[], bool]
+) -> UInt8[np.ndarray, "N H W 3"]:
+    body = load_body(job.body_path)
+    if job.out is None:
+        return render_stills(body, job.motion, job.still_frames, job.settings, stage=job.stage)
+    return render_video(
+        *(body, job.motion, job.out, job.speech_wav, job.settings, on_progress, should_cancel),
+        stage=job.stage,
+        still_frames=job.still_frames,
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())
