@@ -41,7 +41,7 @@ class MotionError(ValueError):
     """A motion or motion file that cannot be used; the message is one sentence for a person."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Motion:
     """One person's motion at 30 fps.
 

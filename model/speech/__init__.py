@@ -1,0 +1,1 @@
+"""Speech in: decoding any sound file, and features at the motion's frame rate."""

@@ -1,0 +1,290 @@
+"""Any sound file as 16 kHz mono, decoded by ffmpeg in a child process and streamed through a pipe.
+
+Files come from strangers: ffmpeg opens nothing but that one file, knows sound containers only (no
+playlists), runs without a shell, and is killed when it takes too long or gives too much. Memory
+holds the mono result and one block, whatever the file's rate, channels or length.
+"""
+
+import hashlib
+import re
+import struct
+import subprocess
+import threading
+import wave
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+import imageio_ffmpeg
+import numpy as np
+from jaxtyping import Float, Float32, Float64
+
+from model.files import written_atomically
+from model.rotations import FPS
+
+SAMPLE_RATE = 16_000
+SILENT_BELOW = 1e-3
+"""Peak, relative to full scale (-60 dB), under which a file counts as silent."""
+CANCELLED_BELOW = 0.25
+"""Level of the mean of all channels, relative to the loudest one, under which it is not used."""
+
+_CONTAINERS = "wav,w64,aiff,au,caf,flac,ogg,mp3,aac,mov,matroska,amr,asf,wv,avi"
+_BLOCK_BYTES = 1 << 20
+_LOG_BYTES = 1 << 16
+_TIMEOUT_S = 300
+_READABLE = "give a WAV, FLAC, OGG, MP3, M4A or WebM file"
+
+
+class SpeechError(ValueError):
+    """A sound file that cannot be used; the message is one sentence for a person."""
+
+
+@dataclass(frozen=True)
+class SpeechLimits:
+    """What is accepted."""
+
+    min_s: float | int = 0.5
+    max_s: float | int = 600
+    max_bytes: int = 2 * 2**30
+
+
+@dataclass(frozen=True, eq=False)
+class Speech:
+    """Speech as every part of the project takes it."""
+
+    waveform: Float32[np.ndarray, " N"]
+    """16 kHz mono, full scale 1."""
+    sha256: str
+    """Of the bytes of the file it came from."""
+    notes: tuple[str, ...] = ()
+    """Sentences a person should see, such as what was missing from the file."""
+
+    @property
+    def duration_s(self) -> float:
+        return len(self.waveform) / SAMPLE_RATE
+
+    @property
+    def num_frames(self) -> int:
+        """Motion frames that go with it."""
+        return round(FPS * self.duration_s)
+
+
+@dataclass(frozen=True, eq=False)
+class _Decoded:
+    waveform: Float32[np.ndarray, " N"]
+    channel_rms: Float64[np.ndarray, " C"]
+    rate: int | None
+    """Sample rate of the file, where ffmpeg names it."""
+    declared_s: float | None
+    """Length by the file's own header, where it has one."""
+
+
+def load_speech(path: str | Path, limits: SpeechLimits = SpeechLimits()) -> Speech:
+    """Decode a sound file of any common format, or the first sound track of a video.
+
+    Channels are mixed to one. Where they cancel each other the loudest alone is used. What was
+    changed or missing is said in ``notes``.
+
+    Raises:
+        SpeechError: if the file is missing, is no sound file, is too short, too long, too large,
+            silent, or holds values that are not finite; one sentence that names the file.
+    """
+    path = Path(path)
+    name = _shown(path)
+    digest = _checked_sha256(path, name, limits)
+    decoded = _decode(path, name, limits, channel=None)
+    num_channels = len(decoded.channel_rms)
+    notes = []
+    if num_channels > 1:
+        notes.append(f"The file has {num_channels} channels; they were mixed to one.")
+        loudest = int(decoded.channel_rms.argmax())
+        if _rms(decoded.waveform) < CANCELLED_BELOW * decoded.channel_rms[loudest]:
+            decoded = _decode(path, name, limits, channel=loudest)
+            notes[-1] = (
+                f"The file has {num_channels} channels that nearly vanish when mixed; only channel "
+                f"{loudest + 1}, the loudest, was used."
+            )
+    if decoded.rate not in (None, SAMPLE_RATE):
+        notes.append(f"The sound was resampled from {decoded.rate:,} Hz to {SAMPLE_RATE:,} Hz.")
+    waveform = decoded.waveform
+    _check_waveform(waveform, name, limits)
+    missing_s = (decoded.declared_s or 0.0) - len(waveform) / SAMPLE_RATE
+    if missing_s > max(0.1, 0.01 * (decoded.declared_s or 0.0)):
+        notes.append(
+            f"Only {len(waveform) / SAMPLE_RATE:.1f} s of the {decoded.declared_s:.1f} s that the "
+            "file states could be read; it is damaged or cut off."
+        )
+    peak = float(np.abs(waveform).max())
+    if peak > 1:
+        waveform = waveform / np.float32(peak)
+        if peak > 2:
+            notes.append(
+                f"The samples reached {peak:.3g} times full scale; they were scaled down to fit."
+            )
+    return Speech(waveform=waveform, sha256=digest, notes=tuple(notes))
+
+
+def write_wav(path: str | Path, waveform: Float[np.ndarray, " N"]) -> None:
+    """Write 16-bit PCM, 16 kHz mono; values beyond full scale are clipped.
+
+    Raises:
+        WriteError: if the file cannot be written; the message says why.
+    """
+    samples = np.rint(np.clip(waveform, -1, 1) * 32767).astype("<i2")
+    with written_atomically(path) as temporary, open(temporary, "wb") as file:
+        with wave.open(file, "wb") as wav:
+            wav.setnchannels(1)
+            wav.setsampwidth(2)
+            wav.setframerate(SAMPLE_RATE)
+            wav.writeframes(samples.tobytes())
+
+
+def _shown(path: Path) -> str:
+    """The file's name as it may stand in a sentence."""
+    return "".join(char if char.isprintable() else "?" for char in path.name)[:100]
+
+
+def _checked_sha256(path: Path, name: str, limits: SpeechLimits) -> str:
+    if not path.is_file():
+        kind = "is a folder, not a sound file" if path.is_dir() else "does not exist"
+        raise SpeechError(f"{name} {kind}; {_READABLE}.")
+    try:
+        size = path.stat().st_size
+        if size == 0:
+            raise SpeechError(f"{name} is empty (0 bytes); {_READABLE}.")
+        if size > limits.max_bytes:
+            raise SpeechError(
+                f"{name} has {size / 2**20:.0f} MiB; at most {limits.max_bytes / 2**20:.0f} MiB "
+                "are read, so save it as FLAC or MP3."
+            )
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise SpeechError(f"{name} could not be read: {error.strerror or error}.") from error
+
+
+def _check_waveform(waveform: Float32[np.ndarray, " N"], name: str, limits: SpeechLimits) -> None:
+    duration_s = len(waveform) / SAMPLE_RATE
+    if len(waveform) == 0:
+        raise SpeechError(f"{name} holds no sound (0 samples); {_READABLE} of speech.")
+    if duration_s < limits.min_s:
+        raise SpeechError(
+            f"{name} is {duration_s:.2g} s long; at least {limits.min_s:g} s are needed."
+        )
+    peak = float(np.abs(waveform).max())
+    if peak < SILENT_BELOW:
+        level = f"{20 * np.log10(peak):.0f} dB of full scale" if peak > 0 else "zero"
+        raise SpeechError(
+            f"{name} is silent (its loudest sample is {level}); check the microphone or the file."
+        )
+
+
+def _decode(path: Path, name: str, limits: SpeechLimits, channel: int | None) -> _Decoded:
+    """One pass over the file; ``channel`` picks one instead of the mean of all."""
+    try:
+        ffmpeg = imageio_ffmpeg.get_ffmpeg_exe()
+    except RuntimeError as error:
+        raise SpeechError(
+            f"{name} cannot be decoded: no ffmpeg was found; install imageio-ffmpeg again."
+        ) from error
+    command = [
+        *(ffmpeg, "-hide_banner", "-nostdin", "-nostats"),
+        *("-threads", "1", "-max_alloc", str(2**28)),
+        *("-protocol_whitelist", "file", "-format_whitelist", _CONTAINERS),
+        *("-i", f"file:{path.resolve()}"),
+        *("-map", "0:a:0", "-vn", "-sn", "-dn", "-map_metadata", "-1"),
+        # Sun's .au is raw samples after a header that says how many channels there are.
+        *("-t", f"{limits.max_s + 1:.3f}", "-ar", str(SAMPLE_RATE)),
+        *("-c:a", "pcm_f32be", "-f", "au", "pipe:1"),
+    ]
+    process = subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert process.stdout is not None and process.stderr is not None
+    log = bytearray()
+    log_reader = threading.Thread(target=_drain, args=(process.stderr, log), daemon=True)
+    log_reader.start()
+    timed_out = threading.Event()
+    watchdog = threading.Timer(_TIMEOUT_S, lambda: (timed_out.set(), process.kill()))
+    watchdog.daemon = True
+    watchdog.start()
+    try:
+        waveform, channel_rms = _read_au(process.stdout, name, limits, channel)
+    finally:
+        watchdog.cancel()
+        process.kill()
+        process.wait()
+        log_reader.join()
+        process.stdout.close()
+        process.stderr.close()
+    if timed_out.is_set():
+        raise SpeechError(
+            f"{name} took longer than {_TIMEOUT_S} s to decode; save it as WAV and try again."
+        )
+    rate, declared_s = _parse_log(log.decode("utf-8", "replace"))
+    if rate is None and len(waveform) == 0:
+        raise SpeechError(f"{name} is not a sound file that can be read; {_READABLE}.")
+    return _Decoded(waveform, channel_rms, rate, declared_s)
+
+
+def _read_au(
+    stream: IO[bytes], name: str, limits: SpeechLimits, channel: int | None
+) -> tuple[Float32[np.ndarray, " N"], Float64[np.ndarray, " C"]]:
+    """Mono samples and the level of each channel, block by block."""
+    header = stream.read(24)
+    if len(header) < 24:
+        return np.zeros(0, dtype=np.float32), np.zeros(0)
+    _, offset, _, _, _, num_channels = struct.unpack(">4s5I", header)
+    stream.read(offset - len(header))
+    frame_bytes = 4 * num_channels
+    block_bytes = max(1, _BLOCK_BYTES // frame_bytes) * frame_bytes
+    # Half a motion frame of tolerance: decoders pad the end.
+    max_samples = round((limits.max_s + 0.5 / FPS) * SAMPLE_RATE)
+    blocks: list[np.ndarray] = []
+    energy = np.zeros(num_channels)
+    num_samples = 0
+    while data := stream.read(block_bytes):
+        data = data[: len(data) // frame_bytes * frame_bytes]
+        block = np.frombuffer(data, dtype=">f4").reshape(-1, num_channels).astype(np.float32)
+        if not np.isfinite(block).all():
+            bad = num_samples + int(np.argmin(np.isfinite(block).all(axis=1)))
+            raise SpeechError(
+                f"{name} holds samples that are not finite (NaN or infinite), the first at "
+                f"{bad / SAMPLE_RATE:.2f} s; export it again as 16-bit WAV."
+            )
+        energy += np.square(block, dtype=np.float64).sum(axis=0)
+        blocks.append(block.mean(axis=1) if channel is None else block[:, channel].copy())
+        num_samples += len(block)
+        if num_samples > max_samples:
+            raise SpeechError(
+                f"{name} is longer than {_minutes(limits.max_s)}, the limit; cut it, or raise the "
+                "limit (--max-minutes)."
+            )
+    waveform = np.concatenate(blocks) if blocks else np.zeros(0, dtype=np.float32)
+    return waveform, np.sqrt(energy / max(1, num_samples))
+
+
+def _drain(stream: IO[bytes], log: bytearray) -> None:
+    """Keep the start of ffmpeg's messages and drop the rest, so that it never waits for us."""
+    while data := stream.read1(4096):  # pyright: ignore[reportAttributeAccessIssue]
+        log.extend(data[: max(0, _LOG_BYTES - len(log))])
+
+
+def _parse_log(log: str) -> tuple[int | None, float | None]:
+    """Sample rate and stated length in seconds of the input, as ffmpeg prints them."""
+    source = log.split("\nOutput #0", 1)[0]
+    rate = re.search(r"^  Stream #0:\d+.*: Audio: .*?, (\d+) Hz", source, re.MULTILINE)
+    length = re.search(r"^  Duration: (\d+):(\d\d):(\d\d\.\d+)", source, re.MULTILINE)
+    declared_s = None
+    if length:
+        hours, minutes, seconds = length.groups()
+        declared_s = 3600 * int(hours) + 60 * int(minutes) + float(seconds)
+    return int(rate.group(1)) if rate else None, declared_s
+
+
+def _rms(waveform: Float32[np.ndarray, " N"]) -> float:
+    return float(np.sqrt(np.mean(np.square(waveform, dtype=np.float64)))) if len(waveform) else 0.0
+
+
+def _minutes(seconds: float | int) -> str:
+    return f"{seconds / 60:g} minutes" if seconds >= 60 else f"{seconds:g} seconds"
