@@ -1,0 +1,185 @@
+"""The whole corpus: which clips there are, and making the missing ones with several processes."""
+
+import errno
+import json
+import multiprocessing
+import os
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+
+from model.corpus.clip import make_clip
+from model.corpus.layout import SPLIT_TABLE, clip_paths, split_table, write_bytes, write_clip
+from model.corpus.rig import open_body_rig
+from model.corpus.speakers import SPEAKERS, Speaker
+from model.corpus.texts import Split
+from model.corpus.voice import require_flite
+
+FORMAT = 1  # raised whenever the same seed gives other bytes
+MANIFEST = "corpus.json"
+CLIP_S = 60.0
+MAX_HOURS = 1000.0
+
+
+class CorpusError(ValueError):
+    """A corpus that cannot be made, with the reason and the way out."""
+
+
+@dataclass(frozen=True)
+class ClipJob:
+    """One clip to make; picklable, and all a worker needs to know."""
+
+    root: Path
+    seed: int
+    index: int
+    clip_s: float
+    speaker_number: int
+    split: Split
+
+    @property
+    def speaker(self) -> Speaker:
+        return next(s for s in SPEAKERS if s.number == self.speaker_number)
+
+    @property
+    def clip_id(self) -> str:
+        return f"{self.speaker.number}_{self.speaker.name}_0_{self.index}_{self.index}"
+
+
+def build_corpus(
+    root: Path,
+    hours: float,
+    seed: int,
+    workers: int,
+    on_clip: Callable[[int, int], None] | None = None,
+) -> int:
+    """Make all clips that are still missing under ``root`` and write the table of splits.
+
+    The same hours and seed give the same bytes whatever the number of workers. A folder of the
+    same seed is continued, also with more hours than before.
+
+    Args:
+        root: the corpus folder; made if missing.
+        hours: the length of the corpus; clips last about a minute each.
+        seed: starts all randomness.
+        workers: number of processes.
+        on_clip: called with (clips done, clips in all) at the start and after every clip.
+
+    Returns:
+        The number of clips in the corpus.
+
+    Raises:
+        CorpusError: for bad numbers, a folder of another corpus, or a full disk.
+        VoiceError: where flite is missing or fails.
+    """
+    if not 0 < hours <= MAX_HOURS:
+        raise CorpusError(f"--hours must be above 0 and at most {MAX_HOURS:g}; found {hours:g}.")
+    if seed < 0:
+        raise CorpusError(f"--seed must be 0 or more; found {seed}.")
+    if workers < 1:
+        raise CorpusError(f"--workers must be at least 1; found {workers}.")
+    require_flite()
+    jobs = plan_jobs(root, hours, seed)
+    try:
+        _claim_folder(root, seed, jobs[0].clip_s)
+        _make_clips(jobs, workers, on_clip)
+        rows = [(job.clip_id, job.split) for job in jobs]
+        write_bytes(root / SPLIT_TABLE, split_table(rows).encode())
+    except OSError as error:
+        raise CorpusError(_disk_sentence(error, root)) from error
+    return len(jobs)
+
+
+def plan_jobs(root: Path, hours: float, seed: int) -> list[ClipJob]:
+    """The clips in order: speakers take turns, held-out ones every third round.
+
+    In each block of ten rounds a speaker has eight training clips, one validation and one test
+    clip; the held-out speakers have test clips only.
+    """
+    count = max(1, round(hours * 3600 / CLIP_S))
+    clip_s = min(CLIP_S, hours * 3600)
+    jobs: list[ClipJob] = []
+    turn = 0
+    while len(jobs) < count:
+        for place, speaker in enumerate(SPEAKERS):
+            if speaker.held_out and turn % 3 != 2:
+                continue
+            split = "test" if speaker.held_out else _split_for(turn, place)
+            if len(jobs) < count:
+                jobs.append(ClipJob(root, seed, len(jobs), clip_s, speaker.number, split))
+        turn += 1
+    return jobs
+
+
+def _split_for(turn: int, place: int) -> Split:
+    slot = (turn + 3 * place) % 10
+    return "val" if slot == 4 else "test" if slot == 9 else "train"
+
+
+def _claim_folder(root: Path, seed: int, clip_s: float) -> None:
+    """Refuse a folder that holds something else; otherwise mark it as this corpus."""
+    manifest = root / MANIFEST
+    wanted = {"format": FORMAT, "seed": seed, "clip_s": clip_s}
+    if manifest.is_file():
+        try:
+            found = json.loads(manifest.read_text())
+        except ValueError as error:
+            raise CorpusError(f"{manifest} is not readable; choose another folder.") from error
+        if found != wanted:
+            raise CorpusError(
+                f"{root} holds another corpus ({_describe(found)}, asked for {_describe(wanted)});"
+                " choose another folder, or the same seed to continue that one."
+            )
+    elif root.is_dir() and any(root.iterdir()):
+        raise CorpusError(f"{root} is not empty and holds no corpus; choose another folder.")
+    else:
+        write_bytes(manifest, (json.dumps(wanted, indent=1) + "\n").encode())
+
+
+def _describe(manifest: dict) -> str:
+    return ", ".join(f"{key} {value}" for key, value in manifest.items())
+
+
+def _make_clips(
+    jobs: list[ClipJob], workers: int, on_clip: Callable[[int, int], None] | None
+) -> None:
+    missing = [job for job in jobs if not clip_paths(job.root, job.clip_id).all_exist()]
+    done = len(jobs) - len(missing)
+
+    def report() -> None:
+        if on_clip is not None:
+            on_clip(done, len(jobs))
+
+    report()
+    if workers == 1 or len(missing) < 2:
+        for job in missing:
+            make_job(job)
+            done += 1
+            report()
+        return
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(min(workers, len(missing)), mp_context=context) as pool:
+        futures = [pool.submit(make_job, job) for job in missing]
+        try:
+            for future in as_completed(futures):
+                future.result()
+                done += 1
+                report()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def make_job(job: ClipJob) -> None:
+    """Make and write one clip."""
+    seed = [job.seed, job.index]
+    length_s = job.clip_s * (0.87 + 0.26 * ((job.index * 0.618) % 1.0))
+    clip = make_clip(open_body_rig(), job.speaker, job.split, length_s, seed)
+    write_clip(job.root, job.clip_id, clip)
+
+
+def _disk_sentence(error: OSError, root: Path) -> str:
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return f"There is no space left on the disk of {root}; an hour takes about 230 MB."
+    reason = os.strerror(error.errno) if error.errno else str(error)
+    return f"{error.filename or root} could not be written: {reason}."

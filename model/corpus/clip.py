@@ -1,0 +1,64 @@
+"""One clip put together: speech, plan and motion for one speaker from one seed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32
+
+from model.corpus.arms import move_arms
+from model.corpus.body import move_legs, move_trunk
+from model.corpus.face import move_face
+from model.corpus.plan import Plan, make_plan
+from model.corpus.prosody import Utterance, speak
+from model.corpus.rig import JOINT, NUM_JOINTS, SIDE_SIGN, SIDES, Rig, axis_angles
+from model.corpus.signals import FPS
+from model.corpus.speakers import Speaker
+from model.corpus.texts import Split
+
+NUM_EXPRESSIONS = 100
+
+
+@dataclass(frozen=True)
+class Clip:
+    """Motion in BEAT2's arrays, with the speech and the plan it was made from."""
+
+    poses: Float32[np.ndarray, "T 165"]
+    trans: Float32[np.ndarray, "T 3"]
+    expressions: Float32[np.ndarray, "T 100"]
+    utterance: Utterance
+    plan: Plan
+
+
+def make_clip(rig: Rig, speaker: Speaker, split: Split, target_s: float, seed: list[int]) -> Clip:
+    """A clip of about ``target_s`` seconds; the same arguments give the same clip."""
+    text_rng, voice_rng, motion_rng = np.random.default_rng(seed).spawn(3)
+    utterance = speak(speaker, target_s, split, text_rng, voice_rng)
+    return animate(rig, speaker, utterance, motion_rng)
+
+
+def animate(rig: Rig, speaker: Speaker, utterance: Utterance, rng: np.random.Generator) -> Clip:
+    """Gestures, body and face to given speech; round(30 x seconds) frames."""
+    plan_rng, arm_rng, trunk_rng, leg_rng, face_rng = rng.spawn(5)
+    num_frames = round(utterance.duration_s * FPS)
+    plan = make_plan(utterance, speaker, plan_rng)
+    rotations, hands = move_arms(rig, plan, num_frames, speaker, arm_rng)
+    trunk = move_trunk(utterance, hands, speaker, trunk_rng)
+    legs, trans = move_legs(rig, trunk, speaker, leg_rng)
+    units, jaw = move_face(utterance, rig.expression_names, trunk, speaker, face_rng)
+    rotations |= trunk.rotations | legs
+    poses = np.zeros((num_frames, NUM_JOINTS, 3))
+    for joint, rotmat in rotations.items():
+        poses[:, joint] = axis_angles(rotmat)
+    for side in SIDES:
+        lift = np.radians(0.7 * trunk.breath) * SIDE_SIGN[side]
+        poses[:, JOINT[f"{side}_collar"], 2] += lift
+    poses[:, JOINT["jaw"], 0] = jaw
+    expressions = np.zeros((num_frames, NUM_EXPRESSIONS), dtype=np.float32)
+    expressions[:, : units.shape[1]] = units
+    return Clip(
+        poses.reshape(num_frames, -1).astype(np.float32),
+        trans.astype(np.float32),
+        expressions,
+        utterance,
+        plan,
+    )

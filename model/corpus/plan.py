@@ -1,0 +1,448 @@
+"""The gesture plan of a clip: for each hand a list of keys, one arrival after the other.
+
+Every phrase is cut into chunks of about two seconds. A chunk may bring one gesture (Kendon's
+preparation and stroke, the stroke's end on the stressed vowel), beats on its later accents, and
+a held hand that gives way; pauses between phrases bring the hands down.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from model.corpus.gestures import (
+    GENERIC,
+    GESTURES,
+    KEYWORDS,
+    NEUTRAL,
+    ONLY_WHEN_STRESSED,
+    REST,
+    Gesture,
+    HandPose,
+)
+from model.corpus.hand_shapes import ABDUCTION, FLEX, SHAPES, THUMB
+from model.corpus.prosody import Phrase, Utterance
+from model.corpus.rig import SIDES
+from model.corpus.speakers import Speaker
+
+Phase = Literal["rest", "preparation", "stroke", "hold", "beat", "retraction"]
+IDLE_SHAPES = ("relaxed", "lazy", "half_open", "bowl", "soft_pinch")
+BEAT_SHAPES = ("relaxed", "half_open", "bowl", "soft_pinch", "cage", "lazy", "flat", "wave_out")
+
+
+@dataclass(frozen=True)
+class Key:
+    """The hand reaches ``pose`` at ``arrive_s`` by a move that takes ``duration_s``."""
+
+    arrive_s: float
+    duration_s: float
+    pose: HandPose
+    phase: Phase
+    gesture: str
+
+
+@dataclass(frozen=True)
+class CycleSpan:
+    """A gesture's circling on one side from ``start_s`` to ``end_s``."""
+
+    side: str
+    start_s: float
+    end_s: float
+    vertical_m: float
+    forward_m: float
+    hz: float
+    phase_rad: float
+
+
+@dataclass
+class Plan:
+    """Keys by side, cycles, and the spans in which the shoulders are shrugged."""
+
+    keys: dict[str, list[Key]] = field(default_factory=dict)
+    cycles: list[CycleSpan] = field(default_factory=list)
+    shrugs: list[tuple[float, float]] = field(default_factory=list)
+
+
+def make_plan(utterance: Utterance, speaker: Speaker, rng: np.random.Generator) -> Plan:
+    """Gestures for the whole of an utterance."""
+    planner = _Planner(utterance, speaker, rng)
+    for number, phrase in enumerate(utterance.phrases):
+        for chunk in planner.chunks(phrase):
+            if rng.random() < 0.62 + 0.3 * min(speaker.rate, 1.2):
+                planner.gesture(chunk)
+        is_last = number + 1 == len(utterance.phrases)
+        next_s = utterance.duration_s + 1 if is_last else utterance.phrases[number + 1].start_s
+        planner.pause(phrase, next_s - phrase.end_s)
+    return planner.plan
+
+
+class _Planner:
+    """Walks through the phrases; remembers each hand's last key and who gestured last."""
+
+    def __init__(self, utterance: Utterance, speaker: Speaker, rng: np.random.Generator):
+        self.utterance = utterance
+        self.speaker = speaker
+        self.rng = rng
+        self.last_gesture = ""
+        self.free_hands: list[str] | None = None
+        rest = {side: self._rest_pose(speaker.rest) for side in SIDES}
+        self.plan = Plan({side: [Key(-1.0, 0.5, rest[side], "rest", "")] for side in SIDES})
+
+    def chunks(self, phrase: Phrase) -> list[range]:
+        """Runs of words that take about two seconds."""
+        words = self.utterance.words
+        starts = [phrase.words.start]
+        for k in phrase.words[1:]:
+            if words[k].start_s - words[starts[-1]].start_s > self.rng.uniform(1.3, 2.3):
+                starts.append(k)
+        stops = [*starts[1:], phrase.words.stop]
+        return [range(a, b) for a, b in zip(starts, stops, strict=True)]
+
+    def gesture(self, chunk: range) -> None:
+        """One gesture, its beats and its hold."""
+        rng, speaker, words = self.rng, self.speaker, self.utterance.words
+        name, word_index = self._choose(chunk)
+        gesture = GESTURES[name]
+        self.last_gesture = name
+        hands = self._hands_for(gesture)
+        word = words[word_index]
+        apex_s = word.beat_s - rng.normal(0.05, 0.03)
+        end_s = words[chunk[-1]].end_s
+        size = min(
+            speaker.amplitude * (0.82 + 0.3 * max(word.accent, 0.4)) * rng.uniform(0.88, 1.14), 1.4
+        )
+        if gesture.shrugs:
+            self.plan.shrugs.append((apex_s, end_s + 0.2))
+        prepare, stroke, via = self._styled(name, gesture, size)
+        beats = self._beats(chunk, apex_s)
+        wander = rng.normal(0.0, 0.03, len(beats))
+        for order, side in enumerate(hands):
+            second = order == 1
+            lag = rng.normal(0.04, 0.035) if second else 0.0
+            own_prepare, own_stroke = prepare, stroke
+            if second:
+                own_prepare, own_stroke = self._not_a_mirror(prepare, stroke)
+            self._stroke(side, name, apex_s + lag, own_prepare, own_stroke, via)
+            if gesture.cycle is not None:
+                self.plan.cycles.append(
+                    CycleSpan(
+                        side,
+                        apex_s + lag,
+                        max(end_s, apex_s + lag + 0.7),
+                        gesture.cycle.vertical_m * size,
+                        gesture.cycle.forward_m * size,
+                        gesture.cycle.hz * speaker.tempo,
+                        np.pi if second and gesture.cycle.in_turn else 0.0,
+                    )
+                )
+            depth = 0.8 if second else 1.0
+            self._beat_moves(side, name, [(b + lag, d * depth) for b, d in beats], wander)
+            self._hold(side, name, end_s)
+        for side in SIDES:
+            if side not in hands:
+                self._idle(side, apex_s, beats)
+
+    def pause(self, phrase: Phrase, gap_s: float) -> None:
+        """Retract in a long pause, sink in a short one."""
+        rng, speaker = self.rng, self.speaker
+        for side in SIDES:
+            last = self._last(side)
+            tired = phrase.ends_sentence and gap_s > 0.45 and rng.random() < 0.3
+            if gap_s > speaker.patience_s or tired:
+                start_s = max(phrase.end_s + rng.uniform(0.05, 0.3), last.arrive_s + 0.2)
+                duration_s = rng.uniform(0.65, 1.05)
+                full = gap_s > 1.3 * speaker.patience_s or rng.random() < 0.5
+                pose = self._rest_pose(speaker.rest if full else "low")
+                self._add(side, start_s + 0.8 * duration_s, duration_s, pose, "retraction", "")
+                self.free_hands = None
+            elif gap_s > 0.3 and last.arrive_s < phrase.end_s + 0.1:
+                sink = [rng.normal(0.01, 0.015), -rng.uniform(0.02, 0.07), -rng.uniform(0.0, 0.04)]
+                pose = replace(last.pose, position=last.pose.position + sink)
+                if rng.random() < 0.6:
+                    pose = replace(pose, fingers=self._fingers(_pick(rng, IDLE_SHAPES)))
+                self._add(side, phrase.end_s + 0.35, 0.6, pose, "hold", last.gesture)
+
+    # What to gesture, and with which hand
+
+    def _choose(self, chunk: range) -> tuple[str, int]:
+        """The gesture's name and the word it lands on: a word that calls for it, or an accent."""
+        rng, words = self.rng, self.utterance.words
+        candidates = []
+        for k in chunk:
+            for name in KEYWORDS.get(words[k].text, ()):
+                unstressed = name in ONLY_WHEN_STRESSED and words[k].accent <= 0
+                weight = 0.4 if unstressed else 0.9
+                weight *= 0.25 if name == self.last_gesture else 1.0
+                candidates.append((weight * rng.uniform(0.5, 1.0), name, k))
+        if candidates:
+            weight, name, k = max(candidates)
+            if rng.random() < 0.35 + 0.5 * weight:
+                return name, k
+        names = list(GENERIC)
+        weights = np.array([GENERIC[n] for n in names])
+        weights *= [3.0 if n in self.speaker.favourites else 1.0 for n in names]
+        weights *= [0.4 if n == self.last_gesture else 1.0 for n in names]
+        name = names[rng.choice(len(names), p=weights / weights.sum())]
+        return name, max(chunk, key=lambda k: words[k].accent)
+
+    def _hands_for(self, gesture: Gesture) -> list[str]:
+        """The hands that take part, the leading one first."""
+        rng, speaker = self.rng, self.speaker
+        one = speaker.dominant if rng.random() < speaker.dominance else speaker.other_hand
+        two = [speaker.dominant, speaker.other_hand]
+        if gesture.hands == "one":
+            return [one]
+        if gesture.hands == "two":
+            return two
+        if gesture.hands == "dominant":
+            return [speaker.dominant]
+        if gesture.hands == "other":
+            return [speaker.other_hand]
+        if self.free_hands is None or rng.random() < 0.35:
+            self.free_hands = two if rng.random() < speaker.two_hands else [one]
+        return self.free_hands
+
+    # Poses
+
+    def _fingers(self, shape: str, curl_deg: float = 0.0) -> np.ndarray:
+        """A hand shape in the speaker's manner, never twice the same."""
+        rng = self.rng
+        fingers = SHAPES[shape].copy()
+        fingers[FLEX] *= self.speaker.finger_curl * (1.0 + rng.normal(0, 0.13))
+        fingers[FLEX] += curl_deg + np.repeat(rng.normal(0, 3.5, 4), 3)
+        fingers[ABDUCTION] += rng.normal(0, 2.5, 4)
+        fingers[THUMB] += rng.normal(0, 5.0, 3)
+        return fingers
+
+    def _rest_pose(self, name: str) -> HandPose:
+        return self._varied(REST[name], 0.008 if name == "hang" else 0.012, styled=False)
+
+    def _varied(
+        self, pose: HandPose, sd_m: float, size: float = 1.0, styled: bool = True
+    ) -> HandPose:
+        """The pose in the speaker's gesture space, scaled about its middle, with noise."""
+        rng, speaker = self.rng, self.speaker
+        centre = np.array([0.17, -0.14, 0.25])
+        position = pose.position
+        if styled:
+            wider = min(size, 1.0) * max(size, 1.0) ** 0.4
+            position = centre + (position - centre) * [wider, size, size**0.7]
+            position = position + np.array([speaker.outward_m, speaker.height_m, 0.0])
+        return HandPose(
+            position + rng.normal(0, sd_m, 3) * [1, 1, 0.8],
+            pose.palm + rng.normal(0, 0.12, 3),
+            pose.flex_deg + rng.normal(0, 5),
+            pose.deviation_deg + rng.normal(0, 4),
+            pose.elbow_out + rng.normal(0, 0.08),
+            pose.fingers,
+        )
+
+    def _styled(
+        self, name: str, gesture: Gesture, size: float
+    ) -> tuple[HandPose, HandPose, list[tuple[float, HandPose]]]:
+        rng, speaker = self.rng, self.speaker
+        prepare = self._varied(gesture.prepare, 0.024, size)
+        stroke = self._varied(gesture.stroke, 0.022, size)
+        shape = _name_of(gesture.stroke)
+        if gesture.shapes and rng.random() < 0.6:
+            shape = _pick(rng, gesture.shapes)
+        if name == "beat":
+            shape = speaker.beat_shape if rng.random() < 0.6 else _pick(rng, BEAT_SHAPES)
+        before = _name_of(gesture.prepare)
+        if before == "relaxed":
+            before = _pick(rng, IDLE_SHAPES)
+        prepare = replace(prepare, fingers=self._fingers(before, rng.uniform(0, 8)))
+        stroke = replace(stroke, fingers=self._fingers(shape, rng.uniform(-8, 0)))
+        via = [
+            (share, replace(self._varied(pose, 0.015, size), fingers=prepare.fingers))
+            for share, pose in gesture.via
+        ]
+        return prepare, stroke, via
+
+    def _not_a_mirror(self, prepare: HandPose, stroke: HandPose) -> tuple[HandPose, HandPose]:
+        """The second hand goes its own way: lower, smaller, turned a little."""
+        rng = self.rng
+        offset = rng.normal(0, 0.032, 3) * [0.6, 1.2, 1.0] - [0.0, 0.015, 0.0]
+        share = rng.uniform(0.6, 1.0)
+        turn = rng.normal(0, 0.2, 3)
+        own_stroke = prepare.position + share * (stroke.position - prepare.position)
+        own_fingers = stroke.fingers.copy()
+        own_fingers[FLEX] += np.repeat(rng.normal(0, 6.0, 4), 3)
+        return (
+            replace(prepare, position=prepare.position + offset, palm=prepare.palm + turn),
+            replace(
+                stroke,
+                position=own_stroke + offset,
+                palm=stroke.palm + turn,
+                fingers=own_fingers,
+            ),
+        )
+
+    def _settled(self, pose: HandPose, share: float) -> HandPose:
+        """The pose moved ``share`` of the way towards the middle of the gesture space."""
+        rng, speaker = self.rng, self.speaker
+        centre = NEUTRAL + np.array([speaker.outward_m, speaker.height_m - 0.03, -0.01])
+        fingers = pose.fingers + 0.5 * share * (SHAPES["half_open"] - pose.fingers)
+        fingers[FLEX] += np.repeat(rng.normal(0, 4.0, 4), 3)
+        fingers[ABDUCTION] += rng.normal(0, 1.5, 4)
+        return replace(
+            pose,
+            position=pose.position + share * (centre - pose.position) + rng.normal(0, 0.016, 3),
+            palm=pose.palm + rng.normal(0, 0.09, 3),
+            flex_deg=pose.flex_deg * (1 - 0.5 * share) + rng.normal(0, 4),
+            fingers=fingers,
+        )
+
+    # Keys
+
+    def _last(self, side: str) -> Key:
+        return self.plan.keys[side][-1]
+
+    def _add(
+        self, side: str, arrive_s: float, duration_s: float, pose: HandPose, phase: Phase, name: str
+    ) -> None:
+        """Append a key; a minimum-jerk move of d metres lasts at least 1.875 d / v_max."""
+        distance_m = float(np.linalg.norm(pose.position - self._last(side).pose.position))
+        top_speed = self.rng.uniform(1.05, 1.6) * self.speaker.tempo**0.5
+        duration_s = max(duration_s, 1.875 * distance_m / top_speed)
+        self.plan.keys[side].append(Key(arrive_s, duration_s, pose, phase, name))
+
+    def _stroke(
+        self,
+        side: str,
+        name: str,
+        apex_s: float,
+        prepare: HandPose,
+        stroke: HandPose,
+        via: list[tuple[float, HandPose]],
+    ) -> None:
+        """Preparation, where there is time for one, and the stroke that ends at ``apex_s``."""
+        rng, tempo = self.rng, self.speaker.tempo
+        noise = rng.normal(0, 0.012, 3)
+        prepare = replace(prepare, position=prepare.position + noise)
+        stroke = replace(stroke, position=stroke.position + rng.normal(0, 0.012, 3))
+        length_m = float(np.linalg.norm(stroke.position - prepare.position))
+        stroke_s = min(0.26 + 0.75 * length_m, 0.55) / tempo * rng.uniform(0.9, 1.15)
+        approach_m = float(np.linalg.norm(prepare.position - self._last(side).pose.position))
+        prepare_s = min(0.30 + 0.9 * approach_m, 0.75) / tempo * rng.uniform(0.95, 1.2)
+        room_s = apex_s - 0.8 * stroke_s - self._last(side).arrive_s
+        has_room = room_s > 0.22
+        if has_room:
+            arrive_s = apex_s - 0.72 * stroke_s
+            self._add(side, arrive_s, min(prepare_s, room_s + 0.18), prepare, "preparation", name)
+        for share, pose in via:
+            arrive_s = apex_s - 0.8 * stroke_s * (1 - share)
+            self._add(side, arrive_s, 0.7 * stroke_s, pose, "stroke", name)
+        since_s = apex_s + 0.03 - self._last(side).arrive_s
+        if not has_room:
+            stroke_s = max(min(stroke_s + 0.12, since_s + 0.1), 0.28)
+        arrive_s = max(apex_s + 0.03, self._last(side).arrive_s + 0.16)
+        self._add(side, arrive_s, stroke_s, stroke, "stroke", name)
+
+    def _beats(self, chunk: range, apex_s: float) -> list[tuple[float, float]]:
+        """Times and depths in metres of the beats after the stroke."""
+        rng, speaker = self.rng, self.speaker
+        beats: list[tuple[float, float]] = []
+        for k in chunk:
+            word = self.utterance.words[k]
+            beat_s = word.beat_s - rng.normal(0.04, 0.03)
+            chance = 0.9 if word.accent > 0 else 0.5 if word.is_content else 0.25
+            apart = not beats or beat_s - beats[-1][0] > 0.30
+            if beat_s > apex_s + 0.34 and apart and rng.random() < chance * speaker.rate:
+                low, high = (0.05, 0.11) if word.accent > 0 else (0.02, 0.05)
+                beats.append((beat_s, rng.uniform(low, high) * speaker.amplitude))
+        return beats
+
+    def _beat_moves(
+        self, side: str, name: str, beats: list[tuple[float, float]], wander: np.ndarray
+    ) -> None:
+        """Up and down, forward, by the wrist or by turning the forearm; fingers take part."""
+        rng = self.rng
+        for (beat_s, depth_m), aside_m in zip(beats, wander, strict=True):
+            last = self._last(side)
+            if beat_s - last.arrive_s < 0.27:
+                continue
+            held = self._settled(
+                last.pose, min((0.15 + 0.45 * _far(last.pose)) * (beat_s - last.arrive_s), 0.45)
+            )
+            # Arm beats travel; wrist and forearm beats turn the hand instead.
+            travel, bend, turn = _pick(
+                rng, ((1.0, 1.0, 0.0), (1.0, 1.0, 0.25), (0.45, 2.0, 0.1), (0.4, 0.6, 0.8))
+            )
+            rise = travel * depth_m * rng.uniform(0.5, 0.85)
+            ahead = rng.uniform(-0.015, 0.06) * travel
+            twist = turn * rng.choice([-1.0, 1.0]) * np.array([rng.uniform(0.5, 1), 0.6, 0.0])
+            up_fingers, down_fingers = held.fingers.copy(), held.fingers.copy()
+            up_fingers[FLEX] += np.repeat(rng.uniform(1, 10) + rng.normal(0, 4, 4), 3)
+            down_fingers[FLEX] += np.repeat(rng.uniform(-9, 1) + rng.normal(0, 4, 4), 3)
+            down_fingers[ABDUCTION] += rng.normal(0.0, 2.5, 4)
+            if rng.random() < 0.3:
+                down_fingers = self._fingers(_pick(rng, BEAT_SHAPES))
+            up = replace(
+                held,
+                position=held.position + np.array([aside_m, rise, -0.5 * ahead]),
+                palm=held.palm + rng.normal(0, 0.2, 3) - 0.5 * twist,
+                flex_deg=held.flex_deg - 13.0 * bend,
+                deviation_deg=held.deviation_deg + rng.uniform(0, 8),
+                fingers=up_fingers,
+            )
+            down = replace(
+                held,
+                position=held.position
+                + np.array([0.5 * aside_m, -0.45 * rise, ahead])
+                + rng.normal(0, 0.008, 3),
+                palm=held.palm + twist,
+                flex_deg=held.flex_deg + rng.uniform(6, 18) * bend,
+                fingers=down_fingers,
+            )
+            lift_s = beat_s - 0.16
+            self._add(side, lift_s, min(0.34, lift_s - last.arrive_s + 0.16), up, "beat", name)
+            self._add(side, beat_s + 0.03, rng.uniform(0.25, 0.33), down, "beat", name)
+
+    def _hold(self, side: str, name: str, end_s: float) -> None:
+        """No frozen holds: the hand gives way, sooner where it is high or wide."""
+        rng = self.rng
+        while end_s + 0.3 - self._last(side).arrive_s > 0.6:
+            pose = self._last(side).pose
+            far = _far(pose)
+            held = self._settled(pose, rng.uniform(0.15, 0.3) + 0.3 * far)
+            arrive_s = self._last(side).arrive_s + rng.uniform(0.55, 0.8) - 0.1 * far
+            self._add(side, arrive_s, rng.uniform(0.5, 0.75), held, "hold", name)
+
+    def _idle(self, side: str, apex_s: float, beats: list[tuple[float, float]]) -> None:
+        """The hand that takes no part sinks to a low ready pose and follows the beats a little."""
+        rng, speaker = self.rng, self.speaker
+        if self._last(side).pose.position[1] > -0.24 and rng.random() < 0.85:
+            pose = self._rest_pose("low" if rng.random() < 0.7 else speaker.rest)
+            pose = replace(pose, fingers=self._fingers(_pick(rng, IDLE_SHAPES)))
+            arrive_s = max(apex_s + rng.uniform(0.1, 0.6), self._last(side).arrive_s + 0.35)
+            self._add(side, arrive_s, rng.uniform(0.6, 0.95), pose, "retraction", "")
+        for beat_s, depth_m in [(apex_s, 0.08), *beats]:
+            if beat_s - self._last(side).arrive_s < 0.35 or rng.random() > 0.7:
+                continue
+            pose = self._last(side).pose
+            rise = depth_m * rng.uniform(0.25, 0.7)
+            up = replace(
+                pose,
+                position=pose.position + rise * np.array([0.4, 1.0, 0.3]),
+                flex_deg=pose.flex_deg - 5.0,
+            )
+            fingers = pose.fingers.copy()
+            fingers[FLEX] += np.repeat(rng.normal(0, 5.0, 4), 3)
+            down = replace(pose, position=pose.position + rng.normal(0, 0.008, 3), fingers=fingers)
+            self._add(side, beat_s - 0.14, 0.32, up, "beat", "follow")
+            self._add(side, beat_s + 0.06, 0.34, down, "beat", "follow")
+
+
+def _far(pose: HandPose) -> float:
+    """0 in the middle of the gesture space, 1 from 20 cm on."""
+    return float(np.clip(np.linalg.norm(pose.position - NEUTRAL) / 0.2, 0.0, 1.0))
+
+
+def _name_of(pose: HandPose) -> str:
+    """The name of the designed shape a library pose holds."""
+    return next(name for name, shape in SHAPES.items() if shape is pose.fingers)
+
+
+def _pick(rng: np.random.Generator, choices):
+    return choices[rng.integers(len(choices))]
