@@ -1,0 +1,61 @@
+"""Training terms, each a pure function of prediction and target that keeps the batch axis.
+
+All of them return one value per sample, so that the flow's time weights can be applied outside.
+"""
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor
+
+SMOOTH_L1_BETA = 0.02
+"""Metres at which the position terms turn from squared to absolute error (official code)."""
+
+
+def simple_loss(x_1: Float[Tensor, "B T C"], target: Float[Tensor, "B T C"]) -> Float[Tensor, " B"]:
+    """GlobalDiff eq. 7: mean squared error of the predicted clean motion, normalised channels."""
+    return (x_1 - target).square().mean((1, 2))
+
+
+def position_loss(
+    positions: Float[Tensor, "B T P 3"], target: Float[Tensor, "B T P 3"]
+) -> Float[Tensor, " B"]:
+    """L_pos: smooth L1 error of points in metres (joints through forward kinematics)."""
+    return _smooth_l1(positions, target)
+
+
+def velocity_loss(
+    positions: Float[Tensor, "B T P 3"], target: Float[Tensor, "B T P 3"]
+) -> Float[Tensor, " B"]:
+    """Smooth L1 error of first differences, metres per frame (official code, not in the paper)."""
+    return _smooth_l1(positions.diff(dim=1), target.diff(dim=1))
+
+
+def acceleration_loss(
+    positions: Float[Tensor, "B T P 3"], target: Float[Tensor, "B T P 3"]
+) -> Float[Tensor, " B"]:
+    """Smooth L1 error of second differences, metres per frame^2 (official code, not the paper)."""
+    return _smooth_l1(positions.diff(n=2, dim=1), target.diff(n=2, dim=1))
+
+
+def _smooth_l1(a: Tensor, b: Tensor) -> Float[Tensor, " B"]:
+    return F.smooth_l1_loss(a, b, beta=SMOOTH_L1_BETA, reduction="none").mean((1, 2, 3))
+
+
+def expression_loss(
+    predicted: Float[Tensor, "B T E"], target: Float[Tensor, "B T E"]
+) -> Float[Tensor, ""]:
+    """Squared error of face unit weights and, ten times as heavy, of their first differences."""
+    difference = F.mse_loss(predicted.diff(dim=1), target.diff(dim=1))
+    return F.mse_loss(predicted, target) + 10 * difference
+
+
+def finite_or_raise(loss: Tensor, step: int, clips: list[str]) -> None:
+    """Stop a training whose loss is no number.
+
+    Raises:
+        FloatingPointError: with the step and the clips of the batch.
+    """
+    if not torch.isfinite(loss):
+        names = ", ".join(dict.fromkeys(clips))
+        raise FloatingPointError(f"The loss is {float(loss)} at step {step}; clips: {names}.")

@@ -1,0 +1,72 @@
+import numpy as np
+import pytest
+import torch
+
+from model.speech import features
+from model.speech.features import NUM_MELS, MelEncoder, augment_mel
+
+ENERGY, ONSET, PITCH, VOICED = range(NUM_MELS, NUM_MELS + 4)
+
+
+def tone(frequency: float, seconds: float = 2.0) -> np.ndarray:
+    time = np.arange(round(16_000 * seconds)) / 16_000
+    partials = sum(np.sin(2 * np.pi * k * frequency * time) / k for k in (1, 2, 3))
+    return (0.2 * partials).astype(np.float32)
+
+
+@pytest.mark.parametrize("num_frames", [1, 15, 59, 60, 61, 100])
+def test_one_row_for_each_motion_frame(num_frames):
+    rows = MelEncoder().encode(tone(150), num_frames)
+    assert rows.shape == (num_frames, 68) and rows.dtype == np.float32
+    assert np.isfinite(rows).all()
+
+
+def test_a_click_is_heard_in_its_own_frame():
+    for frame in (7, 8, 9, 31):
+        waveform = np.zeros(32_000, np.float32)
+        middle = round((frame + 0.5) / 30 * 16_000)
+        waveform[middle - 40 : middle + 40] = 0.8
+        energy = MelEncoder().encode(waveform, 60)[:, ENERGY]
+        assert abs(int(energy.argmax()) - frame) <= 0
+
+
+def test_pitch_follows_the_octave_and_silence_is_unvoiced():
+    waveform = np.concatenate([tone(120), tone(240), np.zeros(32_000, np.float32)])
+    rows = MelEncoder().encode(waveform, 180)
+    low, high, silent = rows[10:50], rows[70:110], rows[130:170]
+    assert low[:, VOICED].min() == 1 and high[:, VOICED].min() == 1
+    assert silent[:, VOICED].max() == 0
+    octave = high[:, PITCH].mean() - low[:, PITCH].mean()
+    assert octave == pytest.approx(2.0, abs=0.05)
+
+
+def test_gain_does_not_matter():
+    waveform = tone(130) * np.repeat(np.linspace(0.2, 1, 20), 1600).astype(np.float32)
+    loud, quiet = MelEncoder().encode(waveform, 60), MelEncoder().encode(waveform * 0.1, 60)
+    assert np.abs(loud - quiet).max() < 0.15
+    assert np.abs(loud[:, ENERGY] - quiet[:, ENERGY]).max() < 0.02
+
+
+def test_block_size_does_not_change_the_numbers(monkeypatch):
+    rng = np.random.default_rng(0)
+    waveform = (tone(140, 3) + 0.01 * rng.standard_normal(48_000)).astype(np.float32)
+    whole = MelEncoder().encode(waveform, 90)
+    for block in (1, 7, 100):
+        monkeypatch.setattr(features, "BLOCK_FRAMES", block)
+        np.testing.assert_allclose(MelEncoder().encode(waveform, 90), whole, atol=1e-5)
+
+
+def test_frames_beyond_the_end_are_silence():
+    rows = MelEncoder().encode(tone(150, 1.0), 90)
+    assert (rows[40:, :NUM_MELS] == -2.0).all() and (rows[40:, VOICED] == 0).all()
+    np.testing.assert_allclose(rows[:29], MelEncoder().encode(tone(150, 1.0), 30)[:29], atol=1e-5)
+
+
+def test_augmentation_keeps_pitch_and_differs_between_samples():
+    rows = torch.from_numpy(MelEncoder().encode(tone(150), 60)).expand(4, -1, -1)
+    varied = augment_mel(rows, torch.Generator().manual_seed(0))
+    assert torch.isfinite(varied).all()
+    torch.testing.assert_close(varied[..., ONSET:], rows[..., ONSET:])
+    assert (varied[0] - varied[1])[:, :NUM_MELS].abs().mean() > 0.05
+    again = augment_mel(rows, torch.Generator().manual_seed(0))
+    torch.testing.assert_close(varied, again)

@@ -1,0 +1,85 @@
+import numpy as np
+import pytest
+import torch
+
+from model.generate import Cancelled, GenerateOptions, generate_motion
+from model.kinematics import joint_positions_from_local
+from model.skeleton import JOINT_INDEX, open_body_skeleton
+from model.systems import load_system
+from tests.model.made import made_speech, make_weights
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return make_weights(tmp_path_factory.mktemp("weights"))
+
+
+@pytest.fixture(scope="module", params=["globaldiff/local", "globaldiff/global"])
+def system(request, folder):
+    return load_system(request.param, folder)
+
+
+OPTIONS = GenerateOptions(speaker="ann", steps=2)
+
+
+@pytest.mark.parametrize("num_frames", [15, 59, 60, 61, 111, 112, 113, 200])
+def test_frames_equal_the_rounded_duration(system, num_frames):
+    speech = made_speech(round(num_frames / 30 * 16_000))
+    assert speech.num_frames == num_frames
+    (motion,) = generate_motion(system, speech, OPTIONS)
+    assert motion.num_frames == num_frames == round(30 * speech.duration_s)
+    assert motion.expression_basis == "arkit52" and (motion.expressions[:, 52:] == 0).all()
+    assert (motion.trans[0, [0, 2]] == 0).all()
+
+
+def test_length_does_not_change_what_came_before(system):
+    long = made_speech(16_000 * 6)
+    short = made_speech(16_000 * 4)
+    (a,), (b,) = (generate_motion(system, s, OPTIONS) for s in (long, short))
+    # The level of the whole clip enters the features, so they agree closely but not to the bit.
+    assert np.abs(a.poses[:52] - b.poses[:52]).max() < 0.05
+
+
+def test_seed_and_sample_decide_the_noise(system):
+    speech = made_speech(16_000 * 3)
+
+    def poses(**changes):
+        options = GenerateOptions(**{"speaker": "ann", "steps": 2, **changes})
+        return [m.poses for m in generate_motion(system, speech, options)]
+
+    first, second = poses(samples=2)
+    np.testing.assert_allclose(first, poses()[0], atol=1e-4)
+    assert np.abs(first - second).max() > 1e-3
+    assert np.abs(poses(seed=1)[0] - first).max() > 1e-3
+    assert np.abs(poses(speaker="bob")[0] - first).max() > 1e-4
+    np.testing.assert_array_equal(poses()[0], poses()[0])
+
+
+def test_joins_move_no_faster_than_the_inside(system):
+    """Random weights give different windows; the fade must spread that over all shared frames."""
+    (motion,) = generate_motion(system, made_speech(16_000 * 12), OPTIONS)
+    _, positions = joint_positions_from_local(motion.local_rotations(), open_body_skeleton())
+    wrist = positions[:, JOINT_INDEX["right_wrist"]]
+    step = wrist.diff(dim=0).norm(dim=-1)
+    shared = torch.zeros(len(step), dtype=torch.bool)
+    for start in range(52, 360, 52):
+        shared[start - 1 : start + 8] = True
+    assert step[shared].max() < 1.5 * step[~shared].max()
+
+
+def test_progress_rises_to_one_and_cancel_stops_before_the_next_window(system):
+    speech, seen = made_speech(16_000 * 6), []
+    generate_motion(system, speech, OPTIONS, on_progress=seen.append)
+    assert seen == sorted(seen) and seen[-1] == 1.0 and len(seen) == 4
+    seen.clear()
+    with pytest.raises(Cancelled):
+        generate_motion(system, speech, OPTIONS, seen.append, lambda: len(seen) == 2)
+    assert len(seen) == 2
+
+
+@pytest.mark.parametrize(
+    "changes", [{"samples": 0}, {"steps": 0}, {"seed": -1}], ids=["samples", "steps", "seed"]
+)
+def test_options_out_of_range_are_refused(changes):
+    with pytest.raises(ValueError, match=next(iter(changes))):
+        GenerateOptions(speaker="ann", **changes)

@@ -1,0 +1,47 @@
+import pytest
+import torch
+
+from model import losses
+
+
+def test_simple_loss_is_the_mean_square_of_each_sample():
+    x_1 = torch.zeros(2, 3, 4)
+    target = torch.zeros(2, 3, 4)
+    target[1] = 2.0
+    torch.testing.assert_close(losses.simple_loss(x_1, target), torch.tensor([0.0, 4.0]))
+
+
+def test_position_loss_turns_from_squared_to_absolute_at_two_centimetres():
+    target = torch.zeros(3, 5, 7, 3)
+    error = torch.tensor([0.01, 0.02, 0.12])
+    positions = target + error[:, None, None, None]
+    # e^2 / (2 * 0.02) below, e - 0.01 above
+    expected = torch.tensor([0.0025, 0.01, 0.11])
+    torch.testing.assert_close(losses.position_loss(positions, target), expected)
+
+
+def test_differences_ignore_what_is_constant_or_grows_evenly():
+    time = torch.arange(6.0)[None, :, None, None].expand(2, 6, 4, 3)
+    zero = torch.zeros_like(time)
+    still, drifting, speeding = zero + 1, 0.1 * time, 0.05 * time**2
+    none = torch.zeros(2)
+    torch.testing.assert_close(losses.velocity_loss(still, zero), none)
+    # 0.1 m per frame: 0.1 - 0.01
+    torch.testing.assert_close(losses.velocity_loss(drifting, zero), none + 0.09)
+    torch.testing.assert_close(losses.acceleration_loss(drifting, zero), none, atol=1e-6, rtol=0)
+    # the second difference of 0.05 k^2 is 0.1
+    torch.testing.assert_close(losses.acceleration_loss(speeding, zero), none + 0.09)
+
+
+def test_expression_loss_punishes_flicker_more_than_offset():
+    target = torch.zeros(1, 8, 2)
+    offset = target + 0.1
+    flicker = target + 0.1 * torch.tensor([1.0, -1.0] * 4)[None, :, None]
+    torch.testing.assert_close(losses.expression_loss(offset, target), torch.tensor(0.01))
+    assert losses.expression_loss(flicker, target) > 0.3
+
+
+def test_a_loss_that_is_no_number_names_step_and_clips():
+    with pytest.raises(FloatingPointError, match=r"nan at step 7; clips: a, b\."):
+        losses.finite_or_raise(torch.tensor(float("nan")), 7, ["a", "b", "a"])
+    losses.finite_or_raise(torch.tensor(1.0), 7, ["a"])

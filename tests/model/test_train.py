@@ -1,0 +1,176 @@
+import csv
+import json
+import logging
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from model.checkpoint import load_weights
+from model.config import TrainConfig, named_config
+from model.data import DataError, prepare, read_split
+from model.speech.features import MelEncoder
+from model.systems import load_system
+from model.train import TrainingError, learning_rate_factor, main, to_vectors, train
+from tests.model.made import make_data_folder
+
+QUICK = {"steps": 6, "save_every": 3, "validate_every": 6, "warmup_steps": 2, "batch_size": 2}
+
+
+def quick(system: str, **changes) -> TrainConfig:
+    return replace(named_config("smoke", system), **{**QUICK, **changes})
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    """A data folder, and beside it a trained expression network."""
+    root = tmp_path_factory.mktemp("training")
+    make_data_folder(root / "data")
+    train(quick("expression"), root / "data", root / "expression")
+    return root
+
+
+def run(root, name: str, config: TrainConfig, **options) -> dict:
+    train(config, root / "data", root / name,
+          expression_folder=root / "expression" / "weights", **options)  # fmt: skip
+    return torch.load(root / name / "state.pt", weights_only=True)
+
+
+def same_weights(a: dict, b: dict) -> bool:
+    return all(torch.equal(a["average"][k], b["average"][k]) for k in a["average"])
+
+
+@pytest.mark.parametrize("system", ["globaldiff/local", "globaldiff/global"])
+def test_training_leaves_weights_that_load(root, system):
+    run(root, system.replace("/", "-"), quick(system))
+    weights = root / system.replace("/", "-") / "weights"
+    for ending in (".json", ".safetensors"):
+        source = root / "expression" / "weights" / f"expression{ending}"
+        (weights / source.name).write_bytes(source.read_bytes())
+    loaded = load_system(system, weights)
+    assert loaded.speakers == {"ann": 1, "bob": 2}
+    assert loaded.card["steps"] == 6 and loaded.card["validation"]["total"] > 0
+    with (root / system.replace("/", "-") / "log.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(r["step"], r["split"]) for r in rows] == [("3", "train"), ("6", "val"), ("6", "train")]
+
+
+def test_a_killed_and_resumed_run_equals_one_that_was_not(root):
+    config = quick("globaldiff/global")
+    whole = run(root, "whole", config)
+
+    class Killed(Exception):
+        pass
+
+    import model.train as module
+
+    real = module.losses.finite_or_raise
+
+    def die_at_five(loss, step, clips):
+        if step == 5:
+            raise Killed
+        real(loss, step, clips)
+
+    module.losses.finite_or_raise = die_at_five
+    try:
+        with pytest.raises(Killed):
+            run(root, "killed", config)
+    finally:
+        module.losses.finite_or_raise = real
+    resumed = run(root, "killed", config, resume=True)
+    assert resumed["step"] == whole["step"] == 6
+    assert same_weights(whole, resumed)
+
+
+def test_resuming_with_other_settings_names_them(root):
+    run(root, "first", quick("globaldiff/local"))
+    changed = quick("globaldiff/local", learning_rate=1.0, batch_size=3)
+    with pytest.raises(TrainingError, match=r"\(batch_size, learning_rate\)"):
+        run(root, "first", changed, resume=True)
+    with pytest.raises(TrainingError, match="holds a run already"):
+        run(root, "first", quick("globaldiff/local"))
+    with pytest.raises(TrainingError, match=r"no .* to resume"):
+        run(root, "nothing", quick("globaldiff/local"), resume=True)
+
+
+def test_validation_loss_falls(root):
+    config = quick("globaldiff/global", steps=60, learning_rate=1e-3, validate_every=12,
+                   batch_size=4, ema_decay=0.8)  # fmt: skip
+    run(root, "falling", config)
+    with (root / "falling" / "log.csv").open() as file:
+        rows = [r for r in csv.DictReader(file) if r["split"] == "val"]
+    assert float(rows[-1]["simple"]) < 0.9 * float(rows[0]["simple"])
+
+
+def test_start_from_begins_with_given_weights(root):
+    run(root, "base", quick("globaldiff/local"))
+    before, _ = load_weights(root / "base" / "weights", "globaldiff/local")
+    config = quick("globaldiff/local", steps=1, learning_rate=0.0, weight_decay=0.0)
+    run(root, "onward", config, start_from=root / "base" / "weights")
+    after, card = load_weights(root / "onward" / "weights", "globaldiff/local")
+    assert card["started_from_bundled_weights"]
+    assert all(torch.equal(before[k], after[k]) for k in before)
+
+
+def test_vectors_are_in_the_systems_rotation_space(root):
+    data = prepare(root / "data", root / "prepared-mel64", MelEncoder())
+    batch = data.window_batch(data.of_split("train"), 60, 2, np.random.default_rng(0))
+    local = to_vectors(quick("globaldiff/local"), batch)
+    other = to_vectors(quick("globaldiff/global"), batch)
+    torch.testing.assert_close(local[..., :6], other[..., :6])  # the pelvis is the root of both
+    assert (local[..., 6:330] - other[..., 6:330]).abs().max() > 0.1
+    torch.testing.assert_close(local[..., 330:], other[..., 330:])
+
+
+def test_learning_rate_warms_up_and_decays():
+    config = TrainConfig(steps=1000, warmup_steps=100)
+    factors = [learning_rate_factor(step, config) for step in range(1000)]
+    assert factors[0] == 0.01 and factors[99] == 1.0 and max(factors) == 1.0
+    assert factors[-1] < 0.03 and all(np.diff(factors[99:]) <= 0)
+
+
+def test_bad_clips_are_named_skipped_and_counted(tmp_path, caplog):
+    folder = make_data_folder(tmp_path / "data")
+    (folder / "smplxflame_30" / "1_ann_0_0_0.npz").write_bytes(b"no npz")
+    (folder / "wave16k" / "2_bob_0_3_3.wav").write_bytes(b"")
+    with caplog.at_level(logging.WARNING):
+        data = prepare(folder, tmp_path / "cache", MelEncoder())
+    assert [clip.name for clip in data.clips] == ["1_ann_0_2_2", "2_bob_0_1_1"]
+    assert "1_ann_0_0_0" in caplog.text and "2 of 4 clips were skipped" in caplog.text
+    with pytest.raises(DataError, match="names no usable test clip"):
+        data.of_split("test")
+
+
+def test_arrays_are_cut_to_the_shorter_of_motion_and_sound(tmp_path):
+    from model.speech.audio import write_wav
+    from tests.model.made import made_waveform
+
+    folder = make_data_folder(tmp_path / "data")
+    write_wav(folder / "wave16k" / "1_ann_0_0_0.wav", made_waveform(16_000 * 3))
+    data = prepare(folder, tmp_path / "cache", MelEncoder())
+    assert {clip.name: clip.num_frames for clip in data.clips}["1_ann_0_0_0"] == 90
+    assert len(data.poses) == len(data.speech) == len(data.expression) == 90 + 3 * 120
+
+
+def test_folders_of_another_layout_are_refused(tmp_path):
+    with pytest.raises(DataError, match=r"train_test_split\.csv is missing"):
+        read_split(tmp_path)
+    (tmp_path / "train_test_split.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(DataError, match="columns id and type"):
+        read_split(tmp_path)
+
+
+def test_command_reports_one_sentence_and_status(tmp_path, capsys):
+    status = main(["smoke", "--data", str(tmp_path), "--out", str(tmp_path / "out")])
+    assert status == 1 and "train_test_split.csv is missing" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as exit_:
+        main(["smoke"])
+    assert exit_.value.code == 2
+
+
+def test_cards_hold_the_whole_config(root):
+    run(root, "carded", quick("globaldiff/local"))
+    card = json.loads((root / "carded" / "weights" / "globaldiff-local.json").read_text())
+    assert card["config"]["network"]["rotation_space"] == "local"
+    assert card["training_hours"] == pytest.approx(240 / 30 / 3600, abs=1e-3)
