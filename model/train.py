@@ -399,10 +399,12 @@ def _card(
     start_from: Path | None,
 ) -> dict[str, Any]:  # fmt: skip
     corpus = folder / "corpus.json"
-    train_frames = sum(clip.num_frames for clip in data.of_split("train"))
+    train_clips = data.of_split("train")
+    seen = {clip.speaker for clip in train_clips}
+    train_frames = sum(clip.num_frames for clip in train_clips)
     return {
         "config": json.loads(to_json(config)),
-        "speakers": {name: number for number, name in sorted(data.speakers.items())},
+        "speakers": {name: n for n, name in sorted(data.speakers.items()) if n in seen},
         "training_data": json.loads(corpus.read_text()) if corpus.is_file() else folder.name,
         "training_hours": round(train_frames / 30 / 3600, 3),
         "steps": steps,

@@ -37,8 +37,9 @@ def make_data_folder(folder: Path, seconds: float = 4.0) -> Path:
     for sub in ("smplxflame_30", "wave16k"):
         (folder / sub).mkdir(parents=True)
     rows = ["id,type"]
+    speakers = ((1, "ann"), (2, "bob"), (1, "ann"), (3, "eve"))  # eve is never trained on
     for k, kind in enumerate(("train", "train", "val", "test")):
-        name = f"{k % 2 + 1}_{('ann', 'bob')[k % 2]}_0_{k}_{k}"
+        name = "{}_{}_0_{k}_{k}".format(*speakers[k], k=k)
         save_motion(
             smooth_motion_example(round(30 * seconds), k), folder / "smplxflame_30" / f"{name}.npz"
         )

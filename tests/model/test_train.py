@@ -133,7 +133,7 @@ def test_learning_rate_warms_up_and_decays():
 def test_bad_clips_are_named_skipped_and_counted(tmp_path, caplog):
     folder = make_data_folder(tmp_path / "data")
     (folder / "smplxflame_30" / "1_ann_0_0_0.npz").write_bytes(b"no npz")
-    (folder / "wave16k" / "2_bob_0_3_3.wav").write_bytes(b"")
+    (folder / "wave16k" / "3_eve_0_3_3.wav").write_bytes(b"")
     with caplog.at_level(logging.WARNING):
         data = prepare(folder, tmp_path / "cache", MelEncoder())
     assert [clip.name for clip in data.clips] == ["1_ann_0_2_2", "2_bob_0_1_1"]
