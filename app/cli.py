@@ -1,0 +1,262 @@
+"""The command line: generate, render, diagnose, doctor.
+
+Exit status: 0 done, 1 failed with one sentence on standard error, 2 wrong arguments.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from app import text
+from app.config import BUNDLED_WEIGHTS, default_body
+from app.errors import CancelledRun, RunError, sentence_of
+from app.request import POST_FILTERS, SAMPLERS, VIEWS, GenerateRequest, View
+
+Command = Callable[[argparse.Namespace], None]
+log = logging.getLogger(__name__)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit status."""
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    options = make_parser().parse_args(argv)
+    command: Command = options.command
+    # A termination must pass through every `with`, so that it leaves no half file or child.
+    previous = signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        command(options)
+    except (KeyboardInterrupt, CancelledRun):
+        _say("stopped; nothing was kept.")
+        return 1
+    except Exception as error:
+        sentence = sentence_of(error)
+        if sentence is None:
+            raise
+        _say(sentence)
+        return 1
+    finally:
+        signal.signal(signal.SIGTERM, previous)
+    return 0
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """All commands with their flags."""
+    parser = argparse.ArgumentParser(prog="python -m app", description=text.TAGLINE)
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    _add_generate(commands)
+    _add_diagnose(commands)
+    _add_render(commands)
+    _add_doctor(commands)
+    return parser
+
+
+def _add_generate(commands) -> None:
+    parser = commands.add_parser(
+        "generate",
+        help="speech to motion, videos, numbers and Figure 6",
+        description="Generate motion of several systems for one piece of speech, with the same "
+        "noise, and compare them: npz, mp4, comparison.mp4, figure6, diagnostics, provenance.",
+    )
+    parser.add_argument("speech", type=Path, metavar="SPEECH", help="any sound file")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of results")
+    parser.add_argument(
+        "--systems", type=_names, default=(), metavar="A,B,...|all", help="default: all"
+    )
+    parser.add_argument("--speaker", metavar="NAME", help="default: the first that is known")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="default: %(default)s")
+    parser.add_argument(
+        "--samples", type=int, default=1, metavar="N", help="motions per system (default: 1)"
+    )
+    parser.add_argument("--steps", type=int, metavar="N", help="sampler steps (default: 10)")
+    parser.add_argument("--sampler", choices=SAMPLERS, help="default: euler")
+    parser.add_argument(
+        "--post-filter", choices=POST_FILTERS, default="none",
+        help="smooth every system alike; the numbers give both in any case (default: none)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--reference", type=Path, metavar="MOTION.npz", help="recorded motion to compare with"
+    )
+    parser.add_argument(
+        "--views", type=_views, default=("front",), metavar="V,...",
+        help=f"of {', '.join(VIEWS)}; the first is compared (default: front)",
+    )  # fmt: skip
+    parser.add_argument("--no-video", action="store_true", help="no videos, figure without poses")
+    parser.add_argument(
+        "--size", type=int, default=512, metavar="PX", help="of one video (default: 512)"
+    )
+    parser.add_argument(
+        "--max-minutes", type=float, default=10.0, metavar="N",
+        help="longest speech accepted (default: 10)",
+    )  # fmt: skip
+    _add_body(parser)
+    parser.add_argument(
+        "--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR", help="default: bundled"
+    )
+    parser.set_defaults(command=_generate)
+
+
+def _generate(options: argparse.Namespace) -> None:
+    from app.pipeline import generate_all
+    from app.terminal import ProgressBars
+
+    request = GenerateRequest(
+        speech=options.speech,
+        out=options.out,
+        weights=options.weights,
+        systems=options.systems,
+        speaker=options.speaker,
+        seed=options.seed,
+        samples=options.samples,
+        steps=options.steps,
+        sampler=options.sampler,
+        post_filter=options.post_filter,
+        reference=options.reference,
+        body=options.body,
+        views=options.views,
+        size=options.size,
+        has_video=not options.no_video,
+        max_speech_s=60 * options.max_minutes,
+    )
+    with ProgressBars() as bars:
+        result = generate_all(request, bars.take)
+    _finish(result.files, result.notes)
+
+
+def _add_diagnose(commands) -> None:
+    parser = commands.add_parser(
+        "diagnose",
+        help="numbers and Figure 6 of any BEAT2-format motion files",
+        description="Measure motion files, whoever made them, raw and filtered; draw Figure 6.",
+    )
+    parser.add_argument("motions", type=Path, nargs="+", metavar="MOTION.npz")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of results")
+    parser.add_argument(
+        "--reference", type=Path, metavar="MOTION.npz", help="recorded motion to compare with"
+    )
+    parser.add_argument("--no-pictures", action="store_true", help="a figure without poses")
+    _add_body(parser)
+    parser.set_defaults(command=_diagnose)
+
+
+def _diagnose(options: argparse.Namespace) -> None:
+    from app.diagnosing import diagnose_files
+    from app.terminal import ProgressBar
+
+    with ProgressBar("measure and draw") as bar:
+        files, notes = diagnose_files(
+            options.motions,
+            options.out,
+            reference_path=options.reference,
+            body_path=options.body,
+            has_pictures=not options.no_pictures,
+            on_progress=bar.show,
+        )
+    _finish(files, notes)
+
+
+def _add_render(commands) -> None:
+    parser = commands.add_parser(
+        "render",
+        help="a motion file to a video, a picture, or a 3D file",
+        description="Draw a BEAT2-format motion file. The ending of --out chooses what is made: "
+        ".mp4, .png (a sheet of stills), .glb or .bvh.",
+    )
+    parser.add_argument("motion", type=Path, metavar="MOTION.npz")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE.mp4|.png|.glb|.bvh")
+    parser.add_argument("--speech", type=Path, metavar="WAV", help="sound of the video")
+    parser.add_argument("--view", choices=VIEWS, default="front", help="default: front")
+    parser.add_argument(
+        "--size", type=int, default=720, metavar="PX", help="width and height (default: 720)"
+    )
+    parser.add_argument("--draft", action="store_true", help="faster, with jagged edges")
+    parser.add_argument(
+        "--stills", type=int, default=7, metavar="N", help="poses in a .png (default: 7)"
+    )
+    _add_body(parser)
+    parser.set_defaults(command=_render)
+
+
+def _render(options: argparse.Namespace) -> None:
+    from app.rendering import render_motion
+    from app.terminal import ProgressBar
+
+    with ProgressBar(f"draw {options.out.name}") as bar:
+        notes = render_motion(
+            options.motion,
+            options.out,
+            speech=options.speech,
+            body_path=options.body,
+            view=options.view,
+            size=options.size,
+            is_draft=options.draft,
+            num_stills=options.stills,
+            on_progress=bar.show,
+        )
+    _finish((options.out,), notes)
+
+
+def _add_doctor(commands) -> None:
+    parser = commands.add_parser(
+        "doctor",
+        help="what works on this machine, what is missing, what to do",
+        description="Try OpenGL, body, weights, ffmpeg, memory and disk. Exit status 1 when "
+        "something needed does not work.",
+    )
+    _add_body(parser)
+    parser.add_argument(
+        "--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR", help="default: bundled"
+    )
+    parser.set_defaults(command=_doctor)
+
+
+def _doctor(options: argparse.Namespace) -> None:
+    from app.doctor import examine, report
+
+    findings = examine(options.weights, options.body)
+    sys.stdout.write(report(findings))
+    broken = [finding.name for finding in findings if finding.is_broken]
+    if broken:
+        raise RunError(f"not everything works: {', '.join(broken)}; see what to do above.")
+
+
+def _add_body(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--body", type=Path, default=default_body(), metavar="FILE",
+        help="licensed SMPLX_NEUTRAL*.npz (default: $SMPLX_MODEL, else the open body)",
+    )  # fmt: skip
+
+
+def _names(value: str) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in value.split(",") if name.strip())
+    if not names:
+        raise argparse.ArgumentTypeError("name at least one")
+    return () if names == ("all",) else names
+
+
+def _views(value: str) -> tuple[View, ...]:
+    known: dict[str, View] = {view: view for view in VIEWS}
+    unknown = [name for name in _names(value) if name not in known]
+    if unknown:
+        raise argparse.ArgumentTypeError(f"no view {unknown[0]!r}; views are {', '.join(VIEWS)}")
+    return tuple(known[name] for name in dict.fromkeys(_names(value)))
+
+
+def _finish(files: Sequence[Path], notes: Sequence[str]) -> None:
+    """Notes for a person on standard error, files for a script on standard output."""
+    for note in notes:
+        _say(note)
+    for path in files:
+        sys.stdout.write(f"{path}\n")
+
+
+def _say(sentence: str) -> None:
+    sys.stderr.write(f"{sentence}\n")
+
+
+def _interrupt(number: int, frame: object) -> None:
+    raise KeyboardInterrupt

@@ -1,0 +1,71 @@
+"""Settings of the page: from flags and environment, checked once."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from app.errors import RunError
+
+PROJECT = Path(__file__).resolve().parents[1]
+BUNDLED_WEIGHTS = PROJECT / "model" / "weights"
+EXAMPLES = PROJECT / "examples"
+
+
+@dataclass(frozen=True)
+class AppConfig:
+    """Where the page listens, what it works with and what it allows."""
+
+    host: str = "127.0.0.1"
+    port: int = 7860
+    weights: Path = BUNDLED_WEIGHTS
+    body: Path | None = None
+    min_speech_s: float = 0.5
+    max_speech_s: float = 600.0
+    max_upload: str = "250mb"
+    """Ten minutes of 48 kHz stereo are 115 MB; Gradio refuses more than this while uploading."""
+    num_slots: int = 1
+    """Runs at work at the same time; each draws two videos at once."""
+    max_waiting: int = 16
+    keep_results_s: float = 3600.0
+    """Results and uploads are deleted this long after they were made."""
+    temp: Path = field(default_factory=lambda: Path(tempfile.gettempdir()) / f"cospeech-{_user()}")
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.port <= 65535:
+            raise RunError(f"The port must be from 0 to 65535; got {self.port}.")
+        if self.body is not None and not self.body.is_file():
+            raise RunError(f"There is no body file at {self.body}.")
+
+    @property
+    def jobs_folder(self) -> Path:
+        return self.temp / "jobs"
+
+    @property
+    def cache_folder(self) -> Path:
+        return self.temp / "gradio"
+
+
+def default_host() -> str:
+    """Hosted Gradio spaces set GRADIO_SERVER_NAME; elsewhere only this machine is served."""
+    return os.environ.get("GRADIO_SERVER_NAME") or "127.0.0.1"
+
+
+def default_port() -> int:
+    """GRADIO_SERVER_PORT, else 7860."""
+    value = os.environ.get("GRADIO_SERVER_PORT") or "7860"
+    if not value.isdigit():
+        raise RunError(f"GRADIO_SERVER_PORT must be a whole number; got {value!r}.")
+    return int(value)
+
+
+def default_body() -> Path | None:
+    """The licensed SMPL-X file named by SMPLX_MODEL, if any."""
+    value = os.environ.get("SMPLX_MODEL")
+    return Path(value) if value else None
+
+
+def _user() -> str:
+    return str(os.getuid()) if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")

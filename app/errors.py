@@ -1,0 +1,42 @@
+"""Errors a person meets, and how any other is turned into a sentence or kept apart."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+
+
+class RunError(ValueError):
+    """A run that cannot be done, with the one sentence that says why and what to do."""
+
+
+class CancelledRun(Exception):
+    """The person stopped the run; nothing was kept."""
+
+
+_DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+_NOT_ALLOWED = {errno.EACCES, errno.EPERM, errno.EROFS}
+_OUR_PACKAGES = ("app", "model", "renderer")
+
+
+def sentence_of(error: BaseException) -> str | None:
+    """The sentence to show a person, or None when the error is a fault of the program.
+
+    Errors that this project raises carry their sentence. Of the system's errors only those are
+    put into words that a person can do something about.
+    """
+    is_ours = type(error).__module__.split(".")[0] in _OUR_PACKAGES
+    if is_ours and str(error):
+        return str(error)
+    if isinstance(error, OSError) and error.errno in _DISK_FULL | _NOT_ALLOWED:
+        return _file_sentence(error)
+    if isinstance(error, MemoryError):
+        return "The machine ran out of memory; use shorter speech, fewer systems or samples."
+    return None
+
+
+def _file_sentence(error: OSError) -> str:
+    where = f" at {Path(str(error.filename)).parent}" if error.filename else ""
+    if error.errno in _DISK_FULL:
+        return f"The disk{where} is full; free some space or write to another folder."
+    return f"Nothing may be written{where or ' there'}; choose a folder that you may write to."

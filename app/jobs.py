@@ -1,0 +1,141 @@
+"""Who is running what: a private folder for each run, a place in the queue, a way to stop."""
+
+from __future__ import annotations
+
+import itertools
+import secrets
+import shutil
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from app import text
+from app.errors import CancelledRun, RunError
+
+
+class Job:
+    """One visitor's run, with a folder that no other visitor is told of."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._stop = threading.Event()
+
+    def cancel(self) -> None:
+        self._stop.set()
+
+    def is_cancelled(self) -> bool:
+        return self._stop.is_set()
+
+
+class JobBook:
+    """All runs of this process: at most ``num_slots`` at work, the others in order of arrival."""
+
+    def __init__(self, root: Path, num_slots: int = 1, max_waiting: int = 16) -> None:
+        self.root = root
+        self.num_slots = num_slots
+        self.max_waiting = max_waiting
+        self._tickets = itertools.count()
+        self._waiting: list[int] = []
+        self._num_running = 0
+        self._changed = threading.Condition()
+        self._jobs: dict[str, Job] = {}
+
+    def open(self, visitor: str) -> Job:
+        """A new job of a visitor, in a folder that only this process's user can enter.
+
+        Raises:
+            RunError: when too many runs wait already.
+        """
+        with self._changed:
+            if len(self._waiting) >= self.max_waiting:
+                raise RunError(text.BUSY.format(limit=self.max_waiting))
+        folder = self.root / secrets.token_hex(16)
+        folder.mkdir(parents=True, mode=0o700)
+        job = Job(folder)
+        with self._changed:
+            earlier = self._jobs.get(visitor)
+            self._jobs[visitor] = job
+        if earlier is not None:
+            earlier.cancel()
+        return job
+
+    def cancel(self, visitor: str) -> bool:
+        """Stop the visitor's run; False when there is none."""
+        with self._changed:
+            job = self._jobs.get(visitor)
+            if job is None:
+                return False
+            job.cancel()
+            self._changed.notify_all()
+            return True
+
+    def cancel_all(self) -> None:
+        """Stop every run, as at the end of the process."""
+        with self._changed:
+            for job in self._jobs.values():
+                job.cancel()
+            self._changed.notify_all()
+
+    def close(self, visitor: str, job: Job) -> None:
+        """Forget a run that has ended; its folder stays for the downloads."""
+        with self._changed:
+            if self._jobs.get(visitor) is job:
+                del self._jobs[visitor]
+
+    @contextmanager
+    def slot(self, job: Job) -> Iterator[Iterator[int]]:
+        """A place to work in; iterate over what is given to wait for it.
+
+        The iterator yields how many runs are ahead each time that changes, and ends when the job
+        may begin.
+
+        Raises:
+            CancelledRun: when the job is cancelled while it waits.
+        """
+        with self._changed:
+            ticket = next(self._tickets)
+            self._waiting.append(ticket)
+        has_slot = False
+
+        def wait() -> Iterator[int]:
+            nonlocal has_slot
+            told = None
+            while True:
+                with self._changed:
+                    ahead = self._waiting.index(ticket) + self._num_running
+                    if job.is_cancelled():
+                        raise CancelledRun
+                    if self._waiting[0] == ticket and self._num_running < self.num_slots:
+                        self._waiting.remove(ticket)
+                        self._num_running += 1
+                        has_slot = True
+                        self._changed.notify_all()
+                        return
+                    if ahead == told:
+                        self._changed.wait(timeout=1.0)
+                        continue
+                told = ahead
+                yield ahead
+
+        try:
+            yield wait()
+        finally:
+            with self._changed:
+                if has_slot:
+                    self._num_running -= 1
+                elif ticket in self._waiting:
+                    self._waiting.remove(ticket)
+                self._changed.notify_all()
+
+    def sweep(self, max_age_s: float) -> int:
+        """Delete folders of runs that were last touched longer ago; return how many."""
+        with self._changed:
+            in_use = {job.folder for job in self._jobs.values()}
+        num_deleted = 0
+        for folder in self.root.iterdir() if self.root.is_dir() else ():
+            if folder not in in_use and time.time() - folder.stat().st_mtime > max_age_s:
+                shutil.rmtree(folder, ignore_errors=True)
+                num_deleted += 1
+        return num_deleted

@@ -1,0 +1,70 @@
+"""Models and bodies that are read once and kept for all later runs of the process."""
+
+from __future__ import annotations
+
+import functools
+import logging
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from model.systems import System
+    from renderer.body import Body
+
+log = logging.getLogger(__name__)
+_LOADING = threading.Lock()  # the warm-up and a first visitor must not read the same file twice
+
+
+def get_system(name: str, weights: Path) -> System:
+    """A system by name, read and warmed up at its first use.
+
+    Raises:
+        UnknownNameError, CheckpointError: see `model.systems.load_system`.
+    """
+    with _LOADING:
+        return _load_system(name, weights)
+
+
+def get_body(path: Path | None) -> Body:
+    """The open body, or the SMPL-X file at ``path``, read at its first use.
+
+    Raises:
+        BodyError: if the file is not a body.
+    """
+    with _LOADING:
+        return _load_body(path, path.stat().st_mtime if path and path.exists() else 0.0)
+
+
+@functools.lru_cache(maxsize=16)
+def _load_system(name: str, weights: Path) -> System:
+    from model.systems import load_system, warm_up
+
+    system = load_system(name, weights)
+    warm_up(system)
+    return system
+
+
+@functools.lru_cache(maxsize=4)
+def _load_body(path: Path | None, modified: float) -> Body:
+    from renderer.body import load_body
+
+    return load_body(path)
+
+
+def warm_up(weights: Path, body: Path | None) -> None:
+    """Read every system and the body, and find out what can draw, before anyone asks."""
+    from model.cards import list_systems
+
+    for name in list_systems(weights):
+        get_system(name, weights)
+    get_body(body)
+    import librosa  # takes seconds at its first use  # noqa: F401
+
+    from renderer.offscreen import GLError
+    from renderer.probe import choose_backend
+
+    try:
+        choose_backend()
+    except GLError as error:
+        log.warning("%s", error)

@@ -1,0 +1,133 @@
+"""Start the page: flags, weights and examples, then the models warm up behind it."""
+
+from __future__ import annotations
+
+import argparse
+import atexit
+import logging
+import os
+import sys
+import threading
+from pathlib import Path
+
+from app import text
+from app.config import (
+    BUNDLED_WEIGHTS,
+    EXAMPLES,
+    AppConfig,
+    default_body,
+    default_host,
+    default_port,
+)
+from app.errors import RunError
+
+log = logging.getLogger(__name__)
+
+
+def parse_config(argv: list[str] | None = None) -> AppConfig:
+    """Flags and environment as one checked configuration.
+
+    Raises:
+        RunError: when a value cannot be used.
+    """
+    parser = argparse.ArgumentParser(
+        prog="app.py", description=text.TAGLINE, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument(
+        "--host", default=default_host(), help="address to listen on (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--port", type=int, default=default_port(), help="port (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--body", type=Path, default=default_body(), metavar="FILE",
+        help="licensed SMPLX_NEUTRAL*.npz (default: $SMPLX_MODEL, else the open body)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR",
+        help="folder of trained systems (default: the bundled ones)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--max-minutes", type=float, default=10.0, metavar="N",
+        help="longest speech accepted (default: %(default)g)",
+    )  # fmt: skip
+    options = parser.parse_args(argv)
+    return AppConfig(
+        host=options.host,
+        port=options.port,
+        body=options.body,
+        weights=options.weights,
+        max_speech_s=60 * options.max_minutes,
+    )
+
+
+def launch(config: AppConfig, prevent_thread_lock: bool = False) -> str:
+    """Serve the page and return its address; blocks unless told otherwise."""
+    config.temp.mkdir(mode=0o700, parents=True, exist_ok=True)
+    config.temp.chmod(0o700)
+    # Gradio reads both when it is imported or launched.
+    os.environ["GRADIO_TEMP_DIR"] = str(config.cache_folder)
+    os.environ["GRADIO_ANALYTICS_ENABLED"] = "False"
+
+    from app.catalogue import find_examples, read_catalogue
+    from app.jobs import JobBook
+    from app.page import CSS, build_app
+    from app.theme import make_theme
+
+    catalogue = read_catalogue(config.weights, find_examples(EXAMPLES))
+    jobs = JobBook(config.jobs_folder, config.num_slots, config.max_waiting)
+    atexit.register(jobs.cancel_all)
+
+    page = build_app(_generate, catalogue, config, jobs)
+    page.queue(max_size=4 * config.max_waiting)
+    threading.Thread(target=_warm_up, args=(config,), name="warm-up", daemon=True).start()
+    _, address, _ = page.launch(
+        server_name=config.host,
+        server_port=config.port,
+        share=False,
+        prevent_thread_lock=prevent_thread_lock,
+        show_error=True,
+        max_file_size=config.max_upload,
+        allowed_paths=[str(EXAMPLES)],
+        blocked_paths=[str(path) for path in (config.weights, config.body) if path],
+        run_history=False,
+        ssr_mode=False,
+        pwa=False,
+        mcp_server=False,
+        strict_cors=True,
+        enable_monitoring=False,
+        state_session_capacity=64,
+        footer_links=["api"],
+        theme=make_theme(),
+        css_paths=[CSS],
+        quiet=True,
+    )
+    return address
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Entry of ``python app.py``."""
+    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
+    try:
+        config = parse_config(argv)
+        sys.stderr.write(f"The page opens on http://{config.host}:{config.port}\n")
+        launch(config)
+    except (RunError, OSError) as error:
+        sys.exit(f"app.py: {error}")
+
+
+def _generate(request, on_event, should_cancel):
+    """The pipeline, imported at the first run or by the warm-up: the page itself needs no torch."""
+    from app.pipeline import generate_all
+
+    return generate_all(request, on_event, should_cancel)
+
+
+def _warm_up(config: AppConfig) -> None:
+    """Load what the first visitor would otherwise wait for; a failure shows at the first run."""
+    try:
+        from app.loaded import warm_up
+
+        warm_up(config.weights, config.body)
+    except Exception:
+        log.exception("the warm-up failed; the first run will say why")

@@ -1,0 +1,112 @@
+"""A folder of results that appears whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+from pathlib import Path
+from types import TracebackType
+
+from app.errors import RunError
+
+_PREFIX = ".unfinished-"
+
+
+class ResultFolder:
+    """Collects files beside their final place and moves them there when all are done.
+
+    Files of an earlier run with the same names are replaced only then; an interrupted run
+    removes what it had made, and the folder too if it made that.
+    """
+
+    def __init__(self, out: Path) -> None:
+        self.out = out
+        self._names: list[str] = []
+        self._made_folder = False
+        self._staging = out / f"{_PREFIX}{os.getpid()}-{secrets.token_hex(4)}"
+
+    def __enter__(self) -> ResultFolder:
+        if self.out.exists() and not self.out.is_dir():
+            raise RunError(f"{self.out} is a file; name a folder for the results.")
+        try:
+            self._made_folder = not self.out.exists()
+            self.out.mkdir(parents=True, exist_ok=True)
+            _remove_abandoned(self.out)
+            self._staging.mkdir(mode=0o700)
+        except OSError as error:
+            if self._made_folder and self.out.is_dir():
+                _remove_if_empty(self.out)
+            raise RunError(
+                f"The folder {self.out} cannot be written to ({_reason(error)}); choose another."
+            ) from error
+        return self
+
+    def path(self, name: str) -> Path:
+        """Where to write the file that will be called ``name``."""
+        if name not in self._names:
+            self._names.append(name)
+        return self._staging / name
+
+    def scratch(self, name: str) -> Path:
+        """Where to write a file that only the run itself needs."""
+        return self._staging / f".{name}"
+
+    def publish(self) -> tuple[Path, ...]:
+        """Move every file to its final name and return those names."""
+        for name in self._names:
+            os.replace(self._staging / name, self.out / name)
+        return tuple(self.out / name for name in self._names)
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        shutil.rmtree(self._staging, ignore_errors=True)
+        if error is not None and self._made_folder:
+            _remove_if_empty(self.out)
+
+
+def require_free_space(folder: Path, needed_bytes: int) -> None:
+    """Raise before a run begins that its disk cannot hold.
+
+    Raises:
+        RunError: naming how much is free and how much is needed.
+    """
+    free_bytes = shutil.disk_usage(folder).free
+    if free_bytes < needed_bytes:
+        raise RunError(
+            f"The disk at {folder} has {free_bytes / 1e6:.0f} MB free and this run needs about "
+            f"{needed_bytes / 1e6:.0f} MB; free some space or write to another folder."
+        )
+
+
+def _remove_abandoned(out: Path) -> None:
+    """Remove what a killed run left, unless its process still lives."""
+    for staging in out.glob(f"{_PREFIX}*"):
+        pid = staging.name.removeprefix(_PREFIX).split("-")[0]
+        if pid.isdigit() and not _is_alive(int(pid)):
+            shutil.rmtree(staging, ignore_errors=True)
+
+
+def _is_alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def _remove_if_empty(folder: Path) -> None:
+    try:
+        folder.rmdir()
+    except OSError:
+        pass  # someone else has put something there
+
+
+def _reason(error: OSError) -> str:
+    return (error.strerror or type(error).__name__).lower()
