@@ -1,0 +1,225 @@
+"""Drawing Figure 6 with matplotlib's objects: axes, curves, snapshots, keys and caption.
+
+Call it under the settings of :mod:`renderer.figures`; without these the type sizes that the layout
+measured are not the ones that are drawn.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from renderer import figure_style as style
+from renderer.figure_crop import crop_alike
+from renderer.figure_layout import (
+    COORDINATE_GAP,
+    FRAME_NUMBERS,
+    LINE,
+    MARGIN,
+    SMALL_LINE,
+    SWATCH,
+    SWATCH_GAP,
+    Key,
+    Layout,
+    Rect,
+    plan_layout,
+)
+from renderer.figure_path import draw_path
+from renderer.figure_spec import COORDINATES, MIN_SPAN_M, Figure6
+from renderer.figure_style import ROUND_NUMBERS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_MIN_SHARE = 0.2  # of the height, for the flattest coordinate
+_TITLE_GAP = 0.06
+_ROOMY_TICKS, _CLOSEST_TICKS = 0.2, 0.09  # inches between numbers one above the other
+
+
+def draw_figure6(contents: Figure6) -> "Figure":
+    """The figure, without a canvas; its size in inches is its size on paper."""
+    from matplotlib.figure import Figure
+
+    snapshots = crop_alike(contents.snapshots) if contents.snapshots else {}
+    num_snapshots = len(contents.snapshot_frames) if snapshots else 0
+    aspect = 1.0
+    if snapshots:
+        height, width = next(iter(snapshots.values())).shape[1:3]
+        aspect = width / height
+    caption = style.wrap_text(contents.caption, style.SMALL_PT, style.FIGURE_WIDTH_IN - 2 * MARGIN)
+    limits = _coordinate_limits(contents.trajectories)
+    layout = plan_layout(
+        tuple(contents.trajectories), num_snapshots, aspect, len(caption), _number_width_in(limits)
+    )
+
+    figure = Figure(figsize=(style.FIGURE_WIDTH_IN, layout.height), facecolor="white")
+    for key in (*layout.legend, *layout.row_keys):
+        _draw_key(figure, layout, key, contents.styles[key.name])
+    _draw_coordinates(figure, layout, contents, limits)
+    grid_pitch = draw_path(figure, layout.path.fraction_of(layout.height), contents)
+    letter = "c" if snapshots else "b"
+    _write_title(
+        figure,
+        layout,
+        layout.path.left,
+        layout.path.top - _TITLE_GAP,
+        f"{letter}  Path in space (grid {grid_pitch:g} m)",
+    )
+    if snapshots:
+        _draw_snapshots(figure, layout, contents, snapshots)
+    for i, line in enumerate(caption):
+        _write(
+            figure,
+            layout,
+            MARGIN,
+            layout.caption_top + i * SMALL_LINE,
+            line,
+            size=style.SMALL_PT,
+            color=style.FAINT_INK,
+            va="top",
+        )
+    return figure
+
+
+def _write(
+    figure: "Figure", layout: Layout, left: float, top: float, text: str, **properties: Any
+) -> None:
+    """Text at a place in inches; the first line of the layout's units."""
+    figure.text(left / style.FIGURE_WIDTH_IN, 1.0 - top / layout.height, text, **properties)
+
+
+def _write_title(figure: "Figure", layout: Layout, left: float, bottom: float, text: str) -> None:
+    _write(figure, layout, left, bottom, text, size=style.TITLE_PT, weight="bold", va="bottom")
+
+
+def _draw_key(figure: "Figure", layout: Layout, key: Key, series: style.SeriesStyle) -> None:
+    """Line sample and name, the sample level with the name's first line."""
+    from matplotlib.lines import Line2D
+
+    left, middle = key.rect.left, key.rect.top + 0.5 * LINE
+    x = np.array([left, left + 0.5 * SWATCH, left + SWATCH]) / style.FIGURE_WIDTH_IN
+    figure.add_artist(
+        Line2D(
+            x,
+            np.full(3, 1.0 - middle / layout.height),
+            transform=figure.transFigure,
+            markevery=[1],
+            **series.line_properties,
+        )
+    )
+    for i, line in enumerate(key.lines):
+        _write(
+            figure,
+            layout,
+            left + SWATCH + SWATCH_GAP,
+            middle + i * LINE,
+            line,
+            size=style.LABEL_PT,
+            va="center_baseline",
+        )
+
+
+def _coordinate_limits(
+    trajectories: dict[str, np.ndarray],
+) -> list[tuple[float, float]]:
+    """Limits of x, y and z in metres, in proportion to the heights their axes get."""
+    positions = np.concatenate(list(trajectories.values())).astype(np.float64)
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    spans = np.maximum(1.14 * (high - low), MIN_SPAN_M)
+    spans = np.maximum(spans, _MIN_SHARE * spans.sum())
+    middle = 0.5 * (low + high)
+    return [(float(m - s / 2), float(m + s / 2)) for m, s in zip(middle, spans, strict=True)]
+
+
+def _draw_coordinates(
+    figure: "Figure", layout: Layout, contents: Figure6, limits: list[tuple[float, float]]
+) -> None:
+    """One axis per coordinate against time, all to one scale in metres per inch."""
+    from matplotlib.ticker import MultipleLocator
+
+    area = layout.coordinates
+    scale = (area.height - 2 * COORDINATE_GAP) / sum(high - low for low, high in limits)
+    tick_step = _tick_step(limits, scale)
+    times = (contents.start_frame + np.arange(contents.num_frames)) / contents.fps
+    margin = 0.01 * (times[-1] - times[0]) or 0.5 / contents.fps
+    _write_title(figure, layout, MARGIN, area.top - _TITLE_GAP, f"a  {contents.point}")
+    top = area.top
+    for coordinate, (low, high) in enumerate(limits):
+        rect = Rect(area.left, top, area.width, scale * (high - low))
+        top = rect.bottom + COORDINATE_GAP
+        axes = figure.add_axes(rect.fraction_of(layout.height))
+        axes.set_label(COORDINATES[coordinate])
+        for frame in contents.snapshot_marks:
+            axes.axvline(times[frame], color=style.SNAPSHOT_INK, linewidth=0.5, zorder=0.5)
+        for name, positions in contents.trajectories.items():
+            axes.plot(
+                times,
+                positions[:, coordinate],
+                label=name,
+                markevery=list(contents.marker_frames),
+                **contents.styles[name].line_properties,
+            )
+        axes.set_xlim(times[0] - margin, times[-1] + margin)
+        axes.set_ylim(low, high)
+        axes.grid(axis="y")
+        axes.set_axisbelow(True)
+        axes.yaxis.set_major_locator(MultipleLocator(tick_step))
+        is_last = coordinate == len(limits) - 1
+        axes.tick_params(axis="x", labelbottom=is_last)
+        middle = 1.0 - (rect.top + 0.5 * rect.height) / layout.height
+        figure.text(
+            (MARGIN + 0.06) / style.FIGURE_WIDTH_IN,
+            middle,
+            f"{COORDINATES[coordinate]} (m)",
+            rotation=90,
+            size=style.LABEL_PT,
+            ha="center",
+            va="center",
+        )
+        if is_last:
+            axes.set_xlabel("time (s)", size=style.LABEL_PT, labelpad=2.0)
+
+
+def _number_width_in(limits: list[tuple[float, float]]) -> float:
+    """Room for the numbers at the coordinate axes, whatever step the ticks will have."""
+    total_span = sum(high - low for low, high in limits)
+    decimals = max(0, int(np.ceil(-np.log10(total_span / 20.0))))
+    largest = max(abs(value) for pair in limits for value in pair)
+    return style.text_width_in(f"\N{MINUS SIGN}{largest:.{decimals}f}", style.SMALL_PT)
+
+
+def _tick_step(limits: list[tuple[float, float]], scale: float) -> float:
+    """Metres between ticks: 0.2 inches or more, less where an axis would have fewer than two."""
+    steps = ROUND_NUMBERS[ROUND_NUMBERS * scale >= _CLOSEST_TICKS]
+    roomy = steps[steps * scale >= _ROOMY_TICKS]
+    for step in (float(roomy[0]), *steps[steps < roomy[0]][::-1]):
+        if all(np.floor(high / step) > np.ceil(low / step) for low, high in limits):
+            return float(step)
+    return float(roomy[0])
+
+
+def _draw_snapshots(
+    figure: "Figure", layout: Layout, contents: Figure6, snapshots: dict[str, np.ndarray]
+) -> None:
+    """Rows of pictures under their frame numbers."""
+    first_row = layout.cells[0]
+    top = layout.row_keys[0].rect.top
+    _write_title(
+        figure, layout, first_row[0].left, top - FRAME_NUMBERS - _TITLE_GAP, "b  Snapshots at frame"
+    )
+    for cell, frame in zip(first_row, contents.snapshot_frames, strict=True):
+        _write(
+            figure,
+            layout,
+            cell.left + 0.5 * cell.width,
+            top,
+            str(frame),
+            size=style.SMALL_PT,
+            ha="center",
+            va="bottom",
+        )
+    for row, (name, pictures) in zip(layout.cells, snapshots.items(), strict=True):
+        for cell, frame, picture in zip(row, contents.snapshot_frames, pictures, strict=True):
+            axes = figure.add_axes(cell.fraction_of(layout.height))
+            axes.set_label(f"snapshot of {name} at frame {frame}")
+            axes.imshow(picture, aspect="auto")
+            axes.set_axis_off()
