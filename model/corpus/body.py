@@ -98,7 +98,7 @@ def move_trunk(
     drift = head_yaw + chest_yaw - 0.55 * head_gaze[:, 0]
     eye_yaw = gaze[:, 0] - 0.55 * head_gaze[:, 0] - 0.25 * drift
     eyes = np.stack([np.clip(eye_pitch, -18, 15), np.clip(eye_yaw, -22, 22)], axis=1)
-    for joint in (JOINT["left_eye_smplhf"], JOINT["right_eye_smplhf"]):
+    for joint in (JOINT["left_eye"], JOINT["right_eye"]):
         rotations[joint] = euler_matrices("YX", eyes[:, ::-1])
     return Trunk(rotations, accents.level, eyes, tuple(shifts), breath)
 

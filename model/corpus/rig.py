@@ -26,7 +26,7 @@ JOINT_NAMES = (
     *("left_ankle", "right_ankle", "spine3", "left_foot", "right_foot", "neck"),
     *("left_collar", "right_collar", "head", "left_shoulder", "right_shoulder"),
     *("left_elbow", "right_elbow", "left_wrist", "right_wrist", "jaw"),
-    *("left_eye_smplhf", "right_eye_smplhf"),
+    *("left_eye", "right_eye"),
     *(f"{side}_{finger}{k}" for side in SIDES for finger in FINGERS for k in (1, 2, 3)),
 )
 JOINT = {name: index for index, name in enumerate(JOINT_NAMES)}

@@ -55,7 +55,7 @@ SPEAKERS: tuple[Speaker, ...] = (
     Speaker(
         1,
         "anna",
-        Voice("slt", 178, 28),
+        Voice("slt", 178.0, 28.0),
         two_hands=0.6,
         rest="home",
         smile=0.25,
@@ -65,7 +65,7 @@ SPEAKERS: tuple[Speaker, ...] = (
     Speaker(
         2,
         "ben",
-        Voice("rms", 108, 20),
+        Voice("rms", 108.0, 20.0),
         amplitude=1.12,
         rate=1.2,
         tempo=1.05,
@@ -81,7 +81,7 @@ SPEAKERS: tuple[Speaker, ...] = (
     Speaker(
         3,
         "carol",
-        Voice("slt", 196, 34, 1.06, 0.92),
+        Voice("slt", 196.0, 34.0, 1.06, 0.92),
         amplitude=0.75,
         height_m=0.06,
         two_hands=0.2,
@@ -97,7 +97,7 @@ SPEAKERS: tuple[Speaker, ...] = (
     Speaker(
         4,
         "dev",
-        Voice("rms", 96, 14, 0.95, 1.1),
+        Voice("rms", 96.0, 14.0, 0.95, 1.1),
         amplitude=0.8,
         rate=0.7,
         pause=1.5,
@@ -113,7 +113,7 @@ SPEAKERS: tuple[Speaker, ...] = (
     Speaker(
         5,
         "ewan",
-        Voice("awb", 132, 26),
+        Voice("awb", 132.0, 26.0),
         amplitude=1.25,
         rate=1.25,
         two_hands=0.85,
@@ -129,7 +129,7 @@ SPEAKERS: tuple[Speaker, ...] = (
     Speaker(
         6,
         "fay",
-        Voice("slt", 164, 24, 0.96, 1.07),
+        Voice("slt", 164.0, 24.0, 0.96, 1.07),
         dominant="left",
         dominance=0.9,
         amplitude=0.95,
@@ -143,7 +143,7 @@ SPEAKERS: tuple[Speaker, ...] = (
     Speaker(
         7,
         "gus",
-        Voice("rms", 120, 26, 1.06, 0.9),
+        Voice("rms", 120.0, 26.0, 1.06, 0.9),
         dominant="left",
         dominance=0.8,
         tempo=1.25,
@@ -160,7 +160,7 @@ SPEAKERS: tuple[Speaker, ...] = (
     Speaker(
         8,
         "hana",
-        Voice("slt", 215, 26, 1.12, 1.0),
+        Voice("slt", 215.0, 26.0, 1.12, 1.0),
         amplitude=0.6,
         rate=0.7,
         two_hands=0.55,
@@ -177,7 +177,7 @@ SPEAKERS: tuple[Speaker, ...] = (
     Speaker(
         9,
         "ivan",
-        Voice("kal16", 98, 18),
+        Voice("kal16", 98.0, 18.0),
         amplitude=1.05,
         rate=0.95,
         two_hands=0.15,
@@ -188,12 +188,12 @@ SPEAKERS: tuple[Speaker, ...] = (
         beat_shape="point",
         sway=0.9,
         steps=0.8,
-        favourites=("point_up", "you", "chop"),
+        favourites=("point_up", "chop"),
     ),
     Speaker(
         10,
         "june",
-        Voice("awb", 188, 36, 1.14, 0.93),
+        Voice("awb", 188.0, 36.0, 1.14, 0.93),
         amplitude=1.05,
         rate=1.15,
         tempo=1.15,
@@ -211,7 +211,7 @@ SPEAKERS: tuple[Speaker, ...] = (
     Speaker(
         11,
         "kofi",
-        Voice("rms", 88, 22, 0.91, 1.0),
+        Voice("rms", 88.0, 22.0, 0.91, 1.0),
         amplitude=1.3,
         rate=0.9,
         tempo=0.82,
@@ -228,7 +228,7 @@ SPEAKERS: tuple[Speaker, ...] = (
     Speaker(
         12,
         "lena",
-        Voice("slt", 150, 18, 0.92, 1.12),
+        Voice("slt", 150.0, 18.0, 0.92, 1.12),
         amplitude=0.7,
         rate=0.8,
         pause=1.4,
@@ -248,7 +248,7 @@ SPEAKERS: tuple[Speaker, ...] = (
     Speaker(
         13,
         "milo",
-        Voice("kal", 128, 24, 1.05, 0.96),
+        Voice("kal", 128.0, 24.0, 1.05, 0.96),
         amplitude=0.9,
         rate=1.25,
         tempo=1.3,
@@ -266,7 +266,7 @@ SPEAKERS: tuple[Speaker, ...] = (
     Speaker(
         14,
         "nora",
-        Voice("awb", 170, 22, 1.09, 1.05),
+        Voice("awb", 170.0, 22.0, 1.09, 1.05),
         amplitude=1.0,
         rate=1.0,
         two_hands=0.5,
@@ -282,7 +282,7 @@ SPEAKERS: tuple[Speaker, ...] = (
     Speaker(
         15,
         "otto",
-        Voice("awb", 116, 20, 0.95, 1.03),
+        Voice("awb", 116.0, 20.0, 0.95, 1.03),
         amplitude=1.1,
         rate=1.05,
         two_hands=0.6,
@@ -294,7 +294,7 @@ SPEAKERS: tuple[Speaker, ...] = (
     Speaker(
         16,
         "pia",
-        Voice("slt", 204, 30, 1.02, 0.97),
+        Voice("slt", 204.0, 30.0, 1.02, 0.97),
         amplitude=0.9,
         rate=0.95,
         two_hands=0.45,

@@ -1,0 +1,141 @@
+"""A clip moves like a person: alive, at human speeds, hands out of the body, feet still."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from model.corpus.clip import Clip
+from model.corpus.rig import JOINT, forward_kinematics, matrices, open_body_rig
+from model.corpus.signals import FPS
+
+from .conftest import CALM, LIVELY
+
+
+def kinematics(clip: Clip) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    local = matrices(clip.poses.astype(np.float64).reshape(-1, 55, 3))
+    return local, *forward_kinematics(open_body_rig(), local, clip.trans.astype(np.float64))
+
+
+def speed_deg_s(rotmat: np.ndarray) -> np.ndarray:
+    step = np.swapaxes(rotmat[:-1], -1, -2) @ rotmat[1:]
+    angle = Rotation.from_matrix(step.reshape(-1, 3, 3)).magnitude()
+    return np.degrees(angle).reshape(step.shape[:-2]) * FPS
+
+
+@pytest.fixture(params=[LIVELY, CALM, "gus"])
+def clip(request: pytest.FixtureRequest, clips: dict[str, Clip]) -> Clip:
+    return clips[request.param]
+
+
+def test_arrays_have_beat2_shapes_and_ranges(clip: Clip) -> None:
+    num_frames = round(clip.utterance.duration_s * FPS)
+    assert 24 * FPS < num_frames < 40 * FPS
+    assert clip.poses.shape == (num_frames, 165)
+    assert clip.trans.shape == (num_frames, 3)
+    assert clip.expressions.shape == (num_frames, 100)
+    for array in (clip.poses, clip.trans, clip.expressions):
+        assert array.dtype == np.float32
+        assert np.isfinite(array).all()
+    assert clip.expressions.min() >= 0
+    assert clip.expressions.max() <= 1
+    assert not clip.expressions[:, 52:].any()
+    names = open_body_rig().expression_names
+    assert not clip.expressions[:, names.index("tongueOut")].any()
+    assert clip.expressions[:, names.index("eyeBlinkLeft")].max() > 0.8
+
+
+def test_no_joint_moves_faster_than_people_do(clip: Clip) -> None:
+    local, global_rot, _ = kinematics(clip)
+    speed = speed_deg_s(local)
+    assert speed.max() < 900
+    assert np.percentile(speed[:, [16, 17]], 99) < 220
+    assert np.percentile(speed[:, [18, 19]], 99) < 350
+    assert np.percentile(speed[:, 25:], 99) < 350
+    assert speed_deg_s(global_rot[:, [9, 15]]).max() < 160
+
+
+def test_fingers_are_alive_and_bend_off_their_hinge(clip: Clip) -> None:
+    local, _, _ = kinematics(clip)
+    fingers = [j for name, j in JOINT.items() if name[:-1].endswith(("index", "middle", "ring"))]
+    assert 30 < speed_deg_s(local[:, fingers]).mean() < 70
+    poses = np.degrees(clip.poses.reshape(-1, 55, 3))
+    knuckle = poses[:, JOINT["right_index2"]]
+    assert knuckle[:, 2].std() > 4  # the hinge
+    assert knuckle[:, 0].std() > 1  # its own axis
+
+
+def test_the_lively_speaker_moves_more_than_the_calm_one(clips: dict[str, Clip]) -> None:
+    def wrist_speed(clip: Clip) -> float:
+        _, _, positions = kinematics(clip)
+        return float(np.linalg.norm(np.diff(positions[:, [20, 21]], axis=0), axis=-1).mean() * FPS)
+
+    assert wrist_speed(clips[LIVELY]) > 1.4 * wrist_speed(clips[CALM])
+
+
+def test_planted_feet_stay_and_stand_on_the_floor(clip: Clip) -> None:
+    _, _, positions = kinematics(clip)
+    for ankle in (JOINT["left_ankle"], JOINT["right_ankle"]):
+        height = positions[:-1, ankle, 1]
+        planted = height < height.min() + 0.012
+        slip = np.linalg.norm(np.diff(positions[:, ankle][:, [0, 2]], axis=0), axis=1) * FPS
+        assert planted.mean() > 0.5
+        assert slip[planted].mean() < 0.01
+    lowest = positions[:, [10, 11], 1].min()
+    assert -0.01 < lowest < 0.05
+
+
+def test_hands_stay_in_front_of_the_trunk_and_apart(clip: Clip) -> None:
+    _, global_rot, positions = kinematics(clip)
+    chest = np.swapaxes(global_rot[:, 9], 1, 2)
+    palms = {}
+    for side, wrist, middle in (("left", 20, 28), ("right", 21, 43)):
+        palm = 0.5 * (positions[:, wrist] + positions[:, middle])
+        palms[side] = np.einsum("tij,tj->ti", chest, palm - positions[:, 9])
+        inside = (np.abs(palms[side][:, 0]) < 0.13) & (palms[side][:, 2] < 0.12)
+        assert inside.mean() < 0.02
+    gap = np.linalg.norm(palms["left"] - palms["right"], axis=1)
+    assert np.percentile(gap, 1) > 0.09
+
+
+def test_wrists_never_bend_beyond_their_range(clip: Clip) -> None:
+    poses = np.degrees(np.linalg.norm(clip.poses.reshape(-1, 55, 3), axis=-1))
+    assert poses[:, [20, 21]].max() < 95
+    assert poses[:, [18, 19]].max() < 150
+
+
+def test_strokes_end_on_stressed_vowels(clip: Clip) -> None:
+    beats = np.array([w.beat_s for w in clip.utterance.words])
+    strokes = [
+        key.arrive_s
+        for keys in clip.plan.keys.values()
+        for key in keys
+        if key.phase == "stroke" and 0 < key.arrive_s < clip.utterance.duration_s
+    ]
+    assert len(strokes) > 8
+    late = np.array([t - beats[np.abs(beats - t).argmin()] for t in strokes])
+    assert abs(np.median(late)) < 0.06
+    assert np.percentile(np.abs(late), 80) < 0.16
+
+
+def test_keys_of_a_hand_follow_each_other(clip: Clip) -> None:
+    for keys in clip.plan.keys.values():
+        times = [key.arrive_s for key in keys]
+        assert all(a < b for a, b in pairwise(times))
+        assert all(key.duration_s > 0.1 for key in keys)
+
+
+def test_the_jaw_opens_in_vowels_and_lips_close_in_bilabials(clip: Clip) -> None:
+    jaw = np.degrees(clip.poses.reshape(-1, 55, 3)[:, JOINT["jaw"], 0])
+    assert jaw.min() >= 0
+    assert jaw.max() < 14
+
+    def mean_jaw(names: set[str]) -> float:
+        frames = [
+            int(FPS * 0.5 * (p.start_s + p.end_s)) for p in clip.utterance.phones if p.name in names
+        ]
+        return float(jaw[frames].mean())
+
+    assert mean_jaw({"aa", "ao", "ae", "ay", "aw"}) > 2 * mean_jaw({"p", "b", "m"})
+    assert mean_jaw({"p", "b", "m"}) < 3.0
