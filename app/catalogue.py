@@ -25,7 +25,8 @@ class Catalogue:
 
     systems: tuple[str, ...]
     speakers: tuple[str, ...]
-    trained_on: str = text.DEFAULT_DATA
+    trained_on: str
+    """How much of what, for a sentence; empty for random weights."""
     examples: tuple[Example, ...] = ()
 
 
@@ -54,9 +55,9 @@ def find_examples(folder: Path) -> tuple[Example, ...]:
 def _trained_on(cards: list[dict[str, Any]]) -> str:
     """How much of what; told from the cards, so that other weights are described as they are."""
     hours = max(float(card.get("training_hours") or 0.0) for card in cards)
+    if hours == 0.0 or not any(card.get("steps") for card in cards):
+        return ""
     data = cards[0].get("training_data")
     # A corpus made by this project describes itself; of any other folder only the name is known.
     what = "procedural motion made by a program" if isinstance(data, dict) else f"“{data}”"
-    if hours == 0 or not data:
-        return text.UNTRAINED_DATA
-    return f"{hours:.1f} hours of {what}" if isinstance(data, dict) else f"{hours:.1f} h of {what}"
+    return f"{hours:.1f} hours of {what}"

@@ -20,6 +20,7 @@ class AppConfig:
 
     host: str = "127.0.0.1"
     port: int = 7860
+    """0 takes the first free one from 7860 on."""
     weights: Path = BUNDLED_WEIGHTS
     body: Path | None = None
     min_speech_s: float = 0.5

@@ -17,7 +17,7 @@ _LOADING = threading.Lock()  # the warm-up and a first visitor must not read the
 
 
 def get_system(name: str, weights: Path) -> System:
-    """A system by name, read and warmed up at its first use.
+    """A system by name, read at its first use.
 
     Raises:
         UnknownNameError, CheckpointError: see `model.systems.load_system`.
@@ -38,11 +38,9 @@ def get_body(path: Path | None) -> Body:
 
 @functools.lru_cache(maxsize=16)
 def _load_system(name: str, weights: Path) -> System:
-    from model.systems import load_system, warm_up
+    from model.systems import load_system
 
-    system = load_system(name, weights)
-    warm_up(system)
-    return system
+    return load_system(name, weights)
 
 
 @functools.lru_cache(maxsize=4)
@@ -53,17 +51,25 @@ def _load_body(path: Path | None, modified: float) -> Body:
 
 
 def warm_up(weights: Path, body: Path | None) -> None:
-    """Read every system and the body, and find out what can draw, before anyone asks."""
+    """Do once what the first visitor would otherwise wait for.
+
+    Reads every system and the body, generates a moment of motion (librosa compiles at its first
+    use), and finds out what can draw.
+    """
+    import numpy as np
+
     from model.cards import list_systems
-
-    for name in list_systems(weights):
-        get_system(name, weights)
-    get_body(body)
-    import librosa  # takes seconds at its first use  # noqa: F401
-
+    from model.generate import GenerateOptions, generate_motion
+    from model.speech.audio import SAMPLE_RATE, Speech
     from renderer.offscreen import GLError
     from renderer.probe import choose_backend
 
+    get_body(body)
+    noise = np.random.default_rng(0).normal(0.0, 0.1, SAMPLE_RATE).astype(np.float32)
+    for name in list_systems(weights):
+        system = get_system(name, weights)
+        options = GenerateOptions(speaker=next(iter(system.speakers)), steps=1)
+        generate_motion(system, Speech(waveform=noise, sha256=""), options)
     try:
         choose_backend()
     except GLError as error:

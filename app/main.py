@@ -9,6 +9,7 @@ import os
 import sys
 import threading
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from app import text
 from app.config import (
@@ -19,7 +20,10 @@ from app.config import (
     default_host,
     default_port,
 )
-from app.errors import RunError
+from app.errors import sentence_of
+
+if TYPE_CHECKING:
+    from gradio import Blocks
 
 log = logging.getLogger(__name__)
 
@@ -61,8 +65,13 @@ def parse_config(argv: list[str] | None = None) -> AppConfig:
     )
 
 
-def launch(config: AppConfig, prevent_thread_lock: bool = False) -> str:
-    """Serve the page and return its address; blocks unless told otherwise."""
+def launch(config: AppConfig) -> Blocks:
+    """Serve the page from threads of this process; its address is ``local_url`` of the result.
+
+    Raises:
+        RunError, CheckpointError: if the weights cannot be offered.
+        OSError: if the port is taken.
+    """
     config.temp.mkdir(mode=0o700, parents=True, exist_ok=True)
     config.temp.chmod(0o700)
     # Gradio reads both when it is imported or launched.
@@ -80,12 +89,11 @@ def launch(config: AppConfig, prevent_thread_lock: bool = False) -> str:
 
     page = build_app(_generate, catalogue, config, jobs)
     page.queue(max_size=4 * config.max_waiting)
-    threading.Thread(target=_warm_up, args=(config,), name="warm-up", daemon=True).start()
-    _, address, _ = page.launch(
+    page.launch(
         server_name=config.host,
-        server_port=config.port,
+        server_port=config.port or None,  # 0: any free one
         share=False,
-        prevent_thread_lock=prevent_thread_lock,
+        prevent_thread_lock=True,
         show_error=True,
         max_file_size=config.max_upload,
         allowed_paths=[str(EXAMPLES)],
@@ -102,18 +110,24 @@ def launch(config: AppConfig, prevent_thread_lock: bool = False) -> str:
         css_paths=[CSS],
         quiet=True,
     )
-    return address
+    # Only now: reading models beside it would hold up the page's own start.
+    threading.Thread(target=_warm_up, args=(config,), name="warm-up", daemon=True).start()
+    return page
 
 
 def main(argv: list[str] | None = None) -> None:
     """Entry of ``python app.py``."""
-    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
+    logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     try:
         config = parse_config(argv)
-        sys.stderr.write(f"The page opens on http://{config.host}:{config.port}\n")
-        launch(config)
-    except (RunError, OSError) as error:
-        sys.exit(f"app.py: {error}")
+        page = launch(config)
+    except Exception as error:
+        sentence = str(error) if isinstance(error, OSError) else sentence_of(error)
+        if sentence is None:
+            raise
+        sys.exit(f"app.py: {sentence}")
+    sys.stderr.write(f"The page is open at {page.local_url}\n")
+    page.block_thread()
 
 
 def _generate(request, on_event, should_cancel):

@@ -46,7 +46,7 @@ def build_app(
     ) as page:
         gr.HTML(view.header(catalogue.trained_on))
         with gr.Row(elem_classes="columns"):
-            with gr.Column(scale=4, min_width=320, elem_classes="form"):
+            with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
                 form = _build_form(catalogue, config)
             with gr.Column(scale=9, min_width=320, elem_classes="results"):
                 results = _build_results()
@@ -68,6 +68,7 @@ class _ResultParts:
     status: gr.HTML
     empty: gr.HTML
     videos_part: gr.Column
+    pending: gr.HTML
     videos: tuple[gr.Video, ...]
     comparison_part: gr.Column
     comparison: gr.Video
@@ -86,6 +87,7 @@ class _ResultParts:
             self.status,
             self.empty,
             self.videos_part,
+            self.pending,
             *self.videos,
             self.comparison_part,
             self.comparison,
@@ -133,22 +135,23 @@ def _build_form(catalogue: Catalogue, config: AppConfig) -> _FormParts:
         elem_id="systems",
     )
     gr.HTML(view.step(3, text.STEP_SETTINGS))
-    speaker = gr.Dropdown(
-        choices=list(catalogue.speakers),
-        value=catalogue.speakers[0] if catalogue.speakers else None,
-        label=text.SPEAKER_LABEL,
-    )
     with gr.Row(elem_classes="pair"):
+        speaker = gr.Dropdown(
+            choices=list(catalogue.speakers),
+            value=catalogue.speakers[0] if catalogue.speakers else None,
+            label=text.SPEAKER_LABEL,
+            min_width=120,
+        )
         seed = gr.Number(
             value=0, precision=0, minimum=0, maximum=SEED_LIMIT, label=text.SEED_LABEL,
-            info=text.SEED_HELP, min_width=120,
+            min_width=100,
         )  # fmt: skip
-        samples = gr.Slider(
-            1, 4, value=1, step=1, label=text.SAMPLES_LABEL, info=text.SAMPLES_HELP, min_width=150
-        )
+    samples = gr.Slider(
+        1, 4, value=1, step=1, label=text.SAMPLES_LABEL, info=text.SAMPLES_HELP, buttons=[]
+    )
     is_smoothed = gr.Checkbox(False, label=text.FILTER_LABEL, info=text.FILTER_HELP)
     with gr.Accordion(text.ADVANCED_LABEL, open=False):
-        steps = gr.Slider(1, 50, value=10, step=1, label=text.STEPS_LABEL)
+        steps = gr.Slider(1, 50, value=10, step=1, label=text.STEPS_LABEL, buttons=[])
         sampler = gr.Dropdown(
             choices=[(shown, name) for name, shown in text.SAMPLER_NAMES.items()],
             value="euler",
@@ -160,14 +163,14 @@ def _build_form(catalogue: Catalogue, config: AppConfig) -> _FormParts:
     with gr.Row(elem_classes="actions"):
         start = gr.Button(text.GENERATE, variant="primary", size="lg", elem_id="generate")
         cancel = gr.Button(
-            text.CANCEL, variant="stop", size="lg", visible=False, elem_id="cancel", min_width=90
+            text.CANCEL, variant="secondary", size="lg", visible=False, elem_id="cancel", scale=0
         )
     fields = (speech, systems, speaker, seed, samples, steps, sampler, is_smoothed, reference)
     return _FormParts(fields, start, cancel)
 
 
 def _build_results() -> _ResultParts:
-    message = gr.HTML("", elem_id="message")
+    message = gr.HTML("", visible=False, elem_id="message")
     status = gr.HTML(view.sentence_status(text.READY), elem_id="status")
     empty = gr.HTML(view.empty_state(), elem_id="empty")
     with gr.Column(visible=False) as comparison_part:
@@ -195,6 +198,7 @@ def _build_results() -> _ResultParts:
                 )
                 for i in range(PAGE_VIDEOS)
             )  # fmt: skip
+            pending = gr.HTML("", visible=False, elem_id="pending")
     with gr.Column(visible=False) as downloads_part:
         gr.HTML(view.heading(text.DOWNLOADS_HEADING))
         bundle = gr.DownloadButton(text.ZIP_LABEL, variant="primary", elem_id="bundle")
@@ -202,8 +206,8 @@ def _build_results() -> _ResultParts:
             label=text.FILES_LABEL, file_count="multiple", interactive=False, elem_id="files"
         )
     return _ResultParts(
-        message, status, empty, videos_part, videos, comparison_part, comparison, figure_part,
-        figure, numbers_part, numbers, downloads_part, bundle, files,
+        message, status, empty, videos_part, pending, videos, comparison_part, comparison,
+        figure_part, figure, numbers_part, numbers, downloads_part, bundle, files,
     )  # fmt: skip
 
 
@@ -267,12 +271,11 @@ class _Runner:
     def _blank(self) -> Updates:
         """Everything of an earlier run away, buttons as they are during a run."""
         parts = self._results
-        hidden = (parts.videos_part, parts.comparison_part, parts.figure_part, parts.numbers_part)
         return {
-            parts.message: "",
+            parts.message: _shown(""),
             parts.status: view.status(text.STARTING, {}, {}),
             parts.empty: gr.update(visible=False),
-            **{part: gr.update(visible=False) for part in (*hidden, parts.downloads_part)},
+            **self._without_results(),
             **{video: gr.update(visible=False, value=None) for video in parts.videos},
             parts.comparison: None,
             parts.figure: None,
@@ -280,6 +283,14 @@ class _Runner:
             parts.files: None,
             **self._buttons(is_running=True),
         }
+
+    def _without_results(self) -> Updates:
+        parts = self._results
+        hidden = (
+            *(parts.videos_part, parts.comparison_part, parts.figure_part),
+            *(parts.numbers_part, parts.downloads_part),
+        )
+        return {part: gr.update(visible=False) for part in hidden}
 
     def _buttons(self, is_running: bool) -> Updates:
         return {
@@ -290,12 +301,15 @@ class _Runner:
     def _progress(self, run: RunView, arrived: Sequence[Artefact], names: Sequence[str]) -> Updates:
         parts = self._results
         updates: Updates = {parts.status: view.status(run.line, run.fractions, run.details)}
+        if "video" in run.fractions:
+            updates[parts.videos_part] = gr.update(visible=True)
+            done = {each.name for each in run.artefacts if each.kind == "video"}
+            updates[parts.pending] = _shown(view.pending([n for n in names if n not in done]))
         for artefact in arrived:
             shown = str(artefact.path)
             if artefact.kind == "video" and artefact.name in names:
                 video = parts.videos[names.index(artefact.name)]
                 updates[video] = gr.update(value=shown, label=artefact.name, visible=True)
-                updates[parts.videos_part] = gr.update(visible=True)
             elif artefact.kind == "comparison":
                 updates[parts.comparison] = shown
                 updates[parts.comparison_part] = gr.update(visible=True)
@@ -311,7 +325,8 @@ class _Runner:
         line = text.DONE.format(seconds=run.seconds, rows=rows, frames=result.num_frames)
         return {
             parts.status: view.status(line, dict.fromkeys(run.fractions, 1.0), {}),
-            parts.message: view.notes_message(result.notes),
+            parts.message: _shown(view.notes_message(result.notes)),
+            parts.pending: _shown(""),
             parts.numbers: view.numbers_table(result.diagnostics),
             parts.numbers_part: gr.update(visible=True),
             parts.downloads_part: gr.update(visible=True),
@@ -323,14 +338,18 @@ class _Runner:
     def _failed(self, sentence: str) -> Updates:
         parts = self._results
         is_cancelled = sentence == text.CANCELLED
-        hidden = (parts.videos_part, parts.comparison_part, parts.figure_part, parts.numbers_part)
         return {
-            parts.message: "" if is_cancelled else view.error_message(sentence),
+            parts.message: _shown("" if is_cancelled else view.error_message(sentence)),
             parts.status: view.sentence_status(text.CANCELLED if is_cancelled else text.READY),
             parts.empty: gr.update(visible=True),
-            **{part: gr.update(visible=False) for part in (*hidden, parts.downloads_part)},
+            **self._without_results(),
             **self._buttons(is_running=False),
         }
+
+
+def _shown(html: str) -> Any:
+    """An update of an HTML part that takes no room while it is empty."""
+    return gr.update(value=html, visible=bool(html))
 
 
 def _wire(page: gr.Blocks, form: _FormParts, results: _ResultParts, runner: _Runner) -> None:

@@ -9,8 +9,10 @@ DEMO_WEIGHTS = (
     "These are <b>demonstration weights</b>, trained for this project on {data}. They are not "
     "the weights of the paper, and no number on this page is one of the paper's."
 )
-UNTRAINED_DATA = "nothing yet (random weights)"
-DEFAULT_DATA = "procedural motion made by a program"
+UNTRAINED = (
+    "These weights are <b>random: nothing has been trained</b>. The motion means nothing; the page "
+    "only shows that everything works."
+)
 
 STEP_SPEECH = "Speech"
 STEP_SYSTEMS = "Systems"
@@ -23,7 +25,6 @@ SYSTEMS_LABEL = "Systems to compare"
 SYSTEMS_HELP = "Each is a trained generator; all get the same noise."
 SPEAKER_LABEL = "Speaker style"
 SEED_LABEL = "Seed"
-SEED_HELP = "Same seed, same motion."
 SAMPLES_LABEL = "Samples per system"
 SAMPLES_HELP = "More than one shows how much chance decides."
 ADVANCED_LABEL = "Advanced"
@@ -77,6 +78,7 @@ STAGE_NAMES = {
 }
 READY = "Ready."
 STARTING = "Starting."
+DRAWING = "being drawn"
 WAITING = "Waiting: {ahead} ahead of you on this machine."
 WAITING_ONE = "Waiting: one run ahead of you on this machine."
 DONE = "Done in {seconds:.0f} s: {rows}, {frames} frames each at 30 per second."

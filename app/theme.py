@@ -60,6 +60,8 @@ def make_theme() -> Base:
         checkbox_label_text_color_selected_dark="*neutral_50",
         input_background_fill="white",
         input_background_fill_dark="*neutral_950",
+        input_border_width="1px",
         input_border_color="*neutral_300",
+        input_border_color_dark="*neutral_700",
         slider_color="*primary_600",
     )

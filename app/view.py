@@ -19,8 +19,8 @@ MEASURE_COLUMNS = (
 
 
 def header(trained_on: str) -> str:
-    """Title, what the app is for, and what its weights are."""
-    banner = text.DEMO_WEIGHTS.format(data=escape(trained_on))
+    """Title, what the app is for, and what its weights are; empty means untrained ones."""
+    banner = text.DEMO_WEIGHTS.format(data=escape(trained_on)) if trained_on else text.UNTRAINED
     return (
         f'<header class="masthead"><h1>{escape(text.TITLE)}</h1>'
         f"<p>{escape(text.TAGLINE)}</p></header>"
@@ -77,6 +77,14 @@ def status(
 def sentence_status(line: str) -> str:
     """The status line alone."""
     return f'<div class="status" role="status" aria-live="polite"><p>{escape(line)}</p></div>'
+
+
+def pending(names: Sequence[str]) -> str:
+    """A place kept for each video that is still being drawn."""
+    if not names:
+        return ""
+    tiles = "".join(f"<div><b>{escape(name)}</b>{escape(text.DRAWING)}</div>" for name in names)
+    return f'<div class="pending">{tiles}</div>'
 
 
 def error_message(sentence: str) -> str:
