@@ -4,24 +4,21 @@ World frame: y up, metres, the body faces +z. A camera looks along its own -z, a
 """
 
 from dataclasses import dataclass
-from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Bool, Float
-
-View = Literal["front", "three_quarter", "side"]
-VIEWS: tuple[View, ...] = get_args(View)
 
 Z_NEAR_M = 0.1
 Z_FAR_M = 60.0
 YFOV_RAD = 0.55
 """Vertical opening angle: about a 45 mm lens, so that hands held out are not enlarged."""
 
-_AZIMUTH_RAD: dict[View, float] = {
+_AZIMUTH_RAD = {
     "front": 0.0,
     "three_quarter": np.deg2rad(40.0),
     "side": np.deg2rad(90.0),
 }
+VIEWS = tuple(_AZIMUTH_RAD)
 _ELEVATION_RAD = np.deg2rad(6.0)
 
 
@@ -69,10 +66,10 @@ class Camera:
         pixels = self.project(points, width, height)
         with np.errstate(invalid="ignore"):
             inside = (pixels >= 0.0) & (pixels <= (width, height))
-        return np.logical_and(inside[..., 0], inside[..., 1])
+        return np.asarray(inside[..., 0] & inside[..., 1])
 
 
-def view_axes(view: View) -> Float[np.ndarray, "3 3"]:
+def view_axes(view: str) -> Float[np.ndarray, "3 3"]:
     """Rows: right, up and backward of a camera of that view, whatever its distance."""
     if view not in VIEWS:
         raise ValueError(f"View {view!r} is unknown; choose one of {', '.join(VIEWS)}.")
@@ -87,7 +84,7 @@ def view_axes(view: View) -> Float[np.ndarray, "3 3"]:
 
 def frame_points(
     points: Float[np.ndarray, "N 3"],
-    view: View = "front",
+    view: str = "front",
     *,
     aspect: float = 1.0,
     radius_m: Float[np.ndarray, " N"] | float = 0.0,

@@ -14,11 +14,14 @@ from renderer.video import (
     Encoder,
     VideoError,
     VideoFacts,
+    check_sound,
     encoding,
     read_facts,
 )
 
 MAX_VIDEOS = 6
+_SMALLEST_LABEL = 0.35
+"""Letters this high, as a share of the band, can still be read; longer labels are cut."""
 _INK, _PAPER = (38, 42, 50), (255, 255, 255)
 
 
@@ -37,7 +40,7 @@ def compose_videos(
     ffmpeg decodes and encodes in its own process, so memory does not grow with the length.
 
     Args:
-        labels: one for each video; drawn smaller if it is too long for its picture.
+        labels: one for each video; drawn smaller, or cut, if it is too long for its picture.
         on_progress: called with the share done, 0 to 1.
         should_cancel: asked several times a second.
 
@@ -58,6 +61,7 @@ def compose_videos(
                 f"{video.name} has {other.width} x {other.height} pixels and {videos[0].name} "
                 f"{first.width} x {first.height}; only equal sizes can stand side by side."
             )
+    check_sound(speech_wav)
     num_frames = max(each.num_frames for each in facts)
     with tempfile.TemporaryDirectory() as folder:
         band = Path(folder) / "labels.png"
@@ -130,12 +134,17 @@ def label_band(
     height = band_height(picture_height)
     band = Image.new("RGB", (picture_width * len(labels), height), _PAPER)
     draw = ImageDraw.Draw(band)
+    widest = 0.94 * picture_width
     for index, label in enumerate(labels):
         size = height * 0.55
         font = ImageFont.load_default(size)
-        widest = 0.94 * picture_width
         if draw.textlength(label, font) > widest:
-            font = ImageFont.load_default(size * widest / draw.textlength(label, font))
+            shrunk = size * widest / draw.textlength(label, font)
+            font = ImageFont.load_default(max(shrunk, _SMALLEST_LABEL * height))
+        kept = len(label)
+        while draw.textlength(label, font) > widest:
+            kept -= 1
+            label = label[:kept] + "..."
         middle = (picture_width * (index + 0.5), height / 2)
         draw.text(middle, label, fill=_INK, font=font, anchor="mm")
     return np.asarray(band)

@@ -1,7 +1,7 @@
 """pyrender with OpenGL loaded. Import it only through ``offscreen.open_gl(backend)``."""
 
 from pathlib import Path
-from typing import Literal, assert_never
+from typing import assert_never
 
 import numpy as np
 import pyrender
@@ -10,7 +10,7 @@ from OpenGL import GL
 from pyrender.constants import RenderFlags
 from pyrender.shader_program import ShaderProgramCache
 
-Antialias = Literal["none", "msaa", "supersample"]
+from renderer.offscreen import Antialias
 
 _SHADERS = Path(__file__).with_name("shaders")
 _SUPERSAMPLE = 2

@@ -13,15 +13,14 @@ import importlib
 import os
 import sys
 import types
-from typing import TYPE_CHECKING, Literal, Self, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import UInt8
 
-if TYPE_CHECKING:
-    from renderer.gl import Antialias
-    from renderer.scene import BodyScene
+from renderer.scene import BodyScene
 
+Antialias = Literal["none", "msaa", "supersample"]
 Backend = Literal["egl", "osmesa"]
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
 
@@ -39,8 +38,6 @@ def open_gl(backend: Backend) -> None:
     Raises:
         GLError: if the libraries are missing, or the process already runs the other backend.
     """
-    if backend not in BACKENDS:
-        raise ValueError(f"OpenGL backend {backend!r} is unknown; choose one of {BACKENDS}.")
     if "OpenGL" in sys.modules and os.environ.get("PYOPENGL_PLATFORM") != backend:
         raise GLError(
             f"OpenGL is already loaded for {os.environ.get('PYOPENGL_PLATFORM')!r}; "
@@ -55,7 +52,9 @@ def open_gl(backend: Backend) -> None:
     try:
         importlib.import_module("renderer.gl")
     except (ImportError, OSError, AttributeError, TypeError) as error:
-        raise GLError(f"OpenGL through {backend} cannot be loaded: {error}.") from error
+        raise GLError(
+            f"The system libraries of OpenGL through {backend} are missing or broken ({error})."
+        ) from error
 
 
 class OffscreenRenderer:
@@ -66,7 +65,7 @@ class OffscreenRenderer:
     """
 
     def __init__(
-        self, width: int, height: int, backend: Backend, antialias: "Antialias" = "msaa"
+        self, width: int, height: int, backend: Backend, antialias: Antialias = "msaa"
     ) -> None:
         if width < 1 or height < 1:
             raise ValueError(f"A picture of {width} x {height} pixels cannot be drawn.")
@@ -74,21 +73,20 @@ class OffscreenRenderer:
         self.backend: Backend = backend
         self.antialias: Antialias = antialias
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "OffscreenRenderer":
         open_gl(self.backend)
         from renderer.gl import FrameRenderer
 
-        self._platform = _new_platform(self.backend, self.width, self.height)
         try:
+            self._platform = _new_platform(self.backend, self.width, self.height)
             self._platform.init_context()
             self._platform.make_current()
             self._renderer = FrameRenderer(self.width, self.height, self.antialias)
         except Exception as error:  # PyOpenGL and pyrender raise whatever the driver does
-            self._platform.delete_context()
+            reason = f"{type(error).__name__} {error}".strip().splitlines()[0]
             raise GLError(
-                f"OpenGL through {self.backend} gives no context for {self.width} x {self.height} "
-                f"pixels: {type(error).__name__} {error}".rstrip()
-                + "."
+                f"OpenGL through {self.backend} gives no context for "
+                f"{self.width} x {self.height} pixels ({reason})."
             ) from error
         return self
 
@@ -96,7 +94,7 @@ class OffscreenRenderer:
         self._renderer.delete()
         self._platform.delete_context()
 
-    def draw(self, scene: "BodyScene") -> UInt8[np.ndarray, "H W 3"]:
+    def draw(self, scene: BodyScene) -> UInt8[np.ndarray, "H W 3"]:
         """The picture, upper row first. The array is overwritten by the next call."""
         return self._renderer.draw(scene.scene)
 

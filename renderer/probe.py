@@ -45,21 +45,12 @@ def choose_backend() -> Backend:
     Raises:
         GLError: if none does, naming the packages to install.
     """
-    reports = []
     for name in BACKENDS:
-        report = probe_backend(name)
-        if report.works:
+        if probe_backend(name).works:
             return name
-        reports.append(report)
-    raise GLError(no_backend_sentence(reports))
-
-
-def no_backend_sentence(reports: list[BackendReport]) -> str:
-    """What to do when nothing draws."""
-    reasons = "; ".join(f"{report.name}: {report.error.rstrip('.')}" for report in reports)
-    return (
-        f"No offscreen OpenGL works here ({reasons}); on Debian or Ubuntu install it with: "
-        f"apt-get install {DEBIAN_PACKAGES['egl']} {DEBIAN_PACKAGES['osmesa']}"
+    raise GLError(
+        "No offscreen OpenGL works on this machine, so no picture can be drawn; on Debian or "
+        f"Ubuntu install it with: apt-get install {' '.join(DEBIAN_PACKAGES.values())}"
     )
 
 

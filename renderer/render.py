@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from renderer.body import Body, BodyMotion
-from renderer.camera import VIEWS, View
-from renderer.offscreen import BACKENDS, Backend, OffscreenRenderer
+from renderer.camera import VIEWS
+from renderer.offscreen import Backend, OffscreenRenderer
 from renderer.probe import choose_backend
 from renderer.scene import BodyScene, FramePreparer, PosedFrame, Studio
 from renderer.stage import Stage, set_stage
@@ -36,7 +36,8 @@ class RenderSettings:
 
     width: int = 512
     height: int = 512
-    view: View = "front"
+    view: str = "front"
+    """One of ``camera.VIEWS``."""
     antialias: bool = True
     """Four samples a pixel; off is for drafts."""
     crf: int = DEFAULT_CRF
@@ -56,10 +57,6 @@ class RenderSettings:
             raise ValueError(f"View {self.view!r} is unknown; choose one of {', '.join(VIEWS)}.")
         if not 0 <= self.crf <= 51:
             raise ValueError(f"`crf` is {self.crf}; it must lie between 0 and 51.")
-        if self.backend is not None and self.backend not in BACKENDS:
-            raise ValueError(
-                f"OpenGL backend {self.backend!r} is unknown; choose one of {', '.join(BACKENDS)}."
-            )
 
     @property
     def aspect(self) -> float:

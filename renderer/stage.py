@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from renderer.body import Body, BodyMotion
-from renderer.camera import Camera, View, frame_points
+from renderer.camera import Camera, frame_points
 from renderer.smplx_joints import JOINT_INDEX
 
 _FEET = [JOINT_INDEX[f"{side}_{name}"] for side in ("left", "right") for name in ("ankle", "foot")]
@@ -26,7 +26,7 @@ class Stage:
 
 
 def set_stage(
-    body: Body, motions: Sequence[BodyMotion], view: View = "front", aspect: float = 1.0
+    body: Body, motions: Sequence[BodyMotion], view: str = "front", aspect: float = 1.0
 ) -> Stage:
     """The stage that shows all of these motions whole, each in turn, with equal cameras.
 

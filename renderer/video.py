@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Self
+from typing import IO
 
 import imageio_ffmpeg
 import numpy as np
@@ -68,9 +68,11 @@ class VideoWriter:
             crf: x264's constant quality; lower is better and larger.
 
         Raises:
-            ValueError: if the size is odd or a number is out of its range.
+            ValueError: if the size is odd or there is no frame.
+            VideoError: if the sound file is missing.
         """
         check_size(width, height)
+        check_sound(speech_wav)
         if num_frames < 1:
             raise ValueError(f"A video needs at least one frame; {num_frames} were asked for.")
         self._shape = (height, width, 3)
@@ -85,7 +87,7 @@ class VideoWriter:
             out, [*inputs, *encoding(num_frames, crf, 1 if speech_wav else None)], stdin=True
         )
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "VideoWriter":
         self._encoder.start()
         return self
 
@@ -123,6 +125,15 @@ def check_size(width: int, height: int) -> None:
         raise ValueError(
             f"A video of {width} x {height} pixels cannot be encoded; both sizes must be even."
         )
+
+
+def check_sound(speech_wav: Path | None) -> None:
+    """
+    Raises:
+        VideoError: if a sound file is named and does not exist.
+    """
+    if speech_wav is not None and not speech_wav.is_file():
+        raise VideoError(f"The sound of the video is missing: there is no file {speech_wav}.")
 
 
 def encoding(num_frames: int, crf: int, sound_input: int | None) -> list[str]:

@@ -19,7 +19,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Self
+from typing import IO
 
 import numpy as np
 from jaxtyping import UInt8
@@ -102,7 +102,7 @@ class RenderPool:
         )
         self._tasks: list[RenderTask] = []
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "RenderPool":
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:

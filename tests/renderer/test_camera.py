@@ -1,0 +1,132 @@
+"""Cameras put things where they belong and keep whole motions in the picture."""
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis.extra import numpy as hnp
+
+from renderer.body import BodyMotion, load_body
+from renderer.camera import VIEWS, Camera, frame_points, view_axes
+from renderer.smplx_joints import JOINT_INDEX
+from renderer.stage import set_stage
+
+COORDINATES = st.floats(-3.0, 3.0, width=32)
+POINTS = hnp.arrays(np.float64, st.tuples(st.integers(1, 12), st.just(3)), elements=COORDINATES)
+
+
+def test_projection_of_a_hand_computed_point():
+    # Half of a 90 degree picture 100 px high is 50 px; 1 m aside at 5 m is a fifth of it.
+    camera = Camera(eye=(0.0, 0.0, 5.0), target=(0.0, 0.0, 0.0), yfov_rad=np.pi / 2)
+    pixels = camera.project(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), 200, 100)
+    np.testing.assert_allclose(pixels, [[100, 50], [110, 50], [100, 40]], atol=1e-9)
+
+
+def test_points_behind_the_camera_are_not_seen():
+    camera = Camera(eye=(0.0, 0.0, 5.0), target=(0.0, 0.0, 0.0))
+    assert np.isnan(camera.project(np.array([0.0, 0.0, 6.0]), 10, 10)).all()
+    assert not camera.sees(np.array([0.0, 0.0, 6.0]), 10, 10)
+
+
+@pytest.mark.parametrize(
+    ("view", "towards_eye"),
+    [("front", (0.0, 0.0, 1.0)), ("side", (1.0, 0.0, 0.0)), ("three_quarter", (0.643, 0, 0.766))],
+)
+def test_each_view_looks_from_its_side_and_a_little_down(view, towards_eye):
+    right, up, backward = view_axes(view)
+    assert backward[1] > 0.05
+    flat = backward * (1.0, 0.0, 1.0)
+    np.testing.assert_allclose(flat / np.linalg.norm(flat), towards_eye, atol=1e-3)
+    assert up[1] > 0.9
+    np.testing.assert_allclose(np.cross(right, up), backward, atol=1e-12)
+
+
+@settings(max_examples=40, deadline=None)
+@given(POINTS, st.sampled_from(VIEWS), st.integers(400, 3000), st.floats(0.0, 0.4))
+def test_every_ball_lies_inside_the_picture(points, view, width, radius):
+    height = 1000
+    camera = frame_points(points, view, aspect=width / height, radius_m=radius, margin=0.0)
+    rng = np.random.default_rng(0)
+    directions = rng.normal(size=(64, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    surface = (points[:, None] + 0.999 * radius * directions).reshape(-1, 3)
+    pixels = camera.project(surface, width, height)
+    assert (pixels > -1e-3).all() and (pixels < (width + 1e-3, height + 1e-3)).all()
+
+
+def test_the_camera_comes_as_near_as_it_may():
+    rng = np.random.default_rng(1)
+    points = rng.normal(size=(50, 3))
+    for view in VIEWS:
+        pixels = frame_points(points, view, aspect=1.5, margin=0.1).project(points, 1500, 1000)
+        used = np.ptp(pixels, axis=0) / (1500, 1000)
+        # One axis decides the distance: it uses the picture up to the margin on both sides.
+        assert used.max() == pytest.approx(0.9, abs=1e-6)
+        np.testing.assert_array_less(used, 0.9 + 1e-6)
+
+
+@pytest.mark.parametrize(
+    "bad", [np.zeros((0, 3)), np.full((2, 3), np.nan), np.full((2, 3), np.inf)]
+)
+def test_points_that_cannot_be_framed_are_refused(bad):
+    with pytest.raises(ValueError, match=r"at least one point|NaN or infinite"):
+        frame_points(bad)
+
+
+def test_unknown_view_names_the_known_ones():
+    with pytest.raises(ValueError, match=r"'above' is unknown.*front.*three_quarter.*side"):
+        view_axes("above")
+
+
+def waving_motion(num_frames: int = 40, walk_m: float = 0.0) -> BodyMotion:
+    """Arms swung wide, over the head and forward, while walking along x."""
+    motion = BodyMotion.resting(num_frames)
+    poses = motion.poses.reshape(num_frames, 55, 3).copy()
+    swing = np.sin(np.linspace(0.0, 1.6 * np.pi, num_frames))
+    poses[:, JOINT_INDEX["left_shoulder"], 2] = 1.4 * swing
+    poses[:, JOINT_INDEX["right_shoulder"], 1] = 1.3 * swing
+    poses[:, JOINT_INDEX["right_elbow"], 1] = 0.6
+    poses[:, JOINT_INDEX["spine1"], 0] = 0.5 * swing
+    trans = np.linspace(0.0, walk_m, num_frames)[:, None] * np.array([[1.0, 0.0, 0.3]])
+    return BodyMotion(
+        poses=poses.reshape(num_frames, 165),
+        trans=trans,
+        expressions=motion.expressions,
+        expression_basis=motion.expression_basis,
+        betas=motion.betas,
+    )
+
+
+@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("size", [(512, 512), (320, 480), (854, 480)])
+def test_no_vertex_of_a_motion_leaves_the_picture(view, size):
+    body = load_body()
+    motion = waving_motion(walk_m=0.8)
+    stage = set_stage(body, [motion], view, size[0] / size[1])
+    for chunk in body.vertices(motion):
+        assert stage.camera.sees(chunk, *size).all()
+
+
+def test_one_stage_shows_all_motions_of_a_comparison():
+    body = load_body()
+    motions = [waving_motion(walk_m=0.9), waving_motion(walk_m=-0.9), BodyMotion.resting(3)]
+    stage = set_stage(body, motions)
+    assert stage == set_stage(body, motions[::-1])
+    for motion in motions:
+        for chunk in body.vertices(motion):
+            assert stage.camera.sees(chunk, 512, 512).all()
+
+
+def test_the_floor_lies_under_the_soles():
+    body = load_body()
+    motion = BodyMotion.resting(4)
+    lifted = BodyMotion(
+        poses=motion.poses,
+        trans=motion.trans + np.array([0.0, 0.7, 0.0]),
+        expressions=motion.expressions,
+        expression_basis=motion.expression_basis,
+        betas=motion.betas,
+    )
+    lowest = float(body.template[:, 1].min())
+    assert set_stage(body, [motion]).floor_m == pytest.approx(lowest, abs=0.01)
+    assert set_stage(body, [lifted]).floor_m == pytest.approx(lowest + 0.7, abs=0.01)

@@ -1,0 +1,149 @@
+"""Pictures show what the arrays say: place, side, colour, and nothing of the frame before."""
+
+import numpy as np
+import pytest
+
+from renderer.camera import Camera
+from renderer.ground import ShadowGround
+from renderer.normals import VertexNormals
+from renderer.offscreen import GLError, OffscreenRenderer, open_gl
+from renderer.probe import choose_backend
+from renderer.render import RenderSettings, draw_vertices
+from renderer.stage import Stage
+
+pytestmark = pytest.mark.gl
+
+SIZE = (160, 120)
+RED = (0.9, 0.02, 0.02)
+CAMERA = Camera(eye=(0.0, 1.0, 4.0), target=(0.0, 1.0, 0.0), yfov_rad=0.8)
+STAGE = Stage(CAMERA, floor_m=0.0, centre_xz=(0.0, 0.0), extent_m=0.0)
+
+
+def box(low, high) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and outward faces of an axis-parallel box."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float32)
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [corner for a, b, c, d in sides for corner in ((a, b, c), (a, c, d))]
+    low, high = np.asarray(low, np.float32), np.asarray(high, np.float32)
+    return low + corners * (high - low), np.array(faces)
+
+
+def draw(vertices: list[np.ndarray], faces: np.ndarray, antialias=True, stage=STAGE):
+    """One picture for each set of vertices, painted red, by one renderer."""
+    settings = RenderSettings(*SIZE, antialias=antialias, backend=choose_backend())
+    colors = np.tile(np.array(RED, np.float32), (len(vertices[0]), 1))
+    pictures = draw_vertices([np.stack(vertices)], faces, colors, settings=settings, stage=stage)
+    return [picture.copy() for picture in pictures]
+
+
+def red_pixels(picture: np.ndarray) -> np.ndarray:
+    return picture[..., 0].astype(int) - picture[..., 1] > 60
+
+
+@pytest.mark.parametrize("antialias", [True, False])
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [
+        ((0.4, 1.3, 0.0), (0.8, 1.6, 0.1)),  # upper right of the picture: the body's left
+        ((-0.9, 0.6, 0.0), (-0.6, 0.7, 0.4)),
+    ],
+)
+def test_a_box_covers_the_pixels_it_projects_to(low, high, antialias):
+    vertices, faces = box(low, high)
+    (picture,) = draw([vertices], faces, antialias)
+    rows, columns = np.nonzero(red_pixels(picture))
+    expected = CAMERA.project(vertices, *SIZE)
+    measured = [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
+    np.testing.assert_allclose(
+        measured, [*expected.min(axis=0), *expected.max(axis=0)], rtol=0.0, atol=1.5
+    )
+
+
+def test_antialiasing_softens_edges_without_moving_them():
+    vertices, faces = box((-0.5, 0.5, 0.0), (0.43, 1.6, 0.2))
+    (soft,), (hard,) = draw([vertices], faces), draw([vertices], faces, antialias=False)
+    assert red_pixels(soft).mean() == pytest.approx(red_pixels(hard).mean(), rel=0.03)
+    assert len(np.unique(soft.reshape(-1, 3), axis=0)) > len(np.unique(hard.reshape(-1, 3), axis=0))
+
+
+def test_moving_in_place_equals_drawing_anew():
+    first, faces = box((-0.5, 0.5, 0.0), (0.0, 1.0, 0.3))
+    second = first @ np.array([[0.8, 0.6, 0], [-0.6, 0.8, 0], [0, 0, 1]], np.float32) + (0.5, 0, 0)
+    moved = draw([first, second.astype(np.float32), first], faces)
+    (anew,) = draw([second.astype(np.float32)], faces)
+    np.testing.assert_array_equal(moved[1], anew)
+    np.testing.assert_array_equal(moved[0], moved[2])
+    assert (moved[0] != moved[1]).any()
+
+
+def test_light_comes_from_the_upper_left_front():
+    vertices, faces = box((-0.4, 0.6, -0.4), (0.4, 1.4, 0.4))
+    angle = np.pi / 4
+    turn = np.array(
+        [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+    )
+    vertices = ((vertices - (0, 1, 0)) @ turn.T + (0, 1, 0)).astype(np.float32)
+    corners = vertices[faces].reshape(-1, 3)  # flat faces: no vertex is shared
+    (picture,) = draw([corners], np.arange(len(corners)).reshape(-1, 3))
+    left, right = picture[60, 65].astype(int), picture[60, 95].astype(int)
+    assert right[0] > left[0] + 15  # the key light stands at +x, which is the picture's right
+
+
+def test_the_shadow_falls_on_the_floor_where_the_body_stands():
+    rng = np.random.default_rng(5)
+    spot = np.array([0.45, 0.0, 0.7])
+    plate, faces = box((-0.6, 0.0, 0.2), (-0.5, 0.1, 0.3))
+    # Vertices without faces: they cast the shadow and are not drawn themselves.
+    touching = (spot + rng.uniform(-0.06, 0.06, (400, 3)) * (1, 0, 1)).astype(np.float32)
+    away = touching + np.array([0.0, 90.0, 0.0], np.float32)
+    with_shadow, without = draw([np.concatenate([plate, x]) for x in (touching, away)], faces)
+    darkened = without.astype(int).sum(axis=2) - with_shadow.astype(int).sum(axis=2)
+    row, column = np.unravel_index(darkened.argmax(), darkened.shape)
+    assert darkened.max() > 100
+    np.testing.assert_allclose((column, row), CAMERA.project(spot, *SIZE), atol=4)
+    assert (darkened > 30).mean() < 0.1
+
+
+def test_the_floor_fades_into_the_background():
+    ground = ShadowGround((0.0, 0.0), 0.0, (0.4, 1.0, 0.2), (0.8, 0.8, 0.8))
+    texture = ground.texture(np.array([[0.0, 0.5, 0.0]])).astype(int)
+    rim = np.concatenate([texture[0], texture[-1], texture[:, 0], texture[:, -1]])
+    assert np.abs(rim - 204).max() <= 1
+    assert texture.max() > 210
+
+
+def test_normals_equal_the_slow_sum():
+    rng = np.random.default_rng(3)
+    vertices = rng.normal(size=(20, 3)).astype(np.float32)
+    faces = rng.integers(0, 18, size=(40, 3))  # vertices 18 and 19 have no face
+    expected = np.zeros((20, 3))
+    for a, b, c in faces:
+        cross = np.cross(vertices[b] - vertices[a], vertices[c] - vertices[a])
+        for corner in (a, b, c):
+            expected[corner] += cross
+    length = np.linalg.norm(expected, axis=1, keepdims=True)
+    expected = np.divide(expected, length, out=np.zeros_like(expected), where=length > 0)
+    np.testing.assert_allclose(VertexNormals(faces, 20)(vertices), expected, atol=1e-5)
+
+
+def test_faces_out_of_range_are_refused():
+    with pytest.raises(ValueError, match="vertices 0 to 4; the body has 4"):
+        VertexNormals(np.array([[0, 1, 4]]), 4)
+
+
+def test_a_second_backend_needs_a_process_of_its_own():
+    backend = choose_backend()
+    open_gl(backend)
+    with pytest.raises(GLError, match="needs a process of its own"):
+        open_gl("osmesa" if backend == "egl" else "egl")
+
+
+def test_renderers_follow_one_another_in_one_process():
+    vertices, faces = box((-0.5, 0.5, 0.0), (0.0, 1.0, 0.3))
+    pictures = [draw([vertices], faces)[0] for _ in range(3)]
+    np.testing.assert_array_equal(pictures[0], pictures[2])
+
+
+def test_impossible_sizes_are_refused():
+    with pytest.raises(ValueError, match="0 x 10"):
+        OffscreenRenderer(0, 10, "egl")

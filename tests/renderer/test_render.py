@@ -1,0 +1,123 @@
+"""From a body's motion to pictures and videos."""
+
+from dataclasses import replace
+
+import av
+import numpy as np
+import pytest
+
+from renderer.body import BodyMotion, load_body
+from renderer.camera import VIEWS
+from renderer.probe import choose_backend
+from renderer.render import Cancelled, RenderSettings, render_stills, render_video
+from renderer.stage import set_stage
+from tests.renderer.test_camera import waving_motion
+from tests.renderer.test_video import processes_that_mention
+
+pytestmark = pytest.mark.gl
+
+
+def small(**changes) -> RenderSettings:
+    return replace(RenderSettings(width=128, height=128, backend=choose_backend()), **changes)
+
+
+def body_pixels(picture: np.ndarray) -> np.ndarray:
+    """Where the dark suit is: everything else in the studio is light."""
+    return picture.astype(int).sum(axis=2) < 400
+
+
+def test_the_video_shows_every_frame_once_and_in_order(tmp_path):
+    body, motion = load_body(), waving_motion(20)
+    shares: list[float] = []
+    stills = render_video(
+        *(body, motion, tmp_path / "v.mp4", None, small(crf=8), shares.append),
+        still_frames=(0, 5, 19),
+    )
+    with av.open(str(tmp_path / "v.mp4")) as file:
+        frames = np.stack([frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)])
+    assert frames.shape == (20, 128, 128, 3)
+    np.testing.assert_allclose(shares, np.arange(1, 21) / 20)
+    expected = render_stills(body, motion, range(20), small())
+    # Each decoded frame is nearer to its own picture than to any other.
+    coarse = [pictures[:, ::3, ::3].astype(np.int16) for pictures in (frames, expected)]
+    distance = np.abs(coarse[0][:, None] - coarse[1][None]).mean(axis=(2, 3, 4))
+    np.testing.assert_array_equal(distance.argmin(axis=1), np.arange(20))
+    np.testing.assert_array_equal(stills, expected[[0, 5, 19]])
+
+
+def test_stills_come_in_the_order_asked_for():
+    body, motion = load_body(), waving_motion(10)
+    stills = render_stills(body, motion, [7, 2, 7], small())
+    np.testing.assert_array_equal(stills[0], stills[2])
+    assert (stills[0] != stills[1]).any()
+    assert render_stills(body, motion, [], small()).shape == (0, 128, 128, 3)
+
+
+@pytest.mark.parametrize("frame", [-1, 10])
+def test_a_still_outside_the_motion_is_refused(frame):
+    with pytest.raises(ValueError, match=f"Frame {frame} was asked for; the motion has 10"):
+        render_stills(load_body(), waving_motion(10), [frame], small())
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_the_body_stands_whole_in_the_picture(view):
+    (picture,) = render_stills(load_body(), BodyMotion.resting(), [0], small(view=view))
+    rows, columns = np.nonzero(body_pixels(picture))
+    assert np.ptp(rows) > 64 if view == "side" else np.ptp(columns) > 64
+    assert rows.min() > 3 and rows.max() < 124 and columns.min() > 3 and columns.max() < 124
+
+
+def test_right_and_left_are_not_swapped():
+    motion = BodyMotion.resting()
+    poses = motion.poses.copy().reshape(1, 55, 3)
+    poses[0, 17, 2] = 1.3  # the right arm hangs, the left one stays out
+    posed = replace(motion, poses=poses.reshape(1, 165))
+    body = load_body()
+    stage = set_stage(body, [motion])
+    (picture,) = render_stills(body, posed, [0], small(), stage=stage)
+    (rest,) = render_stills(body, motion, [0], small(), stage=stage)
+    # Seen from the front, the body's right arm is on the left of the picture.
+    assert body_pixels(rest)[:, :40].sum() > 50
+    assert body_pixels(picture)[:, :40].sum() < 15
+    np.testing.assert_array_equal(body_pixels(picture)[:, 90:], body_pixels(rest)[:, 90:])
+
+
+def test_equal_stages_show_equal_poses_equally():
+    body = load_body()
+    motions = [waving_motion(12), BodyMotion.resting(3)]
+    stage = set_stage(body, motions)
+    alone = render_stills(body, motions[1], [1], small(), stage=stage)
+    again = render_stills(body, BodyMotion.resting(1), [0], small(), stage=stage)
+    np.testing.assert_array_equal(alone, again)
+
+
+def test_a_cancelled_video_leaves_no_file_and_no_process(tmp_path):
+    asked = []
+
+    def cancel_at_the_fourth() -> bool:
+        asked.append(True)
+        return len(asked) == 4
+
+    with pytest.raises(Cancelled, match=r"v\.mp4 was cancelled"):
+        render_video(
+            *(load_body(), waving_motion(30), tmp_path / "v.mp4", None, small()),
+            should_cancel=cancel_at_the_fourth,
+        )
+    assert len(asked) == 4
+    assert list(tmp_path.iterdir()) == []
+    assert processes_that_mention(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"width": 511}, "511 x 512 .*even"),
+        ({"width": 32}, "32 x 512 pixels is outside the limits"),
+        ({"height": 9000}, "64 to 2160"),
+        ({"view": "above"}, "'above' is unknown; choose one of front, three_quarter, side"),
+        ({"crf": 99}, "`crf` is 99"),
+    ],
+)
+def test_impossible_settings_are_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        RenderSettings(**changes)

@@ -1,0 +1,142 @@
+"""Jobs in child processes: results, errors, cancellation, and nothing left behind."""
+
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from renderer.body import BodyError, load_body
+from renderer.offscreen import GLError
+from renderer.probe import choose_backend
+from renderer.render import RenderSettings, render_stills
+from renderer.stage import set_stage
+from renderer.video import Cancelled, VideoError, read_facts
+from renderer.worker import RenderJob, RenderPool, run_job
+from tests.renderer.test_camera import waving_motion
+from tests.renderer.test_video import processes_that_mention, tone, write_wav
+
+pytestmark = pytest.mark.gl
+
+
+def settings() -> RenderSettings:
+    return RenderSettings(width=96, height=96, backend=choose_backend())
+
+
+def test_several_jobs_at_once_equal_the_same_in_this_process(tmp_path):
+    body, motions = load_body(), [waving_motion(12), waving_motion(12, walk_m=0.4)]
+    stage = set_stage(body, motions)
+    wav = write_wav(tmp_path / "s.wav", tone(0.4))
+    shares: list[float] = []
+    with RenderPool(max_workers=2) as pool:
+        tasks = [
+            pool.submit(
+                RenderJob(motion, tmp_path / f"{i}.mp4", wav, settings(), None, stage, (3,)),
+                shares.append if i == 0 else None,
+            )
+            for i, motion in enumerate(motions)
+        ]
+        results = [task.result(60.0) for task in tasks]
+    for i, (motion, result) in enumerate(zip(motions, results, strict=True)):
+        expected = render_stills(body, motion, [3], settings(), stage=stage)
+        np.testing.assert_array_equal(result.stills, expected)
+        assert result.out == tmp_path / f"{i}.mp4"
+        assert read_facts(result.out).num_frames == 12
+    np.testing.assert_allclose(shares, np.arange(1, 13) / 12)
+    assert processes_that_mention(tmp_path) == []
+
+
+def test_stills_alone_need_no_file():
+    motion = waving_motion(9)
+    result = run_job(RenderJob(motion, settings=settings(), still_frames=(8, 0)))
+    assert result.out is None
+    np.testing.assert_array_equal(
+        result.stills, render_stills(load_body(), motion, [8, 0], settings())
+    )
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"out": Path("/nowhere/v.mp4")}, VideoError, "/nowhere is not a folder"),
+        ({"body_path": Path("/nowhere/body.npz")}, BodyError, "no body file"),
+        ({"still_frames": (99,)}, ValueError, "Frame 99 was asked for; the motion has 5"),
+    ],
+)
+def test_errors_come_back_as_they_were_raised(changes, error, message):
+    with pytest.raises(error, match=message):
+        run_job(RenderJob(motion=waving_motion(5), settings=settings(), **changes))
+
+
+def children_of_this_process() -> list[int]:
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            parent = (entry / "stat").read_text().rsplit(")", 1)[1].split()[1]
+            command = (entry / "cmdline").read_bytes()
+        except OSError:  # it has just ended
+            continue
+        if int(parent) == os.getpid() and b"renderer.worker_child" in command:
+            found.append(int(entry.name))
+    return found
+
+
+def long_job(tmp_path: Path) -> RenderJob:
+    return RenderJob(waving_motion(4000), tmp_path / "v.mp4", settings=settings())
+
+
+@pytest.mark.parametrize("after_progress", [True, False])
+def test_cancelling_leaves_no_file_and_no_process(tmp_path, after_progress):
+    running = threading.Event()
+    with RenderPool() as pool:
+        task = pool.submit(long_job(tmp_path), lambda share: running.set())
+        if after_progress:
+            assert running.wait(60.0)
+            assert len(list(tmp_path.iterdir())) == 1  # the partial file
+        else:
+            while not children_of_this_process():
+                time.sleep(0.01)
+        started = time.perf_counter()
+        task.cancel()
+        with pytest.raises(Cancelled):
+            task.result(60.0)
+        assert time.perf_counter() - started < 10.0
+    assert list(tmp_path.iterdir()) == []
+    assert children_of_this_process() == []
+    assert processes_that_mention(tmp_path) == []
+
+
+def test_a_job_cancelled_before_it_starts_never_runs(tmp_path):
+    with RenderPool(max_workers=1) as pool:
+        first = pool.submit(long_job(tmp_path))
+        second = pool.submit(long_job(tmp_path))
+        second.cancel()
+        first.cancel()
+        for task in (first, second):
+            with pytest.raises(Cancelled):
+                task.result(60.0)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_exception_in_the_pool_block_ends_its_jobs(tmp_path):
+    with pytest.raises(KeyboardInterrupt), RenderPool() as pool:
+        pool.submit(long_job(tmp_path))
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []
+    assert children_of_this_process() == []
+
+
+def test_a_crash_in_the_child_is_an_error_here(tmp_path):
+    running = threading.Event()
+    with RenderPool() as pool:
+        task = pool.submit(long_job(tmp_path), lambda share: running.set())
+        assert running.wait(60.0)
+        (child,) = children_of_this_process()
+        os.kill(child, signal.SIGSEGV)
+        with pytest.raises(GLError, match=r"crashed \(SIGSEGV\)"):
+            task.result(60.0)
+    assert list(tmp_path.iterdir()) == []
+    assert processes_that_mention(tmp_path) == []
