@@ -13,7 +13,7 @@ from model import diagnostics, smoothness
 from model.diagnostics import diagnose, measures, smooth_motion, track_points
 from model.motion import Motion, load_motion
 from model.skeleton import FINGERTIP_NAMES, chain_to_root, open_body_skeleton
-from tests.helpers import beat2_folder, smooth_motion_example
+from tests.helpers import ROOT, beat2_folder, smooth_motion_example
 
 SKELETON = open_body_skeleton()
 
@@ -311,3 +311,12 @@ def test_real_motion_has_the_known_smoothness():
     assert 0.003 < result["tip_velocity_power_above_5hz"] < 0.012
     assert 0.8 < result["seam_jerk_ratio"] < 1.25
     assert torch.isfinite(torch.tensor(result["jerk_by_window_phase_m_s3"])).all()
+
+
+def test_every_public_key_is_documented():
+    documented = (ROOT / "docs" / "formats.md").read_text()
+    result = diagnose({"a": smooth_motion_example()}, SKELETON)
+    for key in result:
+        assert f'"{key}":' in documented
+    for key in result["systems"]["a"]["raw"]:
+        assert f"| `{key}` |" in documented

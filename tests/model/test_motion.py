@@ -275,3 +275,11 @@ def test_the_sentence_for_a_full_disk(tmp_path):
 def test_a_folder_that_is_not_there(tmp_path):
     with pytest.raises(WriteError, match="its folder does not exist"):
         save_motion(smooth_motion_example(), tmp_path / "none" / "a.npz")
+
+
+def test_every_written_key_is_documented(tmp_path):
+    save_motion(smooth_motion_example(), tmp_path / "a.npz")
+    documented = (ROOT / "docs" / "formats.md").read_text()
+    with np.load(tmp_path / "a.npz", allow_pickle=False) as arrays:
+        for key in arrays.files:
+            assert f"| `{key}` |" in documented
