@@ -80,8 +80,8 @@ def launch(config: AppConfig) -> Blocks:
 
     from app.catalogue import find_examples, read_catalogue
     from app.jobs import JobBook
-    from app.page import CSS, build_app
-    from app.theme import make_theme
+    from app.page import build_app
+    from app.theme import CSS, frame_style, make_theme
 
     catalogue = read_catalogue(config.weights, find_examples(EXAMPLES))
     jobs = JobBook(config.jobs_folder, config.num_slots, config.max_waiting)
@@ -108,6 +108,7 @@ def launch(config: AppConfig) -> Blocks:
         footer_links=["api"],
         theme=make_theme(),
         css_paths=[CSS],
+        head=frame_style(),
         quiet=True,
     )
     # Only now: reading models beside it would hold up the page's own start.

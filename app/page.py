@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import gradio as gr
@@ -30,7 +29,6 @@ from app.jobs import Job, JobBook
 from app.request import Artefact, GenerateResult
 
 log = logging.getLogger(__name__)
-CSS = Path(__file__).with_name("page.css")
 Updates = dict[Any, Any]
 
 

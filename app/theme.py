@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from gradio.themes.base import Base
 from gradio.themes.utils import sizes
 from gradio.themes.utils.colors import Color
@@ -16,6 +18,15 @@ _LAGOON = Color(
     c50="#eef8fb", c100="#d6edf4", c200="#afdbe8", c300="#7bc0d6", c400="#429fbf",
     c500="#1f84a8", c600="#0f6d8c", c700="#0e5872", c800="#10485d", c900="#123c4e", c950="#0a2736",
 )  # fmt: skip
+
+
+CSS = Path(__file__).with_name("page.css")
+FRAME_CSS = Path(__file__).with_name("frame.css")
+
+
+def frame_style() -> str:
+    """`FRAME_CSS` for the head of the page, where Gradio does not rewrite it."""
+    return f"<style>{FRAME_CSS.read_text()}</style>"
 
 
 def make_theme() -> Base:
