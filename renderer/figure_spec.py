@@ -46,8 +46,8 @@ class Figure6:
     post_filter: PostFilter
     clip: str
     caveat: str
-    longest_in_window: int
-    """Frames the longest motion has inside the window; more than T when it was cut."""
+    is_cut: bool
+    """Whether a motion had more frames inside the window than the shortest one."""
 
     @property
     def num_frames(self) -> int:
@@ -86,10 +86,8 @@ class Figure6:
             f"{self.point}, frames {self.start_frame} to {last_frame}{clip}"
             f" at {self.fps:g} frames per second; metres, y up, one scale for x, y and z."
         ]
-        if self.longest_in_window > self.num_frames:
-            sentences.append(
-                f"Cut to the shortest motion: up to {self.longest_in_window} frames were given."
-            )
+        if self.is_cut:
+            sentences.append("The motions differ in length and are cut to the shortest.")
         if self.snapshot_marks:
             sentences.append("Grey lines and markers: the frames of the snapshots.")
         if self.tip_source:
@@ -181,7 +179,7 @@ def check_figure6(
         post_filter=post_filter,
         clip=clip,
         caveat=caveat,
-        longest_in_window=max(len(window) for window in windows.values()),
+        is_cut=any(len(window) > num_frames for window in windows.values()),
     )
 
 

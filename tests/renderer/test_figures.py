@@ -286,7 +286,7 @@ def test_caption_states_frames_source_filter_and_honesty() -> None:
     assert "Tip source: rigid." in raw
     assert "Raw motion, no filter." in raw
     assert raw.endswith("One clip and one noise seed: an example, not a comparison of the systems.")
-    assert "Cut" not in raw
+    assert "length" not in raw
 
     filtered = check(**make_inputs(1), post_filter="savgol").caption
     assert "Savitzky-Golay" in filtered
@@ -306,7 +306,7 @@ def test_a_longer_reference_is_cut_and_the_caption_says_so() -> None:
     contents = check(**inputs)
 
     assert contents.num_frames == 200
-    assert "Cut to the shortest motion: up to 300 frames were given." in contents.caption
+    assert "The motions differ in length and are cut to the shortest." in contents.caption
 
 
 def test_snapshot_frames_are_every_50_of_the_window() -> None:
