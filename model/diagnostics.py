@@ -19,7 +19,6 @@ from model import smoothness
 from model.kinematics import fingertip_positions, joint_positions_from_local
 from model.motion import Motion
 from model.rotations import (
-    FPS,
     axis_angle_from_matrix,
     matrix_from_axis_angle,
     matrix_from_rot6d,
@@ -33,6 +32,7 @@ from model.skeleton import (
     NUM_JOINTS,
     RestSkeleton,
 )
+from model.timing import FPS
 
 SAVGOL_FRAMES = 7
 SAVGOL_ORDER = 2

@@ -12,12 +12,13 @@ from model.expression import predict_expressions
 from model.flow import Sampler, sample
 from model.kinematics import local_from_global
 from model.motion import Motion
-from model.packing import FPS, ROTATION_DIM
+from model.packing import ROTATION_DIM
 from model.rotations import axis_angle_from_matrix, matrix_from_rot6d, rot6d_from_matrix
 from model.skeleton import NUM_JOINTS
 from model.speech.audio import Speech
 from model.stitching import cross_fade, num_windows
 from model.systems import EXPRESSION_BASIS, System
+from model.timing import FPS
 
 
 class Cancelled(Exception):

@@ -18,8 +18,9 @@ from jaxtyping import Float, Float32
 from torch import Tensor
 
 from model.files import written_atomically
-from model.rotations import FPS, matrix_from_axis_angle
+from model.rotations import matrix_from_axis_angle
 from model.skeleton import NUM_JOINTS
+from model.timing import FPS
 
 ExpressionBasis = Literal["flame100", "arkit52"]
 

@@ -12,8 +12,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from model.skeleton import FACE, HANDS, LOWER_BODY, NUM_JOINTS, UPPER_BODY
+from model.timing import FPS
 
-FPS = 30
 ROTATION_DIM = NUM_JOINTS * 6
 ROOT_DIM = 3
 MOTION_DIM = ROTATION_DIM + ROOT_DIM

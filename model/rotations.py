@@ -19,9 +19,6 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-FPS = 30
-"""Frames per second of every motion."""
-
 _SERIES_BELOW = 1e-5
 """Squared angle under which three terms of the power series are exact in float64."""
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import welch
 
-from model.rotations import FPS
+from model.timing import FPS
 
 WELCH_FRAMES = 128
 MIN_SPECTRUM_FRAMES = 32

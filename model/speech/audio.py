@@ -20,9 +20,8 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64
 
 from model.files import written_atomically
-from model.rotations import FPS
+from model.timing import FPS, SAMPLE_RATE
 
-SAMPLE_RATE = 16_000
 SILENT_BELOW = 1e-3
 """Peak, relative to full scale (-60 dB), under which a file counts as silent."""
 CANCELLED_BELOW = 0.25

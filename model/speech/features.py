@@ -9,8 +9,8 @@ import torch
 from jaxtyping import Float, Float32, Float64
 from torch import Tensor
 
-SAMPLE_RATE = 16_000
-FPS = 30
+from model.timing import FPS, SAMPLE_RATE
+
 HOP = 160  # 10 ms
 WINDOW = 400  # 25 ms of speech under each spectrum
 FFT_SIZE = 512

@@ -17,8 +17,7 @@ import numpy as np
 import torch
 from jaxtyping import Float32, Float64
 
-from model.rotations import FPS
-from model.speech.audio import SAMPLE_RATE
+from model.timing import FPS, SAMPLE_RATE
 
 WEIGHTS_VARIABLE = "WAVLM_DIR"
 BLOCK_S = 10.0

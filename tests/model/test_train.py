@@ -10,9 +10,11 @@ import torch
 from model.checkpoint import load_weights
 from model.config import TrainConfig, named_config
 from model.data import DataError, prepare, read_split
+from model.objectives import to_vectors
+from model.run_folder import TrainingError
 from model.speech.features import MelEncoder
 from model.systems import load_system
-from model.train import TrainingError, learning_rate_factor, main, to_vectors, train
+from model.train import learning_rate_factor, main, train
 from tests.model.made import make_data_folder
 
 QUICK = {"steps": 6, "save_every": 3, "validate_every": 6, "warmup_steps": 2, "batch_size": 2}

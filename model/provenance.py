@@ -1,0 +1,46 @@
+"""The card of trained weights: what was trained, on what, how long, how well."""
+
+import datetime
+import json
+import subprocess
+from pathlib import Path
+from typing import Any
+
+from model.config import TrainConfig, to_json
+from model.data import PreparedData
+
+
+def make_card(
+    config: TrainConfig, data: PreparedData, folder: Path, steps: int, validation: dict,
+    start_from: Path | None,
+) -> dict[str, Any]:  # fmt: skip
+    corpus = folder / "corpus.json"
+    train_clips = data.of_split("train")
+    seen = {clip.speaker for clip in train_clips}
+    train_frames = sum(clip.num_frames for clip in train_clips)
+    return {
+        "config": json.loads(to_json(config)),
+        "speakers": {name: n for n, name in sorted(data.speakers.items()) if n in seen},
+        "training_data": json.loads(corpus.read_text()) if corpus.is_file() else folder.name,
+        "training_hours": round(train_frames / 30 / 3600, 3),
+        "steps": steps,
+        "started_from_bundled_weights": start_from is not None,
+        "validation": {name: round(value, 6) for name, value in validation.items()},
+        "date": datetime.date.today().isoformat(),
+        "revision": revision(),
+    }
+
+
+def revision() -> str:
+    """Git revision of the code, with ``+`` for uncommitted changes; "unknown" without git."""
+    root = Path(__file__).parent
+
+    def git(*command: str) -> str:
+        return subprocess.run(
+            ["git", "-C", str(root), *command], capture_output=True, text=True, check=True
+        ).stdout.strip()
+
+    try:
+        return git("rev-parse", "--short", "HEAD") + ("+" if git("status", "--porcelain") else "")
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"

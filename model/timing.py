@@ -1,0 +1,6 @@
+"""Rates that the whole project shares."""
+
+FPS = 30
+"""Motion frames per second."""
+SAMPLE_RATE = 16_000
+"""Speech samples per second, mono."""
