@@ -6,6 +6,7 @@ import multiprocessing
 import os
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -85,6 +86,11 @@ def build_corpus(
         _make_clips(jobs, workers, on_clip)
         rows = [(job.clip_id, job.split) for job in jobs]
         write_bytes(root / SPLIT_TABLE, split_table(rows).encode())
+    except BrokenProcessPool as error:
+        raise CorpusError(
+            "A worker process was ended from outside, perhaps for want of memory;"
+            " the same command with fewer --workers continues."
+        ) from error
     except OSError as error:
         raise CorpusError(_disk_sentence(error, root)) from error
     return len(jobs)

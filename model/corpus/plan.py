@@ -14,20 +14,17 @@ from model.corpus.gestures import (
     GENERIC,
     GESTURES,
     KEYWORDS,
-    NEUTRAL,
     ONLY_WHEN_STRESSED,
-    REST,
     Gesture,
     HandPose,
 )
-from model.corpus.hand_shapes import ABDUCTION, FLEX, SHAPES, THUMB
+from model.corpus.hand_shapes import FLEX
+from model.corpus.manner import IDLE_SHAPES, Manner, distance_from_neutral, pick
 from model.corpus.prosody import Phrase, Utterance
 from model.corpus.rig import SIDES
 from model.corpus.speakers import Speaker
 
 Phase = Literal["rest", "preparation", "stroke", "hold", "beat", "retraction"]
-IDLE_SHAPES = ("relaxed", "lazy", "half_open", "bowl", "soft_pinch")
-BEAT_SHAPES = ("relaxed", "half_open", "bowl", "soft_pinch", "cage", "lazy", "flat", "wave_out")
 
 
 @dataclass(frozen=True)
@@ -83,9 +80,10 @@ class _Planner:
         self.utterance = utterance
         self.speaker = speaker
         self.rng = rng
+        self.manner = Manner(speaker, rng)
         self.last_gesture = ""
         self.free_hands: list[str] | None = None
-        rest = {side: self._rest_pose(speaker.rest) for side in SIDES}
+        rest = {side: self.manner.rest_pose(speaker.rest) for side in SIDES}
         self.plan = Plan({side: [Key(-1.0, 0.5, rest[side], "rest", "")] for side in SIDES})
 
     def chunks(self, phrase: Phrase) -> list[range]:
@@ -113,7 +111,7 @@ class _Planner:
         )
         if gesture.shrugs:
             self.plan.shrugs.append((apex_s, end_s + 0.2))
-        prepare, stroke, via = self._styled(name, gesture, size)
+        prepare, stroke, via = self.manner.styled(name, gesture, size)
         beats = self._beats(chunk, apex_s)
         wander = rng.normal(0.0, 0.03, len(beats))
         for order, side in enumerate(hands):
@@ -121,7 +119,7 @@ class _Planner:
             lag = rng.normal(0.04, 0.035) if second else 0.0
             own_prepare, own_stroke = prepare, stroke
             if second:
-                own_prepare, own_stroke = self._not_a_mirror(prepare, stroke)
+                own_prepare, own_stroke = self.manner.not_a_mirror(prepare, stroke)
             self._stroke(side, name, apex_s + lag, own_prepare, own_stroke, via)
             if gesture.cycle is not None:
                 self.plan.cycles.append(
@@ -152,14 +150,14 @@ class _Planner:
                 start_s = max(phrase.end_s + rng.uniform(0.05, 0.3), last.arrive_s + 0.2)
                 duration_s = rng.uniform(0.65, 1.05)
                 full = gap_s > 1.3 * speaker.patience_s or rng.random() < 0.5
-                pose = self._rest_pose(speaker.rest if full else "low")
+                pose = self.manner.rest_pose(speaker.rest if full else "low")
                 self._add(side, start_s + 0.8 * duration_s, duration_s, pose, "retraction", "")
                 self.free_hands = None
             elif gap_s > 0.3 and last.arrive_s < phrase.end_s + 0.1:
                 sink = [rng.normal(0.01, 0.015), -rng.uniform(0.02, 0.07), -rng.uniform(0.0, 0.04)]
                 pose = replace(last.pose, position=last.pose.position + sink)
                 if rng.random() < 0.6:
-                    pose = replace(pose, fingers=self._fingers(_pick(rng, IDLE_SHAPES)))
+                    pose = replace(pose, fingers=self.manner.fingers(pick(rng, IDLE_SHAPES)))
                 self._add(side, phrase.end_s + 0.35, 0.6, pose, "hold", last.gesture)
 
     # What to gesture, and with which hand
@@ -201,97 +199,6 @@ class _Planner:
         if self.free_hands is None or rng.random() < 0.35:
             self.free_hands = two if rng.random() < speaker.two_hands else [one]
         return self.free_hands
-
-    # Poses
-
-    def _fingers(self, shape: str, curl_deg: float = 0.0) -> np.ndarray:
-        """A hand shape in the speaker's manner, never twice the same."""
-        rng = self.rng
-        fingers = SHAPES[shape].copy()
-        fingers[FLEX] *= self.speaker.finger_curl * (1.0 + rng.normal(0, 0.13))
-        fingers[FLEX] += curl_deg + np.repeat(rng.normal(0, 3.5, 4), 3)
-        fingers[ABDUCTION] += rng.normal(0, 2.5, 4)
-        fingers[THUMB] += rng.normal(0, 5.0, 3)
-        return fingers
-
-    def _rest_pose(self, name: str) -> HandPose:
-        return self._varied(REST[name], 0.008 if name == "hang" else 0.012, styled=False)
-
-    def _varied(
-        self, pose: HandPose, sd_m: float, size: float = 1.0, styled: bool = True
-    ) -> HandPose:
-        """The pose in the speaker's gesture space, scaled about its middle, with noise."""
-        rng, speaker = self.rng, self.speaker
-        centre = np.array([0.17, -0.14, 0.25])
-        position = pose.position
-        if styled:
-            wider = min(size, 1.0) * max(size, 1.0) ** 0.4
-            position = centre + (position - centre) * [wider, size, size**0.7]
-            position = position + np.array([speaker.outward_m, speaker.height_m, 0.0])
-        return HandPose(
-            position + rng.normal(0, sd_m, 3) * [1, 1, 0.8],
-            pose.palm + rng.normal(0, 0.12, 3),
-            pose.flex_deg + rng.normal(0, 5),
-            pose.deviation_deg + rng.normal(0, 4),
-            pose.elbow_out + rng.normal(0, 0.08),
-            pose.fingers,
-        )
-
-    def _styled(
-        self, name: str, gesture: Gesture, size: float
-    ) -> tuple[HandPose, HandPose, list[tuple[float, HandPose]]]:
-        rng, speaker = self.rng, self.speaker
-        prepare = self._varied(gesture.prepare, 0.024, size)
-        stroke = self._varied(gesture.stroke, 0.022, size)
-        shape = _name_of(gesture.stroke)
-        if gesture.shapes and rng.random() < 0.6:
-            shape = _pick(rng, gesture.shapes)
-        if name == "beat":
-            shape = speaker.beat_shape if rng.random() < 0.6 else _pick(rng, BEAT_SHAPES)
-        before = _name_of(gesture.prepare)
-        if before == "relaxed":
-            before = _pick(rng, IDLE_SHAPES)
-        prepare = replace(prepare, fingers=self._fingers(before, rng.uniform(0, 8)))
-        stroke = replace(stroke, fingers=self._fingers(shape, rng.uniform(-8, 0)))
-        via = [
-            (share, replace(self._varied(pose, 0.015, size), fingers=prepare.fingers))
-            for share, pose in gesture.via
-        ]
-        return prepare, stroke, via
-
-    def _not_a_mirror(self, prepare: HandPose, stroke: HandPose) -> tuple[HandPose, HandPose]:
-        """The second hand goes its own way: lower, smaller, turned a little."""
-        rng = self.rng
-        offset = rng.normal(0, 0.032, 3) * [0.6, 1.2, 1.0] - [0.0, 0.015, 0.0]
-        share = rng.uniform(0.6, 1.0)
-        turn = rng.normal(0, 0.2, 3)
-        own_stroke = prepare.position + share * (stroke.position - prepare.position)
-        own_fingers = stroke.fingers.copy()
-        own_fingers[FLEX] += np.repeat(rng.normal(0, 6.0, 4), 3)
-        return (
-            replace(prepare, position=prepare.position + offset, palm=prepare.palm + turn),
-            replace(
-                stroke,
-                position=own_stroke + offset,
-                palm=stroke.palm + turn,
-                fingers=own_fingers,
-            ),
-        )
-
-    def _settled(self, pose: HandPose, share: float) -> HandPose:
-        """The pose moved ``share`` of the way towards the middle of the gesture space."""
-        rng, speaker = self.rng, self.speaker
-        centre = NEUTRAL + np.array([speaker.outward_m, speaker.height_m - 0.03, -0.01])
-        fingers = pose.fingers + 0.5 * share * (SHAPES["half_open"] - pose.fingers)
-        fingers[FLEX] += np.repeat(rng.normal(0, 4.0, 4), 3)
-        fingers[ABDUCTION] += rng.normal(0, 1.5, 4)
-        return replace(
-            pose,
-            position=pose.position + share * (centre - pose.position) + rng.normal(0, 0.016, 3),
-            palm=pose.palm + rng.normal(0, 0.09, 3),
-            flex_deg=pose.flex_deg * (1 - 0.5 * share) + rng.normal(0, 4),
-            fingers=fingers,
-        )
 
     # Keys
 
@@ -356,45 +263,16 @@ class _Planner:
     def _beat_moves(
         self, side: str, name: str, beats: list[tuple[float, float]], wander: np.ndarray
     ) -> None:
-        """Up and down, forward, by the wrist or by turning the forearm; fingers take part."""
-        rng = self.rng
+        """Up and down for every beat there is time for."""
+        rng, manner = self.rng, self.manner
         for (beat_s, depth_m), aside_m in zip(beats, wander, strict=True):
             last = self._last(side)
-            if beat_s - last.arrive_s < 0.27:
+            since_s = beat_s - last.arrive_s
+            if since_s < 0.27:
                 continue
-            held = self._settled(
-                last.pose, min((0.15 + 0.45 * _far(last.pose)) * (beat_s - last.arrive_s), 0.45)
-            )
-            # Arm beats travel; wrist and forearm beats turn the hand instead.
-            travel, bend, turn = _pick(
-                rng, ((1.0, 1.0, 0.0), (1.0, 1.0, 0.25), (0.45, 2.0, 0.1), (0.4, 0.6, 0.8))
-            )
-            rise = travel * depth_m * rng.uniform(0.5, 0.85)
-            ahead = rng.uniform(-0.015, 0.06) * travel
-            twist = turn * rng.choice([-1.0, 1.0]) * np.array([rng.uniform(0.5, 1), 0.6, 0.0])
-            up_fingers, down_fingers = held.fingers.copy(), held.fingers.copy()
-            up_fingers[FLEX] += np.repeat(rng.uniform(1, 10) + rng.normal(0, 4, 4), 3)
-            down_fingers[FLEX] += np.repeat(rng.uniform(-9, 1) + rng.normal(0, 4, 4), 3)
-            down_fingers[ABDUCTION] += rng.normal(0.0, 2.5, 4)
-            if rng.random() < 0.3:
-                down_fingers = self._fingers(_pick(rng, BEAT_SHAPES))
-            up = replace(
-                held,
-                position=held.position + np.array([aside_m, rise, -0.5 * ahead]),
-                palm=held.palm + rng.normal(0, 0.2, 3) - 0.5 * twist,
-                flex_deg=held.flex_deg - 13.0 * bend,
-                deviation_deg=held.deviation_deg + rng.uniform(0, 8),
-                fingers=up_fingers,
-            )
-            down = replace(
-                held,
-                position=held.position
-                + np.array([0.5 * aside_m, -0.45 * rise, ahead])
-                + rng.normal(0, 0.008, 3),
-                palm=held.palm + twist,
-                flex_deg=held.flex_deg + rng.uniform(6, 18) * bend,
-                fingers=down_fingers,
-            )
+            far = distance_from_neutral(last.pose)
+            held = manner.settled(last.pose, min((0.15 + 0.45 * far) * since_s, 0.45))
+            up, down = manner.beat_poses(held, depth_m, float(aside_m))
             lift_s = beat_s - 0.16
             self._add(side, lift_s, min(0.34, lift_s - last.arrive_s + 0.16), up, "beat", name)
             self._add(side, beat_s + 0.03, rng.uniform(0.25, 0.33), down, "beat", name)
@@ -404,8 +282,8 @@ class _Planner:
         rng = self.rng
         while end_s + 0.3 - self._last(side).arrive_s > 0.6:
             pose = self._last(side).pose
-            far = _far(pose)
-            held = self._settled(pose, rng.uniform(0.15, 0.3) + 0.3 * far)
+            far = distance_from_neutral(pose)
+            held = self.manner.settled(pose, rng.uniform(0.15, 0.3) + 0.3 * far)
             arrive_s = self._last(side).arrive_s + rng.uniform(0.55, 0.8) - 0.1 * far
             self._add(side, arrive_s, rng.uniform(0.5, 0.75), held, "hold", name)
 
@@ -413,8 +291,8 @@ class _Planner:
         """The hand that takes no part sinks to a low ready pose and follows the beats a little."""
         rng, speaker = self.rng, self.speaker
         if self._last(side).pose.position[1] > -0.24 and rng.random() < 0.85:
-            pose = self._rest_pose("low" if rng.random() < 0.7 else speaker.rest)
-            pose = replace(pose, fingers=self._fingers(_pick(rng, IDLE_SHAPES)))
+            pose = self.manner.rest_pose("low" if rng.random() < 0.7 else speaker.rest)
+            pose = replace(pose, fingers=self.manner.fingers(pick(rng, IDLE_SHAPES)))
             arrive_s = max(apex_s + rng.uniform(0.1, 0.6), self._last(side).arrive_s + 0.35)
             self._add(side, arrive_s, rng.uniform(0.6, 0.95), pose, "retraction", "")
         for beat_s, depth_m in [(apex_s, 0.08), *beats]:
@@ -432,17 +310,3 @@ class _Planner:
             down = replace(pose, position=pose.position + rng.normal(0, 0.008, 3), fingers=fingers)
             self._add(side, beat_s - 0.14, 0.32, up, "beat", "follow")
             self._add(side, beat_s + 0.06, 0.34, down, "beat", "follow")
-
-
-def _far(pose: HandPose) -> float:
-    """0 in the middle of the gesture space, 1 from 20 cm on."""
-    return float(np.clip(np.linalg.norm(pose.position - NEUTRAL) / 0.2, 0.0, 1.0))
-
-
-def _name_of(pose: HandPose) -> str:
-    """The name of the designed shape a library pose holds."""
-    return next(name for name, shape in SHAPES.items() if shape is pose.fingers)
-
-
-def _pick(rng: np.random.Generator, choices):
-    return choices[rng.integers(len(choices))]

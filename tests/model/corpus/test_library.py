@@ -5,7 +5,7 @@ import pytest
 
 from model.corpus.gestures import GENERIC, GESTURES, KEYWORDS, ONLY_WHEN_STRESSED, REST, HandPose
 from model.corpus.hand_shapes import FLEX, SHAPES, finger_rotations
-from model.corpus.plan import BEAT_SHAPES, IDLE_SHAPES
+from model.corpus.manner import BEAT_SHAPES, IDLE_SHAPES
 from model.corpus.rig import JOINT
 from model.corpus.speakers import SPEAKERS
 

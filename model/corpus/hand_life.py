@@ -1,0 +1,76 @@
+"""What keeps hands alive: drift, a follow of the other hand, tremor, restless fingers, drag."""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation
+
+from model.corpus.arm import Arm
+from model.corpus.channels import DEVIATION, FINGERS, POSITION, PRONATION, WRIST_FLEX
+from model.corpus.hand_shapes import ABDUCTION, FLEX, SHAPE_SIZE, THUMB
+from model.corpus.rig import SIDES
+from model.corpus.signals import FPS, low_pass, smooth_line, smooth_noise
+from model.corpus.speakers import Speaker
+
+
+def add_life(
+    arms: dict[str, Arm],
+    curves: dict[str, Float[np.ndarray, "T C"]],
+    speaker: Speaker,
+    rng: np.random.Generator,
+) -> None:
+    """Drift that both hands share, drift of each, a follow of the other hand, and tremor."""
+    num_frames = len(curves["left"])
+    common = smooth_noise(rng, num_frames, 0.008, 0.4, 3)
+    common += smooth_noise(rng, num_frames, 0.0055 * speaker.amplitude, 0.16, 3)
+    velocity = {side: np.gradient(curves[side][:, POSITION], axis=0) for side in SIDES}
+    for side, other in zip(SIDES, reversed(SIDES), strict=True):
+        hand = curves[side]
+        followed = np.cumsum(velocity[other] * [-0.1, 0.1, 0.1], axis=0)
+        followed = gaussian_filter1d(followed - gaussian_filter1d(followed, 25, axis=0), 2, axis=0)
+        hand[:, POSITION] += common * [arms[side].sign, 1, 1] + followed
+        hand[:, POSITION] += smooth_noise(rng, num_frames, 0.008, 0.25, 3)
+        hand[:, POSITION] += smooth_noise(rng, num_frames, 0.016, 0.9, 3)
+        hand[:, PRONATION] += smooth_line(rng, num_frames, 6.0, 0.4)
+        hand[:, PRONATION] += smooth_line(rng, num_frames, 3.0, 0.12)
+        hand[:, WRIST_FLEX] += smooth_line(rng, num_frames, 4.5, 0.25)
+        hand[:, WRIST_FLEX] += smooth_line(rng, num_frames, 3.0, 0.10)
+        hand[:, DEVIATION] += smooth_line(rng, num_frames, 3.5, 0.3)
+        hand[:, PRONATION : DEVIATION + 1] += smooth_noise(rng, num_frames, 0.35, 0.035, 3)
+        hand[:, FINGERS] += _finger_life(hand, speaker, rng)
+
+
+def _finger_life(
+    hand: Float[np.ndarray, "T C"], speaker: Speaker, rng: np.random.Generator
+) -> Float[np.ndarray, "T 19"]:
+    """Fingers that never stand still, together and one by one, livelier while the hand moves."""
+    num_frames = len(hand)
+    speed = np.linalg.norm(np.gradient(hand[:, POSITION], axis=0), axis=1) * FPS
+    energy = np.clip(0.65 + low_pass(speed, 0.15) / 0.65, 0.65, 1.7)[:, None] * speaker.finger_life
+    life = np.zeros((num_frames, SHAPE_SIZE))
+    each_finger = smooth_noise(rng, num_frames, 6.0, 0.13, 4)
+    flex = np.repeat(each_finger, 3, axis=1) * np.tile([1.0, 1.2, 0.6], 4)
+    flex += smooth_noise(rng, num_frames, 4.0, 0.09, 12)
+    flex += smooth_noise(rng, num_frames, 5.0, 0.3, 1)
+    life[:, FLEX] = flex * energy
+    life[:, ABDUCTION] = smooth_noise(rng, num_frames, 2.4, 0.16, 4) * energy
+    life[:, THUMB] = smooth_noise(rng, num_frames, 5.0, 0.2, 3) * energy
+    life[:, :] += smooth_noise(rng, num_frames, 0.35, 0.035, SHAPE_SIZE)
+    return life
+
+
+def trail(
+    arm: Arm,
+    hand: Float[np.ndarray, "T C"],
+    fore: Float[np.ndarray, "T 3 3"],
+    direction: Float[np.ndarray, "T 3"],
+) -> None:
+    """Let wrist and fingers trail behind the hand's movement across its palm."""
+    palm = fore @ np.array([0.0, -1.0, 0.0])
+    pronation = np.radians(hand[:, PRONATION]) * arm.sign
+    palm = Rotation.from_rotvec(direction * pronation[:, None]).apply(palm)
+    velocity = np.gradient(hand[:, POSITION], axis=0) * FPS
+    across = (velocity * palm).sum(axis=1)
+    hand[:, WRIST_FLEX] -= 14 * gaussian_filter1d(across, 1.2)
+    drag = np.clip(-10 * gaussian_filter1d(across, 1.5), -14, 14)
+    hand[:, FINGERS.start : FINGERS.start + 12] += drag[:, None]
