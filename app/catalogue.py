@@ -45,9 +45,9 @@ def read_catalogue(weights: Path, examples: tuple[Example, ...] = ()) -> Catalog
 
 
 def find_examples(folder: Path) -> tuple[Example, ...]:
-    """Bundled wav files by name; ``slt_weather.wav`` is offered as "slt weather"."""
+    """Bundled wav files by name; ``a_long_drive.wav`` is offered as "A long drive"."""
     return tuple(
-        Example(path.stem.replace("_", " ").replace("-", " "), path)
+        Example(path.stem.replace("_", " ").capitalize(), path)
         for path in sorted(folder.glob("*.wav"))
     )
 

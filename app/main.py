@@ -65,8 +65,12 @@ def parse_config(argv: list[str] | None = None) -> AppConfig:
     )
 
 
-def launch(config: AppConfig) -> Blocks:
+def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     """Serve the page from threads of this process; its address is ``local_url`` of the result.
+
+    Args:
+        is_warmed_up: whether the models are read as soon as the page is up, rather than at the
+            first run.
 
     Raises:
         RunError, CheckpointError: if the weights cannot be offered.
@@ -112,7 +116,8 @@ def launch(config: AppConfig) -> Blocks:
         quiet=True,
     )
     # Only now: reading models beside it would hold up the page's own start.
-    threading.Thread(target=_warm_up, args=(config,), name="warm-up", daemon=True).start()
+    if is_warmed_up:
+        threading.Thread(target=_warm_up, args=(config,), name="warm-up", daemon=True).start()
     return page
 
 

@@ -1,0 +1,235 @@
+import json
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from app.cli import main
+from app.diagnosing import unique_names
+from app.errors import RunError
+from model.motion import save_motion
+from tests.helpers import ROOT, smooth_motion_example
+
+
+def sentence_after(argv: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """Run a command that must fail; returns its one line on standard error."""
+    assert main(argv) == 1
+    shown = capsys.readouterr()
+    assert shown.out == "" and shown.err.count("\n") == 1, shown
+    return shown.err
+
+
+def generate(speech: Path, out: Path, weights: Path, *flags: str) -> list[str]:
+    common = ["--out", str(out), "--weights", str(weights), "--steps", "1", "--no-video"]
+    return ["generate", str(speech), *common, *flags]
+
+
+@pytest.mark.parametrize("command", [[], ["generate"], ["render"], ["diagnose"], ["doctor"]])
+def test_every_command_has_help(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        main([*command, "--help"])
+    assert left.value.code == 0
+    assert "usage: python -m app" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        [],
+        ["nonsense"],
+        ["generate"],
+        ["generate", "a.wav", "--out", "o", "--post-filter", "blur"],
+        ["generate", "a.wav", "--out", "o", "--views", "top"],
+        ["generate", "a.wav", "--out", "o", "--systems", ","],
+        ["generate", "a.wav", "--out", "o", "--seed", "x"],
+        ["render", "a.npz"],
+    ],
+)
+def test_wrong_arguments_exit_with_2(argv: list[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(argv)
+    assert left.value.code == 2
+
+
+def test_generate_lists_its_files_on_standard_output(
+    speech: Path, weights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert main(generate(speech, out, weights, "--systems", "globaldiff/global")) == 0
+    listed = [Path(line) for line in capsys.readouterr().out.splitlines()]
+    assert sorted(listed) == sorted(out.iterdir())
+    assert out / "globaldiff-global.npz" in listed
+    assert out / "globaldiff-local.npz" not in listed
+
+
+def test_bad_speech_gives_its_sentence_and_nothing_else(
+    bad_speech: tuple[Path, str],
+    weights: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    speech, words = bad_speech
+    out = tmp_path / "out"
+    assert words in sentence_after(generate(speech, out, weights), capsys)
+    assert not out.exists()
+
+
+def test_a_bad_reference_gives_its_sentence(
+    bad_motion: tuple[Path, str],
+    speech: Path,
+    weights: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    motion, words = bad_motion
+    out = tmp_path / "out"
+    argv = generate(speech, out, weights, "--reference", str(motion))
+    assert words in sentence_after(argv, capsys)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("command", ["diagnose", "render"])
+def test_a_bad_motion_file_gives_its_sentence(
+    command: str, bad_motion: tuple[Path, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    motion, words = bad_motion
+    out = tmp_path / ("out" if command == "diagnose" else "out.mp4")
+    assert words in sentence_after([command, str(motion), "--out", str(out)], capsys)
+    assert not out.exists()
+
+
+def test_sound_that_can_be_used_is_used_and_what_was_done_to_it_is_said(
+    eight_channels: Path,
+    cut_mp3: Path,
+    weights: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(generate(eight_channels, tmp_path / "a", weights)) == 0
+    said = capsys.readouterr().err
+    assert "8 channels" in said and "96,000 Hz" in said
+    assert main(generate(cut_mp3, tmp_path / "b", weights)) == 0
+    assert "damaged or cut off" in capsys.readouterr().err
+
+
+def test_a_limit_on_length_can_be_raised(
+    speech: Path, weights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    argv = generate(speech, tmp_path / "a", weights, "--max-minutes", "0.01")
+    assert "longer than 0.6 seconds" in sentence_after(argv, capsys)
+    assert main(generate(speech, tmp_path / "b", weights, "--max-minutes", "20")) == 0
+
+
+def test_a_folder_that_cannot_be_written_gives_its_sentence(
+    speech: Path, weights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("")
+    argv = generate(speech, tmp_path / "file" / "out", weights)
+    assert "cannot be written to" in sentence_after(argv, capsys)
+
+
+def run_cli(argv: list[str], **kwargs) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "app", *argv],
+        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **kwargs,
+    )  # fmt: skip
+
+
+def test_a_file_that_may_not_grow_gives_its_sentence(
+    speech: Path, weights: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+
+    child = run_cli(generate(speech, out, weights), preexec_fn=limit)
+    shown, said = child.communicate(timeout=100)
+    assert child.returncode == 1 and shown == ""
+    assert "could not be written" in said and "Traceback" not in said
+    assert not out.exists()
+
+
+@pytest.mark.gl
+def test_a_terminated_run_leaves_no_file(speech: Path, weights: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    argv = ["generate", str(speech), "--out", str(out), "--weights", str(weights)]
+    child = run_cli(argv)
+    deadline = time.monotonic() + 60
+    while not list(out.glob(".unfinished*/*.npz")) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    child.send_signal(signal.SIGTERM)
+    _, said = child.communicate(timeout=60)
+    assert child.returncode == 1 and "stopped" in said and "Traceback" not in said
+    assert not out.exists()
+
+
+@pytest.fixture
+def motion(tmp_path: Path) -> Path:
+    path = tmp_path / "clip.npz"
+    save_motion(smooth_motion_example(40), path)
+    return path
+
+
+@pytest.mark.gl
+def test_render_draws_a_sheet_of_stills(motion: Path, tmp_path: Path) -> None:
+    out = tmp_path / "sheet.png"
+    assert main(["render", str(motion), "--out", str(out), "--size", "128", "--stills", "3"]) == 0
+    picture = np.asarray(Image.open(out))
+    assert picture.shape == (128, 3 * 128, 3)
+    assert picture.std() > 5, "an empty picture"
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (["--out", "/nowhere/a.mp4"], "folder /nowhere does not exist"),
+        (["--out", "a.gif"], "must end in one of .mp4, .png, .glb, .bvh"),
+        (["--out", "a.mp4", "--size", "33"], "33"),
+        (["--out", "a.png", "--stills", "0"], "1 to 64; got 0"),
+        (["--out", "a.mp4", "--speech", "/nowhere.wav"], "no speech file at /nowhere.wav"),
+        (["--out", "a.mp4", "--body", "/nowhere.npz"], "nowhere.npz"),
+    ],
+)
+def test_render_says_what_it_cannot_do(
+    motion: Path, flags: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert words in sentence_after(["render", str(motion), *flags], capsys)
+
+
+def test_diagnose_measures_any_motion_files(motion: Path, tmp_path: Path) -> None:
+    reference = tmp_path / "recorded.npz"
+    save_motion(smooth_motion_example(60, seed=1), reference)
+    out = tmp_path / "out"
+    argv = ["diagnose", str(motion), "--reference", str(reference), "--out", str(out)]
+    assert main([*argv, "--no-pictures"]) == 0
+    diagnostics = json.loads((out / "diagnostics.json").read_text())
+    assert set(diagnostics["systems"]) == {"clip"}
+    assert diagnostics["reference"]["raw"]["tip_jerk_m_s3"] > 0
+    assert {path.name for path in out.iterdir()} == {
+        *("diagnostics.json", "diagnostics.csv", "figure6.png", "figure6.svg", "figure6.pdf"),
+    }
+
+
+def test_motions_of_one_name_are_told_apart_by_their_folders(tmp_path: Path) -> None:
+    paths = [tmp_path / "ours" / "a.npz", tmp_path / "theirs" / "a.npz", tmp_path / "b.npz"]
+    assert unique_names(paths) == ["ours/a", "theirs/a", "b"]
+    with pytest.raises(RunError, match="ours/a"):
+        unique_names([paths[0], paths[0]])
+
+
+def test_doctor_finds_what_is_missing(
+    weights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status = main(["doctor", "--weights", str(tmp_path)])
+    shown = capsys.readouterr()
+    assert status == 1
+    assert "NO  weights" in shown.out and "--weights DIR" in shown.out and "weights" in shown.err
+    main(["doctor", "--weights", str(weights)])
+    assert "ok  weights" in capsys.readouterr().out

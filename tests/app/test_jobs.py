@@ -1,0 +1,99 @@
+import os
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from app.errors import CancelledRun, RunError
+from app.jobs import Job, JobBook
+
+
+def test_each_job_has_a_folder_of_its_own_that_others_cannot_enter(tmp_path: Path) -> None:
+    jobs = JobBook(tmp_path / "jobs")
+    one, two = jobs.open("one"), jobs.open("two")
+    assert one.folder != two.folder
+    assert one.folder.stat().st_mode & 0o777 == 0o700
+
+
+def test_a_visitors_new_run_stops_the_old_one_and_no_one_elses(tmp_path: Path) -> None:
+    jobs = JobBook(tmp_path)
+    old, other = jobs.open("one"), jobs.open("two")
+    new = jobs.open("one")
+    assert old.is_cancelled()
+    assert not new.is_cancelled() and not other.is_cancelled()
+    assert jobs.cancel("two") and other.is_cancelled() and not new.is_cancelled()
+    assert not jobs.cancel("nobody")
+
+
+def test_runs_go_one_at_a_time_in_order_of_arrival_and_are_told_their_place(
+    tmp_path: Path,
+) -> None:
+    jobs = JobBook(tmp_path)
+    order: list[str] = []
+    places: dict[str, list[int]] = {}
+    release = threading.Event()
+    at_work = threading.Event()
+
+    def work(name: str) -> None:
+        with jobs.slot(jobs.open(name)) as turn:
+            places[name] = list(turn)
+            order.append(name)
+            at_work.set()
+            release.wait(10)
+
+    threads = []
+    for name in ("first", "second", "third"):
+        threads.append(threading.Thread(target=work, args=(name,)))
+        threads[-1].start()
+        at_work.wait(10)
+        time.sleep(0.05)  # so that it stands in the queue before the next one comes
+    assert order == ["first"]
+    release.set()
+    for thread in threads:
+        thread.join(10)
+    assert order == ["first", "second", "third"]
+    assert places["first"] == []
+    assert places["second"][0] == 1
+    assert places["third"][0] == 2
+
+
+def test_a_waiting_run_can_be_cancelled_and_leaves_its_place(tmp_path: Path) -> None:
+    jobs = JobBook(tmp_path)
+    with jobs.slot(jobs.open("first")) as turn:
+        assert list(turn) == []
+        with jobs.slot(jobs.open("second")) as waiting:
+            assert next(waiting) == 1
+            jobs.cancel("second")
+            with pytest.raises(CancelledRun):
+                next(waiting)
+    with jobs.slot(jobs.open("third")) as turn:
+        assert list(turn) == []
+
+
+def test_more_than_the_limit_are_turned_away(tmp_path: Path) -> None:
+    jobs = JobBook(tmp_path, max_waiting=1)
+    with jobs.slot(jobs.open("working")) as turn:
+        list(turn)
+        with jobs.slot(jobs.open("waiting")), pytest.raises(RunError, match="1 runs waiting"):
+            jobs.open("too many")
+
+
+def test_old_folders_are_deleted_and_those_in_use_kept(tmp_path: Path) -> None:
+    jobs = JobBook(tmp_path)
+    ended, running = jobs.open("ended"), jobs.open("running")
+    jobs.close("ended", ended)
+    for job in (ended, running):
+        os.utime(job.folder, (0, 0))
+    fresh = jobs.open("fresh")
+    jobs.close("fresh", fresh)
+    assert jobs.sweep(max_age_s=60) == 1
+    assert not ended.folder.exists() and running.folder.exists() and fresh.folder.exists()
+
+
+def test_closing_an_old_run_does_not_forget_the_new_one(tmp_path: Path) -> None:
+    jobs = JobBook(tmp_path)
+    old: Job = jobs.open("one")
+    new = jobs.open("one")
+    jobs.close("one", old)
+    assert jobs.cancel("one") and new.is_cancelled()
