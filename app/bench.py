@@ -1,0 +1,217 @@
+"""``python -m app.bench``: what each stage costs on this machine, as a table and bench.json."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from app.config import BUNDLED_WEIGHTS, EXAMPLES, PROJECT
+from app.loaded import get_body, get_system, warm_up
+from app.pipeline import DEFAULT_STEPS, generate_all
+from app.provenance import versions
+from app.rendering import body_motion
+from app.request import GenerateRequest, file_stem
+
+if TYPE_CHECKING:
+    from model.speech.audio import Speech
+
+CLIP_S = 10.0
+SHORT_S, LONG_S = 60.0, 600.0
+START_TIMEOUT_S = 60.0
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One measured number beside what was aimed at."""
+
+    name: str
+    value: float
+    unit: str
+    aim: str = ""
+    cpu: float | None = None
+    """The same as CPU time, which a busy machine disturbs less."""
+
+    def line(self) -> str:
+        cpu = "" if self.cpu is None else f"(CPU {self.cpu:.2f})"
+        return f"{self.name:<44} {self.value:>9.2f} {self.unit:<9} {cpu:<14} {self.aim}".rstrip()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measure, print the table, write the file."""
+    parser = argparse.ArgumentParser(prog="python -m app.bench", description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("bench.json"), metavar="FILE")
+    parser.add_argument("--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR")
+    parser.add_argument("--speech", type=Path, metavar="WAV", help="default: an example clip")
+    parser.add_argument(
+        "--no-memory", action="store_true", help="leave out the ten-minute clip, which takes long"
+    )
+    options = parser.parse_args(argv)
+    speech = options.speech or min(EXAMPLES.glob("*.wav"))
+    figures: list[Figure] = []
+
+    def add(new: list[Figure]) -> None:
+        for figure in new:
+            sys.stdout.write(figure.line() + "\n")
+            sys.stdout.flush()
+        figures.extend(new)
+
+    with tempfile.TemporaryDirectory(prefix="bench-") as name:
+        folder = Path(name)
+        clip = repeat_speech(speech, CLIP_S, folder / "clip.wav")
+        add(time_page_start(options.weights, folder))
+        warm_up(options.weights, None)
+        add(time_motion(clip, options.weights))
+        add(time_run(clip, options.weights, folder))
+        add(time_rendering(options.weights, clip, folder))
+        if not options.no_memory:
+            add(measure_memory(speech, options.weights, folder))
+    record = {
+        "figures": [asdict(figure) for figure in figures],
+        "machine": {"cores": os.cpu_count(), "processor": platform.processor() or "unknown"},
+        "versions": versions(),
+    }
+    options.out.write_text(json.dumps(record, indent=1) + "\n")
+    return 0
+
+
+def repeat_speech(path: Path, duration_s: float, out: Path) -> Path:
+    """Speech of exactly that length, made by cutting or repeating ``path``."""
+    from model.speech.audio import SAMPLE_RATE, load_speech, write_wav
+
+    waveform = load_speech(path).waveform
+    num_samples = round(duration_s * SAMPLE_RATE)
+    write_wav(out, np.resize(waveform, num_samples))
+    return out
+
+
+def time_page_start(weights: Path, folder: Path) -> list[Figure]:
+    """From the command to the first answer of the page."""
+    port = "7899"
+    started = time.monotonic()
+    page = subprocess.Popen(
+        [sys.executable, "app.py", "--port", port, "--weights", str(weights.resolve())],
+        cwd=PROJECT,
+        env={**os.environ, "TMPDIR": str(folder)},
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        while True:
+            try:
+                urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=5).read()
+                break
+            except (urllib.error.URLError, ConnectionError) as error:
+                if time.monotonic() - started > START_TIMEOUT_S or page.poll() is not None:
+                    raise RuntimeError("The page did not start.") from error
+                time.sleep(0.05)
+        return [Figure("page start", time.monotonic() - started, "s", "at most 8 s")]
+    finally:
+        page.terminate()
+        page.wait()
+
+
+def time_motion(clip: Path, weights: Path) -> list[Figure]:
+    """Features, and generation of each system at the default number of steps."""
+    from model.cards import list_systems
+    from model.generate import GenerateOptions, generate_motion
+    from model.speech.audio import load_speech
+
+    speech: Speech = load_speech(clip)
+    figures = []
+    features_ms = 0.0
+    for name in list_systems(weights):
+        system = get_system(name, weights)
+        if not figures:
+            started = time.perf_counter()
+            system.encoder.encode(speech.waveform, speech.num_frames)
+            features_ms = _ms_per_frame(started, speech.num_frames)
+            figures.append(Figure("speech features", features_ms, "ms/frame"))
+        options = GenerateOptions(speaker=next(iter(system.speakers)), steps=DEFAULT_STEPS)
+        started = time.perf_counter()
+        generate_motion(system, speech, options)
+        total_ms = _ms_per_frame(started, speech.num_frames)
+        title = f"generation, {name}, {DEFAULT_STEPS} steps"
+        figures.append(Figure(title, total_ms - features_ms, "ms/frame", "at most 15"))
+    return figures
+
+
+def time_run(clip: Path, weights: Path, folder: Path) -> list[Figure]:
+    """A whole run of all systems, as after a click on the warm page; its files stay."""
+    started = time.monotonic()
+    generate_all(GenerateRequest(speech=clip, out=folder / "run", weights=weights))
+    seconds = time.monotonic() - started
+    return [Figure(f"whole run, {CLIP_S:g} s clip, all systems", seconds, "s", "at most 45 s")]
+
+
+def time_rendering(weights: Path, clip: Path, folder: Path) -> list[Figure]:
+    """Each stage of drawing the first system's motion, and the usual loop beside it."""
+    from model.cards import list_systems
+    from model.motion import load_motion
+    from renderer.bench import naive_cost, stage_costs
+
+    path = folder / "run" / f"{file_stem(list_systems(weights)[0])}.npz"
+    motion = body_motion(load_motion(path))
+    body = get_body(None)
+    costs = stage_costs(body, motion, folder)
+    naive = naive_cost(body, motion)
+    # The naive loop has its vertices ready, and encodes nothing: compared with the same part.
+    ours = [cost for cost in costs if cost.stage not in ("skinning", "encoding")]
+    wall_ms = sum(cost.wall_ms for cost in ours)
+    cpu_ms = sum(cost.cpu_ms for cost in ours)
+    return [
+        *(
+            Figure(f"{cost.stage}, 512 x 512", cost.wall_ms, "ms/frame", cpu=cost.cpu_ms)
+            for cost in (*costs, naive)
+        ),
+        Figure(
+            "naive loop over normals, shadow and drawing", naive.wall_ms / wall_ms, "x",
+            "at least 4", naive.cpu_ms / cpu_ms,
+        ),
+    ]  # fmt: skip
+
+
+def measure_memory(speech: Path, weights: Path, folder: Path) -> list[Figure]:
+    """Peak memory of any process of a run, for a long clip against a short one."""
+    peaks_mb = []
+    for duration_s in (SHORT_S, LONG_S):
+        clip = repeat_speech(speech, duration_s, folder / f"{duration_s:g}.wav")
+        child = subprocess.Popen(
+            [
+                *(sys.executable, "-m", "app", "generate", str(clip)),
+                *("--out", str(folder / f"{duration_s:g}"), "--weights", str(weights.resolve())),
+                *("--steps", "1", "--size", "64"),
+            ],
+            cwd=PROJECT,
+            stdout=subprocess.DEVNULL,
+        )
+        _, status, usage = os.wait4(child.pid, 0)
+        if status:
+            raise RuntimeError(f"The run of {duration_s:g} s failed.")
+        peaks_mb.append(usage.ru_maxrss / 1024)  # kilobytes on Linux
+    short_mb, long_mb = peaks_mb
+    return [
+        Figure("peak memory, 1-minute clip", short_mb, "MB"),
+        Figure("peak memory, 10-minute clip", long_mb, "MB"),
+        Figure("10-minute over 1-minute clip", long_mb / short_mb, "x", "at most 1.3"),
+    ]
+
+
+def _ms_per_frame(started: float, num_frames: int) -> float:
+    return 1000 * (time.perf_counter() - started) / num_frames
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,83 @@
+"""The real page with tiny weights, and a real Chromium."""
+
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
+
+from app.config import AppConfig
+from app.main import launch
+from model.speech.audio import write_wav
+from renderer.offscreen import GLError
+from renderer.probe import choose_backend
+from tests.model.made import made_waveform, make_weights
+
+CHROMIUM = next(
+    (
+        path
+        for name in ("chromium", "chromium-browser", "google-chrome")
+        if (path := shutil.which(name))
+    ),
+    None,
+)
+PATIENCE_MS = 120_000
+"""Longest that any one thing may take on a busy machine."""
+
+
+@pytest.fixture(scope="session")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Where the page is."""
+    try:
+        choose_backend()
+    except GLError as error:
+        pytest.skip(str(error))
+    weights = make_weights(tmp_path_factory.mktemp("weights"))
+    temp = tmp_path_factory.mktemp("page")
+    page = launch(AppConfig(port=0, weights=weights, temp=temp), is_warmed_up=False)
+    yield page.local_url
+    page.close()
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    if CHROMIUM is None:
+        pytest.skip("Chromium is not installed (apt-get install chromium)")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=CHROMIUM,
+            args=["--no-sandbox", "--autoplay-policy=no-user-gesture-required"],
+        )
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def visit(browser: Browser, address: str) -> Iterator[Callable[..., Page]]:
+    """Open the page as a new visitor, who shares nothing with the others."""
+    contexts: list[BrowserContext] = []
+
+    def open_page(width: int = 1280, height: int = 900) -> Page:
+        contexts.append(browser.new_context(viewport={"width": width, "height": height}))
+        page = contexts[-1].new_page()
+        page.set_default_timeout(PATIENCE_MS)
+        page.goto(address)
+        page.get_by_role("button", name="Generate motion").wait_for()
+        return page
+
+    yield open_page
+    for context in contexts:
+        context.close()
+
+
+@pytest.fixture
+def wav(tmp_path: Path) -> Callable[[float], Path]:
+    """A file with so many seconds of something that is no silence."""
+
+    def make(duration_s: float) -> Path:
+        path = tmp_path / f"speech-{duration_s:g}.wav"
+        write_wav(path, made_waveform(round(16_000 * duration_s)))
+        return path
+
+    return make
