@@ -77,7 +77,7 @@ def stage_costs(
         def draw() -> list[np.ndarray]:
             pictures = []
             for frame in posed:
-                scene.show(frame)
+                scene.show(frame, stage.camera)
                 pictures.append(renderer.draw(scene).copy())
             return pictures
 

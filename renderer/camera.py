@@ -13,13 +13,17 @@ Z_FAR_M = 60.0
 YFOV_RAD = 0.55
 """Vertical opening angle: about a 45 mm lens, so that hands held out are not enlarged."""
 
-_AZIMUTH_RAD = {
-    "front": 0.0,
-    "three_quarter": np.deg2rad(40.0),
-    "side": np.deg2rad(90.0),
+_ANGLES_DEG = {
+    "front": (0.0, 6.0),
+    "three_quarter": (40.0, 6.0),
+    "side": (90.0, 6.0),
+    "face": (12.0, 2.0),
+    "left_hand": (25.0, 8.0),
+    "right_hand": (-25.0, 8.0),
 }
-VIEWS = tuple(_AZIMUTH_RAD)
-_ELEVATION_RAD = np.deg2rad(6.0)
+"""Azimuth from +z towards +x, the body's left, and elevation of the camera of each view."""
+
+VIEWS = tuple(_ANGLES_DEG)
 
 
 @dataclass(frozen=True)
@@ -29,6 +33,11 @@ class Camera:
     eye: tuple[float, float, float]
     target: tuple[float, float, float]
     yfov_rad: float = YFOV_RAD
+
+    def moved(self, offset: Float[np.ndarray, " 3"]) -> "Camera":
+        """The same camera standing ``offset`` metres further on."""
+        eye, target = np.add(self.eye, offset), np.add(self.target, offset)
+        return Camera(eye=_triple(eye), target=_triple(target), yfov_rad=self.yfov_rad)
 
     def axes(self) -> Float[np.ndarray, "3 3"]:
         """Rows: the camera's right, up and backward directions in the world."""
@@ -73,7 +82,7 @@ def view_axes(view: str) -> Float[np.ndarray, "3 3"]:
     """Rows: right, up and backward of a camera of that view, whatever its distance."""
     if view not in VIEWS:
         raise ValueError(f"View {view!r} is unknown; choose one of {', '.join(VIEWS)}.")
-    azimuth, elevation = _AZIMUTH_RAD[view], _ELEVATION_RAD
+    azimuth, elevation = np.deg2rad(_ANGLES_DEG[view])
     eye = (
         float(np.sin(azimuth) * np.cos(elevation)),
         float(np.sin(elevation)),

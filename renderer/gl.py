@@ -124,7 +124,10 @@ class DynamicMesh:
             indices=faces,
             # Float factors: pyrender divides integer ones by 255.
             material=pyrender.MetallicRoughnessMaterial(
-                baseColorFactor=[1.0, 1.0, 1.0, 1.0], metallicFactor=0.0, roughnessFactor=0.7
+                baseColorFactor=[1.0, 1.0, 1.0, 1.0],
+                metallicFactor=0.0,
+                roughnessFactor=0.7,
+                doubleSided=True,  # sleeves and collars are open
             ),
         )
         self.mesh = pyrender.Mesh([self._primitive])

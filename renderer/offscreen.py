@@ -1,12 +1,11 @@
 """Pictures without a screen: the choice of OpenGL backend and the life of its context.
 
-Of the ways to have pyrender in one plain ``pip install``, ``pyrender2`` was chosen: pyrender
-0.1.45 pins PyOpenGL 3.1.0, whose OSMesa binding lacks ``OSMesaCreateContextAttribs``, and it uses
-``np.infty``, which numpy 2 removed. ``pyrender2`` 0.2.2 (MIT) is 0.1.45 with those two lifted and
-a matrix-uniform bug fixed, needs neither six nor Python 3.12, and keeps shaders and renderer
-otherwise unchanged; ``pyrender-maintained`` 1.0.1 has the same changes but forces pyglet 2, and
-``scikit-robot-pyrender`` 0.1.50 re-formats every file and adds features that are not wanted here.
-PyOpenGL is listed beside it with bounds of its own, because EGL and OSMesa both need >= 3.1.5.
+pyrender 0.1.45 pins PyOpenGL 3.1.0, whose OSMesa binding lacks ``OSMesaCreateContextAttribs``, and
+uses ``np.infty``, which numpy 2 removed; so one plain ``pip install`` of it gives EGL at best.
+``pyrender2`` (MIT) is 0.1.45 with both lifted and a matrix-uniform bug fixed, asks for PyOpenGL
+3.1.9 or newer, and leaves renderer and shaders alone: with it EGL and OSMesa draw our golden
+pictures. Of the other forks ``pyrender-maintained`` makes the same changes, still accepts PyOpenGL
+3.1.0 and forces pyglet 2, and ``scikit-robot-pyrender`` re-formats every file and adds features.
 """
 
 import importlib

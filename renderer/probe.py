@@ -106,7 +106,7 @@ def try_backend(name: Backend) -> BackendReport:
             picture = renderer.draw(scene)
             started = time.perf_counter()
             for _ in range(_TIMED_FRAMES):
-                scene.show(frame)
+                scene.show(frame, camera)
                 picture = renderer.draw(scene)
             ms_per_frame = 1e3 * (time.perf_counter() - started) / _TIMED_FRAMES
             driver = renderer.driver

@@ -7,6 +7,7 @@ the next is touched, so memory does not grow with the length of a clip.
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,8 @@ from renderer.body import Body, BodyMotion
 from renderer.camera import VIEWS
 from renderer.offscreen import Backend, OffscreenRenderer
 from renderer.probe import choose_backend
-from renderer.scene import BodyScene, FramePreparer, PosedFrame, Studio
-from renderer.stage import Stage, set_stage
+from renderer.scene import BodyScene, FramePreparer, Studio
+from renderer.stage import Stage, camera_track, set_stage
 from renderer.video import DEFAULT_CRF, Cancelled, VideoWriter, check_size
 
 __all__ = ["Cancelled", "RenderSettings", "draw_motion", "render_stills", "render_video"]
@@ -130,6 +131,7 @@ def render_stills(
         return stills.pictures
     stage = stage or set_stage(body, [motion], settings.view, settings.aspect)
     index = np.asarray(frames)
+    track = camera_track(body, motion, settings.view)[index]
     chosen = BodyMotion(
         poses=motion.poses[index],
         trans=motion.trans[index],
@@ -137,7 +139,11 @@ def render_stills(
         expression_basis=motion.expression_basis,
         betas=motion.betas,
     )
-    for picture, frame in zip(draw_motion(body, chosen, settings, stage), frames, strict=True):
+    vertices = body.vertices(chosen, chunk=_CHUNK_FRAMES)
+    pictures = draw_vertices(
+        *(vertices, body.faces, body.vertex_colors), settings=settings, stage=stage, track=track
+    )
+    for picture, frame in zip(pictures, frames, strict=True):
         stills.offer(frame, picture)
     return stills.pictures
 
@@ -147,8 +153,12 @@ def draw_motion(
 ) -> Generator[UInt8[np.ndarray, "H W 3"]]:
     """Yield the picture of each frame. Each is overwritten by the next; close it to stop early."""
     stage = stage or set_stage(body, [motion], settings.view, settings.aspect)
-    vertices = body.vertices(motion, chunk=_CHUNK_FRAMES)
-    return draw_vertices(vertices, body.faces, body.vertex_colors, settings=settings, stage=stage)
+    return draw_vertices(
+        *(body.vertices(motion, chunk=_CHUNK_FRAMES), body.faces, body.vertex_colors),
+        settings=settings,
+        stage=stage,
+        track=camera_track(body, motion, settings.view),
+    )
 
 
 def draw_vertices(
@@ -158,8 +168,13 @@ def draw_vertices(
     *,
     settings: RenderSettings,
     stage: Stage,
+    track: Float[np.ndarray, "T 3"] | None = None,
 ) -> Generator[UInt8[np.ndarray, "H W 3"]]:
-    """Yield the picture of each set of vertices, with one context, scene and buffer for all."""
+    """Yield the picture of each set of vertices, with one context, scene and buffer for all.
+
+    Args:
+        track: where the camera stands in each frame, relative to ``stage.camera``; None, as it is.
+    """
     prepare: FramePreparer | None = None
     scene: BodyScene | None = None
     with OffscreenRenderer(
@@ -168,20 +183,18 @@ def draw_vertices(
         settings.backend or choose_backend(),
         "supersample" if settings.antialias else "none",
     ) as renderer:
-        for chunk in chunks:
-            for vertices in chunk:
-                if prepare is None:
-                    prepare = FramePreparer(faces, len(vertices), stage, settings.studio)
-                frame: PosedFrame = prepare(vertices)
-                if scene is None:
-                    scene = BodyScene(
-                        *(faces, colors, frame, prepare.ground.corners()),
-                        stage.camera,
-                        settings.aspect,
-                        settings.studio,
-                    )
-                scene.show(frame)
-                yield renderer.draw(scene)
+        for index, vertices in enumerate(chain.from_iterable(chunks)):
+            camera = stage.camera if track is None else stage.camera.moved(track[index])
+            if prepare is None:
+                prepare = FramePreparer(faces, len(vertices), stage, settings.studio)
+            frame = prepare(vertices)
+            if scene is None:
+                scene = BodyScene(
+                    *(faces, colors, frame, prepare.ground.corners()),
+                    *(camera, settings.aspect, settings.studio),
+                )
+            scene.show(frame, camera)
+            yield renderer.draw(scene)
 
 
 class _Stills:

@@ -98,7 +98,7 @@ class BodyScene:
         )
         self.scene.add(self._body.mesh)
         self.scene.add(self._ground.mesh)
-        self.scene.add(
+        self._camera = self.scene.add(
             pyrender.PerspectiveCamera(
                 yfov=camera.yfov_rad, aspectRatio=aspect, znear=Z_NEAR_M, zfar=Z_FAR_M
             ),
@@ -111,7 +111,8 @@ class BodyScene:
                 pose=facing.pose(),
             )
 
-    def show(self, frame: PosedFrame) -> None:
-        """Move the body and its shadow. The OpenGL context must be current."""
+    def show(self, frame: PosedFrame, camera: Camera) -> None:
+        """Move the body, its shadow and the camera. The OpenGL context must be current."""
+        self.scene.set_pose(self._camera, camera.pose())
         self._body.move(frame.vertices, frame.normals)
         self._ground.show(frame.ground)

@@ -5,10 +5,27 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy import ndimage
 
 from renderer.body import Body, BodyMotion
 from renderer.camera import Camera, frame_points
-from renderer.smplx_joints import JOINT_INDEX
+from renderer.smplx_joints import JOINT_INDEX, JOINT_NAMES
+
+_FOLLOWED = {
+    "face": [JOINT_INDEX[name] for name in ("head", "jaw", "left_eye", "right_eye")],
+    **{
+        f"{side}_hand": [
+            index
+            for index, name in enumerate(JOINT_NAMES)
+            if name == f"{side}_wrist" or (name.startswith(side) and name[-1] in "123")
+        ]
+        for side in ("left", "right")
+    },
+}
+"""Joints that the camera of a close-up follows; the other views stand still and show them all."""
+
+_FOLLOW_SIGMA_FRAMES = 12.0
+"""The camera of a close-up moves slowly, so that the jitter of what it shows can be seen."""
 
 _FEET = [JOINT_INDEX[f"{side}_{name}"] for side in ("left", "right") for name in ("ankle", "foot")]
 
@@ -18,6 +35,7 @@ class Stage:
     """A camera, and the floor under the motions it was made for. Metres, y up."""
 
     camera: Camera
+    """Of a close-up: relative to the point that it follows."""
     floor_m: float
     centre_xz: tuple[float, float]
     """Middle of the ground that the joints stay above."""
@@ -28,12 +46,13 @@ class Stage:
 def set_stage(
     body: Body, motions: Sequence[BodyMotion], view: str = "front", aspect: float = 1.0
 ) -> Stage:
-    """The stage that shows all of these motions whole, each in turn, with equal cameras.
+    """The stage that shows all of these motions, each in turn, with equal cameras.
 
     The joints of every frame are framed, each with the reach of the flesh around it: far cheaper
     than posing every vertex, and the picture's margin takes up what skinning adds.
 
     Args:
+        view: one of ``camera.VIEWS``.
         aspect: width of the picture by its height.
 
     Raises:
@@ -42,15 +61,34 @@ def set_stage(
     if not motions:
         raise ValueError("A stage needs at least one motion; none was given.")
     joints = [body.joint_positions(motion) for motion in motions]
-    points = np.concatenate(joints).astype(np.float64)  # (sum of T, J, 3)
-    reach = np.broadcast_to(_reach(body), points.shape[:2])
-    low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
+    shown = _FOLLOWED.get(view, list(range(len(JOINT_NAMES))))
+    points = np.concatenate(
+        [(each - _track(each, view)[:, None])[:, shown] for each in joints]
+    ).astype(np.float64)
+    reach = np.broadcast_to(_reach(body)[shown], points.shape[:2])
+    everywhere = np.concatenate(joints)
+    low, high = everywhere.min(axis=(0, 1)), everywhere.max(axis=(0, 1))
     return Stage(
         camera=frame_points(points.reshape(-1, 3), view, aspect=aspect, radius_m=reach.ravel()),
         floor_m=float(np.median([_floor(body, positions) for positions in joints])),
         centre_xz=(float(low[0] + high[0]) / 2.0, float(low[2] + high[2]) / 2.0),
         extent_m=float(max(high[0] - low[0], high[2] - low[2])),
     )
+
+
+def camera_track(body: Body, motion: BodyMotion, view: str) -> Float[np.ndarray, "T 3"]:
+    """Where the camera of a view stands in each frame, relative to ``Stage.camera``, metres."""
+    if view not in _FOLLOWED:
+        return np.zeros((motion.num_frames, 3))
+    return _track(body.joint_positions(motion), view)
+
+
+def _track(positions: Float[np.ndarray, "T J 3"], view: str) -> Float[np.ndarray, "T 3"]:
+    """The smoothed middle of the joints that a view follows; zero if it stands still."""
+    if view not in _FOLLOWED:
+        return np.zeros((len(positions), 3))
+    middle = positions[:, _FOLLOWED[view]].mean(axis=1)
+    return ndimage.gaussian_filter1d(middle, _FOLLOW_SIGMA_FRAMES, axis=0, mode="nearest")
 
 
 def _reach(body: Body) -> Float[np.ndarray, " J"]:

@@ -8,6 +8,7 @@ in vec2 uv;
 #endif
 #ifndef HAS_BASE_COLOR_TEX
 in vec3 lit_color;
+const float INSIDE = 0.35;
 #endif
 out vec4 frag_color;
 
@@ -16,6 +17,7 @@ void main() {
     frag_color = vec4(texture(material.base_color_texture, uv).rgb, 1.0);
 #endif
 #ifndef HAS_BASE_COLOR_TEX
-    frag_color = vec4(lit_color, 1.0);
+    // The inside of a sleeve or collar lies in the shade.
+    frag_color = vec4(gl_FrontFacing ? lit_color : INSIDE * lit_color, 1.0);
 #endif
 }

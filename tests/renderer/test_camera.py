@@ -8,8 +8,8 @@ from hypothesis.extra import numpy as hnp
 
 from renderer.body import BodyMotion, load_body
 from renderer.camera import VIEWS, Camera, frame_points, view_axes
-from renderer.smplx_joints import JOINT_INDEX
-from renderer.stage import set_stage
+from renderer.smplx_joints import JOINT_INDEX, TIP_VERTICES
+from renderer.stage import camera_track, set_stage
 
 COORDINATES = st.floats(-3.0, 3.0, width=32)
 POINTS = hnp.arrays(np.float64, st.tuples(st.integers(1, 12), st.just(3)), elements=COORDINATES)
@@ -97,7 +97,7 @@ def waving_motion(num_frames: int = 40, walk_m: float = 0.0) -> BodyMotion:
     )
 
 
-@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("view", ["front", "three_quarter", "side"])
 @pytest.mark.parametrize("size", [(512, 512), (320, 480), (854, 480)])
 def test_no_vertex_of_a_motion_leaves_the_picture(view, size):
     body = load_body()
@@ -105,6 +105,45 @@ def test_no_vertex_of_a_motion_leaves_the_picture(view, size):
     stage = set_stage(body, [motion], view, size[0] / size[1])
     for chunk in body.vertices(motion):
         assert stage.camera.sees(chunk, *size).all()
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_hand_never_leaves_its_close_up(side):
+    body = load_body()
+    motion = waving_motion(walk_m=1.5)
+    view = f"{side}_hand"
+    stage = set_stage(body, [motion], view)
+    track = camera_track(body, motion, view)
+    tips = [vertex for name, vertex in TIP_VERTICES.items() if name.startswith(side)]
+    shown = np.concatenate([chunk[:, tips] for chunk in body.vertices(motion)])
+    hands = []
+    for vertices, offset in zip(shown, track, strict=True):
+        camera = stage.camera.moved(offset)
+        assert camera.sees(vertices, 400, 400).all()
+        hands.append(camera.project(vertices, 400, 400).mean(axis=0))
+    # The camera is slow: what jitters in the world also jitters in the picture.
+    assert np.ptp(hands, axis=0).max() > 10
+
+
+def test_the_face_fills_its_close_up_and_the_camera_follows_it():
+    body = load_body()
+    still, walking = BodyMotion.resting(40), waving_motion(walk_m=3.0)
+    head = body.template[:, 1] > body.rest_joints[JOINT_INDEX["head"], 1] + 0.05
+    heads = np.concatenate([chunk[:, head] for chunk in body.vertices(walking)])
+    stage = set_stage(body, [still, walking], "face")
+    for vertices, offset in zip(heads, camera_track(body, walking, "face"), strict=True):
+        assert stage.camera.moved(offset).sees(vertices, 400, 400).all()
+    pixels = (
+        set_stage(body, [still], "face")
+        .camera.moved(camera_track(body, still, "face")[0])
+        .project(body.template[head], 400, 400)
+    )
+    assert np.ptp(pixels[:, 1]) > 130
+
+
+def test_cameras_that_stand_still_have_no_track():
+    motion = waving_motion(walk_m=1.0)
+    assert not camera_track(load_body(), motion, "front").any()
 
 
 def test_one_stage_shows_all_motions_of_a_comparison():
