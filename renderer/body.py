@@ -26,7 +26,7 @@ NUM_EXPRESSIONS = 100
 MAX_DISTANCE_M = 100.0
 MAX_BETA = 10.0
 # Frames skinned at once: large enough for matrix products, small enough for the cache.
-_BLOCK_FRAMES = 8
+_BLOCK_FRAMES = 16
 
 
 @dataclass(frozen=True)

@@ -80,7 +80,8 @@ def read_body_file(path: Path) -> BodyArrays:
             f"{path.name} would unpack to {unpacked / 2**30:.1f} GiB; "
             f"a body has at most {MAX_UNPACKED_BYTES >> 30} GiB."
         )
-    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    with path.open("rb") as file:
+        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     try:
         with np.load(path, allow_pickle=False) as archive:
             reader = _Reader(path.name, archive)
@@ -130,7 +131,7 @@ class _Reader:
         array = self.array(key, *shape)
         if array.dtype.kind not in "fiu":
             raise BodyError(f"{self.file_name}: '{key}' holds {array.dtype}, not numbers.")
-        result = array.astype(np.float32)
+        result = array.astype(np.float32, copy=False)
         if not np.isfinite(result).all():
             raise BodyError(f"{self.file_name}: '{key}' holds values that are not finite.")
         return result

@@ -9,18 +9,23 @@ import numpy as np
 from jaxtyping import Float32, Int
 
 REGION_COLORS: dict[str, tuple[float, float, float]] = {
-    "skin": (0.50, 0.40, 0.34),
-    "suit": (0.115, 0.17, 0.26),
-    "shoe": (0.045, 0.05, 0.06),
-    "eye_white": (0.80, 0.80, 0.79),
-    "iris": (0.10, 0.15, 0.20),
-    "iris_rim": (0.05, 0.07, 0.09),
+    "skin": (0.50, 0.385, 0.32),
+    "lips": (0.40, 0.235, 0.205),
+    "mouth": (0.085, 0.025, 0.025),
+    "teeth": (0.40, 0.38, 0.34),
+    "hair": (0.045, 0.032, 0.026),
+    "brows": (0.085, 0.06, 0.048),
+    "eye_white": (0.72, 0.72, 0.71),
+    "iris": (0.09, 0.12, 0.15),
+    "iris_rim": (0.04, 0.055, 0.07),
     "pupil": (0.01, 0.01, 0.012),
-    "teeth": (0.62, 0.60, 0.55),
-    "mouth": (0.10, 0.035, 0.035),
-    "lip_inside": (0.30, 0.17, 0.16),
+    "shirt": (0.09, 0.155, 0.26),
+    "trousers": (0.07, 0.07, 0.08),
+    "shoes": (0.025, 0.026, 0.03),
+    "soles": (0.45, 0.45, 0.44),
 }
 REGION_NAMES: tuple[str, ...] = tuple(REGION_COLORS)
+REGION_INDEX: dict[str, int] = {name: i for i, name in enumerate(REGION_NAMES)}
 
 
 def vertex_colors(regions: Int[np.ndarray, " V"]) -> Float32[np.ndarray, "V 3"]:

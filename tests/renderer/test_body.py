@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 
 from model import skeleton
-from renderer.body import Body, BodyMotion, load_body
-from renderer.smplx_joints import JOINT_NAMES, NUM_JOINTS, PARENTS
+from renderer.body import Body, BodyError, BodyMotion, load_body
+from renderer.body_file import OPEN_BODY_PATH
+from renderer.look import REGION_INDEX
+from renderer.smplx_joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS, TIP_VERTICES
 
 NUM_FRAMES = 7
 MADE_VERTICES = 10
+COMPARED_VERTICES = 9930  # the smplx package takes landmarks by vertex numbers up to here
 
 
 @pytest.fixture(scope="module")
@@ -24,15 +27,11 @@ def random_motion(
     seed: int = 0, num_frames: int = NUM_FRAMES, basis: str = "arkit52", num_expressions: int = 52
 ) -> BodyMotion:
     rng = np.random.default_rng(seed)
+    poses = rng.normal(size=(num_frames, 165)) * 0.3
+    trans = rng.normal(size=(num_frames, 3))
     expressions = np.zeros((num_frames, 100))
     expressions[:, :num_expressions] = rng.uniform(0, 0.5, (num_frames, num_expressions))
-    return BodyMotion(
-        poses=rng.normal(size=(num_frames, 165)) * 0.3,
-        trans=rng.normal(size=(num_frames, 3)),
-        expressions=expressions,
-        expression_basis=basis,
-        betas=np.zeros(300),
-    )
+    return BodyMotion(poses, trans, expressions, basis, betas=np.zeros(300))
 
 
 def all_vertices(body: Body, motion: BodyMotion, chunk: int = 64) -> np.ndarray:
@@ -89,3 +88,299 @@ def test_chunk_size_does_not_change_the_result(body: Body, chunk: int) -> None:
     chunks = list(body.vertices(motion, chunk))
     assert [len(part) for part in chunks[:-1]] == [chunk] * (len(chunks) - 1)
     assert max_distance_mm(np.concatenate(chunks), all_vertices(body, motion, 13)) < 1e-3
+
+
+def test_joints_are_those_of_forward_kinematics(body: Body) -> None:
+    torch = pytest.importorskip("torch")
+    from model.kinematics import joint_positions_from_local
+    from model.rotations import matrix_from_axis_angle
+
+    motion = random_motion()
+    local_rot = matrix_from_axis_angle(torch.from_numpy(motion.poses).reshape(-1, 55, 3))
+    _, positions = joint_positions_from_local(
+        local_rot, skeleton.open_body_skeleton(), torch.from_numpy(motion.trans)
+    )
+    assert max_distance_mm(body.joint_positions(motion), positions.numpy()) < 0.02
+
+
+def test_vertices_of_one_joint_move_rigidly_with_it(body: Body) -> None:
+    """The eyeballs hang on one joint each, so their middle follows it exactly."""
+    motion = random_motion()
+    joints = body.joint_positions(motion)
+    posed = all_vertices(body, motion)
+    for name in ("left_eye", "right_eye"):
+        joint = JOINT_INDEX[name]
+        eyeball = body.arrays.weights[:, [joint]].toarray()[:, 0] == 1
+        white = eyeball & (body.arrays.regions == REGION_INDEX["eye_white"])
+        assert white.sum() > 50
+        at_rest = np.linalg.norm(body.template[white] - body.rest_joints[joint], axis=-1)
+        moved = np.linalg.norm(posed[:, white] - joints[:, [joint]], axis=-1)
+        np.testing.assert_allclose(moved, np.tile(at_rest, (NUM_FRAMES, 1)), atol=1e-5)
+
+
+def test_fingertip_vertices_are_fingertips(body: Body) -> None:
+    for name, vertex in TIP_VERTICES.items():
+        last, middle = (body.rest_joints[JOINT_INDEX[f"{name}{k}"]] for k in (3, 2))
+        tip = body.template[vertex]
+        along = (tip - last) @ (last - middle) / np.linalg.norm(last - middle)
+        assert 0.010 < along < 0.035, name
+
+
+def test_skeleton_of_the_model_is_that_of_the_body(body: Body) -> None:
+    rig = skeleton.open_body_skeleton()
+    assert max_distance_mm(rig.rest_joints.numpy(), body.rest_joints) < 0.02
+    for k, name in enumerate(skeleton.FINGERTIP_NAMES):
+        joint = body.rest_joints[JOINT_INDEX[f"{name}3"]]
+        offset = body.template[TIP_VERTICES[name]] - joint
+        assert max_distance_mm(rig.tip_offsets[k].numpy(), offset) < 0.02
+
+
+def expanded_to_smplx(body: Body, path: Path) -> Path:
+    """The open body's first vertices as an SMPL-X file: dense weights, a joint regressor."""
+    arrays = body.arrays
+    num_vertices = COMPARED_VERTICES
+    columns = slice(300, 300 + len(arrays.expression_dirs))
+    moved = arrays.expression_vertices < num_vertices
+    shapedirs = np.zeros((num_vertices, 3, 400), np.float32)
+    shapedirs[arrays.expression_vertices[moved], :, columns] = arrays.expression_dirs[
+        :, moved
+    ].transpose(1, 2, 0)
+    corrected = arrays.pose_vertices[arrays.pose_vertices < num_vertices]
+    posedirs = np.zeros((num_vertices, 3, 486), np.float32)
+    posedirs[corrected] = arrays.pose_dirs[: 3 * len(corrected)].toarray().reshape(-1, 3, 486)
+    faces = body.faces[(body.faces < num_vertices).all(1)]
+    # A regressor that gives the rest joints from vertices that no expression moves.
+    still = np.setdiff1d(np.arange(num_vertices), arrays.expression_vertices)
+    points = np.c_[body.template[still].astype(np.float64), np.ones(len(still))]
+    regressor = np.zeros((NUM_JOINTS, num_vertices))
+    regressor[:, still] = np.c_[body.rest_joints, np.ones(NUM_JOINTS)] @ np.linalg.pinv(points)
+    none = np.zeros(45, np.float32)
+    np.savez(
+        path,
+        v_template=body.template[:num_vertices],
+        f=faces.astype(np.uint32),
+        weights=arrays.weights[:num_vertices].toarray(),
+        J_regressor=regressor,
+        kintree_table=np.stack([np.array(PARENTS), np.arange(NUM_JOINTS)]).astype(np.uint32),
+        shapedirs=shapedirs,
+        posedirs=posedirs,
+        hands_meanl=none,
+        hands_meanr=none,
+        hands_componentsl=np.eye(45),
+        hands_componentsr=np.eye(45),
+        lmk_faces_idx=np.zeros(51, np.int64),
+        lmk_bary_coords=np.zeros((51, 3)),
+    )
+    return path
+
+
+@pytest.fixture(scope="module")
+def smplx_path(body: Body, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return expanded_to_smplx(body, tmp_path_factory.mktemp("smplx") / "SMPLX_NEUTRAL.npz")
+
+
+def smplx_result(
+    path: Path, motion: BodyMotion, num_betas: int = 300, num_expressions: int = 100
+) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and the 55 joints from the independent ``smplx`` package."""
+    smplx = pytest.importorskip("smplx")
+    torch = pytest.importorskip("torch")
+    model = smplx.SMPLX(
+        str(path),
+        ext="npz",
+        batch_size=motion.num_frames,
+        use_pca=False,
+        flat_hand_mean=True,
+        use_face_contour=False,
+        num_betas=num_betas,
+        num_expression_coeffs=num_expressions,
+    )
+    poses = torch.from_numpy(motion.poses).reshape(-1, 55, 3)
+    with torch.no_grad():
+        result = model(
+            betas=torch.from_numpy(np.tile(motion.betas, (motion.num_frames, 1))),
+            expression=torch.from_numpy(motion.expressions[:, :num_expressions]),
+            global_orient=poses[:, 0],
+            body_pose=poses[:, 1:22].flatten(1),
+            jaw_pose=poses[:, 22],
+            leye_pose=poses[:, 23],
+            reye_pose=poses[:, 24],
+            left_hand_pose=poses[:, 25:40].flatten(1),
+            right_hand_pose=poses[:, 40:].flatten(1),
+            transl=torch.from_numpy(motion.trans),
+        )
+    return result.vertices.numpy(), result.joints.numpy()
+
+
+def test_agrees_with_the_smplx_package(body: Body, smplx_path: Path) -> None:
+    motion = random_motion()
+    vertices, joints = smplx_result(smplx_path, motion)
+    assert max_distance_mm(all_vertices(body, motion)[:, :COMPARED_VERTICES], vertices) < 0.01
+    assert max_distance_mm(body.joint_positions(motion), joints[:, :55]) < 0.01
+    tip = joints[:, 73]  # the package's right middle fingertip
+    ours = all_vertices(body, motion)[:, TIP_VERTICES["right_middle"]]
+    assert max_distance_mm(ours, tip) < 0.01
+
+
+def test_a_full_smplx_file_is_posed_like_the_open_body(body: Body, smplx_path: Path) -> None:
+    """The same numbers through the licensed format and through the compact one."""
+    licensed = load_body(smplx_path)
+    assert licensed.expression_basis == "flame100"
+    open_motion, flame_motion = random_motion(), random_motion(basis="flame100")
+    ours = all_vertices(body, open_motion)[:, :COMPARED_VERTICES]
+    assert max_distance_mm(all_vertices(licensed, flame_motion), ours) < 0.01
+
+
+def test_joints_follow_betas_and_expressions_as_in_smplx(tmp_path: Path) -> None:
+    """On a random body of the 2019 format even the joints move with expressions."""
+    rng = np.random.default_rng(5)
+    num_vertices = COMPARED_VERTICES
+    weights = rng.random((num_vertices, NUM_JOINTS)) ** 8
+    regressor = rng.random((NUM_JOINTS, num_vertices)) ** 20
+    made = smplx_file(
+        tmp_path / "SMPLX_NEUTRAL.npz",
+        v_template=rng.normal(size=(num_vertices, 3)),
+        weights=weights / weights.sum(1, keepdims=True),
+        J_regressor=regressor / regressor.sum(1, keepdims=True),
+        shapedirs=rng.normal(size=(num_vertices, 3, 20)) * 0.03,
+        posedirs=np.zeros((num_vertices, 3, 486), np.float32),
+        part2num=None,
+        **dict.fromkeys(("hands_meanl", "hands_meanr"), np.zeros(45)),
+        **dict.fromkeys(("hands_componentsl", "hands_componentsr"), np.eye(45)),
+        lmk_faces_idx=np.zeros(51, np.int64),
+        lmk_bary_coords=np.zeros((51, 3)),
+    )
+    plain = random_motion(num_frames=2, basis="flame100", num_expressions=10)
+    motion = BodyMotion(
+        plain.poses, plain.trans, plain.expressions, "flame100", rng.normal(size=10)
+    )
+    vertices, joints = smplx_result(made, motion, num_betas=10, num_expressions=10)
+    licensed = load_body(made)
+    assert max_distance_mm(all_vertices(licensed, motion), vertices) < 0.02
+    assert max_distance_mm(licensed.joint_positions(motion), joints[:, :55]) < 0.02
+
+
+@pytest.mark.parametrize("columns", [20, 110, 400])
+def test_small_made_smplx_body_works(tmp_path: Path, columns: int) -> None:
+    shapedirs = np.full((MADE_VERTICES, 3, columns), 0.001)
+    licensed = load_body(smplx_file(tmp_path / "body.npz", shapedirs=shapedirs))
+    motion = random_motion(basis="flame100", num_expressions=100)
+    assert all_vertices(licensed, motion).shape == (NUM_FRAMES, MADE_VERTICES, 3)
+    assert licensed.vertex_colors is None
+    (posed,) = licensed.vertices(BodyMotion.resting(expression_basis="flame100"))
+    np.testing.assert_allclose(posed[0], licensed.template, atol=1e-6)
+
+
+def test_other_expression_basis_is_left_out_and_said(body: Body) -> None:
+    flame, plain = random_motion(basis="flame100"), random_motion(num_expressions=0)
+    assert max_distance_mm(all_vertices(body, flame), all_vertices(body, plain)) == 0
+    note = body.expression_note(flame)
+    assert note is not None and "flame100" in note and "arkit52" in note
+    assert body.expression_note(random_motion()) is None
+    assert body.expression_note(random_motion(basis="flame100", num_expressions=0)) is None
+
+
+def test_betas_mean_nothing_on_the_open_body_and_that_is_said(body: Body) -> None:
+    plain = random_motion()
+    shaped = BodyMotion(plain.poses, plain.trans, plain.expressions, "arkit52", np.full(300, 2.0))
+    assert max_distance_mm(all_vertices(body, shaped), all_vertices(body, plain)) == 0
+    assert body.notes(plain) == ()
+    assert "betas" in body.notes(shaped)[0]
+
+
+def test_vertex_colors_cover_the_body(body: Body) -> None:
+    colors = body.vertex_colors
+    assert colors is not None
+    assert colors.shape == (body.num_vertices, 3)
+    assert colors.min() >= 0 and colors.max() <= 1
+    assert len(np.unique(colors, axis=0)) >= 10
+
+
+def test_memory_is_that_of_one_chunk(body: Body) -> None:
+    """A longer motion does not make the stream hold more."""
+    import tracemalloc
+
+    def peak(num_frames: int) -> int:
+        motion = random_motion(num_frames=num_frames)
+        tracemalloc.start()
+        for _ in body.vertices(motion, chunk=8):
+            pass
+        top = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return top
+
+    assert peak(160) < 1.1 * peak(32)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"v_template": None}, "no array 'v_template'"),
+        ({"J_regressor": np.array([{"sparse": 1}], dtype=object)}, "pickled"),
+        ({"kintree_table": np.zeros((2, 52), np.uint32)}, "52 joints"),
+        ({"kintree_table": np.zeros((2, 55), np.uint32)}, "not the joint tree"),
+        ({"f": np.full((4, 3), MADE_VERTICES, np.uint32)}, "names vertex 10"),
+        ({"f": np.zeros((0, 3), np.uint32)}, "no mesh"),
+        ({"weights": np.zeros((MADE_VERTICES, 55))}, "do not sum to one"),
+        ({"posedirs": np.zeros((MADE_VERTICES, 3, 207))}, "posedirs"),
+        ({"v_template": np.full((MADE_VERTICES, 3), np.nan)}, "not finite"),
+        ({"v_template": np.array([["a", "b", "c"]] * MADE_VERTICES)}, "not numbers"),
+    ],
+)
+def test_bad_body_files(tmp_path: Path, changes: dict[str, object], words: str) -> None:
+    path = smplx_file(tmp_path / "body.npz", **changes)
+    with pytest.raises(BodyError, match=words) as caught:
+        load_body(path)
+    assert "body.npz" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_are_no_body(tmp_path: Path) -> None:
+    missing = tmp_path / "nothing.npz"
+    text = tmp_path / "text.npz"
+    text.write_text("not a body")
+    other = tmp_path / "motion.npz"
+    np.savez(other, poses=np.zeros((3, 165)))
+    array = tmp_path / "array.npy"
+    np.save(array, np.zeros(3))
+    cut_short = tmp_path / "cut.npz"
+    cut_short.write_bytes(OPEN_BODY_PATH.read_bytes()[:100_000])
+    for path in (missing, text, other, array, cut_short, tmp_path):
+        with pytest.raises(BodyError) as caught:
+            load_body(path)
+        assert len(str(caught.value).splitlines()) == 1
+
+
+def test_damaged_bytes_are_refused(tmp_path: Path) -> None:
+    content = bytearray(OPEN_BODY_PATH.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    damaged = tmp_path / "open_body.npz"
+    damaged.write_bytes(content)
+    with pytest.raises(BodyError):
+        load_body(damaged)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"poses": np.zeros((0, 165)), "trans": np.zeros((0, 3))}, "no frame"),
+        ({"poses": np.zeros((4, 156))}, "poses"),
+        ({"trans": np.zeros((3, 3))}, "trans"),
+        ({"expressions": np.zeros((4, 50))}, "expressions"),
+        ({"poses": np.full((4, 165), np.nan)}, "not finite"),
+        ({"trans": np.full((4, 3), 250.0)}, "250 m away"),
+        ({"betas": np.full(300, 1e6)}, "betas"),
+        ({"betas": np.zeros((4, 300))}, "betas"),
+        ({"expression_basis": "arkit"}, "flame100, arkit52"),
+    ],
+)
+def test_bad_motions(changes: dict[str, object], words: str) -> None:
+    fields: dict[str, object] = {
+        "poses": np.zeros((4, 165)),
+        "trans": np.zeros((4, 3)),
+        "expressions": np.zeros((4, 100)),
+        "expression_basis": "arkit52",
+        "betas": np.zeros(300),
+    }
+    with pytest.raises(BodyError, match=words):
+        BodyMotion(**(fields | changes))  # pyright: ignore[reportArgumentType]
