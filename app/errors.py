@@ -35,8 +35,20 @@ def sentence_of(error: BaseException) -> str | None:
     return None
 
 
+def is_disk_full(error: BaseException | None) -> bool:
+    """Whether the system says that there is no room to write."""
+    return isinstance(error, OSError) and error.errno in _DISK_FULL
+
+
+def disk_full_sentence(folder: Path | None) -> str:
+    """What to do about it."""
+    where = f" at {folder}" if folder else ""
+    return f"The disk{where} is full; free some space or write to another folder."
+
+
 def _file_sentence(error: OSError) -> str:
-    where = f" at {Path(str(error.filename)).parent}" if error.filename else ""
-    if error.errno in _DISK_FULL:
-        return f"The disk{where} is full; free some space or write to another folder."
+    folder = Path(str(error.filename)).parent if error.filename else None
+    if is_disk_full(error):
+        return disk_full_sentence(folder)
+    where = f" at {folder}" if folder else ""
     return f"Nothing may be written{where or ' there'}; choose a folder that you may write to."

@@ -8,7 +8,7 @@ import shutil
 from pathlib import Path
 from types import TracebackType
 
-from app.errors import RunError
+from app.errors import RunError, disk_full_sentence, is_disk_full
 
 _PREFIX = ".unfinished-"
 
@@ -17,7 +17,8 @@ class ResultFolder:
     """Collects files beside their final place and moves them there when all are done.
 
     Files of an earlier run with the same names are replaced only then; an interrupted run
-    removes what it had made, and the folder too if it made that.
+    removes what it had made, and the folder too if it made that. A disk that fills up in between
+    is told as a `RunError`.
     """
 
     def __init__(self, out: Path) -> None:
@@ -67,6 +68,8 @@ class ResultFolder:
         shutil.rmtree(self._staging, ignore_errors=True)
         if error is not None and self._made_folder:
             _remove_if_empty(self.out)
+        if is_disk_full(error):
+            raise RunError(disk_full_sentence(self.out)) from error
 
 
 def require_free_space(folder: Path, needed_bytes: int) -> None:

@@ -15,7 +15,7 @@ from app.loaded import get_body, get_system
 from app.numbers import write_diagnostics
 from app.outputs import ResultFolder, require_free_space
 from app.provenance import make_provenance
-from app.rendering import body_motion
+from app.rendering import body_motion, render_settings
 from app.request import (
     MAX_COMPARED,
     MAX_SAMPLES,
@@ -138,6 +138,8 @@ class _Run:
         for system in systems:
             system.speaker_index(speaker)
         reference = self._read_reference(speech)
+        if request.has_video:
+            render_settings(request.views[0], request.size)
         backend = _backend() if request.has_video else None
         self._require_space(speech.num_frames, len(systems))
         self._progress("speech", 1.0)
@@ -283,7 +285,6 @@ class _Run:
     ) -> dict[str, np.ndarray]:
         """All videos; returns the pictures for Figure 6 by row."""
         from renderer.figures import choose_snapshot_frames
-        from renderer.render import RenderSettings
         from renderer.stage import set_stage
         from renderer.worker import RenderJob
 
@@ -294,7 +295,7 @@ class _Run:
         jobs: dict[str, RenderJob] = {}
         rows: dict[str, str] = {}
         for view in request.views:
-            settings = RenderSettings(width=request.size, height=request.size, view=view)
+            settings = render_settings(view, request.size)
             stage = set_stage(body, list(motions.values()), view, settings.aspect)
             for name, motion in motions.items():
                 is_main = view == request.views[0]

@@ -13,6 +13,7 @@ from app.request import View
 
 if TYPE_CHECKING:
     from renderer.body import Body, BodyMotion
+    from renderer.render import RenderSettings
 
 MAX_STILLS = 64
 ENDINGS = (".mp4", ".png", ".glb", ".bvh")
@@ -84,15 +85,22 @@ def body_motion(motion) -> BodyMotion:
     )
 
 
-def _settings(task: _Task):
+def render_settings(view: View, size: int, is_draft: bool = False) -> RenderSettings:
+    """Square pictures of that size.
+
+    Raises:
+        RunError: if the size cannot be drawn or encoded.
+    """
     from renderer.render import RenderSettings
 
-    return RenderSettings(
-        width=task.size,
-        height=task.size,
-        view=task.view,
-        antialias=not task.is_draft,
-    )
+    try:
+        return RenderSettings(width=size, height=size, view=view, antialias=not is_draft)
+    except ValueError as error:
+        raise RunError(str(error)) from error
+
+
+def _settings(task: _Task) -> RenderSettings:
+    return render_settings(task.view, task.size, task.is_draft)
 
 
 def _video(task: _Task) -> None:
