@@ -10,6 +10,8 @@ from jaxtyping import Bool, Float
 
 Z_NEAR_M = 0.1
 Z_FAR_M = 60.0
+MARGIN = 0.06
+"""Share of the half picture that stays free at each side."""
 YFOV_RAD = 0.55
 """Vertical opening angle: about a 45 mm lens, so that hands held out are not enlarged."""
 
@@ -97,7 +99,7 @@ def frame_points(
     *,
     aspect: float = 1.0,
     radius_m: Float[np.ndarray, " N"] | float = 0.0,
-    margin: float = 0.06,
+    margin: float = MARGIN,
     yfov_rad: float = YFOV_RAD,
 ) -> Camera:
     """The nearest camera of a view that has every point inside its picture.
@@ -122,14 +124,29 @@ def frame_points(
     right, up, backward = (points.astype(np.float64) @ axes.T).T
     radius = np.broadcast_to(radius_m, len(points))
     tan_y = (1.0 - margin) * np.tan(0.5 * yfov_rad)
-    tan_x = (1.0 - margin) * np.tan(0.5 * yfov_rad) * aspect
+    tan_x = tan_y * aspect
     x, z_for_x = _apex(right, backward, tan_x, radius)
     y, z_for_y = _apex(up, backward, tan_y, radius)
     # Nothing may come nearer than the near plane, however small it is.
     z = max(z_for_x, z_for_y, float((backward + radius).max()) + 2.0 * Z_NEAR_M)
     eye = np.array([x, y, z]) @ axes
-    target = eye - axes[2] * (z - float(backward.mean()))
-    return Camera(eye=_triple(eye), target=_triple(target), yfov_rad=yfov_rad)
+    return Camera(eye=_triple(eye), target=_triple(eye - axes[2]), yfov_rad=yfov_rad)
+
+
+def outermost(
+    points: Float[np.ndarray, "T J 3"], view: str, *, aspect: float = 1.0
+) -> Float[np.ndarray, "5 J 3"]:
+    """Of each of J moving points, the five places that decide what ``frame_points`` returns.
+
+    With these alone, and one radius for each point, the camera is the same as with all T places.
+    """
+    right, up, backward = view_axes(view)
+    tan_y = (1.0 - MARGIN) * np.tan(0.5 * YFOV_RAD)
+    tan_x = tan_y * aspect
+    outwards = [right + tan_x * backward, -right + tan_x * backward]
+    outwards += [up + tan_y * backward, -up + tan_y * backward, backward]
+    farthest = np.stack([(points @ direction).argmax(axis=0) for direction in outwards])
+    return np.take_along_axis(points, farthest[..., None], axis=0)
 
 
 def _apex(

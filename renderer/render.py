@@ -18,7 +18,7 @@ from renderer.camera import VIEWS
 from renderer.offscreen import Backend, OffscreenRenderer
 from renderer.probe import choose_backend
 from renderer.scene import BodyScene, FramePreparer, Studio
-from renderer.stage import Stage, camera_track, set_stage
+from renderer.stage import Stage, camera_track, frames_of, set_stage
 from renderer.video import DEFAULT_CRF, Cancelled, VideoWriter, check_size
 
 __all__ = ["Cancelled", "RenderSettings", "draw_motion", "render_stills", "render_video"]
@@ -130,16 +130,8 @@ def render_stills(
     if not len(frames):
         return stills.pictures
     stage = stage or set_stage(body, [motion], settings.view, settings.aspect)
-    index = np.asarray(frames)
-    track = camera_track(body, motion, settings.view)[index]
-    chosen = BodyMotion(
-        poses=motion.poses[index],
-        trans=motion.trans[index],
-        expressions=motion.expressions[index],
-        expression_basis=motion.expression_basis,
-        betas=motion.betas,
-    )
-    vertices = body.vertices(chosen, chunk=_CHUNK_FRAMES)
+    track = camera_track(body, motion, settings.view)[np.asarray(frames)]
+    vertices = body.vertices(frames_of(motion, frames), chunk=_CHUNK_FRAMES)
     pictures = draw_vertices(
         *(vertices, body.faces, body.vertex_colors), settings=settings, stage=stage, track=track
     )

@@ -1,14 +1,14 @@
 """Where one comparison takes place: one camera and one floor for all of its bodies."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 from scipy import ndimage
 
 from renderer.body import Body, BodyMotion
-from renderer.camera import Camera, frame_points
+from renderer.camera import Camera, frame_points, outermost
 from renderer.smplx_joints import JOINT_INDEX, JOINT_NAMES
 
 _FOLLOWED = {
@@ -26,6 +26,8 @@ _FOLLOWED = {
 
 _FOLLOW_SIGMA_FRAMES = 12.0
 """The camera of a close-up moves slowly, so that the jitter of what it shows can be seen."""
+
+_PIECE_FRAMES = 512
 
 _FEET = [JOINT_INDEX[f"{side}_{name}"] for side in ("left", "right") for name in ("ankle", "foot")]
 
@@ -60,19 +62,34 @@ def set_stage(
     """
     if not motions:
         raise ValueError("A stage needs at least one motion; none was given.")
-    joints = [body.joint_positions(motion) for motion in motions]
+    reach = _reach(body)
     shown = _FOLLOWED.get(view, list(range(len(JOINT_NAMES))))
-    points = np.concatenate(
-        [(each - _track(each, view)[:, None])[:, shown] for each in joints]
-    ).astype(np.float64)
-    reach = np.broadcast_to(_reach(body)[shown], points.shape[:2])
-    everywhere = np.concatenate(joints)
-    low, high = everywhere.min(axis=(0, 1)), everywhere.max(axis=(0, 1))
+    edges, floors, corners = [], [], []
+    for motion in motions:
+        positions = _joint_positions(body, motion)
+        relative = positions[:, shown] - _track(positions, view)[:, None]
+        edges.append(outermost(relative, view, aspect=aspect))
+        floors.append(_floor(body, positions))
+        corners += [positions.min(axis=(0, 1)), positions.max(axis=(0, 1))]
+    points = np.concatenate(edges)
+    radius = np.broadcast_to(reach[shown], points.shape[:2])
+    low, high = np.min(corners, axis=0), np.max(corners, axis=0)
     return Stage(
-        camera=frame_points(points.reshape(-1, 3), view, aspect=aspect, radius_m=reach.ravel()),
-        floor_m=float(np.median([_floor(body, positions) for positions in joints])),
+        camera=frame_points(points.reshape(-1, 3), view, aspect=aspect, radius_m=radius.ravel()),
+        floor_m=float(np.median(floors)),
         centre_xz=(float(low[0] + high[0]) / 2.0, float(low[2] + high[2]) / 2.0),
         extent_m=float(max(high[0] - low[0], high[2] - low[2])),
+    )
+
+
+def frames_of(motion: BodyMotion, frames: slice | Sequence[int]) -> BodyMotion:
+    """Some of the frames of a motion, as a motion."""
+    chosen = frames if isinstance(frames, slice) else np.asarray(frames, dtype=np.intp)
+    return replace(
+        motion,
+        poses=motion.poses[chosen],
+        trans=motion.trans[chosen],
+        expressions=motion.expressions[chosen],
     )
 
 
@@ -80,7 +97,17 @@ def camera_track(body: Body, motion: BodyMotion, view: str) -> Float[np.ndarray,
     """Where the camera of a view stands in each frame, relative to ``Stage.camera``, metres."""
     if view not in _FOLLOWED:
         return np.zeros((motion.num_frames, 3))
-    return _track(body.joint_positions(motion), view)
+    return _track(_joint_positions(body, motion), view)
+
+
+def _joint_positions(body: Body, motion: BodyMotion) -> Float32[np.ndarray, "T J 3"]:
+    """All joints of a clip, computed in pieces so that memory follows the result alone."""
+    starts = range(0, motion.num_frames, _PIECE_FRAMES)
+    pieces = [
+        body.joint_positions(frames_of(motion, slice(start, start + _PIECE_FRAMES)))
+        for start in starts
+    ]
+    return np.concatenate(pieces)
 
 
 def _track(positions: Float[np.ndarray, "T J 3"], view: str) -> Float[np.ndarray, "T 3"]:

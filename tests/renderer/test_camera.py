@@ -1,5 +1,7 @@
 """Cameras put things where they belong and keep whole motions in the picture."""
 
+from dataclasses import replace
+
 import hypothesis.strategies as st
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis.extra import numpy as hnp
 
 from renderer.body import BodyMotion, load_body
-from renderer.camera import VIEWS, Camera, frame_points, view_axes
+from renderer.camera import VIEWS, Camera, frame_points, outermost, view_axes
 from renderer.smplx_joints import JOINT_INDEX, TIP_VERTICES
 from renderer.stage import camera_track, set_stage
 
@@ -65,6 +67,24 @@ def test_the_camera_comes_as_near_as_it_may():
         np.testing.assert_array_less(used, 0.9 + 1e-6)
 
 
+@settings(deadline=None)
+@given(
+    hnp.arrays(np.float64, (6, 3, 3), elements=COORDINATES),
+    st.sampled_from(VIEWS),
+    st.integers(400, 3000),
+)
+def test_the_outermost_places_give_the_same_camera_as_all(points, view, width):
+    aspect = width / 1000
+    radius = np.array([0.0, 0.1, 0.3])
+    eyes = [
+        frame_points(
+            places.reshape(-1, 3), view, aspect=aspect, radius_m=np.tile(radius, len(places))
+        ).eye
+        for places in (points, outermost(points, view, aspect=aspect))
+    ]
+    np.testing.assert_allclose(*eyes, rtol=0.0, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     "bad", [np.zeros((0, 3)), np.full((2, 3), np.nan), np.full((2, 3), np.inf)]
 )
@@ -88,13 +108,7 @@ def waving_motion(num_frames: int = 40, walk_m: float = 0.0) -> BodyMotion:
     poses[:, JOINT_INDEX["right_elbow"], 1] = 0.6
     poses[:, JOINT_INDEX["spine1"], 0] = 0.5 * swing
     trans = np.linspace(0.0, walk_m, num_frames)[:, None] * np.array([[1.0, 0.0, 0.3]])
-    return BodyMotion(
-        poses=poses.reshape(num_frames, 165),
-        trans=trans,
-        expressions=motion.expressions,
-        expression_basis=motion.expression_basis,
-        betas=motion.betas,
-    )
+    return replace(motion, poses=poses.reshape(num_frames, 165), trans=trans)
 
 
 @pytest.mark.parametrize("view", ["front", "three_quarter", "side"])
@@ -159,13 +173,7 @@ def test_one_stage_shows_all_motions_of_a_comparison():
 def test_the_floor_lies_under_the_soles():
     body = load_body()
     motion = BodyMotion.resting(4)
-    lifted = BodyMotion(
-        poses=motion.poses,
-        trans=motion.trans + np.array([0.0, 0.7, 0.0]),
-        expressions=motion.expressions,
-        expression_basis=motion.expression_basis,
-        betas=motion.betas,
-    )
+    lifted = replace(motion, trans=motion.trans + np.array([0.0, 0.7, 0.0]))
     lowest = float(body.template[:, 1].min())
     assert set_stage(body, [motion]).floor_m == pytest.approx(lowest, abs=0.01)
     assert set_stage(body, [lifted]).floor_m == pytest.approx(lowest + 0.7, abs=0.01)
