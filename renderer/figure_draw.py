@@ -217,9 +217,14 @@ def _draw_snapshots(
             ha="center",
             va="bottom",
         )
+    # One pair of axes in inches for all pictures: 49 pairs would take longer than all the rest.
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), label="snapshots", zorder=-1)
+    axes.set_axis_off()
     for row, (name, pictures) in zip(layout.cells, snapshots.items(), strict=True):
         for cell, frame, picture in zip(row, contents.snapshot_frames, pictures, strict=True):
-            axes = figure.add_axes(cell.fraction_of(layout.height))
-            axes.set_label(f"snapshot of {name} at frame {frame}")
-            axes.imshow(picture, aspect="auto")
-            axes.set_axis_off()
+            image = axes.imshow(
+                picture, extent=(cell.left, cell.right, cell.bottom, cell.top), aspect="auto"
+            )
+            image.set_label(f"{name} at frame {frame}")
+    axes.set_xlim(0.0, style.FIGURE_WIDTH_IN)
+    axes.set_ylim(layout.height, 0.0)
