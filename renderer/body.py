@@ -186,7 +186,7 @@ class Body:
         """Posed vertices in metres, ``chunk`` frames at a time, the last chunk shorter."""
         if chunk < 1:
             raise ValueError(f"`chunk` must be at least 1; got {chunk}.")
-        shaped = self._shaped(motion)
+        shaped = self.shaped(motion)
         for start in range(0, motion.num_frames, chunk):
             stop = min(start + chunk, motion.num_frames)
             posed = np.empty((stop - start, self.num_vertices, 3), np.float32)
@@ -197,15 +197,15 @@ class Body:
 
     def joint_positions(self, motion: BodyMotion) -> Float32[np.ndarray, "T J 3"]:
         """Position of each joint, metres."""
-        _, shaped_joints = self._shaped(motion)
+        _, shaped_joints = self.shaped(motion)
         local_rot, joints = self._joints(motion, slice(0, motion.num_frames), shaped_joints)
         _, positions = lbs.global_transforms(local_rot, joints)
         return (positions + motion.trans[:, None]).astype(np.float32)
 
-    def _shaped(
+    def shaped(
         self, motion: BodyMotion
     ) -> tuple[Float32[np.ndarray, "V 3"], Float64[np.ndarray, "J 3"]]:
-        """Vertices and joints of the zero pose with the betas of ``motion``."""
+        """Vertices and joints of the zero pose with the betas of ``motion``, metres."""
         arrays = self._arrays
         count = min(arrays.shape_dirs.shape[2], len(motion.betas))
         betas = motion.betas[:count]

@@ -1,13 +1,12 @@
 """Writing a baked body: ``open_body.npz`` for the renderer, ``skeleton.npz`` for the model.
 
-Both are written under a temporary name first. Numbers are stored as coarsely as the eye allows:
+Numbers are stored as coarsely as the eye allows:
 weights in 1/65535, expression offsets in 1/32767 of the largest of each, correctives as halves.
 """
 
 from __future__ import annotations
 
 import io
-import os
 import zipfile
 from pathlib import Path
 
@@ -16,6 +15,7 @@ import numpy as np
 from renderer.bake.build import MAX_INFLUENCES, BakedBody, tip_offsets
 from renderer.body_file import OPEN_BODY_FORMAT
 from renderer.smplx_joints import JOINT_INDEX
+from renderer.written import written_whole
 
 _ZIP_DATE = (1980, 1, 1, 0, 0, 0)
 
@@ -63,14 +63,9 @@ def skeleton_arrays(body: BakedBody) -> dict[str, np.ndarray]:
 
 def write_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
     """A compressed npz whose bytes depend on the arrays only, not on the clock."""
-    temporary = path.with_name(path.name + ".part")
-    try:
-        with zipfile.ZipFile(temporary, "w") as archive:
-            for name, array in arrays.items():
-                content = io.BytesIO()
-                np.lib.format.write_array(content, array, allow_pickle=False)
-                entry = zipfile.ZipInfo(f"{name}.npy", date_time=_ZIP_DATE)
-                archive.writestr(entry, content.getvalue(), zipfile.ZIP_DEFLATED, 9)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with written_whole(path) as file, zipfile.ZipFile(file, "w") as archive:
+        for name, array in arrays.items():
+            content = io.BytesIO()
+            np.lib.format.write_array(content, array, allow_pickle=False)
+            entry = zipfile.ZipInfo(f"{name}.npy", date_time=_ZIP_DATE)
+            archive.writestr(entry, content.getvalue(), zipfile.ZIP_DEFLATED, 9)
