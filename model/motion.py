@@ -124,7 +124,14 @@ def load_motion(path: str | Path) -> Motion:
     try:
         with zipfile.ZipFile(path) as archive:
             return _read_archive(archive, path.name)
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+    except (
+        zipfile.BadZipFile,
+        zlib.error,
+        EOFError,
+        NotImplementedError,
+        RuntimeError,
+        UnicodeDecodeError,
+    ) as error:
         raise MotionError(
             f"{path.name} is not a readable npz file; give a BEAT2 motion file (.npz)."
         ) from error

@@ -12,6 +12,9 @@ from model.timing import FPS
 WELCH_FRAMES = 128
 MIN_SPECTRUM_FRAMES = 32
 """About a second: fewer frames cannot tell 5 Hz from what lies below it."""
+GROUND_PERCENTILE = 5.0
+STILL_M_S3 = 1e-6
+"""Jerk of rounding errors: below it nothing moves, and a ratio means nothing."""
 CONTACT_HEIGHT_M = 0.05
 
 
@@ -74,7 +77,7 @@ def seam_jerk_ratio(
         for start in range(len(jerk) - stretch + 1)
         if is_interior[start : start + stretch].all()
     ]
-    if not seam_peaks or not interior_peaks or np.mean(interior_peaks) == 0:
+    if not seam_peaks or not interior_peaks or np.mean(interior_peaks) < STILL_M_S3:
         return float("nan")
     return float(np.mean(seam_peaks) / np.mean(interior_peaks))
 
@@ -97,13 +100,14 @@ def jerk_by_window_phase(
 def foot_slide(feet: Float[np.ndarray, "T feet 3"]) -> float:
     """Mean horizontal speed in m/s of feet on the ground.
 
-    The ground is the lowest point any of the feet reaches in the clip; a foot is on it while it
-    stays within 5 cm above over both frames of a step. NaN for one frame.
+    The ground is the 5th percentile of the lowest foot's height, so that one bad frame does not
+    move it; a foot is on it while it stays below 5 cm above it over both frames of a step. NaN for
+    one frame, or when no foot stays down.
     """
     feet = feet.astype(np.float64)
     if len(feet) < 2:
         return float("nan")
-    height = feet[..., 1] - feet[..., 1].min()
+    height = feet[..., 1] - np.percentile(feet[..., 1].min(axis=1), GROUND_PERCENTILE)
     is_down = (height[1:] < CONTACT_HEIGHT_M) & (height[:-1] < CONTACT_HEIGHT_M)
     speed = np.linalg.norm(np.diff(feet[..., [0, 2]], axis=0), axis=-1) * FPS
     return float(speed[is_down].mean()) if is_down.any() else float("nan")

@@ -144,6 +144,9 @@ def test_foot_slide_is_the_speed_of_feet_on_the_ground():
     planted[:, 1, 1] = 0.02 * np.abs(np.sin(5 * t))  # a heel may lift a little
     assert smoothness.foot_slide(planted) == 0
     assert math.isnan(smoothness.foot_slide(planted[:1]))
+    fallen = np.concatenate([np.stack([sliding, sliding], axis=1)] * 3)
+    fallen[4, 0, 1] -= 1.0  # one bad frame is no new ground
+    assert smoothness.foot_slide(fallen) > 0.4
 
 
 def test_measures_of_a_body_that_moves_as_one():
