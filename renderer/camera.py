@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 Z_NEAR_M = 0.1
-Z_FAR_M = 60.0
 MARGIN = 0.06
 """Share of the half picture that stays free at each side."""
 YFOV_RAD = 0.55

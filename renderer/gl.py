@@ -121,7 +121,8 @@ class DynamicMesh:
             positions=vertices,
             normals=normals,
             color_0=rgba,
-            indices=faces,
+            # Neighbours one after the other: the driver then lights a shared vertex once.
+            indices=faces[np.argsort(faces.min(axis=1), kind="stable")],
             # Float factors: pyrender divides integer ones by 255.
             material=pyrender.MetallicRoughnessMaterial(
                 baseColorFactor=[1.0, 1.0, 1.0, 1.0],

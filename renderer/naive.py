@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from renderer.camera import Z_FAR_M, Z_NEAR_M, Camera
+from renderer.camera import Z_NEAR_M, Camera
 from renderer.offscreen import Backend, open_gl
 from renderer.render import RenderSettings
 from renderer.stage import Stage
@@ -43,10 +43,7 @@ def draw_naively(
         scene.add(pyrender.Mesh.from_trimesh(mesh))
         scene.add(
             pyrender.PerspectiveCamera(
-                yfov=stage.camera.yfov_rad,
-                aspectRatio=settings.aspect,
-                znear=Z_NEAR_M,
-                zfar=Z_FAR_M,
+                yfov=stage.camera.yfov_rad, aspectRatio=settings.aspect, znear=Z_NEAR_M
             ),
             pose=stage.camera.pose(),
         )

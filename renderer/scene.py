@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from renderer.camera import Z_FAR_M, Z_NEAR_M, Camera
+from renderer.camera import Z_NEAR_M, Camera
 from renderer.ground import HALF_SIZE_M, ShadowGround
 from renderer.normals import VertexNormals
 from renderer.stage import Stage
@@ -99,9 +99,7 @@ class BodyScene:
         self.scene.add(self._body.mesh)
         self.scene.add(self._ground.mesh)
         self._camera = self.scene.add(
-            pyrender.PerspectiveCamera(
-                yfov=camera.yfov_rad, aspectRatio=aspect, znear=Z_NEAR_M, zfar=Z_FAR_M
-            ),
+            pyrender.PerspectiveCamera(yfov=camera.yfov_rad, aspectRatio=aspect, znear=Z_NEAR_M),
             pose=camera.pose(),
         )
         for light in (studio.key, studio.fill, studio.rim):
