@@ -156,7 +156,11 @@ def _build_form(catalogue: Catalogue, config: AppConfig) -> _FormParts:
             label=text.SAMPLER_LABEL,
         )
         reference = gr.File(
-            label=text.REFERENCE_LABEL, file_types=[".npz"], type="filepath", height=120
+            label=text.REFERENCE_LABEL,
+            file_types=[".npz"],
+            type="filepath",
+            height=150,
+            elem_id="reference",
         )
     with gr.Row(elem_classes="actions"):
         start = gr.Button(text.GENERATE, variant="primary", size="lg", elem_id="generate")
@@ -338,7 +342,7 @@ class _Runner:
         is_cancelled = sentence == text.CANCELLED
         return {
             parts.message: _shown("" if is_cancelled else view.error_message(sentence)),
-            parts.status: view.sentence_status(text.CANCELLED if is_cancelled else text.READY),
+            parts.status: view.sentence_status(text.CANCELLED if is_cancelled else text.STOPPED),
             parts.empty: gr.update(visible=True),
             **self._without_results(),
             **self._buttons(is_running=False),
