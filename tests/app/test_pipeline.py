@@ -11,7 +11,7 @@ import av
 import numpy as np
 import pytest
 
-from app import pipeline
+from app import inputs
 from app.errors import CancelledRun, RunError, sentence_of
 from app.pipeline import generate_all
 from app.request import Artefact, GenerateRequest, Progress
@@ -169,7 +169,7 @@ def test_too_small_a_disk_is_refused_before_anything_is_generated(
         assert needed_bytes > 10e6
         raise RunError("too small")
 
-    monkeypatch.setattr(pipeline, "require_free_space", refuse)
+    monkeypatch.setattr(inputs, "require_free_space", refuse)
     with pytest.raises(RunError, match="too small"):
         generate_all(ask())
 
@@ -189,7 +189,7 @@ def tiny_disk(tmp_path: Path) -> Iterator[Path]:
 def test_a_disk_that_fills_up_while_writing_gives_a_sentence_and_leaves_nothing(
     ask: Ask, tiny_disk: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pipeline, "require_free_space", lambda folder, needed_bytes: None)
+    monkeypatch.setattr(inputs, "require_free_space", lambda folder, needed_bytes: None)
     with pytest.raises(Exception, match=f"{tiny_disk}.* full") as caught:
         generate_all(ask(out=tiny_disk / "out"))
     assert sentence_of(caught.value) == str(caught.value)
