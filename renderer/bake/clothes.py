@@ -18,6 +18,8 @@ Points = Float[np.ndarray, "N 3"]
 Heights = Float[np.ndarray, " N"]
 
 SMOOTHING_ROUNDS = 2
+SEAT_SMOOTHING_ROUNDS = 5
+SEAT_HALF_HEIGHT_M = 0.085
 WAIST_BELOW_PELVIS_M = 0.065
 WAIST_OVERLAP_M = 0.03
 TROUSER_END_ABOVE_ANKLE_M = 0.0
@@ -51,7 +53,9 @@ class Wearer:
 def dress(helper: Mesh, wearer: Wearer) -> Mesh:
     """The three garments of the helper mesh, as one triangle mesh painted by garment."""
     loose = helper.positions[:, 1] > wearer.ankle_m + 0.02
-    cloth = geometry.subdivide(geometry.smooth(helper, SMOOTHING_ROUNDS, loose))
+    smoothed = geometry.smooth(helper, SMOOTHING_ROUNDS, loose)
+    seat = np.abs(smoothed.positions[:, 1] - wearer.waist_m) < SEAT_HALF_HEIGHT_M
+    cloth = geometry.subdivide(geometry.smooth(smoothed, SEAT_SMOOTHING_ROUNDS, seat))
     return geometry.join([_shirt(cloth, wearer), _trousers(cloth, wearer), _shoes(cloth, wearer)])
 
 

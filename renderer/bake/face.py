@@ -25,18 +25,19 @@ LIP_RINGS = 6
 
 # Hairline: height above the eyes for each distance behind the eyes, front to nape; metres.
 HAIRLINE = (
-    (-0.06, 0.072),
-    (0.0, 0.066),
-    (0.03, 0.050),
-    (0.055, 0.038),
-    (0.075, 0.032),
-    (0.095, 0.026),
-    (0.112, 0.010),
-    (0.124, -0.030),
-    (0.140, -0.058),
-    (0.20, -0.066),
+    (-0.06, 0.068),
+    (0.0, 0.061),
+    (0.025, 0.048),
+    (0.045, 0.030),
+    (0.060, 0.018),
+    (0.080, 0.014),
+    (0.100, 0.008),
+    (0.114, -0.012),
+    (0.126, -0.040),
+    (0.145, -0.060),
+    (0.20, -0.068),
 )
-HAIR_THICKNESS_M = 0.008
+HAIR_THICKNESS_M = 0.009
 HAIR_RAMP_M = 0.03
 
 # Brow: height above the eyes and half thickness for each distance from the middle; metres.
