@@ -17,7 +17,7 @@ import tempfile
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO
 
@@ -136,6 +136,7 @@ def run_job(
     """
     if cancelled is not None and cancelled.is_set():
         raise Cancelled("Rendering was cancelled.")
+    job = _with_absolute_paths(job)  # the child runs in another folder
     with tempfile.TemporaryFile() as messages:
         child = _Child(job, messages)
         watcher = threading.Thread(target=child.end_when, args=(cancelled,), daemon=True)
@@ -147,6 +148,18 @@ def run_job(
             child.close()
             if cancelled is not None:
                 watcher.join()
+
+
+def _with_absolute_paths(job: RenderJob) -> RenderJob:
+    def absolute(path: Path | None) -> Path | None:
+        return None if path is None else path.absolute()
+
+    return replace(
+        job,
+        out=absolute(job.out),
+        speech_wav=absolute(job.speech_wav),
+        body_path=absolute(job.body_path),
+    )
 
 
 class _Child:

@@ -34,7 +34,7 @@ out vec3 lit_color;
 const vec3 GROUND_BOUNCE = vec3(0.72, 0.68, 0.65);
 const vec3 SKY = vec3(1.05, 1.10, 1.20);
 const float WRAP = 0.20;       // light reaches a little beyond the terminator, as on skin
-const float SPECULAR = 0.10;
+const float SPECULAR = 0.06;
 
 vec3 shade(vec3 point, vec3 n, vec3 base) {
     vec3 to_eye = normalize(cam_pos - point);
