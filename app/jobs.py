@@ -40,7 +40,7 @@ class JobBook:
         self._waiting: list[int] = []
         self._num_running = 0
         self._changed = threading.Condition()
-        self._jobs: dict[str, Job] = {}
+        self._jobs: dict[str, list[Job]] = {}
 
     def open(self, visitor: str) -> Job:
         """A new job of a visitor, in a folder that only this process's user can enter.
@@ -55,33 +55,30 @@ class JobBook:
         folder.mkdir(parents=True, mode=0o700)
         job = Job(folder)
         with self._changed:
-            earlier = self._jobs.get(visitor)
-            self._jobs[visitor] = job
-        if earlier is not None:
-            earlier.cancel()
+            self._jobs.setdefault(visitor, []).append(job)
         return job
 
     def cancel(self, visitor: str) -> bool:
-        """Stop the visitor's run; False when there is none."""
+        """Stop all runs of the visitor; False when there is none."""
         with self._changed:
-            job = self._jobs.get(visitor)
-            if job is None:
-                return False
-            job.cancel()
+            jobs = self._jobs.get(visitor, [])
+            for job in jobs:
+                job.cancel()
             self._changed.notify_all()
-            return True
+            return bool(jobs)
 
     def cancel_all(self) -> None:
         """Stop every run, as at the end of the process."""
         with self._changed:
-            for job in self._jobs.values():
+            for job in itertools.chain.from_iterable(self._jobs.values()):
                 job.cancel()
             self._changed.notify_all()
 
     def close(self, visitor: str, job: Job) -> None:
         """Forget a run that has ended; its folder stays for the downloads."""
         with self._changed:
-            if self._jobs.get(visitor) is job:
+            self._jobs[visitor].remove(job)
+            if not self._jobs[visitor]:
                 del self._jobs[visitor]
 
     @contextmanager
@@ -132,10 +129,20 @@ class JobBook:
     def sweep(self, max_age_s: float) -> int:
         """Delete folders of runs that were last touched longer ago; return how many."""
         with self._changed:
-            in_use = {job.folder for job in self._jobs.values()}
+            in_use = {job.folder for jobs in self._jobs.values() for job in jobs}
         num_deleted = 0
         for folder in self.root.iterdir() if self.root.is_dir() else ():
             if folder not in in_use and time.time() - folder.stat().st_mtime > max_age_s:
                 shutil.rmtree(folder, ignore_errors=True)
                 num_deleted += 1
         return num_deleted
+
+    def keep_swept(self, max_age_s: float, every_s: float = 600.0) -> None:
+        """Sweep now and then for as long as the process lives."""
+
+        def sweep_for_ever() -> None:
+            while True:
+                self.sweep(max_age_s)
+                time.sleep(every_s)
+
+        threading.Thread(target=sweep_for_ever, name="sweep", daemon=True).start()

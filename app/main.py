@@ -89,6 +89,7 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
 
     catalogue = read_catalogue(config.weights, find_examples(EXAMPLES))
     jobs = JobBook(config.jobs_folder, config.num_slots, config.max_waiting)
+    jobs.keep_swept(config.keep_results_s)
     atexit.register(jobs.cancel_all)
 
     page = build_app(_generate, catalogue, config, jobs)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from app.errors import CancelledRun, RunError
-from app.jobs import Job, JobBook
+from app.jobs import JobBook
 
 
 def test_each_job_has_a_folder_of_its_own_that_others_cannot_enter(tmp_path: Path) -> None:
@@ -16,13 +16,12 @@ def test_each_job_has_a_folder_of_its_own_that_others_cannot_enter(tmp_path: Pat
     assert one.folder.stat().st_mode & 0o777 == 0o700
 
 
-def test_a_visitors_new_run_stops_the_old_one_and_no_one_elses(tmp_path: Path) -> None:
+def test_cancelling_stops_every_run_of_a_visitor_and_no_one_elses(tmp_path: Path) -> None:
     jobs = JobBook(tmp_path)
-    old, other = jobs.open("one"), jobs.open("two")
-    new = jobs.open("one")
-    assert old.is_cancelled()
-    assert not new.is_cancelled() and not other.is_cancelled()
-    assert jobs.cancel("two") and other.is_cancelled() and not new.is_cancelled()
+    first, second, other = jobs.open("one"), jobs.open("one"), jobs.open("two")
+    assert not first.is_cancelled()
+    assert jobs.cancel("one") and first.is_cancelled() and second.is_cancelled()
+    assert not other.is_cancelled()
     assert not jobs.cancel("nobody")
 
 
@@ -91,9 +90,10 @@ def test_old_folders_are_deleted_and_those_in_use_kept(tmp_path: Path) -> None:
     assert not ended.folder.exists() and running.folder.exists() and fresh.folder.exists()
 
 
-def test_closing_an_old_run_does_not_forget_the_new_one(tmp_path: Path) -> None:
+def test_a_closed_run_is_forgotten_and_the_visitors_other_run_is_not(tmp_path: Path) -> None:
     jobs = JobBook(tmp_path)
-    old: Job = jobs.open("one")
-    new = jobs.open("one")
+    old, new = jobs.open("one"), jobs.open("one")
     jobs.close("one", old)
-    assert jobs.cancel("one") and new.is_cancelled()
+    assert jobs.cancel("one") and new.is_cancelled() and not old.is_cancelled()
+    jobs.close("one", new)
+    assert not jobs.cancel("one")
