@@ -1,0 +1,85 @@
+"""Golden pictures: what the renderer draws, kept to see when it changes.
+
+``make golden`` re-makes them for every backend that works here. Look at them
+before committing, and commit them alone.
+"""
+
+import argparse
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from renderer.body import BodyMotion, load_body
+from renderer.offscreen import BACKENDS, Backend
+from renderer.probe import probe_backend
+from renderer.render import RenderSettings, render_stills
+from renderer.smplx_joints import JOINT_INDEX
+
+GOLDEN = Path(__file__).parent
+ROOT = GOLDEN.parents[1]
+SIZE = (480, 270)
+
+# Rotations about x, y, z in degrees, of joints that do not rest.
+REST: dict[str, tuple[float, float, float]] = {}
+GESTURE = {
+    "left_shoulder": (0.0, -20.0, -40.0),
+    "right_shoulder": (0.0, 25.0, 62.0),
+    "left_elbow": (0.0, -75.0, -10.0),
+    "right_elbow": (-15.0, 70.0, 0.0),
+    "right_wrist": (-30.0, 0.0, 0.0),
+    "spine2": (6.0, 10.0, 0.0),
+    "head": (0.0, 15.0, 5.0),
+    "left_knee": (18.0, 0.0, 0.0),
+    "left_hip": (-14.0, 0.0, 4.0),
+    **{f"right_{finger}{k}": (0.0, 0.0, 38.0) for finger in ("ring", "pinky") for k in (1, 2)},
+    **{f"left_{finger}1": (0.0, 0.0, -25.0) for finger in ("index", "middle")},
+}
+SPEAKING = {**GESTURE, "jaw": (9.0, 0.0, 0.0), "left_eye": (0.0, 12.0, 0.0)}
+
+PICTURES = {
+    "rest": (REST, "front"),
+    "gesture": (GESTURE, "three_quarter"),
+    "hand": (GESTURE, "right_hand"),
+    "face": (SPEAKING, "face"),
+}
+
+
+def posed(rotations_deg: dict[str, tuple[float, float, float]]) -> BodyMotion:
+    """One frame with the named joints turned."""
+    poses = np.zeros((1, 55, 3))
+    for name, degrees in rotations_deg.items():
+        poses[0, JOINT_INDEX[name]] = np.deg2rad(degrees)
+    return replace(BodyMotion.resting(), poses=poses.reshape(1, 165))
+
+
+def draw_all(backend: Backend, folder: Path) -> None:
+    """Write every picture as ``folder/NAME.png``. One process draws through one backend only."""
+    folder.mkdir(parents=True, exist_ok=True)
+    body = load_body()
+    for name, (rotations_deg, view) in PICTURES.items():
+        settings = RenderSettings(*SIZE, view=view, backend=backend)
+        (picture,) = render_stills(body, posed(rotations_deg), [0], settings)
+        Image.fromarray(picture).save(folder / f"{name}.png", optimize=True)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--backend", choices=BACKENDS, help="only this one, in this process")
+    parser.add_argument("--out", type=Path, default=GOLDEN, help="a folder for each backend")
+    arguments = parser.parse_args()
+    if arguments.backend:
+        draw_all(arguments.backend, arguments.out / arguments.backend)
+        return 0
+    for backend in BACKENDS:
+        if probe_backend(backend).works:
+            command = [sys.executable, "-m", "tests.golden.regenerate", "--backend", backend]
+            subprocess.run([*command, "--out", str(arguments.out)], cwd=ROOT, check=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,67 @@
+"""The renderer still draws its golden pictures, on each backend its own."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from renderer.offscreen import BACKENDS
+from renderer.probe import probe_backend
+from tests.golden.regenerate import GOLDEN, PICTURES, ROOT
+
+pytestmark = pytest.mark.gl
+
+MEAN_TOLERANCE = 0.003
+"""Of the whole picture, as a share of full scale."""
+TILE_TOLERANCE = 0.05
+"""Of the worst 15 x 15 pixels: a missing finger hardly moves the mean of the picture."""
+TILE_PX = 15
+
+
+@pytest.fixture(scope="module", params=BACKENDS)
+def drawn(request, tmp_path_factory) -> Path:
+    """The pictures as this backend draws them now."""
+    if not probe_backend(request.param).works:
+        pytest.skip(f"{request.param} does not work here")
+    folder = tmp_path_factory.mktemp("golden")
+    command = [sys.executable, "-m", "tests.golden.regenerate", "--backend", request.param]
+    subprocess.run([*command, "--out", str(folder)], cwd=ROOT, check=True)
+    return folder / request.param
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_golden_picture(drawn, name):
+    expected = np.asarray(Image.open(GOLDEN / drawn.name / f"{name}.png")).astype(np.float64)
+    actual = np.asarray(Image.open(drawn / f"{name}.png")).astype(np.float64)
+    assert actual.shape == expected.shape
+    mean, worst = errors(actual, expected)
+    if mean > MEAN_TOLERANCE or worst > TILE_TOLERANCE:
+        difference = 255 - np.clip(4 * np.abs(actual - expected), 0, 255)
+        stem = f"{drawn.name}_{name}"
+        Image.fromarray(actual.astype(np.uint8)).save(GOLDEN / f"{stem}.wrong.png")
+        Image.fromarray(difference.astype(np.uint8)).save(GOLDEN / f"{stem}.diff.png")
+        pytest.fail(
+            f"{stem} differs by {mean:.2%} on average and {worst:.1%} in one place; see "
+            f"{GOLDEN / stem}.*.png; after a wanted change run: make golden"
+        )
+
+
+def errors(actual: np.ndarray, expected: np.ndarray) -> tuple[float, float]:
+    """Mean absolute difference of the picture and of its worst tile, as shares of full scale."""
+    difference = np.abs(actual - expected).mean(axis=2) / 255.0
+    rows, columns = (size // TILE_PX for size in difference.shape)
+    tiles = difference[: rows * TILE_PX, : columns * TILE_PX]
+    tiles = tiles.reshape(rows, TILE_PX, columns, TILE_PX).mean(axis=(1, 3))
+    return float(difference.mean()), float(tiles.max())
+
+
+def test_the_comparison_sees_a_small_body_part_go_missing():
+    picture = np.asarray(Image.open(GOLDEN / "egl" / "rest.png")).astype(np.float64)
+    changed = picture.copy()
+    changed[100:112, 60:72] = 255.0 - changed[100:112, 60:72]
+    mean, worst = errors(changed, picture)
+    assert mean < MEAN_TOLERANCE < TILE_TOLERANCE < worst
+    assert errors(picture, picture) == (0.0, 0.0)
