@@ -127,10 +127,7 @@ def _claim_folder(root: Path, seed: int, clip_s: float) -> None:
     manifest = root / MANIFEST
     wanted = {"format": FORMAT, "seed": seed, "clip_s": clip_s}
     if manifest.is_file():
-        try:
-            found = json.loads(manifest.read_text())
-        except ValueError as error:
-            raise CorpusError(f"{manifest} is not readable; choose another folder.") from error
+        found = read_manifest(manifest)
         if found != wanted:
             raise CorpusError(
                 f"{root} holds another corpus ({_describe(found)}, asked for {_describe(wanted)});"
@@ -140,6 +137,15 @@ def _claim_folder(root: Path, seed: int, clip_s: float) -> None:
         raise CorpusError(f"{root} is not empty and holds no corpus; choose another folder.")
     else:
         write_bytes(manifest, (json.dumps(wanted, indent=1) + "\n").encode())
+
+
+def read_manifest(path: Path) -> dict[str, int | float]:
+    """Format, seed and clip length of the corpus in a folder."""
+    try:
+        found = json.loads(path.read_text())
+        return {key: found[key] for key in ("format", "seed", "clip_s")}
+    except (ValueError, TypeError, KeyError) as error:
+        raise CorpusError(f"{path} is not readable; choose another folder.") from error
 
 
 def _describe(manifest: dict) -> str:
