@@ -83,8 +83,7 @@ def draw_all(
         should_cancel=reporter.should_cancel,
     )
     reporter.progress("video", 1.0)
-    stills = {drawn[file]: result.stills for file, result in results.items()}
-    pictures = {name: stills[name] for name in motions if len(stills[name])}
+    pictures = {row.name: results[f"{file_stem(row.name)}.mp4"].stills for row in rows}
     return Snapshots(frames, pictures)
 
 
