@@ -32,9 +32,11 @@ MAX_STEPS = 1000
 class Inputs:
     """Everything that is read from files, and what draws."""
 
-    speech: Speech
     wav: Path
     """The speech as all videos get it: 16 kHz, mono."""
+    speech_sha256: str
+    speech_s: float
+    num_frames: int
     systems: tuple[System, ...]
     speaker: str
     body: Body
@@ -69,12 +71,18 @@ def check_request(request: GenerateRequest) -> None:
         render_settings(request.views[0], request.size)
 
 
-def read_inputs(request: GenerateRequest, wav: Path, out: Path, reporter: Reporter) -> Inputs:
+def read_inputs(
+    request: GenerateRequest, wav: Path, out: Path, reporter: Reporter
+) -> tuple[Inputs, Speech]:
     """Read speech, systems, body and reference, and see that there is room for the results.
 
     Args:
         wav: where to write the speech for the videos.
         out: folder whose disk will hold the results.
+
+    Returns:
+        What the whole run needs, and the speech, which is large and can be let go of once the
+        motion is there.
 
     Raises:
         RunError, SpeechError, UnknownNameError, CheckpointError, BodyError, MotionError, GLError,
@@ -93,7 +101,18 @@ def read_inputs(request: GenerateRequest, wav: Path, out: Path, reporter: Report
     backend = _choose_backend() if request.has_video else None
     require_free_space(out, _needed_bytes(request, speech.num_frames, len(systems)))
     write_wav(wav, speech.waveform)
-    return Inputs(speech, wav, systems, speaker, body, reference, backend)
+    inputs = Inputs(
+        wav=wav,
+        speech_sha256=speech.sha256,
+        speech_s=speech.duration_s,
+        num_frames=speech.num_frames,
+        systems=systems,
+        speaker=speaker,
+        body=body,
+        reference=reference,
+        backend=backend,
+    )
+    return inputs, speech
 
 
 def _load_systems(request: GenerateRequest) -> tuple[System, ...]:

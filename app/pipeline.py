@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.errors import CancelledRun
 from app.inputs import Inputs, check_request, read_inputs
+from app.memory import return_large_blocks
 from app.numbers import write_diagnostics
 from app.outputs import ResultFolder
 from app.pictures import Row, draw_all, draw_figure, join_side_by_side
@@ -29,6 +30,7 @@ from app.tips import TipSource, choose_tip_source
 
 if TYPE_CHECKING:
     from model.generate import GenerateOptions
+    from model.speech.audio import Speech
 
 DEFAULT_STEPS = 10
 DEFAULT_SAMPLER: Sampler = "euler"
@@ -51,6 +53,7 @@ def generate_all(
         VideoError, WriteError: each with one sentence for the person who asked.
     """
     check_request(request)
+    return_large_blocks()
     reporter = Reporter(on_event, should_cancel)
     with ResultFolder(request.out) as folder:
         try:
@@ -63,10 +66,11 @@ def generate_all(
 
 def _run(request: GenerateRequest, folder: ResultFolder, reporter: Reporter) -> GenerateResult:
     reporter.progress("speech", 0.0)
-    inputs = read_inputs(request, folder.scratch("speech.wav"), request.out, reporter)
+    inputs, speech = read_inputs(request, folder.scratch("speech.wav"), request.out, reporter)
     reporter.progress("speech", 1.0)
 
-    rows = _generate(request, inputs, folder, reporter)
+    rows = _generate(request, inputs, speech, folder, reporter)
+    del speech
     for row in rows:
         notes = inputs.body.notes(body_motion(row.shown))
         reporter.note(*(f"{row.name}: {note}" for note in notes))
@@ -82,14 +86,18 @@ def _run(request: GenerateRequest, folder: ResultFolder, reporter: Reporter) -> 
         out=request.out,
         files=folder.publish(),
         names=tuple(row.name for row in rows),
-        num_frames=inputs.speech.num_frames,
+        num_frames=inputs.num_frames,
         diagnostics=diagnostics,
         notes=tuple(reporter.notes),
     )
 
 
 def _generate(
-    request: GenerateRequest, inputs: Inputs, folder: ResultFolder, reporter: Reporter
+    request: GenerateRequest,
+    inputs: Inputs,
+    speech: Speech,
+    folder: ResultFolder,
+    reporter: Reporter,
 ) -> list[Row]:
     """Motion of one system after the other from the same noise; the reference is the last row."""
     from model.diagnostics import smooth_motion
@@ -102,7 +110,7 @@ def _generate(
     for done, system in enumerate(inputs.systems):
         motions = generate_motion(
             system,
-            inputs.speech,
+            speech,
             options,
             on_progress=lambda part, done=done, name=system.name: reporter.progress(
                 "motion", (done + part) / len(inputs.systems), name
@@ -170,9 +178,9 @@ def _write_provenance(
         inputs.systems,
         speech={
             "file": request.speech.name,
-            "sha256": inputs.speech.sha256,
-            "duration_s": round(inputs.speech.duration_s, 6),
-            "frames": inputs.speech.num_frames,
+            "sha256": inputs.speech_sha256,
+            "duration_s": round(inputs.speech_s, 6),
+            "frames": inputs.num_frames,
         },
         options={
             "speaker": options.speaker,
