@@ -7,7 +7,9 @@ few pickled arrays, and those are not needed to pose the body.
 from __future__ import annotations
 
 import hashlib
+import tokenize
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +25,21 @@ OPEN_BODY_FORMAT = 1
 MAX_UNPACKED_BYTES = 4 << 30
 NUM_POSE_FEATURES = 9 * (NUM_JOINTS - 1)
 MAX_EXPRESSIONS = 100
+
+
+_DAMAGE = (
+    zipfile.BadZipFile,
+    zlib.error,
+    EOFError,
+    KeyError,
+    NotImplementedError,  # a compression that zipfile does not know
+    OSError,
+    RuntimeError,  # an encrypted member
+    SyntaxError,  # an array header that is no literal
+    tokenize.TokenError,
+    UnicodeDecodeError,
+)
+"""What a damaged archive raises while it is read."""
 
 
 class BodyError(ValueError):
@@ -70,7 +87,7 @@ def read_body_file(path: Path) -> BodyArrays:
     try:
         with zipfile.ZipFile(path) as archive:
             unpacked = sum(member.file_size for member in archive.infolist())
-    except (zipfile.BadZipFile, OSError) as error:
+    except _DAMAGE as error:
         raise BodyError(
             f"{path.name} is no body file: an SMPL-X .npz is needed "
             "(a .pkl body has to be downloaded again as .npz)."
@@ -90,7 +107,7 @@ def read_body_file(path: Path) -> BodyArrays:
                 if "open_body_format" in archive.files
                 else _licensed_body(reader, path.stem, sha256)
             )
-    except (zipfile.BadZipFile, EOFError, OSError, KeyError) as error:
+    except _DAMAGE as error:
         raise BodyError(f"{path.name} is damaged and cannot be read as a body.") from error
     _check(path.name, arrays)
     return arrays

@@ -351,9 +351,12 @@ def test_files_that_are_no_body(tmp_path: Path) -> None:
         assert len(str(caught.value).splitlines()) == 1
 
 
-def test_damaged_bytes_are_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("from_end", [30, 400, 900, 1500, 2500, 3400])
+def test_damaged_bytes_are_refused(tmp_path: Path, from_end: int) -> None:
+    """In the middle of the arrays, and all over the archive's directory."""
     content = bytearray(OPEN_BODY_PATH.read_bytes())
-    content[len(content) // 2] ^= 0xFF
+    for place in (len(content) // 2, len(content) - from_end):
+        content[place] ^= 0xFF
     damaged = tmp_path / "open_body.npz"
     damaged.write_bytes(content)
     with pytest.raises(BodyError):
