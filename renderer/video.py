@@ -267,7 +267,13 @@ class Encoder:
         if self._process.wait() != 0:
             raise self._failure()
         self._messages.close()
-        os.replace(self._partial, self.out)
+        try:
+            os.replace(self._partial, self.out)
+        except OSError as error:
+            self._partial.unlink(missing_ok=True)
+            raise VideoError(
+                f"{self.out.name} cannot be written: {error.strerror}; choose another name."
+            ) from error
 
     def abort(self) -> None:
         """End ffmpeg at once and leave no file."""

@@ -206,6 +206,13 @@ def test_facts_of_a_file(tmp_path):
 TINTS = ((1, 0.2, 0.2), (0.2, 1, 0.2), (0.2, 0.2, 1), (1, 1, 0.2), (0.2, 1, 1), (1, 0.2, 1))
 
 
+def test_a_folder_under_the_final_name_is_refused_and_nothing_stays(tmp_path):
+    (tmp_path / "v.mp4").mkdir()
+    with pytest.raises(VideoError, match=r"v\.mp4 cannot be written"):
+        write_video(tmp_path / "v.mp4", [10, 20])
+    assert [p.name for p in tmp_path.iterdir()] == ["v.mp4"]
+
+
 @pytest.mark.parametrize("count", [1, 2, 6])
 def test_videos_run_in_lock_step_under_their_labels(tmp_path, count):
     levels = np.linspace(40, 220, 20)
