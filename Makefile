@@ -26,7 +26,7 @@ demo: .venv/.run-ready
 
 check: .venv/.test-ready
 	$(BIN)/ruff check .
-	$(BIN)/ruff format --check --exclude '*.md' .
+	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 	$(BIN)/lint-imports
 

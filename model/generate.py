@@ -25,6 +25,9 @@ INPAINT_UNTIL = 0.7
 was 1.2 times the inside's (worst frame of the join 1.6); held to the end 1.3 (2.7)."""
 
 
+CHUNK_FRAMES = 512
+
+
 class Cancelled(Exception):
     """Generation was stopped from outside; nothing is returned."""
 
@@ -186,9 +189,13 @@ def _to_motion(
     num_frames: int,
 ) -> Motion:
     rotmat, root = rotmat[:num_frames], root[:num_frames]
-    if system.config.rotation_space == "global":
-        rotmat = local_from_global(rotmat)
-    poses = axis_angle_from_matrix(rotmat).flatten(-2)
+    is_global = system.config.rotation_space == "global"
+    poses = torch.cat(
+        [
+            axis_angle_from_matrix(local_from_global(part) if is_global else part).flatten(-2)
+            for part in rotmat.split(CHUNK_FRAMES)  # memory stays small for long clips
+        ]
+    )
     steps = root[:, [0, 2]] / FPS
     horizontal = torch.cumsum(steps, dim=0) - steps[:1]
     trans = torch.stack([horizontal[:, 0], root[:, 1], horizontal[:, 1]], dim=-1)
