@@ -11,9 +11,9 @@ from model.corpus.face import move_face
 from model.corpus.plan import Plan, make_plan
 from model.corpus.prosody import Utterance, speak
 from model.corpus.rig import JOINT, NUM_JOINTS, SIDE_SIGN, SIDES, Rig, axis_angles
-from model.corpus.signals import FPS
 from model.corpus.speakers import Speaker
 from model.corpus.texts import Split
+from model.timing import FPS
 
 NUM_EXPRESSIONS = 100
 

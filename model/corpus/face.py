@@ -6,9 +6,10 @@ from scipy.ndimage import gaussian_filter1d
 
 from model.corpus.body import Trunk
 from model.corpus.prosody import Utterance
-from model.corpus.signals import FPS, frame_times, gaussian_bump, smooth_line
+from model.corpus.signals import frame_times, gaussian_bump, smooth_line
 from model.corpus.speakers import Speaker
 from model.corpus.voice import PAUSE
+from model.timing import FPS
 
 FINE = 4  # the mouth is computed at 120 frames a second
 MAX_JAW_DEG = 13.0

@@ -9,8 +9,9 @@ from model.corpus.arm import Arm
 from model.corpus.channels import DEVIATION, FINGERS, POSITION, PRONATION, WRIST_FLEX
 from model.corpus.hand_shapes import ABDUCTION, FLEX, SHAPE_SIZE, THUMB
 from model.corpus.rig import SIDES
-from model.corpus.signals import FPS, low_pass, smooth_line, smooth_noise
+from model.corpus.signals import low_pass, smooth_line, smooth_noise
 from model.corpus.speakers import Speaker
+from model.timing import FPS
 
 
 def add_life(

@@ -13,8 +13,8 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import stft
 from scipy.stats import rankdata
 
-from model.corpus.signals import FPS
 from model.corpus.statistics import LEFT_WRIST, RIGHT_WRIST, PosedClip, derivative
+from model.timing import FPS
 
 BANDS = 12
 LAGS = range(-24, 25, 3)  # frames, 0.8 s either way

@@ -18,8 +18,7 @@ from jaxtyping import Float
 from model.corpus.clip import Clip
 from model.corpus.plan import Key
 from model.corpus.rig import SIDES
-from model.corpus.signals import FPS
-from model.corpus.voice import SAMPLE_RATE
+from model.timing import FPS, SAMPLE_RATE
 
 MOTION, SOUND, TEXTGRID = "smplxflame_30", "wave16k", "textgrid"
 SPLIT_TABLE = "train_test_split.csv"

@@ -8,7 +8,8 @@ from scipy.ndimage import map_coordinates
 
 from model.corpus.speakers import Speaker
 from model.corpus.texts import Split, draw_sentence
-from model.corpus.voice import PAUSE, SAMPLE_RATE, Phone, say, words_of
+from model.corpus.voice import PAUSE, Phone, say, words_of
+from model.timing import SAMPLE_RATE
 
 FUNCTION_WORDS = frozenset(
     """a an the and or but so of to in on at for from with by as is are was were be been am it its

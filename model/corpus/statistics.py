@@ -10,7 +10,7 @@ from scipy.signal import find_peaks, welch
 from scipy.spatial.transform import Rotation
 
 from model.corpus.rig import JOINT, Rig, forward_kinematics, matrices
-from model.corpus.signals import FPS
+from model.timing import FPS
 
 LEFT_WRIST, RIGHT_WRIST = JOINT["left_wrist"], JOINT["right_wrist"]
 LONG_FINGERS = [

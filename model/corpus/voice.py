@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import resample_poly
 
-SAMPLE_RATE = 16000
+from model.timing import SAMPLE_RATE
+
 PAUSE = "pau"
 VOWELS = frozenset("aa ae ah ao aw ax axr ay eh er ey ih ix iy ow oy uh uw".split())
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from model.corpus.clip import Clip
 from model.corpus.rig import JOINT, forward_kinematics, matrices, open_body_rig
-from model.corpus.signals import FPS
+from model.timing import FPS
 
 from .conftest import CALM, LIVELY
 

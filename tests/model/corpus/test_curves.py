@@ -13,9 +13,10 @@ from model.corpus.rig import (
     matrices,
     open_body_rig,
 )
-from model.corpus.signals import FPS, bump, minimum_jerk, smooth_noise, sway_line
+from model.corpus.signals import bump, minimum_jerk, smooth_noise, sway_line
 from model.skeleton import JOINT_NAMES as TORCH_NAMES
 from model.skeleton import PARENTS as TORCH_PARENTS
+from model.timing import FPS
 
 
 def test_a_minimum_jerk_move_starts_and_ends_at_rest() -> None:

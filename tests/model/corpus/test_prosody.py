@@ -8,7 +8,8 @@ import pytest
 from model.corpus.clip import Clip
 from model.corpus.prosody import LEAD_S, MIN_ACCENT_GAP_S, speak_text
 from model.corpus.speakers import SPEAKERS
-from model.corpus.voice import PAUSE, SAMPLE_RATE
+from model.corpus.voice import PAUSE
+from model.timing import SAMPLE_RATE
 
 
 def test_phrases_cover_all_words_once(clips: dict[str, Clip]) -> None:

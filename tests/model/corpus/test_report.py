@@ -17,7 +17,6 @@ from model.corpus.judging import (
 )
 from model.corpus.layout import wav_bytes
 from model.corpus.rig import open_body_rig
-from model.corpus.signals import FPS
 from model.corpus.statistics import (
     PosedClip,
     clip_statistics,
@@ -25,6 +24,7 @@ from model.corpus.statistics import (
     turning_deg_s,
     window_features,
 )
+from model.timing import FPS
 
 
 def test_derivatives_of_a_cubic_are_known() -> None:

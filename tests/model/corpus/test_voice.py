@@ -8,7 +8,6 @@ import pytest
 
 from model.corpus.voice import (
     PAUSE,
-    SAMPLE_RATE,
     Phone,
     Voice,
     VoiceError,
@@ -18,6 +17,7 @@ from model.corpus.voice import (
     say,
     words_of,
 )
+from model.timing import SAMPLE_RATE
 
 VOICE = Voice("slt", 178.0, 26.0)
 SENTENCE = "Honestly, the whole project is really important."
