@@ -12,13 +12,12 @@ from model.expression import predict_expressions
 from model.flow import Sampler, sample
 from model.kinematics import local_from_global
 from model.motion import Motion
-from model.packing import ROTATION_DIM
+from model.packing import ROTATION_DIM, root_positions
 from model.rotations import axis_angle_from_matrix, matrix_from_rot6d, rot6d_from_matrix
 from model.skeleton import NUM_JOINTS
 from model.speech.audio import Speech
 from model.stitching import cross_fade, num_windows
 from model.systems import EXPRESSION_BASIS, System
-from model.timing import FPS
 
 INPAINT_UNTIL = 0.7
 """Flow time up to which the seed frames are held. With 10 Euler steps, the jerk of a wrist at joins
@@ -196,14 +195,11 @@ def _to_motion(
             for part in rotmat.split(CHUNK_FRAMES)  # memory stays small for long clips
         ]
     )
-    steps = root[:, [0, 2]] / FPS
-    horizontal = torch.cumsum(steps, dim=0) - steps[:1]
-    trans = torch.stack([horizontal[:, 0], root[:, 1], horizontal[:, 1]], dim=-1)
     units = np.zeros((num_frames, 100), np.float32)
     units[:, : expressions.shape[1]] = expressions[:num_frames].numpy()
     return Motion(
         poses=poses.numpy(),
-        trans=trans.numpy(),
+        trans=root_positions(root).numpy(),
         expressions=units,
         expression_basis=EXPRESSION_BASIS,
         betas=np.zeros(300, np.float32),

@@ -63,12 +63,15 @@ def unpack(
 ) -> tuple[Float[Tensor, "*batch T 55 6"], Float[Tensor, "*batch T 3"]]:
     """Row-6D rotations and root positions; the first frame stands at x = z = 0."""
     rot6d = vector[..., :ROTATION_DIM].unflatten(-1, (NUM_JOINTS, 6))
-    root = vector[..., ROTATION_DIM:]
+    return rot6d, root_positions(vector[..., ROTATION_DIM:])
+
+
+def root_positions(root: Float[Tensor, "*batch T 3"]) -> Float[Tensor, "*batch T 3"]:
+    """Positions in metres of root channels (velocity x, height, velocity z), from x = z = 0."""
     steps = root[..., [0, 2]] / FPS
     # The velocity of a frame leads to it from the frame before, so the first one leads nowhere.
     horizontal = torch.cumsum(steps, dim=-2) - steps[..., :1, :]
-    transl = torch.stack([horizontal[..., 0], root[..., 1], horizontal[..., 1]], dim=-1)
-    return rot6d, transl
+    return torch.stack([horizontal[..., 0], root[..., 1], horizontal[..., 1]], dim=-1)
 
 
 @dataclass(frozen=True)
