@@ -1,0 +1,1 @@
+"""A blind user study: plan, export, leak test, answers and their statistics."""
