@@ -1,27 +1,22 @@
-"""Trunk, head, gaze and legs: what the rest of the body does while the hands gesture."""
+"""Trunk, head and gaze: what they do while the hands gesture."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from model.corpus.ik import two_bone_ik
 from model.corpus.prosody import Utterance
-from model.corpus.rig import JOINT, SIDE_SIGN, SIDES, Rig, euler_matrices, transposed
+from model.corpus.rig import JOINT, euler_matrices
 from model.corpus.signals import (
-    bump,
     frame_times,
     gaussian_bump,
     low_pass,
     minimum_jerk,
     smooth_line,
-    smooth_noise,
-    sway,
     sway_line,
 )
 from model.corpus.speakers import Speaker
 
-STANCE_HALF_WIDTH_M = 0.125
 PELVIS_TILT_DEG = -11.0
 SPINE = ((3, 0.30, 7.0), (6, 0.35, 4.0), (9, 0.35, 4.0))  # joint, share of the turn, posture in deg
 
@@ -101,48 +96,6 @@ def move_trunk(
     for joint in (JOINT["left_eye"], JOINT["right_eye"]):
         rotations[joint] = euler_matrices("YX", eyes[:, ::-1])
     return Trunk(rotations, accents.level, eyes, tuple(shifts), breath)
-
-
-def move_legs(
-    rig: Rig, trunk: Trunk, speaker: Speaker, rng: np.random.Generator
-) -> tuple[dict[int, Float[np.ndarray, "T 3 3"]], Float[np.ndarray, "T 3"]]:
-    """Leg rotations and the body's translation: planted feet, weight shifts, some steps."""
-    pelvis = trunk.rotations[0]
-    num_frames = len(pelvis)
-    feet = _footsteps(num_frames, speaker, rng)
-    middle = low_pass(0.5 * (feet.place["left"] + feet.place["right"]), 0.12)
-    floating = sway(rng, num_frames, 0.015 * speaker.sway, 3) * [1, 0.15, 1]
-    floating += smooth_noise(rng, num_frames, 0.004 * speaker.sway, 0.25, 3) * [1, 0, 1]
-    at = middle + feet.shift + floating
-    # Knees give on accents and with the weight.
-    sink = 0.028 + 3.0 * feet.shift[:, 0] ** 2
-    sink += 0.010 * speaker.energy * np.clip(trunk.accent, 0, 1.5)
-    sink += np.abs(smooth_line(rng, num_frames, 0.007 * speaker.sway, 0.22))
-    trans = np.stack([at[:, 0], at[:, 1] - sink - rig.floor_m, at[:, 2]], axis=1)
-
-    rotations: dict[int, np.ndarray] = {}
-    root = rig.rest_joints[0] + trans
-    for side in SIDES:
-        sign = SIDE_SIGN[side]
-        hip, knee, ankle = (JOINT[f"{side}_{part}"] for part in ("hip", "knee", "ankle"))
-        rest = rig.rest_joints[ankle]
-        target = feet.place[side] + [0.0, rest[1] - rig.floor_m, rest[2]]
-        target = target + feet.lift[side][:, None] * [0.0, 1.0, 0.0]
-        turn = euler_matrices("Y", feet.yaw_deg[side][:, None])
-        pole = turn @ np.array([0.04 * sign, 0.0, 1.0])
-        upper, lower, _ = two_bone_ik(
-            root + pelvis @ rig.offsets[hip],
-            target,
-            rig.offsets[knee],
-            rig.offsets[ankle],
-            np.array([1.0, 0.0, 0.0]),
-            pole,
-        )
-        sole = np.stack([feet.yaw_deg[side] - 12 * sign, 350 * feet.lift[side]], axis=1)
-        rotations[hip] = transposed(pelvis) @ upper
-        rotations[knee] = transposed(upper) @ lower
-        rotations[ankle] = transposed(lower) @ euler_matrices("YX", sole)
-    return rotations, trans
 
 
 @dataclass(frozen=True)
@@ -227,50 +180,6 @@ def _breath(
             intake = minimum_jerk((time_s - before.end_s) / pause_s)
             breath += 0.9 * intake * np.exp(-np.maximum(time_s - after.start_s, 0) / 1.1)
     return breath
-
-
-@dataclass(frozen=True)
-class _Feet:
-    place: dict[str, Float[np.ndarray, "T 3"]]
-    yaw_deg: dict[str, Float[np.ndarray, " T"]]
-    lift: dict[str, Float[np.ndarray, " T"]]
-    shift: Float[np.ndarray, "T 3"]
-
-
-def _footsteps(num_frames: int, speaker: Speaker, rng: np.random.Generator) -> _Feet:
-    """Where each foot stands, is lifted and turned; and how the weight moves between them."""
-    time_s = frame_times(num_frames)
-    place, yaw, lift = {}, {}, {}
-    for side in SIDES:
-        sign = SIDE_SIGN[side]
-        stand = [sign * STANCE_HALF_WIDTH_M + rng.normal(0, 0.01), 0.0, rng.normal(0, 0.025)]
-        place[side] = np.tile(stand, (num_frames, 1))
-        yaw[side] = np.full(num_frames, sign * rng.uniform(8, 16))
-        lift[side] = np.zeros(num_frames)
-    shift = np.zeros((num_frames, 3))
-    centre, weight = np.zeros(3), np.zeros(3)
-    at_s = rng.uniform(2, 5)
-    while at_s < time_s[-1] - 2:
-        if rng.random() < 0.65 * speaker.steps:
-            goal = np.clip(0.7 * centre + rng.normal(0, [0.13, 0, 0.13]), -0.35, 0.35)
-            stride, turn = goal - centre, rng.normal(0, 7)
-            first = "left" if stride[0] > 0 else "right"
-            second = "right" if first == "left" else "left"
-            for side, delay in ((first, 0.0), (second, rng.uniform(0.55, 0.8))):
-                phase = (time_s - at_s - delay) / 0.46
-                place[side] += stride * minimum_jerk(phase)[:, None]
-                yaw[side] += turn * minimum_jerk(phase)
-                lift[side] += bump(phase) * rng.uniform(0.025, 0.045)
-                unload = bump((time_s - at_s - delay + 0.2) / 0.8)
-                shift[:, 0] -= 0.03 * SIDE_SIGN[side] * unload
-            centre = goal
-            at_s += 1.2
-        side_m = rng.choice([-1.0, 1.0]) * rng.uniform(0.02, 0.07)
-        goal = np.array([side_m, 0, rng.normal(0, 0.02)]) * min(speaker.sway, 1.2)
-        shift += (goal - weight) * minimum_jerk((time_s - at_s) / rng.uniform(0.6, 1.2))[:, None]
-        weight = goal
-        at_s += rng.gamma(2.5, 0.5) + 0.5
-    return _Feet(place, yaw, lift, shift)
 
 
 def _euler(

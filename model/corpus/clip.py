@@ -6,8 +6,9 @@ import numpy as np
 from jaxtyping import Float32
 
 from model.corpus.arms import move_arms
-from model.corpus.body import move_legs, move_trunk
+from model.corpus.body import move_trunk
 from model.corpus.face import move_face
+from model.corpus.legs import move_legs
 from model.corpus.plan import Plan, make_plan
 from model.corpus.prosody import Utterance, speak
 from model.corpus.rig import JOINT, NUM_JOINTS, SIDE_SIGN, SIDES, Rig, axis_angles

@@ -76,14 +76,28 @@ def test_the_lively_speaker_moves_more_than_the_calm_one(clips: dict[str, Clip])
 
 def test_planted_feet_stay_and_stand_on_the_floor(clip: Clip) -> None:
     _, _, positions = kinematics(clip)
+    rig = open_body_rig()
     for ankle in (JOINT["left_ankle"], JOINT["right_ankle"]):
-        height = positions[:-1, ankle, 1]
-        planted = height < height.min() + 0.012
+        height = positions[:-1, ankle, 1] - (rig.rest_joints[ankle, 1] - rig.floor_m)
+        assert height.min() > -1e-4
+        planted = height < 1e-4
         slip = np.linalg.norm(np.diff(positions[:, ankle][:, [0, 2]], axis=0), axis=1) * FPS
         assert planted.mean() > 0.5
-        assert slip[planted].mean() < 0.01
+        assert slip[planted].mean() < 0.005
     lowest = positions[:, [10, 11], 1].min()
     assert -0.01 < lowest < 0.05
+
+
+def test_knees_are_nearly_straight_and_never_pop(clip: Clip) -> None:
+    local, _, _ = kinematics(clip)
+    knees = local[:, [JOINT["left_knee"], JOINT["right_knee"]]]
+    bend = np.degrees(Rotation.from_matrix(knees.reshape(-1, 3, 3)).magnitude())
+    assert 8 < np.median(bend) < 16
+    assert bend.min() > 4
+    assert np.percentile(bend, 98) < 45
+    speed = speed_deg_s(knees)
+    assert np.percentile(speed, 99) < 220
+    assert speed.max() < 400
 
 
 def test_hands_stay_in_front_of_the_trunk_and_apart(clip: Clip) -> None:

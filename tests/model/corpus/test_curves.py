@@ -5,7 +5,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from model.corpus.ik import two_bone_ik
+from model.corpus.ik import HingedLimb, two_bone_ik
 from model.corpus.rig import (
     JOINT_NAMES,
     PARENTS,
@@ -85,6 +85,29 @@ def test_a_target_out_of_reach_is_pointed_at_without_a_snap() -> None:
     upper_rot, _, _ = two_bone_ik(np.zeros((200, 3)), target, upper, lower, hinge, pole)
     step = matrices(np.zeros((1, 3))) - np.swapaxes(upper_rot[:-1], 1, 2) @ upper_rot[1:]
     assert np.linalg.norm(step, axis=(1, 2)).max() < 0.06
+
+
+LEG = HingedLimb(np.array([0.05, -0.36, -0.01]), np.array([-0.03, -0.42, -0.03]), np.eye(3)[0])
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(0.5, 0.775), coordinate, coordinate, st.floats(-0.6, 0.6))
+def test_a_leg_reaches_the_floor_by_bending_its_knee_about_one_axis(
+    length: float, x: float, z: float, aside: float
+) -> None:
+    span = length * np.array([[x, -1.0, z]]) / np.linalg.norm([x, -1.0, z])
+    upper, knee = LEG.reach(span, np.array([[aside, 0.0, 1.0]]))
+    np.testing.assert_allclose(upper[0] @ (LEG.upper + knee[0] @ LEG.lower), span[0], atol=1e-9)
+    np.testing.assert_allclose(knee[0] @ LEG.axis, LEG.axis, atol=1e-12)
+    assert knee[0, 2, 1] > 0  # the shin goes back, not forth
+    assert (upper[0] @ np.array([0.0, 0.0, 1.0])) @ [aside, 0.0, 1.0] > 0
+
+
+def test_a_leg_asked_for_more_than_its_length_is_straight() -> None:
+    bend = np.degrees(LEG.bend(np.array([0.6, 0.7, 0.9])))
+    assert bend[0] > bend[1] > 30
+    assert abs(bend[2]) < 5
+    np.testing.assert_allclose(LEG.length(LEG.bend(np.array([0.6, 0.7]))), [0.6, 0.7])
 
 
 def test_the_rig_is_the_skeleton_of_the_other_modules() -> None:
