@@ -51,7 +51,7 @@ def clip_statistics(clip: PosedClip) -> dict[str, float]:
     left, right = (derivative(clip.positions[:, wrist], 1) for wrist in (LEFT_WRIST, RIGHT_WRIST))
     shoulders = turning_deg_s(clip.local_rot[:, [JOINT["left_shoulder"], JOINT["right_shoulder"]]])
     wrists = turning_deg_s(clip.local_rot[:, [LEFT_WRIST, RIGHT_WRIST]])
-    in_chest = _in_chest(clip, RIGHT_WRIST)
+    wrist = in_chest(clip, RIGHT_WRIST)
     return {
         "right wrist speed, m/s": float(right.mean()),
         "right wrist jerk, m/s^3": float(derivative(clip.positions[:, RIGHT_WRIST], 3).mean()),
@@ -66,7 +66,7 @@ def clip_statistics(clip: PosedClip) -> dict[str, float]:
         "pelvis speed, cm/s": float(100 * derivative(clip.positions[:, 0], 1).mean()),
         "knee bend, median, deg": float(np.median(_bend_deg(clip, ("left_knee", "right_knee")))),
         "elbow bend, median, deg": float(np.median(_bend_deg(clip, ("left_elbow", "right_elbow")))),
-        "right wrist height over chest, median, m": float(np.median(in_chest[:, 1])),
+        "right wrist height over chest, median, m": float(np.median(wrist[:, 1])),
         "left-right speed correlation": float(np.corrcoef(_smooth(left), _smooth(right))[0, 1]),
         "planted ankle slip, cm/s": _slip_cm_s(clip),
     }
@@ -75,7 +75,7 @@ def clip_statistics(clip: PosedClip) -> dict[str, float]:
 def window_features(clip: PosedClip, window_s: float = 4.0) -> Float[np.ndarray, "W F"]:
     """Means over windows that overlap by half: how a person moves, without what is said."""
     num_frames = len(clip.positions) - 1
-    left, right = _in_chest(clip, LEFT_WRIST)[:-1], _in_chest(clip, RIGHT_WRIST)[:-1]
+    left, right = in_chest(clip, LEFT_WRIST)[:-1], in_chest(clip, RIGHT_WRIST)[:-1]
     fingers = Rotation.from_matrix(clip.local_rot[:-1, LONG_FINGERS].reshape(-1, 3, 3))
     curl = np.degrees(fingers.magnitude()).reshape(num_frames, -1)
     half = curl.shape[1] // 2
@@ -116,7 +116,8 @@ def _bend_deg(clip: PosedClip, names: tuple[str, ...]) -> Float[np.ndarray, " N"
     return np.degrees(Rotation.from_matrix(rotmat).magnitude())
 
 
-def _in_chest(clip: PosedClip, joint: int) -> Float[np.ndarray, "T 3"]:
+def in_chest(clip: PosedClip, joint: int) -> Float[np.ndarray, "T 3"]:
+    """A joint's place as seen from the chest: metres to its left, up and forward."""
     chest = JOINT["spine3"]
     offset = clip.positions[:, joint] - clip.positions[:, chest]
     return np.einsum("tba,tb->ta", clip.global_rot[:, chest], offset)
