@@ -7,7 +7,7 @@ from jaxtyping import Float
 from scipy.ndimage import map_coordinates
 
 from model.corpus.speakers import Speaker
-from model.corpus.texts import Split, draw_sentence
+from model.corpus.texts import Split, talk
 from model.corpus.voice import PAUSE, Phone, say, words_of
 from model.timing import SAMPLE_RATE
 
@@ -26,6 +26,7 @@ LEAD_S = 0.5  # silence before the first word
 MIN_ACCENT_GAP_S = 0.33
 ACCENT_PITCH = 0.10  # playback speeds up by this share on an accent of 1
 ACCENT_DB = 5.5
+LISTENS, LISTENS_AFTER_A_QUESTION = 0.06, 0.5  # shares of sentences
 
 
 @dataclass(frozen=True)
@@ -78,10 +79,11 @@ def speak(
     """Sentences of the split's own, spoken until ``target_s`` seconds are about full."""
     sentences = []
     spoken_s = LEAD_S
-    while not sentences or spoken_s < target_s - 2.0:
-        sentence = draw_sentence(text_rng, split)
+    for sentence in talk(text_rng, split):
+        if sentences and spoken_s >= target_s - 2.0:
+            break
         waveform, phones = say(sentence, speaker.voice, stretch=voice_rng.uniform(0.94, 1.06))
-        pause_s = _draw_pause(speaker, voice_rng)
+        pause_s = _draw_pause(sentence, speaker, voice_rng)
         sentences.append((sentence, *_trim(waveform, phones), pause_s))
         spoken_s += len(sentences[-1][1]) / SAMPLE_RATE + pause_s
     return _with_accents(_join(sentences), voice_rng)
@@ -92,13 +94,15 @@ def speak_text(speaker: Speaker, sentences: list[str], rng: np.random.Generator)
     parts = []
     for sentence in sentences:
         waveform, phones = say(sentence, speaker.voice)
-        parts.append((sentence, *_trim(waveform, phones), _draw_pause(speaker, rng)))
+        parts.append((sentence, *_trim(waveform, phones), _draw_pause(sentence, speaker, rng)))
     return _with_accents(_join(parts), rng)
 
 
-def _draw_pause(speaker: Speaker, rng: np.random.Generator) -> float:
+def _draw_pause(sentence: str, speaker: Speaker, rng: np.random.Generator) -> float:
+    """Seconds of silence after a sentence; now and then, and after a question, to listen."""
     pause_s = float(np.clip(rng.gamma(3.5, 0.13) * speaker.pause, 0.18, 2.5))
-    listens = rng.random() < 0.07 * speaker.pause
+    share = LISTENS_AFTER_A_QUESTION if sentence.endswith("?") else LISTENS * speaker.pause
+    listens = rng.random() < share
     return pause_s + (rng.uniform(0.8, 1.8) if listens else 0.0)
 
 
