@@ -32,7 +32,7 @@ FIGURE = Figure(
     cup=0.0,
     firmness=0.6,
 )
-LEG_LENGTH_M = 0.781
+LEG_LENGTH_M = 0.7845
 """Hip to ankle along the leg, as in SMPL-X's mean body."""
 PELVIS_M = (0.0, -0.3514, 0.012)
 """Where SMPL-X's mean body has its pelvis."""

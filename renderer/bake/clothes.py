@@ -22,11 +22,16 @@ SEAT_SMOOTHING_ROUNDS = 5
 SEAT_HALF_HEIGHT_M = 0.085
 WAIST_BELOW_PELVIS_M = 0.065
 WAIST_OVERLAP_M = 0.03
-TROUSER_END_ABOVE_ANKLE_M = 0.0
-SHOE_TOP_ABOVE_ANKLE_M = 0.03
+TROUSER_END_ABOVE_ANKLE_M = 0.032
+SHOE_TOP_ABOVE_ANKLE_M = 0.07
 SOLE_HEIGHT_M = 0.020
-SLEEVE_PAST_WRIST_M = 0.022
+SLEEVE_BEFORE_WRIST_M = 0.010
+CUFF_M = 0.06
+"""Over this length the shirt narrows to lie on the skin, at wrists and neck."""
 HEM_DEPTH_M = 0.005
+CUFF_DEPTH_M = 0.014
+"""Cuffs turn in until they meet the skin, so that no gap opens when the wrist bends."""
+WEIGHT_SMOOTHING_ROUNDS = 14
 
 
 class Wearer:
@@ -39,7 +44,7 @@ class Wearer:
         self.waist_m = joints[JOINT_INDEX["pelvis"], 1] - WAIST_BELOW_PELVIS_M
         self.ankle_m = joints[JOINT_INDEX["left_ankle"], 1]
         self.wrist_m = joints[JOINT_INDEX["left_wrist"], 0]
-        self.sleeve_end_m = self.wrist_m + SLEEVE_PAST_WRIST_M
+        self.sleeve_end_m = self.wrist_m - SLEEVE_BEFORE_WRIST_M
 
     def above_neckline(self, points: Points) -> Heights:
         """Height above a crew neckline that runs round the root of the neck."""
@@ -56,16 +61,20 @@ def dress(helper: Mesh, wearer: Wearer) -> Mesh:
     smoothed = geometry.smooth(helper, SMOOTHING_ROUNDS, loose)
     seat = np.abs(smoothed.positions[:, 1] - wearer.waist_m) < SEAT_HALF_HEIGHT_M
     cloth = geometry.subdivide(geometry.smooth(smoothed, SEAT_SMOOTHING_ROUNDS, seat))
+    cloth = geometry.smooth_weights(cloth, WEIGHT_SMOOTHING_ROUNDS)
     return geometry.join([_shirt(cloth, wearer), _trousers(cloth, wearer), _shoes(cloth, wearer)])
 
 
 def _shirt(cloth: Mesh, wearer: Wearer) -> Mesh:
     drop = np.clip((wearer.waist_m + 0.25 - cloth.positions[:, 1]) / 0.25, 0, 1)
-    shirt = _thicken(cloth, 0.005 + 0.007 * drop)
+    to_sleeve_end = wearer.sleeve_end_m - np.abs(cloth.positions[:, 0])
+    to_end = np.minimum(to_sleeve_end, -wearer.above_neckline(cloth.positions))
+    shirt = _thicken(cloth, (0.005 + 0.007 * drop) * np.clip(to_end / CUFF_M, 0, 1))
     end = wearer.waist_m - WAIST_OVERLAP_M
     shirt = _keep(shirt, lambda points: points[:, 1] - end)
     shirt = _keep(shirt, lambda points: -wearer.above_neckline(points))
-    return _hemmed(shirt).painted(REGION_INDEX["shirt"])
+    shirt = _keep(shirt, lambda points: wearer.sleeve_end_m - np.abs(points[:, 0]))
+    return _hemmed(shirt, CUFF_DEPTH_M).painted(REGION_INDEX["shirt"])
 
 
 def _trousers(cloth: Mesh, wearer: Wearer) -> Mesh:
@@ -76,7 +85,7 @@ def _trousers(cloth: Mesh, wearer: Wearer) -> Mesh:
     trousers = _thicken(cloth, thickness)
     trousers = _keep(trousers, lambda points: wearer.waist_m - points[:, 1])
     trousers = _keep(trousers, lambda points: points[:, 1] - end)
-    return _hemmed(trousers).painted(REGION_INDEX["trousers"])
+    return _hemmed(trousers, HEM_DEPTH_M).painted(REGION_INDEX["trousers"])
 
 
 def _shoes(cloth: Mesh, wearer: Wearer) -> Mesh:
@@ -88,7 +97,7 @@ def _shoes(cloth: Mesh, wearer: Wearer) -> Mesh:
     def above_sole(points: Points) -> Heights:
         return points[:, 1] - (ground + SOLE_HEIGHT_M)
 
-    shoes = geometry.cut(_hemmed(shoes), above_sole)
+    shoes = geometry.cut(_hemmed(shoes, HEM_DEPTH_M), above_sole)
     # The sole is flat below and stands a little wider than the upper.
     share = np.clip((shoes.positions[:, 1] - ground) / SOLE_HEIGHT_M, 0, 1)
     outward = geometry.normals(shoes) * [1, 0, 1]
@@ -108,9 +117,9 @@ def _keep(mesh: Mesh, field: geometry.Field) -> Mesh:
     return mesh.faces_only(field(geometry.centres(mesh)) > 0)
 
 
-def _hemmed(garment: Mesh) -> Mesh:
+def _hemmed(garment: Mesh, depth_m: float) -> Mesh:
     """The garment with its open ends turned in."""
     hem = np.zeros(garment.num_vertices, bool)
     hem[geometry.border_edges(garment.faces)] = True
-    inward = 0.3 * geometry.towards_neighbours(garment) - HEM_DEPTH_M * geometry.normals(garment)
+    inward = 0.3 * geometry.towards_neighbours(garment) - depth_m * geometry.normals(garment)
     return geometry.fold_border(garment, hem, inward)

@@ -13,16 +13,18 @@ from scipy.spatial.transform import Rotation
 from renderer.bake.skinning import dual_quaternion_blend, linear_blend
 from renderer.smplx_joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 
-NUM_SAMPLES = 60
-RIDGE = 0.3
+NUM_SAMPLES = 120
+RIDGE = 0.03
+SMALL_ROTATION = 0.1
 MIXED_SHARE = 0.005
 """Vertices between this share and one minus it of a joint's branch are corrected."""
 SMALLEST_OFFSET_M = 1e-4
-SINKING_RAD = 0.2
-"""Collar drop for an arm that hangs straight down."""
-SINKING_ARM_SHARE = 0.7
-"""Share of the upper arm over which the drop fades."""
-_LARGEST_ANGLE = {"elbow": 2.2, "knee": 2.0, "shoulder": 1.5, "hip": 1.2}
+LINEAR_SHOULDER_SHARE = 0.7
+"""Dual quaternions alone make the shoulder of a raised arm bulge."""
+CAP_SHRINKING = 0.38
+"""Share by which the cap of the shoulder comes nearer to its joint when the arm hangs."""
+CAP_RADIUS_M = 0.16
+_LARGEST_ANGLE = {"elbow": 2.2, "knee": 2.0, "shoulder": 1.5, "hip": 1.4, "wrist": 1.3}
 _UNCORRECTED = ("pelvis", "jaw", "left_eye", "right_eye", "left_foot", "right_foot")
 
 
@@ -55,8 +57,8 @@ def _fit_joint(
     for k in range(NUM_JOINTS):
         branch[k] = k == joint or (PARENTS[k] >= 0 and branch[PARENTS[k]])
     share = weights[:, branch].sum(1)
-    sinking = _sinking_share(vertices, weights, joints, joint)
-    mixed = np.flatnonzero((share > MIXED_SHARE) & (share < 1 - MIXED_SHARE) | (sinking > 0.01))
+    cap = _shoulder_cap(vertices, joints, joint)
+    mixed = np.flatnonzero((share > MIXED_SHARE) & (share < 1 - MIXED_SHARE) | (cap > 0.01))
     features = np.empty((NUM_SAMPLES, 9))
     targets = np.empty((NUM_SAMPLES, len(mixed) * 3))
     for sample in range(NUM_SAMPLES):
@@ -64,47 +66,30 @@ def _fit_joint(
         global_rot = np.where(branch[:, None, None], rotation, np.eye(3))
         linear = linear_blend(vertices[mixed], weights[mixed], joints, global_rot)
         dual = dual_quaternion_blend(vertices[mixed], weights[mixed], joints, global_rot)
-        dual += sinking[mixed, None] * _sinking(dual, rotation, joints, joint)
+        if JOINT_NAMES[joint].endswith("shoulder"):
+            dual += LINEAR_SHOULDER_SHARE * (linear - dual)
+            hanging = max(0.0, -np.sign(joints[joint, 0]) * rotation[1, 0])
+            dual -= CAP_SHRINKING * hanging * cap[mixed, None] * (dual - joints[joint])
         # The corrective is added before skinning, so it is turned back by the blended matrix.
         blended = np.tensordot(weights[mixed], global_rot, 1) + 0.01 * np.eye(3)
         targets[sample] = np.linalg.solve(blended, (dual - linear)[..., None]).ravel()
         features[sample] = (rotation - np.eye(3)).ravel()
+    # Small rotations need as small an error, or a nearly straight limb shows a crease.
+    weight = 1 / np.maximum(np.linalg.norm(features, axis=1, keepdims=True), SMALL_ROTATION)
+    features, targets = weight * features, weight * targets
     fitted = np.linalg.solve(features.T @ features + RIDGE * np.eye(9), features.T @ targets)
     return mixed, np.full(len(mixed), joint), fitted.T.reshape(len(mixed), 3, 9)
 
 
-def _sinking_share(
-    vertices: Float[np.ndarray, "V 3"],
-    weights: Float[np.ndarray, "V J"],
-    joints: Float[np.ndarray, "J 3"],
-    joint: int,
+def _shoulder_cap(
+    vertices: Float[np.ndarray, "V 3"], joints: Float[np.ndarray, "J 3"], joint: int
 ) -> Float[np.ndarray, " V"]:
-    """How far each vertex follows the collar bone down when this joint, a shoulder, drops."""
+    """1 at a shoulder joint, falling to 0 around it; 0 everywhere for other joints."""
     if not JOINT_NAMES[joint].endswith("shoulder"):
         return np.zeros(len(vertices))
-    elbow = PARENTS.index(joint)
-    along = (vertices - joints[joint]) @ (joints[elbow] - joints[joint])
-    along /= ((joints[elbow] - joints[joint]) ** 2).sum()
-    on_arm = np.clip(1 - along / SINKING_ARM_SHARE, 0, 1)
-    on_arm = on_arm**2 * (3 - 2 * on_arm)
-    return weights[:, PARENTS[joint]] + weights[:, joint] * on_arm
-
-
-def _sinking(
-    posed: Float[np.ndarray, "M 3"],
-    rotation: Float[np.ndarray, "3 3"],
-    joints: Float[np.ndarray, "J 3"],
-    joint: int,
-) -> Float[np.ndarray, "M 3"]:
-    """What a collar bone that follows the arm would add: motion files often leave it still.
-
-    A hanging arm would otherwise keep the square shoulder of the zero pose.
-    """
-    collar = PARENTS[joint]
-    arm = np.sign(joints[joint, 0]) * rotation[:, 0]
-    turn = Rotation.from_rotvec([0, 0, SINKING_RAD * arm[1] * np.sign(joints[joint, 0])])
-    from_collar = posed - joints[collar]
-    return turn.apply(from_collar) - from_collar
+    distance = np.linalg.norm(vertices - joints[joint], axis=1)
+    near = np.clip(1 - distance / CAP_RADIUS_M, 0, 1)
+    return near**2 * (3 - 2 * near)
 
 
 def _random_rotation(joint: int, rng: np.random.Generator) -> Float[np.ndarray, "3 3"]:
@@ -113,7 +98,7 @@ def _random_rotation(joint: int, rng: np.random.Generator) -> Float[np.ndarray, 
     is_finger = joint >= JOINT_INDEX["left_index1"]
     axis = rng.normal(size=3)
     if name.endswith("elbow"):
-        axis = axis * 0.25 + [0, -sign, 0]
+        axis = axis * [0.6, 0.25, 0.25] + [0, -sign, 0]
     elif name.endswith("knee"):
         axis = axis * 0.2 + [1, 0, 0]
     elif is_finger:

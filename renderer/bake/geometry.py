@@ -245,15 +245,27 @@ def smooth(mesh: Mesh, rounds: int, movable: Bool[np.ndarray, " V"]) -> Mesh:
     return mesh
 
 
+def smooth_weights(mesh: Mesh, rounds: int) -> Mesh:
+    """Spread skinning weights over neighbours, so that a joint bends over a longer stretch."""
+    mean, carried = _mean_of_neighbours(mesh), mesh.carried.copy()
+    weights = carried[:, 3 : 3 + NUM_JOINTS]
+    for _ in range(rounds):
+        weights += 0.5 * (mean @ weights - weights)
+    return replace(mesh, carried=carried)
+
+
 def towards_neighbours(mesh: Mesh) -> Float[np.ndarray, "V 3"]:
     """From each vertex to the mean of the vertices it shares an edge with."""
+    return _mean_of_neighbours(mesh) @ mesh.positions - mesh.positions
+
+
+def _mean_of_neighbours(mesh: Mesh) -> sp.csr_array:
     pairs = np.unique(np.sort(edges(mesh.faces), axis=1), axis=0)
     pairs = np.concatenate([pairs, pairs[:, ::-1]])
     links = sp.csr_array(
         (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(mesh.num_vertices,) * 2
     )
-    mean = sp.diags_array(1 / np.maximum(links.sum(1), 1)) @ links
-    return mean @ mesh.positions - mesh.positions
+    return sp.csr_array(sp.diags_array(1 / np.maximum(links.sum(1), 1)) @ links)
 
 
 def fold_border(

@@ -22,6 +22,7 @@ THUMB_DIRECTIONS = ((0.57, -0.08, 0.81), (0.78, -0.20, 0.60), (0.82, -0.20, 0.53
 SPINE_HEIGHTS = (("spine1", 0.24), ("spine2", 0.525), ("spine3", 0.645))
 # SMPL-X turns the head about points that differ from MakeHuman's bone ends.
 FUNCTIONAL_HIP_SHARE = 0.09
+HIP_INWARD_SHARE = 0.25
 COLLAR_SHARE = 0.15
 JAW_BACK_DM = 0.35
 
@@ -118,7 +119,8 @@ def joints_in_a_pose(
         for name, bone in bones.items():
             put(f"{side}_{name}", head(f"{bone}.{letter}"))
         hip, knee = joints[JOINT_INDEX[f"{side}_hip"]], joints[JOINT_INDEX[f"{side}_knee"]]
-        put(f"{side}_hip", hip + FUNCTIONAL_HIP_SHARE * (knee - hip))
+        hip = hip + FUNCTIONAL_HIP_SHARE * (knee - hip)
+        put(f"{side}_hip", hip * [1 - HIP_INWARD_SHARE, 1, 1])
         collar = joints[JOINT_INDEX[f"{side}_collar"]]
         shoulder = joints[JOINT_INDEX[f"{side}_shoulder"]]
         put(f"{side}_collar", collar + COLLAR_SHARE * (shoulder - collar))
@@ -188,8 +190,8 @@ def rotations_to_zero_pose(
             )
         }
         turn(f"{side}_collar", rotate_towards(bone["collar"], _direction(sign, 3, -7)))
-        turn(f"{side}_hip", rotate_towards(bone["hip"], np.array([sign * 0.13, -1, -0.035])))
-        turn(f"{side}_knee", rotate_towards(bone["knee"], np.array([-sign * 0.07, -1, -0.06])))
+        turn(f"{side}_hip", rotate_towards(bone["hip"], np.array([sign * 0.14, -1, -0.03])))
+        turn(f"{side}_knee", rotate_towards(bone["knee"], np.array([-sign * 0.10, -1, -0.07])))
         # Soles stay flat: the foot turns about the vertical only, 12 degrees outward.
         yaw = np.radians(sign * 12) - np.arctan2(bone["ankle"][0], bone["ankle"][2])
         flat = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
