@@ -6,8 +6,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from model.corpus.channels import DEVIATION, PRONATION, WRIST_FLEX
 from model.corpus.ik import hinge_frame, two_bone_ik
-from model.corpus.rig import JOINT, SIDE_SIGN, Rig, euler_matrices, transposed, unit
+from model.corpus.rig import JOINT, SIDE_SIGN, Rig, about_axis, euler_matrices, transposed, unit
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,20 @@ def pronation_for(
     sine = (np.cross(start, goal) * direction).sum(-1)
     angle = np.degrees(np.arctan2(sine, (start * goal).sum(-1))) * arm.sign
     return np.clip(np.where(angle > 150, angle - 360, angle), -95, 85)
+
+
+def forearm_and_wrist(
+    arm: Arm, hand: Float[np.ndarray, "T C"], fore: Float[np.ndarray, "T 3 3"]
+) -> tuple[Float[np.ndarray, "T 3 3"], Float[np.ndarray, "T 3 3"]]:
+    """The forearm turned by its share of the pronation, and the wrist's rotation against it."""
+    along = unit(arm.fore)
+    pronation = np.radians(hand[:, PRONATION]) * arm.sign
+    flex = np.radians(np.clip(hand[:, WRIST_FLEX], -60, 55))
+    deviation = np.radians(np.clip(hand[:, DEVIATION], -20, 22))
+    wrist = about_axis(along, 0.52 * pronation)
+    wrist = wrist @ about_axis(np.array([0.0, 0.0, -arm.sign]), flex)
+    wrist = wrist @ about_axis(np.array([0.0, -arm.sign, 0.0]), deviation)
+    return fore @ about_axis(along, 0.48 * pronation), wrist
 
 
 def with_less_twist(

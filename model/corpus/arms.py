@@ -7,25 +7,32 @@ solved in the chest's frame by analytic two-bone inverse kinematics.
 import numpy as np
 from jaxtyping import Float
 
-from model.corpus.arm import Arm, arm_of, pronation_for, solve_arm, with_less_twist
+from model.corpus.arm import (
+    Arm,
+    arm_of,
+    forearm_and_wrist,
+    pronation_for,
+    solve_arm,
+    with_less_twist,
+)
 from model.corpus.channels import (
-    DEVIATION,
     ELBOW_OUT,
     FINGERS,
     NUM_CHANNELS,
     POSITION,
-    PRONATION,
     WRIST_FLEX,
 )
-from model.corpus.hand_life import add_life, trail
+from model.corpus.contact import Hips, hand_balls, push_apart, push_off_trunk
+from model.corpus.hand_life import add_life, trailing
 from model.corpus.hand_shapes import finger_rotations
 from model.corpus.plan import CycleSpan, Key, Plan
-from model.corpus.reach import keep_hands_apart, within_reach
-from model.corpus.rig import JOINT, SIDES, Rig, about_axis, transposed, unit
+from model.corpus.reach import within_reach
+from model.corpus.rig import JOINT, SIDES, Rig, transposed, unit
 from model.corpus.signals import bump, frame_times, minimum_jerk, smooth_noise
 from model.corpus.speakers import Speaker
 
 SHOULDER_TWIST_SHARE = 0.3  # of the humeral twist; the elbow joint takes the rest
+_CONTACT_ROUNDS = 2
 _HAND_DELAY_S = np.concatenate(
     [
         [0.0, 0.0, 0.0, 0.03, 0.03, 0.03, 0.0],
@@ -36,34 +43,100 @@ _HAND_DELAY_S = np.concatenate(
 )
 
 
-def move_arms(
+def follow_plan(
     rig: Rig, plan: Plan, num_frames: int, speaker: Speaker, rng: np.random.Generator
-) -> tuple[dict[int, Float[np.ndarray, "T 3 3"]], dict[str, Float[np.ndarray, "T C"]]]:
-    """Local rotations of both arms and hands, and the hands' curves by side."""
+) -> dict[str, Float[np.ndarray, "T C"]]:
+    """The curves of both hands, by side, as the plan and the hands' own life have them."""
     time_s = frame_times(num_frames)
-    shrug = np.zeros(num_frames)
-    for start_s, end_s in plan.shrugs:
-        shrug += minimum_jerk((time_s - start_s + 0.35) / 0.4)
-        shrug -= minimum_jerk((time_s - end_s) / 0.55)
     arms = {side: arm_of(rig, side) for side in SIDES}
     curves = {side: _follow_keys(arms[side], plan.keys[side], time_s, rng) for side in SIDES}
     for span in plan.cycles:
         _add_cycle(curves[span.side], span, time_s)
     add_life(arms, curves, speaker, rng)
-    for side in SIDES:
-        curves[side] = within_reach(arms[side], curves[side])
-    keep_hands_apart(arms, curves)
-    rotations: dict[int, np.ndarray] = {}
-    for side in SIDES:
-        arm = arms[side]
-        shake = smooth_noise(rng, num_frames, 1.5 * speaker.sway, 0.18, 3) * [1, 1, 0.7]
-        shake += smooth_noise(rng, num_frames, 1.5, 0.7, 3)
-        collar, upper, fore, direction = solve_arm(
-            arm, curves[side][:, POSITION], curves[side][:, ELBOW_OUT], shrug, shake
-        )
-        trail(arm, curves[side], fore, direction)
-        rotations |= _arm_rotations(arm, curves[side], collar, upper, fore, speaker, rng)
-    return rotations, curves
+    return {side: within_reach(arms[side], curves[side]) for side in SIDES}
+
+
+def move_arms(
+    rig: Rig,
+    plan: Plan,
+    curves: dict[str, Float[np.ndarray, "T C"]],
+    hips: Hips,
+    speaker: Speaker,
+    rng: np.random.Generator,
+) -> dict[int, Float[np.ndarray, "T 3 3"]]:
+    """Local rotations of both arms and hands; the hands keep off the trunk and off each other."""
+    num_frames = len(curves["left"])
+    time_s = frame_times(num_frames)
+    shrug = np.zeros(num_frames)
+    for start_s, end_s in plan.shrugs:
+        shrug += minimum_jerk((time_s - start_s + 0.35) / 0.4)
+        shrug -= minimum_jerk((time_s - end_s) / 0.55)
+    movers = {side: _ArmMover(rig, side, shrug, speaker, rng) for side in SIDES}
+    hands = {side: movers[side].trailing(curves[side]) for side in SIDES}
+    for _ in range(_CONTACT_ROUNDS):
+        balls = {}
+        for side in SIDES:
+            centres, radii = movers[side].balls(hands[side])
+            push = push_off_trunk(centres, radii, side, hips)
+            hands[side][:, POSITION] += push
+            balls[side] = centres + push[:, None]
+        apart = push_apart(balls["left"], balls["right"], radii)
+        hands["left"][:, 0] += apart
+        hands["right"][:, 0] -= apart
+    return movers["left"].rotations(hands["left"]) | movers["right"].rotations(hands["right"])
+
+
+class _ArmMover:
+    """Turns one hand's curves into joint rotations, with noise drawn once."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        side: str,
+        shrug: Float[np.ndarray, " T"],
+        speaker: Speaker,
+        rng: np.random.Generator,
+    ):
+        num_frames = len(shrug)
+        self._rig = rig
+        self._arm = arm_of(rig, side)
+        self._shrug = shrug
+        self._shake = smooth_noise(rng, num_frames, 1.5 * speaker.sway, 0.18, 3) * [1, 1, 0.7]
+        self._shake += smooth_noise(rng, num_frames, 1.5, 0.7, 3)
+        self._twist = smooth_noise(rng, num_frames, 2.4 * speaker.finger_life, 0.16, 12)
+
+    def trailing(self, hand: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "T C"]:
+        """The curves with wrist and fingers that trail behind the hand."""
+        _, _, fore, direction = self._solve(hand)
+        return trailing(self._arm, hand, fore, direction)
+
+    def balls(
+        self, hand: Float[np.ndarray, "T C"]
+    ) -> tuple[Float[np.ndarray, "T P 3"], Float[np.ndarray, " P"]]:
+        """The balls of the hand in the chest's frame."""
+        collar, upper, fore, direction = self._solve(hand)
+        elbow = self._arm.collar + collar @ self._arm.shoulder + upper @ self._arm.upper
+        wrist = elbow + np.linalg.norm(self._arm.fore) * direction
+        turned, wrist_rot = forearm_and_wrist(self._arm, hand, fore)
+        fingers = finger_rotations(self._arm.side, hand[:, FINGERS], self._twist)
+        return hand_balls(self._rig, self._arm.side, fingers, turned @ wrist_rot, wrist)
+
+    def rotations(self, hand: Float[np.ndarray, "T C"]) -> dict[int, Float[np.ndarray, "T 3 3"]]:
+        """Local rotations of collar, shoulder, elbow, wrist and fingers."""
+        side = self._arm.side
+        collar, upper, fore, _ = self._solve(hand)
+        upper = with_less_twist(self._arm, upper, SHOULDER_TWIST_SHARE)
+        turned, wrist_rot = forearm_and_wrist(self._arm, hand, fore)
+        return {
+            JOINT[f"{side}_collar"]: collar,
+            JOINT[f"{side}_shoulder"]: transposed(collar) @ upper,
+            JOINT[f"{side}_elbow"]: transposed(upper) @ turned,
+            JOINT[f"{side}_wrist"]: wrist_rot,
+            **finger_rotations(side, hand[:, FINGERS], self._twist),
+        }
+
+    def _solve(self, hand: Float[np.ndarray, "T C"]) -> tuple[np.ndarray, ...]:
+        return solve_arm(self._arm, hand[:, POSITION], hand[:, ELBOW_OUT], self._shrug, self._shake)
 
 
 def _key_channels(arm: Arm, key: Key) -> Float[np.ndarray, " C"]:
@@ -108,32 +181,3 @@ def _add_cycle(
     curves[:, 2] += envelope * span.forward_m * np.cos(angle)
     curves[:, WRIST_FLEX] += envelope * 8 * np.sin(angle - 0.6)
     curves[:, FINGERS.start : FINGERS.start + 12] += (envelope * 5 * np.sin(angle - 1.0))[:, None]
-
-
-def _arm_rotations(
-    arm: Arm,
-    hand: Float[np.ndarray, "T C"],
-    collar: Float[np.ndarray, "T 3 3"],
-    upper: Float[np.ndarray, "T 3 3"],
-    fore: Float[np.ndarray, "T 3 3"],
-    speaker: Speaker,
-    rng: np.random.Generator,
-) -> dict[int, Float[np.ndarray, "T 3 3"]]:
-    side, sign = arm.side, arm.sign
-    along = unit(arm.fore)
-    pronation = np.radians(hand[:, PRONATION]) * sign
-    upper = with_less_twist(arm, upper, SHOULDER_TWIST_SHARE)
-    turned = fore @ about_axis(along, 0.48 * pronation)
-    flex = np.radians(np.clip(hand[:, WRIST_FLEX], -60, 55))
-    deviation = np.radians(np.clip(hand[:, DEVIATION], -20, 22))
-    wrist = about_axis(along, 0.52 * pronation)
-    wrist = wrist @ about_axis(np.array([0.0, 0.0, -sign]), flex)
-    wrist = wrist @ about_axis(np.array([0.0, -sign, 0.0]), deviation)
-    twist = smooth_noise(rng, len(hand), 2.4 * speaker.finger_life, 0.16, 12)
-    return {
-        JOINT[f"{side}_collar"]: collar,
-        JOINT[f"{side}_shoulder"]: transposed(collar) @ upper,
-        JOINT[f"{side}_elbow"]: transposed(upper) @ turned,
-        JOINT[f"{side}_wrist"]: wrist,
-        **finger_rotations(side, hand[:, FINGERS], twist),
-    }

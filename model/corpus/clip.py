@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32
 
-from model.corpus.arms import move_arms
+from model.corpus.arms import follow_plan, move_arms
 from model.corpus.body import move_trunk
+from model.corpus.contact import hips_of
 from model.corpus.face import move_face
 from model.corpus.legs import move_legs
 from model.corpus.plan import Plan, make_plan
@@ -42,11 +43,12 @@ def animate(rig: Rig, speaker: Speaker, utterance: Utterance, rng: np.random.Gen
     plan_rng, arm_rng, trunk_rng, leg_rng, face_rng = rng.spawn(5)
     num_frames = round(utterance.duration_s * FPS)
     plan = make_plan(utterance, speaker, plan_rng)
-    rotations, hands = move_arms(rig, plan, num_frames, speaker, arm_rng)
+    hands = follow_plan(rig, plan, num_frames, speaker, arm_rng)
     trunk = move_trunk(utterance, hands, speaker, trunk_rng)
+    arms = move_arms(rig, plan, hands, hips_of(rig, trunk.rotations), speaker, arm_rng)
     legs, trans = move_legs(rig, trunk, speaker, leg_rng)
     units, jaw = move_face(utterance, rig.expression_names, trunk, speaker, face_rng)
-    rotations |= trunk.rotations | legs
+    rotations = arms | trunk.rotations | legs
     poses = np.zeros((num_frames, NUM_JOINTS, 3))
     for joint, rotmat in rotations.items():
         poses[:, joint] = axis_angles(rotmat)

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from model.corpus.arms import move_arms
+from model.corpus.arms import follow_plan, move_arms
 from model.corpus.body import PELVIS_TILT_DEG, SPINE
+from model.corpus.contact import hips_of
 from model.corpus.gestures import GESTURES, REST, HandPose
 from model.corpus.plan import Key, Plan
 from model.corpus.rig import (
@@ -69,13 +70,16 @@ def _posed(
         "right": [Key(-1.0, 0.5, pose, "stroke", "")],
         "left": [Key(-1.0, 0.5, other, "stroke", "")],
     }
-    rng = np.random.default_rng(0)
-    rotations, _ = move_arms(rig, Plan(keys), 31, SPEAKERS[0], rng)
+    rng, num_frames = np.random.default_rng(0), 31
+    posture = ((0, PELVIS_TILT_DEG), *((joint, bend) for joint, _, bend in SPINE))
+    trunk = {
+        joint: euler_matrices("X", np.full((num_frames, 1), pitch)) for joint, pitch in posture
+    }
+    curves = follow_plan(rig, Plan(keys), num_frames, SPEAKERS[0], rng)
+    arms = move_arms(rig, Plan(keys), curves, hips_of(rig, trunk), SPEAKERS[0], rng)
     local_rot = np.tile(np.eye(3), (1, NUM_JOINTS, 1, 1))
-    for joint, rotmat in rotations.items():
-        local_rot[0, joint] = rotmat[15]
-    for joint, pitch in ((0, PELVIS_TILT_DEG), *((joint, bend) for joint, _, bend in SPINE)):
-        local_rot[0, joint] = euler_matrices("X", np.array([pitch]))
+    for joint, rotmat in (trunk | arms).items():
+        local_rot[0, joint] = rotmat[num_frames // 2]
     global_rot, positions = forward_kinematics(rig, local_rot, np.zeros((1, 3)))
     return global_rot[0], positions[0]
 

@@ -60,13 +60,14 @@ def _finger_life(
     return life
 
 
-def trail(
+def trailing(
     arm: Arm,
     hand: Float[np.ndarray, "T C"],
     fore: Float[np.ndarray, "T 3 3"],
     direction: Float[np.ndarray, "T 3"],
-) -> None:
-    """Let wrist and fingers trail behind the hand's movement across its palm."""
+) -> Float[np.ndarray, "T C"]:
+    """The curves with wrist and fingers that trail behind the hand's movement across its palm."""
+    hand = hand.copy()
     palm = fore @ np.array([0.0, -1.0, 0.0])
     pronation = np.radians(hand[:, PRONATION]) * arm.sign
     palm = Rotation.from_rotvec(direction * pronation[:, None]).apply(palm)
@@ -75,3 +76,4 @@ def trail(
     hand[:, WRIST_FLEX] -= 14 * gaussian_filter1d(across, 1.2)
     drag = np.clip(-10 * gaussian_filter1d(across, 1.5), -14, 14)
     hand[:, FINGERS.start : FINGERS.start + 12] += drag[:, None]
+    return hand

@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from model.corpus.arms import follow_plan, move_arms
 from model.corpus.clip import Clip
+from model.corpus.contact import Hips
+from model.corpus.gestures import REST
+from model.corpus.plan import Key, Plan
 from model.corpus.rig import JOINT, forward_kinematics, matrices, open_body_rig
+from model.corpus.speakers import SPEAKERS
 from model.timing import FPS
 
 from .conftest import CALM, LIVELY
@@ -100,17 +105,57 @@ def test_knees_are_nearly_straight_and_never_pop(clip: Clip) -> None:
     assert speed.max() < 400
 
 
-def test_hands_stay_in_front_of_the_trunk_and_apart(clip: Clip) -> None:
+HANDS = {"left": [20, *range(25, 40)], "right": [21, *range(40, 55)]}
+# joint, lowest and highest point of a box well inside the open body, metres in the joint's frame
+BOXES = (
+    ("spine3", (-0.12, -0.20, -0.02), (0.12, 0.12, 0.14)),
+    ("pelvis", (-0.13, -0.15, -0.06), (0.13, 0.10, 0.12)),
+    ("pelvis", (-0.20, -0.30, -0.06), (0.20, -0.15, 0.10)),
+)
+
+
+def in_frame(points: np.ndarray, rotmat: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    return np.einsum("tij,tpi->tpj", rotmat, points - origin[:, None])
+
+
+@pytest.mark.parametrize("side", HANDS)
+def test_hands_stay_out_of_the_body(clip: Clip, side: str) -> None:
     _, global_rot, positions = kinematics(clip)
-    chest = np.swapaxes(global_rot[:, 9], 1, 2)
-    palms = {}
-    for side, wrist, middle in (("left", 20, 28), ("right", 21, 43)):
-        palm = 0.5 * (positions[:, wrist] + positions[:, middle])
-        palms[side] = np.einsum("tij,tj->ti", chest, palm - positions[:, 9])
-        inside = (np.abs(palms[side][:, 0]) < 0.13) & (palms[side][:, 2] < 0.12)
-        assert inside.mean() < 0.02
-    gap = np.linalg.norm(palms["left"] - palms["right"], axis=1)
-    assert np.percentile(gap, 1) > 0.09
+    inside = np.zeros(len(positions), dtype=bool)
+    for name, lowest, highest in BOXES:
+        joint = JOINT[name]
+        hand = in_frame(positions[:, HANDS[side]], global_rot[:, joint], positions[:, joint])
+        inside |= np.any(((hand > lowest) & (hand < highest)).all(axis=-1), axis=-1)
+    assert inside.mean() < 0.005
+
+
+def test_hands_do_not_pass_through_each_other(clip: Clip) -> None:
+    _, global_rot, positions = kinematics(clip)
+    left, right = (
+        in_frame(positions[:, HANDS[side]], global_rot[:, 9], positions[:, 9]) for side in HANDS
+    )
+    gaps = np.linalg.norm(left[:, :, None] - right[:, None], axis=-1)
+    assert (gaps.min(axis=(1, 2)) > 0.012).mean() > 0.995
+    assert (left.mean(axis=1)[:, 0] > right.mean(axis=1)[:, 0] + 0.02).all()
+
+
+def test_folded_hands_touch() -> None:
+    rig = open_body_rig()
+    speaker = next(s for s in SPEAKERS if s.rest == "clasp")
+    rng = np.random.default_rng(0)
+    keys = {side: [Key(-1.0, 0.5, REST["clasp"], "rest", "")] for side in ("left", "right")}
+    curves = follow_plan(rig, Plan(keys), 60, speaker, rng)
+    still = Hips(np.tile(np.eye(3), (60, 1, 1)), np.tile([0.0, -0.35, 0.0], (60, 1)))
+    rotations = move_arms(rig, Plan(keys), curves, still, speaker, rng)
+    local = np.tile(np.eye(3), (60, 55, 1, 1))
+    for joint, rotmat in rotations.items():
+        local[:, joint] = rotmat
+    _, positions = forward_kinematics(rig, local, np.zeros((60, 3)))
+    left, right = (positions[:, HANDS[side]] for side in HANDS)
+    gap = np.linalg.norm(left[:, :, None] - right[:, None], axis=-1).min(axis=(1, 2))
+    # Bones of fingers that touch lie some 2 cm apart.
+    assert np.median(gap) < 0.045
+    assert gap.min() > 0.012
 
 
 def test_wrists_never_bend_beyond_their_range(clip: Clip) -> None:
