@@ -67,21 +67,25 @@ def _python() -> Finding:
 
 
 def _backends() -> list[Finding]:
+    """What draws: the first that works is used, the others are for other machines."""
     from renderer.probe import DEBIAN_PACKAGES, probe_backends
 
-    reports = probe_backends()
-    any_works = any(report.works for report in reports)
+    reports = probe_backends("body")
+    used = next((report for report in reports if report.works), None)
     findings = []
     for report in reports:
-        detail = (
-            f"{report.renderer_string}, {report.ms_per_frame:.0f} ms a picture of 256 x 256"
-            if report.works
-            else report.error
-        )
-        advice = f"apt-get install {DEBIAN_PACKAGES[report.name]}"
-        findings.append(
-            Finding(f"OpenGL {report.name}", report.works, detail, advice, not any_works)
-        )
+        if report.name == "software":
+            name, advice = "without OpenGL", "pip install numba"
+        else:
+            name = f"OpenGL {report.name}"
+            advice = f"apt-get install {DEBIAN_PACKAGES[report.name]}"
+        detail = report.error
+        if report.works:
+            detail = (
+                f"{report.renderer_string}, {report.ms_per_frame:.0f} ms a picture of 512 x 512"
+            )
+            detail += ", used" if report is used else ""
+        findings.append(Finding(name, report.works, detail, advice, used is None))
     return findings
 
 

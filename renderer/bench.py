@@ -11,12 +11,13 @@ from typing import TypeVar
 import numpy as np
 
 from renderer.body import Body, BodyMotion
+from renderer.drawing import make_renderer
 from renderer.naive import draw_naively
 from renderer.normals import VertexNormals
-from renderer.offscreen import Backend, OffscreenRenderer
+from renderer.offscreen import GLError
 from renderer.probe import choose_backend
 from renderer.render import RenderSettings, render_video
-from renderer.scene import BodyScene, FramePreparer
+from renderer.scene import FramePreparer, Subject
 from renderer.stage import set_stage
 from renderer.video import VideoWriter
 
@@ -61,25 +62,16 @@ def stage_costs(
     _, shadow = _timed(
         "ground shadow", num_frames, lambda: [prepare.ground.texture(each) for each in frames]
     )
-    with OffscreenRenderer(
-        settings.width,
-        settings.height,
-        settings.backend or choose_backend(),
-        "supersample" if settings.antialias else "none",
+    subject = Subject(body.faces, body.vertex_colors, prepare.ground.corners(), settings.studio)
+    with make_renderer(
+        *(subject, settings.width, settings.height, settings.backend or choose_backend()),
+        antialias="supersample" if settings.antialias else "none",
     ) as renderer:
         posed = [prepare(each) for each in frames]
-        scene = BodyScene(
-            *(body.faces, body.vertex_colors, posed[0], prepare.ground.corners()),
-            *(stage.camera, settings.aspect, settings.studio),
-        )
-        renderer.draw(scene)  # compiles the shaders
+        renderer.draw(posed[0], stage.camera)  # compiles what draws
 
         def draw() -> list[np.ndarray]:
-            pictures = []
-            for frame in posed:
-                scene.show(frame, stage.camera)
-                pictures.append(renderer.draw(scene).copy())
-            return pictures
+            return [renderer.draw(frame, stage.camera).copy() for frame in posed]
 
         pictures, drawing = _timed("drawing", num_frames, draw)
 
@@ -116,9 +108,14 @@ def naive_cost(
 
     Args:
         max_frames: it is slow, so only so many frames are drawn.
+
+    Raises:
+        GLError: where there is no OpenGL.
     """
     settings = settings or RenderSettings()
-    backend: Backend = settings.backend or choose_backend()
+    backend = settings.backend or choose_backend()
+    if backend == "software":
+        raise GLError("The usual pyrender loop needs OpenGL, and this machine has none.")
     stage = set_stage(body, [motion], settings.view, settings.aspect)
     chunks = body.vertices(motion, chunk=_CHUNK_FRAMES)
     frames = list(islice(chain.from_iterable(chunks), max_frames))

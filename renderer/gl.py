@@ -10,10 +10,9 @@ from OpenGL import GL
 from pyrender.constants import RenderFlags
 from pyrender.shader_program import ShaderProgramCache
 
-from renderer.offscreen import Antialias
+from renderer.offscreen import SUPERSAMPLE, Antialias
 
 _SHADERS = Path(__file__).with_name("shaders")
-_SUPERSAMPLE = 2
 _MSAA_SAMPLES = 4
 
 
@@ -24,27 +23,33 @@ class FrameRenderer(pyrender.Renderer):
     of that. The context must be current when this is made and whenever it is used.
     """
 
-    def __init__(self, width: int, height: int, antialias: Antialias) -> None:
+    def __init__(
+        self, width: int, height: int, antialias: Antialias, *, has_alpha: bool = False
+    ) -> None:
         match antialias:
             case "none":
                 scale, samples = 1, 0
             case "msaa":
                 scale, samples = 1, _MSAA_SAMPLES
             case "supersample":
-                scale, samples = _SUPERSAMPLE, 0
+                scale, samples = SUPERSAMPLE, 0
             case _:
                 assert_never(antialias)
         super().__init__(width * scale, height * scale)
         self._program_cache = ShaderProgramCache(shader_dir=str(_SHADERS))
         self._picture_size = (width, height)
-        self._pixels = np.empty((height, width, 3), np.uint8)
+        self._format = GL.GL_RGBA if has_alpha else GL.GL_RGB
+        self._pixels = np.empty((height, width, 4 if has_alpha else 3), np.uint8)
         self._canvas = _Framebuffer(width * scale, height * scale, samples, depth=True)
         self._picture = (
             self._canvas if antialias == "none" else _Framebuffer(width, height, 0, depth=False)
         )
 
-    def draw(self, scene: pyrender.Scene) -> UInt8[np.ndarray, "H W 3"]:
-        """The picture of the scene, upper row first. The array is reused by the next call."""
+    def draw(self, scene: pyrender.Scene) -> UInt8[np.ndarray, "H W C"]:
+        """The picture of the scene, upper row first. The array is reused by the next call.
+
+        A fourth channel says how much of each pixel is covered; colours are multiplied by it.
+        """
         self.render(scene, RenderFlags.OFFSCREEN)  # ends in _read_main_framebuffer
         return self._pixels[::-1]
 
@@ -73,7 +78,7 @@ class FrameRenderer(pyrender.Renderer):
             )
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._picture.handle)
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
-        GL.glReadPixels(0, 0, width, height, GL.GL_RGB, GL.GL_UNSIGNED_BYTE, self._pixels)
+        GL.glReadPixels(0, 0, width, height, self._format, GL.GL_UNSIGNED_BYTE, self._pixels)
 
     def _delete_main_framebuffer(self) -> None:
         self._main_fb_ms = None

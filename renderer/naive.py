@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from renderer.camera import Z_NEAR_M, Camera
-from renderer.offscreen import Backend, open_gl
+from renderer.offscreen import GLBackend, open_gl
 from renderer.render import RenderSettings
 from renderer.stage import Stage
 
@@ -22,7 +22,7 @@ def draw_naively(
     *,
     settings: RenderSettings,
     stage: Stage,
-    backend: Backend,
+    backend: GLBackend,
 ) -> Iterator[UInt8[np.ndarray, "H W 3"]]:
     """Yield one picture for each set of vertices: same body, camera and lights, no ground.
 

@@ -11,24 +11,34 @@ pictures. Of the other forks ``pyrender-maintained`` makes the same changes, sti
 import importlib
 import os
 import sys
+import threading
 import types
 from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import UInt8
 
-from renderer.scene import BodyScene
+from renderer.camera import Camera
+from renderer.scene import BodyScene, PosedFrame, Subject
 
 Antialias = Literal["none", "msaa", "supersample"]
-Backend = Literal["egl", "osmesa"]
+GLBackend = Literal["egl", "osmesa"]
+Backend = Literal["egl", "osmesa", "software"]
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
+"""In the order in which they are tried."""
+SUPERSAMPLE = 2
+"""Samples along each side of a pixel."""
+
+_in_use = threading.Lock()
+"""Held while a context lives: pyrender ends the driver's display with the first context that is
+closed, and what PyOpenGL keeps of a context is not told apart by thread."""
 
 
 class GLError(RuntimeError):
     """No picture can be drawn; the message says why in one sentence."""
 
 
-def open_gl(backend: Backend) -> None:
+def open_gl(backend: GLBackend) -> None:
     """Load pyrender and PyOpenGL for one backend, once per process.
 
     PyOpenGL reads ``PYOPENGL_PLATFORM`` when it is first imported and never again; so this is the
@@ -56,32 +66,49 @@ def open_gl(backend: Backend) -> None:
         ) from error
 
 
+def check_picture_size(width: int, height: int) -> None:
+    """
+    Raises:
+        ValueError: if there is no pixel.
+    """
+    if width < 1 or height < 1:
+        raise ValueError(f"A picture of {width} x {height} pixels cannot be drawn.")
+
+
 class OffscreenRenderer:
     """One OpenGL context and framebuffer, kept for a whole job. Use it in ``with``, in one thread.
 
     Raises on entering:
-        GLError: if the backend gives no usable context.
+        GLError: if the backend gives no usable context, or another renderer of this process is
+            open.
     """
 
     def __init__(
-        self, width: int, height: int, backend: Backend, antialias: Antialias = "msaa"
+        self,
+        subject: Subject,
+        width: int,
+        height: int,
+        backend: GLBackend,
+        antialias: Antialias = "msaa",
     ) -> None:
-        if width < 1 or height < 1:
-            raise ValueError(f"A picture of {width} x {height} pixels cannot be drawn.")
+        check_picture_size(width, height)
         self.width, self.height = width, height
-        self.backend: Backend = backend
+        self.backend: GLBackend = backend
         self.antialias: Antialias = antialias
+        self._subject = subject
+        self._scene: BodyScene | None = None
 
     def __enter__(self) -> "OffscreenRenderer":
         open_gl(self.backend)
-        from renderer.gl import FrameRenderer
-
+        if not _in_use.acquire(blocking=False):
+            raise GLError(
+                "Another picture is being drawn in this process, and OpenGL serves one at a time "
+                "here; let that end first, or draw in processes of their own (renderer.worker)."
+            )
         try:
-            self._platform = _new_platform(self.backend, self.width, self.height)
-            self._platform.init_context()
-            self._platform.make_current()
-            self._renderer = FrameRenderer(self.width, self.height, self.antialias)
+            self._open()
         except Exception as error:  # PyOpenGL and pyrender raise whatever the driver does
+            _in_use.release()
             reason = f"{type(error).__name__} {error}".strip().splitlines()[0]
             raise GLError(
                 f"OpenGL through {self.backend} gives no context for "
@@ -89,13 +116,31 @@ class OffscreenRenderer:
             ) from error
         return self
 
-    def __exit__(self, *exception: object) -> None:
-        self._renderer.delete()
-        self._platform.delete_context()
+    def _open(self) -> None:
+        from renderer.gl import FrameRenderer
 
-    def draw(self, scene: BodyScene) -> UInt8[np.ndarray, "H W 3"]:
-        """The picture, upper row first. The array is overwritten by the next call."""
-        return self._renderer.draw(scene.scene)
+        self._platform = _new_platform(self.backend, self.width, self.height)
+        self._platform.init_context()
+        self._platform.make_current()
+        self._renderer = FrameRenderer(
+            self.width, self.height, self.antialias, has_alpha=self._subject.is_transparent
+        )
+
+    def __exit__(self, *exception: object) -> None:
+        try:
+            self._renderer.delete()
+            self._platform.delete_context()
+        finally:
+            _in_use.release()
+
+    def draw(self, frame: PosedFrame, camera: Camera) -> UInt8[np.ndarray, "H W C"]:
+        """The picture, upper row first; overwritten by the next call."""
+        if self._scene is None:
+            aspect = self.width / self.height
+            self._scene = BodyScene(self._subject, frame, camera, aspect)
+        self._scene.show(frame, camera)
+        picture = self._renderer.draw(self._scene.scene)
+        return _undarkened(picture) if self._subject.is_transparent else picture
 
     @property
     def driver(self) -> str:
@@ -106,7 +151,7 @@ class OffscreenRenderer:
         return name.decode() if name else "an unnamed driver"
 
 
-def _new_platform(backend: Backend, width: int, height: int):
+def _new_platform(backend: GLBackend, width: int, height: int):
     """pyrender's context for a backend; EGL on its first device."""
     if backend == "egl":
         from pyrender.platforms import egl
@@ -115,3 +160,10 @@ def _new_platform(backend: Backend, width: int, height: int):
     from pyrender.platforms.osmesa import OSMesaPlatform
 
     return OSMesaPlatform(width, height)
+
+
+def _undarkened(picture: UInt8[np.ndarray, "H W 4"]) -> UInt8[np.ndarray, "H W 4"]:
+    """The colours of the body itself where it covers a part of a pixel, as PNG wants them."""
+    alpha = picture[..., 3:].astype(np.float32)
+    colors = picture[..., :3] * (255.0 / np.maximum(alpha, 1.0))
+    return np.concatenate([colors.clip(0, 255).round().astype(np.uint8), picture[..., 3:]], axis=2)

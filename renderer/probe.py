@@ -1,4 +1,4 @@
-"""Which OpenGL backend works here, found out where a crash does no harm: in a child process."""
+"""What can draw here, found out where a crash of a driver does no harm: in a child process."""
 
 import functools
 import json
@@ -7,15 +7,18 @@ import sys
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
-from renderer.offscreen import BACKENDS, Backend, GLError, OffscreenRenderer
+from renderer.offscreen import BACKENDS, Backend, GLBackend, GLError
 
-DEBIAN_PACKAGES: dict[Backend, str] = {"egl": "libegl1 libgl1", "osmesa": "libosmesa6"}
+DEBIAN_PACKAGES: dict[GLBackend, str] = {"egl": "libegl1 libgl1", "osmesa": "libosmesa6"}
 _TIMEOUT_S = 60.0
-_PROBE_SIZE_PX = 256
+_PROBE_SIZE_PX = 512
 _TIMED_FRAMES = 5
+
+Shown = Literal["ball", "body"]
 
 
 @dataclass(frozen=True)
@@ -27,20 +30,20 @@ class BackendReport:
     renderer_string: str
     """The driver's own name; empty if it does not work."""
     ms_per_frame: float | None
-    """One small mesh at 256 x 256 pixels."""
+    """What was shown, at 512 x 512 pixels."""
     error: str
     """Why it does not work, in one sentence; empty if it does."""
 
 
 @functools.cache
-def probe_backends() -> tuple[BackendReport, ...]:
+def probe_backends(shown: Shown = "ball") -> tuple[BackendReport, ...]:
     """Try every backend, the preferred one first. The answer is kept for this process."""
-    return tuple(probe_backend(name) for name in BACKENDS)
+    return tuple(probe_backend(name, shown=shown) for name in BACKENDS)
 
 
 @functools.cache
 def choose_backend() -> Backend:
-    """The first backend that draws.
+    """The first backend that draws: OpenGL where there is some, else compiled loops.
 
     Raises:
         GLError: if none does, naming the packages to install.
@@ -49,19 +52,22 @@ def choose_backend() -> Backend:
         if probe_backend(name).works:
             return name
     raise GLError(
-        "No offscreen OpenGL works on this machine, so no picture can be drawn; on Debian or "
-        f"Ubuntu install it with: apt-get install {' '.join(DEBIAN_PACKAGES.values())}"
+        "Neither OpenGL nor numba works on this machine, so no picture can be drawn; on Debian or "
+        f"Ubuntu install OpenGL with: apt-get install {' '.join(DEBIAN_PACKAGES.values())}"
     )
 
 
 @functools.cache
-def probe_backend(name: Backend, python: str = sys.executable) -> BackendReport:
+def probe_backend(
+    name: Backend, python: str = sys.executable, shown: Shown = "ball"
+) -> BackendReport:
     """Draw a few frames in a child process.
 
     Args:
         python: the interpreter of the child.
+        shown: a ball is enough to see whether it works; the body says how fast it is.
     """
-    command = [python, "-m", "renderer.probe", name]
+    command = [python, "-m", "renderer.probe", name, shown]
     try:
         child = subprocess.run(
             command,
@@ -88,29 +94,34 @@ def _broken(name: Backend, error: str) -> BackendReport:
     return BackendReport(name, works=False, renderer_string="", ms_per_frame=None, error=error)
 
 
-def try_backend(name: Backend) -> BackendReport:
-    """Draw a ball through a backend in this process, and look whether it is there."""
+def try_backend(name: Backend, shown: Shown = "ball") -> BackendReport:
+    """Draw through a backend in this process, and look whether there is something."""
+    from renderer.body import load_body
     from renderer.camera import frame_points
-    from renderer.scene import BodyScene, FramePreparer, Studio
+    from renderer.drawing import make_renderer
+    from renderer.scene import FramePreparer, Studio, Subject
     from renderer.stage import Stage
 
-    vertices, faces = _octahedron()
+    if shown == "body":
+        body = load_body()
+        vertices, faces = body.template, body.faces
+    else:
+        vertices, faces = _octahedron()
     camera = frame_points(vertices)
     stage = Stage(camera, floor_m=-1.0, centre_xz=(0.0, 0.0), extent_m=0.0)
-    studio = Studio()
-    prepare = FramePreparer(faces, len(vertices), stage, studio)
+    prepare = FramePreparer(faces, len(vertices), stage, Studio())
+    subject = Subject(faces, None, prepare.ground.corners())
     frame = prepare(vertices)
+    size = (_PROBE_SIZE_PX, _PROBE_SIZE_PX)
     try:
-        with OffscreenRenderer(_PROBE_SIZE_PX, _PROBE_SIZE_PX, name, "supersample") as renderer:
-            scene = BodyScene(faces, None, frame, prepare.ground.corners(), camera, 1.0, studio)
-            picture = renderer.draw(scene)
+        with make_renderer(subject, *size, name, "supersample") as renderer:
+            picture = renderer.draw(frame, camera)
             started = time.perf_counter()
             for _ in range(_TIMED_FRAMES):
-                scene.show(frame, camera)
-                picture = renderer.draw(scene)
+                picture = renderer.draw(frame, camera)
             ms_per_frame = 1e3 * (time.perf_counter() - started) / _TIMED_FRAMES
             driver = renderer.driver
-    except GLError as error:
+    except (GLError, ImportError) as error:
         return _broken(name, str(error))
     middle = picture[_PROBE_SIZE_PX // 2, _PROBE_SIZE_PX // 2].astype(int)
     corner = picture[0, 0].astype(int)
@@ -127,7 +138,8 @@ def _octahedron() -> tuple[np.ndarray, np.ndarray]:
 
 
 def _main() -> int:
-    report = try_backend(sys.argv[1])  # type: ignore[arg-type]  # checked by open_gl
+    name, shown = sys.argv[1:]
+    report = try_backend(name, shown)  # type: ignore[arg-type]  # as written by probe_backend
     sys.stdout.write(json.dumps(asdict(report)) + "\n")
     return 0
 

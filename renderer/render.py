@@ -15,9 +15,10 @@ from jaxtyping import Float, UInt8
 
 from renderer.body import Body, BodyMotion
 from renderer.camera import VIEWS
-from renderer.offscreen import Backend, OffscreenRenderer
+from renderer.drawing import make_renderer
+from renderer.offscreen import Backend
 from renderer.probe import choose_backend
-from renderer.scene import BodyScene, FramePreparer, Studio
+from renderer.scene import FramePreparer, Studio, Subject
 from renderer.stage import Stage, camera_track, frames_of, set_stage
 from renderer.video import DEFAULT_CRF, Cancelled, VideoWriter, check_size
 
@@ -44,8 +45,10 @@ class RenderSettings:
     crf: int = DEFAULT_CRF
     """x264's constant quality, 0 to 51; lower is better and larger."""
     backend: Backend | None = None
-    """OpenGL backend; None takes the first that works here."""
+    """What draws; None takes the first that works here."""
     studio: Studio = field(default_factory=Studio)
+    is_transparent: bool = False
+    """Pictures of the body alone, with a fourth channel for what it covers; no videos."""
 
     def __post_init__(self) -> None:
         check_size(self.width, self.height)
@@ -62,6 +65,10 @@ class RenderSettings:
     @property
     def aspect(self) -> float:
         return self.width / self.height
+
+    @property
+    def num_channels(self) -> int:
+        return 4 if self.is_transparent else 3
 
 
 def render_video(
@@ -118,7 +125,7 @@ def render_stills(
     settings: RenderSettings | None = None,
     *,
     stage: Stage | None = None,
-) -> UInt8[np.ndarray, "N H W 3"]:
+) -> UInt8[np.ndarray, "N H W C"]:
     """Pictures of single frames, framed as the video of the whole motion would be.
 
     Raises:
@@ -142,7 +149,7 @@ def render_stills(
 
 def draw_motion(
     body: Body, motion: BodyMotion, settings: RenderSettings, stage: Stage | None = None
-) -> Generator[UInt8[np.ndarray, "H W 3"]]:
+) -> Generator[UInt8[np.ndarray, "H W C"]]:
     """Yield the picture of each frame. Each is overwritten by the next; close it to stop early."""
     stage = stage or set_stage(body, [motion], settings.view, settings.aspect)
     return draw_vertices(
@@ -161,32 +168,27 @@ def draw_vertices(
     settings: RenderSettings,
     stage: Stage,
     track: Float[np.ndarray, "T 3"] | None = None,
-) -> Generator[UInt8[np.ndarray, "H W 3"]]:
+) -> Generator[UInt8[np.ndarray, "H W C"]]:
     """Yield the picture of each set of vertices, with one context, scene and buffer for all.
 
     Args:
         track: where the camera stands in each frame, relative to ``stage.camera``; None, as it is.
     """
-    prepare: FramePreparer | None = None
-    scene: BodyScene | None = None
-    with OffscreenRenderer(
-        settings.width,
-        settings.height,
-        settings.backend or choose_backend(),
-        "supersample" if settings.antialias else "none",
+    frames = chain.from_iterable(chunks)
+    first = next(frames, None)
+    if first is None:
+        return
+    prepare = FramePreparer(faces, len(first), stage, settings.studio)
+    subject = Subject(
+        *(faces, colors, prepare.ground.corners(), settings.studio, settings.is_transparent)
+    )
+    with make_renderer(
+        *(subject, settings.width, settings.height, settings.backend or choose_backend()),
+        antialias="supersample" if settings.antialias else "none",
     ) as renderer:
-        for index, vertices in enumerate(chain.from_iterable(chunks)):
+        for index, vertices in enumerate(chain([first], frames)):
             camera = stage.camera if track is None else stage.camera.moved(track[index])
-            if prepare is None:
-                prepare = FramePreparer(faces, len(vertices), stage, settings.studio)
-            frame = prepare(vertices)
-            if scene is None:
-                scene = BodyScene(
-                    *(faces, colors, frame, prepare.ground.corners()),
-                    *(camera, settings.aspect, settings.studio),
-                )
-            scene.show(frame, camera)
-            yield renderer.draw(scene)
+            yield renderer.draw(prepare(vertices), camera)
 
 
 class _Stills:
@@ -197,8 +199,9 @@ class _Stills:
             if not 0 <= frame < num_frames:
                 raise ValueError(f"Frame {frame} was asked for; the motion has {num_frames}.")
         self._frames = np.asarray(frames, dtype=np.intp)
-        self.pictures = np.zeros((len(frames), settings.height, settings.width, 3), np.uint8)
+        size = (settings.height, settings.width, settings.num_channels)
+        self.pictures = np.zeros((len(frames), *size), np.uint8)
 
-    def offer(self, index: int, picture: UInt8[np.ndarray, "H W 3"]) -> None:
+    def offer(self, index: int, picture: UInt8[np.ndarray, "H W C"]) -> None:
         for slot in np.flatnonzero(self._frames == index):
             self.pictures[slot] = picture

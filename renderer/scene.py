@@ -1,9 +1,9 @@
 """The studio a body is shown in: lights, background, floor and the body itself."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Float32, Int
 
 from renderer.camera import Z_NEAR_M, Camera
 from renderer.ground import HALF_SIZE_M, ShadowGround
@@ -46,6 +46,26 @@ class PosedFrame:
     """(R, R, 3) uint8: the floor with this frame's shadow."""
 
 
+@dataclass(frozen=True)
+class Subject:
+    """What stays as it is from one picture to the next."""
+
+    faces: Int[np.ndarray, "F 3"]
+    colors: Float[np.ndarray, "V 3"] | None
+    """Linear RGB, 0 to 1; None is clay."""
+    ground_corners: Float[np.ndarray, "4 3"]
+    """As ``ShadowGround.corners``."""
+    studio: Studio = field(default_factory=Studio)
+    is_transparent: bool = False
+    """The body alone, with how much of each pixel it covers as a fourth channel."""
+
+    def colors_of(self, num_vertices: int) -> Float32[np.ndarray, "V 3"]:
+        """The colours, or as many of clay."""
+        if self.colors is None:
+            return np.tile(np.array(CLAY_COLOR, np.float32), (num_vertices, 1))
+        return self.colors
+
+
 class FramePreparer:
     """Turns vertices into ``PosedFrame``. Holds no OpenGL state: any thread may run it."""
 
@@ -75,29 +95,20 @@ class BodyScene:
     ``offscreen.open_gl`` must have chosen the backend before.
     """
 
-    def __init__(
-        self,
-        faces: Int[np.ndarray, "F 3"],
-        colors: Float[np.ndarray, "V 3"] | None,
-        first: PosedFrame,
-        ground_corners: Float[np.ndarray, "4 3"],
-        camera: Camera,
-        aspect: float,
-        studio: Studio,
-    ) -> None:
+    def __init__(self, subject: Subject, first: PosedFrame, camera: Camera, aspect: float) -> None:
         import pyrender
 
         from renderer.gl import DynamicMesh, TexturedQuad
 
-        if colors is None:
-            colors = np.tile(np.array(CLAY_COLOR, np.float32), (len(first.vertices), 1))
-        self._body = DynamicMesh(first.vertices, first.normals, colors, faces)
-        self._ground = TexturedQuad(ground_corners, first.ground)
-        self.scene = pyrender.Scene(
-            bg_color=[*studio.background, 1.0], ambient_light=[studio.ambient] * 3
-        )
+        studio = subject.studio
+        colors = subject.colors_of(len(first.vertices))
+        self._body = DynamicMesh(first.vertices, first.normals, colors, subject.faces)
+        self._ground = TexturedQuad(subject.ground_corners, first.ground)
+        background = (0.0,) * 4 if subject.is_transparent else (*studio.background, 1.0)
+        self.scene = pyrender.Scene(bg_color=list(background), ambient_light=[studio.ambient] * 3)
         self.scene.add(self._body.mesh)
-        self.scene.add(self._ground.mesh)
+        if not subject.is_transparent:
+            self.scene.add(self._ground.mesh)
         self._camera = self.scene.add(
             pyrender.PerspectiveCamera(yfov=camera.yfov_rad, aspectRatio=aspect, znear=Z_NEAR_M),
             pose=camera.pose(),

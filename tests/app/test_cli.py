@@ -1,4 +1,5 @@
 import json
+import re
 import resource
 import signal
 import subprocess
@@ -232,4 +233,7 @@ def test_doctor_finds_what_is_missing(
     assert status == 1
     assert "NO  weights" in shown.out and "--weights DIR" in shown.out and "weights" in shown.err
     main(["doctor", "--weights", str(weights)])
-    assert "ok  weights" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "ok  weights" in shown
+    assert re.search(r"ok +without OpenGL +compiled loops.* \d+ ms a picture of 512 x 512", shown)
+    assert len(re.findall(r", used$", shown, re.MULTILINE)) == 1

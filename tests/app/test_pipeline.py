@@ -155,7 +155,7 @@ def test_without_gl_a_run_with_video_says_so_before_it_generates(
     probe.choose_backend.cache_clear()
     request = ask(has_video=True)
     stages = []
-    with pytest.raises(GLError, match="No offscreen OpenGL works"):
+    with pytest.raises(GLError, match="Neither OpenGL nor numba works"):
         generate_all(request, stages.append)
     assert not request.out.exists()
     assert not any(isinstance(e, Progress) and e.stage == "motion" for e in stages)

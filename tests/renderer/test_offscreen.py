@@ -1,14 +1,19 @@
 """Pictures show what the arrays say: place, side, colour, and nothing of the frame before."""
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
 from renderer.camera import Camera
 from renderer.ground import ShadowGround
 from renderer.normals import VertexNormals
-from renderer.offscreen import GLError, OffscreenRenderer, open_gl
+from renderer.offscreen import GLBackend, GLError, OffscreenRenderer, open_gl
 from renderer.probe import choose_backend
 from renderer.render import RenderSettings, draw_vertices
+from renderer.scene import FramePreparer, PosedFrame, Studio, Subject
+from renderer.software import SoftwareRenderer
 from renderer.stage import Stage
 
 pytestmark = pytest.mark.gl
@@ -28,12 +33,27 @@ def box(low, high) -> tuple[np.ndarray, np.ndarray]:
     return low + corners * (high - low), np.array(faces)
 
 
-def draw(vertices: list[np.ndarray], faces: np.ndarray, antialias=True, stage=STAGE):
+def gl_backend() -> GLBackend:
+    """The OpenGL of this machine; the calling test is skipped where there is none."""
+    backend = choose_backend()
+    if backend == "software":
+        pytest.skip("there is no OpenGL here")
+    return backend
+
+
+@pytest.fixture(params=["OpenGL", "software"])
+def draw(request) -> Callable[..., list[np.ndarray]]:
     """One picture for each set of vertices, painted red, by one renderer."""
-    settings = RenderSettings(*SIZE, antialias=antialias, backend=choose_backend())
-    colors = np.tile(np.array(RED, np.float32), (len(vertices[0]), 1))
-    pictures = draw_vertices([np.stack(vertices)], faces, colors, settings=settings, stage=stage)
-    return [picture.copy() for picture in pictures]
+    backend = gl_backend() if request.param == "OpenGL" else "software"
+
+    def draw(vertices: list[np.ndarray], faces: np.ndarray, antialias=True) -> list[np.ndarray]:
+        settings = RenderSettings(*SIZE, antialias=antialias, backend=backend)
+        colors = np.tile(np.array(RED, np.float32), (len(vertices[0]), 1))
+        chunks = [np.stack(vertices)]
+        pictures = draw_vertices(chunks, faces, colors, settings=settings, stage=STAGE)
+        return [picture.copy() for picture in pictures]
+
+    return draw
 
 
 def red_pixels(picture: np.ndarray) -> np.ndarray:
@@ -48,7 +68,7 @@ def red_pixels(picture: np.ndarray) -> np.ndarray:
         ((-0.9, 0.6, 0.0), (-0.6, 0.7, 0.4)),
     ],
 )
-def test_a_box_covers_the_pixels_it_projects_to(low, high, antialias):
+def test_a_box_covers_the_pixels_it_projects_to(draw, low, high, antialias):
     vertices, faces = box(low, high)
     (picture,) = draw([vertices], faces, antialias)
     rows, columns = np.nonzero(red_pixels(picture))
@@ -59,14 +79,14 @@ def test_a_box_covers_the_pixels_it_projects_to(low, high, antialias):
     )
 
 
-def test_antialiasing_softens_edges_without_moving_them():
+def test_antialiasing_softens_edges_without_moving_them(draw):
     vertices, faces = box((-0.5, 0.5, 0.0), (0.43, 1.6, 0.2))
     (soft,), (hard,) = draw([vertices], faces), draw([vertices], faces, antialias=False)
     assert red_pixels(soft).mean() == pytest.approx(red_pixels(hard).mean(), rel=0.03)
     assert len(np.unique(soft.reshape(-1, 3), axis=0)) > len(np.unique(hard.reshape(-1, 3), axis=0))
 
 
-def test_moving_in_place_equals_drawing_anew():
+def test_moving_in_place_equals_drawing_anew(draw):
     first, faces = box((-0.5, 0.5, 0.0), (0.0, 1.0, 0.3))
     second = first @ np.array([[0.8, 0.6, 0], [-0.6, 0.8, 0], [0, 0, 1]], np.float32) + (0.5, 0, 0)
     moved = draw([first, second.astype(np.float32), first], faces)
@@ -76,7 +96,7 @@ def test_moving_in_place_equals_drawing_anew():
     assert (moved[0] != moved[1]).any()
 
 
-def test_light_comes_from_the_upper_left_front():
+def test_light_comes_from_the_upper_left_front(draw):
     vertices, faces = box((-0.4, 0.6, -0.4), (0.4, 1.4, 0.4))
     angle = np.pi / 4
     turn = np.array(
@@ -89,7 +109,7 @@ def test_light_comes_from_the_upper_left_front():
     assert right[0] > left[0] + 15  # the key light stands at +x, which is the picture's right
 
 
-def test_the_shadow_falls_on_the_floor_where_the_body_stands():
+def test_the_shadow_falls_on_the_floor_where_the_body_stands(draw):
     rng = np.random.default_rng(5)
     spot = np.array([0.45, 0.0, 0.7])
     plate, faces = box((-0.6, 0.0, 0.2), (-0.5, 0.1, 0.3))
@@ -132,13 +152,61 @@ def test_faces_out_of_range_are_refused():
 
 
 def test_a_second_backend_needs_a_process_of_its_own():
-    backend = choose_backend()
+    backend = gl_backend()
     open_gl(backend)
     with pytest.raises(GLError, match="needs a process of its own"):
         open_gl("osmesa" if backend == "egl" else "egl")
 
 
-def test_renderers_follow_one_another_in_one_process():
+def make_subject() -> tuple[Subject, PosedFrame]:
+    vertices, faces = box((-0.5, 0.5, 0.0), (0.0, 1.0, 0.3))
+    prepare = FramePreparer(faces, len(vertices), STAGE, Studio())
+    return Subject(faces, None, prepare.ground.corners()), prepare(vertices)
+
+
+def test_a_second_opengl_renderer_is_refused_in_any_thread_until_the_first_has_ended():
+    backend, (subject, frame) = gl_backend(), make_subject()
+
+    def attempt() -> np.ndarray:
+        with OffscreenRenderer(subject, *SIZE, backend, "none") as renderer:
+            return renderer.draw(frame, CAMERA).copy()
+
+    with ThreadPoolExecutor(1) as thread:
+        with OffscreenRenderer(subject, *SIZE, backend, "none") as first:
+            before = first.draw(frame, CAMERA).copy()
+            for refused in (attempt, thread.submit(attempt).result):
+                with pytest.raises(GLError, match=r"one at a time.*processes of their own"):
+                    refused()
+            np.testing.assert_array_equal(first.draw(frame, CAMERA), before)
+        np.testing.assert_array_equal(thread.submit(attempt).result(), before)
+
+
+def test_software_renderers_draw_side_by_side_in_threads():
+    subject, frame = make_subject()
+    with (
+        SoftwareRenderer(subject, *SIZE) as first,
+        SoftwareRenderer(subject, *SIZE) as second,
+        ThreadPoolExecutor(2) as threads,
+    ):
+        pictures = threads.map(lambda each: each.draw(frame, CAMERA), (first, second))
+        np.testing.assert_array_equal(*pictures)
+
+
+def test_a_context_that_cannot_be_had_gives_one_sentence(monkeypatch):
+    backend, (subject, frame) = gl_backend(), make_subject()
+
+    def fail(*args: object) -> None:
+        raise OSError("the driver says no\nand much more")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("renderer.offscreen._new_platform", fail)
+        with pytest.raises(GLError, match=r"160 x 120 pixels \(OSError the driver says no\)"):
+            OffscreenRenderer(subject, *SIZE, backend).__enter__()
+    with OffscreenRenderer(subject, *SIZE, backend) as renderer:  # nothing stays claimed
+        assert renderer.draw(frame, CAMERA).shape == (120, 160, 3)
+
+
+def test_renderers_follow_one_another_in_one_process(draw):
     vertices, faces = box((-0.5, 0.5, 0.0), (0.0, 1.0, 0.3))
     pictures = [draw([vertices], faces)[0] for _ in range(3)]
     np.testing.assert_array_equal(pictures[0], pictures[2])
@@ -146,4 +214,6 @@ def test_renderers_follow_one_another_in_one_process():
 
 def test_impossible_sizes_are_refused():
     with pytest.raises(ValueError, match="0 x 10"):
-        OffscreenRenderer(0, 10, "egl")
+        OffscreenRenderer(make_subject()[0], 0, 10, "egl")
+    with pytest.raises(ValueError, match="0 x 10"):
+        SoftwareRenderer(make_subject()[0], 0, 10)

@@ -66,22 +66,26 @@ def test_osmesa_steps_in_where_egl_has_no_driver():
     assert run_python(code, __EGL_VENDOR_LIBRARY_DIRS="/nonexistent").strip() == "osmesa"
 
 
-def test_no_opengl_at_all_gives_one_sentence_with_the_packages(tmp_path):
+def test_nothing_that_draws_gives_one_sentence_with_the_packages(tmp_path):
     for library in ("libEGL.so", "libGL.so", "libOSMesa.so"):
         for version in ("", ".1", ".6", ".8"):
             (tmp_path / f"{library}{version}").write_text("not a library")
+    (tmp_path / "numba.py").write_text("raise ImportError('numba is broken here')\n")
     code = "from renderer.probe import choose_backend; choose_backend()"
-    last_line = run_python(code, LD_LIBRARY_PATH=str(tmp_path)).strip().splitlines()[-1]
-    assert "GLError: No offscreen OpenGL works on this machine" in last_line
+    environment = {"LD_LIBRARY_PATH": str(tmp_path), "PYTHONPATH": str(tmp_path)}
+    last_line = run_python(code, **environment).strip().splitlines()[-1]
+    assert "GLError: Neither OpenGL nor numba works on this machine" in last_line
     assert last_line.endswith("apt-get install libegl1 libgl1 libosmesa6")
 
 
 def test_importing_the_renderer_loads_no_opengl():
-    modules = "camera compose offscreen probe render stage video worker worker_child naive bench"
+    modules = "camera compose drawing software offscreen probe render stage video worker"
+    modules += " worker_child naive bench"
     code = (
         "import sys, os\n"
         f"for name in {modules.split()}: __import__('renderer.' + name)\n"
-        "loaded = {'OpenGL', 'pyrender', 'trimesh', 'torch', 'gradio'} & set(sys.modules)\n"
+        "heavy = {'OpenGL', 'pyrender', 'trimesh', 'torch', 'gradio', 'numba'}\n"
+        "loaded = heavy & set(sys.modules)\n"
         "print(sorted(loaded), 'PYOPENGL_PLATFORM' in os.environ)"
     )
     environment = dict(os.environ)

@@ -96,7 +96,8 @@ def test_equal_stages_show_equal_poses_equally():
     stage = set_stage(body, motions)
     alone = render_stills(body, motions[1], [1], small(), stage=stage)
     again = render_stills(body, BodyMotion.resting(1), [0], small(), stage=stage)
-    np.testing.assert_array_equal(alone, again)
+    # blocks of other sizes round vertices differently, by one grey level here and there
+    np.testing.assert_allclose(alone.astype(int), again.astype(int), rtol=0, atol=1)
 
 
 def test_a_cancelled_video_leaves_no_file_and_no_process(tmp_path):
