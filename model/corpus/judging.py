@@ -8,17 +8,18 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from scipy.io import wavfile
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import stft
 from scipy.stats import rankdata
 
 from model.corpus.statistics import LEFT_WRIST, RIGHT_WRIST, PosedClip, derivative
-from model.timing import FPS
+from model.speech.audio import SpeechLimits, load_speech
+from model.timing import FPS, SAMPLE_RATE
 
 BANDS = 12
 LAGS = range(-24, 25, 3)  # frames, 0.8 s either way
 RIDGE = 0.1
+SOUND_LIMITS = SpeechLimits(max_s=3600)
 
 
 def area_under_curve(low: Float[np.ndarray, " A"], high: Float[np.ndarray, " B"]) -> float:
@@ -44,12 +45,14 @@ def separability(
 
 
 def sound_features(path: Path, num_frames: int) -> Float[np.ndarray, "T F"]:
-    """Standardised log energies of 12 bands at 30 frames a second, with lags of 0.8 s."""
-    rate, samples = wavfile.read(path)
-    full_scale = np.iinfo(samples.dtype).max if samples.dtype.kind == "i" else 1.0
-    samples = samples.reshape(len(samples), -1)[:, 0] / full_scale
-    hop = rate // 100
-    _, times, spectrum = stft(samples, rate, nperseg=512, noverlap=512 - hop)
+    """Standardised log energies of 12 bands at 30 frames a second, with lags of 0.8 s.
+
+    Raises:
+        SpeechError: if the sound cannot be used.
+    """
+    samples = load_speech(path, SOUND_LIMITS).waveform.astype(np.float64)
+    hop = SAMPLE_RATE // 100
+    _, times, spectrum = stft(samples, SAMPLE_RATE, nperseg=512, noverlap=512 - hop)
     power = np.abs(spectrum) ** 2
     edges = np.unique(np.geomspace(3, power.shape[0] - 1, BANDS + 1).astype(int))
     bands = np.stack([power[a:b].sum(0) for a, b in pairwise(edges)], 1)
@@ -64,7 +67,7 @@ def hand_speed(clip: PosedClip) -> Float[np.ndarray, " T"]:
     """Standardised speed of both wrists, smoothed over a tenth of a second."""
     speed = sum(derivative(clip.positions[:, wrist], 1) for wrist in (LEFT_WRIST, RIGHT_WRIST))
     smooth = gaussian_filter1d(np.concatenate([[0.0], np.asarray(speed)]), 3.0)
-    return (smooth - smooth.mean()) / smooth.std()
+    return (smooth - smooth.mean()) / (smooth.std() + 1e-9)
 
 
 def ridge_weights(

@@ -30,6 +30,8 @@ TREMOR_HZ = 5.0
 FINGERS = range(JOINT["left_index1"], JOINT["right_thumb3"] + 1)
 
 Windows = Float[np.ndarray, "_ F"]
+Figures = dict[str, Float[np.ndarray, " _"]]
+"""One number of each window, by the figure's name, which holds the unit."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ class FeatureGap:
     where the figure works against the others."""
 
 
-def realism_windows(clip: PosedClip) -> dict[str, Float[np.ndarray, " W"]]:
+def realism_windows(clip: PosedClip) -> Figures:
     """Figures of every window of 2 s; one starts each second. Fewer than 65 frames give none."""
     starts = range(0, len(clip.positions) - WINDOW - 4, HOP)
     figures = {
@@ -169,8 +171,8 @@ class Judge:
         return (windows - self.mean) / self.scale * self.weights
 
 
-def judge_realism(real: list[PosedClip], corpus: list[PosedClip]) -> Realism:
-    """Compare the corpus with the first two real clips.
+def judge_realism(real: list[Figures], corpus: list[Figures]) -> Realism:
+    """Compare clips of the corpus with the first two real clips.
 
     Trained on one real clip and every other clip of the corpus and tested on the rest, both ways.
 
@@ -182,10 +184,9 @@ def judge_realism(real: list[PosedClip], corpus: list[PosedClip]) -> Realism:
             f"Two real clips and two of the corpus are needed; there are {len(real)} and"
             f" {len(corpus)}."
         )
-    named = [realism_windows(clip) for clip in (*real[:2], *corpus)]
-    tables = [np.column_stack(list(figures.values())) for figures in named]
-    first, second = tables[:2]
-    halves = np.concatenate(tables[2::2]), np.concatenate(tables[3::2])
+    clips = (*real[:2], *corpus)
+    first, second, *tables = (np.column_stack(list(figures.values())) for figures in clips)
+    halves = np.concatenate(tables[0::2]), np.concatenate(tables[1::2])
     judges = [Judge.train(first, halves[0]), Judge.train(second, halves[1])]
     joint = [
         judges[0].area_under_curve(second, halves[1]),
@@ -194,7 +195,7 @@ def judge_realism(real: list[PosedClip], corpus: list[PosedClip]) -> Realism:
     both, every = np.concatenate([first, second]), np.concatenate(halves)
     gaps = [judge.contributions(every).mean(0) - judge.contributions(both).mean(0)
             for judge in judges]  # fmt: skip
-    share = np.mean([gap / gap.sum() for gap in gaps], axis=0)
+    share = np.mean([gap / max(gap.sum(), 1e-9) for gap in gaps], axis=0)
     features = [
         FeatureGap(
             name=name,
@@ -204,7 +205,7 @@ def judge_realism(real: list[PosedClip], corpus: list[PosedClip]) -> Realism:
             real_auc=_either_way(first[:, k], second[:, k]),
             share=float(share[k]),
         )
-        for k, name in enumerate(named[0])
+        for k, name in enumerate(clips[0])
     ]
     features.sort(key=lambda feature: -feature.auc)
     return Realism(float(np.mean(joint)), _floor(first, second), tuple(features))

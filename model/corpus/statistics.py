@@ -10,6 +10,7 @@ from scipy.signal import find_peaks, welch
 from scipy.spatial.transform import Rotation
 
 from model.corpus.rig import JOINT, Rig, forward_kinematics, matrices
+from model.motion import load_motion
 from model.timing import FPS
 
 LEFT_WRIST, RIGHT_WRIST = JOINT["left_wrist"], JOINT["right_wrist"]
@@ -35,12 +36,14 @@ class PosedClip:
 
 
 def read_posed_clip(path: Path, rig: Rig) -> PosedClip:
-    """Read a motion file in BEAT2's layout; objects in it are refused."""
-    with np.load(path, allow_pickle=False) as data:
-        poses = data["poses"].astype(np.float64).reshape(-1, 55, 3)
-        trans = data["trans"].astype(np.float64)
-    local_rot = matrices(poses)
-    global_rot, positions = forward_kinematics(rig, local_rot, trans)
+    """Read a motion file in BEAT2's layout.
+
+    Raises:
+        MotionError: if it cannot be used.
+    """
+    motion = load_motion(path)
+    local_rot = matrices(motion.poses.astype(np.float64).reshape(-1, 55, 3))
+    global_rot, positions = forward_kinematics(rig, local_rot, motion.trans.astype(np.float64))
     offset = rig.tip_offsets[rig.tip_joints.index(RIGHT_MIDDLE_TIP_JOINT)]
     tip = positions[:, RIGHT_MIDDLE_TIP_JOINT] + global_rot[:, RIGHT_MIDDLE_TIP_JOINT] @ offset
     return PosedClip(local_rot, global_rot, positions, tip)

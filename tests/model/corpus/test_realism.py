@@ -5,7 +5,13 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 from sklearn.linear_model import LogisticRegression  # librosa needs it, so it is always there
 
-from model.corpus.realism import PENALTY, judge_realism, logistic_regression, realism_windows
+from model.corpus.realism import (
+    PENALTY,
+    Figures,
+    judge_realism,
+    logistic_regression,
+    realism_windows,
+)
 from model.corpus.rig import JOINT, forward_kinematics, matrices, open_body_rig
 from model.corpus.statistics import PosedClip
 from model.timing import FPS
@@ -19,12 +25,14 @@ def posed(vectors: np.ndarray, trans: np.ndarray) -> PosedClip:
     return PosedClip(local_rot, global_rot, positions, positions[:, JOINT["right_middle3"]])
 
 
-def person(seed: int, finger_scale: float = 1.0) -> PosedClip:
-    """40 s of slow random turning of every joint."""
+def person(seed: int, finger_scale: float = 1.0) -> Figures:
+    """Windows of 40 s of slow random turning of every joint."""
     rng = np.random.default_rng(seed)
     vectors = 1.5 * gaussian_filter1d(rng.normal(size=(40 * FPS, 55, 3)), 8.0, axis=0)
     vectors[:, 25:] *= finger_scale
-    return posed(vectors, 0.05 * gaussian_filter1d(rng.normal(size=(40 * FPS, 3)), 15.0, axis=0))
+    return realism_windows(
+        posed(vectors, 0.05 * gaussian_filter1d(rng.normal(size=(40 * FPS, 3)), 15.0, axis=0))
+    )
 
 
 def test_windows_of_two_seconds_start_every_second() -> None:
