@@ -8,7 +8,7 @@ import numpy as np
 
 from model.corpus.gestures import NEUTRAL, REST, Gesture, HandPose
 from model.corpus.hand_shapes import ABDUCTION, FLEX, SHAPES, THUMB
-from model.corpus.speakers import Speaker
+from model.corpus.speaker import Speaker
 
 IDLE_SHAPES = ("relaxed", "lazy", "half_open", "bowl", "soft_pinch")
 BEAT_SHAPES = ("relaxed", "half_open", "bowl", "soft_pinch", "cage", "lazy", "flat", "wave_out")
@@ -21,6 +21,7 @@ class Manner:
     def __init__(self, speaker: Speaker, rng: np.random.Generator):
         self.speaker = speaker
         self.rng = rng
+        self._offset = np.array([speaker.outward_m, speaker.height_m, speaker.forward_m])
 
     def fingers(self, shape: str, curl_deg: float = 0.0) -> np.ndarray:
         """A hand shape in the speaker's manner, never twice the same."""
@@ -31,6 +32,11 @@ class Manner:
         fingers[ABDUCTION] += rng.normal(0, 2.5, 4)
         fingers[THUMB] += rng.normal(0, 5.0, 3)
         return fingers
+
+    def idle_fingers(self) -> np.ndarray:
+        """The shape of a hand that is not needed; everyone has a habit."""
+        habit = self.speaker.idle_shape if self.rng.random() < 0.6 else pick(self.rng, IDLE_SHAPES)
+        return self.fingers(habit)
 
     def rest_pose(self, name: str) -> HandPose:
         """One of the library's rest poses, the same for every speaker but for chance."""
@@ -46,13 +52,14 @@ class Manner:
         if styled:
             wider = min(size, 1.0) * max(size, 1.0) ** 0.4
             position = centre + (position - centre) * [wider, size, size**0.7]
-            position = position + np.array([speaker.outward_m, speaker.height_m, 0.0])
+            position = position + self._offset
+        habit = 1.0 if styled else 0.0
         return HandPose(
             position + rng.normal(0, sd_m, 3) * [1, 1, 0.8],
-            pose.palm + rng.normal(0, 0.12, 3),
-            pose.flex_deg + rng.normal(0, 5),
+            pose.palm + rng.normal(0, 0.12, 3) + habit * np.array([0.0, speaker.palm_up, 0.0]),
+            pose.flex_deg + rng.normal(0, 5) + habit * speaker.wrist_deg,
             pose.deviation_deg + rng.normal(0, 4),
-            pose.elbow_out + rng.normal(0, 0.08),
+            pose.elbow_out + rng.normal(0, 0.08) + habit * speaker.elbow_out,
             pose.fingers,
         )
 
@@ -100,8 +107,8 @@ class Manner:
 
     def settled(self, pose: HandPose, share: float) -> HandPose:
         """The pose moved ``share`` of the way towards the middle of the gesture space."""
-        rng, speaker = self.rng, self.speaker
-        centre = NEUTRAL + np.array([speaker.outward_m, speaker.height_m - 0.03, -0.01])
+        rng = self.rng
+        centre = NEUTRAL + self._offset + np.array([0.0, -0.03, -0.01])
         fingers = pose.fingers + 0.5 * share * (SHAPES["half_open"] - pose.fingers)
         fingers[FLEX] += np.repeat(rng.normal(0, 4.0, 4), 3)
         fingers[ABDUCTION] += rng.normal(0, 1.5, 4)

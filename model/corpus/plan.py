@@ -10,19 +10,14 @@ from typing import Literal
 
 import numpy as np
 
-from model.corpus.gestures import (
-    GENERIC,
-    GESTURES,
-    KEYWORDS,
-    ONLY_WHEN_STRESSED,
-    Gesture,
-    HandPose,
-)
+from model.corpus.choice import Choice
+from model.corpus.gestures import GESTURES, HandPose
 from model.corpus.hand_shapes import FLEX
-from model.corpus.manner import IDLE_SHAPES, Manner, distance_from_neutral, pick
+from model.corpus.manner import Manner, distance_from_neutral
+from model.corpus.places import Places
 from model.corpus.prosody import Phrase, Utterance
-from model.corpus.rig import SIDES
-from model.corpus.speakers import Speaker
+from model.corpus.rig import SIDE_SIGN, SIDES
+from model.corpus.speaker import Speaker
 
 Phase = Literal["rest", "preparation", "stroke", "hold", "beat", "retraction"]
 
@@ -74,16 +69,16 @@ def make_plan(utterance: Utterance, speaker: Speaker, rng: np.random.Generator) 
 
 
 class _Planner:
-    """Walks through the phrases; remembers each hand's last key and who gestured last."""
+    """Walks through the phrases; remembers each hand's last key."""
 
     def __init__(self, utterance: Utterance, speaker: Speaker, rng: np.random.Generator):
         self.utterance = utterance
         self.speaker = speaker
         self.rng = rng
         self.manner = Manner(speaker, rng)
-        self.last_gesture = ""
-        self.free_hands: list[str] | None = None
-        rest = {side: self.manner.rest_pose(speaker.rest) for side in SIDES}
+        self.choice = Choice(speaker, rng)
+        self.places = Places(utterance.words, speaker, rng)
+        rest = {side: self.manner.rest_pose(speaker.rest_of(side)) for side in SIDES}
         self.plan = Plan({side: [Key(-1.0, 0.5, rest[side], "rest", "")] for side in SIDES})
 
     def chunks(self, phrase: Phrase) -> list[range]:
@@ -99,10 +94,10 @@ class _Planner:
     def gesture(self, chunk: range) -> None:
         """One gesture, its beats and its hold."""
         rng, speaker, words = self.rng, self.speaker, self.utterance.words
-        name, word_index = self._choose(chunk)
+        name, word_index = self.choice.gesture(chunk, words)
         gesture = GESTURES[name]
-        self.last_gesture = name
-        hands = self._hands_for(gesture)
+        aside_m = self.places.aside_m(word_index)
+        hands = self.choice.hands(gesture, aside_m)
         word = words[word_index]
         apex_s = word.beat_s - rng.normal(0.05, 0.03)
         end_s = words[chunk[-1]].end_s
@@ -120,7 +115,9 @@ class _Planner:
             own_prepare, own_stroke = prepare, stroke
             if second:
                 own_prepare, own_stroke = self.manner.not_a_mirror(prepare, stroke)
-            self._stroke(side, name, apex_s + lag, own_prepare, own_stroke, via)
+            own_stroke = _moved(own_stroke, aside_m * SIDE_SIGN[side])
+            own_via = [(share, _moved(p, share * aside_m * SIDE_SIGN[side])) for share, p in via]
+            self._stroke(side, name, apex_s + lag, own_prepare, own_stroke, own_via)
             if gesture.cycle is not None:
                 self.plan.cycles.append(
                     CycleSpan(
@@ -150,55 +147,15 @@ class _Planner:
                 start_s = max(phrase.end_s + rng.uniform(0.05, 0.3), last.arrive_s + 0.2)
                 duration_s = rng.uniform(0.65, 1.05)
                 full = gap_s > 1.3 * speaker.patience_s or rng.random() < 0.5
-                pose = self.manner.rest_pose(speaker.rest if full else "low")
+                pose = self.manner.rest_pose(speaker.rest_of(side) if full else speaker.ready)
                 self._add(side, start_s + 0.8 * duration_s, duration_s, pose, "retraction", "")
-                self.free_hands = None
+                self.choice.hands_rested()
             elif gap_s > 0.3 and last.arrive_s < phrase.end_s + 0.1:
                 sink = [rng.normal(0.01, 0.015), -rng.uniform(0.02, 0.07), -rng.uniform(0.0, 0.04)]
                 pose = replace(last.pose, position=last.pose.position + sink)
                 if rng.random() < 0.6:
-                    pose = replace(pose, fingers=self.manner.fingers(pick(rng, IDLE_SHAPES)))
+                    pose = replace(pose, fingers=self.manner.idle_fingers())
                 self._add(side, phrase.end_s + 0.35, 0.6, pose, "hold", last.gesture)
-
-    # What to gesture, and with which hand
-
-    def _choose(self, chunk: range) -> tuple[str, int]:
-        """The gesture's name and the word it lands on: a word that calls for it, or an accent."""
-        rng, words = self.rng, self.utterance.words
-        candidates = []
-        for k in chunk:
-            for name in KEYWORDS.get(words[k].text, ()):
-                unstressed = name in ONLY_WHEN_STRESSED and words[k].accent <= 0
-                weight = 0.4 if unstressed else 0.9
-                weight *= 0.25 if name == self.last_gesture else 1.0
-                candidates.append((weight * rng.uniform(0.5, 1.0), name, k))
-        if candidates:
-            weight, name, k = max(candidates)
-            if rng.random() < 0.35 + 0.5 * weight:
-                return name, k
-        names = list(GENERIC)
-        weights = np.array([GENERIC[n] for n in names])
-        weights *= [3.0 if n in self.speaker.favourites else 1.0 for n in names]
-        weights *= [0.4 if n == self.last_gesture else 1.0 for n in names]
-        name = names[rng.choice(len(names), p=weights / weights.sum())]
-        return name, max(chunk, key=lambda k: words[k].accent)
-
-    def _hands_for(self, gesture: Gesture) -> list[str]:
-        """The hands that take part, the leading one first."""
-        rng, speaker = self.rng, self.speaker
-        one = speaker.dominant if rng.random() < speaker.dominance else speaker.other_hand
-        two = [speaker.dominant, speaker.other_hand]
-        if gesture.hands == "one":
-            return [one]
-        if gesture.hands == "two":
-            return two
-        if gesture.hands == "dominant":
-            return [speaker.dominant]
-        if gesture.hands == "other":
-            return [speaker.other_hand]
-        if self.free_hands is None or rng.random() < 0.35:
-            self.free_hands = two if rng.random() < speaker.two_hands else [one]
-        return self.free_hands
 
     # Keys
 
@@ -254,8 +211,13 @@ class _Planner:
             word = self.utterance.words[k]
             beat_s = word.beat_s - rng.normal(0.04, 0.03)
             chance = 0.9 if word.accent > 0 else 0.5 if word.is_content else 0.25
+            chance *= speaker.rate * speaker.beats
             apart = not beats or beat_s - beats[-1][0] > 0.30
-            if beat_s > apex_s + 0.34 and apart and rng.random() < chance * speaker.rate:
+            if (
+                beat_s > apex_s + 0.34
+                and apart
+                and rng.random() < chance * speaker.rate * speaker.beats
+            ):
                 low, high = (0.05, 0.11) if word.accent > 0 else (0.02, 0.05)
                 beats.append((beat_s, rng.uniform(low, high) * speaker.amplitude))
         return beats
@@ -288,11 +250,12 @@ class _Planner:
             self._add(side, arrive_s, rng.uniform(0.5, 0.75), held, "hold", name)
 
     def _idle(self, side: str, apex_s: float, beats: list[tuple[float, float]]) -> None:
-        """The hand that takes no part sinks to a low ready pose and follows the beats a little."""
+        """The hand that takes no part goes to where it waits and follows the beats a little."""
         rng, speaker = self.rng, self.speaker
-        if self._last(side).pose.position[1] > -0.24 and rng.random() < 0.85:
-            pose = self.manner.rest_pose("low" if rng.random() < 0.7 else speaker.rest)
-            pose = replace(pose, fingers=self.manner.fingers(pick(rng, IDLE_SHAPES)))
+        pose = self.manner.rest_pose(speaker.waiting_of(side, rng.random()))
+        away_m = float(np.linalg.norm(pose.position - self._last(side).pose.position))
+        if away_m > 0.06 and rng.random() < 0.85:
+            pose = replace(pose, fingers=self.manner.idle_fingers())
             arrive_s = max(apex_s + rng.uniform(0.1, 0.6), self._last(side).arrive_s + 0.35)
             self._add(side, arrive_s, rng.uniform(0.6, 0.95), pose, "retraction", "")
         for beat_s, depth_m in [(apex_s, 0.08), *beats]:
@@ -310,3 +273,7 @@ class _Planner:
             down = replace(pose, position=pose.position + rng.normal(0, 0.008, 3), fingers=fingers)
             self._add(side, beat_s - 0.14, 0.32, up, "beat", "follow")
             self._add(side, beat_s + 0.06, 0.34, down, "beat", "follow")
+
+
+def _moved(pose: HandPose, out_m: float) -> HandPose:
+    return replace(pose, position=pose.position + np.array([out_m, 0.0, 0.0]))

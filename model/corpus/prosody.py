@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import map_coordinates
 
-from model.corpus.speakers import Speaker
+from model.corpus.speaker import Speaker
 from model.corpus.texts import Split, talk
 from model.corpus.voice import PAUSE, Phone, say, words_of
 from model.timing import SAMPLE_RATE

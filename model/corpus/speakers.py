@@ -1,67 +1,29 @@
-"""The speakers: a voice and a gesture style each, with numbers that a BEAT2 speaker table holds."""
+"""The speakers: each with numbers that a BEAT2 speaker table holds, a voice and a style."""
 
-from dataclasses import dataclass
-from typing import Literal
-
-from model.corpus.rig import SIDES
+from model.corpus.speaker import Speaker
 from model.corpus.voice import Voice
 
-
-@dataclass(frozen=True)
-class Speaker:
-    """A voice and a style; plain numbers are factors around 1 unless a unit is in the name."""
-
-    number: int
-    name: str
-    voice: Voice
-    pause: float = 1.0
-    """Length and share of pauses between sentences."""
-    dominant: Literal["left", "right"] = "right"
-    dominance: float = 0.7
-    """Probability that a one-hand gesture uses the dominant hand."""
-    amplitude: float = 1.0
-    rate: float = 1.0
-    """Share of accents that get a stroke."""
-    height_m: float = 0.0
-    """Raises the gesture space."""
-    outward_m: float = 0.0
-    """Widens the gesture space."""
-    two_hands: float = 0.55
-    """Probability of two hands where the gesture leaves it free."""
-    tempo: float = 1.0
-    rest: Literal["hang", "home", "clasp"] = "hang"
-    patience_s: float = 0.7
-    """Pauses longer than this send the hands down."""
-    energy: float = 1.0
-    """Accents of head and trunk."""
-    sway: float = 1.0
-    lean_deg: float = 0.0
-    steps: float = 1.0
-    smile: float = 0.15
-    finger_curl: float = 1.0
-    finger_life: float = 1.0
-    beat_shape: str = "relaxed"
-    favourites: tuple[str, ...] = ()
-    """Gestures drawn three times as often where no word asks for one."""
-    held_out: bool = False
-    """All clips go to the test split."""
-
-    @property
-    def other_hand(self) -> str:
-        return SIDES[1] if self.dominant == SIDES[0] else SIDES[0]
-
-
 SPEAKERS: tuple[Speaker, ...] = (
+    # Warm and close: both hands offer from the belly, elbows in.
     Speaker(
         1,
         "anna",
         Voice("slt", 178.0, 28.0),
-        two_hands=0.6,
+        outward_m=-0.035,
+        height_m=-0.015,
+        forward_m=-0.025,
+        elbow_out=-0.06,
+        palm_up=0.3,
+        two_hands=0.85,
         rest="home",
+        ready="home",
         smile=0.25,
         beat_shape="soft_pinch",
-        favourites=("offer", "present"),
+        idle_shape="soft_pinch",
+        finger_curl=1.2,
+        favourites=("offer", "present", "cup_both"),
     ),
+    # Hammers points home with both pinched hands, far in front of the belt.
     Speaker(
         2,
         "ben",
@@ -72,28 +34,43 @@ SPEAKERS: tuple[Speaker, ...] = (
         energy=1.3,
         sway=1.2,
         steps=1.6,
-        two_hands=0.8,
+        two_hands=0.85,
         patience_s=0.9,
+        outward_m=-0.01,
+        height_m=-0.03,
+        forward_m=0.045,
+        elbow_out=0.05,
+        wrist_deg=-8.0,
+        rest="ready",
+        ready="ready",
+        beats=1.25,
+        literal=0.8,
         beat_shape="pinch",
-        outward_m=0.01,
-        favourites=("beat", "frame"),
+        idle_shape="half_open",
+        favourites=("beat", "frame", "set_down"),
     ),
+    # One upright, precise hand; the other waits folded before her.
     Speaker(
         3,
         "carol",
         Voice("slt", 196.0, 34.0, 1.06, 0.92),
         amplitude=0.75,
-        height_m=0.06,
-        two_hands=0.2,
+        height_m=0.07,
+        outward_m=-0.01,
+        elbow_out=-0.05,
+        two_hands=0.15,
         rate=0.95,
         tempo=1.15,
         sway=0.8,
         rest="clasp",
-        dominance=0.9,
+        dominance=0.95,
+        other_rest="clasp",
         beat_shape="flat",
-        finger_curl=0.7,
-        favourites=("point_up", "precise"),
+        idle_shape="half_open",
+        finger_curl=0.65,
+        favourites=("point_up", "precise", "small"),
     ),
+    # Hands hang; now and then one is turned up below the belt.
     Speaker(
         4,
         "dev",
@@ -104,12 +81,19 @@ SPEAKERS: tuple[Speaker, ...] = (
         patience_s=0.45,
         energy=0.6,
         steps=0.4,
-        height_m=-0.03,
-        two_hands=0.35,
+        height_m=-0.05,
+        outward_m=0.02,
+        two_hands=0.3,
         sway=0.8,
         lean_deg=-2.0,
-        favourites=("offer_low", "turn_out"),
+        palm_up=0.25,
+        wrist_deg=6.0,
+        beats=0.7,
+        literal=0.7,
+        idle_shape="lazy",
+        favourites=("offer_low", "turn_out", "brush"),
     ),
+    # Large and round, with both arms out and hands spread.
     Speaker(
         5,
         "ewan",
@@ -117,97 +101,130 @@ SPEAKERS: tuple[Speaker, ...] = (
         amplitude=1.25,
         rate=1.25,
         two_hands=0.85,
-        outward_m=0.05,
+        outward_m=0.055,
+        height_m=0.02,
+        elbow_out=0.1,
         energy=1.35,
         sway=1.35,
         steps=1.7,
+        rest="wide",
+        literal=1.2,
         beat_shape="cage",
+        idle_shape="open",
         patience_s=1.0,
         finger_life=1.2,
-        favourites=("big", "roll", "frame"),
+        finger_curl=0.9,
+        favourites=("big", "roll", "frame", "open_up"),
     ),
+    # The left hand talks; the right one rests on the hip.
     Speaker(
         6,
         "fay",
         Voice("slt", 164.0, 24.0, 0.96, 1.07),
         dominant="left",
-        dominance=0.9,
+        dominance=0.95,
         amplitude=0.95,
-        two_hands=0.3,
+        two_hands=0.12,
         height_m=0.02,
+        other_rest="hip",
+        elbow_out=0.05,
         smile=0.32,
         beat_shape="cup",
+        idle_shape="cup",
         finger_life=1.25,
-        favourites=("offer", "turn_out"),
+        favourites=("offer", "turn_out", "brush"),
     ),
+    # Leans in and chops with a left fist, short and low.
     Speaker(
         7,
         "gus",
         Voice("rms", 120.0, 26.0, 1.06, 0.9),
         dominant="left",
-        dominance=0.8,
+        dominance=0.85,
+        two_hands=0.3,
         tempo=1.25,
         rate=1.15,
-        amplitude=1.0,
         patience_s=1.2,
+        height_m=-0.04,
+        forward_m=0.04,
         rest="home",
+        other_rest="hang",
+        beats=1.2,
+        literal=0.7,
         beat_shape="fist",
-        finger_curl=1.35,
+        idle_shape="soft_fist",
+        finger_curl=1.45,
         lean_deg=3.0,
         energy=1.2,
-        favourites=("chop", "beat"),
+        favourites=("chop", "beat", "set_down"),
     ),
+    # Small and shy: two hands near each other, low before the belly.
     Speaker(
         8,
         "hana",
         Voice("slt", 215.0, 26.0, 1.12, 1.0),
         amplitude=0.6,
         rate=0.7,
-        two_hands=0.55,
-        height_m=-0.05,
-        outward_m=-0.04,
+        two_hands=0.7,
+        height_m=-0.06,
+        outward_m=-0.05,
         rest="clasp",
+        ready="clasp",
         energy=0.65,
         sway=0.6,
         steps=0.3,
         patience_s=0.5,
+        literal=0.7,
         beat_shape="soft_pinch",
-        favourites=("precise", "small_both"),
+        idle_shape="bowl",
+        finger_curl=1.1,
+        favourites=("precise", "small_both", "cup_both"),
     ),
+    # The lecturer's right hand, high and slow; the left arm hangs.
     Speaker(
         9,
         "ivan",
         Voice("kal16", 98.0, 18.0),
         amplitude=1.05,
         rate=0.95,
-        two_hands=0.15,
-        dominance=0.95,
-        height_m=0.05,
+        two_hands=0.1,
+        dominance=0.97,
+        height_m=0.065,
+        outward_m=0.03,
         tempo=0.9,
+        other_rest="hang",
         energy=0.9,
         beat_shape="point",
+        idle_shape="loose",
         sway=0.9,
         steps=0.8,
-        favourites=("point_up", "chop"),
+        favourites=("point_up", "chop", "arc"),
     ),
+    # High and quick before the chest, with flat open fingers.
     Speaker(
         10,
         "june",
         Voice("awb", 188.0, 36.0, 1.14, 0.93),
         amplitude=1.05,
         rate=1.15,
-        tempo=1.15,
-        two_hands=0.65,
-        height_m=0.07,
+        tempo=1.12,
+        two_hands=0.7,
+        height_m=0.075,
         outward_m=-0.02,
+        forward_m=0.02,
+        elbow_out=0.08,
+        wrist_deg=-10.0,
         smile=0.35,
         energy=1.25,
         rest="home",
+        ready="ready",
         beat_shape="open",
-        finger_curl=0.6,
+        idle_shape="half_open",
+        finger_curl=0.55,
         finger_life=1.3,
-        favourites=("wave_off", "roll"),
+        favourites=("wave_off", "roll", "open_up"),
     ),
+    # Slow wide sweeps, palms to the floor or to the room.
     Speaker(
         11,
         "kofi",
@@ -216,15 +233,21 @@ SPEAKERS: tuple[Speaker, ...] = (
         rate=0.9,
         tempo=0.82,
         two_hands=0.9,
-        height_m=-0.01,
-        outward_m=0.06,
-        energy=1.0,
+        height_m=-0.02,
+        outward_m=0.065,
+        palm_up=-0.2,
         sway=1.4,
         steps=1.2,
         patience_s=0.8,
+        rest="hang",
+        ready="wide",
+        literal=1.2,
         beat_shape="open",
-        favourites=("present", "sweep", "big"),
+        idle_shape="open",
+        finger_curl=0.85,
+        favourites=("present", "sweep", "big", "arc"),
     ),
+    # Weighs things on low open palms, without haste.
     Speaker(
         12,
         "lena",
@@ -233,75 +256,114 @@ SPEAKERS: tuple[Speaker, ...] = (
         rate=0.8,
         pause=1.4,
         dominant="left",
-        dominance=0.7,
-        two_hands=0.75,
-        height_m=-0.04,
-        rest="clasp",
+        dominance=0.8,
+        two_hands=0.8,
+        height_m=-0.05,
+        outward_m=0.03,
+        forward_m=0.02,
+        palm_up=0.35,
+        rest="low",
+        ready="wide",
         energy=0.75,
         sway=0.7,
         steps=0.5,
         patience_s=0.6,
         tempo=0.9,
+        beats=0.8,
         beat_shape="flat",
-        favourites=("small_both", "weigh", "cup_both"),
+        idle_shape="cup",
+        favourites=("weigh", "offer_low", "open_up"),
     ),
+    # Restless: either hand flicks and waves, elbows out, close to the ribs.
     Speaker(
         13,
         "milo",
         Voice("kal", 128.0, 24.0, 1.05, 0.96),
         amplitude=0.9,
         rate=1.25,
-        tempo=1.3,
-        two_hands=0.45,
-        dominance=0.6,
-        outward_m=0.03,
+        tempo=1.25,
+        two_hands=0.3,
+        dominance=0.5,
+        outward_m=0.045,
+        height_m=-0.03,
+        forward_m=-0.05,
+        elbow_out=0.15,
         energy=1.15,
         sway=1.1,
         steps=1.4,
         patience_s=0.9,
+        literal=0.8,
         beat_shape="loose",
+        idle_shape="loose",
+        finger_curl=1.25,
         finger_life=1.1,
-        favourites=("beat", "wave_off"),
+        favourites=("beat", "wave_off", "brush"),
     ),
+    # Thinks with a cupped left hand; the right arm lies across the belly.
     Speaker(
         14,
         "nora",
         Voice("awb", 170.0, 22.0, 1.09, 1.05),
-        amplitude=1.0,
-        rate=1.0,
-        two_hands=0.5,
         dominant="left",
-        dominance=0.6,
-        height_m=0.03,
-        rest="home",
+        dominance=0.92,
+        two_hands=0.15,
+        height_m=0.055,
+        outward_m=0.02,
+        forward_m=-0.02,
+        rest="low",
+        other_rest="home",
         smile=0.2,
         lean_deg=2.0,
+        beats=0.8,
         beat_shape="cage",
-        favourites=("cup_both", "turn_out", "think"),
+        idle_shape="claw",
+        finger_curl=1.1,
+        favourites=("think", "turn_out", "pull"),
     ),
+    # Fingertips together high before the chest; narrow, exact, far in front.
     Speaker(
         15,
         "otto",
         Voice("awb", 116.0, 20.0, 0.95, 1.03),
-        amplitude=1.1,
+        amplitude=0.85,
         rate=1.05,
-        two_hands=0.6,
-        energy=1.1,
-        height_m=0.02,
+        tempo=0.95,
+        two_hands=0.65,
+        height_m=0.05,
+        outward_m=-0.06,
+        forward_m=0.05,
+        elbow_out=0.05,
+        energy=0.9,
+        rest="steeple",
+        ready="steeple",
+        literal=0.7,
         beat_shape="pinch",
+        idle_shape="purse",
+        finger_curl=0.9,
+        favourites=("precise", "pull", "frame", "set_down"),
         held_out=True,
     ),
+    # Open arms, low and light: palms up at both sides.
     Speaker(
         16,
         "pia",
         Voice("slt", 204.0, 30.0, 1.02, 0.97),
-        amplitude=0.9,
+        amplitude=0.85,
         rate=0.95,
-        two_hands=0.45,
-        rest="home",
-        height_m=0.01,
+        two_hands=0.85,
+        height_m=-0.03,
+        outward_m=0.05,
+        forward_m=0.03,
+        palm_up=0.3,
+        wrist_deg=-8.0,
+        rest="wide",
+        ready="wide",
+        sway=1.1,
         smile=0.28,
-        beat_shape="cup",
+        beat_shape="open",
+        idle_shape="open",
+        finger_curl=0.6,
+        favourites=("offer_low", "present", "open_up", "you_open"),
         held_out=True,
     ),
 )

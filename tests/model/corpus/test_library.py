@@ -6,7 +6,7 @@ import pytest
 from model.corpus.gestures import GENERIC, GESTURES, KEYWORDS, ONLY_WHEN_STRESSED, REST, HandPose
 from model.corpus.hand_shapes import FLEX, SHAPES, finger_rotations
 from model.corpus.manner import BEAT_SHAPES, IDLE_SHAPES
-from model.corpus.rig import JOINT
+from model.corpus.rig import JOINT, SIDES
 from model.corpus.speakers import SPEAKERS
 
 
@@ -27,7 +27,8 @@ def test_all_names_exist() -> None:
     for speaker in SPEAKERS:
         assert speaker.beat_shape in SHAPES
         assert set(speaker.favourites) <= set(GENERIC)
-        assert speaker.rest in REST
+        assert speaker.idle_shape in SHAPES
+        assert {speaker.ready, *(speaker.rest_of(side) for side in SIDES)} <= set(REST)
 
 
 def test_speaker_numbers_fit_the_table_and_names_are_unique() -> None:
