@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeGuard
 
 MAX_TEXT = 2000
 """Longest text, in characters, that any field may hold."""
@@ -125,10 +125,10 @@ class Fields:
         return tuple(self._values)
 
 
-def is_text(value: object) -> bool:
+def is_text(value: object) -> TypeGuard[str]:
     return isinstance(value, str) and len(value) <= MAX_TEXT
 
 
-def is_number(value: object) -> bool:
+def is_number(value: object) -> TypeGuard[float]:
     """Whether it is a finite JSON number (true and false are none)."""
     return not isinstance(value, bool) and isinstance(value, int | float) and math.isfinite(value)
