@@ -1,31 +1,44 @@
 """Training data: a folder in BEAT2's layout, read once into memory-mapped arrays.
 
 Poses, root positions, face units and speech features of all clips lie end to end; a window is a
-slice. Features are computed once per file, with context, and never per window.
+slice. Features are computed once per file, with context, and never per window. Training recordings
+may be stored several times, at other speeds and as other microphones would have caught them.
 """
 
 import csv
 import json
 import logging
+import zlib
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from tqdm import tqdm
 
 from model.files import written_atomically
+from model.kinematics import mirror_transl
+from model.mirror import mirror_face_units, mirror_poses
 from model.motion import Motion, MotionError, load_motion
-from model.speech.audio import SpeechError, SpeechLimits, load_speech
+from model.retiming import motion_at_speed
+from model.speech.audio import Speech, SpeechError, SpeechLimits, load_speech
+from model.speech.augment import at_speed, draw_recording, recorded_elsewhere
 from model.speech.encoder import SpeechEncoder
 
 log = logging.getLogger(__name__)
 
 NUM_FACE_UNITS = 52
-_ARRAYS = {"poses": 165, "transl": 3, "expression": NUM_FACE_UNITS}
+SPEED_PERCENT = (90, 111)
+"""Slowest speed of an augmented copy, and one above the fastest."""
+CACHE_FORMAT = 2
+"""Raised whenever the same folder gives other arrays."""
+_SPEECH_LIMITS = SpeechLimits(max_s=3600, max_bytes=2**31)
+_COLUMNS = {"poses": 165, "transl": 3, "expression": NUM_FACE_UNITS}
 
 
 class DataError(ValueError):
@@ -34,13 +47,15 @@ class DataError(ValueError):
 
 @dataclass(frozen=True)
 class Clip:
-    """Where one recording lies in the arrays."""
+    """Where one recording, or an augmented copy of it, lies in the arrays."""
 
     name: str
     speaker: int
     split: str
     start: int
     num_frames: int
+    copy: int = 0
+    """0 for the recording itself, from 1 for its copies."""
 
     @property
     def stop(self) -> int:
@@ -58,6 +73,23 @@ class Batch:
     speaker: Int[Tensor, " B"]
     clips: list[str]
     frames: Int[np.ndarray, "B T"]
+    """Rows of the arrays."""
+    mirrored: Bool[Tensor, " B"]
+    """Windows whose motion and face are seen in a mirror. What else is read from the rows
+    ``frames`` and has a left and a right must be mirrored there too."""
+
+    def mirror(self, which: Bool[Tensor, " B"]) -> "Batch":
+        """The same windows, with the motion and face of these in a mirror."""
+        if self.mirrored.any():
+            raise ValueError("The batch is mirrored already.")
+        rows = which[:, None, None]
+        return replace(
+            self,
+            poses=torch.where(rows, mirror_poses(self.poses), self.poses),
+            transl=torch.where(rows, mirror_transl(self.transl), self.transl),
+            expression=torch.where(rows, mirror_face_units(self.expression), self.expression),
+            mirrored=which,
+        )
 
 
 @dataclass(frozen=True)
@@ -84,15 +116,30 @@ class PreparedData:
         return clips
 
     def window_batch(
-        self, clips: tuple[Clip, ...], window: int, size: int, rng: np.random.Generator
+        self,
+        clips: tuple[Clip, ...],
+        window: int,
+        size: int,
+        rng: np.random.Generator,
+        mirror: float = 0.0,
     ) -> Batch:
-        """``size`` windows of ``window`` frames, every possible start equally likely."""
+        """``size`` windows of ``window`` frames, every possible start equally likely.
+
+        Args:
+            mirror: share of windows seen in a mirror.
+
+        Raises:
+            DataError: if no clip is as long as a window.
+        """
         usable = [clip for clip in clips if clip.num_frames >= window]
+        if not usable:
+            raise DataError(f"None of the {len(clips)} clips has {window} frames, a window.")
         starts = np.array([clip.num_frames - window + 1 for clip in usable], float)
         chosen = rng.choice(len(usable), size, p=starts / starts.sum())
         first = [usable[c].start + int(rng.integers(starts[c])) for c in chosen]
         frames = np.array(first)[:, None] + np.arange(window)
-        return self.batch(frames, [usable[c] for c in chosen])
+        batch = self.batch(frames, [usable[c] for c in chosen])
+        return batch.mirror(torch.from_numpy(rng.random(size) < mirror)) if mirror > 0 else batch
 
     def batch(self, frames: Int[np.ndarray, "B T"], clips: list[Clip]) -> Batch:
         """The rows at ``frames`` (absolute indices) as tensors."""
@@ -108,6 +155,7 @@ class PreparedData:
             speaker=torch.tensor([clip.speaker for clip in clips]),
             clips=[clip.name for clip in clips],
             frames=frames,
+            mirrored=torch.zeros(len(clips), dtype=torch.bool),
         )
 
 
@@ -133,91 +181,120 @@ def read_clip(folder: Path, name: str, encoder: SpeechEncoder) -> tuple[Motion, 
     Raises:
         MotionError, SpeechError: if either file cannot be used.
     """
-    motion = load_motion(folder / "smplxflame_30" / f"{name}.npz")
-    speech = load_speech(
-        folder / "wave16k" / f"{name}.wav", SpeechLimits(max_s=3600, max_bytes=2**31)
-    )
+    return encode_clip(*_read_files(folder, name), encoder)
+
+
+def encode_clip(
+    motion: Motion, speech: Speech, encoder: SpeechEncoder
+) -> tuple[Motion, Float[np.ndarray, "T dim"]]:
+    """Motion and speech features, both cut to the shorter of the two."""
     num_frames = min(motion.num_frames, speech.num_frames)
-    features = encoder.encode(speech.waveform, num_frames)
     cut = replace(
         motion,
         poses=motion.poses[:num_frames],
         trans=motion.trans[:num_frames],
         expressions=motion.expressions[:num_frames],
     )
-    return cut, features
+    return cut, encoder.encode(speech.waveform, num_frames)
+
+
+def augmented_copy(motion: Motion, speech: Speech, seed: list[int]) -> tuple[Motion, Speech]:
+    """A recording at another speed, its speech as another microphone would have caught it."""
+    rng = np.random.default_rng(seed)
+    speed = int(rng.integers(*SPEED_PERCENT)) / 100
+    waveform = recorded_elsewhere(at_speed(speech.waveform, speed), draw_recording(rng), rng)
+    return motion_at_speed(motion, speed), replace(speech, waveform=waveform)
+
+
+def _read_files(folder: Path, name: str) -> tuple[Motion, Speech]:
+    motion = load_motion(folder / "smplxflame_30" / f"{name}.npz")
+    return motion, load_speech(folder / "wave16k" / f"{name}.wav", _SPEECH_LIMITS)
 
 
 def prepare(
-    folder: Path, cache: Path, encoder: SpeechEncoder, *, min_frames: int = 60
+    folder: Path,
+    cache: Path,
+    encoder: SpeechEncoder,
+    *,
+    min_frames: int = 60,
+    augmented_copies: int = 0,
 ) -> PreparedData:
     """Read ``folder`` once into ``cache`` (kept for the next run), then map it.
 
     Clips that cannot be read or are shorter than ``min_frames`` are named in the log, counted and
     left out.
 
+    Args:
+        augmented_copies: of each training recording, see `augmented_copy`; the other splits have
+            none. Their number is added to the name of ``cache``.
+
     Raises:
         DataError: if nothing usable is left, or the cache belongs to other data.
     """
     split = read_split(folder)
+    if augmented_copies > 0:
+        cache = cache.with_name(f"{cache.name}-{augmented_copies}-copies")
     origin = {
+        "format": CACHE_FORMAT,
         "folder": sorted(split.items()),
         "encoder": encoder.name,
         "dim": encoder.dim,
         "min_frames": min_frames,
+        "augmented_copies": augmented_copies,
     }
     index_path = cache / "index.json"
     if not index_path.is_file():
-        _fill_cache(folder, cache, encoder, split, origin, min_frames)
+        _fill_cache(folder, cache, encoder, split, origin)
     index = json.loads(index_path.read_text())
     if index["origin"] != json.loads(json.dumps(origin)):
         raise DataError(f"{cache} was made from other data or another encoder; remove it.")
     clips = tuple(Clip(**clip) for clip in index["clips"])
-    arrays = {name: np.load(cache / f"{name}.npy", mmap_mode="r") for name in (*_ARRAYS, "speech")}
     speakers = {int(number): name for number, name in index["speakers"].items()}
-    return PreparedData(clips=clips, speakers=speakers, **arrays)
+    num_frames = clips[-1].stop
+    arrays = {
+        name: np.memmap(cache / f"{name}.raw", np.float32, "r", shape=(num_frames, columns))
+        for name, columns in _COLUMNS.items()
+    }
+    speech = np.memmap(cache / "speech.raw", np.float16, "r", shape=(num_frames, encoder.dim))
+    return PreparedData(clips=clips, speakers=speakers, speech=speech, **arrays)
 
 
 def _fill_cache(
-    folder: Path,
-    cache: Path,
-    encoder: SpeechEncoder,
-    split: dict[str, str],
-    origin: dict,
-    min_frames: int,
+    folder: Path, cache: Path, encoder: SpeechEncoder, split: dict[str, str], origin: dict
 ) -> None:
+    """Write the arrays clip by clip, so that memory holds one, and the index last."""
     cache.mkdir(parents=True, exist_ok=True)
     clips: list[Clip] = []
-    parts: dict[str, list[np.ndarray]] = {name: [] for name in (*_ARRAYS, "speech")}
     speakers: dict[int, str] = {}
     skipped = 0
-    start = 0
-    for name, kind in tqdm(sorted(split.items()), desc="reading clips", unit="clip"):
-        try:
-            motion, features = read_clip(folder, name, encoder)
-            number, speaker = _speaker_of(name)
-        except (MotionError, SpeechError, DataError) as error:
-            log.warning("Skipped %s: %s", name, error)
-            skipped += 1
-            continue
-        if motion.num_frames < min_frames:
-            log.warning("Skipped %s: %d frames, %d needed.", name, motion.num_frames, min_frames)
-            skipped += 1
-            continue
-        speakers[number] = speaker
-        clips.append(Clip(name, number, kind, start, motion.num_frames))
-        start += motion.num_frames
-        parts["poses"].append(motion.poses)
-        parts["transl"].append(motion.trans)
-        parts["expression"].append(_face_units(motion))
-        parts["speech"].append(features.astype(np.float16))
-    if not clips:
-        raise DataError(f"{folder} holds no usable clip ({skipped} skipped).")
+    with ExitStack() as stack:
+        files: dict[str, IO[bytes]] = {}
+        for name in (*_COLUMNS, "speech"):
+            path = stack.enter_context(written_atomically(cache / f"{name}.raw"))
+            files[name] = stack.enter_context(path.open("wb"))
+        for name, kind in tqdm(sorted(split.items()), desc="reading clips", unit="clip"):
+            try:
+                number, speaker = _speaker_of(name)
+                recording = _read_files(folder, name)
+                encoded = encode_clip(*recording, encoder)
+                _check_length(encoded[0], origin["min_frames"])
+            except (MotionError, SpeechError, DataError) as error:
+                log.warning("Skipped %s: %s", name, error)
+                skipped += 1
+                continue
+            speakers[number] = speaker
+            copies = origin["augmented_copies"] if kind == "train" else 0
+            for copy in range(1 + copies):
+                if copy > 0:
+                    seed = [zlib.crc32(name.encode()), copy]
+                    encoded = encode_clip(*augmented_copy(*recording, seed), encoder)
+                start = clips[-1].stop if clips else 0
+                clips.append(Clip(name, number, kind, start, encoded[0].num_frames, copy))
+                _append(files, *encoded)
+        if not clips:
+            raise DataError(f"{folder} holds no usable clip ({skipped} skipped).")
     if skipped:
         log.warning("%d of %d clips were skipped.", skipped, len(split))
-    for name, rows in parts.items():
-        with written_atomically(cache / f"{name}.npy") as path:
-            np.save(path, np.concatenate(rows))
     index = {
         "origin": origin,
         "clips": [vars(clip) for clip in clips],
@@ -225,6 +302,24 @@ def _fill_cache(
     }
     with written_atomically(cache / "index.json") as path:
         path.write_text(json.dumps(index))
+
+
+def _append(
+    files: dict[str, IO[bytes]], motion: Motion, features: Float[np.ndarray, "T dim"]
+) -> None:
+    rows = {
+        "poses": motion.poses.astype(np.float32),
+        "transl": motion.trans.astype(np.float32),
+        "expression": _face_units(motion),
+        "speech": features.astype(np.float16),
+    }
+    for name, array in rows.items():
+        files[name].write(array.tobytes())
+
+
+def _check_length(motion: Motion, min_frames: int) -> None:
+    if motion.num_frames < min_frames:
+        raise DataError(f"{motion.num_frames} frames, {min_frames} needed.")
 
 
 def _speaker_of(clip_name: str) -> tuple[int, str]:

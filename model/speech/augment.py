@@ -1,0 +1,121 @@
+"""Speech as other voices and microphones would give it: speed, room, noise, band limits, gain.
+
+Pure functions of a 16 kHz mono waveform. `recorded_elsewhere` puts them in the order in which they
+happen: the voice, the room, the noise in it, and the microphone. None but `at_speed` moves sound in
+time, so motion that fits the speech still fits.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Float32
+from scipy.signal import butter, fftconvolve, resample_poly, sosfiltfilt
+
+from model.timing import SAMPLE_RATE
+
+Waveform = Float32[np.ndarray, " _"]
+
+TELEPHONE_HZ = (300.0, 3400.0)
+LAPTOP_HZ = (150.0, 6500.0)
+REFLECTIONS_AFTER_S = 0.003  # a metre further than the direct sound
+
+
+@dataclass(frozen=True)
+class Recording:
+    """How speech is recorded; None leaves a step out."""
+
+    rt60_s: float | None
+    """Time in which the room's sound falls by 60 dB."""
+    direct_to_reverberant_db: float
+    snr_db: float | None
+    noise_slope_db: float
+    """Of the noise, for each octave: 0 is white, -3 pink, -6 brown."""
+    band_hz: tuple[float, float] | None
+    gain_db: float
+
+
+def draw_recording(rng: np.random.Generator) -> Recording:
+    """Conditions from a good headset to a telephone in a bathroom; one in sixteen is clean."""
+    bands = (None, None, LAPTOP_HZ, TELEPHONE_HZ)
+    has_room, has_noise = rng.random(2) < (0.5, 0.75)
+    return Recording(
+        rt60_s=rng.uniform(0.15, 0.7) if has_room else None,
+        direct_to_reverberant_db=rng.uniform(0.0, 12.0),
+        snr_db=rng.uniform(8.0, 35.0) if has_noise else None,
+        noise_slope_db=rng.uniform(-6.0, 0.0),
+        band_hz=bands[rng.integers(len(bands))],
+        gain_db=rng.uniform(-20.0, 6.0),
+    )
+
+
+def recorded_elsewhere(
+    waveform: Waveform, recording: Recording, rng: np.random.Generator
+) -> Waveform:
+    """The same speech under other conditions; as long as before, and in time with it."""
+    if recording.rt60_s is not None:
+        waveform = in_room(waveform, recording.rt60_s, recording.direct_to_reverberant_db, rng)
+    if recording.snr_db is not None:
+        waveform = with_noise(waveform, recording.snr_db, recording.noise_slope_db, rng)
+    if recording.band_hz is not None:
+        waveform = band_limited(waveform, *recording.band_hz)
+    return with_gain(waveform, recording.gain_db)
+
+
+def at_speed(waveform: Waveform, speed: float) -> Waveform:
+    """Played ``speed`` times as fast: shorter, and higher in pitch. Whole hundredths only."""
+    return resample_poly(waveform, 100, round(100 * speed)).astype(np.float32)
+
+
+def with_gain(waveform: Waveform, gain_db: float) -> Waveform:
+    """Louder or softer; what exceeds full scale is clipped, as in a microphone."""
+    return np.clip(waveform * 10 ** (gain_db / 20), -1.0, 1.0).astype(np.float32)
+
+
+def with_noise(
+    waveform: Waveform, snr_db: float, slope_db: float, rng: np.random.Generator
+) -> Waveform:
+    """Steady noise at this ratio of the whole waveform's power to the noise's.
+
+    Args:
+        slope_db: change of the noise's level for each octave.
+    """
+    size = len(waveform)
+    spectrum = np.fft.rfft(rng.standard_normal(size))
+    frequency = np.maximum(np.fft.rfftfreq(size, 1 / SAMPLE_RATE), 20.0)  # flat under 20 Hz
+    noise = np.fft.irfft(spectrum * 10 ** (slope_db / 20 * np.log2(frequency / 1000.0)), size)
+    wanted = _power(waveform) * 10 ** (-snr_db / 10)
+    return (waveform + noise * math.sqrt(wanted / max(_power(noise), 1e-30))).astype(np.float32)
+
+
+def impulse_response(
+    rt60_s: float, direct_to_reverberant_db: float, rng: np.random.Generator
+) -> Float[np.ndarray, " N"]:
+    """A direct sound of 1 and noise that decays exponentially (Polack's model of a room)."""
+    time_s = np.arange(round(rt60_s * SAMPLE_RATE)) / SAMPLE_RATE
+    tail = rng.standard_normal(len(time_s)) * 10 ** (-3 * time_s / rt60_s)
+    tail[time_s < REFLECTIONS_AFTER_S] = 0.0
+    tail *= math.sqrt(10 ** (-direct_to_reverberant_db / 10) / np.square(tail).sum())
+    tail[0] = 1.0
+    return tail
+
+
+def in_room(
+    waveform: Waveform,
+    rt60_s: float,
+    direct_to_reverberant_db: float,
+    rng: np.random.Generator,
+) -> Waveform:
+    """Heard in a room; as long as before, the direct sound where it was."""
+    response = impulse_response(rt60_s, direct_to_reverberant_db, rng)
+    return fftconvolve(waveform, response)[: len(waveform)].astype(np.float32)
+
+
+def band_limited(waveform: Waveform, low_hz: float, high_hz: float) -> Waveform:
+    """Without what lies outside the band: fourth order, forth and back, so nothing is delayed."""
+    sections = butter(4, (low_hz, high_hz), "bandpass", fs=SAMPLE_RATE, output="sos")
+    return sosfiltfilt(sections, waveform).astype(np.float32)
+
+
+def _power(waveform: Float[np.ndarray, " N"]) -> float:
+    return float(np.mean(np.square(waveform, dtype=np.float64)))
