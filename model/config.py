@@ -60,8 +60,35 @@ class ExpressionConfig:
 
 
 @dataclass(frozen=True)
+class AutoencoderConfig:
+    """Shape of the motion autoencoders: the variational one of L_m, and the encoder of FGD."""
+
+    rotation_space: RotationSpace = "global"
+    width: int = 96
+    blocks_per_scale: int = 2
+    latent_dim: int = 32
+    """Numbers for each code vector."""
+    scales: tuple[int, ...] = (2, 4)
+    """Frames under each code vector, one entry for each level of codes; powers of two."""
+    mask_share: float = 0.3
+    """Share of frames hidden from the encoder in training, so that it learns how motion goes on."""
+    kl_weight: float = 1e-4
+    """Pull of the codes to a standard normal; 0 makes a plain autoencoder without noise."""
+
+    def __post_init__(self) -> None:
+        powers = {2**k for k in range(1, 7)}
+        if not self.scales or not set(self.scales) <= powers:
+            raise ValueError(f"scales is {self.scales}; use powers of two from 2 to 64.")
+        if not 0 <= self.mask_share < 1:
+            raise ValueError(f"mask_share is {self.mask_share}; it must lie in [0, 1).")
+
+
+@dataclass(frozen=True)
 class LossConfig:
-    """Weights of the training terms. Positions are in metres, differences per frame."""
+    """Weights of the training terms; a term of weight 0 is not computed.
+
+    Positions are in metres, differences per frame.
+    """
 
     simple: float = 1.0
     """GlobalDiff eq. 7, on normalised channels."""
@@ -73,6 +100,12 @@ class LossConfig:
     """Second differences of those positions; in the official code, not in the paper."""
     seed: float = 1.0
     """Extra weight of eq. 7 on the frames that repeat the seed pose."""
+    joint: float = 0.0
+    """L_j: anchors turned with each joint (GlobalDiff eqs. 8 to 10), metres squared."""
+    skeleton: float = 0.0
+    """L_s: cosines between bones (GlobalDiff eqs. 11 to 13)."""
+    motion: float = 0.0
+    """L_m: codes of the frozen variational encoder (GlobalDiff eqs. 14 and 15)."""
     time_weight_floor: float | None = 0.1
     """Weigh a sample by 1 / ((1 - t)^2 + floor), scaled to mean 1, so that late steps of the flow,
     which decide how smooth the motion is, count as much as early ones. None: equal weights."""
@@ -85,10 +118,15 @@ class TrainConfig:
     system: str = "globaldiff/global"
     network: NetworkConfig = field(default_factory=NetworkConfig)
     expression: ExpressionConfig = field(default_factory=ExpressionConfig)
+    autoencoder: AutoencoderConfig = field(default_factory=AutoencoderConfig)
     encoder: str = "mel64"
     """Speech encoder by name (`model.speech`)."""
     augment_speech: bool = True
     """Vary level, colour and background noise of the features, as microphones do."""
+    mirror: float = 0.0
+    """Share of windows seen as in a mirror, left and right exchanged."""
+    augmented_copies: int = 0
+    """Copies of each training recording with another voice colour or tempo of its speech."""
     loss: LossConfig = field(default_factory=LossConfig)
     steps: int = 8000
     batch_size: int = 16
@@ -124,52 +162,113 @@ def from_dict(cls: type[T], values: dict[str, Any]) -> T:
     if unknown:
         raise ValueError(f"{cls.__name__} has no field {', '.join(unknown)}.")
     hints = get_type_hints(cls)
-    nested = {
-        name: from_dict(hints[name], value) if is_dataclass(hints[name]) else value
-        for name, value in values.items()
-    }
-    return cls(**nested)
+    return cls(**{name: _restored(hints[name], value) for name, value in values.items()})
+
+
+def _restored(hint: Any, value: Any) -> Any:
+    """A field's value as parsed from JSON, in the type that the field has."""
+    if is_dataclass(hint):
+        return from_dict(hint, value)  # type: ignore[arg-type]
+    return tuple(value) if isinstance(value, list) else value
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One row of the paper's Table 2: what its training has beyond L_simple and L_pos."""
+
+    rotation_space: RotationSpace
+    constraints: tuple[str, ...] = ()
+    """Fields of `LossConfig` that get their weight from `CONSTRAINT_WEIGHTS`."""
+
+
+SYSTEMS: dict[str, Rung] = {
+    "globaldiff/local": Rung("local"),
+    "globaldiff/global": Rung("global"),
+    "globaldiff/joint": Rung("global", ("joint",)),
+    "globaldiff/skeleton": Rung("global", ("joint", "skeleton")),
+    "globaldiff/full": Rung("global", ("joint", "skeleton", "motion")),
+}
+"""The ladder, in the order of the paper's Table 2; a rung adds one thing to the one before."""
+
+CONSTRAINT_WEIGHTS: dict[str, float] = {"joint": 1.0, "skeleton": 1.0, "motion": 1.0}
+
+HELPERS = ("expression", "motion-vae", "fgd-encoder")
+"""Networks that are trained beside the systems and serve all of them."""
 
 
 def named_config(name: str, system: str) -> TrainConfig:
-    """The settings called ``name`` for one system of the ladder or the ``expression`` network.
+    """The settings called ``name`` for one system of the ladder or one of `HELPERS`.
 
     Args:
-        name: ``demo`` is the bundled size, ``smoke`` trains for a minute.
+        name: ``demo`` is the bundled size, ``paper`` the paper's, ``smoke`` trains for a minute.
 
     Raises:
         ValueError: if either name is unknown; the message lists the valid ones.
     """
-    if system not in SYSTEMS and system != "expression":
-        raise ValueError(
-            f"There is no system {system!r}; choose one of {', '.join(SYSTEMS)}, expression."
+    if system not in SYSTEMS and system not in HELPERS:
+        valid = ", ".join((*SYSTEMS, *HELPERS))
+        raise ValueError(f"There is no system {system!r}; choose one of {valid}.")
+    config = TrainConfig(system=system, mirror=0.5)
+    if system in SYSTEMS:
+        rung = SYSTEMS[system]
+        weights = {constraint: CONSTRAINT_WEIGHTS[constraint] for constraint in rung.constraints}
+        config = replace(
+            config,
+            network=replace(config.network, rotation_space=rung.rotation_space),
+            loss=replace(config.loss, **weights),
         )
-    config = TrainConfig(system=system)
-    if system == "expression":
+    elif system == "expression":
         config = replace(config, steps=3000, batch_size=32, learning_rate=1e-3)
     else:
-        config = replace(config, network=replace(config.network, rotation_space=SYSTEMS[system]))
+        config = replace(config, steps=6000, batch_size=32, learning_rate=1e-3)
+        if system == "fgd-encoder":
+            config = replace(config, autoencoder=FGD_ENCODER)
     match name:
         case "demo":
             return config
+        case "paper":
+            return _paper_size(config)
         case "smoke":
-            network = replace(config.network, width=48, num_blocks=1, num_heads=2)
-            expression = replace(config.expression, width=32, num_layers=1, num_heads=2)
-            return replace(
-                config,
-                network=network,
-                expression=expression,
-                steps=40,
-                batch_size=4,
-                warmup_steps=5,
-                save_every=20,
-                validate_every=20,
-            )
-    raise ValueError(f"There is no config {name!r}; choose one of demo, smoke.")
+            return _smoke_size(config)
+    raise ValueError(f"There is no config {name!r}; choose one of demo, paper, smoke.")
 
 
-SYSTEMS: dict[str, RotationSpace] = {
-    "globaldiff/local": "local",
-    "globaldiff/global": "global",
-}
-"""Rotation space of each system, in the order in which the paper's Table 2 builds them up."""
+FGD_ENCODER = AutoencoderConfig(
+    rotation_space="local", blocks_per_scale=1, scales=(8,), mask_share=0.0, kl_weight=0.0
+)
+"""Local rotations as EMAGE's; unlike L_m's encoder in space, scale and weights, so that the system
+trained with L_m is not judged by its own teacher."""
+
+
+def _paper_size(config: TrainConfig) -> TrainConfig:
+    """Sizes of the paper and the official code: width 384, 6 blocks, WavLM, batches of 128."""
+    return replace(
+        config,
+        network=replace(
+            config.network, width=384, num_blocks=6, num_heads=8, conv_kernel=0, speech_dim=1024
+        ),
+        expression=replace(config.expression, width=512, num_layers=4, speech_dim=1024),
+        encoder="wavlm",
+        augment_speech=False,
+        mirror=0.0,
+        steps=200_000,
+        batch_size=128,
+        learning_rate=1e-4,
+        warmup_steps=1000,
+        save_every=1000,
+        validate_every=5000,
+    )
+
+
+def _smoke_size(config: TrainConfig) -> TrainConfig:
+    return replace(
+        config,
+        network=replace(config.network, width=48, num_blocks=1, num_heads=2),
+        expression=replace(config.expression, width=32, num_layers=1, num_heads=2),
+        autoencoder=replace(config.autoencoder, width=16, blocks_per_scale=1),
+        steps=40,
+        batch_size=4,
+        warmup_steps=5,
+        save_every=20,
+        validate_every=20,
+    )

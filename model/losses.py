@@ -3,6 +3,9 @@
 All of them return one value per sample, so that the flow's time weights can be applied outside.
 """
 
+import math
+from collections.abc import Sequence
+
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
@@ -42,6 +45,18 @@ def _smooth_l1(a: Tensor, b: Tensor) -> Float[Tensor, " B"]:
     return F.smooth_l1_loss(a, b, beta=SMOOTH_L1_BETA, reduction="none").mean((1, 2, 3))
 
 
+def kl_loss(codes: Sequence[tuple[Tensor, Tensor]]) -> Float[Tensor, " B"]:
+    """Kullback-Leibler divergence of codes from a standard normal, mean over a scale's numbers.
+
+    Args:
+        codes: mean and log-variance, each (B, tokens, dim), for every scale.
+    """
+    by_scale = [
+        0.5 * (mean.square() + log_var.exp() - 1 - log_var).mean((1, 2)) for mean, log_var in codes
+    ]
+    return torch.stack(by_scale).sum(0)
+
+
 def expression_loss(
     predicted: Float[Tensor, "B T E"], target: Float[Tensor, "B T E"]
 ) -> Float[Tensor, ""]:
@@ -50,12 +65,15 @@ def expression_loss(
     return F.mse_loss(predicted, target) + 10 * difference
 
 
-def finite_or_raise(loss: Tensor, step: int, clips: list[str]) -> None:
-    """Stop a training whose loss is no number.
+def finite_or_raise(numbers: dict[str, float], step: int, clips: list[str]) -> None:
+    """Stop a training whose loss or gradient is no number.
 
     Raises:
-        FloatingPointError: with the step and the clips of the batch.
+        FloatingPointError: with what it is, the step, and the clips of the batch.
     """
-    if not torch.isfinite(loss):
-        names = ", ".join(dict.fromkeys(clips))
-        raise FloatingPointError(f"The loss is {float(loss)} at step {step}; clips: {names}.")
+    for name, value in numbers.items():
+        if not math.isfinite(value):
+            clips = list(dict.fromkeys(clips))
+            raise FloatingPointError(
+                f"The {name} is {value} at step {step}; clips: {', '.join(clips)}."
+            )

@@ -104,7 +104,7 @@ class MotionNetwork(nn.Module):
         body = torch.cat([x_t, expression], dim=-1)
         x_1 = torch.empty_like(x_t)
         for branch, channels in ((self.hands, HAND_CHANNELS), (self.torso, TORSO_CHANNELS)):
-            x_1[..., channels] = branch(
+            predicted = branch(
                 x_t[..., channels],
                 body,
                 speech_tokens,
@@ -113,4 +113,5 @@ class MotionNetwork(nn.Module):
                 condition,
                 self.positions,
             )
+            x_1[..., channels] = predicted.to(x_1.dtype)  # it is bf16 under autocast
         return x_1

@@ -1,4 +1,8 @@
-"""What a training step descends: the losses of the motion and of the expression network."""
+"""What a training step descends: the losses of the motion, expression and autoencoder networks.
+
+A step draws its random numbers for the whole batch and computes its shard of it, so that several
+processes together do what one does alone.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,16 +13,18 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from model import losses
+from model import constraints, losses
+from model.autoencoder import FrozenEncoder
 from model.checkpoint import load_into, load_weights
-from model.config import ExpressionConfig, TrainConfig, from_dict
+from model.config import ExpressionConfig, LossConfig, RotationSpace, TrainConfig, from_dict
 from model.data import Batch, PreparedData
 from model.expression import ExpressionNetwork, predict_expressions
 from model.flow import interpolate, time_weight
 from model.kinematics import global_from_local, joint_positions_from_global
-from model.packing import Normaliser, pack, unpack
+from model.packing import ROTATION_DIM, Normaliser, pack, unpack
+from model.parallel import WHOLE, Shard
 from model.rotations import matrix_from_axis_angle, matrix_from_rot6d, rot6d_from_matrix
-from model.skeleton import open_body_skeleton
+from model.skeleton import RestSkeleton, open_body_skeleton
 from model.speech.features import augment_mel
 
 
@@ -27,86 +33,190 @@ class StepLoss:
     """The loss to descend, and its parts for the log."""
 
     total: Float[Tensor, ""]
-    parts: dict[str, float]
+    parts: dict[str, Float[Tensor, ""]]
+    """Detached, with ``total`` among them."""
 
 
-StepFunction = Callable[[nn.Module, Batch, torch.Generator], StepLoss]
+StepFunction = Callable[[nn.Module, Batch, torch.Generator, Shard], StepLoss]
 
 
-def to_vectors(config: TrainConfig, batch: Batch) -> Float[Tensor, "B T 333"]:
-    """Motion vectors of a batch in the config's rotation space, not normalised."""
-    rotmat = matrix_from_axis_angle(batch.poses.unflatten(-1, (-1, 3)))
-    if config.network.rotation_space == "global":
+@dataclass(frozen=True)
+class Decoded:
+    """What motion vectors mean in the world, with gradients."""
+
+    global_rot: Float[Tensor, "B T 55 3 3"]
+    positions: Float[Tensor, "B T 55 3"]
+    global_vectors: Float[Tensor, "B T 333"]
+    """Motion vectors of the same motion in the global space."""
+
+
+def decode(
+    vectors: Float[Tensor, "B T 333"], space: RotationSpace, skeleton: RestSkeleton
+) -> Decoded:
+    """Rotations by Gram-Schmidt, positions by forward kinematics."""
+    rot6d, transl = unpack(vectors)
+    rotmat = matrix_from_rot6d(rot6d)
+    global_rot = global_from_local(rotmat) if space == "local" else rotmat
+    return Decoded(
+        global_rot=global_rot,
+        positions=joint_positions_from_global(global_rot, skeleton, transl),
+        global_vectors=torch.cat(
+            [rot6d_from_matrix(global_rot).flatten(-2), vectors[..., ROTATION_DIM:]], dim=-1
+        ),
+    )
+
+
+def geometric_terms(
+    weights: LossConfig, predicted: Decoded, target: Decoded, encoder: FrozenEncoder | None
+) -> dict[str, Float[Tensor, " B"]]:
+    """The weighted terms on decoded motion, one value per sample; those of weight 0 are left out.
+
+    Raises:
+        ValueError: if L_m has a weight but there is no encoder.
+    """
+    positions = predicted.positions, target.positions
+    terms = {
+        "position": lambda: losses.position_loss(*positions),
+        "velocity": lambda: losses.velocity_loss(*positions),
+        "acceleration": lambda: losses.acceleration_loss(*positions),
+        "joint": lambda: constraints.joint_structure_loss(
+            predicted.global_rot, target.global_rot, constraints.octahedron_anchors()
+        ),
+        "skeleton": lambda: constraints.skeleton_structure_loss(*positions),
+        "motion": lambda: _motion_term(predicted, target, encoder),
+    }
+    return {
+        name: getattr(weights, name) * term()
+        for name, term in terms.items()
+        if getattr(weights, name) > 0
+    }
+
+
+def _motion_term(
+    predicted: Decoded, target: Decoded, encoder: FrozenEncoder | None
+) -> Float[Tensor, " B"]:
+    if encoder is None:
+        raise ValueError("L_m has a weight, but no motion encoder was given.")
+    with torch.no_grad():
+        wanted = encoder.codes(target.global_vectors)
+    return constraints.temporal_structure_loss(encoder.codes(predicted.global_vectors), wanted)
+
+
+def to_vectors(
+    space: RotationSpace, poses: Float[Tensor, "B T 165"], transl: Float[Tensor, "B T 3"]
+) -> Float[Tensor, "B T 333"]:
+    """Motion vectors in a rotation space, not normalised, of local axis-angle poses."""
+    rotmat = matrix_from_axis_angle(poses.unflatten(-1, (-1, 3)))
+    if space == "global":
         rotmat = global_from_local(rotmat)
-    return pack(rot6d_from_matrix(rotmat), batch.transl)
+    return pack(rot6d_from_matrix(rotmat), transl)
 
 
-def fit_normaliser(config: TrainConfig, data: PreparedData) -> Normaliser:
+def fit_normaliser(config: TrainConfig, space: RotationSpace, data: PreparedData) -> Normaliser:
     """Statistics over (at most 400 windows of) the training split."""
     rng = np.random.default_rng(0)
     window = config.network.window_frames
     batch = data.window_batch(data.of_split("train"), window, 400, rng)
-    return Normaliser.fit(to_vectors(config, batch).flatten(0, 1))
+    return Normaliser.fit(to_vectors(space, batch.poses, batch.transl).flatten(0, 1))
 
 
 def motion_step(
-    config: TrainConfig, normaliser: Normaliser, expressions: Float[Tensor, "N E"]
+    config: TrainConfig,
+    normaliser: Normaliser,
+    expressions: Float[Tensor, "N E"],
+    encoder: FrozenEncoder | None = None,
 ) -> StepFunction:
-    """The loss of a motion network on one batch."""
+    """The loss of a motion network on one batch.
+
+    Args:
+        expressions: the frozen expression network's word for every frame of the data.
+        encoder: L_m's encoder, if L_m has a weight.
+    """
     skeleton = open_body_skeleton()
+    constraints.check_anchors(constraints.octahedron_anchors())
     space, weights = config.network.rotation_space, config.loss
     seed_frames = config.network.seed_frames
 
-    def positions(vectors: Float[Tensor, "B T 333"]) -> Float[Tensor, "B T 55 3"]:
-        rot6d, transl = unpack(vectors)
-        rotmat = matrix_from_rot6d(rot6d)
-        global_rot = global_from_local(rotmat) if space == "local" else rotmat
-        return joint_positions_from_global(global_rot, skeleton, transl)
-
-    def step(network: nn.Module, batch: Batch, generator: torch.Generator) -> StepLoss:
+    def step(
+        network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard = WHOLE
+    ) -> StepLoss:
         size = len(batch.clips)
 
         def keep(dropout: float) -> Bool[Tensor, " B"]:
-            return torch.rand(size, generator=generator) >= dropout
+            return shard.of(torch.rand(size, generator=generator) >= dropout)
 
         with torch.no_grad():
-            vectors = to_vectors(config, batch)
-            target_positions = positions(vectors)
+            vectors = to_vectors(space, shard.of(batch.poses), shard.of(batch.transl))
+            target = decode(vectors, space, skeleton)
             x_1 = normaliser.normalise(vectors)
-            x_0 = torch.randn(x_1.shape, generator=generator)
-            t = torch.rand(size, generator=generator)
-            speech = batch.speech
-            if network.training and config.augment_speech:
-                speech = augment_mel(speech, generator)
+            x_0 = shard.of(torch.randn(size, *x_1.shape[1:], generator=generator))
+            t = shard.of(torch.rand(size, generator=generator))
             has_seed = keep(config.seed_dropout)
-            speaker = batch.speaker * keep(config.speaker_dropout)
-        predicted = network(
-            interpolate(x_0, x_1, t),
-            t,
-            speech=speech,
-            expression=expressions[torch.from_numpy(batch.frames)],
-            seed=x_1[:, :seed_frames],
-            speaker=speaker,
-            has_seed=has_seed,
-            has_speech=keep(config.speech_dropout),
-        )
-        predicted_positions = positions(normaliser.restore(predicted))
+            speaker = shard.of(batch.speaker) * keep(config.speaker_dropout)
+            has_speech = keep(config.speech_dropout)
+            speech = shard.of(_heard(config, network, batch, generator))
+        with shard.autocast():
+            predicted = network(
+                interpolate(x_0, x_1, t),
+                t,
+                speech=speech,
+                expression=shard.of(expressions[torch.from_numpy(batch.frames)]),
+                seed=x_1[:, :seed_frames],
+                speaker=speaker,
+                has_seed=has_seed,
+                has_speech=has_speech,
+            )
+        predicted = predicted.float()
         seed_error = losses.simple_loss(predicted[:, :seed_frames], x_1[:, :seed_frames])
         terms = {
             "simple": weights.simple * losses.simple_loss(predicted, x_1),
-            "position": weights.position
-            * losses.position_loss(predicted_positions, target_positions),
-            "velocity": weights.velocity
-            * losses.velocity_loss(predicted_positions, target_positions),
-            "acceleration": weights.acceleration
-            * losses.acceleration_loss(predicted_positions, target_positions),
             "seed": weights.seed * seed_frames / x_1.shape[1] * seed_error * has_seed,
         }
+        decoded = decode(normaliser.restore(predicted), space, skeleton)
+        terms |= geometric_terms(weights, decoded, target, encoder)
         by_sample = time_weight(t, weights.time_weight_floor)
-        means = {name: (by_sample * term).mean() for name, term in terms.items()}
-        total = torch.stack(list(means.values())).sum()
-        parts = {name: float(term.detach()) for name, term in means.items()}
-        return StepLoss(total, parts | {"total": float(total.detach())})
+        return _summed({name: (by_sample * term).mean() for name, term in terms.items()})
+
+    return step
+
+
+def autoencoder_step(config: TrainConfig, normaliser: Normaliser) -> StepFunction:
+    """The loss of a motion autoencoder: its input back, its geometry, and the codes' KL term."""
+    skeleton = open_body_skeleton()
+    shape = config.autoencoder
+    space = shape.rotation_space
+
+    def step(
+        network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard = WHOLE
+    ) -> StepLoss:
+        size, num_frames = batch.poses.shape[:2]
+        num_frames -= num_frames % max(shape.scales)
+        vectors = to_vectors(space, shard.of(batch.poses), shard.of(batch.transl))
+        vectors = vectors[:, :num_frames]
+        motion = normaliser.normalise(vectors)
+        hidden, noise = None, None
+        if network.training:
+            draw = torch.rand(size, num_frames, generator=generator)
+            hidden = shard.of(draw < shape.mask_share)
+            if shape.kl_weight > 0:
+                noise = [
+                    shard.of(torch.randn(size, num_frames // scale, shape.latent_dim,
+                                         generator=generator))
+                    for scale in sorted(shape.scales)
+                ]  # fmt: skip
+        with shard.autocast():
+            restored, codes = network(motion, hidden, noise)
+        restored = restored.float()
+        terms = {"simple": config.loss.simple * losses.simple_loss(restored, motion)}
+        terms |= geometric_terms(
+            config.loss,
+            decode(normaliser.restore(restored), space, skeleton),
+            decode(vectors, space, skeleton),
+            None,
+        )
+        if shape.kl_weight > 0:
+            terms["kl"] = shape.kl_weight * losses.kl_loss(codes)
+        return _summed({name: term.mean() for name, term in terms.items()})
 
     return step
 
@@ -114,18 +224,34 @@ def motion_step(
 def expression_step(config: TrainConfig) -> StepFunction:
     """The loss of the expression network on one batch."""
 
-    def step(network: nn.Module, batch: Batch, generator: torch.Generator) -> StepLoss:
-        speech = batch.speech
+    def step(
+        network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard = WHOLE
+    ) -> StepLoss:
+        speech = shard.of(_heard(config, network, batch, generator))
         speaker = batch.speaker
         if network.training:
             kept = torch.rand(len(speaker), generator=generator) >= config.speaker_dropout
             speaker = speaker * kept
-            if config.augment_speech:
-                speech = augment_mel(speech, generator)
-        total = losses.expression_loss(network(speech, speaker), batch.expression)
-        return StepLoss(total, {"total": float(total.detach())})
+        with shard.autocast():
+            predicted = network(speech, shard.of(speaker)).float()
+        return _summed({"face": losses.expression_loss(predicted, shard.of(batch.expression))})
 
     return step
+
+
+def _heard(
+    config: TrainConfig, network: nn.Module, batch: Batch, generator: torch.Generator
+) -> Float[Tensor, "B T dim"]:
+    """The speech features of the whole batch, as some microphone might have caught them."""
+    if network.training and config.augment_speech:
+        return augment_mel(batch.speech, generator)
+    return batch.speech
+
+
+def _summed(means: dict[str, Float[Tensor, ""]]) -> StepLoss:
+    total = torch.stack(list(means.values())).sum()
+    parts = {name: mean.detach() for name, mean in means.items()}
+    return StepLoss(total, parts | {"total": total.detach()})
 
 
 def predicted_expressions(data: PreparedData, folder: Path) -> Float[Tensor, "N E"]:

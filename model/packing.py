@@ -91,6 +91,10 @@ class Normaliser:
             std[channels] = variance[channels].mean().sqrt().clamp_min(1e-4)
         return Normaliser(mean, std)
 
+    def to(self, device: torch.device) -> "Normaliser":
+        """The same numbers on a device."""
+        return Normaliser(self.mean.to(device), self.std.to(device))
+
     def normalise(self, vector: Float[Tensor, "*batch 333"]) -> Float[Tensor, "*batch 333"]:
         return (vector - self.mean) / self.std
 

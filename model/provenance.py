@@ -6,13 +6,15 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+from model.cards import load_card
 from model.config import TrainConfig, to_json
 from model.data import PreparedData
+from model.tasks import Start
 
 
 def make_card(
     config: TrainConfig, data: PreparedData, folder: Path, steps: int, validation: dict,
-    start_from: Path | None,
+    start: Start | None,
 ) -> dict[str, Any]:  # fmt: skip
     corpus = folder / "corpus.json"
     train_clips = data.of_split("train")
@@ -24,11 +26,17 @@ def make_card(
         "training_data": json.loads(corpus.read_text()) if corpus.is_file() else folder.name,
         "training_hours": round(train_frames / 30 / 3600, 3),
         "steps": steps,
-        "started_from_bundled_weights": start_from is not None,
+        "started_from_bundled_weights": start is not None,
+        "started_from": start and _origin(start),
         "validation": {name: round(value, 6) for name, value in validation.items()},
         "date": datetime.date.today().isoformat(),
         "revision": revision(),
     }
+
+
+def _origin(start: Start) -> dict[str, Any]:
+    card = load_card(start.folder, start.system)
+    return {"system": start.system, "sha256": card["sha256"], "steps": card.get("steps")}
 
 
 def revision() -> str:

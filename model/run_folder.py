@@ -12,6 +12,8 @@ from torch import nn
 from model.config import TrainConfig, to_json
 from model.files import written_atomically
 
+STATE_FILE = "state.pt"
+
 
 class TrainingError(ValueError):
     """A run that cannot start, resume or go on; the message says why."""
@@ -52,18 +54,20 @@ class History:
             writer.writerows(self.rows)
 
 
-def open_run(
-    config: TrainConfig, out: Path, resume: bool, network: nn.Module, average: nn.Module,
-    optimizer: torch.optim.Optimizer,
-) -> int:  # fmt: skip
-    """The first step to do, with the saved state restored when resuming."""
+def open_run(config: TrainConfig, out: Path, resume: bool) -> None:
+    """Begin a run in ``out``, or check that the one there can be resumed with these settings.
+
+    Raises:
+        TrainingError: if ``out`` holds another run, or there is none to resume.
+    """
     out.mkdir(parents=True, exist_ok=True)
-    config_path, state_path = out / "config.json", out / "state.pt"
+    config_path, state_path = out / "config.json", out / STATE_FILE
     if not resume:
         if state_path.exists():
             raise TrainingError(f"{out} holds a run already; pass --resume or another --out.")
-        config_path.write_text(to_json(config) + "\n")
-        return 0
+        with written_atomically(config_path) as path:
+            path.write_text(to_json(config) + "\n")
+        return
     if not state_path.is_file():
         raise TrainingError(f"There is no {state_path} to resume from.")
     differing = differing_fields(json.loads(config_path.read_text()), json.loads(to_json(config)))
@@ -72,7 +76,13 @@ def open_run(
             f"{out} was started with other settings ({', '.join(differing)}); "
             "resume with the same ones or choose another --out."
         )
-    state = torch.load(state_path, weights_only=True)
+
+
+def restore_state(
+    out: Path, network: nn.Module, average: nn.Module, optimizer: torch.optim.Optimizer
+) -> int:
+    """The first step to do, after the saved state was put back."""
+    state = torch.load(out / STATE_FILE, weights_only=True, map_location="cpu")
     network.load_state_dict(state["network"])
     average.load_state_dict(state["average"])
     optimizer.load_state_dict(state["optimizer"])
@@ -101,5 +111,5 @@ def save_state(
         "average": average.state_dict(),
         "optimizer": optimizer.state_dict(),
     }
-    with written_atomically(out / "state.pt") as path:
+    with written_atomically(out / STATE_FILE) as path:
         torch.save(state, path)

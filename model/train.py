@@ -10,6 +10,7 @@ import dataclasses
 import logging
 import math
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -19,21 +20,14 @@ from tqdm import tqdm
 
 from model import losses
 from model.cards import BUNDLED_WEIGHTS, CheckpointError
-from model.checkpoint import load_into, load_weights, save_weights
+from model.checkpoint import save_weights
 from model.config import TrainConfig, named_config
-from model.data import DataError, PreparedData, prepare, validation_batches
-from model.expression import ExpressionNetwork
-from model.network import MotionNetwork
-from model.objectives import (
-    StepFunction,
-    expression_step,
-    fit_normaliser,
-    motion_step,
-    predicted_expressions,
-)
+from model.data import Batch, DataError, prepare, validation_batches
+from model.parallel import WHOLE, Shard, joined_processes
 from model.provenance import make_card
-from model.run_folder import History, TrainingError, open_run, save_state
+from model.run_folder import History, TrainingError, open_run, restore_state, save_state
 from model.speech.encoders import make_encoder
+from model.tasks import Start, Task, make_task
 
 VALIDATION_BATCHES = 8
 
@@ -41,19 +35,25 @@ VALIDATION_BATCHES = 8
 def main(arguments: list[str] | None = None) -> int:
     """The command; returns its exit status."""
     parser = argparse.ArgumentParser(prog="python -m model.train", description=__doc__)
-    parser.add_argument("config", help="demo or smoke")
+    parser.add_argument("config", help="demo, paper or smoke")
     parser.add_argument("--data", type=Path, required=True, help="folder in BEAT2's layout")
     parser.add_argument("--out", type=Path, required=True, help="folder for state and weights")
-    parser.add_argument("--system", default="globaldiff/global", help="or: expression")
+    parser.add_argument(
+        "--system", default="globaldiff/global",
+        help="a rung of the ladder; or: expression, motion-vae, fgd-encoder",
+    )  # fmt: skip
     parser.add_argument("--steps", type=int, help="instead of the config's number")
     parser.add_argument(
-        "--expression", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR",
-        help="folder with the expression network's weights",
+        "--helpers", "--expression", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR",
+        help="folder with the weights of the expression network and of L_m's encoder",
     )  # fmt: skip
     parser.add_argument(
         "--start-from", type=Path, metavar="DIR",
         help="begin with the weights of this folder and a fresh optimizer",
     )  # fmt: skip
+    parser.add_argument(
+        "--start-system", metavar="NAME", help="whose weights of that folder; --system if not given"
+    )
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--resume", action="store_true", help="go on from the state in --out")
     args = parser.parse_args(arguments)
@@ -63,8 +63,10 @@ def main(arguments: list[str] | None = None) -> int:
         config = named_config(args.config, args.system)
         if args.steps is not None:
             config = dataclasses.replace(config, steps=args.steps)
-        train(config, args.data, args.out, resume=args.resume, expression_folder=args.expression,
-              start_from=args.start_from)  # fmt: skip
+        start = args.start_from and Start(args.start_from, args.start_system or args.system)
+        with joined_processes() as shard:
+            train(config, args.data, args.out, resume=args.resume, helpers=args.helpers,
+                  start=start, shard=shard)  # fmt: skip
     except (TrainingError, DataError, CheckpointError, ValueError) as error:
         sys.stderr.write(f"{error}\n")
         return 1
@@ -80,8 +82,9 @@ def train(
     out: Path,
     *,
     resume: bool = False,
-    expression_folder: Path = BUNDLED_WEIGHTS,
-    start_from: Path | None = None,
+    helpers: Path = BUNDLED_WEIGHTS,
+    start: Start | None = None,
+    shard: Shard = WHOLE,
 ) -> None:
     """Run or resume one training; leaves ``out/state.pt``, ``log.csv`` and ``out/weights/``.
 
@@ -90,33 +93,32 @@ def train(
         DataError: if the data folder cannot be used.
         FloatingPointError: if the loss is no number; the last saved state is kept.
     """
+    if config.batch_size % shard.count:
+        raise TrainingError(
+            f"batch_size is {config.batch_size}; it must be a multiple of the {shard.count} "
+            "processes."
+        )
     encoder = make_encoder(config.encoder)
-    data = prepare(data_folder, out.parent / f"prepared-{encoder.name}", encoder)
+    with shard.first_alone():
+        data = prepare(data_folder, out.parent / f"prepared-{encoder.name}", encoder)
     train_clips, val_clips = data.of_split("train"), data.of_split("val")
     window = config.network.window_frames
-    torch.manual_seed(config.random_seed)
-    if config.system == "expression":
-        network: nn.Module = ExpressionNetwork(config.expression)
-        step_loss = expression_step(config)
-        extra: dict[str, Tensor] = {}
-    else:
-        normaliser = fit_normaliser(config, data)
-        expressions = predicted_expressions(data, expression_folder)
-        network = MotionNetwork(config.network)
-        step_loss = motion_step(config, normaliser, expressions)
-        extra = {"normaliser.mean": normaliser.mean, "normaliser.std": normaliser.std}
-    if start_from is not None:
-        tensors, _ = load_weights(start_from, config.system)
-        load_into(network, tensors, "network.", config.system)
+    task = make_task(config, data, helpers, start, shard.device)
+    network = task.network
     average = torch.optim.swa_utils.AveragedModel(
         network, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(config.ema_decay)
     )
     optimizer = torch.optim.AdamW(
         network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay, fused=True
     )
-    first = open_run(config, out, resume, network, average, optimizer)
+    with shard.first_alone():
+        if shard.is_first:
+            open_run(config, out, resume)
+    first = restore_state(out, network, average, optimizer) if resume else 0
+    parallel = shard.wrap(network)
     history = History(out / "log.csv", keep_below=first)
-    progress = tqdm(range(first, config.steps), initial=first, total=config.steps, unit="step")
+    progress = tqdm(range(first, config.steps), initial=first, total=config.steps, unit="step",
+                    disable=not shard.is_first)  # fmt: skip
     for step in progress:
         for group in optimizer.param_groups:
             group["lr"] = config.learning_rate * learning_rate_factor(step, config)
@@ -124,29 +126,33 @@ def train(
         generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
         batch = data.window_batch(train_clips, window, config.batch_size, rng)
         network.train()
-        loss = step_loss(network, batch, generator)
-        losses.finite_or_raise(loss.total, step, batch.clips)
+        loss = task.step_loss(parallel, batch, generator, shard)
         optimizer.zero_grad(set_to_none=True)
         loss.total.backward()
-        nn.utils.clip_grad_norm_(network.parameters(), config.clip_norm)
+        norm = nn.utils.clip_grad_norm_(network.parameters(), config.clip_norm)
+        numbers = shard.mean(loss.parts | {"gradient_norm": norm})
+        losses.finite_or_raise(numbers, step, batch.clips)
         optimizer.step()
         if step < 2 * config.warmup_steps:  # average only what has left the start behind
             average.module.load_state_dict(network.state_dict())
         else:
             average.update_parameters(network)
-        history.add(step, loss.parts)
+        history.add(step, numbers)
         done = step + 1
         last = done == config.steps
         if last or done % config.validate_every == 0:
-            validation = _validate(average.module, step_loss, data, val_clips, window, config)
+            batches = validation_batches(
+                data, val_clips, window, config.batch_size, VALIDATION_BATCHES
+            )
+            validation = _validate(task, average.module, batches, shard)
             history.add_validation(step, validation)
             progress.set_postfix(val=f"{validation['total']:.4f}")
-        if last or done % config.save_every == 0:
+        if shard.is_first and (last or done % config.save_every == 0):
             history.flush()
             save_state(out, done, network, average, optimizer)
-            tensors = {f"network.{k}": v for k, v in average.module.state_dict().items()} | extra
-            card = make_card(config, data, data_folder, done, history.last_validation, start_from)
-            save_weights(out / "weights", config.system, tensors, card)
+            card = make_card(config, data, data_folder, done, history.last_validation, start)
+            save_weights(out / "weights", config.system, task.tensors(average.module), card)
+    shard.wait()
 
 
 def learning_rate_factor(step: int, config: TrainConfig) -> float:
@@ -159,20 +165,14 @@ def learning_rate_factor(step: int, config: TrainConfig) -> float:
 
 @torch.no_grad()
 def _validate(
-    network: nn.Module,
-    step_loss: StepFunction,
-    data: PreparedData,
-    clips: tuple,
-    window: int,
-    config: TrainConfig,
+    task: Task, network: nn.Module, batches: Iterable[Batch], shard: Shard
 ) -> dict[str, float]:
     network.eval()
-    sums: dict[str, float] = {}
-    batches = validation_batches(data, clips, window, config.batch_size, VALIDATION_BATCHES)
+    sums: dict[str, Tensor] = {}
     for k, batch in enumerate(batches):
-        parts = step_loss(network, batch, torch.Generator().manual_seed(k)).parts
+        parts = task.step_loss(network, batch, torch.Generator().manual_seed(k), shard).parts
         sums = {name: sums.get(name, 0.0) + value for name, value in parts.items()}
-    return {name: value / VALIDATION_BATCHES for name, value in sums.items()}
+    return {name: total / VALIDATION_BATCHES for name, total in shard.mean(sums).items()}
 
 
 if __name__ == "__main__":

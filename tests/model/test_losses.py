@@ -41,7 +41,13 @@ def test_expression_loss_punishes_flicker_more_than_offset():
     assert losses.expression_loss(flicker, target) > 0.3
 
 
+def test_kl_is_zero_for_the_standard_normal_and_half_for_a_mean_of_one():
+    zero, one = torch.zeros(2, 5, 3), torch.ones(2, 5, 3)
+    torch.testing.assert_close(losses.kl_loss([(zero, zero)]), torch.zeros(2))
+    torch.testing.assert_close(losses.kl_loss([(one, zero), (zero, zero)]), torch.full((2,), 0.5))
+
+
 def test_a_loss_that_is_no_number_names_step_and_clips():
-    with pytest.raises(FloatingPointError, match=r"nan at step 7; clips: a, b\."):
-        losses.finite_or_raise(torch.tensor(float("nan")), 7, ["a", "b", "a"])
-    losses.finite_or_raise(torch.tensor(1.0), 7, ["a"])
+    with pytest.raises(FloatingPointError, match=r"total is nan at step 7; clips: a, b\."):
+        losses.finite_or_raise({"simple": 1.0, "total": float("nan")}, 7, ["a", "b", "a"])
+    losses.finite_or_raise({"total": 1.0}, 7, ["a"])

@@ -1,11 +1,14 @@
+import json
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 import torch
 
-from model.config import NetworkConfig, TrainConfig, from_dict, named_config
+from model.config import SYSTEMS, NetworkConfig, TrainConfig, from_dict, named_config, to_json
 from model.network import MotionNetwork
 from model.packing import HAND_CHANNELS, TORSO_CHANNELS
+from model.run_folder import differing_fields
 from tests.model.made import TINY_NETWORK
 
 
@@ -69,15 +72,11 @@ def test_the_bundled_size_stays_below_seven_and_a_half_million_parameters():
 
 
 def test_config_survives_json_and_refuses_unknown_fields():
-    import json
-
-    from model.config import to_json
-
     config = named_config("smoke", "globaldiff/local")
     assert from_dict(TrainConfig, json.loads(to_json(config))) == config
     with pytest.raises(ValueError, match="NetworkConfig has no field depth"):
         from_dict(NetworkConfig, {"depth": 3})
-    with pytest.raises(ValueError, match="choose one of demo, smoke"):
+    with pytest.raises(ValueError, match="choose one of demo, paper, smoke"):
         named_config("huge", "globaldiff/local")
     with pytest.raises(ValueError, match="globaldiff/local, globaldiff/global"):
         named_config("demo", "emage")
@@ -85,7 +84,15 @@ def test_config_survives_json_and_refuses_unknown_fields():
         replace(TINY_NETWORK, num_heads=3)
 
 
-def test_rungs_differ_in_nothing_but_their_rotation_space():
-    local, other = (named_config("demo", f"globaldiff/{s}") for s in ("local", "global"))
-    same = replace(other.network, rotation_space="local")
-    assert local == replace(other, system="globaldiff/local", network=same)
+def test_each_rung_differs_from_the_one_before_in_one_thing():
+    rungs = [json.loads(to_json(named_config("demo", name))) for name in SYSTEMS]
+    changes = [
+        [name for name in differing_fields(a, b) if name != "system"] for a, b in pairwise(rungs)
+    ]
+    assert changes == [
+        ["network.rotation_space"], ["loss.joint"], ["loss.skeleton"], ["loss.motion"],
+    ]  # fmt: skip
+    first, last = rungs[0]["loss"], rungs[-1]["loss"]
+    assert first["joint"] == first["skeleton"] == first["motion"] == 0
+    assert min(last.values()) > 0  # and every rung has eq. 7 and L_pos
+    assert first["simple"] > 0 and first["position"] > 0

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from model.cards import CheckpointError
 from model.checkpoint import load_weights
 from model.config import TrainConfig, named_config
 from model.data import DataError, prepare, read_split
@@ -14,6 +15,7 @@ from model.objectives import to_vectors
 from model.run_folder import TrainingError
 from model.speech.features import MelEncoder
 from model.systems import load_system
+from model.tasks import Start
 from model.train import learning_rate_factor, main, train
 from tests.model.made import make_data_folder
 
@@ -35,7 +37,7 @@ def root(tmp_path_factory):
 
 def run(root, name: str, config: TrainConfig, **options) -> dict:
     train(config, root / "data", root / name,
-          expression_folder=root / "expression" / "weights", **options)  # fmt: skip
+          helpers=root / "expression" / "weights", **options)  # fmt: skip
     return torch.load(root / name / "state.pt", weights_only=True)
 
 
@@ -69,10 +71,10 @@ def test_a_killed_and_resumed_run_equals_one_that_was_not(root):
 
     real = module.losses.finite_or_raise
 
-    def die_at_five(loss, step, clips):
+    def die_at_five(numbers, step, clips):
         if step == 5:
             raise Killed
-        real(loss, step, clips)
+        real(numbers, step, clips)
 
     module.losses.finite_or_raise = die_at_five
     try:
@@ -109,7 +111,7 @@ def test_start_from_begins_with_given_weights(root):
     run(root, "base", quick("globaldiff/local"))
     before, _ = load_weights(root / "base" / "weights", "globaldiff/local")
     config = quick("globaldiff/local", steps=1, learning_rate=0.0, weight_decay=0.0)
-    run(root, "onward", config, start_from=root / "base" / "weights")
+    run(root, "onward", config, start=Start(root / "base" / "weights", "globaldiff/local"))
     after, card = load_weights(root / "onward" / "weights", "globaldiff/local")
     assert card["started_from_bundled_weights"]
     assert all(torch.equal(before[k], after[k]) for k in before)
@@ -118,11 +120,44 @@ def test_start_from_begins_with_given_weights(root):
 def test_vectors_are_in_the_systems_rotation_space(root):
     data = prepare(root / "data", root / "prepared-mel64", MelEncoder())
     batch = data.window_batch(data.of_split("train"), 60, 2, np.random.default_rng(0))
-    local = to_vectors(quick("globaldiff/local"), batch)
-    other = to_vectors(quick("globaldiff/global"), batch)
+    local = to_vectors("local", batch.poses, batch.transl)
+    other = to_vectors("global", batch.poses, batch.transl)
     torch.testing.assert_close(local[..., :6], other[..., :6])  # the pelvis is the root of both
     assert (local[..., 6:330] - other[..., 6:330]).abs().max() > 0.1
     torch.testing.assert_close(local[..., 330:], other[..., 330:])
+
+
+def test_full_trains_against_a_frozen_encoder_and_begins_with_another_rung(root, tmp_path):
+    helpers = root / "expression" / "weights"
+    train(quick("motion-vae"), root / "data", root / "vae")
+    for file in (root / "vae" / "weights").iterdir():
+        (helpers / file.name).write_bytes(file.read_bytes())
+    run(root, "ground", quick("globaldiff/global"))
+    start = Start(root / "ground" / "weights", "globaldiff/global")
+    run(root, "full", quick("globaldiff/full"), start=start)
+    with (root / "full" / "log.csv").open() as file:
+        (row, *_) = csv.DictReader(file)
+    parts = {"simple", "seed", "position", "velocity", "acceleration", "joint", "skeleton",
+             "motion"}  # fmt: skip
+    assert sum(float(row[part]) for part in parts) == pytest.approx(float(row["total"]), rel=1e-4)
+    assert all(float(row[part]) > 0 for part in parts)
+    card = json.loads((root / "full" / "weights" / "globaldiff-full.json").read_text())
+    assert card["started_from"]["system"] == "globaldiff/global"
+    assert card["started_from"]["steps"] == 6
+    given, found = (
+        load_weights(root / run_ / "weights", f"globaldiff/{rung}")[0]["normaliser.std"]
+        for run_, rung in (("ground", "global"), ("full", "full"))
+    )
+    assert torch.equal(given, found)  # statistics go with the weights that learned with them
+
+
+def test_encoders_train_and_the_missing_one_is_named(root, tmp_path):
+    train(quick("fgd-encoder", steps=60, learning_rate=3e-3), root / "data", root / "fgd")
+    with (root / "fgd" / "log.csv").open() as file:
+        rows = [r for r in csv.DictReader(file) if r["split"] == "train"]
+    assert float(rows[-1]["total"]) < 0.8 * float(rows[0]["total"]) and "kl" not in rows[0]
+    with pytest.raises(CheckpointError, match="motion-vae"):
+        train(quick("globaldiff/full"), root / "data", tmp_path / "full", helpers=tmp_path)
 
 
 def test_learning_rate_warms_up_and_decays():
