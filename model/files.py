@@ -9,7 +9,17 @@ from pathlib import Path
 
 
 class WriteError(OSError):
-    """A file could not be written; the message is one sentence for a person."""
+    """A file could not be written; the message is one sentence for a person.
+
+    ``errno`` is that of the cause, also after a way through another process.
+    """
+
+    def __init__(self, sentence: str, errno: int | None = None) -> None:
+        super().__init__(sentence)
+        self.errno = errno
+
+    def __reduce__(self) -> tuple[type["WriteError"], tuple[str, int | None]]:
+        return type(self), (str(self), self.errno)
 
 
 _REASONS = {
@@ -22,13 +32,14 @@ _REASONS = {
     errno.ENOENT: "its folder does not exist; create it first",
     errno.ENOTDIR: "its folder is a file; choose another folder",
     errno.EISDIR: "a folder has that name; choose another name",
+    errno.EEXIST: "a file has that name; choose another name",
 }
 
 
 def write_error(path: Path, error: OSError) -> WriteError:
     """The sentence that says why ``path`` could not be written and what to do."""
     reason = _REASONS.get(error.errno or 0, error.strerror or str(error))
-    return WriteError(f"{path} could not be written: {reason}.")
+    return WriteError(f"{path} could not be written: {reason}.", error.errno)
 
 
 @contextmanager

@@ -3,7 +3,6 @@
 import errno
 import json
 import multiprocessing
-import os
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -16,6 +15,7 @@ from model.corpus.rig import open_body_rig
 from model.corpus.speakers import SPEAKERS, Speaker
 from model.corpus.texts import Split
 from model.corpus.voice import require_flite
+from model.files import WriteError
 
 FORMAT = 1  # raised whenever the same seed gives other bytes
 MANIFEST = "corpus.json"
@@ -91,8 +91,10 @@ def build_corpus(
             "A worker process was ended from outside, perhaps for want of memory;"
             " the same command with fewer --workers continues."
         ) from error
-    except OSError as error:
-        raise CorpusError(_disk_sentence(error, root)) from error
+    except WriteError as error:
+        is_full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        need = " An hour takes about 230 MB; the same command continues." if is_full else ""
+        raise CorpusError(f"{error}{need}") from error
     return len(jobs)
 
 
@@ -128,6 +130,11 @@ def _claim_folder(root: Path, seed: int, clip_s: float) -> None:
     wanted = {"format": FORMAT, "seed": seed, "clip_s": clip_s}
     if manifest.is_file():
         found = read_manifest(manifest)
+        if found["format"] != FORMAT:
+            raise CorpusError(
+                f"{root} holds a corpus of format {found['format']}, and this version makes"
+                f" format {FORMAT}; choose another folder."
+            )
         if found != wanted:
             raise CorpusError(
                 f"{root} holds another corpus ({_describe(found)}, asked for {_describe(wanted)});"
@@ -188,10 +195,3 @@ def make_job(job: ClipJob) -> None:
     length_s = job.clip_s * (0.87 + 0.26 * ((job.index * 0.618) % 1.0))
     clip = make_clip(open_body_rig(), job.speaker, job.split, length_s, seed)
     write_clip(job.root, job.clip_id, clip)
-
-
-def _disk_sentence(error: OSError, root: Path) -> str:
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        return f"There is no space left on the disk of {root}; an hour takes about 230 MB."
-    reason = os.strerror(error.errno) if error.errno else str(error)
-    return f"{error.filename or root} could not be written: {reason}."

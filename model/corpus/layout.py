@@ -5,7 +5,6 @@ so that the same clip gives the same bytes.
 """
 
 import io
-import os
 import wave
 import zipfile
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from jaxtyping import Float
 from model.corpus.clip import Clip
 from model.corpus.plan import Key
 from model.corpus.rig import SIDES
+from model.files import write_error, written_atomically
 from model.timing import FPS, SAMPLE_RATE
 
 MOTION, SOUND, TEXTGRID = "smplxflame_30", "wave16k", "textgrid"
@@ -65,14 +65,17 @@ def write_clip(root: Path, clip_id: str, clip: Clip) -> None:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    """Write a file whole or not at all, and its folder where there is none.
+
+    Raises:
+        WriteError: with the reason.
+    """
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise write_error(path.parent, error) from error
+    with written_atomically(path) as part:
         part.write_bytes(content)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def npz_bytes(arrays: dict[str, np.ndarray]) -> bytes:

@@ -147,6 +147,30 @@ def test_an_interrupted_run_is_continued_with_the_same_bytes(
     assert digests(corpus) == before
 
 
+def test_a_command_that_is_stopped_goes_on_where_it_was(
+    corpus: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out = tmp_path / "stopped"
+    given = ["--out", str(out), "--hours", str(TWO_CLIPS_H), "--seed", "3", "--workers", "1"]
+    make = build.make_job
+
+    def stop_at_the_second(job: build.ClipJob) -> None:
+        if job.index == 1:
+            raise KeyboardInterrupt
+        make(job)
+
+    monkeypatch.setattr(build, "make_job", stop_at_the_second)
+    assert command.main(given) == 1
+    assert "the same command continues" in capsys.readouterr().err
+    assert not (out / "train_test_split.csv").exists()
+    monkeypatch.setattr(build, "make_job", make)
+    assert command.main(given) == 0
+    assert digests(out) == digests(corpus)
+
+
 def test_a_folder_of_something_else_is_refused_and_left_alone(corpus: Path, tmp_path: Path) -> None:
     before = digests(corpus)
     with pytest.raises(CorpusError, match=r"seed 3, .*asked for .*seed 4"):
@@ -186,9 +210,23 @@ def test_a_full_disk_is_said_and_leaves_no_half_file(
         return whole(path, content)
 
     monkeypatch.setattr(Path, "write_bytes", write)
-    with pytest.raises(CorpusError, match="no space left on the disk"):
+    with pytest.raises(CorpusError, match=r"the disk is full; .* takes about 230 MB"):
         build_corpus(root, 6 / 3600, seed=1, workers=1)
     assert not [p for p in root.rglob("*") if ".npz" in p.name]
+
+
+def test_a_name_that_is_taken_is_said(flite: None, tmp_path: Path) -> None:
+    (tmp_path / "taken").write_bytes(b"")
+    with pytest.raises(CorpusError, match=r"taken could not be written: a file has that name"):
+        build_corpus(tmp_path / "taken", 6 / 3600, seed=1, workers=1)
+
+
+def test_a_corpus_of_another_format_is_not_continued(corpus: Path, tmp_path: Path) -> None:
+    manifest = json.loads((corpus / "corpus.json").read_text())
+    manifest["format"] += 1
+    (tmp_path / "corpus.json").write_text(json.dumps(manifest))
+    with pytest.raises(CorpusError, match=r"format \d+, and this version makes format \d+;"):
+        build_corpus(tmp_path, TWO_CLIPS_H, seed=3, workers=1)
 
 
 def test_an_unreadable_manifest_is_refused(tmp_path: Path, flite: None) -> None:

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model.corpus.voice import words_of
+from model.corpus.voice import VoiceError, require_flite, words_of
+from model.speech.audio import load_speech
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 CLIPS = sorted(EXAMPLES.glob("*.wav"))
@@ -34,3 +35,13 @@ def test_an_example_has_its_text_and_is_named_in_the_notice(path: Path) -> None:
     assert len(words_of(path.with_suffix(".txt").read_text())) > 20
     assert path.name in (EXAMPLES / "NOTICE").read_text()
     assert path.name in (EXAMPLES / "README.md").read_text()
+
+
+def test_examples_are_read_without_the_speech_program(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(VoiceError, match="apt-get install flite"):
+        require_flite()
+    for path in CLIPS:
+        assert load_speech(path).num_frames > 300
