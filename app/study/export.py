@@ -1,0 +1,113 @@
+"""From a plan to the bundle for participants and the folder for the researcher."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from app.config import BUNDLED_WEIGHTS
+from app.errors import RunError
+from app.loaded import get_system
+from app.study.adapters import write_adapters
+from app.study.blinding import Blinding, blinding_of, draw_blinding, make_key
+from app.study.check import check_study
+from app.study.key import read_key, write_key
+from app.study.motions import Source, read_sources
+from app.study.page import write_page
+from app.study.plan import Plan
+from app.study.records import write_records
+from app.study.scenes import Draw, Maker
+from app.study.trials import Design, make_design
+from app.study.workspace import Workspace, sha256
+from app.videos import PARALLEL_VIDEOS, draw_videos
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """What does not change what the study is."""
+
+    weights: Path = BUNDLED_WEIGHTS
+    body: Path | None = None
+    """A licensed SMPL-X npz; None is the open body."""
+    parallel: int = PARALLEL_VIDEOS
+    """Videos drawn at once."""
+
+
+def export_study(
+    plan: Plan,
+    out: Path,
+    options: ExportOptions = ExportOptions(),
+    *,
+    on_progress: Callable[[float], None] = lambda fraction: None,
+    should_cancel: Callable[[], bool] = lambda: False,
+    draw: Draw = draw_videos,
+) -> Workspace:
+    """Make ``out/participant_bundle`` and ``out/researcher_only``, or finish making them.
+
+    The key is written before anything else. A run that is stopped and started again with the same
+    plan keeps the key and the finished videos, and ends with the same bytes as one that was not.
+
+    Args:
+        on_progress: called with the share done, 0 to 1.
+
+    Raises:
+        CancelledRun: when ``should_cancel`` said so; what is finished stays for the next run.
+        RunError, SpeechError, MotionError, UnknownNameError, CheckpointError, BodyError, GLError,
+        VideoError, WriteError: each with one sentence.
+    """
+    design = make_design(plan)
+    sources = read_sources(plan)
+    workspace = Workspace(out)
+    workspace.open(_fingerprint(plan, sources, options))
+    blinding = _blinding(plan, design, workspace)
+    maker = Maker(
+        *(plan, workspace, blinding.videos, options.weights, options.body, should_cancel),
+        *(draw, options.parallel),
+    )
+    maker.make_all(sources, on_progress)
+    key = make_key(plan, design, blinding, workspace.digests)
+    write_page(plan, design, blinding, workspace)
+    write_adapters(plan, design, blinding, workspace)
+    write_records(plan, design, blinding, sources, options, workspace)
+    workspace.clean()
+    write_key(key, workspace.key)
+    leaks = check_study(out)
+    if leaks:
+        raise RunError(f"The export is not blind: {leaks[0]}")
+    return workspace
+
+
+def _blinding(plan: Plan, design: Design, workspace: Workspace) -> Blinding:
+    """The ids of an earlier run, or new ones, which are kept before anything uses them."""
+    if workspace.key.is_file():
+        return blinding_of(read_key(workspace.key), plan, design)
+    blinding = draw_blinding(design)
+    write_key(make_key(plan, design, blinding, {}), workspace.key)
+    return blinding
+
+
+def _fingerprint(plan: Plan, sources: tuple[Source, ...], options: ExportOptions) -> str:
+    """Of everything that decides what the videos show.
+
+    Raises:
+        UnknownNameError: if a system or its speaker does not exist.
+    """
+    weights = {}
+    for planned in plan.systems:
+        if planned.generator is not None:
+            system = get_system(planned.generator.system, options.weights)
+            if planned.generator.speaker is not None:
+                system.speaker_index(planned.generator.speaker)
+            weights[system.name] = [system.sha256, system.expression_sha256]
+    facts = {
+        "plan": asdict(plan),
+        "files": {source.clip.name: dict(source.files) for source in sources},
+        "weights": weights,
+        "body": sha256(options.body) if options.body else None,
+    }
+    # Where files lie may change from run to run; what they hold is among the facts.
+    text = json.dumps(facts, sort_keys=True, default=lambda path: path.name)
+    return hashlib.sha256(text.encode()).hexdigest()

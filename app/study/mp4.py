@@ -1,0 +1,129 @@
+"""What an mp4 file tells besides its picture: boxes, times, sizes. Read without ffmpeg, so that
+nothing is passed over."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.errors import RunError
+
+_CONTAINERS = {b"moov", b"trak", b"mdia", b"minf", b"stbl", b"edts", b"dinf"}
+_TIMED = {b"mvhd", b"tkhd", b"mdhd"}
+
+
+@dataclass(frozen=True)
+class Track:
+    """One stream of a file."""
+
+    handler: str
+    """``vide`` or ``soun``."""
+    duration: float
+    """Seconds."""
+    num_samples: int
+    num_bytes: int
+    """Of all samples: the stream itself, without the file around it."""
+    description: bytes
+    """The codec's settings (`stsd`), and how its samples are timed (`stts`, `elst`)."""
+
+
+@dataclass(frozen=True)
+class Mp4:
+    """One file."""
+
+    num_bytes: int
+    boxes: tuple[str, ...]
+    """Kinds of all boxes, in order."""
+    has_times: bool
+    """Whether a creation or modification time is set."""
+    names: tuple[bytes, ...]
+    """What the handlers call themselves."""
+    tracks: tuple[Track, ...]
+
+    def track(self, handler: str) -> Track | None:
+        return next((track for track in self.tracks if track.handler == handler), None)
+
+
+def read_mp4(path: Path) -> Mp4:
+    """Take a file apart.
+
+    Raises:
+        RunError: if it is no whole mp4.
+    """
+    data = path.read_bytes()
+    try:
+        boxes = list(_boxes(data, 0, len(data)))
+        if not any(kind == b"moov" for kind, _ in boxes):
+            raise ValueError("it has no `moov` box")
+        return Mp4(
+            num_bytes=len(data),
+            boxes=tuple(kind.decode("latin-1") for kind, _ in boxes),
+            has_times=any(any(_times(body)) for kind, body in boxes if kind in _TIMED),
+            names=tuple(body[24:].rstrip(b"\0") for kind, body in boxes if kind == b"hdlr"),
+            tracks=tuple(_tracks(boxes)),
+        )
+    except (ValueError, IndexError) as error:
+        raise RunError(f"{path.name} is no whole mp4 file: {error}.") from error
+
+
+def blank_user_data(path: Path) -> None:
+    """Turn `udta` boxes, which muxers write even when there is nothing to say, into empty room."""
+    data = bytearray(path.read_bytes())
+    for kind, start, end in list(_places(bytes(data), 0, len(data))):
+        if kind == b"udta":
+            data[start - 4 : end] = b"free" + bytes(end - start)
+    path.write_bytes(data)
+
+
+def _boxes(data: bytes, start: int, end: int) -> Iterator[tuple[bytes, bytes]]:
+    """All boxes with their contents, containers before what they hold."""
+    for kind, begin, finish in _places(data, start, end):
+        yield kind, data[begin:finish]
+
+
+def _places(data: bytes, start: int, end: int) -> Iterator[tuple[bytes, int, int]]:
+    """All boxes: kind, and where their contents begin and end."""
+    while start < end:
+        size, kind = int.from_bytes(data[start : start + 4], "big"), data[start + 4 : start + 8]
+        header = 8
+        if size == 1:
+            size, header = int.from_bytes(data[start + 8 : start + 16], "big"), 16
+        if size < header or start + size > end:
+            raise ValueError(f"the box at byte {start} does not fit")
+        yield kind, start + header, start + size
+        if kind in _CONTAINERS:
+            yield from _places(data, start + header, start + size)
+        start += size
+
+
+def _tracks(boxes: list[tuple[bytes, bytes]]) -> Iterator[Track]:
+    starts = [i for i, (kind, _) in enumerate(boxes) if kind == b"trak"]
+    for start, end in zip(starts, [*starts[1:], len(boxes)], strict=True):
+        found = {kind: body for kind, body in reversed(boxes[start:end])}
+        header, sizes = found[b"mdhd"], found[b"stsz"]
+        at = 20 if header[0] == 1 else 12
+        scale = int.from_bytes(header[at : at + 4], "big")
+        length = 8 if header[0] == 1 else 4
+        units = int.from_bytes(header[at + 4 : at + 4 + length], "big")
+        fixed, count = (int.from_bytes(sizes[i : i + 4], "big") for i in (4, 8))
+        each = (int.from_bytes(sizes[12 + 4 * i : 16 + 4 * i], "big") for i in range(count))
+        yield Track(
+            handler=found[b"hdlr"][8:12].decode("latin-1"),
+            duration=units / scale,
+            num_samples=count,
+            num_bytes=fixed * count if fixed else sum(each),
+            description=_settings(found),
+        )
+
+
+def _settings(found: dict[bytes, bytes]) -> bytes:
+    kinds = (b"stsd", b"stts", b"elst", b"tkhd")
+    return b"|".join(found.get(kind, b"") for kind in kinds)
+
+
+def _times(header: bytes) -> tuple[int, int]:
+    """Creation and modification time of an `mvhd`, `tkhd` or `mdhd`."""
+    length = 8 if header[0] == 1 else 4
+    first, second = header[4 : 4 + length], header[4 + length : 4 + 2 * length]
+    return int.from_bytes(first, "big"), int.from_bytes(second, "big")

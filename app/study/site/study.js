@@ -1,0 +1,636 @@
+// The page for participants. It needs no server: everything it shows comes from study-data.js and
+// media/, and what it is told stays in this browser until the participant sends or saves it.
+"use strict";
+
+(function () {
+  const study = window.STUDY;
+  const words = study.words;
+  const main = document.getElementById("main");
+  const COVERED = 0.9; // of a video's length that must have been played for it to count as watched
+
+  // ---------------------------------------------------------------- small helpers
+
+  function fill(text, values) {
+    return text.replace(/\{(\w+)\}/g, (whole, name) => (name in values ? values[name] : whole));
+  }
+
+  /** An element with properties, and children that are elements or texts. */
+  function make(tag, properties, ...children) {
+    const element = document.createElement(tag);
+    for (const [name, value] of Object.entries(properties || {})) {
+      if (name === "data") Object.assign(element.dataset, value);
+      else if (name.includes("-") || name === "role" || name === "for") element.setAttribute(name, value);
+      else element[name] = value;
+    }
+    element.append(...children.filter((child) => child !== null));
+    return element;
+  }
+
+  function randomHex(bytes) {
+    const values = crypto.getRandomValues(new Uint8Array(bytes));
+    return Array.from(values, (value) => value.toString(16).padStart(2, "0")).join("");
+  }
+
+  function randomBelow(limit) {
+    return crypto.getRandomValues(new Uint32Array(1))[0] % limit;
+  }
+
+  function problem(text) {
+    return make("p", { className: "problem", role: "alert" }, text);
+  }
+
+  // ---------------------------------------------------------------- what is kept in the browser
+
+  const store = {
+    works: true,
+    get(key) {
+      try {
+        return localStorage.getItem(key);
+      } catch (error) {
+        this.works = false;
+        return null;
+      }
+    },
+    set(key, value) {
+      try {
+        localStorage.setItem(key, value);
+      } catch (error) {
+        this.works = false;
+      }
+    },
+  };
+
+  const asked = new URLSearchParams(location.search).get("p");
+  const whoKey = `study/${study.study}/who/${asked === null ? "" : asked}`;
+
+  function newState() {
+    const participant = randomHex(8);
+    store.set(whoKey, participant);
+    return {
+      participant,
+      list: asked === null ? randomBelow(study.lists.length) : Number(asked),
+      started: new Date().toISOString(),
+      finished: null,
+      headphones: "skipped",
+      screen: "consent",
+      answers: [],
+      page: 0,
+      draft: null,
+      sent: false,
+    };
+  }
+
+  function loadState() {
+    const participant = store.get(whoKey);
+    const saved = participant && store.get(`study/${study.study}/${participant}`);
+    try {
+      return saved ? JSON.parse(saved) : newState();
+    } catch (error) {
+      return newState();
+    }
+  }
+
+  function save() {
+    if (state.draft) state.draft.ms = elapsed();
+    store.set(`study/${study.study}/${state.participant}`, JSON.stringify(state));
+  }
+
+  /** The file that the researcher gets. */
+  function answersFile() {
+    return {
+      format: 1,
+      study: study.study,
+      participant: state.participant,
+      list: state.list,
+      started: state.started,
+      finished: state.finished,
+      device: {
+        width: window.innerWidth,
+        height: window.innerHeight,
+        touch: navigator.maxTouchPoints > 0,
+      },
+      headphones: state.headphones,
+      answers: state.answers,
+    };
+  }
+
+  // ---------------------------------------------------------------- screens
+
+  let state = null;
+  let onKey = null;
+  let shownSince = 0;
+
+  function elapsed() {
+    return Math.round(state.draft.before + performance.now() - shownSince);
+  }
+
+  function show(heading, ...children) {
+    main.replaceChildren(...(heading ? [heading] : []), ...children.filter((child) => child !== null));
+    window.scrollTo(0, 0);
+    if (heading) {
+      heading.tabIndex = -1;
+      heading.focus({ preventScroll: true });
+    }
+  }
+
+  function render() {
+    onKey = null;
+    const total = study.lists[state.list].length;
+    const place = document.getElementById("place");
+    const isTrial = state.screen === "trial";
+    place.textContent = isTrial ? fill(words.progress.trial, { number: state.page + 1, total }) : "";
+    document.getElementById("progress").value =
+      state.screen === "finish" ? 1 : isTrial ? state.page / total : 0;
+    ({ consent: showConsent, sound: showSoundCheck, trial: showTrial, finish: showFinish })[state.screen]();
+    if (!store.works) main.append(problem(words.problems.storage));
+  }
+
+  function goTo(screen) {
+    state.screen = screen;
+    save();
+    render();
+  }
+
+  function sheet(heading, ...children) {
+    const title = make("h1", {}, heading);
+    show(null, make("section", { className: "sheet" }, title, ...children));
+    title.tabIndex = -1;
+    title.focus({ preventScroll: true });
+  }
+
+  function button(text, onClick, properties) {
+    return make("button", { type: "button", onclick: onClick, ...properties }, text);
+  }
+
+  function showConsent() {
+    const start = button(words.buttons.start, () => goTo(study.sound ? "sound" : "trial"), {
+      className: "main",
+      disabled: true,
+    });
+    const box = make("input", { type: "checkbox", id: "agree" });
+    box.addEventListener("change", () => (start.disabled = !box.checked));
+    sheet(
+      words.consent.heading,
+      make("p", {}, study.consent || words.consent.text),
+      make("label", { className: "agree", htmlFor: "agree" }, box, make("span", {}, words.consent.agree)),
+      make("div", { className: "actions" }, start)
+    );
+  }
+
+  // ---------------------------------------------------------------- headphones
+  // After Woods et al. (2017): of three tones one is quieter; another has opposite phase in the two
+  // ears, so that over loudspeakers it, and not the quiet one, is heard as the quietest.
+
+  const ROUNDS = 3;
+  const TRIES = 2;
+
+  function showSoundCheck() {
+    const text = words.headphones;
+    let round = 0;
+    let tries = 0;
+    let quiet = 0;
+    let context = null;
+    const message = make("p", { className: "hint", role: "status" });
+    const choices = text.choices.map((label, index) =>
+      button(label, () => choose(index), { disabled: true })
+    );
+    const play = button(text.play, playTones, { className: "main" });
+    const skip = button(text.skip, () => end("skipped"), {});
+    const actions = make("div", { className: "actions" }, skip);
+
+    function end(result) {
+      state.headphones = result;
+      goTo("trial");
+    }
+
+    function playTones() {
+      context = context || new AudioContext();
+      const kinds = ["quiet", "opposite", "plain"].sort(() => randomBelow(3) - 1);
+      quiet = kinds.indexOf("quiet");
+      play.disabled = true;
+      kinds.forEach((kind, index) => tone(context, context.currentTime + 0.1 + 1.3 * index, kind));
+      setTimeout(() => {
+        play.disabled = false;
+        choices.forEach((choice) => (choice.disabled = false));
+      }, 1300 * kinds.length);
+    }
+
+    function choose(index) {
+      choices.forEach((choice) => (choice.disabled = true));
+      if (index === quiet) {
+        round += 1;
+        message.textContent = "";
+        if (round === ROUNDS) end("passed");
+        else message.textContent = fill(words.progress.trial, { number: round + 1, total: ROUNDS });
+        return;
+      }
+      round = 0;
+      tries += 1;
+      message.textContent = tries < TRIES ? text.retry : text.failed;
+      if (tries === TRIES) {
+        play.hidden = true;
+        actions.replaceChildren(button(text.continue, () => end("failed"), { className: "main" }));
+      }
+    }
+
+    sheet(
+      text.heading,
+      make("p", {}, text.text),
+      make("div", { className: "actions" }, play),
+      make("div", { className: "actions" }, ...choices),
+      message,
+      actions
+    );
+  }
+
+  function tone(context, start, kind) {
+    const buffer = context.createBuffer(2, context.sampleRate, context.sampleRate);
+    const level = kind === "quiet" ? 0.15 : 0.3; // 6 dB apart
+    const ramp = 0.1 * context.sampleRate;
+    for (const channel of [0, 1]) {
+      const samples = buffer.getChannelData(channel);
+      const sign = kind === "opposite" && channel === 1 ? -1 : 1;
+      for (let i = 0; i < samples.length; i += 1) {
+        const edge = Math.min(1, i / ramp, (samples.length - i) / ramp);
+        samples[i] = sign * level * edge * Math.sin((2 * Math.PI * 200 * i) / context.sampleRate);
+      }
+    }
+    const source = context.createBufferSource();
+    source.buffer = buffer;
+    source.connect(context.destination);
+    source.start(start);
+  }
+
+  // ---------------------------------------------------------------- trials
+
+  function showTrial() {
+    const [id, shown] = study.lists[state.list][state.page];
+    const trial = study.trials[id];
+    if (!state.draft) state.draft = { watched: {}, values: {}, reasons: [], before: 0, ms: 0 };
+    state.draft.before = state.draft.ms;
+    shownSince = performance.now();
+    if (trial.kind === "attention") showAttention(id, trial);
+    else showVideos(id, trial, shown);
+    preload(state.page + 1);
+  }
+
+  function showAttention(id, trial) {
+    const question = { id: "attention", kind: "choice", text: "" };
+    const heading = make("h1", { className: "press" },
+      fill(words.attention.text, { button: words.buttons[trial.press] }));
+    const next = nextButton(() => finishPage(id, [], [question]));
+    const choice = choiceQuestion(question, ["left", "tie", "right"], update);
+
+    function update() {
+      save();
+      next.disabled = state.draft.values.attention === undefined;
+    }
+
+    show(heading, choice.element, make("div", { className: "actions" }, next));
+    update();
+    onKey = (event) => choice.onKey(event) || enterKey(event, next);
+  }
+
+  function showVideos(id, trial, shown) {
+    const isPair = trial.kind === "pair" || trial.kind === "match";
+    const names = shown.map((_, i) => (isPair ? words.buttons[["left", "right"][i]] : String(i + 1)));
+    const stage = makeStage(shown, names, update);
+    const values = isPair ? [shown[0], "tie", shown[1]] : shown;
+    const parts = study.questions.map((question) => {
+      if (question.kind === "choice") return choiceQuestion(question, values, update);
+      if (question.kind === "ranking") return rankingQuestion(question, shown, names, update);
+      return sliderQuestion(question, shown, names, update);
+    });
+    if (isPair && study.reasons) parts.push(reasonsQuestion(update));
+    const hint = make("p", { className: "hint", role: "status" });
+    const next = nextButton(() => finishPage(id, shown, study.questions));
+    const keys = isPair ? words.progress.keys : words.progress.keys_many;
+
+    function update() {
+      save();
+      const hasSeen = shown.every((video) => state.draft.watched[video]);
+      const hasAnswered = study.questions.every((question) => isAnswered(question, shown));
+      parts.forEach((part) => part.enable(hasSeen, hasAnswered));
+      next.disabled = !(hasSeen && hasAnswered);
+      hint.textContent = !hasSeen ? words.progress.unwatched
+        : !hasAnswered && study.questions.length > 1 ? words.progress.unanswered : "";
+    }
+
+    show(
+      make("h1", { className: "lead" }, study.instruction),
+      stage.element,
+      hint,
+      ...parts.map((part) => part.element),
+      make("div", { className: "actions" }, next),
+      make("p", { className: "hint keys" }, fill(keys, { videos: shown.length }))
+    );
+    update();
+    onKey = (event) => stage.onKey(event) || parts.some((part) => part.onKey && part.onKey(event))
+      || enterKey(event, next);
+  }
+
+  function isAnswered(question, shown) {
+    const value = state.draft.values[question.id];
+    if (question.kind === "ranking") return Boolean(value) && value.length === shown.length;
+    if (question.kind === "slider") return Boolean(value) && shown.every((video) => video in value);
+    return value !== undefined;
+  }
+
+  function nextButton(onClick) {
+    return button(words.buttons.next, onClick, { className: "main", id: "next" });
+  }
+
+  function enterKey(event, next) {
+    const isControl = event.target.closest("button, a, input[type=checkbox]");
+    if (event.key !== "Enter" || isControl || next.disabled) return false;
+    next.click();
+    return true;
+  }
+
+  function finishPage(id, shown, questions) {
+    const draft = state.draft;
+    const watches = shown.map((video) => draft.watched[video] || 0);
+    for (const question of questions) {
+      state.answers.push({
+        trial: id,
+        question: question.id,
+        shown,
+        value: draft.values[question.id],
+        reasons: question.kind === "choice" ? draft.reasons : [],
+        watched: watches.length ? Math.min(...watches) : 0,
+        ms: elapsed(),
+      });
+    }
+    state.draft = null;
+    state.page += 1;
+    if (state.page < study.lists[state.list].length) goTo("trial");
+    else {
+      state.finished = new Date().toISOString();
+      goTo("finish");
+    }
+  }
+
+  function preload(page) {
+    const next = study.lists[state.list][page];
+    for (const id of next ? next[1] : []) {
+      const video = make("video", { preload: "auto", muted: true });
+      video.src = `media/${id}.mp4`;
+    }
+  }
+
+  // ---------------------------------------------------------------- videos
+
+  /** The videos of a page. One plays at a time, from its start, without a way to skip ahead. */
+  function makeStage(shown, names, onChange) {
+    const cards = shown.map((id, index) => makeCard(id, names[index]));
+    const count = shown.length > 3 ? "many" : String(shown.length);
+    const element = make("div", { className: "videos", data: { count } }, ...cards.map((card) => card.element));
+
+    function makeCard(id, name) {
+      const video = make("video", {
+        preload: "auto",
+        playsInline: true,
+        muted: !study.sound,
+        disablePictureInPicture: true,
+        "aria-label": name,
+      });
+      video.setAttribute("playsinline", "");
+      const action = make("span", { className: "action" });
+      const play = button("", () => toggle(card), { className: "play" });
+      play.append(make("span", { className: "sign", "aria-hidden": "true" }),
+        make("span", { className: "name" }, name), action);
+      const card = { id, video, element: make("div", { className: "card" }, video, play), refresh };
+
+      function refresh() {
+        const isPlaying = !video.paused;
+        const watches = state.draft ? state.draft.watched[id] || 0 : 0;
+        card.element.classList.toggle("playing", isPlaying);
+        card.element.classList.toggle("seen", watches > 0);
+        action.textContent = isPlaying ? words.buttons.pause
+          : watches ? words.buttons.replay : words.buttons.play;
+        element.classList.toggle("busy", cards.some((other) => !other.video.paused));
+      }
+
+      video.addEventListener("play", refresh);
+      video.addEventListener("pause", refresh);
+      video.addEventListener("click", () => toggle(card));
+      video.addEventListener("contextmenu", (event) => event.preventDefault());
+      video.addEventListener("error", () => main.append(problem(words.problems.video)), { once: true });
+      video.addEventListener("ended", () => {
+        if (played(video) >= COVERED * video.duration) {
+          state.draft.watched[id] = (state.draft.watched[id] || 0) + 1;
+        }
+        refresh();
+        onChange();
+      });
+      video.src = `media/${id}.mp4`;
+      return card;
+    }
+
+    function toggle(card) {
+      const wasPlaying = !card.video.paused;
+      cards.forEach((other) => {
+        other.video.pause();
+        other.video.currentTime = 0;
+      });
+      if (!wasPlaying) card.video.play().catch(() => card.refresh());
+    }
+
+    function onKey(event) {
+      const index = Number(event.key) - 1;
+      if (!(index in cards) || event.target.closest("input[type=range]")) return false;
+      toggle(cards[index]);
+      return true;
+    }
+
+    cards.forEach((card) => card.refresh());
+    return { element, onKey };
+  }
+
+  function played(video) {
+    let total = 0;
+    for (let i = 0; i < video.played.length; i += 1) total += video.played.end(i) - video.played.start(i);
+    return total;
+  }
+
+  // ---------------------------------------------------------------- questions
+
+  function makeFieldset(legend, className, ...children) {
+    const group = make("div", { className }, ...children);
+    return make("fieldset", {}, legend ? make("legend", {}, legend) : null, group);
+  }
+
+  /** Left, equal, right. */
+  function choiceQuestion(question, values, onChange) {
+    const labels = [words.buttons.left, words.buttons.tie, words.buttons.right];
+    const inputs = values.map((value, index) => {
+      const input = make("input", {
+        type: "radio",
+        name: question.id,
+        id: `${question.id}-${index}`,
+        checked: state.draft.values[question.id] === value,
+      });
+      input.addEventListener("change", () => {
+        state.draft.values[question.id] = value;
+        onChange();
+      });
+      return input;
+    });
+    const parts = inputs.flatMap((input, index) => [input, make("label", { htmlFor: input.id }, labels[index])]);
+    const element = makeFieldset(question.text, "choices", ...parts);
+
+    function onKey(event) {
+      const index = ["ArrowLeft", "ArrowDown", "ArrowRight"].indexOf(event.key);
+      if (index < 0 || element.disabled) return false;
+      inputs[index].click();
+      inputs[index].focus();
+      return true;
+    }
+
+    return { element, enable: (hasSeen) => (element.disabled = !hasSeen), onKey };
+  }
+
+  /** Videos are tapped from best to worst; the last one follows by itself. */
+  function rankingQuestion(question, shown, names, onChange) {
+    const order = () => state.draft.values[question.id] || [];
+    const buttons = shown.map((video, index) => button(names[index], () => choose(video), {}));
+    const undo = button(words.buttons.undo, () => set([]), { className: "undo" });
+    const element = makeFieldset(question.text, "ranks", ...buttons, undo);
+    const note = make("p", { className: "hint" }, words.progress.order);
+    element.append(note);
+
+    function choose(video) {
+      if (order().includes(video)) return set(order().filter((other) => other !== video));
+      const chosen = [...order(), video];
+      const left = shown.filter((other) => !chosen.includes(other));
+      return set(left.length === 1 ? [...chosen, left[0]] : chosen);
+    }
+
+    function set(value) {
+      state.draft.values[question.id] = value;
+      refresh();
+      onChange();
+    }
+
+    function refresh() {
+      buttons.forEach((one, index) => {
+        const rank = order().indexOf(shown[index]) + 1;
+        if (rank) one.dataset.rank = rank;
+        else delete one.dataset.rank;
+        one.setAttribute("aria-label", rank ? `${names[index]}: ${rank}` : names[index]);
+      });
+      undo.hidden = order().length === 0;
+      note.hidden = order().length === shown.length;
+    }
+
+    refresh();
+    return { element, enable: (hasSeen) => (element.disabled = !hasSeen) };
+  }
+
+  /** One slider for each video, from 0 to 100; it counts once it has been touched. */
+  function sliderQuestion(question, shown, names, onChange) {
+    const values = () => state.draft.values[question.id] || {};
+    const rows = shown.map((video, index) => {
+      const has = video in values();
+      const input = make("input", {
+        type: "range", min: 0, max: 100, step: 1, "aria-label": `${names[index]}: ${question.text}`,
+        className: has ? "" : "untouched",
+      });
+      input.value = has ? values()[video] : 50;
+      const number = make("output", {}, has ? input.value : "–");
+      const take = () => {
+        input.className = "";
+        number.textContent = input.value;
+        state.draft.values[question.id] = { ...values(), [video]: Number(input.value) };
+        onChange();
+      };
+      for (const name of ["input", "pointerup"]) input.addEventListener(name, take);
+      return make("div", { className: "slider" }, make("b", {}, names[index]), input, number);
+    });
+    const ends = make("div", { className: "ends" }, make("span", {}, words.slider.low), make("span", {}, words.slider.high));
+    const element = makeFieldset(question.text, "sliders", ends, ...rows);
+    return { element, enable: (hasSeen) => (element.disabled = !hasSeen) };
+  }
+
+  /** Any number of reasons for a choice; they appear once it is made. */
+  function reasonsQuestion(onChange) {
+    const parts = study.reasons.choices.flatMap((reason) => {
+      const input = make("input", {
+        type: "checkbox",
+        id: `reason-${reason.id}`,
+        checked: state.draft.reasons.includes(reason.id),
+      });
+      input.addEventListener("change", () => {
+        const others = state.draft.reasons.filter((id) => id !== reason.id);
+        state.draft.reasons = input.checked ? [...others, reason.id] : others;
+        onChange();
+      });
+      return [input, make("label", { htmlFor: input.id }, reason.text)];
+    });
+    const element = makeFieldset(study.reasons.text, "reasons", ...parts);
+    return { element, enable: (hasSeen, hasAnswered) => (element.hidden = !hasAnswered) };
+  }
+
+  // ---------------------------------------------------------------- the end
+
+  function showFinish() {
+    const text = words.finish;
+    const message = make("p", { role: "status" }, state.sent ? text.sent : study.postTo ? text.post : text.file);
+    const download = button(words.buttons.download, saveFile, { className: study.postTo ? "" : "main" });
+    const send = study.postTo && !state.sent
+      ? button(words.buttons.send, () => sendAnswers(message, send), { className: "main" }) : null;
+    sheet(
+      text.heading,
+      make("p", {}, text.text),
+      message,
+      make("div", { className: "actions" }, send, download),
+      make("div", { className: "actions" }, button(words.buttons.again, startAgain, {}))
+    );
+  }
+
+  function saveFile() {
+    const content = new Blob([JSON.stringify(answersFile(), null, 1)], { type: "application/json" });
+    const link = make("a", { download: `answers-${study.study}-${state.participant}.json` });
+    link.href = URL.createObjectURL(content);
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+  }
+
+  async function sendAnswers(message, send) {
+    send.disabled = true;
+    try {
+      const reply = await fetch(study.postTo, {
+        method: "POST",
+        headers: { "Content-Type": "application/json" },
+        body: JSON.stringify(answersFile()),
+      });
+      if (!reply.ok) throw new Error(String(reply.status));
+      state.sent = true;
+      goTo("finish");
+    } catch (error) {
+      message.textContent = words.finish.failed;
+      send.disabled = false;
+    }
+  }
+
+  function startAgain() {
+    state = newState();
+    save();
+    render();
+  }
+
+  // ---------------------------------------------------------------- start
+
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey || !onKey) return;
+    if (onKey(event)) event.preventDefault();
+  });
+
+  if (asked !== null && !(/^\d{1,6}$/.test(asked) && Number(asked) < study.lists.length)) {
+    show(null, problem(fill(words.problems.list, { list: asked, last: study.lists.length - 1 })));
+  } else {
+    state = loadState();
+    save();
+    render();
+  }
+})();
