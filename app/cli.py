@@ -16,6 +16,7 @@ from app import text
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import CancelledRun, RunError, sentence_of
 from app.request import POST_FILTERS, SAMPLERS, VIEWS, GenerateRequest, View
+from app.study.cli import add_study
 
 Command = Callable[[argparse.Namespace], None]
 log = logging.getLogger(__name__)
@@ -52,6 +53,7 @@ def make_parser() -> argparse.ArgumentParser:
     _add_diagnose(commands)
     _add_render(commands)
     _add_doctor(commands)
+    add_study(commands)
     return parser
 
 
