@@ -7,8 +7,11 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from model.corpus.channels import DEVIATION, PRONATION, WRIST_FLEX
-from model.corpus.ik import hinge_frame, two_bone_ik
+from model.corpus.ik import bone_rotations, hinge_frame, two_bone_ik
 from model.corpus.rig import JOINT, SIDE_SIGN, Rig, about_axis, euler_matrices, transposed, unit
+from model.corpus.signals import low_pass
+
+UPPER_ARM_LAG_S = 0.08
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,11 @@ def solve_arm(
     shrug: Float[np.ndarray, " T"] | float = 0.0,
     shake_deg: Float[np.ndarray, "T 3"] | float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Collar, upper arm and forearm rotations in the chest's frame, and the forearm's direction."""
+    """Collar, upper arm and forearm rotations in the chest's frame, and the forearm's direction.
+
+    The upper arm is slower than the wrist asks for: strokes are led by the forearm, which points
+    at the wrist's position from wherever the elbow has got to.
+    """
     sign = arm.sign
     height, ahead = position[:, 1], position[:, 2]
     out = sign * position[:, 0]
@@ -63,7 +70,11 @@ def solve_arm(
     crossing = 0.3 * np.clip((0.10 - out) / 0.1, 0, 1)
     aside = sign * (0.22 + elbow_out + 0.05 * high + crossing)
     pole = np.stack([aside, -np.ones(len(position)), -0.42 + 0.25 * high], axis=1)
-    upper, fore, direction = two_bone_ik(root, position, arm.upper, arm.fore, arm.hinge, pole)
+    upper, _, _ = two_bone_ik(root, position, arm.upper, arm.fore, arm.hinge, pole)
+    towards_elbow = unit(low_pass(upper @ unit(arm.upper), UPPER_ARM_LAG_S))
+    elbow = root + np.linalg.norm(arm.upper) * towards_elbow
+    direction = unit(position - elbow)
+    upper, fore = bone_rotations(towards_elbow, direction, arm.upper, arm.fore, arm.hinge)
     return collar, upper, fore, direction
 
 

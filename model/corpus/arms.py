@@ -41,6 +41,8 @@ _HAND_DELAY_S = np.concatenate(
         [0.02, 0.02, 0.03],
     ]
 )
+# per second, of a minimum-jerk move; wrist and fingers take longer rather than snap
+_TOP_SPEED = np.concatenate([np.full(3, np.inf), [360.0, 280.0, 150.0, 5.0], np.full(19, 400.0)])
 
 
 def follow_plan(
@@ -158,10 +160,12 @@ def _follow_keys(
     curves = np.tile(targets[0], (len(time_s), 1))
     span_share = np.where(np.arange(NUM_CHANNELS) < 7, 1.0, 0.85)
     for before, after, key in zip(targets[:-1], targets[1:], keys[1:], strict=True):
-        start_s = key.arrive_s - key.duration_s
-        first = int(np.searchsorted(time_s, start_s))
-        phase = (time_s[first:, None] - start_s - _HAND_DELAY_S) / (key.duration_s * span_share)
         step = after - before
+        wanted_s = key.duration_s * span_share
+        spans_s = np.maximum(wanted_s, 1.875 * np.abs(step) / _TOP_SPEED)
+        starts_s = key.arrive_s - key.duration_s - 0.5 * (spans_s - wanted_s)
+        first = int(np.searchsorted(time_s, starts_s.min()))
+        phase = (time_s[first:, None] - starts_s - _HAND_DELAY_S) / spans_s
         curves[first:] += step * minimum_jerk(phase)
         line = unit(step[POSITION])
         aside = rng.normal(size=3) * 0.7 + [0.45 * arm.sign, 0.4, 0.25]

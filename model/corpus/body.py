@@ -53,16 +53,16 @@ def move_trunk(
 
     pelvis_yaw = sway_line(rng, num_frames, 4.5 * swaying) + 0.7 * accents.yaw
     yaw = 0.2 * pelvis_yaw + 28 * lead + accents.yaw
-    yaw += sway_line(rng, num_frames, 2.4 * swaying) + smooth_line(
-        rng, num_frames, 2.0 * swaying, 0.2
+    yaw += sway_line(rng, num_frames, 2.9 * swaying) + smooth_line(
+        rng, num_frames, 2.8 * swaying, 0.2
     )
     pitch = 2.8 * lively * accents.level - 17 * raised
-    pitch += sway_line(rng, num_frames, 2.4 * swaying) + smooth_line(
-        rng, num_frames, 2.0 * swaying, 0.2
+    pitch += sway_line(rng, num_frames, 2.9 * swaying) + smooth_line(
+        rng, num_frames, 2.8 * swaying, 0.2
     )
     roll = 15 * aside + accents.roll
     roll += sway_line(rng, num_frames, 2.8 * swaying) + smooth_line(
-        rng, num_frames, 2.0 * swaying, 0.2
+        rng, num_frames, 2.4 * swaying, 0.2
     )
 
     gaze, shifts = _gaze(utterance, time_s, rng)
@@ -75,9 +75,9 @@ def move_trunk(
         return calm + smooth_line(rng, num_frames, fast, 0.18)
 
     head_yaw = -0.62 * chest_yaw + 0.55 * head_gaze[:, 0] + look + accents.tilt
-    head_yaw += restless(2.5) - 0.3 * accents.yaw
-    head_pitch = -0.5 * pitch + 0.5 * head_gaze[:, 1] + 1.25 * accents.nod + 1.0 + restless(2.2)
-    head_roll = -0.45 * roll + tilt + restless(2.2) - 0.12 * head_yaw
+    head_yaw += restless(2.8) - 0.3 * accents.yaw
+    head_pitch = -0.5 * pitch + 0.5 * head_gaze[:, 1] + 1.25 * accents.nod + 1.0 + restless(2.5)
+    head_roll = -0.45 * roll + tilt + restless(2.5) - 0.12 * head_yaw
 
     lean = speaker.lean_deg
     pelvis_pitch = PELVIS_TILT_DEG + 0.3 * lean + sway_line(rng, num_frames, 0.9 * swaying)

@@ -1,5 +1,7 @@
 """What keeps hands alive: drift, a follow of the other hand, tremor, restless fingers, drag."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
@@ -22,6 +24,7 @@ def add_life(
 ) -> None:
     """Drift that both hands share, drift of each, a follow of the other hand, and tremor."""
     num_frames = len(curves["left"])
+    vigour = vigour_of(speaker)
     common = smooth_noise(rng, num_frames, 0.008, 0.4, 3)
     common += smooth_noise(rng, num_frames, 0.0055 * speaker.amplitude, 0.16, 3)
     velocity = {side: np.gradient(curves[side][:, POSITION], axis=0) for side in SIDES}
@@ -33,12 +36,17 @@ def add_life(
         hand[:, POSITION] += smooth_noise(rng, num_frames, 0.008, 0.25, 3)
         hand[:, POSITION] += smooth_noise(rng, num_frames, 0.016, 0.9, 3)
         hand[:, PRONATION] += smooth_line(rng, num_frames, 6.0, 0.4)
-        hand[:, PRONATION] += smooth_line(rng, num_frames, 3.0, 0.12)
+        hand[:, PRONATION] += smooth_line(rng, num_frames, 3.4 * vigour, 0.12)
         hand[:, WRIST_FLEX] += smooth_line(rng, num_frames, 4.5, 0.25)
-        hand[:, WRIST_FLEX] += smooth_line(rng, num_frames, 3.0, 0.10)
+        hand[:, WRIST_FLEX] += smooth_line(rng, num_frames, 4.2 * vigour, 0.10)
         hand[:, DEVIATION] += smooth_line(rng, num_frames, 3.5, 0.3)
         hand[:, PRONATION : DEVIATION + 1] += smooth_noise(rng, num_frames, 0.35, 0.035, 3)
         hand[:, FINGERS] += _finger_life(hand, speaker, rng)
+
+
+def vigour_of(speaker: Speaker) -> float:
+    """About 1; how much of a speaker's liveliness shows in wrists and fingers."""
+    return ((speaker.energy + speaker.amplitude + speaker.sway) / 3) ** 1.5
 
 
 def _finger_life(
@@ -47,7 +55,8 @@ def _finger_life(
     """Fingers that never stand still, together and one by one, livelier while the hand moves."""
     num_frames = len(hand)
     speed = np.linalg.norm(np.gradient(hand[:, POSITION], axis=0), axis=1) * FPS
-    energy = np.clip(0.65 + low_pass(speed, 0.15) / 0.65, 0.65, 1.7)[:, None] * speaker.finger_life
+    energy = np.clip(0.65 + low_pass(speed, 0.15) / 0.65, 0.65, 1.7)[:, None]
+    energy *= speaker.finger_life * vigour_of(speaker) ** 0.4
     life = np.zeros((num_frames, SHAPE_SIZE))
     each_finger = smooth_noise(rng, num_frames, 6.0, 0.13, 4)
     flex = np.repeat(each_finger, 3, axis=1) * np.tile([1.0, 1.2, 0.6], 4)
@@ -66,14 +75,43 @@ def trailing(
     fore: Float[np.ndarray, "T 3 3"],
     direction: Float[np.ndarray, "T 3"],
 ) -> Float[np.ndarray, "T C"]:
-    """The curves with wrist and fingers that trail behind the hand's movement across its palm."""
+    """The curves with wrist and fingers that trail behind the hand and swing on when it stops."""
     hand = hand.copy()
     palm = fore @ np.array([0.0, -1.0, 0.0])
     pronation = np.radians(hand[:, PRONATION]) * arm.sign
     palm = Rotation.from_rotvec(direction * pronation[:, None]).apply(palm)
     velocity = np.gradient(hand[:, POSITION], axis=0) * FPS
-    across = (velocity * palm).sum(axis=1)
-    hand[:, WRIST_FLEX] -= 14 * gaussian_filter1d(across, 1.2)
-    drag = np.clip(-10 * gaussian_filter1d(across, 1.5), -14, 14)
-    hand[:, FINGERS.start : FINGERS.start + 12] += drag[:, None]
+    across = gaussian_filter1d((velocity * palm).sum(axis=1), 1.2)
+    acceleration = np.gradient(velocity, axis=0) * FPS
+    pull = (acceleration * palm).sum(axis=1)
+    hand[:, WRIST_FLEX] += _softly(WRIST_SWING.angle_deg(pull), 20.0) - 9 * across
+    drag = _softly(FINGER_SWING.angle_deg(pull), 15.0) - _softly(6 * across, 10.0)
+    hand[:, FINGERS.start : FINGERS.start + 12] += drag[:, None] * np.tile([1.0, 0.8, 0.5], 4)
     return hand
+
+
+def _softly(value: Float[np.ndarray, " T"], limit: float) -> Float[np.ndarray, " T"]:
+    return limit * np.tanh(value / limit)
+
+
+@dataclass(frozen=True)
+class Swing:
+    """A limp part at the end of a moving one: a damped pendulum on a spring."""
+
+    hz: float
+    damping: float
+    """Share of the critical damping."""
+    lever_m: float
+
+    def angle_deg(self, acceleration: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:
+        """Degrees by which the part lags behind its root, whose acceleration is in m/s^2."""
+        time_s = np.arange(round(1.2 * FPS)) / FPS
+        natural = 2 * np.pi * self.hz
+        damped = natural * np.sqrt(1 - self.damping**2)
+        answer = np.exp(-self.damping * natural * time_s) * np.sin(damped * time_s) / damped
+        lag = np.convolve(acceleration, answer)[: len(acceleration)] / FPS
+        return -np.degrees(lag / self.lever_m)
+
+
+WRIST_SWING = Swing(hz=3.8, damping=0.5, lever_m=0.08)
+FINGER_SWING = Swing(hz=5.0, damping=0.5, lever_m=0.05)

@@ -54,12 +54,23 @@ def two_bone_ik(
     middle = towards * along + aside * height
     upper_direction = unit(middle)
     lower_direction = unit(towards * distance - middle)
+    upper_rot, lower_rot = bone_rotations(upper_direction, lower_direction, upper, lower, hinge)
+    return upper_rot, lower_rot, lower_direction
+
+
+def bone_rotations(
+    upper_direction: Float[np.ndarray, "T 3"],
+    lower_direction: Float[np.ndarray, "T 3"],
+    upper: Float[np.ndarray, " 3"],
+    lower: Float[np.ndarray, " 3"],
+    hinge: Float[np.ndarray, " 3"],
+) -> tuple[Float[np.ndarray, "T 3 3"], Float[np.ndarray, "T 3 3"]]:
+    """Rotations that turn two bones there and the hinge between them across both."""
     axis = unit(np.cross(upper_direction, lower_direction))
     upper_rest = hinge_frame(upper[None], hinge[None])[0]
     lower_rest = hinge_frame(lower[None], hinge[None])[0]
     upper_rot = hinge_frame(upper_direction, axis) @ upper_rest.T
-    lower_rot = hinge_frame(lower_direction, axis) @ lower_rest.T
-    return upper_rot, lower_rot, lower_direction
+    return upper_rot, hinge_frame(lower_direction, axis) @ lower_rest.T
 
 
 @dataclass(frozen=True)
