@@ -5,7 +5,6 @@ slice. Features are computed once per file, with context, and never per window. 
 may be stored several times, at other speeds and as other microphones would have caught them.
 """
 
-import csv
 import json
 import logging
 import zlib
@@ -24,25 +23,27 @@ from tqdm import tqdm
 from model.files import written_atomically
 from model.kinematics import mirror_transl
 from model.mirror import mirror_face_units, mirror_poses
-from model.motion import Motion, MotionError, load_motion
-from model.retiming import motion_at_speed
-from model.speech.audio import Speech, SpeechError, SpeechLimits, load_speech
-from model.speech.augment import at_speed, draw_recording, recorded_elsewhere
+from model.motion import Motion, MotionError
+from model.recordings import (
+    NUM_FACE_UNITS,
+    DataError,
+    augmented_copy,
+    encode_clip,
+    face_units,
+    read_files,
+    read_split,
+    speaker_of,
+)
+from model.speech.audio import Speech, SpeechError
 from model.speech.encoder import SpeechEncoder
 
 log = logging.getLogger(__name__)
 
-NUM_FACE_UNITS = 52
-SPEED_PERCENT = (90, 111)
-"""Slowest speed of an augmented copy, and one above the fastest."""
+MAX_MISMATCH_S = 5.0
+"""Between motion and sound of one recording; some of BEAT2's differ by seconds at the end."""
 CACHE_FORMAT = 2
 """Raised whenever the same folder gives other arrays."""
-_SPEECH_LIMITS = SpeechLimits(max_s=3600, max_bytes=2**31)
 _COLUMNS = {"poses": 165, "transl": 3, "expression": NUM_FACE_UNITS}
-
-
-class DataError(ValueError):
-    """A data folder that cannot be used: says what is missing and what to do."""
 
 
 @dataclass(frozen=True)
@@ -159,56 +160,13 @@ class PreparedData:
         )
 
 
-def read_split(folder: Path) -> dict[str, str]:
-    """Clip name -> ``train``, ``val``, ``test`` or ``additional``, from BEAT2's csv.
-
-    Raises:
-        DataError: if the file is missing or has other columns.
-    """
-    path = folder / "train_test_split.csv"
-    if not path.is_file():
-        raise DataError(f"{path} is missing; the folder is not laid out as BEAT2.")
-    with path.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    if not rows or not {"id", "type"} <= set(rows[0]):
-        raise DataError(f"{path} must have the columns id and type.")
-    return {row["id"]: row["type"] for row in rows}
-
-
 def read_clip(folder: Path, name: str, encoder: SpeechEncoder) -> tuple[Motion, np.ndarray]:
     """Motion and speech features of one recording, both cut to the shorter of the two.
 
     Raises:
         MotionError, SpeechError: if either file cannot be used.
     """
-    return encode_clip(*_read_files(folder, name), encoder)
-
-
-def encode_clip(
-    motion: Motion, speech: Speech, encoder: SpeechEncoder
-) -> tuple[Motion, Float[np.ndarray, "T dim"]]:
-    """Motion and speech features, both cut to the shorter of the two."""
-    num_frames = min(motion.num_frames, speech.num_frames)
-    cut = replace(
-        motion,
-        poses=motion.poses[:num_frames],
-        trans=motion.trans[:num_frames],
-        expressions=motion.expressions[:num_frames],
-    )
-    return cut, encoder.encode(speech.waveform, num_frames)
-
-
-def augmented_copy(motion: Motion, speech: Speech, seed: list[int]) -> tuple[Motion, Speech]:
-    """A recording at another speed, its speech as another microphone would have caught it."""
-    rng = np.random.default_rng(seed)
-    speed = int(rng.integers(*SPEED_PERCENT)) / 100
-    waveform = recorded_elsewhere(at_speed(speech.waveform, speed), draw_recording(rng), rng)
-    return motion_at_speed(motion, speed), replace(speech, waveform=waveform)
-
-
-def _read_files(folder: Path, name: str) -> tuple[Motion, Speech]:
-    motion = load_motion(folder / "smplxflame_30" / f"{name}.npz")
-    return motion, load_speech(folder / "wave16k" / f"{name}.wav", _SPEECH_LIMITS)
+    return encode_clip(*read_files(folder, name), encoder)
 
 
 def prepare(
@@ -274,10 +232,10 @@ def _fill_cache(
             files[name] = stack.enter_context(path.open("wb"))
         for name, kind in tqdm(sorted(split.items()), desc="reading clips", unit="clip"):
             try:
-                number, speaker = _speaker_of(name)
-                recording = _read_files(folder, name)
+                number, speaker = speaker_of(name)
+                recording = read_files(folder, name)
+                _check_lengths(*recording, origin["min_frames"])
                 encoded = encode_clip(*recording, encoder)
-                _check_length(encoded[0], origin["min_frames"])
             except (MotionError, SpeechError, DataError) as error:
                 log.warning("Skipped %s: %s", name, error)
                 skipped += 1
@@ -310,30 +268,22 @@ def _append(
     rows = {
         "poses": motion.poses.astype(np.float32),
         "transl": motion.trans.astype(np.float32),
-        "expression": _face_units(motion),
+        "expression": face_units(motion),
         "speech": features.astype(np.float16),
     }
     for name, array in rows.items():
         files[name].write(array.tobytes())
 
 
-def _check_length(motion: Motion, min_frames: int) -> None:
-    if motion.num_frames < min_frames:
-        raise DataError(f"{motion.num_frames} frames, {min_frames} needed.")
-
-
-def _speaker_of(clip_name: str) -> tuple[int, str]:
-    number, _, rest = clip_name.partition("_")
-    if not number.isdigit() or not rest:
-        raise DataError(f"{clip_name} does not start with a speaker number and name.")
-    return int(number), rest.split("_")[0]
-
-
-def _face_units(motion: Motion) -> np.ndarray:
-    """The 52 face units; zero where the clip has FLAME coefficients instead."""
-    if motion.expression_basis == "arkit52":
-        return motion.expressions[:, :NUM_FACE_UNITS].astype(np.float32)
-    return np.zeros((motion.num_frames, NUM_FACE_UNITS), np.float32)
+def _check_lengths(motion: Motion, speech: Speech, min_frames: int) -> None:
+    num_frames = min(motion.num_frames, speech.num_frames)
+    if num_frames < min_frames:
+        raise DataError(f"{num_frames} frames, {min_frames} needed.")
+    if abs(motion.duration_s - speech.duration_s) > MAX_MISMATCH_S:
+        raise DataError(
+            f"its motion lasts {motion.duration_s:.1f} s and its sound {speech.duration_s:.1f} s;"
+            f" more than {MAX_MISMATCH_S:g} s apart, they hardly belong together."
+        )
 
 
 def validation_batches(

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 import torch
 
-from model.data import DataError, augmented_copy, encode_clip, prepare
+from model.data import prepare
 from model.files import WriteError
 from model.kinematics import mirror_transl
 from model.mirror import mirror_face_units, mirror_poses
-from model.speech.audio import Speech
+from model.recordings import DataError, augmented_copy, encode_clip
+from model.speech.audio import Speech, write_wav
 from model.speech.features import NUM_MELS, MelEncoder
 from tests.helpers import beat2_folder, smooth_motion_example
 from tests.model.made import made_waveform, make_data_folder
@@ -132,6 +133,16 @@ def test_mirrored_windows_are_the_same_windows_in_a_mirror(data):
 def test_windows_longer_than_all_clips_are_refused(data):
     with pytest.raises(DataError, match="None of the 6 clips has 600 frames"):
         data.window_batch(data.of_split("train"), 600, 2, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(("seconds", "is_used"), [(5.5, True), (4.5, False)])
+def test_motion_and_sound_that_hardly_belong_together_are_named(seconds, is_used, tmp_path, caplog):
+    folder = make_data_folder(tmp_path / "long", seconds=10.0)
+    write_wav(folder / "wave16k" / "2_bob_0_1_1.wav", made_waveform(round(16_000 * seconds)))
+    with caplog.at_level(logging.WARNING):
+        data = prepare(folder, tmp_path / "cache", MelEncoder())
+    assert ("2_bob_0_1_1" in [clip.name for clip in data.clips]) == is_used
+    assert ("motion lasts 10.0 s and its sound 4.5 s" in caplog.text) != is_used
 
 
 def test_real_beat2_clips_load_and_bad_ones_are_named(tmp_path, caplog):
