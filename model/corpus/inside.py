@@ -23,30 +23,30 @@ class Part:
     stack: str
 
 
-_STACKS: dict[str, Float[np.ndarray, "E 5"]] = {
+STACKS: dict[str, Float[np.ndarray, "E 5"]] = {
     # height, centre (x, z) and half axes (x, z) in metres, measured on the open body's mesh
     "trunk": np.array(
         [
-            [-0.45, 0.0, 0.045, 0.180, 0.110],
-            [-0.35, 0.0, 0.059, 0.163, 0.115],
+            [-0.45, 0.0, 0.045, 0.178, 0.111],
+            [-0.35, 0.0, 0.059, 0.164, 0.116],
             [-0.25, 0.0, 0.068, 0.148, 0.104],
             [-0.15, 0.0, 0.055, 0.148, 0.108],
-            [-0.05, 0.0, 0.040, 0.175, 0.117],
-            [0.00, 0.0, 0.031, 0.185, 0.112],
-            [0.05, 0.0, 0.017, 0.165, 0.096],
-            [0.10, 0.0, 0.003, 0.123, 0.074],
+            [-0.05, 0.0, 0.037, 0.179, 0.120],
+            [0.00, 0.0, 0.026, 0.186, 0.117],
+            [0.05, 0.0, 0.009, 0.162, 0.099],
+            [0.10, 0.0, -0.001, 0.133, 0.075],
         ]
     ),
     "left thigh": np.array(
         [
-            [-0.80, 0.152, 0.012, 0.066, 0.075],
-            [-0.70, 0.133, 0.032, 0.078, 0.080],
-            [-0.60, 0.115, 0.044, 0.090, 0.091],
-            [-0.45, 0.100, 0.045, 0.090, 0.105],
+            [-0.80, 0.128, 0.014, 0.066, 0.075],
+            [-0.70, 0.116, 0.033, 0.077, 0.080],
+            [-0.60, 0.106, 0.045, 0.089, 0.092],
+            [-0.50, 0.094, 0.045, 0.095, 0.095],
         ]
     ),
 }
-_STACKS["right thigh"] = _STACKS["left thigh"] * [1.0, -1.0, 1.0, 1.0, 1.0]
+STACKS["right thigh"] = STACKS["left thigh"] * np.array([1.0, -1.0, 1.0, 1.0, 1.0])
 
 PARTS = (
     Part("pelvis", -0.45, -0.241, "trunk"),
@@ -79,7 +79,7 @@ def hand_inside_share(clip: PosedClip, rig: Rig) -> float:
 
 def _in_part(points: Float[np.ndarray, "T P 3"], part: Part) -> Bool[np.ndarray, "T P"]:
     x, height, z = np.moveaxis(points, -1, 0)
-    stack = _STACKS[part.stack]
+    stack = STACKS[part.stack]
     centre_x, centre_z, half_x, half_z = (
         np.interp(height, stack[:, 0], column) for column in stack[:, 1:].T
     )

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from model.corpus import report
 from model.corpus.build import build_corpus
-from model.corpus.inside import hand_inside_share
+from model.corpus.inside import STACKS, hand_inside_share
 from model.corpus.judging import (
     alignment_scores,
     area_under_curve,
@@ -21,7 +21,7 @@ from model.corpus.judging import (
 from model.corpus.layout import wav_bytes
 from model.corpus.measuring import ReportError, list_clips, measure_clips, read_phrases
 from model.corpus.report_page import report_page
-from model.corpus.rig import open_body_rig
+from model.corpus.rig import JOINT, open_body_rig
 from model.corpus.statistics import (
     PosedClip,
     clip_statistics,
@@ -31,7 +31,7 @@ from model.corpus.statistics import (
 )
 from model.motion import save_motion
 from model.timing import FPS
-from tests.helpers import smooth_motion_example
+from tests.helpers import ROOT, smooth_motion_example
 
 
 def test_derivatives_of_a_cubic_are_known() -> None:
@@ -132,6 +132,25 @@ def test_a_hand_in_the_belly_is_inside_and_one_at_the_side_or_in_front_is_not() 
             ([0.0, -0.2, -0.25], 0.0),
         ):
             assert hand_inside_share(with_right_hand_at(place, turn_deg), rig) == share
+
+
+def test_trunk_and_thighs_have_the_open_bodys_measures() -> None:
+    """Every slice of the mesh is as wide and deep as the ellipses, within 1 cm."""
+    with np.load(ROOT / "renderer" / "assets" / "open_body.npz", allow_pickle=False) as body:
+        mesh = body["template"].astype(float)
+        strongest = body["weight_shares"].argmax(1)
+        moved_by = body["weight_joints"][np.arange(len(mesh)), strongest]
+    trunk = [JOINT[name] for name in ("pelvis", "spine1", "spine2", "spine3", "neck")]
+    collars_hips = [JOINT[f"{s}_{p}"] for s in ("left", "right") for p in ("collar", "hip")]
+    joints = {"trunk": trunk + collars_hips, "left thigh": [JOINT["left_hip"]],
+              "right thigh": [JOINT["right_hip"]]}  # fmt: skip
+    for name, rows in STACKS.items():
+        for height, *ellipse in rows:
+            level = np.abs(mesh[:, 1] - height) < 0.012
+            places = mesh[level & np.isin(moved_by, joints[name])][:, [0, 2]]
+            low, high = places.min(0), places.max(0)
+            measured = np.concatenate([(low + high) / 2, (high - low) / 2])
+            np.testing.assert_allclose(measured, ellipse, atol=0.01)
 
 
 def test_phrases_are_runs_of_words_between_pauses(tmp_path: Path) -> None:
