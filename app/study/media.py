@@ -41,6 +41,7 @@ _BITEXACT = ("-map_metadata", "-1", "-map_chapters", "-1", "-fflags", "+bitexact
 _X264 = "nal-hrd=cbr:force-cfr=1:colorprim=bt709:transfer=bt709:colormatrix=bt709"
 _TICKS = 1_200_000 // FPS
 """Of one frame, in the time base of ffmpeg's reader of bare H.264; it rounds by itself."""
+_START_CODE = re.compile(rb"\x00{2,3}\x01")
 _FILLER_START = b"\x00\x00\x00\x01\x0c"
 _FILLER_END = b"\x80"
 _LEAST_BOX = 8
@@ -99,6 +100,9 @@ def encode_picture(drawn: Path, out: Path, size: int) -> None:
             # x264 writes its settings into the stream (NAL type 6); nobody needs them.
             *("-bsf:v", "filter_units=remove_types=6", "-f", "h264", str(part)),
         )
+        # In an mp4 each unit has four bytes of length, so count four for each here too.
+        units = _START_CODE.split(part.read_bytes())[1:]
+        part.write_bytes(b"".join(b"\x00\x00\x00\x01" + unit for unit in units))
 
 
 def fill_alike(streams: Sequence[Path]) -> None:
@@ -122,7 +126,7 @@ def join(stream: Path, track: Path | None, out: Path) -> None:
         _ffmpeg(
             *("-framerate", str(FPS), "-f", "h264", "-i", str(stream), *sound, "-c", "copy"),
             *("-bsf:v", f"setts=ts=N*{_TICKS}:duration={_TICKS}"),
-            *(*_BITEXACT, "-movflags", "+faststart", str(part)),
+            *(*_BITEXACT, "-write_btrt", "0", "-movflags", "+faststart", str(part)),
         )
         blank_user_data(part)
 

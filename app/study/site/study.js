@@ -77,6 +77,7 @@
       page: 0,
       draft: null,
       sent: false,
+      saved: false,
     };
   }
 
@@ -125,10 +126,10 @@
   }
 
   function show(heading, ...children) {
-    main.replaceChildren(...(heading ? [heading] : []), ...children.filter((child) => child !== null));
+    main.replaceChildren(...children.filter((child) => child !== null));
     window.scrollTo(0, 0);
     if (heading) {
-      heading.tabIndex = -1;
+      heading.tabIndex = -1; // read out by screen readers, and the place from where Tab goes on
       heading.focus({ preventScroll: true });
     }
   }
@@ -153,9 +154,7 @@
 
   function sheet(heading, ...children) {
     const title = make("h1", {}, heading);
-    show(null, make("section", { className: "sheet" }, title, ...children));
-    title.tabIndex = -1;
-    title.focus({ preventScroll: true });
+    show(title, make("section", { className: "sheet" }, title, ...children.filter((child) => child !== null)));
   }
 
   function button(text, onClick, properties) {
@@ -286,7 +285,7 @@
       next.disabled = state.draft.values.attention === undefined;
     }
 
-    show(heading, choice.element, make("div", { className: "actions" }, next));
+    show(heading, heading, choice.element, make("div", { className: "actions" }, next));
     update();
     onKey = (event) => choice.onKey(event) || enterKey(event, next);
   }
@@ -316,8 +315,10 @@
         : !hasAnswered && study.questions.length > 1 ? words.progress.unanswered : "";
     }
 
+    const heading = make("h1", { className: "lead" }, study.instruction);
     show(
-      make("h1", { className: "lead" }, study.instruction),
+      heading,
+      heading,
       stage.element,
       hint,
       ...parts.map((part) => part.element),
@@ -584,7 +585,9 @@
       make("p", {}, text.text),
       message,
       make("div", { className: "actions" }, send, download),
-      make("div", { className: "actions" }, button(words.buttons.again, startAgain, {}))
+      // Only now: whoever starts anew can no longer reach the answers of the one before.
+      state.sent || state.saved
+        ? make("div", { className: "actions" }, button(words.buttons.again, startAgain, {})) : null
     );
   }
 
@@ -594,6 +597,8 @@
     link.href = URL.createObjectURL(content);
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+    state.saved = true;
+    goTo("finish");
   }
 
   async function sendAnswers(message, send) {

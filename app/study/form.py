@@ -1,0 +1,103 @@
+"""From the fields of the page's tab to the text of a plan."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.errors import RunError
+
+SEPARATOR = "--"
+MAX_FILES = 60
+MAX_VIDEO_S = 1800.0
+"""Of all videos of a study that the page makes."""
+
+
+@dataclass(frozen=True)
+class StudyForm:
+    """What the visitor has filled in, as Gradio hands it over."""
+
+    title: str
+    protocol: str
+    speeches: list[str] | None
+    systems: list[str]
+    motions: list[str] | None
+    """Files named ``<system>--<clip>.npz``."""
+    length_s: float | None
+    participants: float
+    seed: float
+    views: list[str]
+    post_to: str
+
+
+def plan_text(form: StudyForm) -> str:
+    """The plan as TOML; files are named relative to it.
+
+    Raises:
+        RunError: if something is missing that only the page can say well.
+    """
+    if not form.speeches:
+        raise RunError("There is no speech yet: upload at least one file.")
+    if len(form.speeches) + len(form.motions or []) > MAX_FILES:
+        raise RunError(f"At most {MAX_FILES} files can be uploaded; use the command line for more.")
+    if not form.length_s:
+        raise RunError("The length of the videos is missing: give it in seconds.")
+    clips = [Path(path) for path in form.speeches]
+    others = _by_system(form.motions or [])
+    count = len(clips) * (len(form.systems) + len(others)) * len(form.views)
+    if count * form.length_s > MAX_VIDEO_S:
+        raise RunError(
+            f"This study has {count * form.length_s / 60:.0f} minutes of video; the page makes at "
+            f"most {MAX_VIDEO_S / 60:.0f}, so use the command line or plan less."
+        )
+    lines = [
+        f"title = {_text(form.title.strip() or 'Co-speech motion')}",
+        f"protocol = {_text(form.protocol)}",
+        f"participants = {int(form.participants or 0)}",
+        f"seed = {int(form.seed or 0)}",
+        f"views = [{', '.join(_text(view) for view in form.views)}]",
+        f"length_s = {float(form.length_s):g}",
+    ]
+    if form.post_to.strip():
+        lines.append(f"post_to = {_text(form.post_to.strip())}")
+    for clip in clips:
+        lines += ["", "[[clips]]", f"name = {_text(clip.stem)}", f"speech = {_text(clip.name)}"]
+    for system in form.systems:
+        lines += ["", "[[systems]]", f"name = {_text(system)}"]
+    for system, motions in others.items():
+        lines += ["", "[[systems]]", f"name = {_text(system)}", "[systems.motion]"]
+        lines += [f"{_text(clip)} = {_text(path.name)}" for clip, path in motions.items()]
+    return "\n".join(lines) + "\n"
+
+
+def collect_files(form: StudyForm, folder: Path) -> None:
+    """Put the uploads beside the plan, under the names that it gives them.
+
+    Raises:
+        RunError: if two uploads have the same name.
+    """
+    for path in (*(form.speeches or []), *(form.motions or [])):
+        target = folder / Path(path).name
+        if target.exists():
+            raise RunError(f"Two uploads have the name {target.name}; rename one.")
+        shutil.copyfile(path, target)
+
+
+def _by_system(paths: list[str]) -> dict[str, dict[str, Path]]:
+    systems: dict[str, dict[str, Path]] = {}
+    for path in map(Path, paths):
+        system, separator, clip = path.stem.partition(SEPARATOR)
+        if not (system and separator and clip):
+            raise RunError(
+                f"The motion file {path.name} must be named <system>{SEPARATOR}<clip>.npz, with "
+                "the name of a speech file as the clip."
+            )
+        systems.setdefault(system, {})[clip] = path
+    return systems
+
+
+def _text(value: str) -> str:
+    """A TOML string; JSON's escapes are among TOML's."""
+    return json.dumps(value, ensure_ascii=True).replace("\x7f", "\\u007f")

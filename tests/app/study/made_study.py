@@ -1,0 +1,146 @@
+"""Small studies for tests: motion and sound from formulas, and a stand-in for the renderer."""
+
+import json
+import shutil
+import subprocess
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from app.study.export import export_study
+from app.study.key import read_key, write_key
+from app.study.media import set_time
+from app.study.page import DATA, DATA_START
+from app.study.plan import read_plan
+from app.study.workspace import Workspace, sha256
+from model.motion import save_motion
+from model.speech.audio import write_wav
+from renderer.video import ffmpeg_path
+from tests.helpers import smooth_motion_example
+from tests.model.made import made_waveform
+
+FRAMES = 15
+SIZE = 64
+
+
+def write_inputs(
+    folder: Path, systems: Sequence[str], clips: Sequence[str], frames: int = FRAMES
+) -> None:
+    """``<clip>.wav`` and ``<system>-<clip>.npz``, all different."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for c, clip in enumerate(clips):
+        samples = made_waveform(16_000 * frames // 30 + 100 * c)[-(16_000 * frames // 30) :]
+        write_wav(folder / f"{clip}.wav", samples)
+        for s, system in enumerate(systems):
+            save_motion(
+                smooth_motion_example(frames, seed=100 * c + s), folder / f"{system}-{clip}.npz"
+            )
+
+
+def write_plan(
+    folder: Path, systems: Sequence[str], clips: Sequence[str], settings: str = ""
+) -> Path:
+    """A plan for the files of `write_inputs`; ``settings`` come first and win."""
+    defaults = {
+        "title": '"Which moves better?"',
+        "protocol": '"pairwise"',
+        "participants": "4",
+        "size": str(SIZE),
+    }
+    lines = [f"{k} = {v}" for k, v in defaults.items() if f"{k} =" not in settings]
+    lines = [settings, *lines]
+    for clip in clips:
+        lines += ["[[clips]]", f'name = "{clip}"', f'speech = "{clip}.wav"']
+    for system in systems:
+        lines += ["[[systems]]", f'name = "{system}"', f'motion = "{system}-{{clip}}.npz"']
+    path = folder / "plan.toml"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def draw_noise(
+    jobs, on_progress, on_done, should_cancel, parallel, on_start: Callable[[str], None] = bool
+) -> None:
+    """In place of `app.videos.draw_videos`: noise that each motion decides, more or less of it."""
+    for number, (name, job) in enumerate(jobs.items()):
+        on_start(name)
+        seed = int(np.abs(job.motion.poses).sum() * 1e3)
+        rng = np.random.default_rng(seed)
+        shape = (job.motion.num_frames, job.settings.height, job.settings.width, 3)
+        pictures = rng.integers(0, 1 + seed % 200, shape, np.uint8)
+        command = [
+            *(ffmpeg_path(), "-v", "error", "-y", "-f", "rawvideo", "-pixel_format", "rgb24"),
+            *("-video_size", f"{shape[2]}x{shape[1]}", "-framerate", "30", "-i", "pipe:0"),
+            *("-c:v", "libx264", "-crf", "0", "-pix_fmt", "yuv420p", str(job.out)),
+        ]
+        subprocess.run(command, input=pictures.tobytes(), check=True)
+        on_done(name)
+        on_progress((number + 1) / len(jobs))
+
+
+def make_study(
+    folder: Path, systems: Sequence[str], clips: Sequence[str], settings: str = ""
+) -> Path:
+    """A whole export in ``folder/study``."""
+    write_inputs(folder, systems, clips)
+    plan = read_plan(write_plan(folder, systems, clips, settings))
+    export_study(plan, folder / "study", draw=draw_noise)
+    return folder / "study"
+
+
+def copy_study(study: Path, out: Path) -> Workspace:
+    """A copy to plant something in; times are kept."""
+    shutil.copytree(study, out)
+    return Workspace(out)
+
+
+def video_of(workspace: Workspace, system: str, clip: str) -> Path:
+    """One of the videos that shows this."""
+    videos = read_key(workspace.key).videos.items()
+    blind = next(name for name, v in videos if (v.system, v.clip) == (system, clip))
+    return workspace.video(blind)
+
+
+def accept_video(workspace: Workspace, video: Path) -> None:
+    """Make the key say that a changed video is as it should be."""
+    key = read_key(workspace.key)
+    changed = replace(key.videos[video.stem], sha256=sha256(video))
+    write_key(replace(key, videos={**key.videos, video.stem: changed}), workspace.key)
+    set_time(video)
+
+
+def rename_videos(workspace: Workspace, names: dict[str, str]) -> None:
+    """Give videos other names, wherever they are written."""
+    text = workspace.key.read_text()
+    data = (workspace.bundle / DATA).read_text()
+    for old, new in names.items():
+        workspace.video(old).rename(workspace.video(new))
+        text, data = text.replace(old, new), data.replace(old, new)
+    workspace.key.write_text(text)
+    (workspace.bundle / DATA).write_text(data)
+    set_time(workspace.bundle / DATA)
+    set_time(workspace.media)
+
+
+def change_data(workspace: Workspace, change: Callable[[dict], None]) -> None:
+    """Change what the page's script reads."""
+    path = workspace.bundle / DATA
+    data = json.loads(path.read_text().removeprefix(DATA_START).rstrip().removesuffix(";"))
+    change(data)
+    path.write_text(f"{DATA_START}{json.dumps(data)};\n")
+    set_time(path)
+
+
+def ffmpeg(*arguments: str) -> None:
+    subprocess.run([ffmpeg_path(), "-v", "error", "-y", *arguments], check=True)
+
+
+def tree(folder: Path) -> dict[str, tuple[bytes, float]]:
+    """Everything in a folder: contents and times."""
+    return {
+        path.relative_to(folder).as_posix(): (path.read_bytes(), path.stat().st_mtime)
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
