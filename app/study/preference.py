@@ -77,7 +77,7 @@ def share_of(votes: Votes) -> Share:
     wins, losses = int((score == 1).sum()), int((score == 0).sum())
     share = float(score.mean())
     num_raters = len(np.unique(votes.rater))
-    effective = _effective_votes(share, len(score), num_raters, _rater_variance(votes))
+    effective = _effective_votes(votes, _rater_variance(votes), max(1, num_raters - 1))
     raters_for, raters_against = _majorities(votes)
     return Share(
         wins=wins,
@@ -142,30 +142,38 @@ def _rater_variance(votes: Votes) -> float:
     return max(_cluster_variance(votes, votes.rater), independent)
 
 
-def _effective_votes(share: float, num_votes: int, num_clusters: int, variance: float) -> float:
+def _effective_votes(votes: Votes, variance: float, freedom: float) -> float:
     """Number of independent yes/no votes that would tell as much (Korn and Graubard 1998).
 
     The ratio of t quantiles widens for a variance that few clusters estimate. Where all votes
-    agree, or one cluster gave them all, nothing is known of the variance within, and each
-    cluster counts as one vote.
+    agree, or one participant gave them all, nothing is known of the variance within, and each
+    participant counts as one vote.
     """
-    if variance <= 0 or num_clusters < 2:
-        return float(num_clusters)
+    num_raters = len(np.unique(votes.rater))
+    if variance <= 0 or num_raters < 2:
+        return float(num_raters)
+    share = float(votes.score.mean())
     upper = (1 + CONFIDENCE) / 2
-    few = stats.t.ppf(upper, num_votes - 1) / stats.t.ppf(upper, num_clusters - 1)
+    few = stats.t.ppf(upper, len(votes) - 1) / stats.t.ppf(upper, freedom)
     return float(share * (1 - share) / variance * few**2)
 
 
 def _interval_over_clips(votes: Votes) -> Interval | None:
-    """Participants and clips both drawn anew: two-way clustered variance (Cameron et al. 2011)."""
-    num_clips = len(np.unique(votes.clip))
-    if num_clips < 3:
+    """Participants and clips both drawn anew: two-way clustered variance (Cameron et al. 2011).
+
+    The few clips only weaken the part of the variance that they add (Satterthwaite 1946).
+    """
+    num_clips, num_raters = len(np.unique(votes.clip)), len(np.unique(votes.rater))
+    if num_clips < 3 or num_raters < 2:
         return None
-    share = float(votes.score.mean())
-    by_rater, by_clip = _rater_variance(votes), _cluster_variance(votes, votes.clip)
+    by_rater = _rater_variance(votes)
     both = votes.rater * (int(votes.clip.max()) + 1) + votes.clip
     cell = np.unique(both, return_inverse=True)[1]
-    variance = max(by_rater, by_clip, by_rater + by_clip - _cluster_variance(votes, cell))
-    clusters = min(num_clips, len(np.unique(votes.rater)))
-    effective = _effective_votes(share, len(votes), clusters, variance)
+    of_clips = _cluster_variance(votes, votes.clip) - _cluster_variance(votes, cell)
+    added = max(0.0, of_clips)
+    parts = by_rater**2 / (num_raters - 1) + added**2 / (num_clips - 1)
+    variance = by_rater + added
+    freedom = variance**2 / parts if parts > 0 else num_raters - 1
+    effective = _effective_votes(votes, variance, freedom)
+    share = float(votes.score.mean())
     return clopper_pearson(share * effective, effective)

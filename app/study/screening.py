@@ -46,7 +46,7 @@ def screen(participants: Iterable[Participant], key: Key) -> Screened:
             dropped.append(Dropped(participant, f"not finished ({trials} of {whole} trials)"))
         elif failed > key.max_failed:
             dropped.append(
-                Dropped(participant, f"{failed} attention checks failed, {key.max_failed} allowed")
+                Dropped(participant, f"attention checks: {failed} failed, {key.max_failed} allowed")
             )
         else:
             kept.append(participant)

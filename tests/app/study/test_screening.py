@@ -37,7 +37,7 @@ def test_checks_count_as_failed_when_wrong_or_missing(
 
 def test_the_rule_of_the_key_decides_and_is_told() -> None:
     (dropped,) = screen([with_checks(KEY, "tie", "tie")], KEY).dropped
-    assert dropped.why == "2 attention checks failed, 1 allowed"
+    assert dropped.why == "attention checks: 2 failed, 1 allowed"
     assert screen([with_checks(KEY, "tie", "tie")], replace(KEY, max_failed=2)).kept
 
 
