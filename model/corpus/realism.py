@@ -42,6 +42,8 @@ class Realism:
     """Area under the curve of all figures together: mean over real clips left out of training."""
     floor: float
     """The same between two real clips, trained on three quarters of each and tested on the rest."""
+    by_speaker: dict[str, float]
+    """The joint area of each speaker's windows alone."""
     features: tuple["FeatureGap", ...]
     """The figures, most telling first."""
 
@@ -171,27 +173,31 @@ class Judge:
         return (windows - self.mean) / self.scale * self.weights
 
 
-def judge_realism(real: list[Figures], corpus: list[Figures]) -> Realism:
-    """Compare clips of the corpus with the first two real clips.
+def judge_realism(real: list[Figures], corpus: dict[str, list[Figures]]) -> Realism:
+    """Compare the clips of the corpus's speakers with the first two real clips.
 
     Trained on one real clip and every other clip of the corpus and tested on the rest, both ways.
 
     Raises:
         ValueError: if there are fewer than two real clips or two clips of the corpus.
     """
-    if len(real) < 2 or len(corpus) < 2:
+    owners = [name for name, clips in corpus.items() for _ in clips]
+    if len(real) < 2 or len(owners) < 2:
         raise ValueError(
             f"Two real clips and two of the corpus are needed; there are {len(real)} and"
-            f" {len(corpus)}."
+            f" {len(owners)}."
         )
-    clips = (*real[:2], *corpus)
-    first, second, *tables = (np.column_stack(list(figures.values())) for figures in clips)
+    first, second = (_table(figures) for figures in real[:2])
+    tables = [_table(figures) for clips in corpus.values() for figures in clips]
     halves = np.concatenate(tables[0::2]), np.concatenate(tables[1::2])
-    judges = [Judge.train(first, halves[0]), Judge.train(second, halves[1])]
-    joint = [
-        judges[0].area_under_curve(second, halves[1]),
-        judges[1].area_under_curve(first, halves[0]),
-    ]
+    judges = Judge.train(first, halves[0]), Judge.train(second, halves[1])
+    # Each judge is tested on the real clip and the half that it has not seen.
+    tests = (judges[0], second, 1), (judges[1], first, 0)
+    joint = [judge.area_under_curve(windows, halves[half]) for judge, windows, half in tests]
+    areas: dict[str, list[float]] = {name: [] for name in corpus}
+    for judge, windows, half in tests:
+        for owner, table in zip(owners[half::2], tables[half::2], strict=True):
+            areas[owner].append(judge.area_under_curve(windows, table))
     both, every = np.concatenate([first, second]), np.concatenate(halves)
     gaps = [judge.contributions(every).mean(0) - judge.contributions(both).mean(0)
             for judge in judges]  # fmt: skip
@@ -205,10 +211,19 @@ def judge_realism(real: list[Figures], corpus: list[Figures]) -> Realism:
             real_auc=_either_way(first[:, k], second[:, k]),
             share=float(share[k]),
         )
-        for k, name in enumerate(clips[0])
+        for k, name in enumerate(real[0])
     ]
     features.sort(key=lambda feature: -feature.auc)
-    return Realism(float(np.mean(joint)), _floor(first, second), tuple(features))
+    return Realism(
+        joint=float(np.mean(joint)),
+        floor=_floor(first, second),
+        by_speaker={name: float(np.mean(values)) for name, values in areas.items()},
+        features=tuple(features),
+    )
+
+
+def _table(figures: Figures) -> Windows:
+    return np.column_stack(list(figures.values()))
 
 
 def _floor(first: Windows, second: Windows) -> float:

@@ -103,14 +103,14 @@ def test_the_regression_is_the_textbook_one() -> None:
 
 def test_motion_of_the_same_kind_is_not_told_apart() -> None:
     """A regression judged on the clips it was trained on would find a difference here."""
-    realism = judge_realism([person(0), person(1)], [person(k) for k in range(2, 6)])
+    realism = judge_realism([person(0), person(1)], {"a": [person(k) for k in range(2, 6)]})
     assert 0.3 < realism.joint < 0.68
     assert 0.3 < realism.floor < 0.7
     assert all(feature.auc < 0.68 for feature in realism.features)
 
 
 def test_stiff_fingers_are_found_and_named_first() -> None:
-    realism = judge_realism([person(0), person(1)], [person(k, 0.6) for k in range(2, 6)])
+    realism = judge_realism([person(0), person(1)], {"a": [person(k, 0.6) for k in range(2, 6)]})
     assert realism.joint > 0.95
     telling = {feature.name for feature in realism.features[:2]}
     assert telling == {"finger turning, deg/s", "finger angle from flat, deg"}
@@ -120,6 +120,12 @@ def test_stiff_fingers_are_found_and_named_first() -> None:
     assert first.auc > 0.95 and first.real_auc < 0.7 and first.corpus < min(first.real)
 
 
+def test_the_speaker_that_differs_is_told_apart_from_the_others() -> None:
+    speakers = {"a": [person(2), person(3)], "b": [person(4, 0.6), person(5, 0.6)]}
+    areas = judge_realism([person(0), person(1)], speakers).by_speaker
+    assert areas["b"] > 0.85 and areas["a"] < 0.7
+
+
 def test_too_few_clips_are_refused() -> None:
     with pytest.raises(ValueError, match="Two real clips"):
-        judge_realism([person(0)], [person(1), person(2)])
+        judge_realism([person(0)], {"a": [person(1)], "b": [person(2)]})
