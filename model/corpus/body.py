@@ -53,12 +53,12 @@ def move_trunk(
 
     pelvis_yaw = sway_line(rng, num_frames, 4.5 * swaying) + 0.7 * accents.yaw
     yaw = 0.2 * pelvis_yaw + 28 * lead + accents.yaw
-    yaw += sway_line(rng, num_frames, 2.9 * swaying) + smooth_line(
-        rng, num_frames, 2.8 * swaying, 0.2
+    yaw += sway_line(rng, num_frames, 2.8 * swaying) + smooth_line(
+        rng, num_frames, 2.6 * swaying, 0.2
     )
     pitch = 2.8 * lively * accents.level - 17 * raised
-    pitch += sway_line(rng, num_frames, 2.9 * swaying) + smooth_line(
-        rng, num_frames, 2.8 * swaying, 0.2
+    pitch += sway_line(rng, num_frames, 2.8 * swaying) + smooth_line(
+        rng, num_frames, 2.6 * swaying, 0.2
     )
     roll = 15 * aside + accents.roll
     roll += sway_line(rng, num_frames, 2.8 * swaying) + smooth_line(

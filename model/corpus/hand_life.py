@@ -36,9 +36,9 @@ def add_life(
         hand[:, POSITION] += smooth_noise(rng, num_frames, 0.008, 0.25, 3)
         hand[:, POSITION] += smooth_noise(rng, num_frames, 0.016, 0.9, 3)
         hand[:, PRONATION] += smooth_line(rng, num_frames, 6.0, 0.4)
-        hand[:, PRONATION] += smooth_line(rng, num_frames, 3.4 * vigour, 0.12)
+        hand[:, PRONATION] += smooth_line(rng, num_frames, 3.2 * vigour, 0.12)
         hand[:, WRIST_FLEX] += smooth_line(rng, num_frames, 4.5, 0.25)
-        hand[:, WRIST_FLEX] += smooth_line(rng, num_frames, 4.2 * vigour, 0.10)
+        hand[:, WRIST_FLEX] += smooth_line(rng, num_frames, 4.0 * vigour, 0.10)
         hand[:, DEVIATION] += smooth_line(rng, num_frames, 3.5, 0.3)
         hand[:, PRONATION : DEVIATION + 1] += smooth_noise(rng, num_frames, 0.35, 0.035, 3)
         hand[:, FINGERS] += _finger_life(hand, speaker, rng)
@@ -46,7 +46,7 @@ def add_life(
 
 def vigour_of(speaker: Speaker) -> float:
     """About 1; how much of a speaker's liveliness shows in wrists and fingers."""
-    return ((speaker.energy + speaker.amplitude + speaker.sway) / 3) ** 1.5
+    return ((speaker.energy + speaker.amplitude + speaker.sway) / 3) ** 2.5
 
 
 def _finger_life(
@@ -56,7 +56,7 @@ def _finger_life(
     num_frames = len(hand)
     speed = np.linalg.norm(np.gradient(hand[:, POSITION], axis=0), axis=1) * FPS
     energy = np.clip(0.65 + low_pass(speed, 0.15) / 0.65, 0.65, 1.7)[:, None]
-    energy *= speaker.finger_life * vigour_of(speaker) ** 0.4
+    energy *= speaker.finger_life * vigour_of(speaker) ** 0.25
     life = np.zeros((num_frames, SHAPE_SIZE))
     each_finger = smooth_noise(rng, num_frames, 6.0, 0.13, 4)
     flex = np.repeat(each_finger, 3, axis=1) * np.tile([1.0, 1.2, 0.6], 4)
@@ -83,9 +83,9 @@ def trailing(
     velocity = np.gradient(hand[:, POSITION], axis=0) * FPS
     across = gaussian_filter1d((velocity * palm).sum(axis=1), 1.2)
     acceleration = np.gradient(velocity, axis=0) * FPS
-    pull = (acceleration * palm).sum(axis=1)
-    hand[:, WRIST_FLEX] += _softly(WRIST_SWING.angle_deg(pull), 20.0) - 9 * across
-    drag = _softly(FINGER_SWING.angle_deg(pull), 15.0) - _softly(6 * across, 10.0)
+    pull = _softly((acceleration * palm).sum(axis=1), 6.0)  # muscles stiffen when it gets rough
+    hand[:, WRIST_FLEX] += WRIST_SWING.angle_deg(pull) - 9 * across
+    drag = FINGER_SWING.angle_deg(pull) - _softly(6 * across, 10.0)
     hand[:, FINGERS.start : FINGERS.start + 12] += drag[:, None] * np.tile([1.0, 0.8, 0.5], 4)
     return hand
 
@@ -113,5 +113,5 @@ class Swing:
         return -np.degrees(lag / self.lever_m)
 
 
-WRIST_SWING = Swing(hz=3.8, damping=0.5, lever_m=0.08)
-FINGER_SWING = Swing(hz=5.0, damping=0.5, lever_m=0.05)
+WRIST_SWING = Swing(hz=3.5, damping=0.5, lever_m=0.065)
+FINGER_SWING = Swing(hz=4.5, damping=0.5, lever_m=0.05)
