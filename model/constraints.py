@@ -83,7 +83,8 @@ def skeleton_structure_loss(
 
         |D D^T - E E^T|^2 = (tr(S^T S M^T M) + tr(M^T S M^T S)) / 2
 
-    holds for any number of bones, needs 3 x 3 products only, and loses no digits where the two are nearly equal.
+    holds for any number of bones, needs 3 x 3 products only, and loses no digits where the two are
+    nearly equal.
     """
     predicted, length = bone_directions(positions, parents)
     wanted, wanted_length = bone_directions(target, parents)

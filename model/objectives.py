@@ -21,6 +21,7 @@ from model.data import Batch, PreparedData
 from model.expression import ExpressionNetwork, predict_expressions
 from model.flow import interpolate, time_weight
 from model.kinematics import global_from_local, joint_positions_from_global
+from model.mirror import mirror_face_units
 from model.packing import ROTATION_DIM, Normaliser, pack, unpack
 from model.parallel import WHOLE, Shard
 from model.rotations import matrix_from_axis_angle, matrix_from_rot6d, rot6d_from_matrix
@@ -116,7 +117,7 @@ def fit_normaliser(config: TrainConfig, space: RotationSpace, data: PreparedData
     """Statistics over (at most 400 windows of) the training split."""
     rng = np.random.default_rng(0)
     window = config.network.window_frames
-    batch = data.window_batch(data.of_split("train"), window, 400, rng)
+    batch = data.window_batch(data.of_split("train"), window, 400, rng, config.mirror)
     return Normaliser.fit(to_vectors(space, batch.poses, batch.transl).flatten(0, 1))
 
 
@@ -160,7 +161,7 @@ def motion_step(
                 interpolate(x_0, x_1, t),
                 t,
                 speech=speech,
-                expression=shard.of(expressions[torch.from_numpy(batch.frames)]),
+                expression=shard.of(_faces(expressions, batch)),
                 seed=x_1[:, :seed_frames],
                 speaker=speaker,
                 has_seed=has_seed,
@@ -237,6 +238,12 @@ def expression_step(config: TrainConfig) -> StepFunction:
         return _summed({"face": losses.expression_loss(predicted, shard.of(batch.expression))})
 
     return step
+
+
+def _faces(expressions: Float[Tensor, "N E"], batch: Batch) -> Float[Tensor, "B T E"]:
+    """The rows of a batch, mirrored where its motion is."""
+    units = expressions[torch.from_numpy(batch.frames)]
+    return torch.where(batch.mirrored[:, None, None], mirror_face_units(units), units)
 
 
 def _heard(

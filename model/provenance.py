@@ -19,7 +19,7 @@ def make_card(
     corpus = folder / "corpus.json"
     train_clips = data.of_split("train")
     seen = {clip.speaker for clip in train_clips}
-    train_frames = sum(clip.num_frames for clip in train_clips)
+    train_frames = sum(clip.num_frames for clip in train_clips if clip.copy == 0)
     return {
         "config": json.loads(to_json(config)),
         "speakers": {name: n for n, name in sorted(data.speakers.items()) if n in seen},

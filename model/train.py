@@ -100,7 +100,12 @@ def train(
         )
     encoder = make_encoder(config.encoder)
     with shard.first_alone():
-        data = prepare(data_folder, out.parent / f"prepared-{encoder.name}", encoder)
+        data = prepare(
+            data_folder,
+            out.parent / f"prepared-{encoder.name}",
+            encoder,
+            augmented_copies=config.augmented_copies,
+        )
     train_clips, val_clips = data.of_split("train"), data.of_split("val")
     window = config.network.window_frames
     task = make_task(config, data, helpers, start, shard.device)
@@ -124,7 +129,7 @@ def train(
             group["lr"] = config.learning_rate * learning_rate_factor(step, config)
         rng = np.random.default_rng([config.random_seed, step])
         generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
-        batch = data.window_batch(train_clips, window, config.batch_size, rng)
+        batch = data.window_batch(train_clips, window, config.batch_size, rng, config.mirror)
         network.train()
         loss = task.step_loss(parallel, batch, generator, shard)
         optimizer.zero_grad(set_to_none=True)
