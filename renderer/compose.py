@@ -20,6 +20,8 @@ from renderer.video import (
 )
 
 MAX_VIDEOS = 6
+MAX_WIDTH_PX = 1920
+"""Wider than this, a comparison gets a second row: few screens show more."""
 _SMALLEST_LABEL = 0.35
 """Letters this high, as a share of the band, can still be read; longer labels are cut."""
 _INK, _PAPER = (38, 42, 50), (255, 255, 255)
@@ -34,10 +36,11 @@ def compose_videos(
     on_progress: Callable[[float], None] | None = None,
     should_cancel: Callable[[], bool] | None = None,
 ) -> None:
-    """Write one row of videos, with a band of labels above the pictures.
+    """Write videos beside one another, each row with a band of labels above its pictures.
 
-    Frame n of the result shows frame n of every video; a shorter video holds its last frame.
-    ffmpeg decodes and encodes in its own process, so memory does not grow with the length.
+    There are as many rows as it takes to stay within ``MAX_WIDTH_PX``, about equally long. Frame n
+    of the result shows frame n of every video; a shorter video holds its last frame. ffmpeg decodes
+    and encodes in its own process, so memory does not grow with the length.
 
     Args:
         labels: one for each video; drawn smaller, or cut, if it is too long for its picture.
@@ -63,19 +66,24 @@ def compose_videos(
             )
     check_sound(speech_wav)
     num_frames = max(each.num_frames for each in facts)
+    rows = rows_of(len(videos), first.width)
+    width = first.width * max(len(row) for row in rows)
     with tempfile.TemporaryDirectory() as folder:
-        band = Path(folder) / "labels.png"
-        Image.fromarray(label_band(labels, first.width, first.height)).save(band)
         inputs = [part for video in videos for part in ("-i", str(video))]
-        inputs += ["-i", str(band)]
+        for number, row in enumerate(rows):
+            band = Path(folder) / f"labels{number}.png"
+            names = [labels[i] for i in row]
+            Image.fromarray(label_band(names, first.width, first.height, width)).save(band)
+            inputs += ["-i", str(band)]
         if speech_wav is not None:
             inputs += ["-i", str(speech_wav)]
+        sound_input = None if speech_wav is None else len(videos) + len(rows)
         encoder = Encoder(
             out,
             [
                 *inputs,
-                *("-filter_complex", _row_filter(facts, num_frames), "-map", "[out]"),
-                *encoding(num_frames, crf, None if speech_wav is None else len(videos) + 1),
+                *("-filter_complex", _filter(facts, rows, num_frames), "-map", "[out]"),
+                *encoding(num_frames, crf, sound_input),
             ],
             stdin=False,
         )
@@ -101,25 +109,40 @@ def _run(
     encoder.finish()
 
 
-def _row_filter(facts: Sequence[VideoFacts], num_frames: int) -> str:
-    """ffmpeg's filter graph: hold last frames, stack, make room for the band, lay it on top."""
-    count = len(facts)
-    held = [
+def rows_of(count: int, picture_width: int) -> list[range]:
+    """Which videos stand in which row, from the top; the last row may be shorter."""
+    longest = max(1, MAX_WIDTH_PX // picture_width)
+    num_rows = -(-count // longest)
+    num_columns = -(-count // num_rows)
+    return [range(i, min(i + num_columns, count)) for i in range(0, count, num_columns)]
+
+
+def _filter(facts: Sequence[VideoFacts], rows: Sequence[range], num_frames: int) -> str:
+    """ffmpeg's filter graph: hold last frames, stack rows, lay each row's band above it."""
+    parts = [
         f"[{i}:v]setpts=PTS-STARTPTS,tpad=stop={num_frames - each.num_frames}:stop_mode=clone[v{i}]"
         for i, each in enumerate(facts)
     ]
-    row = "".join(f"[v{i}]" for i in range(count))
-    row += f"hstack=inputs={count}[row]" if count > 1 else "null[row]"
-    band = band_height(facts[0].height)
-    return ";".join(
-        [
-            *held,
-            row,
-            f"[row]pad=iw:ih+{band}:0:{band}[room]",
-            f"[{count}:v]format=rgb24,scale=out_color_matrix=bt709:out_range=tv,format=yuv420p[band]",
-            "[room][band]overlay=0:0:eof_action=repeat[out]",
+    picture_width, band = facts[0].width, band_height(facts[0].height)
+    width = picture_width * len(rows[0])
+    for number, row in enumerate(rows):
+        joined = "".join(f"[v{i}]" for i in row)
+        joined += f"hstack=inputs={len(row)}" if len(row) > 1 else "null"
+        left = _left_edge(len(row), picture_width, width)
+        colours = "format=rgb24,scale=out_color_matrix=bt709:out_range=tv,format=yuv420p"
+        parts += [
+            f"{joined},pad={width}:ih+{band}:{left}:{band}:white[room{number}]",
+            f"[{len(facts) + number}:v]{colours}[band{number}]",
+            f"[room{number}][band{number}]overlay=0:0:eof_action=repeat[row{number}]",
         ]
-    )
+    stack = "".join(f"[row{number}]" for number in range(len(rows)))
+    parts.append(stack + (f"vstack=inputs={len(rows)}" if len(rows) > 1 else "null") + "[out]")
+    return ";".join(parts)
+
+
+def _left_edge(count: int, picture_width: int, width: int) -> int:
+    """Where a row begins that stands in the middle; even, as yuv420p halves both axes."""
+    return 2 * ((width - count * picture_width) // 4)
 
 
 def band_height(picture_height: int) -> int:
@@ -128,14 +151,20 @@ def band_height(picture_height: int) -> int:
 
 
 def label_band(
-    labels: Sequence[str], picture_width: int, picture_height: int
+    labels: Sequence[str], picture_width: int, picture_height: int, width: int | None = None
 ) -> UInt8[np.ndarray, "B W 3"]:
-    """The band above a row of pictures, each label centred over its picture."""
+    """The band above a row of pictures, each label in one line, centred over its picture.
+
+    Args:
+        width: of the band, if it is wider than its row, which then stands in the middle.
+    """
     height = band_height(picture_height)
-    band = Image.new("RGB", (picture_width * len(labels), height), _PAPER)
+    width = width or picture_width * len(labels)
+    left = _left_edge(len(labels), picture_width, width)
+    band = Image.new("RGB", (width, height), _PAPER)
     draw = ImageDraw.Draw(band)
     widest = 0.94 * picture_width
-    for index, label in enumerate(labels):
+    for index, label in enumerate(" ".join(label.split()) for label in labels):
         size = height * 0.55
         font = ImageFont.load_default(size)
         if draw.textlength(label, font) > widest:
@@ -145,6 +174,6 @@ def label_band(
         while draw.textlength(label, font) > widest:
             kept -= 1
             label = label[:kept] + "..."
-        middle = (picture_width * (index + 0.5), height / 2)
+        middle = (left + picture_width * (index + 0.5), height / 2)
         draw.text(middle, label, fill=_INK, font=font, anchor="mm")
     return np.asarray(band)

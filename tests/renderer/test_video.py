@@ -9,7 +9,7 @@ import av
 import numpy as np
 import pytest
 
-from renderer.compose import band_height, compose_videos, label_band
+from renderer.compose import band_height, compose_videos, label_band, rows_of
 from renderer.video import Cancelled, VideoError, VideoWriter, read_facts
 
 SIZE = (96, 64)
@@ -236,6 +236,54 @@ def test_videos_run_in_lock_step_under_their_labels(tmp_path, count):
         audio = file.streams.audio[0]
         assert float(audio.duration * audio.time_base) == pytest.approx(20 / 30, abs=1 / 30)
     assert shares == sorted(shares) and shares[-1] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("count", "width", "lengths"),
+    [
+        (1, 512, [1]),
+        (3, 512, [3]),
+        (3, 640, [3]),
+        (3, 642, [2, 1]),
+        (4, 512, [2, 2]),
+        (5, 512, [3, 2]),
+        (6, 512, [3, 3]),
+        (6, 320, [6]),
+        (5, 1080, [1, 1, 1, 1, 1]),
+        (2, 2160, [1, 1]),
+    ],
+)
+def test_a_comparison_wider_than_a_screen_gets_rows(count, width, lengths):
+    rows = rows_of(count, width)
+    assert [len(row) for row in rows] == lengths
+    assert [i for row in rows for i in row] == list(range(count))
+
+
+def test_rows_stand_below_one_another_each_under_its_labels(tmp_path, monkeypatch):
+    monkeypatch.setattr("renderer.compose.MAX_WIDTH_PX", 400)
+    levels, size = np.linspace(40, 220, 8), (126, 96)
+    videos = [
+        write_video(tmp_path / f"{i}.mp4", levels, tint=TINTS[i], size=size) for i in range(5)
+    ]
+    out = tmp_path / "all.mp4"
+    compose_videos(videos, [f"name {i}" for i in range(5)], out)
+    frames = decoded_frames(out).astype(float)
+    band = band_height(96)
+    assert frames.shape == (8, 2 * (96 + band), 3 * 126, 3)
+    places = [(0, 0), (0, 126), (0, 252), (1, 62), (1, 188)]  # the short row in the middle
+    for tint, (row, left) in zip(TINTS, places, strict=False):
+        top = row * (96 + band) + band
+        picture = frames[:, top + 8 : top + 88, left + 8 : left + 118].mean(axis=(1, 2))
+        np.testing.assert_allclose(picture, levels[:, None] * tint, atol=14)
+        label = frames[:, top - band : top - 2, left : left + 126]
+        assert label.max() > 240 and label.min() < 110
+    assert frames[:, -50:, :50].min() > 240, "beside the short row nothing is drawn"
+
+
+def test_a_label_of_several_lines_becomes_one(tmp_path):
+    one, several = (label_band([text], 300, 400) for text in ("a b c", "a\n b\r\n\tc"))
+    np.testing.assert_array_equal(one, several)
+    assert label_band(["\n"], 300, 400).min() == 255
 
 
 def test_a_shorter_video_holds_its_last_frame(tmp_path):
