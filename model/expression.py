@@ -5,6 +5,9 @@ encoder, because lips follow phonemes almost one to one. Deterministic; one netw
 system, so that all of them show the same face.
 """
 
+from collections.abc import Iterable
+from dataclasses import dataclass
+
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
@@ -76,3 +79,70 @@ def predict_expressions(
             start = (first + k) * hop
             total[start : start + window] += weight * one
     return total[hop : hop + num_frames].clamp(0, 1)
+
+
+@dataclass(frozen=True)
+class SpeechWindow:
+    """Speech and face of some frames; past the end of the speech both are held."""
+
+    speech: Float[Tensor, "T speech_dim"]
+    expressions: Float[Tensor, "T expression_dim"]
+    num_frames: int
+    """Frames that the speech really has."""
+    is_last: bool
+    """Whether the speech ends in this window."""
+
+
+class ExpressionStream:
+    """Cuts windows from speech that arrives in blocks, with the face that `predict_expressions`
+    gives the whole of it. Keeps only what windows to come need."""
+
+    def __init__(
+        self,
+        network: ExpressionNetwork,
+        features: Iterable[Float[Tensor, "_ speech_dim"]],
+        speaker: int,
+    ) -> None:
+        self.network = network
+        self.speaker = speaker
+        self._blocks = iter(features)
+        self._kept = torch.empty(0, network.config.speech_dim)
+        self._first = 0
+        self._ended = False
+
+    def window(self, start: int, length: int) -> SpeechWindow:
+        """Frames ``start`` to ``start + length``, no earlier than in the call before.
+
+        Raises:
+            ValueError: if the speech has no frame there.
+        """
+        hop = self.network.config.window_frames // 2
+        stop = start + length
+        # A frame's face comes from two windows, which reach to the end of the next hop.
+        needed = (-(-stop // hop) + 1) * hop
+        self._read_to(needed)
+        self._drop_before(max(0, (start // hop - 1) * hop))
+        offset = start - self._first
+        if offset >= len(self._kept):
+            raise ValueError(f"The speech has no frame {start}; at least 1 more is needed.")
+        visible = self._kept[: needed - self._first]
+        expressions = predict_expressions(self.network, visible, self.speaker)
+        index = torch.arange(offset, offset + length).clamp_max(len(visible) - 1)
+        return SpeechWindow(
+            speech=visible[index],
+            expressions=expressions[index],
+            num_frames=min(length, len(visible) - offset),
+            is_last=self._ended and self._first + len(self._kept) <= stop,
+        )
+
+    def _read_to(self, frame: int) -> None:
+        while not self._ended and self._first + len(self._kept) < frame:
+            block = next(self._blocks, None)
+            if block is None:
+                self._ended = True
+            else:
+                self._kept = torch.cat([self._kept, block])
+
+    def _drop_before(self, frame: int) -> None:
+        self._kept = self._kept[frame - self._first :]
+        self._first = frame

@@ -1,14 +1,17 @@
-"""Motion for speech of any length, in windows that each start from the end of the one before."""
+"""Motion for speech of any length, in windows that each start from the end of the one before.
 
-from collections.abc import Callable
+`generate_motion` has the whole speech; `stream_motion` makes the same motion while it arrives.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor
 
-from model.expression import predict_expressions
+from model.expression import ExpressionStream
 from model.flow import Sampler, sample
 from model.kinematics import local_from_global
 from model.motion import Motion
@@ -24,9 +27,6 @@ INPAINT_UNTIL = 0.7
 was 1.2 times the inside's (worst frame of the join 1.6); held to the end 1.3 (2.7)."""
 
 
-CHUNK_FRAMES = 512
-
-
 class Cancelled(Exception):
     """Generation was stopped from outside; nothing is returned."""
 
@@ -40,12 +40,18 @@ class GenerateOptions:
     samples: int = 1
     steps: int = 10
     sampler: Sampler = "euler"
+    guidance: float = 1.0
+    """Strength of the speech: x_1 without speech plus this times what speech changes in it
+    (classifier-free guidance). 1 is the network as trained, 0 is deaf; any other value than 1 asks
+    the network twice at each evaluation."""
 
     def __post_init__(self) -> None:
         if self.samples < 1:
             raise ValueError(f"samples is {self.samples}; at least 1 is needed.")
         if self.steps < 1:
             raise ValueError(f"steps is {self.steps}; at least 1 is needed.")
+        if not 0 <= self.guidance <= 10:
+            raise ValueError(f"guidance is {self.guidance}; it must lie between 0 and 10.")
         if self.seed < 0:
             raise ValueError(f"seed is {self.seed}; it must not be negative.")
 
@@ -70,32 +76,105 @@ def generate_motion(
         Cancelled: if ``should_cancel`` said so.
     """
     config = system.config
-    speaker = system.speaker_index(options.speaker)
     count = num_windows(speech.num_frames, config.window_frames, config.seed_frames)
     padded_frames = config.window_frames + (count - 1) * config.window_advance
     features = torch.from_numpy(system.encoder.encode(speech.waveform, padded_frames))
-    expressions = predict_expressions(system.expression_network, features, speaker)
+    pieces: list[_Piece] = []
+    windows = _pieces(system, [features], options, should_cancel)
+    for index, piece in enumerate(windows):
+        pieces.append(piece)
+        if on_progress is not None:
+            on_progress(min(1.0, (index + 1) / count))
+    poses = torch.cat([piece.poses for piece in pieces], dim=1)[:, : speech.num_frames]
+    root = torch.cat([piece.root for piece in pieces], dim=1)[:, : speech.num_frames]
+    units = torch.cat([piece.expressions for piece in pieces])[: speech.num_frames]
+    return [
+        _to_motion(one, positions, units)
+        for one, positions in zip(poses, root_positions(root), strict=True)
+    ]
 
-    stitcher = _Stitcher(options.samples, padded_frames, config.seed_frames)
+
+def stream_motion(
+    system: System, features: Iterable[Float[Tensor, "_ dim"]], options: GenerateOptions
+) -> Iterator[list[Motion]]:
+    """The motion that goes on with each window, one for each sample, while speech arrives.
+
+    A window is made when its speech and at most 59 frames more are there, which the face needs;
+    all pieces together equal `generate_motion`'s result for the same features and options. Memory
+    does not grow with the length.
+
+    Args:
+        features: the next frames of ``system.encoder``'s features, in blocks of any length. If
+            they end inside a window, the last frame is held to its end, and the motion cut again.
+            Levels in ``mel64`` are relative to a whole clip's: live speech needs an estimate.
+
+    Raises:
+        UnknownNameError: if the weights do not know ``options.speaker``.
+        ValueError: if there is no speech.
+    """
+    travelled: Float[Tensor, "B 1 3"] | None = None
+    for piece in _pieces(system, features, options):
+        root = piece.root
+        if travelled is None:
+            positions = root_positions(root)
+        else:  # the frame before leads on to this piece
+            leading = torch.cat([torch.zeros_like(root[:, :1]), root], dim=1)
+            positions = root_positions(leading)[:, 1:] + travelled
+        travelled = positions[:, -1:] * torch.tensor([1.0, 0.0, 1.0])
+        yield [
+            _to_motion(one, place, piece.expressions)
+            for one, place in zip(piece.poses, positions, strict=True)
+        ]
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Frames that no later window changes."""
+
+    poses: Float[Tensor, "B n 165"]
+    root: Float[Tensor, "B n 3"]
+    """Root channels (velocity x, height, velocity z)."""
+    expressions: Float[Tensor, "n E"]
+
+
+def _pieces(
+    system: System,
+    features: Iterable[Float[Tensor, "_ dim"]],
+    options: GenerateOptions,
+    should_cancel: Callable[[], bool] | None = None,
+) -> Iterator[_Piece]:
+    config = system.config
+    speaker = system.speaker_index(options.speaker)
+    overlap = config.seed_frames
+    speech = ExpressionStream(system.expression_network, features, speaker)
     seed: Float[Tensor, "B S 333"] | None = None
-    for index in range(count):
+    shared: tuple[Tensor, Tensor] | None = None
+    index, is_last = 0, False
+    while not is_last:
         if should_cancel is not None and should_cancel():
             raise Cancelled
         start = index * config.window_advance
-        frames = slice(start, start + config.window_frames)
-        window = _generate_window(
-            system, features[frames], expressions[frames], speaker, seed, index, options
+        window = speech.window(start, config.window_frames)
+        is_last = window.is_last
+        x_1 = _generate_window(
+            system, window.speech, window.expressions, speaker, seed, index, options
         )
-        rotmat, root = _decode(system, window)
-        stitcher.add(start, rotmat, root)
+        rotmat, root = _decode(system, x_1)
         ending = torch.cat([rot6d_from_matrix(rotmat).flatten(-2), root], dim=-1)
-        seed = system.normaliser.normalise(ending[:, -config.seed_frames :])
-        if on_progress is not None:
-            on_progress((index + 1) / count)
-    return [
-        _to_motion(system, rotmat, root, expressions, speech.num_frames)
-        for rotmat, root in zip(*stitcher.result(), strict=True)
-    ]
+        seed = system.normaliser.normalise(ending[:, -overlap:])
+        if shared is not None:
+            faded = cross_fade(shared, (rotmat[:, :overlap], root[:, :overlap]))
+            rotmat = torch.cat([faded[0], rotmat[:, overlap:]], dim=1)
+            root = torch.cat([faded[1], root[:, overlap:]], dim=1)
+        done = window.num_frames if is_last else config.window_advance
+        shared = rotmat[:, -overlap:], root[:, -overlap:]
+        yield _Piece(_poses(system, rotmat[:, :done]), root[:, :done], window.expressions[:done])
+        index += 1
+
+
+def _poses(system: System, rotmat: Float[Tensor, "B n J 3 3"]) -> Float[Tensor, "B n 165"]:
+    local = local_from_global(rotmat) if system.config.rotation_space == "global" else rotmat
+    return axis_angle_from_matrix(local).flatten(-2)
 
 
 @torch.inference_mode()
@@ -115,20 +194,24 @@ def _generate_window(
     size = options.samples
     x_0 = torch.stack([_noise(options.seed, k, index, config.window_frames) for k in range(size)])
     known = torch.zeros(size, config.seed_frames, x_0.shape[-1]) if seed is None else seed
-    has_seed: Bool[Tensor, " B"] = torch.full((size,), seed is not None)
     last: dict[str, Tensor] = {}
+    guided = options.guidance != 1
+    copies = 2 * size if guided else size
+    conditions = {
+        "speech": speech.expand(copies, -1, -1),
+        "expression": expression.expand(copies, -1, -1),
+        "seed": torch.cat([known, known]) if guided else known,
+        "speaker": torch.full((copies,), speaker),
+        "has_seed": torch.full((copies,), seed is not None),
+        "has_speech": torch.arange(copies) < size,
+    }
 
     def predict(x_t: Tensor, t: float) -> Tensor:
-        x_1 = system.network(
-            x_t,
-            torch.full((size,), t),
-            speech=speech.expand(size, -1, -1),
-            expression=expression.expand(size, -1, -1),
-            seed=known,
-            speaker=torch.full((size,), speaker),
-            has_seed=has_seed,
-            has_speech=torch.ones(size, dtype=torch.bool),
-        )
+        twice = torch.cat([x_t, x_t]) if guided else x_t
+        x_1 = system.network(twice, torch.full((copies,), t), **conditions)
+        if guided:
+            heard, deaf = x_1.chunk(2)
+            x_1 = deaf + options.guidance * (heard - deaf)
         last["x_1"] = x_1
         if seed is None or t >= INPAINT_UNTIL:
             return x_1
@@ -154,52 +237,14 @@ def _decode(
     return matrix_from_rot6d(rot6d), vectors[..., ROTATION_DIM:]
 
 
-class _Stitcher:
-    """Lays windows one after the other and fades the frames that two of them share."""
-
-    def __init__(self, samples: int, num_frames: int, overlap: int) -> None:
-        self.rotmat = torch.empty(samples, num_frames, NUM_JOINTS, 3, 3)
-        self.root = torch.empty(samples, num_frames, 3)
-        self.overlap = overlap
-
-    def add(
-        self, start: int, rotmat: Float[Tensor, "B T J 3 3"], root: Float[Tensor, "B T C"]
-    ) -> None:
-        if start > 0:
-            shared = slice(start, start + self.overlap)
-            self.rotmat[:, shared], self.root[:, shared] = cross_fade(
-                (self.rotmat[:, shared], self.root[:, shared]),
-                (rotmat[:, : self.overlap], root[:, : self.overlap]),
-            )
-            start += self.overlap
-            rotmat, root = rotmat[:, self.overlap :], root[:, self.overlap :]
-        self.rotmat[:, start : start + rotmat.shape[1]] = rotmat
-        self.root[:, start : start + root.shape[1]] = root
-
-    def result(self) -> tuple[Float[Tensor, "B T J 3 3"], Float[Tensor, "B T C"]]:
-        return self.rotmat, self.root
-
-
 def _to_motion(
-    system: System,
-    rotmat: Float[Tensor, "T J 3 3"],
-    root: Float[Tensor, "T C"],
-    expressions: Float[Tensor, "T E"],
-    num_frames: int,
+    poses: Float[Tensor, "T 165"], trans: Float[Tensor, "T 3"], expressions: Float[Tensor, "T E"]
 ) -> Motion:
-    rotmat, root = rotmat[:num_frames], root[:num_frames]
-    is_global = system.config.rotation_space == "global"
-    poses = torch.cat(
-        [
-            axis_angle_from_matrix(local_from_global(part) if is_global else part).flatten(-2)
-            for part in rotmat.split(CHUNK_FRAMES)  # memory stays small for long clips
-        ]
-    )
-    units = np.zeros((num_frames, 100), np.float32)
-    units[:, : expressions.shape[1]] = expressions[:num_frames].numpy()
+    units = np.zeros((len(poses), 100), np.float32)
+    units[:, : expressions.shape[1]] = expressions.numpy()
     return Motion(
         poses=poses.numpy(),
-        trans=root_positions(root).numpy(),
+        trans=trans.numpy(),
         expressions=units,
         expression_basis=EXPRESSION_BASIS,
         betas=np.zeros(300, np.float32),

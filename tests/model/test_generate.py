@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from model.generate import Cancelled, GenerateOptions, generate_motion
+from model.generate import Cancelled, GenerateOptions, generate_motion, stream_motion
 from model.kinematics import joint_positions_from_local
 from model.skeleton import JOINT_INDEX, open_body_skeleton
 from model.systems import load_system
@@ -78,8 +78,65 @@ def test_progress_rises_to_one_and_cancel_stops_before_the_next_window(system):
 
 
 @pytest.mark.parametrize(
-    "changes", [{"samples": 0}, {"steps": 0}, {"seed": -1}], ids=["samples", "steps", "seed"]
+    "changes", [{"samples": 0}, {"steps": 0}, {"seed": -1}, {"guidance": -1.0}, {"guidance": 99.0}]
 )
 def test_options_out_of_range_are_refused(changes):
     with pytest.raises(ValueError, match=next(iter(changes))):
         GenerateOptions(speaker="ann", **changes)
+
+
+@pytest.mark.parametrize("sizes", [[15], [1, 60, 17, 200, 3], [100, 12], [60], [112, 1]])
+def test_streamed_pieces_equal_the_whole(system, sizes):
+    """Blocks of any size; whole windows, so that nothing must be held at the end."""
+    speech = made_speech(round(sum(sizes) / 30 * 16_000))
+    options = GenerateOptions(speaker="ann", steps=2, samples=2, guidance=1.5)
+    whole = generate_motion(system, speech, options)
+    count = -(-max(0, sum(sizes) - 60) // 52)
+    features = torch.from_numpy(system.encoder.encode(speech.waveform, 60 + 52 * count))
+    blocks = features.split([*sizes, len(features) - sum(sizes)])
+    pieces = list(stream_motion(system, blocks, options))
+    assert [p[0].num_frames for p in pieces] == [52] * count + [60]
+    for k, motion in enumerate(whole):
+        for field in ("poses", "trans", "expressions"):
+            streamed = np.concatenate([getattr(piece[k], field) for piece in pieces])
+            np.testing.assert_allclose(
+                streamed[: motion.num_frames], getattr(motion, field), atol=2e-4
+            )
+
+
+def test_a_piece_comes_before_the_speech_after_it_is_asked_for(system):
+    features = torch.from_numpy(system.encoder.encode(made_speech(16_000 * 8).waveform, 240))
+    asked = []
+
+    def arriving():
+        for frame in range(240):
+            asked.append(frame)
+            yield features[frame : frame + 1]
+
+    pieces = stream_motion(system, arriving(), OPTIONS)
+    next(pieces)
+    assert len(asked) <= 60 + 59
+    next(pieces)
+    assert len(asked) <= 112 + 59
+
+
+def test_speech_that_ends_inside_a_window_is_held_and_the_motion_cut(system):
+    features = torch.from_numpy(system.encoder.encode(made_speech(16_000 * 3).waveform, 90))
+    pieces = list(stream_motion(system, [features], OPTIONS))
+    assert sum(piece[0].num_frames for piece in pieces) == 90
+    with pytest.raises(ValueError, match="no frame 0"):
+        list(stream_motion(system, [], OPTIONS))
+
+
+def test_guidance_is_a_straight_line_through_deaf_and_heard(system):
+    """One step of one window: x_1 is a straight function of the strength, up to the decoding."""
+    speech, sizes = made_speech(16_000 * 2), []
+    motions = {}
+    with system.network.register_forward_pre_hook(lambda _, args: sizes.append(len(args[0]))):
+        for guidance in (0.0, 1.0, 2.0):
+            options = GenerateOptions(speaker="ann", steps=1, guidance=guidance)
+            (motions[guidance],) = generate_motion(system, speech, options)
+    assert sizes == [2, 1, 2]
+    rows = {g: m.trans[:, 1] for g, m in motions.items()}  # the height is not turned nor summed
+    np.testing.assert_allclose(rows[2.0] - rows[1.0], rows[1.0] - rows[0.0], atol=1e-5)
+    assert np.abs(rows[1.0] - rows[0.0]).max() > 1e-4
