@@ -21,6 +21,8 @@ from model.corpus.speakers import Speaker
 
 STANCE_HALF_WIDTH_M = 0.125
 STANDING_BEND_DEG = 6.0  # of the leg that carries the weight
+TOES_OUT_DEG = 12.0  # of the open body's feet at rest, whose kneecaps face ahead
+KNEES_IN_DEG = 5.0  # or its legs, which are bowed at rest, would look more so
 _KNEE_AXIS = np.array([1.0, 0.0, 0.0])
 _SOFTNESS_M = 0.003  # how gradually the weight goes from one leg to the other
 
@@ -61,9 +63,10 @@ def move_legs(
     for side in SIDES:
         sign = SIDE_SIGN[side]
         span = ankles[side] - hips[side] - height[:, None] * [0.0, 1.0, 0.0]
-        turn = euler_matrices("Y", feet.yaw_deg[side][:, None])
-        upper, knee = limbs[side].reach(span, turn @ np.array([0.04 * sign, 0.0, 1.0]))
-        sole = np.stack([feet.yaw_deg[side] - 12 * sign, 350 * feet.lift[side]], axis=1)
+        turn_deg = feet.yaw_deg[side] - TOES_OUT_DEG * sign
+        kneecap = euler_matrices("Y", turn_deg[:, None] - KNEES_IN_DEG * sign)
+        upper, knee = limbs[side].reach(span, kneecap @ np.array([0.0, 0.0, 1.0]))
+        sole = np.stack([turn_deg, 350 * feet.lift[side]], axis=1)
         rotations[_joint(side, "hip")] = transposed(pelvis) @ upper
         rotations[_joint(side, "knee")] = knee
         rotations[_joint(side, "ankle")] = transposed(upper @ knee) @ euler_matrices("YX", sole)
