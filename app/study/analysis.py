@@ -15,9 +15,9 @@ from app.study.answers import Participant
 from app.study.bradley_terry import Strengths, fit_strengths
 from app.study.jitter_join import Jitter, JitterJoin, join_jitter
 from app.study.key import Key, Question
+from app.study.means import MeanValues, compare_means
 from app.study.power import ALPHA, smallest_share_detected
 from app.study.preference import Share, holm, share_of
-from app.study.ranking import MeanValues, compare_means
 from app.study.votes import Values, Votes
 
 

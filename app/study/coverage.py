@@ -1,12 +1,13 @@
 """Do the report's 95 % intervals hold the truth 95 times in 100?
 
 ``python -m app.study.coverage`` simulates whole studies, runs each through the reading and the
-analysis of the report, and prints how often intervals held what they claim to hold. Three claims
+analysis of the report, and prints how often intervals held what they claim to hold. Four claims
 are tested, each pair of systems apart:
 
 - same: the share that all raters of the population would give on the clips of the study;
 - other: the share over all raters and all clips;
-- strength: the difference of log-strengths with all raters on the clips of the study.
+- strength: the difference of log-strengths with all raters on the clips of the study;
+- rank: in rankings, the difference of mean ranks, the same way.
 
 The truth is computed from the simulation, not estimated from its votes. "alike" has no differences
 between raters or clips, so that the truth is the strengths that were set; "varied" has both, and
@@ -95,7 +96,8 @@ def coverage(protocol: Protocol, model: RaterModel, studies: int, seed: int) -> 
     """Tallies by claim over so many simulated studies."""
     key = design(protocol)
     pairs = list(combinations(range(len(key.systems)), 2))
-    tallies = {claim: Tally(defaultdict(int)) for claim in ("same", "other", "strength")}
+    claims = ("same", "other", "strength", *(("rank",) if protocol == "ranking" else ()))
+    tallies = {claim: Tally(defaultdict(int)) for claim in claims}
     anywhere = _share_over_clips(key, model, pairs)
     for study in range(studies):
         world = World(key, STRENGTHS, model, np.random.default_rng([seed, study]))
@@ -113,6 +115,11 @@ def coverage(protocol: Protocol, model: RaterModel, studies: int, seed: int) -> 
             tallies["other"].add(pair, pair_result.share.over_clips, anywhere[pair])
             gap = float(log_strength[pair[0]] - log_strength[pair[1]])
             tallies["strength"].add(pair, result.strengths.differences[pair][1], gap)
+        if result.means is not None:
+            ranks = _population_ranks(chances, len(key.systems))
+            for test in result.means.pairs:
+                gap = float(ranks[test.first] - ranks[test.second])
+                tallies["rank"].add((test.first, test.second), test.interval, gap)
     return tallies
 
 
@@ -151,6 +158,18 @@ def _share_over_clips(
         )
         for a, b in pairs
     }
+
+
+def _population_ranks(
+    chances: dict[tuple[int, int], np.ndarray], num_systems: int
+) -> Float[np.ndarray, " K"]:
+    """Mean ranks: one more than how many others are expected before each system."""
+    ranks = np.ones(num_systems)
+    for (first, second), both_sides in chances.items():
+        first_before = float(both_sides[0] @ [1, 0.5, 0])
+        ranks[second] += first_before
+        ranks[first] += 1 - first_before
+    return ranks
 
 
 def _population_strengths(

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NoReturn, TypeGuard
 
 MAX_TEXT = 2000
 """Longest text, in characters, that any field may hold."""
+
+MAX_NUMBER = 1e15
+"""No count, time or measure comes near it; far larger ones do not even fit a float."""
 
 
 class FieldError(ValueError):
@@ -71,7 +73,7 @@ class Fields:
     def text(self, name: str) -> str:
         """A text of 1 to `MAX_TEXT` characters."""
         value = self.raw(name)
-        if not isinstance(value, str) or not 0 < len(value) <= MAX_TEXT:
+        if not is_text(value) or not value:
             raise FieldError(f"`{name}` must be a text of 1 to {MAX_TEXT} characters")
         return value
 
@@ -126,9 +128,14 @@ class Fields:
 
 
 def is_text(value: object) -> TypeGuard[str]:
-    return isinstance(value, str) and len(value) <= MAX_TEXT
+    """Whether it is a text of bearable length that can be written to a file."""
+    if not isinstance(value, str) or len(value) > MAX_TEXT:
+        return False
+    return not any("\ud800" <= letter <= "\udfff" for letter in value)  # halves of a pair
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Whether it is a finite JSON number (true and false are none)."""
-    return not isinstance(value, bool) and isinstance(value, int | float) and math.isfinite(value)
+    """Whether it is a JSON number (true and false are none) of bearable size."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return -MAX_NUMBER <= value <= MAX_NUMBER  # false for NaN

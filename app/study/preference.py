@@ -77,7 +77,8 @@ def share_of(votes: Votes) -> Share:
     wins, losses = int((score == 1).sum()), int((score == 0).sum())
     share = float(score.mean())
     num_raters = len(np.unique(votes.rater))
-    effective = _effective_votes(votes, _rater_variance(votes), max(1, num_raters - 1))
+    by_rater = _cluster_variance(votes, votes.rater)
+    effective = _effective_votes(votes, by_rater, max(1, num_raters - 1))
     raters_for, raters_against = _majorities(votes)
     return Share(
         wins=wins,
@@ -133,29 +134,25 @@ def _cluster_variance(votes: Votes, cluster: Int[np.ndarray, " N"]) -> float:
     return float(count / (count - 1) * (sums**2).sum() / len(votes) ** 2)
 
 
-def _rater_variance(votes: Votes) -> float:
-    """By participants, and never below what independent votes would have.
-
-    A variance under that of independent votes is nearly always luck with few participants.
-    """
-    independent = float(votes.score.var()) / len(votes)
-    return max(_cluster_variance(votes, votes.rater), independent)
-
-
 def _effective_votes(votes: Votes, variance: float, freedom: float) -> float:
     """Number of independent yes/no votes that would tell as much (Korn and Graubard 1998).
 
-    The ratio of t quantiles widens for a variance that few clusters estimate. Where all votes
-    agree, or one participant gave them all, nothing is known of the variance within, and each
+    The ratio of t quantiles widens for a variance that few clusters estimate. There are never more
+    than if all votes were independent: a smaller variance is nearly always luck. Where all votes
+    are the same, or one participant gave them all, nothing is known of how they vary, and each
     participant counts as one vote.
     """
     num_raters = len(np.unique(votes.rater))
-    if variance <= 0 or num_raters < 2:
+    of_one = float(votes.score.var())
+    if of_one == 0 or num_raters < 2:
         return float(num_raters)
     share = float(votes.score.mean())
+    independent = share * (1 - share) * len(votes) / of_one
+    if variance <= 0:
+        return independent
     upper = (1 + CONFIDENCE) / 2
     few = stats.t.ppf(upper, len(votes) - 1) / stats.t.ppf(upper, freedom)
-    return float(share * (1 - share) / variance * few**2)
+    return min(independent, float(share * (1 - share) / variance * few**2))
 
 
 def _interval_over_clips(votes: Votes) -> Interval | None:
@@ -166,7 +163,7 @@ def _interval_over_clips(votes: Votes) -> Interval | None:
     num_clips, num_raters = len(np.unique(votes.clip)), len(np.unique(votes.rater))
     if num_clips < 3 or num_raters < 2:
         return None
-    by_rater = _rater_variance(votes)
+    by_rater = _cluster_variance(votes, votes.rater)
     both = votes.rater * (int(votes.clip.max()) + 1) + votes.clip
     cell = np.unique(both, return_inverse=True)[1]
     of_clips = _cluster_variance(votes, votes.clip) - _cluster_variance(votes, cell)

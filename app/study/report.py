@@ -52,4 +52,4 @@ def analyse(
     with written_atomically(out / "preference.pdf") as part:
         write_pdf(preference_bars(results, key), part)
     with written_atomically(out / "report.html") as part:
-        part.write_text(page_of(findings), "utf-8")
+        part.write_text(page_of(findings), "utf-8", errors="replace")  # names of files

@@ -214,6 +214,7 @@ def _forest(
         if limits is not None:
             margin = 0.02 * (limits[1] - limits[0])
             axes.set_xlim(limits[0] - margin, limits[1] + margin)
+        axes.locator_params(axis="x", nbins=6)
         axes.set_xlabel(label)
     return figure
 

@@ -11,7 +11,7 @@ from app.study.jitter_join import JitterJoin
 from app.study.key import Key
 from app.study.power import ALPHA
 from app.study.preference import Interval, Share
-from app.study.ranking import MeanValues, PairedTest
+from app.study.means import MeanValues, PairedTest
 from app.study.screening import Screened
 
 NO_BREAK = "\N{NO-BREAK SPACE}"

@@ -35,7 +35,8 @@ def simulate(
         strengths: log-strength (natural logarithm) of every system.
 
     Raises:
-        RunError: if a number is out of range or a system is missing or unknown.
+        RunError: if a number is out of range, a system is missing or unknown, or ``out`` holds
+            answers of an earlier run.
     """
     key = read_key(study_dir / "researcher_only" / "key.json")
     if not 1 <= raters <= MAX_RATERS:
@@ -43,6 +44,8 @@ def simulate(
     if seed < 0:
         raise RunError(f"The seed must not be negative; got {seed}.")
     _check_strengths(strengths, key)
+    if out.is_dir() and any(out.glob("*.json")):
+        raise RunError(f"{out} holds answers already, which would mix; choose another folder.")
     out.mkdir(parents=True, exist_ok=True)
     model = RaterModel()
     world = World(key, strengths, model, np.random.default_rng(seed))

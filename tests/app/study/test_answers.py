@@ -80,6 +80,11 @@ def test_a_file_that_cannot_be_used_costs_one_sentence_and_nothing_else(
         ),
         (
             "rating",
+            {"value": {"clip0-local": 3, "clip0-global": 10**400, "clip0-rival": 0}},
+            "a rating is not between 0 and 100",
+        ),
+        (
+            "rating",
             {"value": {"clip0-local": 3, "clip0-global": True, "clip0-rival": 0}},
             "a rating is not between 0 and 100",
         ),

@@ -74,6 +74,8 @@ def test_speech_of_another_clip_is_a_mismatch_and_so_is_none() -> None:
         (lambda key: key.update(participants=10_001), "from 1 to 10000"),
         (lambda key: key.update(lists={"one": []}), "`lists` must have"),
         (lambda key: key["questions"][0].update(id=7), "`id` must be a text"),
+        (lambda key: key.update(title="\ud800"), "`title` must be a text"),
+        (lambda key: key.update(title="x" * 2001), "`title` must be a text of 1 to 2000"),
     ],
 )
 def test_a_key_that_contradicts_itself_is_refused(

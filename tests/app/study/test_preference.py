@@ -104,3 +104,12 @@ def test_between_turns_rows_around() -> None:
     turned = votes.between(1, 2)
     assert turned.score.tolist() == [0.0, 1.0, 0.5]
     assert (turned.left == 1).all() and (turned.right == 2).all()
+
+
+def test_two_raters_who_happen_to_agree_are_no_more_than_their_votes() -> None:
+    for second in (6, 7):
+        score = [[1.0] * 6 + [0.0] * 4, [1.0] * second + [0.0] * (10 - second)]
+        rows = [(rater, 0, 1, score[rater][i]) for rater in range(2) for i in range(10)]
+        found = share_of(made_votes(rows))
+        assert found.effective_votes <= 20
+        assert found.interval.high - found.interval.low > 0.4

@@ -249,3 +249,11 @@ def test_names_do_no_harm_in_latex() -> None:
     table = latex_table([replace(results[0], question=named)], key)
     escaped = r"50\%\_of \& \$x\$ \{\textbackslash{}\}\textasciitilde{}\textasciicircum{}\#"
     assert f"System & {escaped} \\\\" in table
+
+
+def test_a_file_name_that_is_no_text_does_not_stop_the_report(tmp_path: Path) -> None:
+    key = made_key()
+    key_path, answers = written_study(tmp_path, key, made_files(key, 2, ATTENTIVE))
+    (answers / "\udcff.json").write_text("{}")
+    analyse([answers], key_path, tmp_path / "report")
+    assert "?.json is left out" in (tmp_path / "report" / "report.html").read_text("utf-8")

@@ -39,6 +39,13 @@ def test_a_seed_makes_the_same_answers_and_another_does_not(tmp_path: Path) -> N
     assert texts[0] == texts[1] != texts[2]
 
 
+def test_answers_of_two_runs_do_not_mix(tmp_path: Path) -> None:
+    written_study(tmp_path, made_key(), [])
+    simulate(tmp_path / "study", 1, STRENGTHS, 1, tmp_path / "out")
+    with pytest.raises(RunError, match="holds answers already"):
+        simulate(tmp_path / "study", 1, STRENGTHS, 2, tmp_path / "out")
+
+
 @pytest.mark.parametrize(
     ("raters", "strengths", "seed", "says"),
     [

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from app.study.ranking import compare_means
+from app.study.means import compare_means
 from app.study.votes import Values, ranks, ratings
 from tests.app.study.made import made_key, made_participants
 
