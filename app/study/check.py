@@ -186,7 +186,7 @@ def _formats(study: Study) -> Iterator[str]:
     for scene in study.scenes:
         files = [study.files[stimulus] for stimulus in scene]
         for what, facts in _FORMAT_FACTS.items():
-            if len({facts(file) for file in files}) > 1:
+            if any(facts(file) != facts(files[0]) for file in files):
                 yield f"{what}: the videos of clip {scene[0].clip!r} differ in it."
 
 
@@ -194,7 +194,7 @@ _FORMAT_FACTS: dict[str, Callable[[Mp4], object]] = {
     "duration": lambda file: tuple(track.duration for track in file.tracks),
     "frames": lambda file: tuple(track.num_samples for track in file.tracks),
     "streams": lambda file: tuple(track.handler for track in file.tracks),
-    "encoding": lambda file: tuple(track.description for track in file.tracks),
+    "encoding": lambda file: [t.description for t in file.tracks if t.handler == "vide"],
     "file structure": lambda file: tuple(box for box in file.boxes if box != "free"),
 }
 
@@ -208,7 +208,9 @@ def _sounds(study: Study) -> Iterator[str]:
             state = "no sound" if digest is None else "sound"
             yield f"sound: media/{blind}.mp4 has {state}, unlike the others."
         elif digest is not None and stimulus.speech is not None:
-            digests.setdefault(stimulus.speech, {})[digest] = blind
+            track = study.files[stimulus].track("soun")
+            stream = f"{digest} {track.description.hex() if track else ''}"
+            digests.setdefault(stimulus.speech, {})[stream] = blind
     for speech, found in digests.items():
         if len(found) > 1:
             yield f"sound: the speech of clip {speech!r} is not the same stream in every video."
@@ -230,7 +232,10 @@ def _lists(study: Study) -> Iterator[str]:
     for page in (page for pages in study.data.get("lists", []) for page in pages):
         shown = page[1]
         for place, blind in enumerate(shown):
-            video = study.key.videos[blind]
+            video = study.key.videos.get(blind)
+            if video is None:
+                yield f"JSON: a list shows {str(blind)!r}, which is no video of the study."
+                continue
             cells = excess.setdefault((video.system, video.is_matched), [])
             cells.append((place == 0) - 1 / len(shown))
     for (system, _), cells in sorted(excess.items()):

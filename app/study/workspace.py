@@ -61,6 +61,7 @@ class Workspace:
                     part.unlink()
         except OSError as error:
             raise RunError(f"The folder {out} cannot be written to; choose another.") from error
+        self._write_state()
 
     def has_video(self, blind: str) -> bool:
         """Whether the video was finished, and is still what it was then."""
@@ -74,6 +75,9 @@ class Workspace:
     def finish_videos(self, blinds: list[str]) -> None:
         """Record them; from now on a resumed run keeps them."""
         self._videos |= {blind: sha256(self.video(blind)) for blind in blinds}
+        self._write_state()
+
+    def _write_state(self) -> None:
         self.write_json(
             self._state,
             {"fingerprint": self._fingerprint, "videos": dict(sorted(self._videos.items()))},
