@@ -113,7 +113,7 @@ def _compared(
     clips = rows.clips_of(key)
     return QuestionResult(
         question=question,
-        num_answers=len(set(zip(values.rater, values.clip, strict=True))) or len(votes),
+        num_answers=int((values.value == 1).sum()) if is_ranking else len(votes),
         pairs=pairs,
         systems=_system_results(values, votes, count),
         strengths=fit_strengths(votes, count, has_sides=not is_ranking) if count > 1 else None,

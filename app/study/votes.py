@@ -162,8 +162,9 @@ def joined(groups: Sequence[Votes]) -> Votes:
 
 
 def clips_of(key: Key) -> tuple[str, ...]:
-    """Every clip of the study, in the order of the index that rows use."""
-    return tuple(sorted({trial.clip for trial in key.trials.values()}))
+    """Every clip that is judged, in the order of the index that rows use."""
+    judged = {trial.clip for trial in key.trials.values() if trial.expected is None}
+    return tuple(sorted(judged))
 
 
 def _answers(

@@ -16,7 +16,7 @@ from app.study.votes import Votes
 SYSTEMS = ("local", "global", "rival")
 STRENGTHS = {"local": 0.0, "global": 1.0, "rival": -0.8}
 LEFT_CHECK = Trial(
-    "attention", "clip0", ("clip0-local", "clip0-global"), ("c",), Expected("c", "left")
+    "attention", "no clip", ("clip0-local", "clip0-global"), ("c",), Expected("c", "left")
 )
 QUESTIONS = {
     "pairwise": Question("realism", "Which moves more like a real person?", "choice"),
