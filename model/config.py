@@ -270,6 +270,7 @@ def _smoke_size(config: TrainConfig) -> TrainConfig:
         network=replace(config.network, width=48, num_blocks=1, num_heads=2),
         expression=replace(config.expression, width=32, num_layers=1, num_heads=2),
         autoencoder=replace(config.autoencoder, width=16, blocks_per_scale=1),
+        augmented_copies=0,
         steps=40,
         batch_size=4,
         warmup_steps=5,
