@@ -38,6 +38,8 @@ log = logging.getLogger(__name__)
 Generate = Callable[[GenerateRequest, OnEvent, ShouldCancel], GenerateResult]
 SEED_LIMIT = 2**31 - 1
 PAGE_VIDEOS = 12
+PAGE_PREVIEWS = 4
+"""Each takes a WebGL context, of which browsers give a page few, and the visitor's processor."""
 _REFRESH_S = 0.25
 
 
@@ -103,6 +105,8 @@ def request_from_form(
         post_filter=POST_FILTERS[bool(form.is_smoothed)],
         reference=Path(form.reference) if form.reference else None,
         body=config.body,
+        # A licensed body may be looked at in videos; its mesh is not handed to visitors.
+        has_previews=config.body is None,
         max_speech_s=config.max_speech_s,
     )
 

@@ -10,7 +10,11 @@ import gradio as gr
 from app import text, view
 from app.catalogue import Catalogue
 from app.config import AppConfig
-from app.handlers import PAGE_VIDEOS, SEED_LIMIT
+from app.handlers import PAGE_PREVIEWS, PAGE_VIDEOS, SEED_LIMIT
+
+HIDDEN = "hidden"
+"""In the page but not seen. What is not visible (False) is not even in the page, and Gradio's 3D
+viewer stays empty if it is put there together with its file."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,8 @@ class ResultParts:
     empty: gr.HTML
     videos_part: gr.Column
     pending: gr.HTML
+    previews: tuple[gr.Model3D, ...]
+    """Of the first rows: the motion in 3D until its video is there."""
     videos: tuple[gr.Video, ...]
     comparison_part: gr.Column
     comparison: gr.Video
@@ -51,6 +57,7 @@ class ResultParts:
             self.empty,
             self.videos_part,
             self.pending,
+            *self.previews,
             *self.videos,
             self.comparison_part,
             self.comparison,
@@ -157,16 +164,10 @@ def build_results() -> ResultParts:
     with gr.Column(visible=False) as numbers_part:
         gr.HTML(view.heading(text.NUMBERS_HEADING, text.NUMBERS_HELP))
         numbers = gr.HTML("", elem_id="numbers")
-    with gr.Column(visible=False) as videos_part:
+    with gr.Column(visible=HIDDEN) as videos_part:
         gr.HTML(view.heading(text.VIDEOS_HEADING))
         with gr.Row(elem_classes="videos"):
-            videos = tuple(
-                gr.Video(
-                    visible=False, interactive=False, elem_id=f"video-{i}", min_width=240,
-                    buttons=["download"],
-                )
-                for i in range(PAGE_VIDEOS)
-            )  # fmt: skip
+            previews, videos = _build_players()
             pending = gr.HTML("", visible=False, elem_id="pending")
     with gr.Column(visible=False) as downloads_part:
         gr.HTML(view.heading(text.DOWNLOADS_HEADING))
@@ -175,6 +176,34 @@ def build_results() -> ResultParts:
             label=text.FILES_LABEL, file_count="multiple", interactive=False, elem_id="files"
         )
     return ResultParts(
-        message, status, empty, videos_part, pending, videos, comparison_part, comparison,
-        figure_part, figure, numbers_part, numbers, downloads_part, bundle, files,
+        message, status, empty, videos_part, pending, previews, videos, comparison_part,
+        comparison, figure_part, figure, numbers_part, numbers, downloads_part, bundle, files,
     )  # fmt: skip
+
+
+def _build_players() -> tuple[tuple[gr.Model3D, ...], tuple[gr.Video, ...]]:
+    """For each row a video, and before it, in the same place of the grid, its preview."""
+    previews, videos = [], []
+    for index in range(PAGE_VIDEOS):
+        if index < PAGE_PREVIEWS:
+            previews.append(_build_preview(index))
+        videos.append(
+            gr.Video(
+                visible=False, interactive=False, elem_id=f"video-{index}", min_width=240,
+                buttons=["download"],
+            )
+        )  # fmt: skip
+    return tuple(previews), tuple(videos)
+
+
+def _build_preview(index: int) -> gr.Model3D:
+    """A viewer that plays the animation of its file by itself."""
+    return gr.Model3D(
+        visible=HIDDEN,
+        interactive=False,
+        elem_id=f"preview-{index}",
+        min_width=240,
+        height=340,
+        clear_color=(0.894, 0.902, 0.918, 1.0),  # as behind the videos
+        camera_position=(90.0, 84.0, 2.9),  # from the front, near enough for the whole body
+    )

@@ -39,6 +39,17 @@ class Snapshots:
     pictures: dict[str, np.ndarray]
 
 
+def show_preview(row: Row, inputs: Inputs, folder: ResultFolder, reporter: Reporter) -> None:
+    """The motion as a GLB that a browser plays at once; it is no result of the run."""
+    from renderer.glb import write_glb
+
+    previews = folder.scratch("previews")
+    previews.mkdir(exist_ok=True)
+    path = previews / f"{file_stem(row.name)}.glb"
+    write_glb(inputs.body, body_motion(row.shown), path)
+    reporter.file("preview", row.name, path)
+
+
 def draw_all(
     request: GenerateRequest,
     inputs: Inputs,

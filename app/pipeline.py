@@ -12,7 +12,7 @@ from app.inputs import Inputs, check_request, read_inputs
 from app.memory import return_large_blocks
 from app.numbers import write_diagnostics
 from app.outputs import ResultFolder
-from app.pictures import Row, draw_all, draw_figure, join_side_by_side
+from app.pictures import Row, draw_all, draw_figure, join_side_by_side, show_preview
 from app.provenance import make_provenance
 from app.rendering import body_motion
 from app.request import (
@@ -123,6 +123,8 @@ def _generate(
             path = folder.path(f"{file_stem(row.name)}.npz")
             save_motion(shown, path)
             reporter.file("motion", row.name, path)
+            if request.has_previews:
+                show_preview(row, inputs, folder, reporter)
             rows.append(row)
     if inputs.reference is not None:
         raw = inputs.reference

@@ -11,8 +11,10 @@ PostFilter = Literal["none", "savgol"]
 POST_FILTERS: tuple[PostFilter, ...] = get_args(PostFilter)
 Sampler = Literal["euler", "heun", "reinterpolate"]
 SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)
-View = Literal["front", "three_quarter", "side"]
+View = Literal["front", "three_quarter", "side", "face", "left_hand", "right_hand"]
 VIEWS: tuple[View, ...] = get_args(View)
+SIZES_PX = (256, 1080)
+"""Smallest and largest width and height of a picture that a person may ask for."""
 MAX_SAMPLES = 8
 MAX_COMPARED = 6
 """More motions than these do not fit into one comparison or figure."""
@@ -22,7 +24,14 @@ REFERENCE_NAME = "reference"
 Stage = Literal["speech", "motion", "numbers", "video", "comparison", "figure"]
 STAGES: tuple[Stage, ...] = ("speech", "motion", "numbers", "video", "comparison", "figure")
 ArtefactKind = Literal[
-    "motion", "video", "comparison", "figure", "diagnostics", "provenance", "reference"
+    "motion",
+    "preview",
+    "video",
+    "comparison",
+    "figure",
+    "diagnostics",
+    "provenance",
+    "reference",
 ]
 
 
@@ -51,6 +60,8 @@ class GenerateRequest:
     size: int = 512
     """Width and height of one video in pixels."""
     has_video: bool = True
+    has_previews: bool = False
+    """Whether each motion is told of as a GLB too, to be shown while its video is drawn."""
     max_speech_s: float = 600.0
 
 

@@ -23,7 +23,7 @@ from app.handlers import (
     waiting_line,
 )
 from app.jobs import Job, JobBook
-from app.parts import FormParts, ResultParts
+from app.parts import HIDDEN, FormParts, ResultParts
 from app.request import Artefact, GenerateResult
 
 Updates = dict[Any, Any]
@@ -93,6 +93,7 @@ class Runner:
             parts.status: view.status(text.STARTING, {}, {}),
             parts.empty: gr.update(visible=False),
             **self._without_results(),
+            **_without(*parts.previews),
             **{video: gr.update(visible=False, value=None) for video in parts.videos},
             parts.comparison: None,
             parts.figure: None,
@@ -104,10 +105,13 @@ class Runner:
     def _without_results(self) -> Updates:
         parts = self._results
         hidden = (
-            *(parts.videos_part, parts.comparison_part, parts.figure_part),
+            *(parts.comparison_part, parts.figure_part),
             *(parts.numbers_part, parts.downloads_part),
         )
-        return {part: gr.update(visible=False) for part in hidden}
+        return {
+            parts.videos_part: gr.update(visible=HIDDEN),
+            **{part: gr.update(visible=False) for part in hidden},
+        }
 
     def _buttons(self, is_running: bool) -> Updates:
         return {
@@ -118,22 +122,42 @@ class Runner:
     def _progress(self, run: RunView, arrived: Sequence[Artefact], names: Sequence[str]) -> Updates:
         parts = self._results
         updates: Updates = {parts.status: view.status(run.line, run.fractions, run.details)}
-        if "video" in run.fractions:
+        if run.artefacts:
             updates[parts.videos_part] = gr.update(visible=True)
-            done = {each.name for each in run.artefacts if each.kind == "video"}
-            updates[parts.pending] = _shown(view.pending([n for n in names if n not in done]))
+            waiting = [name for name in names if not self._is_seen(name, run, names)]
+            updates[parts.pending] = _shown(view.pending(waiting))
         for artefact in arrived:
-            shown = str(artefact.path)
-            if artefact.kind == "video" and artefact.name in names:
-                video = parts.videos[names.index(artefact.name)]
-                updates[video] = gr.update(value=shown, label=artefact.name, visible=True)
-            elif artefact.kind == "comparison":
-                updates[parts.comparison] = shown
-                updates[parts.comparison_part] = gr.update(visible=True)
-            elif artefact.kind == "figure" and artefact.path.suffix == ".png":
-                updates[parts.figure] = shown
-                updates[parts.figure_part] = gr.update(visible=True)
+            updates |= self._arrival(artefact, names)
         return updates
+
+    def _arrival(self, artefact: Artefact, names: Sequence[str]) -> Updates:
+        """Show a file that has just become whole."""
+        parts = self._results
+        shown = str(artefact.path)
+        preview = self._preview_of(artefact.name, names)
+        if artefact.kind == "preview" and preview is not None:
+            label = text.PREVIEW_LABEL.format(name=artefact.name)
+            return {preview: gr.update(value=shown, label=label, visible=True)}
+        if artefact.kind == "video" and artefact.name in names:
+            video = parts.videos[names.index(artefact.name)]
+            update = {video: gr.update(value=shown, label=artefact.name, visible=True)}
+            return update | (_without(preview) if preview is not None else {})
+        if artefact.kind == "comparison":
+            return {parts.comparison: shown, parts.comparison_part: gr.update(visible=True)}
+        if artefact.kind == "figure" and artefact.path.suffix == ".png":
+            return {parts.figure: shown, parts.figure_part: gr.update(visible=True)}
+        return {}
+
+    def _is_seen(self, name: str, run: RunView, names: Sequence[str]) -> bool:
+        """Whether a row has its video already, or a preview of it."""
+        kinds = {each.kind for each in run.artefacts if each.name == name}
+        return "video" in kinds or (
+            "preview" in kinds and self._preview_of(name, names) is not None
+        )
+
+    def _preview_of(self, name: str, names: Sequence[str]) -> gr.Model3D | None:
+        """Where a row is shown in 3D for as long as its video is being drawn."""
+        return dict(zip(names, self._results.previews, strict=False)).get(name)
 
     def _finished(self, run: RunView, result: GenerateResult, job: Job) -> Updates:
         parts = self._results
@@ -159,6 +183,7 @@ class Runner:
             parts.message: _shown("" if is_cancelled else view.error_message(sentence)),
             parts.status: view.sentence_status(text.CANCELLED if is_cancelled else text.STOPPED),
             parts.empty: gr.update(visible=True),
+            **_without(*parts.previews),
             **self._without_results(),
             **self._buttons(is_running=False),
         }
@@ -167,6 +192,11 @@ class Runner:
 def _visitor(request: gr.Request) -> str:
     """Gradio's name for one open page; a caller without one is a visitor of its own."""
     return request.session_hash or secrets.token_hex(8)
+
+
+def _without(*previews: gr.Model3D) -> Updates:
+    """Updates that hide previews and end what they play."""
+    return {preview: gr.update(visible=HIDDEN, value=None) for preview in previews}
 
 
 def _shown(html: str) -> Any:

@@ -79,6 +79,7 @@ STAGE_NAMES = {
 READY = "Ready."
 STARTING = "Starting."
 DRAWING = "being drawn"
+PREVIEW_LABEL = "{name}: 3D preview, no sound"
 WAITING = "Waiting: {ahead} ahead of you on this machine."
 WAITING_ONE = "Waiting: one run ahead of you on this machine."
 DONE = "Done in {seconds:.0f} s: {rows}, {frames} frames each at 30 per second."

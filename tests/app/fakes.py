@@ -77,6 +77,10 @@ def make_generate(
             while hold is not None and not hold.wait(0.05):
                 if should_cancel():
                     raise CancelledRun
+            for name in names if request.has_previews else ():
+                preview = folder.scratch(f"{file_stem(name)}.glb")
+                preview.write_bytes(b"glTF")
+                on_event(Artefact("preview", name, preview))
             on_event(Progress("motion", 1.0))
             on_event(Progress("numbers", 1.0))
             for i, name in enumerate(names):

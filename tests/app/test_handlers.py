@@ -44,6 +44,7 @@ def test_every_field_of_the_form_reaches_the_run() -> None:
         sampler="heun",
         post_filter="savgol",
         reference=Path("/reference.npz"),
+        has_previews=True,
     )
     assert row_names(request) == (
         *("globaldiff/local", "globaldiff/local.s2"),
@@ -83,8 +84,13 @@ def test_events_come_in_order_then_the_result_and_files_outlive_the_run(tmp_path
         else:
             events += news
     assert result is not None and result.num_frames == 30
-    assert [e.name for e in events if isinstance(e, Artefact)] == [
-        *("globaldiff/local", "globaldiff/global", "comparison", "figure6"),
+    assert [(e.kind, e.name) for e in events if isinstance(e, Artefact)] == [
+        ("preview", "globaldiff/local"),
+        ("preview", "globaldiff/global"),
+        ("video", "globaldiff/local"),
+        ("video", "globaldiff/global"),
+        ("comparison", "comparison"),
+        ("figure", "figure6"),
     ]
     for event in events:
         if isinstance(event, Artefact):

@@ -1,11 +1,13 @@
 """What a visitor does and sees, in a real Chromium."""
 
+import io
 import re
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from playwright.sync_api import Page, expect
 
 from app import text
@@ -48,6 +50,7 @@ def test_speech_becomes_videos_that_play_a_figure_numbers_and_downloads(
     page.locator("#video-0 video").wait_for()
     expect(page.locator("#empty")).not_to_be_visible()
     page.locator("#bundle").wait_for()
+    expect(page.locator("#preview-0")).not_to_be_visible()
     for selector in ("#video-0 video", "#video-1 video", "#comparison video"):
         assert abs(duration_s(page, selector) - 1.5) < 0.05, selector
     expect(status_of(page)).to_contain_text("45 frames each")
@@ -68,6 +71,35 @@ def test_speech_becomes_videos_that_play_a_figure_numbers_and_downloads(
     with page.expect_download() as download:
         page.locator("#bundle").click()
     assert download.value.suggested_filename.endswith(".zip")
+
+
+def test_the_motion_moves_in_3d_before_its_video_is_there(visit: Visit, wav: Wav) -> None:
+    page = visit()
+    give_speech(page, wav(20.0))
+    press_generate(page)
+    preview = page.locator("#preview-0 canvas")
+    preview.wait_for()
+    expect(page.locator("#video-0")).not_to_be_visible()
+    expect(page.locator("#preview-0")).to_contain_text("3D preview")
+    pictures = [as_array(preview.screenshot())]
+    for _ in range(40):
+        page.wait_for_timeout(250)
+        if not preview.is_visible():
+            break
+        pictures.append(as_array(preview.screenshot()))
+        dark = pictures[-1].sum(axis=2) < 300
+        if 0.01 < dark.mean() < 0.6 and (pictures[-1] != pictures[-2]).any():
+            break
+    else:
+        pytest.fail("the preview shows no body that moves")
+    page.get_by_role("button", name=text.CANCEL).click()
+    expect(status_of(page)).to_have_text(text.CANCELLED, timeout=PATIENCE_MS)
+    expect(page.locator("#preview-0")).not_to_be_visible()
+
+
+def as_array(png: bytes) -> np.ndarray:
+    """Cut to a common size: a page that settles moves a part by fractions of a pixel."""
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)[:320, :240]
 
 
 def test_silence_gives_a_sentence_that_stays_and_the_next_run_works(
