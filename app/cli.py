@@ -15,7 +15,8 @@ from pathlib import Path
 from app import text
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import CancelledRun, RunError, sentence_of
-from app.request import POST_FILTERS, SAMPLERS, VIEWS, GenerateRequest, View
+from app.rendering import BACKGROUNDS, ENDINGS, SHEET_POSES, RenderRequest, render_motion
+from app.request import POST_FILTERS, SAMPLERS, SIZES_PX, VIEWS, GenerateRequest, View
 from app.study.cli import add_study
 
 Command = Callable[[argparse.Namespace], None]
@@ -89,7 +90,7 @@ def _add_generate(commands) -> None:
     )  # fmt: skip
     parser.add_argument("--no-video", action="store_true", help="no videos, figure without poses")
     parser.add_argument(
-        "--size", type=int, default=512, metavar="PX", help="of one video (default: 512)"
+        "--size", type=_size, default=512, metavar="PX", help="of one video (default: 512)"
     )
     parser.add_argument(
         "--max-minutes", type=float, default=10.0, metavar="N",
@@ -164,42 +165,55 @@ def _diagnose(options: argparse.Namespace) -> None:
 def _add_render(commands) -> None:
     parser = commands.add_parser(
         "render",
-        help="a motion file to a video, a picture, or a 3D file",
+        help="a motion file to a video, pictures, or a file for 3D software",
         description="Draw a BEAT2-format motion file. The ending of --out chooses what is made: "
-        ".mp4, .png (a sheet of stills), .glb or .bvh.",
+        f"{', '.join(ENDINGS)}. A .png is a contact sheet of {SHEET_POSES} poses, or what --stills "
+        "and --sheet ask for; beside a .mp4 they are written under its name. A .blender.npz is "
+        "for the SMPL-X add-on of Blender.",
     )
     parser.add_argument("motion", type=Path, metavar="MOTION.npz")
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE.mp4|.png|.glb|.bvh")
+    parser.add_argument("--out", type=Path, required=True, metavar=f"FILE{'|'.join(ENDINGS)}")
     parser.add_argument("--speech", type=Path, metavar="WAV", help="sound of the video")
-    parser.add_argument("--view", choices=VIEWS, default="front", help="default: front")
     parser.add_argument(
-        "--size", type=int, default=720, metavar="PX", help="width and height (default: 720)"
+        "--views", type=_views, default=("front",), metavar="V,...",
+        help=f"of {', '.join(VIEWS)}; the files of all but the first have the view in their name "
+        "(default: front)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--size", type=_size, default=720, metavar="PX", help="width and height (default: 720)"
     )
     parser.add_argument("--draft", action="store_true", help="faster, with jagged edges")
+    parser.add_argument("--stills", type=int, metavar="N", help="N single pictures as .png")
     parser.add_argument(
-        "--stills", type=int, default=7, metavar="N", help="poses in a .png (default: 7)"
-    )
+        "--sheet", type=int, metavar="N",
+        help="one picture with every N-th frame above its time, as .png",
+    )  # fmt: skip
+    parser.add_argument(
+        "--background", choices=BACKGROUNDS, default="studio",
+        help="transparent: the body alone, in a .png (default: studio)",
+    )  # fmt: skip
     _add_body(parser)
     parser.set_defaults(command=_render)
 
 
 def _render(options: argparse.Namespace) -> None:
-    from app.rendering import render_motion
     from app.terminal import ProgressBar
 
+    request = RenderRequest(
+        motion=options.motion,
+        out=options.out,
+        speech=options.speech,
+        body=options.body,
+        views=options.views,
+        size=options.size,
+        is_draft=options.draft,
+        num_stills=options.stills,
+        sheet_every=options.sheet,
+        background=options.background,
+    )
     with ProgressBar(f"draw {options.out.name}") as bar:
-        notes = render_motion(
-            options.motion,
-            options.out,
-            speech=options.speech,
-            body_path=options.body,
-            view=options.view,
-            size=options.size,
-            is_draft=options.draft,
-            num_stills=options.stills,
-            on_progress=bar.show,
-        )
-    _finish((options.out,), notes)
+        files, notes = render_motion(request, bar.show)
+    _finish(files, notes)
 
 
 def _add_doctor(commands) -> None:
@@ -246,6 +260,16 @@ def _views(value: str) -> tuple[View, ...]:
     if unknown:
         raise argparse.ArgumentTypeError(f"no view {unknown[0]!r}; views are {', '.join(VIEWS)}")
     return tuple(known[name] for name in dict.fromkeys(_names(value)))
+
+
+def _size(value: str) -> int:
+    smallest, largest = SIZES_PX
+    size = int(value)
+    if not smallest <= size <= largest or size % 2:
+        raise argparse.ArgumentTypeError(
+            f"{size} pixels; pictures have {smallest} to {largest} on each side, an even number"
+        )
+    return size
 
 
 def _finish(files: Sequence[Path], notes: Sequence[str]) -> None:

@@ -1,3 +1,5 @@
+import contextlib
+import io
 import json
 import re
 import resource
@@ -15,6 +17,7 @@ from app.cli import main
 from app.diagnosing import unique_names
 from app.errors import RunError
 from model.motion import save_motion
+from renderer.compose import band_height
 from tests.helpers import ROOT, smooth_motion_example
 
 
@@ -29,6 +32,9 @@ def sentence_after(argv: list[str], capsys: pytest.CaptureFixture[str]) -> str:
 def generate(speech: Path, out: Path, weights: Path, *flags: str) -> list[str]:
     common = ["--out", str(out), "--weights", str(weights), "--steps", "1", "--no-video"]
     return ["generate", str(speech), *common, *flags]
+
+
+SIZES_REFUSED = ("254", "1082", "333", "0", "-512", "big")
 
 
 @pytest.mark.parametrize("command", [[], ["generate"], ["render"], ["diagnose"], ["doctor"]])
@@ -49,7 +55,10 @@ def test_every_command_has_help(command: list[str], capsys: pytest.CaptureFixtur
         ["generate", "a.wav", "--out", "o", "--views", "top"],
         ["generate", "a.wav", "--out", "o", "--systems", ","],
         ["generate", "a.wav", "--out", "o", "--seed", "x"],
+        ["generate", "a.wav", "--out", "o", "--size", "64"],
         ["render", "a.npz"],
+        *(["render", "a.npz", "--out", "a.mp4", "--size", size] for size in SIZES_REFUSED),
+        ["render", "a.npz", "--out", "a.png", "--background", "green"],
     ],
 )
 def test_wrong_arguments_exit_with_2(argv: list[str]) -> None:
@@ -178,22 +187,101 @@ def motion(tmp_path: Path) -> Path:
     return path
 
 
+def render(motion: Path, out: Path, *flags: str) -> list[Path]:
+    """Files that the command lists, drawn small and fast."""
+    argv = ["render", str(motion), "--out", str(out), "--size", "256", "--draft", *flags]
+    with contextlib.redirect_stdout(io.StringIO()) as listed:
+        assert main(argv) == 0
+    return [Path(line) for line in listed.getvalue().splitlines()]
+
+
 @pytest.mark.gl
-def test_render_draws_a_sheet_of_stills(motion: Path, tmp_path: Path) -> None:
+def test_a_png_is_a_sheet_of_poses_over_their_times(motion: Path, tmp_path: Path) -> None:
     out = tmp_path / "sheet.png"
-    assert main(["render", str(motion), "--out", str(out), "--size", "128", "--stills", "3"]) == 0
+    assert render(motion, out) == [out]
+    picture = np.asarray(Image.open(out)).astype(int)
+    rows, columns, height = 2, 4, 256 + band_height(256)
+    assert picture.shape == (rows * height, columns * 256, 3)
+    for row in range(rows):
+        for column in range(columns):
+            tile = picture[row * height : (row + 1) * height, column * 256 : (column + 1) * 256]
+            assert tile[:256].std() > 5, "an empty picture"
+            assert tile[256:].max() == 255 and tile[256:].min() < 120, "no time"
+
+
+@pytest.mark.gl
+def test_stills_and_a_sheet_beside_a_video_and_for_each_view(motion: Path, tmp_path: Path) -> None:
+    files = render(
+        *(motion, tmp_path / "a.mp4", "--stills", "2", "--sheet", "20", "--views", "front,side")
+    )
+    assert [path.name for path in files] == [
+        *("a.mp4", "a.1.png", "a.2.png", "a.sheet.png"),
+        *("a.side.mp4", "a.side.1.png", "a.side.2.png", "a.side.sheet.png"),
+    ]
+    assert sorted(files) == sorted(p for p in tmp_path.iterdir() if p.name.startswith("a."))
+    front, side = (np.asarray(Image.open(tmp_path / f"a{v}.1.png")) for v in ("", ".side"))
+    assert front.shape == side.shape == (256, 256, 3) and (front != side).any()
+    assert Image.open(tmp_path / "a.sheet.png").size[0] == 2 * 256
+
+
+@pytest.mark.gl
+def test_a_transparent_still_shows_the_body_and_nothing_else(motion: Path, tmp_path: Path) -> None:
+    out = tmp_path / "still.png"
+    assert render(motion, out, "--stills", "1", "--background", "transparent") == [out]
     picture = np.asarray(Image.open(out))
-    assert picture.shape == (128, 3 * 128, 3)
-    assert picture.std() > 5, "an empty picture"
+    assert picture.shape == (256, 256, 4)
+    assert 0.03 < (picture[..., 3] == 255).mean() < 0.5
+    assert (picture[:8, :, 3] == 0).all()
+
+
+@pytest.mark.gl
+def test_a_sheet_of_too_many_pictures_says_what_would_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "long.npz"
+    save_motion(smooth_motion_example(130), path)
+    argv = ["render", str(path), "--out", str(tmp_path / "a.png"), "--sheet"]
+    assert "--sheet 3 or more" in sentence_after([*argv, "2"], capsys)
+    assert not (tmp_path / "a.png").exists()
+
+
+def test_what_the_blender_add_on_needs_is_there_without_pickles(
+    motion: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "clip.blender.npz"
+    assert render(motion, out) == [out]
+    original = smooth_motion_example(40)
+    with np.load(out, allow_pickle=False) as data:
+        # As the add-on reads them.
+        assert str(data["gender"]) == "neutral" and str(data["surface_model_type"]) == "smplx"
+        assert int(data["mocap_frame_rate"]) == 30
+        np.testing.assert_array_equal(data["poses"], original.poses)
+        np.testing.assert_array_equal(data["trans"], original.trans)
+        assert data["betas"].shape == (10,) and data["poses"].shape == (40, 165)
+        parts = ("root_orient", "pose_body", "pose_jaw", "pose_eye", "pose_hand")
+        joined = np.concatenate([data[part] for part in parts], axis=1)
+        np.testing.assert_array_equal(joined, original.poses)
 
 
 @pytest.mark.parametrize(
     ("flags", "words"),
     [
         (["--out", "/nowhere/a.mp4"], "folder /nowhere does not exist"),
-        (["--out", "a.gif"], "must end in one of .mp4, .png, .glb, .bvh"),
-        (["--out", "a.mp4", "--size", "33"], "33"),
+        (["--out", "a.gif"], "must end in one of .mp4, .png, .glb, .bvh, .blender.npz"),
+        (["--out", "a.npz"], "must end in one of .mp4, .png, .glb, .bvh, .blender.npz"),
         (["--out", "a.png", "--stills", "0"], "1 to 64; got 0"),
+        (["--out", "a.png", "--stills", "65"], "1 to 64; got 65"),
+        (["--out", "a.png", "--sheet", "0"], "got one in 0"),
+        (["--out", "a.glb", "--stills", "2"], "A .glb file holds no pictures"),
+        (["--out", "a.bvh", "--sheet", "2"], "A .bvh file holds no pictures"),
+        (
+            ["--out", "a.mp4", "--background", "transparent"],
+            "A .mp4 file cannot have",
+        ),
+        (
+            ["--out", "a.glb", "--background", "transparent"],
+            "A .glb file cannot have",
+        ),
         (["--out", "a.mp4", "--speech", "/nowhere.wav"], "no speech file at /nowhere.wav"),
         (["--out", "a.mp4", "--body", "/nowhere.npz"], "nowhere.npz"),
     ],
