@@ -24,6 +24,8 @@ from scipy import stats
 from app.study.votes import Votes
 
 CONFIDENCE = 0.95
+MIN_CLIPS = 6
+"""Fewer clips do not tell how much clips differ."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class Share:
     interval: Interval
     """For other participants and the same clips."""
     over_clips: Interval | None
-    """For other participants and other clips; None with fewer than 3 clips."""
+    """For other participants and other clips; None below `MIN_CLIPS`."""
     as_independent: Interval
     """Plain Clopper-Pearson of wins among decided votes, as if all were independent; only to
     compare with papers that print it."""
@@ -161,7 +163,7 @@ def _interval_over_clips(votes: Votes) -> Interval | None:
     The few clips only weaken the part of the variance that they add (Satterthwaite 1946).
     """
     num_clips, num_raters = len(np.unique(votes.clip)), len(np.unique(votes.rater))
-    if num_clips < 3 or num_raters < 2:
+    if num_clips < MIN_CLIPS or num_raters < 2:
         return None
     by_rater = _cluster_variance(votes, votes.rater)
     both = votes.rater * (int(votes.clip.max()) + 1) + votes.clip

@@ -5,6 +5,7 @@ from __future__ import annotations
 from app.study.bradley_terry import PRIOR_SD
 from app.study.key import Key
 from app.study.power import ALPHA
+from app.study.preference import MIN_CLIPS
 from app.study.resampling import RESAMPLES
 from app.study.screening import SLIDER_TOLERANCE
 
@@ -35,8 +36,8 @@ _SHARES = (
     "Intervals of shares are Clopper-Pearson intervals at the effective number of votes (Korn and "
     "Graubard 1998), which the variance between participants gives. They speak of other "
     "participants on the same clips; “also over clips” of other clips, too (two-way clustered "
-    "variance), and takes clips as drawn at random. results.csv also has the plain Clopper-Pearson "
-    "interval of decided votes, which takes all votes as independent.",
+    f"variance; from {MIN_CLIPS} clips on), and takes clips as drawn at random. results.csv also "
+    "has the plain Clopper-Pearson interval of decided votes, as if all votes were independent.",
 )
 _VOTES = (
     "Shares are tested by an exact binomial (sign) test over participants, each counted once for "
