@@ -6,7 +6,6 @@
   const study = window.STUDY;
   const words = study.words;
   const main = document.getElementById("main");
-  const COVERED = 0.9; // of a video's length that must have been played for it to count as watched
 
   // ---------------------------------------------------------------- small helpers
 
@@ -92,7 +91,7 @@
   }
 
   function save() {
-    if (state.draft) state.draft.ms = elapsed();
+    if (state.draft && shownSince !== null) state.draft.ms = elapsed();
     store.set(`study/${study.study}/${state.participant}`, JSON.stringify(state));
   }
 
@@ -119,7 +118,7 @@
 
   let state = null;
   let onKey = null;
-  let shownSince = 0;
+  let shownSince = null; // when the page of this draft appeared; null before
 
   function elapsed() {
     return Math.round(state.draft.before + performance.now() - shownSince);
@@ -400,7 +399,8 @@
       const play = button("", () => toggle(card), { className: "play" });
       play.append(make("span", { className: "sign", "aria-hidden": "true" }),
         make("span", { className: "name" }, name), action);
-      const card = { id, video, element: make("div", { className: "card" }, video, play), refresh };
+      const card = { id, video, element: make("div", { className: "card" }, video, play), refresh,
+        isWhole: false };
 
       function refresh() {
         const isPlaying = !video.paused;
@@ -417,10 +417,12 @@
       video.addEventListener("click", () => toggle(card));
       video.addEventListener("contextmenu", (event) => event.preventDefault());
       video.addEventListener("error", () => main.append(problem(words.problems.video)), { once: true });
+      video.addEventListener("seeking", () => {
+        if (video.currentTime > 0) card.isWhole = false; // by a media key or a browser's own menu
+      });
+      video.addEventListener("ratechange", () => (card.isWhole = false));
       video.addEventListener("ended", () => {
-        if (played(video) >= COVERED * video.duration) {
-          state.draft.watched[id] = (state.draft.watched[id] || 0) + 1;
-        }
+        if (card.isWhole) state.draft.watched[id] = (state.draft.watched[id] || 0) + 1;
         refresh();
         onChange();
       });
@@ -434,6 +436,7 @@
         other.video.pause();
         other.video.currentTime = 0;
       });
+      card.isWhole = true;
       if (!wasPlaying) card.video.play().catch(() => card.refresh());
     }
 
@@ -446,12 +449,6 @@
 
     cards.forEach((card) => card.refresh());
     return { element, onKey };
-  }
-
-  function played(video) {
-    let total = 0;
-    for (let i = 0; i < video.played.length; i += 1) total += video.played.end(i) - video.played.start(i);
-    return total;
   }
 
   // ---------------------------------------------------------------- questions
