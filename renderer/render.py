@@ -137,7 +137,7 @@ def render_stills(
     if not len(frames):
         return stills.pictures
     stage = stage or set_stage(body, [motion], settings.view, settings.aspect)
-    track = camera_track(body, motion, settings.view)[np.asarray(frames)]
+    track = camera_track(body, motion, settings.view, stage)[np.asarray(frames)]
     vertices = body.vertices(frames_of(motion, frames), chunk=_CHUNK_FRAMES)
     pictures = draw_vertices(
         *(vertices, body.faces, body.vertex_colors), settings=settings, stage=stage, track=track
@@ -156,7 +156,7 @@ def draw_motion(
         *(body.vertices(motion, chunk=_CHUNK_FRAMES), body.faces, body.vertex_colors),
         settings=settings,
         stage=stage,
-        track=camera_track(body, motion, settings.view),
+        track=camera_track(body, motion, settings.view, stage),
     )
 
 

@@ -11,7 +11,7 @@ from renderer.body import Body, BodyMotion
 from renderer.camera import Camera, frame_points, outermost
 from renderer.smplx_joints import JOINT_INDEX, JOINT_NAMES
 
-_FOLLOWED = {
+_CLOSE_UPS = {
     "face": [JOINT_INDEX[name] for name in ("head", "jaw", "left_eye", "right_eye")],
     **{
         f"{side}_hand": [
@@ -22,10 +22,14 @@ _FOLLOWED = {
         for side in ("left", "right")
     },
 }
-"""Joints that the camera of a close-up follows; the other views stand still and show them all."""
+"""Joints that the camera of a close-up follows; the other views show them all."""
 
-_FOLLOW_SIGMA_FRAMES = 12.0
-"""The camera of a close-up moves slowly, so that the jitter of what it shows can be seen."""
+_CLOSE_UP_SIGMA_FRAMES, _WALK_SIGMA_FRAMES = 12.0, 30.0
+"""A camera that follows moves slowly, so that the jitter of what it shows can be seen."""
+
+FOLLOW_BEYOND_M = 1.5
+"""Where the bodies of a comparison wander farther, cameras go with them: one that stood still would
+have to show all of the way, and the bodies small."""
 
 _PIECE_FRAMES = 512
 
@@ -37,12 +41,14 @@ class Stage:
     """A camera, and the floor under the motions it was made for. Metres, y up."""
 
     camera: Camera
-    """Of a close-up: relative to the point that it follows."""
+    """Where it follows: relative to the point that it follows."""
     floor_m: float
     centre_xz: tuple[float, float]
     """Middle of the ground that the joints stay above."""
     extent_m: float
     """Longer side of that ground."""
+    is_following: bool = False
+    """Whether the camera goes with the body: in close-ups, and where a body wanders far."""
 
 
 def set_stage(
@@ -63,15 +69,19 @@ def set_stage(
     if not motions:
         raise ValueError("A stage needs at least one motion; none was given.")
     reach = _reach(body)
-    shown = _FOLLOWED.get(view, list(range(len(JOINT_NAMES))))
-    edges, floors, corners = [], [], []
+    shown = _CLOSE_UPS.get(view, list(range(len(JOINT_NAMES))))
+    from_afar, along, pelvises, floors, corners = [], [], [], [], []
     for motion in motions:
         positions = _joint_positions(body, motion)
+        from_afar.append(outermost(positions[:, shown], view, aspect=aspect))
         relative = positions[:, shown] - _track(positions, view)[:, None]
-        edges.append(outermost(relative, view, aspect=aspect))
+        along.append(outermost(relative, view, aspect=aspect))
+        pelvises += [positions[:, 0].min(axis=0), positions[:, 0].max(axis=0)]
         floors.append(_floor(body, positions))
         corners += [positions.min(axis=(0, 1)), positions.max(axis=(0, 1))]
-    points = np.concatenate(edges)
+    wandered_m = float(np.ptp(pelvises, axis=0)[[0, 2]].max())
+    is_following = view in _CLOSE_UPS or wandered_m > FOLLOW_BEYOND_M
+    points = np.concatenate(along if is_following else from_afar)
     radius = np.broadcast_to(reach[shown], points.shape[:2])
     low, high = np.min(corners, axis=0), np.max(corners, axis=0)
     return Stage(
@@ -79,6 +89,7 @@ def set_stage(
         floor_m=float(np.median(floors)),
         centre_xz=(float(low[0] + high[0]) / 2.0, float(low[2] + high[2]) / 2.0),
         extent_m=float(max(high[0] - low[0], high[2] - low[2])),
+        is_following=is_following,
     )
 
 
@@ -93,9 +104,11 @@ def frames_of(motion: BodyMotion, frames: slice | Sequence[int]) -> BodyMotion:
     )
 
 
-def camera_track(body: Body, motion: BodyMotion, view: str) -> Float[np.ndarray, "T 3"]:
-    """Where the camera of a view stands in each frame, relative to ``Stage.camera``, metres."""
-    if view not in _FOLLOWED:
+def camera_track(
+    body: Body, motion: BodyMotion, view: str, stage: Stage
+) -> Float[np.ndarray, "T 3"]:
+    """Where the camera of a view stands in each frame, relative to ``stage.camera``, metres."""
+    if not stage.is_following:
         return np.zeros((motion.num_frames, 3))
     return _track(_joint_positions(body, motion), view)
 
@@ -111,11 +124,12 @@ def _joint_positions(body: Body, motion: BodyMotion) -> Float32[np.ndarray, "T J
 
 
 def _track(positions: Float[np.ndarray, "T J 3"], view: str) -> Float[np.ndarray, "T 3"]:
-    """The smoothed middle of the joints that a view follows; zero if it stands still."""
-    if view not in _FOLLOWED:
-        return np.zeros((len(positions), 3))
-    middle = positions[:, _FOLLOWED[view]].mean(axis=1)
-    return ndimage.gaussian_filter1d(middle, _FOLLOW_SIGMA_FRAMES, axis=0, mode="nearest")
+    """The smoothed middle of a close-up's joints; of other views, of the pelvis over the ground."""
+    if view in _CLOSE_UPS:
+        middle, sigma = positions[:, _CLOSE_UPS[view]].mean(axis=1), _CLOSE_UP_SIGMA_FRAMES
+    else:
+        middle, sigma = positions[:, 0] * np.array([1.0, 0.0, 1.0], np.float32), _WALK_SIGMA_FRAMES
+    return ndimage.gaussian_filter1d(middle, sigma, axis=0, mode="nearest")
 
 
 def _reach(body: Body) -> Float[np.ndarray, " J"]:

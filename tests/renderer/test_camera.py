@@ -127,7 +127,7 @@ def test_a_hand_never_leaves_its_close_up(side):
     motion = waving_motion(walk_m=1.5)
     view = f"{side}_hand"
     stage = set_stage(body, [motion], view)
-    track = camera_track(body, motion, view)
+    track = camera_track(body, motion, view, stage)
     tips = [vertex for name, vertex in TIP_VERTICES.items() if name.startswith(side)]
     shown = np.concatenate([chunk[:, tips] for chunk in body.vertices(motion)])
     hands = []
@@ -145,24 +145,41 @@ def test_the_face_fills_its_close_up_and_the_camera_follows_it():
     head = body.template[:, 1] > body.rest_joints[JOINT_INDEX["head"], 1] + 0.05
     heads = np.concatenate([chunk[:, head] for chunk in body.vertices(walking)])
     stage = set_stage(body, [still, walking], "face")
-    for vertices, offset in zip(heads, camera_track(body, walking, "face"), strict=True):
+    for vertices, offset in zip(heads, camera_track(body, walking, "face", stage), strict=True):
         assert stage.camera.moved(offset).sees(vertices, 400, 400).all()
-    pixels = (
-        set_stage(body, [still], "face")
-        .camera.moved(camera_track(body, still, "face")[0])
-        .project(body.template[head], 400, 400)
-    )
+    stage = set_stage(body, [still], "face")
+    camera = stage.camera.moved(camera_track(body, still, "face", stage)[0])
+    pixels = camera.project(body.template[head], 400, 400)
     assert np.ptp(pixels[:, 1]) > 130
 
 
 def test_cameras_that_stand_still_have_no_track():
-    motion = waving_motion(walk_m=1.0)
-    assert not camera_track(load_body(), motion, "front").any()
+    body, motion = load_body(), waving_motion(walk_m=1.0)
+    stage = set_stage(body, [motion])
+    assert not stage.is_following
+    assert not camera_track(body, motion, "front", stage).any()
+
+
+@pytest.mark.parametrize("view", ["front", "three_quarter", "side"])
+def test_a_body_that_wanders_far_stays_large_and_whole(view):
+    body = load_body()
+    motions = [waving_motion(120, walk_m=9.0), waving_motion(120)]
+    stage = set_stage(body, motions, view)
+    heights = []
+    for motion in motions:
+        track = camera_track(body, motion, view, stage)
+        vertices = np.concatenate(list(body.vertices(motion)))
+        for frame in range(0, 120, 7):
+            camera = stage.camera.moved(track[frame])
+            assert camera.sees(vertices[frame], 500, 500).all()
+            heights.append(np.ptp(camera.project(vertices[frame], 500, 500)[:, 1]))
+    assert min(heights) > 200, "of 500 pixels"
+    assert np.ptp(track, axis=0).max() < 0.2, "the one that stays has a camera that stays"
 
 
 def test_one_stage_shows_all_motions_of_a_comparison():
     body = load_body()
-    motions = [waving_motion(walk_m=0.9), waving_motion(walk_m=-0.9), BodyMotion.resting(3)]
+    motions = [waving_motion(walk_m=0.7), waving_motion(walk_m=-0.7), BodyMotion.resting(3)]
     stage = set_stage(body, motions)
     assert stage == set_stage(body, motions[::-1])
     for motion in motions:
