@@ -38,10 +38,9 @@ def analyse(
     screened = screen(collected.participants, key)
     results = analyse_participants(screened.kept, key, jitter)
     if not results:
-        whys = [*collected.left_out, *(f"{one.participant.source}: {one.why}." for one in
-                                       screened.dropped)]  # fmt: skip
-        reasons = " ".join(whys[:MAX_REASONS_SHOWN])
-        raise RunError(f"No answers are left to analyse. {reasons}".strip())
+        dropped = [f"{one.participant.source}: {one.why}." for one in screened.dropped]
+        reasons = [*collected.left_out, *dropped][:MAX_REASONS_SHOWN]
+        raise RunError(" ".join(["No answers are left to analyse.", *reasons]))
     balance = balance_reached(screened.kept, key)
     findings = Findings(key, collected, screened, balance, results)
     out.mkdir(parents=True, exist_ok=True)

@@ -15,7 +15,9 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from app.study.analysis import QuestionResult
 from app.study.jitter_join import JitterJoin
@@ -31,13 +33,18 @@ HATCHES = ("", "///", "...", "xx")
 LINE_LENGTH = 14
 """Characters of a question's name in one line under its bars."""
 WIDTH_IN = 5.0
-ROW_IN = 0.36
+ROW_IN = 0.38
+LONGEST_NAME = 26
+"""Characters of a system's name that figures show."""
+MOST_NUMBERS = 16
+"""More bars leave no room for their numbers."""
 KEY_LENGTH, KEY_MARK = 72, 6
 """Characters that fit in one line of the key, and what each mark takes of them."""
 _PLATE = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none"}
 _STYLE: dict[Any, Any] = {
     "svg.fonttype": "path",
     "svg.hashsalt": "study",
+    "text.parse_math": False,  # names may hold dollars
     "font.size": 10,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -61,43 +68,21 @@ def preference_bars(results: Sequence[QuestionResult], key: Key) -> Figure:
         axes = figure.add_subplot()
         count = len(key.systems)
         width = 0.8 / count
-        for system, name in enumerate(key.systems):
-            bars = [_bar(result, system) for result in results]
-            for group, bar in enumerate(bars):
+        has_numbers = count * len(results) <= MOST_NUMBERS
+        for group, result in enumerate(results):
+            for system in range(count):
+                at = group + (system - (count - 1) / 2) * width
+                bar = _bar(result, system)
                 if bar is None:
                     continue
-                value, interval = bar
-                at = group + (system - (count - 1) / 2) * width
-                axes.bar(
-                    at,
-                    value,
-                    0.92 * width,
-                    color=_shade(system, count),
-                    edgecolor=INK,
-                    lw=0.8,
-                    hatch=_hatch(system, count),
-                    label=name if group == 0 else None,
-                )
-                axes.errorbar(
-                    at,
-                    value,
-                    [[value - interval.low], [interval.high - value]],
-                    color=INK,
-                    capsize=3,
-                    lw=1.2,
-                )
-                axes.text(at, 2, f"{value:.0f}", ha="center", fontsize=9, bbox=_PLATE)
+                _draw_bar(axes, at, 0.92 * width, _fill(system, count), *bar)
+                if has_numbers:
+                    axes.text(at, 2, f"{bar[0]:.0f}", ha="center", fontsize=9, bbox=_PLATE)
         chance = _chance(results, key)
         if chance is not None:
             axes.axhline(chance, color=INK, lw=0.8, ls=(0, (4, 3)))
-            axes.text(
-                1.0,
-                chance,
-                " chance",
-                transform=axes.get_yaxis_transform(),
-                va="center",
-                fontsize=9,
-            )
+            beside = axes.get_yaxis_transform()
+            axes.text(1, chance, " chance", transform=beside, va="center", fontsize=9)
         names = [textwrap.fill(result.question.id, LINE_LENGTH) for result in results]
         axes.set_xticks(range(len(results)), names)
         axes.set_xlim(-0.5, len(results) - 0.5)
@@ -105,16 +90,35 @@ def preference_bars(results: Sequence[QuestionResult], key: Key) -> Figure:
         axes.set_yticks(range(0, 101, 20))
         axes.set_ylabel(_bar_label(results, key))
         axes.tick_params(axis="x", length=0)
-        columns = max(1, KEY_LENGTH // (max(map(len, key.systems)) + KEY_MARK))
-        figure.legend(loc="outside upper center", ncols=columns, frameon=False, fontsize=9)
+        _add_legend(figure, key)
     return figure
+
+
+def _draw_bar(
+    axes: Axes, at: float, width: float, fill: dict[str, Any], value: float, interval: Interval
+) -> None:
+    axes.bar(at, value, width, **fill)
+    reach = [[value - interval.low], [interval.high - value]]
+    axes.errorbar(at, value, reach, color=INK, capsize=3, lw=1.2)
+
+
+def _add_legend(figure: Figure, key: Key) -> None:
+    names = [_short(name) for name in key.systems]
+    patches = [Patch(**_fill(system, len(names))) for system in range(len(names))]
+    columns = max(1, KEY_LENGTH // (max(map(len, names)) + KEY_MARK))
+    legend = figure.legend(
+        patches, [""] * len(names), loc="outside upper center", ncols=columns, frameon=False,
+        fontsize=9,
+    )  # fmt: skip
+    for entry, name in zip(legend.get_texts(), names, strict=True):
+        entry.set_text(name)  # given above, names that begin with "_" would be left out
 
 
 def pair_shares(result: QuestionResult, key: Key) -> Figure:
     """Share of the first system of each pair with its interval, ordered as in the table."""
     rows = [
         (
-            f"{key.systems[pair.first]}  vs  {key.systems[pair.second]}",
+            _against(key.systems[pair.first], key.systems[pair.second]),
             100 * pair.share.share,
             Interval(100 * pair.share.interval.low, 100 * pair.share.interval.high),
         )
@@ -128,7 +132,9 @@ def strengths(result: QuestionResult, key: Key) -> Figure:
     found = result.strengths
     assert found is not None
     order = np.argsort(-found.log_strength)
-    rows = [(key.systems[i], float(found.log_strength[i]), found.intervals[i]) for i in order]
+    rows = [
+        (_short(key.systems[i]), float(found.log_strength[i]), found.intervals[i]) for i in order
+    ]
     return _forest(rows, "log-strength (0 = the systems' mean)", middle=0, limits=None)
 
 
@@ -138,7 +144,7 @@ def mean_values(result: QuestionResult, key: Key) -> Figure:
     assert found is not None
     is_ranking = result.question.kind == "ranking"
     order = np.argsort(found.mean if is_ranking else -found.mean)
-    rows = [(key.systems[i], float(found.mean[i]), found.intervals[i]) for i in order]
+    rows = [(_short(key.systems[i]), float(found.mean[i]), found.intervals[i]) for i in order]
     if is_ranking:
         middle = (len(key.systems) + 1) / 2
         return _forest(rows, "mean rank (1 = best)", middle, (1, len(key.systems)))
@@ -256,8 +262,22 @@ def _shade(system: int, count: int) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def _hatch(system: int, count: int) -> str:
-    return HATCHES[system % len(HATCHES)] if count > FILLS_APART else ""
+def _fill(system: int, count: int) -> dict[str, Any]:
+    hatch = HATCHES[system % len(HATCHES)] if count > FILLS_APART else ""
+    return {"facecolor": _shade(system, count), "edgecolor": INK, "lw": 0.8, "hatch": hatch}
+
+
+def _short(name: str) -> str:
+    """Start and end of a long name; tables have it whole."""
+    half = LONGEST_NAME // 2 - 1
+    return name if len(name) <= LONGEST_NAME else f"{name[:half]}…{name[-half:]}"
+
+
+def _against(first: str, second: str) -> str:
+    """Two names, one below the other where they are long."""
+    first, second = _short(first), _short(second)
+    gap = "  " if len(first) + len(second) <= LONGEST_NAME + 8 else "\n"
+    return f"{first}{gap}vs  {second}"
 
 
 def _ratio_ticks(highest: float) -> list[float]:

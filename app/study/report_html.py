@@ -41,8 +41,7 @@ def page_of(findings: Findings) -> str:
         f"<h1>{escape(key.title)}</h1>",
         f'<p class="about">User study {escape(key.study)}, protocol {key.protocol}, '
         f"{len(key.systems)} systems, {text.counted(len(findings.results), 'question')}.</p>",
-        '<div class="short">' + bullets(text.headline(one, key) for one in findings.results),
-        "</div>",
+        f'<div class="short">{bullets(text.headline(one, key) for one in findings.results)}</div>',
         _bars(findings),
         _people(findings),
         *(_question(one, key) for one in findings.results),
@@ -53,7 +52,7 @@ def page_of(findings: Findings) -> str:
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape(key.title)}: results</title>\n<style>\n{css}</style>\n</head>\n<body>\n"
-        + "\n".join(part for part in body if part)
+        + "\n".join(body)
         + "\n</body>\n</html>\n"
     )
 

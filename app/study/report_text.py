@@ -9,9 +9,9 @@ from app.study.answers import Collected
 from app.study.balance_reached import Balance
 from app.study.jitter_join import JitterJoin
 from app.study.key import Key
+from app.study.means import MeanValues, PairedTest
 from app.study.power import ALPHA
 from app.study.preference import Interval, Share
-from app.study.means import MeanValues, PairedTest
 from app.study.screening import Screened
 
 NO_BREAK = "\N{NO-BREAK SPACE}"

@@ -5,6 +5,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from app.errors import RunError
@@ -13,9 +14,10 @@ from app.study.analysis import PairResult, SystemResult, analyse_participants
 from app.study.key import Key
 from app.study.power import smallest_share_detected
 from app.study.preference import share_of
-from app.study.raters import ALIKE, RaterModel
+from app.study.raters import ALIKE, RaterModel, World
 from app.study.report import analyse
 from app.study.report_tables import latex_table
+from app.study.simulate import answers_file
 from tests.app.study.made import (
     STRENGTHS,
     SYSTEMS,
@@ -257,3 +259,20 @@ def test_a_file_name_that_is_no_text_does_not_stop_the_report(tmp_path: Path) ->
     (answers / "\udcff.json").write_text("{}")
     analyse([answers], key_path, tmp_path / "report")
     assert "?.json is left out" in (tmp_path / "report" / "report.html").read_text("utf-8")
+
+
+@pytest.mark.filterwarnings("error")
+def test_any_name_of_a_system_can_be_drawn(tmp_path: Path) -> None:
+    key = made_key(num_clips=1)
+    names = dict(zip(SYSTEMS, ("_first", r"$\frac{x$_2%", "long " * 12), strict=True))
+    videos = {
+        blind: replace(video, system=names[video.system]) for blind, video in key.videos.items()
+    }
+    key = replace(key, systems=tuple(names.values()), videos=videos)
+    strengths = {names[name]: value for name, value in STRENGTHS.items()}
+    world = World(key, strengths, ATTENTIVE, np.random.default_rng(0))
+    files = [answers_file(world, rater) for rater in range(4)]
+    key_path, answers = written_study(tmp_path, key, files)
+    analyse([answers], key_path, tmp_path / "report")
+    page = (tmp_path / "report" / "report.html").read_text("utf-8")
+    assert all(f">{name}</td>" in page for name in names.values())
