@@ -79,7 +79,7 @@ class Handover:
         self._forget_old()
         with self._lock:
             offer = self._offers.get(token)
-            if offer is None or not visitor or not secrets.compare_digest(offer.visitor, visitor):
+            if offer is None or not _is_same(offer.visitor, visitor):
                 return None
             del self._offers[token]
         file = offer.archive.open("rb")
@@ -111,8 +111,8 @@ def add_routes(app: FastAPI, handover: Handover) -> None:
         return response
 
     async def researcher(request: Request) -> Response:
-        form = parse_qs(await _body(request))
-        token = form.get(b"token", [b""])[0].decode("ascii", "replace")
+        form = parse_qs((await _body(request)).decode("ascii", "replace"))
+        token = form.get("token", [""])[0]
         file = handover.take(request.cookies.get(COOKIE, ""), token)
         if file is None:
             return PlainTextResponse(REFUSED, status_code=404)
@@ -131,6 +131,11 @@ def add_routes(app: FastAPI, handover: Handover) -> None:
         APIRoute(RESEARCHER_ROUTE, researcher, methods=["POST"], include_in_schema=False),
     )
     app.router.routes[:0] = routes
+
+
+def _is_same(first: str, second: str) -> bool:
+    """Whether two cookies are equal, in a time that does not tell how much of them is."""
+    return bool(first) and secrets.compare_digest(first.encode(), second.encode())
 
 
 async def _body(request: Request) -> bytes:
