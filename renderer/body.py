@@ -15,8 +15,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32, Float64, Int32
 
-from renderer import lbs, look
+from renderer import lbs
 from renderer.body_file import OPEN_BODY_PATH, BodyArrays, BodyError, read_body_file
+from renderer.look import DEFAULT_LOOK, LOOKS, Look
 from renderer.smplx_joints import NUM_JOINTS
 
 __all__ = ["Body", "BodyError", "BodyMotion", "load_body"]
@@ -109,8 +110,9 @@ class BodyMotion:
 class Body:
     """A body model: mesh, joints and how they follow a motion. Read-only and stateless."""
 
-    def __init__(self, arrays: BodyArrays) -> None:
+    def __init__(self, arrays: BodyArrays, look: Look = LOOKS[DEFAULT_LOOK]) -> None:
         self._arrays = arrays
+        self._look = look
 
     @property
     def name(self) -> str:
@@ -155,7 +157,7 @@ class Body:
     def vertex_colors(self) -> Float32[np.ndarray, "V 3"] | None:
         """Linear RGB in 0 to 1, or None where the body file names no painted regions."""
         regions = self._arrays.regions
-        return None if regions is None else look.vertex_colors(regions)
+        return None if regions is None else self._look.vertex_colors(regions)
 
     def expression_note(self, motion: BodyMotion) -> str | None:
         """One sentence where this body cannot show the face of ``motion``, else None."""
@@ -250,10 +252,20 @@ class Body:
         return lbs.skin(rest_vertices, arrays.weights, global_rot, translations)
 
 
-def load_body(path: Path | None = None) -> Body:
-    """The open body, or the SMPL-X ``.npz`` at ``path``.
+def load_body(path: Path | None = None, look: str = DEFAULT_LOOK) -> Body:
+    """The open body in one of ``LOOKS``, or the SMPL-X ``.npz`` at ``path``.
 
     Raises:
-        BodyError: with one sentence if the file is not a body that can be posed.
+        BodyError: with one sentence if the file is not a body that can be posed, or the look
+            is unknown or not the file's to have.
     """
-    return Body(read_body_file(OPEN_BODY_PATH if path is None else Path(path)))
+    if look not in LOOKS:
+        raise BodyError(f"Unknown look '{look}'; known are {', '.join(LOOKS)}.")
+    if path is None:
+        return Body(read_body_file(OPEN_BODY_PATH, LOOKS[look].build), LOOKS[look])
+    if look != DEFAULT_LOOK:
+        raise BodyError(
+            f"The look '{look}' belongs to the open body; {Path(path).name} is always shown as "
+            "plain clay, so leave one of the two out."
+        )
+    return Body(read_body_file(Path(path)))

@@ -17,10 +17,12 @@ import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Float32, Int32
 
+from renderer.body_npz import BodyError, BodyNpz
+from renderer.look import BUILDS, REGION_NAMES
 from renderer.smplx_joints import NUM_JOINTS, PARENTS
 
 OPEN_BODY_PATH = Path(__file__).parent / "assets" / "open_body.npz"
-OPEN_BODY_FORMAT = 1
+OPEN_BODY_FORMAT = 2
 
 MAX_UNPACKED_BYTES = 4 << 30
 NUM_POSE_FEATURES = 9 * (NUM_JOINTS - 1)
@@ -40,10 +42,6 @@ _DAMAGE = (
     UnicodeDecodeError,
 )
 """What a damaged archive raises while it is read."""
-
-
-class BodyError(ValueError):
-    """A body file or a motion that cannot be posed; the message is one sentence for a person."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +74,11 @@ class BodyArrays:
     """Index of the painted region of each vertex (see ``renderer.look``), where the file has it."""
 
 
-def read_body_file(path: Path) -> BodyArrays:
+def read_body_file(path: Path, build: str = BUILDS[0]) -> BodyArrays:
     """The arrays of the body in ``path``.
+
+    Args:
+        build: which of its builds, where the file is an open body.
 
     Raises:
         BodyError: if the file is missing, no body, damaged, or not SMPL-X shaped.
@@ -101,9 +102,9 @@ def read_body_file(path: Path) -> BodyArrays:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     try:
         with np.load(path, allow_pickle=False) as archive:
-            reader = _Reader(path.name, archive)
+            reader = BodyNpz(path.name, archive)
             arrays = (
-                _open_body(reader, sha256)
+                _open_body(reader, sha256, build)
                 if "open_body_format" in archive.files
                 else _licensed_body(reader, path.stem, sha256)
             )
@@ -113,85 +114,36 @@ def read_body_file(path: Path) -> BodyArrays:
     return arrays
 
 
-class _Reader:
-    """Plain arrays of one npz by name, each failure as a sentence that names file and key."""
-
-    def __init__(self, file_name: str, archive: np.lib.npyio.NpzFile) -> None:
-        self.file_name = file_name
-        self._archive = archive
-
-    def __contains__(self, key: str) -> bool:
-        return key in self._archive.files
-
-    def array(self, key: str, *shape: int | None) -> np.ndarray:
-        """The array ``key``; ``None`` in ``shape`` leaves that axis free."""
-        if key not in self._archive.files:
-            raise BodyError(f"{self.file_name} is no SMPL-X body: it has no array '{key}'.")
-        try:
-            array = self._archive[key]
-        except ValueError as error:
-            raise BodyError(
-                f"{self.file_name} holds '{key}' as a pickled object or damaged array, which is "
-                "not opened because it could run code; use the .npz of the SMPL-X download page."
-            ) from error
-        fits = array.ndim == len(shape) and all(
-            want in (None, have) for want, have in zip(shape, array.shape, strict=True)
-        )
-        if not fits:
-            wanted = ", ".join("any" if size is None else str(size) for size in shape)
-            raise BodyError(
-                f"{self.file_name}: '{key}' has shape {array.shape}; ({wanted}) is needed."
-            )
-        return array
-
-    def floats(self, key: str, *shape: int | None) -> np.ndarray:
-        array = self.array(key, *shape)
-        if array.dtype.kind not in "fiu":
-            raise BodyError(f"{self.file_name}: '{key}' holds {array.dtype}, not numbers.")
-        result = array.astype(np.float32, copy=False)
-        if not np.isfinite(result).all():
-            raise BodyError(f"{self.file_name}: '{key}' holds values that are not finite.")
-        return result
-
-    def integers(self, key: str, *shape: int | None) -> np.ndarray:
-        array = self.array(key, *shape)
-        if array.dtype.kind not in "iu":
-            raise BodyError(f"{self.file_name}: '{key}' holds {array.dtype}, not integers.")
-        return array.astype(np.int64).astype(np.int32)
-
-
-def _open_body(reader: _Reader, sha256: str) -> BodyArrays:
-    version = int(reader.array("open_body_format"))
+def _open_body(reader: BodyNpz, sha256: str, build: str) -> BodyArrays:
+    version = int(reader.integers("open_body_format"))
     if version != OPEN_BODY_FORMAT:
         raise BodyError(
             f"{reader.file_name} is an open body of format {version}; "
             f"this version reads format {OPEN_BODY_FORMAT}."
         )
-    template = reader.floats("template", None, 3)
+    template = _of_build(reader, build)
     num_vertices = len(template)
-    joints = reader.integers("weight_joints", num_vertices, None)
+    joints = reader.indices("weight_joints", NUM_JOINTS, num_vertices, None)
     shares = reader.floats("weight_shares", *joints.shape)
-    shares /= shares.sum(1, keepdims=True)
+    shares /= np.maximum(shares.sum(1, keepdims=True), 1)
     rows = np.repeat(np.arange(num_vertices), joints.shape[1])
     used = shares.ravel() > 0
-    if joints.min() < 0 or joints.max() >= NUM_JOINTS:
-        raise BodyError(f"{reader.file_name}: 'weight_joints' names joints outside 0 to 54.")
     weights = sp.csr_array(
         (shares.ravel()[used], (rows[used], joints.ravel()[used])),
         shape=(num_vertices, NUM_JOINTS),
     )
-    names = tuple(str(name) for name in reader.array("expression_names", None))
-    moved = reader.integers("expression_vertices", None)
+    names = reader.names("expression_names")
+    moved = reader.indices("expression_vertices", num_vertices, None)
     steps = reader.floats("expression_steps", len(names))
-    levels = reader.array("expression_levels", len(names), len(moved), 3)
-    corrected = reader.integers("pose_vertices", None)
+    levels = reader.integers("expression_levels", len(names), len(moved), 3)
+    corrected = reader.indices("pose_vertices", num_vertices, None)
     return BodyArrays(
         name="open body",
         sha256=sha256,
         expression_basis="arkit52",
         expression_names=names,
         template=template,
-        faces=reader.integers("faces", None, 3),
+        faces=reader.faces("faces", num_vertices),
         weights=weights,
         rest_joints=reader.floats("rest_joints", NUM_JOINTS, 3),
         shape_dirs=np.zeros((num_vertices, 3, 0), np.float32),
@@ -202,11 +154,26 @@ def _open_body(reader: _Reader, sha256: str) -> BodyArrays:
         pose_vertices=np.unique(corrected).astype(np.int32),
         pose_dirs=_sparse_pose_dirs(
             corrected,
-            reader.integers("pose_joints", len(corrected)),
+            reader.indices("pose_joints", NUM_JOINTS, len(corrected)),
             reader.floats("pose_offsets", len(corrected), 3, 9),
         ),
-        regions=reader.integers("regions", num_vertices),
+        regions=reader.indices("regions", len(REGION_NAMES), num_vertices),
     )
+
+
+def _of_build(reader: BodyNpz, build: str) -> Float32[np.ndarray, "V 3"]:
+    """The template of the first build, moved to ``build`` where that is another."""
+    template = reader.template("template")
+    if build == BUILDS[0]:
+        return template
+    names = reader.names("build_names")
+    if build not in names:
+        known = ", ".join((BUILDS[0], *names))
+        raise BodyError(f"{reader.file_name} has no build '{build}'; it has {known}.")
+    steps = reader.floats("build_steps", len(names))
+    levels = reader.integers("build_levels", len(names), *template.shape)
+    index = names.index(build)
+    return template + levels[index].astype(np.float32) * steps[index]
 
 
 def _sparse_pose_dirs(
@@ -224,16 +191,16 @@ def _sparse_pose_dirs(
     )
 
 
-def _licensed_body(reader: _Reader, name: str, sha256: str) -> BodyArrays:
-    template = reader.floats("v_template", None, 3)
+def _licensed_body(reader: BodyNpz, name: str, sha256: str) -> BodyArrays:
+    template = reader.template("v_template")
     num_vertices = len(template)
-    kintree = reader.array("kintree_table", 2, None)
+    kintree = reader.integers("kintree_table", 2, None)
     if kintree.shape[1] != NUM_JOINTS:
         raise BodyError(
             f"{reader.file_name} has {kintree.shape[1]} joints; SMPL-X has {NUM_JOINTS} "
             "(SMPL and SMPL-H files do not fit)."
         )
-    if tuple(kintree[0, 1:].astype(np.int64)) != PARENTS[1:]:
+    if tuple(kintree[0, 1:]) != PARENTS[1:]:
         raise BodyError(f"{reader.file_name}: 'kintree_table' is not the joint tree of SMPL-X.")
     shape_dirs = reader.floats("shapedirs", num_vertices, 3, None)
     # 2019 files: 10 betas, then expressions. 2020 files: 300 betas, then 100 expressions.
@@ -250,7 +217,7 @@ def _licensed_body(reader: _Reader, name: str, sha256: str) -> BodyArrays:
         expression_basis="flame100",
         expression_names=(),
         template=template,
-        faces=reader.integers("f", None, 3),
+        faces=reader.faces("f", num_vertices),
         weights=sp.csr_array(reader.floats("weights", num_vertices, NUM_JOINTS)),
         rest_joints=regressor @ template,
         shape_dirs=betas,
@@ -265,17 +232,6 @@ def _licensed_body(reader: _Reader, name: str, sha256: str) -> BodyArrays:
 
 
 def _check(file_name: str, arrays: BodyArrays) -> None:
-    num_vertices = len(arrays.template)
-    if num_vertices == 0 or len(arrays.faces) == 0:
-        raise BodyError(f"{file_name} has no mesh: {num_vertices} vertices.")
-    if arrays.faces.min() < 0 or arrays.faces.max() >= num_vertices:
-        raise BodyError(
-            f"{file_name}: a face names vertex {arrays.faces.max()}, "
-            f"but there are only {num_vertices} vertices."
-        )
-    for vertices in (arrays.expression_vertices, arrays.pose_vertices):
-        if len(vertices) and (vertices.min() < 0 or vertices.max() >= num_vertices):
-            raise BodyError(f"{file_name}: an offset names a vertex that does not exist.")
     row_sums = arrays.weights.sum(axis=1)
     if np.abs(row_sums - 1).max() > 0.01:
         raise BodyError(f"{file_name}: the skinning weights of a vertex do not sum to one.")

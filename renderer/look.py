@@ -1,14 +1,25 @@
-"""How the body looks: one colour per painted region of the mesh.
+"""How the open body looks: which build it has, and one colour per painted region of its mesh.
 
-Colours are linear RGB (not sRGB), 0 to 1, as a shader multiplies them with light.
+Every look has the same joints, fingertips and topology, so the motion and its measures do not
+depend on it. Colours are linear RGB (not sRGB), 0 to 1, as a shader multiplies them with light.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Float32, Int
 
-REGION_COLORS: dict[str, tuple[float, float, float]] = {
+Color = tuple[float, float, float]
+
+BUILDS = ("average", "slender", "broad")
+"""Builds of the open body; the first is the one its file is written around."""
+
+CLAY: Color = (0.50, 0.46, 0.43)
+"""Of a body without colours: the tone clay, and any SMPL-X file."""
+
+_LIGHT: dict[str, Color] = {
     "skin": (0.50, 0.385, 0.32),
     "lips": (0.40, 0.235, 0.205),
     "mouth": (0.085, 0.025, 0.025),
@@ -24,11 +35,63 @@ REGION_COLORS: dict[str, tuple[float, float, float]] = {
     "shoes": (0.025, 0.026, 0.03),
     "soles": (0.45, 0.45, 0.44),
 }
-REGION_NAMES: tuple[str, ...] = tuple(REGION_COLORS)
+_MEDIUM = _LIGHT | {
+    "skin": (0.34, 0.215, 0.145),
+    "lips": (0.265, 0.125, 0.10),
+    "hair": (0.018, 0.014, 0.012),
+    "brows": (0.03, 0.021, 0.017),
+    "iris": (0.055, 0.03, 0.015),
+    "iris_rim": (0.025, 0.014, 0.009),
+    "shirt": (0.10, 0.165, 0.125),
+    "trousers": (0.055, 0.06, 0.075),
+}
+_DARK = _MEDIUM | {
+    "skin": (0.125, 0.07, 0.045),
+    "lips": (0.125, 0.052, 0.045),
+    "hair": (0.010, 0.009, 0.009),
+    "brows": (0.012, 0.009, 0.008),
+    "iris": (0.03, 0.016, 0.009),
+    "shirt": (0.27, 0.18, 0.085),
+    "trousers": (0.065, 0.06, 0.06),
+}
+REGION_NAMES: tuple[str, ...] = tuple(_LIGHT)
 REGION_INDEX: dict[str, int] = {name: i for i, name in enumerate(REGION_NAMES)}
 
 
-def vertex_colors(regions: Int[np.ndarray, " V"]) -> Float32[np.ndarray, "V 3"]:
-    """Linear RGB of each vertex from its region index (an index into ``REGION_NAMES``)."""
-    palette = np.array([REGION_COLORS[name] for name in REGION_NAMES], np.float32)
-    return palette[regions]
+def _clay() -> dict[str, Color]:
+    """One colour, but for what speech and gaze are read from."""
+    darker = {"mouth": 0.2, "iris": 0.6, "iris_rim": 0.5, "pupil": 0.3}
+    red, green, blue = CLAY
+    shares = {name: darker.get(name, 1.0) for name in REGION_NAMES}
+    return {name: (red * s, green * s, blue * s) for name, s in shares.items()}
+
+
+TONES: dict[str, dict[str, Color]] = {
+    "light": _LIGHT,
+    "medium": _MEDIUM,
+    "dark": _DARK,
+    "clay": _clay(),
+}
+"""Colour of each region by tone."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """A build of the open body in a tone."""
+
+    build: str
+    """One of ``BUILDS``."""
+    tone: str
+    """One of ``TONES``."""
+
+    def vertex_colors(self, regions: Int[np.ndarray, " V"]) -> Float32[np.ndarray, "V 3"]:
+        """Linear RGB of each vertex from its region index (an index into ``REGION_NAMES``)."""
+        colors = TONES[self.tone]
+        return np.array([colors[name] for name in REGION_NAMES], np.float32)[regions]
+
+
+LOOKS: dict[str, Look] = {
+    f"{build}-{tone}": Look(build, tone) for build in BUILDS for tone in TONES
+}
+"""Every look by name, ``BUILD-TONE``."""
+DEFAULT_LOOK = "average-light"

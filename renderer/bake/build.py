@@ -7,35 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from renderer.bake import clothes, face, geometry
+from renderer.bake import clothes, face, geometry, mouth
+from renderer.bake.builds import FIGURES, in_zero_pose, on_skeleton
 from renderer.bake.correctives import pose_correctives
 from renderer.bake.geometry import Mesh
-from renderer.bake.makehuman import Figure, MakeHuman
-from renderer.bake.skinning import dual_quaternion_blend, posed_joints
+from renderer.bake.makehuman import MakeHuman
 from renderer.bake.vertex_order import format_vertices, with_fixed_vertices
-from renderer.bake.zero_pose import (
-    finger_tips,
-    joint_weights,
-    joints_in_a_pose,
-    rotations_to_zero_pose,
-)
+from renderer.bake.zero_pose import joint_weights
 from renderer.look import REGION_INDEX
 from renderer.smplx_joints import FINGERS, JOINT_INDEX, TIP_VERTICES
 
-FIGURE = Figure(
-    gender=0.66,
-    age=0.03,
-    muscle=0.52,
-    weight=0.47,
-    height=0.40,
-    proportions=0.6,
-    cup=0.0,
-    firmness=0.6,
-)
-LEG_LENGTH_M = 0.7845
-"""Hip to ankle along the leg, as in SMPL-X's mean body."""
-PELVIS_M = (0.0, -0.3514, 0.012)
-"""Where SMPL-X's mean body has its pelvis."""
 SKIN_UNDER_CLOTH_M = 0.025
 """How far the skin goes on under a hem."""
 SKIN_BELOW_CLOTH_M = 0.003
@@ -51,6 +32,9 @@ class BakedBody:
     mesh: Mesh
     rest_joints: Float[np.ndarray, "J 3"]
     expression_names: tuple[str, ...]
+    """What the first offsets of the mesh are."""
+    build_names: tuple[str, ...]
+    """What the other offsets of the mesh are: from the first build to each of the others."""
     pose_vertices: Int[np.ndarray, " K"]
     pose_joints: Int[np.ndarray, " K"]
     pose_offsets: Float[np.ndarray, "K 3 9"]
@@ -60,13 +44,13 @@ def bake(source: MakeHuman) -> BakedBody:
     """Everything, from files to arrays; the same result each time."""
     units = source.face_units()
     base, joints = _in_zero_pose(source, np.stack(list(units.values()), axis=1))
-    mesh = _assemble(source, base, joints)
+    mesh = _assemble(source, base, joints, len(units))
     mesh = _with_few_influences(mesh)
     mesh = with_fixed_vertices(mesh, format_vertices(mesh, joints))
     which, of_joint, offsets = pose_correctives(
         mesh.positions, mesh.weights, joints, np.random.default_rng(SEED)
     )
-    return BakedBody(mesh, joints, tuple(units), which, of_joint, offsets)
+    return BakedBody(mesh, joints, tuple(units), tuple(FIGURES)[1:], which, of_joint, offsets)
 
 
 def tip_offsets(body: BakedBody) -> dict[str, Float[np.ndarray, " 3"]]:
@@ -83,22 +67,23 @@ def _in_zero_pose(
     source: MakeHuman, units: Float[np.ndarray, "N E 3"]
 ) -> tuple[Float[np.ndarray, "N C"], Float[np.ndarray, "J 3"]]:
     """The columns of ``Mesh.carried`` for the whole base mesh, and the rest joints."""
-    vertices = source.shape(FIGURE)
     weights = joint_weights(source)
-    joints = joints_in_a_pose(source, vertices)
-    rotations = rotations_to_zero_pose(joints, finger_tips(source, vertices))
-    posed = dual_quaternion_blend(vertices, weights, joints, rotations)
-    rest = posed_joints(joints, rotations)
-    hip, knee, ankle = (rest[JOINT_INDEX[f"left_{name}"]] for name in ("hip", "knee", "ankle"))
-    scale = LEG_LENGTH_M / (np.linalg.norm(knee - hip) + np.linalg.norm(ankle - knee))
-    shift = PELVIS_M - scale * rest[JOINT_INDEX["pelvis"]]
-    turned = units @ rotations[JOINT_INDEX["head"]].T
-    carried = [posed * scale + shift, weights, (turned * scale).reshape(len(vertices), -1)]
-    return np.concatenate(carried, axis=1), rest * scale + shift
+    first, *others = FIGURES.values()
+    posed = in_zero_pose(source, first, weights)
+    turned = units @ posed.head_transform.T
+    builds = [
+        on_skeleton(in_zero_pose(source, figure, weights), posed, weights) - posed.vertices
+        for figure in others
+    ]
+    carried = [posed.vertices, weights, turned.reshape(len(weights), -1), *builds]
+    return np.concatenate(carried, axis=1), posed.joints
 
 
 def _assemble(
-    source: MakeHuman, base: Float[np.ndarray, "N C"], joints: Float[np.ndarray, "J 3"]
+    source: MakeHuman,
+    base: Float[np.ndarray, "N C"],
+    joints: Float[np.ndarray, "J 3"],
+    num_expressions: int,
 ) -> Mesh:
     def group(name: str) -> Mesh:
         quads = source.quads(name)
@@ -109,22 +94,25 @@ def _assemble(
     garments = clothes.dress(group("helper-tights"), wearer)
 
     quads = source.quads("body")
+    ring = mouth.lip_line(quads)
+    base = base.copy()
+    base[:, :3] = mouth.with_closed_lips(base[:, :3], ring, quads)
     body = _tucked_in(Mesh(quads, base, np.zeros(len(base), np.int64)), wearer)
     head_vertices = wearer.above_neckline(base[:, :3]) > -SKIN_UNDER_CLOTH_M
-    hand_vertices = np.abs(base[:, 0]) > wearer.wrist_m - SKIN_UNDER_CLOTH_M
+    hand_vertices = np.abs(base[:, 0]) > wearer.sleeve_end_m - SKIN_UNDER_CLOTH_M
     head_faces = np.asarray(head_vertices[quads].all(axis=1))
     head = face.make_head(body.faces_only(head_faces), quads[head_faces], face.FacePaint(joints))
     hand_faces = np.asarray(hand_vertices[quads].all(axis=1))
     hands = body.faces_only(hand_faces).painted(REGION_INDEX["skin"])
-    num_expressions = head.expressions.shape[1]
     eyes = [
-        face.eyeball(side, group(f"helper-{side[0]}-eye").positions, num_expressions)
+        face.eyeball(side, group(f"helper-{side[0]}-eye"), num_expressions)
         for side in ("left", "right")
     ]
-    lip_line = base[face.lip_line(quads), :3]
-    mouth = np.array([0.0, lip_line[:, 1].mean(), lip_line[:, 2].max()])
+    lip_line = base[ring, :3]
+    mouth_middle = np.array([0.0, lip_line[:, 1].mean(), lip_line[:, 2].max()])
     teeth = [
-        face.make_teeth(row, group(f"helper-{row}-teeth"), mouth) for row in ("upper", "lower")
+        mouth.make_teeth(row, group(f"helper-{row}-teeth"), mouth_middle)
+        for row in ("upper", "lower")
     ]
     return geometry.join([head, hands, *eyes, *teeth, garments])
 

@@ -1,8 +1,6 @@
-"""The head: skin, hair, brows and lips painted on it, mouth and teeth, and the eyeballs."""
+"""The head: skin, hair, brows and lips painted on it, and the eyeballs."""
 
 from __future__ import annotations
-
-from collections import defaultdict
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -11,17 +9,12 @@ from scipy.spatial import KDTree
 
 from renderer.bake import geometry
 from renderer.bake.geometry import Mesh
+from renderer.bake.mouth import mouth_and_lips
 from renderer.look import REGION_INDEX
 from renderer.smplx_joints import JOINT_INDEX, NUM_JOINTS
 
 Points = Float[np.ndarray, "N 3"]
 Heights = Float[np.ndarray, " N"]
-
-# Base-mesh vertices: an edge of the closed ring where the lips meet, and one deep in the mouth.
-LIP_RING_EDGE = (537, 538)
-MOUTH_VERTEX = 680
-LIP_RINGS = 6
-"""Rings of faces from the line where the lips meet to their outer edge."""
 
 # Hairline: height above the eyes for each distance behind the eyes, front to nape; metres.
 HAIRLINE = (
@@ -37,8 +30,14 @@ HAIRLINE = (
     (0.145, -0.060),
     (0.20, -0.068),
 )
-HAIR_THICKNESS_M = 0.009
+HAIR_THICKNESS_M = 0.011
+HAIR_EDGE_M = 0.0025
+"""Thickness at the hairline, enough to cover the skin, which is the coarser mesh."""
 HAIR_RAMP_M = 0.03
+HAIR_HEM_M = 0.006
+SCALP_MARGIN_M = 0.035
+"""The hair is cut out of the scalp and so much more around it."""
+SKIN_UNDER_HAIR_M = 0.015
 
 # Brow: height above the eyes and half thickness for each distance from the middle; metres.
 BROW = (
@@ -48,75 +47,11 @@ BROW = (
     (0.050, 0.0225, 0.0008),
 )
 
-# A dental arch, half a superellipse seen from above; small enough to stay behind the lips.
-ARCH_HALF_WIDTH_M = 0.0225
-ARCH_LENGTH_M = 0.018
-ARCH_EXPONENT = 2.6
-ARCH_BEHIND_LIPS_M = 0.0105
-TOOTH_HEIGHT_M = 0.0085
-TOOTH_DEPTH_M = 0.005
-BITE_GAP_M = 0.0006
-ARCH_STEPS = 24
-
 # Rings of an eyeball, degrees from the gaze axis, and where its colours end.
 EYE_RINGS_DEG = (0, 5, 9, 11, 12, 14, 18, 22, 26, 28, 29.5, 32, 36, 42, 50, 60, 72, 90, 120, 180)
 EYE_SECTORS = 24
 PUPIL_END_DEG, IRIS_END_DEG, IRIS_RIM_END_DEG = 11.5, 27.0, 29.0
 CORNEA_BULGE = 0.035
-
-
-def lip_line(quads: Int[np.ndarray, "Q 4"]) -> list[int]:
-    """Base-mesh vertices of the closed ring where the lips meet."""
-    return _edge_loop(quads, LIP_RING_EDGE)
-
-
-def mouth_and_lips(
-    quads: Int[np.ndarray, "Q 4"],
-) -> tuple[Bool[np.ndarray, " Q"], Bool[np.ndarray, " Q"]]:
-    """Which faces of the base mesh line the mouth, and which are the lips."""
-    ring = set(lip_line(quads))
-    neighbours: dict[int, set[int]] = defaultdict(set)
-    for a, b in geometry.edges(quads).tolist():
-        neighbours[a].add(b)
-        neighbours[b].add(a)
-
-    def grow(start: set[int], stop: set[int], rounds: int) -> set[int]:
-        grown, front = set(start), set(start)
-        for _ in range(rounds):
-            front = {n for v in front for n in neighbours[v]} - grown - stop
-            if not front:
-                break
-            grown |= front
-        return grown
-
-    inside = grow({MOUTH_VERTEX}, ring, len(quads))
-    lips = grow(ring, inside, LIP_RINGS)
-    is_inside = np.isin(quads, list(inside | ring)).all(axis=1)
-    is_lips = np.isin(quads, list(lips)).all(axis=1) & ~is_inside
-    return np.asarray(is_inside), np.asarray(is_lips)
-
-
-def _edge_loop(quads: Int[np.ndarray, "Q 4"], start: tuple[int, int]) -> list[int]:
-    """The closed loop of edges that goes straight on at each vertex, from one edge of it."""
-    faces_at: dict[int, list[list[int]]] = defaultdict(list)
-    for quad in quads.tolist():
-        for corner in quad:
-            faces_at[corner].append(quad)
-    loop = list(start)
-    while loop[-1] != loop[0]:
-        before, here = loop[-2:]
-        beside = {v for quad in faces_at[here] if before in quad for v in quad}
-        onward = {v for a, v in _edges_at(faces_at[here], here)} - beside
-        loop.append(onward.pop())
-    return loop[:-1]
-
-
-def _edges_at(quads: list[list[int]], vertex: int) -> list[tuple[int, int]]:
-    found = []
-    for quad in quads:
-        k = quad.index(vertex)
-        found += [(vertex, quad[k - 1]), (vertex, quad[(k + 1) % 4])]
-    return found
 
 
 class FacePaint:
@@ -171,35 +106,35 @@ def make_head(skin: Mesh, quads: Int[np.ndarray, "Q 4"], paint: FacePaint) -> Me
 
     for field in paint.brow_fields():
         head = geometry.cut(head, field, within=paint.in_front)
-    head = geometry.cut(head, paint.above_hairline)
     regions = head.regions[head.faces[:, 0]].copy()
     middle = geometry.centres(head)
     brows = np.all([field(middle) > 0 for field in paint.brow_fields()], axis=0)
     is_skin = regions == REGION_INDEX["skin"]
     regions[is_skin & brows & paint.in_front(middle)] = REGION_INDEX["brows"]
-    hair = is_skin & (paint.above_hairline(middle) > 0)
-    regions[hair] = REGION_INDEX["hair"]
-    return _raise_hair(geometry.paint(head, regions))
+    bare = paint.above_hairline(middle) < SKIN_UNDER_HAIR_M
+    painted = geometry.paint(head.faces_only(bare), regions[bare])
+    return geometry.join([painted, _hair(skin, paint)])
 
 
-def _raise_hair(head: Mesh) -> Mesh:
-    """Give the hair its thickness, growing from nothing at the hairline."""
-    hair = head.regions == REGION_INDEX["hair"]
-    faces = head.faces[hair[head.faces].all(1)]
-    hairline = head.positions[np.unique(geometry.border_edges(faces))]
-    distance, _ = KDTree(hairline).query(head.positions[hair])
+def _hair(skin: Mesh, paint: FacePaint) -> Mesh:
+    """A cap on the scalp, finer than the skin so that its outline is round."""
+    on_scalp = paint.above_hairline(skin.positions) > -SCALP_MARGIN_M
+    scalp = geometry.subdivide(skin.faces_only(np.asarray(on_scalp[skin.faces].all(axis=1))))
+    hair = geometry.cut(scalp, paint.above_hairline)
+    hair = hair.faces_only(paint.above_hairline(geometry.centres(hair)) > 0)
+    hairline = np.unique(geometry.border_edges(hair.faces))
+    distance, _ = KDTree(hair.positions[hairline]).query(hair.positions)
     share = np.clip(distance / HAIR_RAMP_M, 0, 1)
-    thickness = np.zeros(head.num_vertices)
-    thickness[hair] = HAIR_THICKNESS_M * share * (2 - share)
-    return head.moved(head.positions + thickness[:, None] * geometry.normals(head))
+    thickness = HAIR_EDGE_M + (HAIR_THICKNESS_M - HAIR_EDGE_M) * share * (2 - share)
+    hair = hair.moved(hair.positions + thickness[:, None] * geometry.normals(hair))
+    on_border = np.isin(np.arange(hair.num_vertices), hairline)
+    hair = geometry.fold_border(hair, on_border, -HAIR_HEM_M * geometry.normals(hair))
+    return hair.painted(REGION_INDEX["hair"])
 
 
-def eyeball(side: str, old: Points, num_expressions: int) -> Mesh:
+def eyeball(side: str, old: Mesh, num_expressions: int) -> Mesh:
     """A round eye in place of the old one, gaze along +z, iris and pupil as rings."""
-    back = old[:, 2] < np.percentile(old[:, 2], 75)
-    system = np.c_[2 * old[back], np.ones(back.sum())]
-    solution = np.linalg.lstsq(system, (old[back] ** 2).sum(1), rcond=None)[0]
-    centre, radius = solution[:3], np.sqrt(solution[3] + solution[:3] @ solution[:3])
+    centre, radius = _sphere(old.positions)
     polar = np.radians(EYE_RINGS_DEG)
     around = np.arange(EYE_SECTORS) * 2 * np.pi / EYE_SECTORS
     polar, around = (grid.ravel() for grid in np.meshgrid(polar, around, indexing="ij"))
@@ -207,9 +142,17 @@ def eyeball(side: str, old: Points, num_expressions: int) -> Mesh:
     directions = np.stack(
         [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], axis=1
     )
-    carried = np.zeros((len(polar), 3 + NUM_JOINTS + 3 * num_expressions))
+    carried = np.zeros((len(polar), old.carried.shape[1]))
     carried[:, :3] = centre + bulge[:, None] * directions
     carried[:, 3 + JOINT_INDEX[f"{side}_eye"]] = 1
+    # No expression moves an eyeball, but each build has its own size of it.
+    builds = old.offsets[:, num_expressions:].transpose(1, 0, 2)
+    offsets = np.zeros((len(polar), old.offsets.shape[1], 3))
+    for index, offset in enumerate(builds, start=num_expressions):
+        new_centre, new_radius = _sphere(old.positions + offset)
+        grown = (new_radius / radius - 1) * bulge[:, None] * directions
+        offsets[:, index] = new_centre - centre + grown
+    carried[:, 3 + NUM_JOINTS :] = offsets.reshape(len(polar), -1)
     degrees = np.degrees(polar)
     ends = (PUPIL_END_DEG, IRIS_END_DEG, IRIS_RIM_END_DEG)
     names = ("pupil", "iris", "iris_rim", "eye_white")
@@ -224,32 +167,10 @@ def eyeball(side: str, old: Points, num_expressions: int) -> Mesh:
     return triangles.faces_only(area > 1e-12)
 
 
-def make_teeth(row: str, old: Mesh, mouth: Float[np.ndarray, " 3"]) -> Mesh:
-    """A smooth dental arch that moves like the row of teeth it replaces.
-
-    Args:
-        row: ``upper`` or ``lower``.
-        old: MakeHuman's row of teeth, which pokes through the lips.
-        mouth: middle of the line where the lips meet.
-    """
-    sign = 1.0 if row == "upper" else -1.0
-    turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, ARCH_STEPS)
-    # Profile of the row, from the gum in front over the edge to the gum behind.
-    inset = TOOTH_DEPTH_M * np.array([0.0, 0.1, 0.5, 1.0])
-    height = TOOTH_HEIGHT_M * np.array([1.0, 0.1, 0.0, 1.0]) + BITE_GAP_M
-    across = np.sign(turn) * np.abs(np.sin(turn)) ** (2 / ARCH_EXPONENT)
-    forward = np.abs(np.cos(turn)) ** (2 / ARCH_EXPONENT)
-    x = (ARCH_HALF_WIDTH_M - inset[:, None]) * across
-    z = (ARCH_LENGTH_M - inset[:, None]) * forward - ARCH_LENGTH_M - ARCH_BEHIND_LIPS_M
-    y = np.broadcast_to(sign * height[:, None], x.shape)
-    positions = mouth + np.stack([x, y, z], axis=-1).reshape(-1, 3)
-    grid = np.arange(len(positions)).reshape(x.shape)
-    a, b = grid[:-1], grid[1:]
-    quads = np.stack([a[:, :-1], b[:, :-1], b[:, 1:], a[:, 1:]], axis=-1).reshape(-1, 4)
-    if row == "lower":
-        quads = quads[:, ::-1]
-    distance, nearest = KDTree(old.positions).query(positions, k=4)
-    share = 1 / (distance + 1e-4)
-    carried = np.einsum("vk,vkc->vc", share / share.sum(1, keepdims=True), old.carried[nearest])
-    carried[:, :3] = positions
-    return Mesh(quads, carried, np.full(len(positions), REGION_INDEX["teeth"]))
+def _sphere(points: Points) -> tuple[Float[np.ndarray, " 3"], float]:
+    """Centre and radius of the sphere that fits the back of an eye."""
+    back = points[points[:, 2] < np.percentile(points[:, 2], 75)]
+    system = np.c_[2 * back, np.ones(len(back))]
+    solution = np.linalg.lstsq(system, (back**2).sum(1), rcond=None)[0]
+    centre = solution[:3]
+    return centre, float(np.sqrt(solution[3] + centre @ centre))

@@ -1,7 +1,7 @@
 """Meshes whose vertices carry everything that skinning needs, and the cuts made in them.
 
 Every operation makes new vertices as weighted means of old ones, of positions, skinning weights
-and expression offsets alike; so an edited mesh moves like the one it was made from.
+and offsets alike; so an edited mesh moves like the one it was made from, in every build.
 """
 
 from __future__ import annotations
@@ -27,7 +27,10 @@ class Mesh:
     faces: Int[np.ndarray, "F K"]
     """Quads or triangles, counter-clockwise seen from outside."""
     carried: Float[np.ndarray, "V C"]
-    """Columns: position (3, metres, zero pose), weights (55), expression offsets (E * 3)."""
+    """Columns: position (3, metres, zero pose), weights (55), offsets (M * 3).
+
+    The offsets are those of the expressions, then those to the other builds.
+    """
     regions: Int[np.ndarray, " V"]
     """Painted region of each vertex: an index into ``renderer.look.REGION_NAMES``."""
 
@@ -44,7 +47,7 @@ class Mesh:
         return self.carried[:, 3 : 3 + NUM_JOINTS]
 
     @property
-    def expressions(self) -> Float[np.ndarray, "V E 3"]:
+    def offsets(self) -> Float[np.ndarray, "V M 3"]:
         return self.carried[:, 3 + NUM_JOINTS :].reshape(self.num_vertices, -1, 3)
 
     def moved(self, positions: Float[np.ndarray, "V 3"]) -> Mesh:

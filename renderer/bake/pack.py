@@ -1,7 +1,7 @@
 """Writing a baked body: ``open_body.npz`` for the renderer, ``skeleton.npz`` for the model.
 
 Numbers are stored as coarsely as the eye allows:
-weights in 1/65535, expression offsets in 1/32767 of the largest of each, correctives as halves.
+weights in 1/65535, offsets in 1/32767 of the largest of each, correctives as halves.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from renderer.bake.build import MAX_INFLUENCES, BakedBody, tip_offsets
 from renderer.body_file import OPEN_BODY_FORMAT
@@ -25,9 +26,11 @@ def body_arrays(body: BakedBody) -> dict[str, np.ndarray]:
     mesh = body.mesh
     joints = np.argsort(-mesh.weights, axis=1, kind="stable")[:, :MAX_INFLUENCES]
     shares = np.take_along_axis(mesh.weights, joints, axis=1)
-    expressions = mesh.expressions.transpose(1, 0, 2)  # (E, V, 3)
+    offsets = mesh.offsets.transpose(1, 0, 2)  # (M, V, 3)
+    expressions, builds = np.split(offsets, [len(body.expression_names)])
     moved = np.flatnonzero(np.abs(expressions).max((0, 2)) > 1e-6)
-    steps = np.maximum(np.abs(expressions).max((1, 2)), 1e-9) / 32767
+    expression_steps, expression_levels = _levels(expressions[:, moved])
+    build_steps, build_levels = _levels(builds)
     return {
         "open_body_format": np.array(OPEN_BODY_FORMAT),
         "template": mesh.positions.astype(np.float32),
@@ -37,15 +40,23 @@ def body_arrays(body: BakedBody) -> dict[str, np.ndarray]:
         "weight_shares": np.round(shares * 65535).astype(np.uint16),
         "expression_names": np.array(body.expression_names),
         "expression_vertices": moved.astype(np.uint16),
-        "expression_steps": steps.astype(np.float32),
-        "expression_levels": np.round(expressions[:, moved] / steps[:, None, None]).astype(
-            np.int16
-        ),
+        "expression_steps": expression_steps,
+        "expression_levels": expression_levels,
+        "build_names": np.array(body.build_names),
+        "build_steps": build_steps,
+        "build_levels": build_levels,
         "pose_vertices": body.pose_vertices.astype(np.uint16),
         "pose_joints": body.pose_joints.astype(np.uint8),
         "pose_offsets": body.pose_offsets.astype(np.float16),
         "regions": mesh.regions.astype(np.uint8),
     }
+
+
+def _levels(offsets: Float[np.ndarray, "M V 3"]) -> tuple[np.ndarray, np.ndarray]:
+    """Step (M,) and whole number of steps (M, V, 3) of each offset."""
+    steps = np.maximum(np.abs(offsets).max((1, 2)), 1e-9) / 32767
+    levels = np.round(offsets / steps[:, None, None]).astype(np.int16)
+    return steps.astype(np.float32), levels
 
 
 def skeleton_arrays(body: BakedBody) -> dict[str, np.ndarray]:

@@ -7,13 +7,14 @@ before committing, and commit them alone.
 import argparse
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-from renderer.body import BodyMotion, load_body
+from renderer.body import Body, BodyMotion, load_body
+from renderer.look import DEFAULT_LOOK
 from renderer.offscreen import BACKENDS, Backend
 from renderer.probe import probe_backend
 from renderer.render import RenderSettings, render_stills
@@ -38,36 +39,52 @@ GESTURE = {
     **{f"right_{finger}{k}": (0.0, 0.0, 38.0) for finger in ("ring", "pinky") for k in (1, 2)},
     **{f"left_{finger}1": (0.0, 0.0, -25.0) for finger in ("index", "middle")},
 }
-SPEAKING = {**GESTURE, "jaw": (9.0, 0.0, 0.0), "left_eye": (0.0, 12.0, 0.0)}
+SPEAKING = {**GESTURE, "jaw": (5.0, 0.0, 0.0), "left_eye": (0.0, 12.0, 0.0)}
+FACE = {"jawOpen": 0.3, "mouthSmileLeft": 0.7, "browInnerUp": 0.6, "eyeBlinkRight": 1.0}
+
+
+@dataclass(frozen=True)
+class Picture:
+    rotations_deg: dict[str, tuple[float, float, float]]
+    view: str
+    look: str = DEFAULT_LOOK
+    expressions: dict[str, float] = field(default_factory=dict)
+
 
 PICTURES = {
-    "rest": (REST, "front"),
-    "gesture": (GESTURE, "three_quarter"),
-    "hand": (GESTURE, "right_hand"),
-    "face": (SPEAKING, "face"),
+    "rest": Picture(REST, "front"),
+    "gesture": Picture(GESTURE, "three_quarter"),
+    "hand": Picture(GESTURE, "right_hand"),
+    "face": Picture(SPEAKING, "face", expressions=FACE),
+    "slender": Picture(GESTURE, "front", "slender-medium"),
+    "broad": Picture(GESTURE, "side", "broad-dark"),
+    "clay": Picture(SPEAKING, "face", "slender-clay", FACE),
 }
 
 
-def posed(rotations_deg: dict[str, tuple[float, float, float]]) -> BodyMotion:
-    """One frame with the named joints turned."""
-    poses = np.zeros((1, 55, 3))
-    for name, degrees in rotations_deg.items():
+def posed(picture: Picture, body: Body) -> BodyMotion:
+    """One frame with the joints and the face of a picture."""
+    poses, expressions = np.zeros((1, 55, 3)), np.zeros((1, 100))
+    for name, degrees in picture.rotations_deg.items():
         poses[0, JOINT_INDEX[name]] = np.deg2rad(degrees)
-    return replace(BodyMotion.resting(), poses=poses.reshape(1, 165))
+    for name, amount in picture.expressions.items():
+        expressions[0, body.expression_names.index(name)] = amount
+    resting = BodyMotion.resting(expression_basis=body.expression_basis)
+    return replace(resting, poses=poses.reshape(1, 165), expressions=expressions)
 
 
 def draw_all(backend: Backend, folder: Path) -> None:
     """Write every picture as ``folder/NAME.png``. One process draws through one backend only."""
     folder.mkdir(parents=True, exist_ok=True)
-    body = load_body()
-    for name, (rotations_deg, view) in PICTURES.items():
-        settings = RenderSettings(*SIZE, view=view, backend=backend)
-        (picture,) = render_stills(body, posed(rotations_deg), [0], settings)
-        Image.fromarray(picture).save(folder / f"{name}.png", optimize=True)
+    for name, picture in PICTURES.items():
+        body = load_body(look=picture.look)
+        settings = RenderSettings(*SIZE, view=picture.view, backend=backend)
+        (drawn,) = render_stills(body, posed(picture, body), [0], settings)
+        Image.fromarray(drawn).save(folder / f"{name}.png", optimize=True)
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="Draw the golden pictures.")
     parser.add_argument("--backend", choices=BACKENDS, help="only this one, in this process")
     parser.add_argument("--out", type=Path, default=GOLDEN, help="a folder for each backend")
     arguments = parser.parse_args()

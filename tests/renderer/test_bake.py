@@ -9,14 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from renderer.bake import face, geometry
+from renderer.bake import geometry, mouth
+from renderer.bake.builds import FIGURES, Posed, on_skeleton
 from renderer.bake.geometry import Mesh
 from renderer.bake.makehuman import Figure, SourceError, _macro_targets, find_source
 from renderer.bake.pack import write_npz
 from renderer.bake.skinning import dual_quaternion_blend, linear_blend, rotate_towards
 from renderer.bake.vertex_order import with_fixed_vertices
 from renderer.body_file import OPEN_BODY_PATH
-from renderer.smplx_joints import NUM_JOINTS
+from renderer.look import BUILDS
+from renderer.smplx_joints import JOINT_INDEX, NUM_JOINTS, PARENTS
 
 REPOSITORY = Path(__file__).parents[2]
 
@@ -101,13 +103,60 @@ def test_smoothing_keeps_border_and_flattens_a_spike() -> None:
     np.testing.assert_array_equal(smoothed.positions[ring], spiked.positions[ring])
 
 
+def test_smoothed_weights_spread_and_still_sum_to_one() -> None:
+    flat = sheet(6)
+    carried = flat.carried.copy()
+    left = flat.positions[:, 0] < 3.5
+    carried[:, 3], carried[:, 4] = left, ~left
+    stepped = Mesh(flat.faces, carried, flat.regions)
+    smoothed = geometry.smooth_weights(stepped, 3)
+    np.testing.assert_allclose(smoothed.weights.sum(1), 1)
+    np.testing.assert_array_equal(smoothed.positions, flat.positions)
+    along = smoothed.weights[:, 0].reshape(7, 7)[:, 3]
+    assert (np.diff(along) <= 0).all() and 0.1 < along[3] - along[4] < 0.6
+    assert along[0] == 1 and along[6] < 0.01
+
+
+def test_closed_lips_meet_and_leave_the_rest() -> None:
+    """A mouth of two straight lips 2 mm apart, and a vertex 2 cm away."""
+    x = np.linspace(-0.02, 0.02, 5)
+    upper = np.c_[x, np.full(5, 0.001), np.zeros(5)]
+    lower = np.c_[x[::-1], np.full(5, -0.001), np.zeros(5)]
+    positions = np.concatenate([upper, lower, [[0.0, 0.03, 0.0]]])
+    quads = np.array([[0, 1, 2, 3], [4, 5, 6, 7], [8, 9, 10, 0]])
+    closed = mouth.with_closed_lips(positions, list(range(10)), quads)
+    np.testing.assert_allclose(closed[1:4, 1], 0, atol=1e-9)
+    np.testing.assert_allclose(closed[6:9, 1], 0, atol=1e-9)
+    np.testing.assert_array_equal(closed[10], positions[10])
+    np.testing.assert_array_equal(closed[:, [0, 2]], positions[:, [0, 2]])
+
+
+def test_a_figure_is_fitted_to_the_skeleton_of_another() -> None:
+    """Points at the joints of one figure come to lie at the joints of the other."""
+    rng = np.random.default_rng(4)
+    first = rng.normal(size=(NUM_JOINTS, 3))
+    other = first + rng.normal(scale=0.05, size=first.shape)
+    weights = np.eye(NUM_JOINTS)
+    fitted = on_skeleton(Posed(other, other, np.eye(3)), Posed(first, first, np.eye(3)), weights)
+    limbs = [JOINT_INDEX[f"left_{name}"] for name in ("shoulder", "elbow", "wrist", "index2")]
+    np.testing.assert_allclose(fitted[limbs], first[limbs], atol=1e-9)
+    # A point at the far end of a bone, moved with the bone alone, lands there too.
+    at_parents = np.eye(NUM_JOINTS)[[max(parent, 0) for parent in PARENTS]]
+    fitted = on_skeleton(Posed(other, other, np.eye(3)), Posed(first, first, np.eye(3)), at_parents)
+    np.testing.assert_allclose(fitted[limbs], first[limbs], atol=1e-9)
+
+
+def test_figures_are_the_builds_of_the_looks() -> None:
+    assert tuple(FIGURES) == BUILDS
+
+
 def test_edge_loop_goes_round() -> None:
     """On a tube of quads the loop from an edge of a ring is that ring."""
     around, high = 8, 4
     grid = np.arange(around * high).reshape(high, around)
     a, b = grid[:-1], grid[1:]
     quads = np.stack([a, b, np.roll(b, -1, 1), np.roll(a, -1, 1)], -1).reshape(-1, 4)
-    assert sorted(face._edge_loop(quads, (8, 9))) == list(range(8, 16))
+    assert sorted(mouth._edge_loop(quads, (8, 9))) == list(range(8, 16))
 
 
 def test_dual_quaternions_move_rigidly_where_one_joint_rules() -> None:
@@ -179,7 +228,7 @@ def test_committed_body_is_what_the_bake_makes(tmp_path: Path) -> None:
                 # The last digit of rounded numbers may differ between processors.
                 if array.dtype.kind == "f":
                     np.testing.assert_allclose(kept, array, atol=1e-5, err_msg=key)
-                elif key in ("weight_shares", "expression_levels"):
+                elif key in ("weight_shares", "expression_levels", "build_levels"):
                     difference = kept.astype(np.int64) - array.astype(np.int64)
                     assert np.abs(difference).max() <= 2, key
                 else:

@@ -1,20 +1,25 @@
-"""The body: zero pose, agreement with ``smplx``, made SMPL-X files, and bad input."""
+"""The body: zero pose, looks, agreement with ``smplx``, made SMPL-X files, and bad input."""
 
 from __future__ import annotations
 
+import os
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from model import skeleton
 from renderer.body import Body, BodyError, BodyMotion, load_body
 from renderer.body_file import OPEN_BODY_PATH
-from renderer.look import REGION_INDEX
+from renderer.body_npz import MAX_FACES, MAX_VERTICES
+from renderer.look import BUILDS, CLAY, DEFAULT_LOOK, LOOKS, REGION_INDEX, REGION_NAMES, TONES
 from renderer.smplx_joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS, TIP_VERTICES
 
 NUM_FRAMES = 7
 MADE_VERTICES = 10
+SMPLX_VERTICES = 10_475
 COMPARED_VERTICES = 9930  # the smplx package takes landmarks by vertex numbers up to here
 
 
@@ -260,6 +265,93 @@ def test_joints_follow_betas_and_expressions_as_in_smplx(tmp_path: Path) -> None
     assert max_distance_mm(licensed.joint_positions(motion), joints[:, :55]) < 0.02
 
 
+def rodrigues(rotvec: np.ndarray) -> np.ndarray:
+    return Rotation.from_rotvec(rotvec).as_matrix()
+
+
+def posed_as_published(
+    file: dict[str, np.ndarray], motion: BodyMotion, frame: int, vertices: list[int], num_betas: int
+) -> np.ndarray:
+    """Some vertices by equations 2 to 6 of SMPL (Loper et al. 2015) with SMPL-X's expressions.
+
+    One loop per joint and vertex over the arrays of the file: nothing shared with the renderer.
+    """
+    num_expressions = min(file["shapedirs"].shape[2] - num_betas, 100)
+    blend = np.zeros(file["shapedirs"].shape[2])
+    blend[:num_betas] = motion.betas[:num_betas]
+    blend[num_betas : num_betas + num_expressions] = motion.expressions[frame, :num_expressions]
+    shaped = file["v_template"] + file["shapedirs"] @ blend
+    joints = file["J_regressor"] @ shaped
+    rotations = [rodrigues(rotvec) for rotvec in motion.poses[frame].reshape(55, 3)]
+    world = [np.eye(4) for _ in range(NUM_JOINTS)]
+    for joint in range(NUM_JOINTS):
+        local = np.eye(4)
+        local[:3, :3], local[:3, 3] = rotations[joint], joints[joint]
+        if joint:
+            parent = int(file["kintree_table"][0, joint])
+            local[:3, 3] -= joints[parent]
+            local = world[parent] @ local
+        world[joint] = local
+    feature = np.concatenate([(rotation - np.eye(3)).ravel() for rotation in rotations[1:]])
+    posed = []
+    for vertex in vertices:
+        corrected = shaped[vertex] + file["posedirs"][vertex] @ feature
+        point = np.zeros(3)
+        for joint in range(NUM_JOINTS):
+            from_joint = np.append(corrected - joints[joint], 1.0)
+            point += file["weights"][vertex, joint] * (world[joint] @ from_joint)[:3]
+        posed.append(point + motion.trans[frame])
+    return np.array(posed)
+
+
+@pytest.mark.parametrize(("columns", "num_betas"), [(20, 10), (400, 300)])
+def test_a_file_of_full_size_is_posed_as_published(
+    tmp_path: Path, columns: int, num_betas: int
+) -> None:
+    """Files of 2019 have 10 betas and 10 expressions, those of 2020 have 300 and 100."""
+    rng = np.random.default_rng(11)
+    shape = (SMPLX_VERTICES, 3)
+    weights = rng.random((SMPLX_VERTICES, NUM_JOINTS)) ** 20
+    regressor = rng.random((NUM_JOINTS, SMPLX_VERTICES)) ** 60
+    made = smplx_file(
+        tmp_path / "SMPLX_NEUTRAL.npz",
+        v_template=rng.uniform(-1, 1, shape),
+        f=rng.integers(0, SMPLX_VERTICES, (20_908, 3)).astype(np.uint32),
+        weights=weights / weights.sum(1, keepdims=True),
+        J_regressor=regressor / regressor.sum(1, keepdims=True),
+        shapedirs=0.01 * rng.standard_normal((*shape, columns), np.float32),
+        posedirs=0.01 * rng.standard_normal((*shape, 486), np.float32),
+    )
+    plain = random_motion(num_frames=3, basis="flame100", num_expressions=100)
+    motion = BodyMotion(
+        plain.poses, plain.trans, plain.expressions, "flame100", rng.normal(size=300)
+    )
+    licensed = load_body(made)
+    assert licensed.arrays.shape_dirs.shape[2] == num_betas
+    chosen = [*TIP_VERTICES.values(), 0, SMPLX_VERTICES - 1]
+    with np.load(made, allow_pickle=False) as file:
+        held = {key: file[key] for key in file.files if key != "part2num"}
+    for frame in (0, 2):
+        expected = posed_as_published(held, motion, frame, chosen, num_betas)
+        assert max_distance_mm(all_vertices(licensed, motion)[frame, chosen], expected) < 0.05
+
+
+def test_a_licensed_file_agrees_with_the_smplx_package() -> None:
+    path = Path(os.environ.get("SMPLX_MODEL", ""))
+    if path.suffix != ".npz" or not path.is_file():
+        pytest.skip("SMPLX_MODEL names no licensed SMPL-X .npz.")
+    licensed = load_body(path)
+    num_betas = licensed.arrays.shape_dirs.shape[2]
+    num_expressions = len(licensed.arrays.expression_dirs)
+    plain = random_motion(basis="flame100", num_expressions=num_expressions)
+    betas = np.random.default_rng(1).normal(size=num_betas)
+    motion = BodyMotion(plain.poses, plain.trans, plain.expressions, "flame100", betas)
+    vertices, joints = smplx_result(path, motion, num_betas, num_expressions)
+    ours = all_vertices(licensed, motion)
+    assert max_distance_mm(ours, vertices) < 0.05
+    assert max_distance_mm(ours[:, TIP_VERTICES["right_middle"]], joints[:, 73]) < 0.05
+
+
 @pytest.mark.parametrize("columns", [20, 110, 400])
 def test_small_made_smplx_body_works(tmp_path: Path, columns: int) -> None:
     shapedirs = np.full((MADE_VERTICES, 3, columns), 0.001)
@@ -286,6 +378,65 @@ def test_betas_mean_nothing_on_the_open_body_and_that_is_said(body: Body) -> Non
     assert max_distance_mm(all_vertices(body, shaped), all_vertices(body, plain)) == 0
     assert body.notes(plain) == ()
     assert "betas" in body.notes(shaped)[0]
+
+
+def test_every_look_stands_on_the_same_skeleton(body: Body) -> None:
+    """So the motion, its joints and its fingertips are the same whatever the look."""
+    tips = list(TIP_VERTICES.values())
+    for build in BUILDS[1:]:
+        other = load_body(look=f"{build}-light")
+        np.testing.assert_array_equal(other.rest_joints, body.rest_joints)
+        np.testing.assert_array_equal(other.faces, body.faces)
+        assert max_distance_mm(other.template[tips], body.template[tips]) < 2.0
+        assert abs(other.template[:, 1].min() - body.template[:, 1].min()) < 1e-3, "soles"
+        difference = np.linalg.norm(other.template - body.template, axis=1)
+        assert difference.mean() > 0.005 and difference.max() < 0.1
+
+
+def test_builds_differ_in_girth(body: Body) -> None:
+    def waist(look: str) -> float:
+        vertices = load_body(look=look).template
+        near = (np.abs(vertices[:, 1] + 0.2) < 0.02) & (np.abs(vertices[:, 0]) < 0.3)
+        return float(np.ptp(vertices[near, 0]) + np.ptp(vertices[near, 2]))
+
+    slender, average, broad = (waist(f"{b}-light") for b in ("slender", "average", "broad"))
+    assert slender < 0.97 * average and average < 0.97 * broad
+
+
+def test_eyes_turn_in_place_in_every_build() -> None:
+    for build in BUILDS:
+        arrays = load_body(look=f"{build}-light").arrays
+        for name in ("left_eye", "right_eye"):
+            joint = JOINT_INDEX[name]
+            eyeball = arrays.template[arrays.weights[:, [joint]].toarray()[:, 0] == 1]
+            middle = (eyeball.min(0) + eyeball.max(0)) / 2
+            assert max_distance_mm(middle, arrays.rest_joints[joint]) < 1.0
+
+
+def test_looks_are_every_build_in_every_tone() -> None:
+    assert set(LOOKS) == {f"{build}-{tone}" for build in BUILDS for tone in TONES}
+    assert DEFAULT_LOOK in LOOKS
+    for colors in TONES.values():
+        assert tuple(colors) == REGION_NAMES
+        assert all(0 <= channel <= 1 for color in colors.values() for channel in color)
+
+
+def test_clay_has_one_hue_and_a_readable_mouth() -> None:
+    body = load_body(look="broad-clay")
+    colors, regions = body.vertex_colors, body.arrays.regions
+    assert colors is not None
+    np.testing.assert_allclose(
+        colors / colors[:, :1], np.tile(CLAY, (len(colors), 1)) / CLAY[0], rtol=1e-5
+    )
+    lips, mouth = (colors[regions == REGION_INDEX[name], 0].mean() for name in ("lips", "mouth"))
+    assert lips == pytest.approx(CLAY[0]) and mouth < 0.5 * lips
+
+
+def test_a_look_that_cannot_be_had_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BodyError, match="Unknown look 'tall'; known are average-light"):
+        load_body(look="tall")
+    with pytest.raises(BodyError, match=r"body\.npz is always shown as plain clay"):
+        load_body(smplx_file(tmp_path / "body.npz"), look="slender-dark")
 
 
 def test_vertex_colors_cover_the_body(body: Body) -> None:
@@ -316,11 +467,17 @@ def test_memory_is_that_of_one_chunk(body: Body) -> None:
     ("changes", "words"),
     [
         ({"v_template": None}, "no array 'v_template'"),
-        ({"J_regressor": np.array([{"sparse": 1}], dtype=object)}, "pickled"),
+        ({"J_regressor": np.array([{"sparse": 1}], dtype=object)}, "pickled object"),
+        ({"v_template": np.zeros((MAX_VERTICES + 1, 3), np.int8)}, "has 100001 vertices"),
+        ({"v_template": np.zeros((0, 3))}, "has 0 vertices"),
+        ({"f": np.zeros((MAX_FACES + 1, 3), np.int8)}, "has 200001 faces"),
+        ({"f": np.full((4, 3), 2**32, np.int64)}, "names number 4294967296"),
+        ({"f": np.full((4, 3), -1)}, "names number -1"),
+        ({"shapedirs": np.full((MADE_VERTICES, 3, 20), np.inf)}, "'shapedirs' holds values"),
         ({"kintree_table": np.zeros((2, 52), np.uint32)}, "52 joints"),
         ({"kintree_table": np.zeros((2, 55), np.uint32)}, "not the joint tree"),
-        ({"f": np.full((4, 3), MADE_VERTICES, np.uint32)}, "names vertex 10"),
-        ({"f": np.zeros((0, 3), np.uint32)}, "no mesh"),
+        ({"f": np.full((4, 3), MADE_VERTICES, np.uint32)}, "names number 10, but only 0 to 9"),
+        ({"f": np.zeros((0, 3), np.uint32)}, "has 0 faces"),
         ({"weights": np.zeros((MADE_VERTICES, 55))}, "do not sum to one"),
         ({"posedirs": np.zeros((MADE_VERTICES, 3, 207))}, "posedirs"),
         ({"v_template": np.full((MADE_VERTICES, 3), np.nan)}, "not finite"),
@@ -332,6 +489,50 @@ def test_bad_body_files(tmp_path: Path, changes: dict[str, object], words: str) 
     with pytest.raises(BodyError, match=words) as caught:
         load_body(path)
     assert "body.npz" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_array_larger_than_its_file_takes_no_memory(tmp_path: Path) -> None:
+    """A header may claim terabytes; nothing is laid out for it."""
+    path = smplx_file(tmp_path / "body.npz", v_template=None)
+    header = tmp_path / "header.npy"
+    with header.open("wb") as file:
+        claimed = {"descr": "<f8", "fortran_order": False, "shape": (2**40, 3)}
+        np.lib.format.write_array_header_1_0(file, claimed)
+        file.write(bytes(100))
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.write(header, "v_template.npy")
+    with pytest.raises(BodyError, match="'v_template' is cut short"):
+        load_body(path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"open_body_format": np.array(1)}, "format 1"),
+        ({"open_body_format": np.array("2")}, "not integers"),
+        ({"regions": None}, "no array 'regions'"),
+        ({"regions": 200}, "'regions' names number 200"),
+        ({"pose_joints": 55}, "'pose_joints' names number 55"),
+        ({"weight_shares": 0}, "do not sum to one"),
+        ({"build_levels": np.zeros((2, 5, 3), np.int16)}, "'build_levels' has shape"),
+        ({"pose_vertices": np.zeros(7, np.uint16)}, "'pose_joints' has shape"),
+        ({"build_names": np.array(["tall", "broad"])}, "has no build 'slender'; it has average"),
+        ({"expression_vertices": np.full(3, 65_535, np.uint16)}, "names number 65535"),
+    ],
+)
+def test_bad_open_body_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict[str, object], words: str
+) -> None:
+    with np.load(OPEN_BODY_PATH, allow_pickle=False) as file:
+        arrays = {key: file[key] for key in file.files}
+    for key, change in changes.items():
+        arrays[key] = np.full_like(arrays[key], change) if isinstance(change, int) else change
+    made = tmp_path / "open_body.npz"
+    np.savez(made, **{key: array for key, array in arrays.items() if array is not None})
+    monkeypatch.setattr("renderer.body.OPEN_BODY_PATH", made)
+    with pytest.raises(BodyError, match=words) as caught:
+        load_body(look="slender-light")
     assert "\n" not in str(caught.value)
 
 
