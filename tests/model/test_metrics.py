@@ -42,7 +42,7 @@ def test_alignment_is_one_in_time_and_at_chance_level_out_of_time():
     late = beats.beat_scores(positions, np.array(STOPS) + 0.3, ONES)
     for direction in ("audio_to_motion", "motion_to_audio"):
         name = f"beat_align_{direction}"
-        assert right[name] > 0.95
+        assert right[name] > 0.9
         assert right[f"{name}_chance"] < right[name] - 0.2
         assert late[name] < right[name] - 0.3
 
