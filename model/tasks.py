@@ -10,7 +10,7 @@ from model.autoencoder import MotionAutoencoder, load_encoder
 from model.cards import CheckpointError
 from model.checkpoint import load_into, load_weights
 from model.config import SYSTEMS, TrainConfig
-from model.data import PreparedData
+from model.data import DataError, PreparedData
 from model.expression import ExpressionNetwork
 from model.network import MotionNetwork
 from model.objectives import (
@@ -52,6 +52,18 @@ class Task:
         return {name: tensor.cpu() for name, tensor in found.items()}
 
 
+def _check_speakers(config: TrainConfig, data: PreparedData) -> None:
+    """The table holds speaker numbers below its size; 0 is "no speaker"."""
+    size = min(config.network.num_speakers, config.expression.num_speakers)
+    outside = [f"{number} ({name})" for number, name in data.speakers.items()
+               if not 0 < number < size]  # fmt: skip
+    if outside:
+        raise DataError(
+            f"The speakers {', '.join(outside)} do not fit the table of {size}; number them from 1 "
+            f"to {size - 1}."
+        )
+
+
 def make_task(
     config: TrainConfig,
     data: PreparedData,
@@ -69,7 +81,9 @@ def make_task(
 
     Raises:
         CheckpointError: if weights are missing, damaged or of another shape.
+        DataError: if a speaker's number does not fit the network's table.
     """
+    _check_speakers(config, data)
     torch.manual_seed(config.random_seed)
     given = None if start is None else load_weights(start.folder, start.system)[0]
 

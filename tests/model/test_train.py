@@ -1,4 +1,5 @@
 import csv
+import errno
 import json
 import logging
 from dataclasses import replace
@@ -158,6 +159,53 @@ def test_encoders_train_and_the_missing_one_is_named(root, tmp_path):
     assert float(rows[-1]["total"]) < 0.8 * float(rows[0]["total"]) and "kl" not in rows[0]
     with pytest.raises(CheckpointError, match="motion-vae"):
         train(quick("globaldiff/full"), root / "data", tmp_path / "full", helpers=tmp_path)
+
+
+def test_a_loss_that_is_no_number_stops_and_keeps_the_last_good_state(root, monkeypatch):
+    import model.objectives as module
+
+    real, calls = module.losses.simple_loss, []
+
+    def nan_in_the_end(x_1, target):
+        calls.append(1)
+        return real(x_1, target) * (float("nan") if len(calls) > 4 else 1.0)
+
+    monkeypatch.setattr(module.losses, "simple_loss", nan_in_the_end)
+    config = quick("motion-vae", validate_every=99)
+    with pytest.raises(FloatingPointError, match=r"simple is nan at step 4; clips: [12]_"):
+        train(config, root / "data", root / "nan")
+    state = torch.load(root / "nan" / "state.pt", weights_only=True)
+    assert state["step"] == 3
+    assert all(tensor.isfinite().all() for tensor in state["network"].values())
+    assert (root / "nan" / "weights" / "motion-vae.safetensors").is_file()
+
+
+def test_a_full_disk_is_told_in_one_sentence(root, monkeypatch, capsys):
+    import model.run_folder as module
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(module.torch, "save", full)
+    status = main(["smoke", "--system", "motion-vae", "--steps", "1", "--data",
+                   str(root / "data"), "--out", str(root / "full-disk")])  # fmt: skip
+    assert status == 1
+    message = capsys.readouterr().err.splitlines()[-1]
+    assert "the disk is full" in message and "last saved state is kept" in message
+    assert not (root / "full-disk" / "state.pt").exists()
+
+
+def test_speakers_beyond_the_table_are_named(root):
+    config = quick("globaldiff/local")
+    small = replace(config, network=replace(config.network, num_speakers=3))
+    with pytest.raises(DataError, match=r"speakers 3 \(eve\) do not fit the table of 3"):
+        run(root, "beyond", small)
+
+
+def test_the_papers_encoder_is_asked_for_by_name(root, monkeypatch, capsys):
+    monkeypatch.delenv("WAVLM_DIR", raising=False)
+    assert main(["paper", "--data", str(root / "data"), "--out", str(root / "paper")]) == 1
+    assert "set WAVLM_DIR" in capsys.readouterr().err
 
 
 def test_learning_rate_warms_up_and_decays():
