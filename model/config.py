@@ -224,7 +224,7 @@ def named_config(name: str, system: str) -> TrainConfig:
     elif system == "expression":
         config = replace(config, steps=3000, batch_size=32, learning_rate=1e-3)
     else:
-        config = replace(config, steps=6000, batch_size=32, learning_rate=1e-3)
+        config = replace(config, steps=3000, batch_size=32, learning_rate=1e-3)
         if system == "fgd-encoder":
             config = replace(config, autoencoder=FGD_ENCODER)
     match name:
