@@ -39,7 +39,7 @@ def draw_videos(
     weights = {name: job.motion.num_frames for name, job in jobs.items()}
     total = sum(weights.values())
     results: dict[str, RenderResult] = {}
-    with RenderPool(parallel) as pool:
+    with RenderPool(min(parallel, len(jobs))) as pool:
         tasks = {
             name: pool.submit(job, lambda done, name=name: fractions.__setitem__(name, done))
             for name, job in jobs.items()

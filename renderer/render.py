@@ -26,7 +26,8 @@ __all__ = ["Cancelled", "RenderSettings", "draw_motion", "render_stills", "rende
 
 MIN_SIZE_PX = 64
 MAX_SIZE_PX = 2160
-_CHUNK_FRAMES = 16
+PIECE_FRAMES = 16
+"""Frames that are skinned at once."""
 
 OnProgress = Callable[[float], None]
 ShouldCancel = Callable[[], bool]
@@ -82,6 +83,7 @@ def render_video(
     *,
     stage: Stage | None = None,
     still_frames: Sequence[int] = (),
+    pictures: Generator[UInt8[np.ndarray, "H W 3"]] | None = None,
 ) -> UInt8[np.ndarray, "N H W 3"]:
     """Write the motion as an mp4 at 30 fps with as many frames as it has.
 
@@ -92,6 +94,8 @@ def render_video(
         stage: camera and floor; by default made for this motion alone. Give the same one to all
             videos of a comparison.
         still_frames: frames that are also returned as pictures, in this order.
+        pictures: of all frames in order, drawn elsewhere; by default they are drawn here. Closed
+            in any case.
 
     Returns:
         The pictures of ``still_frames``.
@@ -105,7 +109,7 @@ def render_video(
     stills = _Stills(still_frames, motion.num_frames, settings)
     size = (settings.width, settings.height)
     with (
-        closing(draw_motion(body, motion, settings, stage)) as pictures,
+        closing(pictures or draw_motion(body, motion, settings, stage)) as pictures,
         VideoWriter(out, *size, motion.num_frames, speech_wav, settings.crf) as video,
     ):
         for index, picture in enumerate(pictures):
@@ -137,11 +141,7 @@ def render_stills(
     if not len(frames):
         return stills.pictures
     stage = stage or set_stage(body, [motion], settings.view, settings.aspect)
-    track = camera_track(body, motion, settings.view, stage)[np.asarray(frames)]
-    vertices = body.vertices(frames_of(motion, frames), chunk=_CHUNK_FRAMES)
-    pictures = draw_vertices(
-        *(vertices, body.faces, body.vertex_colors), settings=settings, stage=stage, track=track
-    )
+    pictures = draw_frames(body, motion, frames, settings, stage)
     for picture, frame in zip(pictures, frames, strict=True):
         stills.offer(frame, picture)
     return stills.pictures
@@ -152,11 +152,24 @@ def draw_motion(
 ) -> Generator[UInt8[np.ndarray, "H W C"]]:
     """Yield the picture of each frame. Each is overwritten by the next; close it to stop early."""
     stage = stage or set_stage(body, [motion], settings.view, settings.aspect)
+    return draw_frames(body, motion, slice(None), settings, stage)
+
+
+def draw_frames(
+    body: Body,
+    motion: BodyMotion,
+    frames: slice | Sequence[int],
+    settings: RenderSettings,
+    stage: Stage,
+) -> Generator[UInt8[np.ndarray, "H W C"]]:
+    """Yield the pictures of some frames of a motion. Each is overwritten by the next."""
+    frames = frames if isinstance(frames, slice) else list(frames)
     return draw_vertices(
-        *(body.vertices(motion, chunk=_CHUNK_FRAMES), body.faces, body.vertex_colors),
+        *(body.vertices(frames_of(motion, frames), chunk=PIECE_FRAMES), body.faces),
+        colors=body.vertex_colors,
         settings=settings,
         stage=stage,
-        track=camera_track(body, motion, settings.view, stage),
+        track=camera_track(body, motion, settings.view, stage)[frames],
     )
 
 

@@ -25,7 +25,9 @@ import numpy as np
 from jaxtyping import UInt8
 
 from renderer.body import BodyError, BodyMotion
+from renderer.look import DEFAULT_LOOK
 from renderer.offscreen import GLError
+from renderer.parallel import processes_worth
 from renderer.render import Cancelled, RenderSettings
 from renderer.stage import Stage
 from renderer.video import VideoError, partial_path
@@ -50,10 +52,14 @@ class RenderJob:
     settings: RenderSettings = field(default_factory=RenderSettings)
     body_path: Path | None = None
     """An SMPL-X npz; None is the open body."""
+    look: str = DEFAULT_LOOK
+    """Of the open body."""
     stage: Stage | None = None
     """Shared camera and floor; None makes them for this motion alone."""
     still_frames: tuple[int, ...] = ()
     """Frames to return as pictures, in this order."""
+    num_processes: int | None = None
+    """How many draw the frames of a video; None is as many as its cores and length are worth."""
 
 
 @dataclass(frozen=True)
@@ -97,9 +103,9 @@ class RenderPool:
         Args:
             max_workers: by default the number of CPU cores this process may use.
         """
-        self._threads = ThreadPoolExecutor(
-            max_workers or len(os.sched_getaffinity(0)), thread_name_prefix="render"
-        )
+        max_workers = max_workers or num_cores()
+        self._cores_each = max(1, num_cores() // max_workers)
+        self._threads = ThreadPoolExecutor(max_workers, thread_name_prefix="render")
         self._tasks: list[RenderTask] = []
 
     def __enter__(self) -> "RenderPool":
@@ -116,6 +122,7 @@ class RenderPool:
     ) -> RenderTask:
         """Start the job as soon as a core is free. ``on_progress`` is called from a thread."""
         cancelled = threading.Event()
+        job = _with_processes(job, self._cores_each)
         future = self._threads.submit(run_job, job, on_progress, cancelled)
         task = RenderTask(future, cancelled)
         self._tasks.append(task)
@@ -136,6 +143,7 @@ def run_job(
     """
     if cancelled is not None and cancelled.is_set():
         raise Cancelled("Rendering was cancelled.")
+    job = _with_processes(job, num_cores())
     job = _with_absolute_paths(job)  # the child runs in another folder
     with tempfile.TemporaryFile() as messages:
         child = _Child(job, messages)
@@ -148,6 +156,17 @@ def run_job(
             child.close()
             if cancelled is not None:
                 watcher.join()
+
+
+def num_cores() -> int:
+    """CPU cores that this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def _with_processes(job: RenderJob, cores: int) -> RenderJob:
+    if job.num_processes is not None:
+        return job
+    return replace(job, num_processes=processes_worth(job.motion.num_frames, cores))
 
 
 def _with_absolute_paths(job: RenderJob) -> RenderJob:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from renderer.body import load_body
+from renderer.parallel import draw_in_processes
 from renderer.render import render_stills, render_video
 from renderer.worker import KNOWN_ERRORS, RenderJob, RenderResult
 
@@ -47,13 +48,18 @@ def _listen(parent_hung_up: threading.Event) -> None:
 def _run(
     job: RenderJob, on_progress: Callable[[float], None], should_cancel: Callable[[], bool]
 ) -> UInt8[np.ndarray, "N H W 3"]:
-    body = load_body(job.body_path)
+    body = load_body(job.body_path, job.look)
     if job.out is None:
         return render_stills(body, job.motion, job.still_frames, job.settings, stage=job.stage)
+    pictures = None
+    if job.num_processes and job.num_processes > 1:
+        shared = (body, job.motion, job.settings, job.stage)
+        pictures = draw_in_processes(*shared, count=job.num_processes)
     return render_video(
         *(body, job.motion, job.out, job.speech_wav, job.settings, on_progress, should_cancel),
         stage=job.stage,
         still_frames=job.still_frames,
+        pictures=pictures,
     )
 
 

@@ -4,6 +4,7 @@ import os
 import signal
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,9 @@ import pytest
 
 from renderer.body import BodyError, load_body
 from renderer.offscreen import GLError
+from renderer.parallel import processes_worth
 from renderer.probe import choose_backend
-from renderer.render import RenderSettings, render_stills
+from renderer.render import PIECE_FRAMES, RenderSettings, render_stills
 from renderer.stage import set_stage
 from renderer.video import Cancelled, VideoError, read_facts
 from renderer.worker import RenderJob, RenderPool, run_job
@@ -21,6 +23,7 @@ from tests.renderer.test_video import processes_that_mention, tone, write_wav
 
 pytestmark = pytest.mark.gl
 
+ROOT = Path(__file__).resolve().parents[2]
 PATIENCE_S = 300.0
 """A busy machine may be slow to start a process; a test that hangs still ends."""
 
@@ -148,5 +151,64 @@ def test_a_crash_in_the_child_is_an_error_here(tmp_path):
         os.kill(child, signal.SIGSEGV)
         with pytest.raises(GLError, match=r"crashed \(SIGSEGV\)"):
             task.result(PATIENCE_S)
+    assert list(tmp_path.iterdir()) == []
+    assert processes_that_mention(tmp_path) == []
+
+
+def test_several_processes_make_the_same_file_as_one(tmp_path):
+    motion = waving_motion(2 * PIECE_FRAMES + 5, walk_m=4.0)  # the camera follows
+    results = []
+    for count in (1, 2):
+        out, shares = tmp_path / f"{count}.mp4", []
+        job = RenderJob(
+            *(motion, out), settings=settings(), still_frames=(0, 20, 36), num_processes=count
+        )
+        results.append(run_job(job, shares.append))
+        np.testing.assert_allclose(shares, np.arange(1, 38) / 37)
+        assert out.read_bytes() == (tmp_path / "1.mp4").read_bytes()
+        np.testing.assert_array_equal(results[-1].stills, results[0].stills)
+
+
+@pytest.mark.parametrize(
+    ("num_frames", "cores", "processes"), [(1, 8, 1), (179, 8, 1), (180, 8, 2), (9000, 4, 4)]
+)
+def test_a_further_process_has_to_be_worth_its_start(num_frames, cores, processes):
+    assert processes_worth(num_frames, cores) == processes
+
+
+def processes_that_draw() -> list[int]:
+    """Processes, of whatever parent, that draw shares of a video."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            words = (entry / "cmdline").read_bytes().split(b"\0")
+            folder = os.readlink(entry / "cwd")
+        except OSError:  # it has just ended
+            continue
+        if b"renderer.parallel" in words and folder == str(ROOT):
+            found.append(int(entry.name))
+    return found
+
+
+@pytest.mark.parametrize("end", ["cancel", "crash", "kill the leader"])
+def test_processes_that_share_a_video_end_together(tmp_path, end):
+    running = threading.Event()
+    job = replace(long_job(tmp_path), num_processes=2)
+    with RenderPool() as pool:
+        task = pool.submit(job, lambda share: running.set())
+        assert running.wait(PATIENCE_S)
+        painters = processes_that_draw()
+        assert len(painters) == 2
+        (leader,) = children_of_this_process()
+        if end == "cancel":
+            task.cancel()
+        else:
+            os.kill(painters[0] if end == "crash" else leader, signal.SIGKILL)
+        with pytest.raises(Cancelled if end == "cancel" else GLError):
+            task.result(PATIENCE_S)
+    deadline = time.monotonic() + 20
+    while processes_that_draw() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert processes_that_draw() == []
     assert list(tmp_path.iterdir()) == []
     assert processes_that_mention(tmp_path) == []
