@@ -60,9 +60,9 @@ def solve_arm(
     height, ahead = position[:, 1], position[:, 2]
     out = sign * position[:, 0]
     raised = np.clip((height + 0.36) / 0.36, 0, 2.2)
-    lift = -17 + 7.5 * raised + 4 * np.maximum(raised - 1, 0) ** 1.3 + 12 * shrug
-    protract = 9 + 9 * np.clip((ahead - 0.22) / 0.2, -1, 1) - 4 * np.clip((out - 0.2) / 0.2, 0, 1.5)
-    roll = 2 + 6 * np.clip(height + 0.15, -0.2, 0.3) / 0.3
+    lift = -19 + 11 * raised + 4 * np.maximum(raised - 1, 0) ** 1.3 + 12 * shrug
+    protract = 9 + 14 * np.clip((ahead - 0.22) / 0.2, -1, 1) - 4 * np.clip((out - 0.2) / 0.2, 0, 1.5)
+    roll = 2 + 9 * np.clip(height + 0.15, -0.2, 0.3) / 0.3
     angles = np.stack([protract, lift, roll], axis=1) + shake_deg
     collar = euler_matrices("YZX", angles * [-sign, sign, 1.0])
     root = arm.collar + collar @ arm.shoulder

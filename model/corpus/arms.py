@@ -103,8 +103,8 @@ class _ArmMover:
         self._rig = rig
         self._arm = arm_of(rig, side)
         self._shrug = shrug
-        self._shake = smooth_noise(rng, num_frames, 1.5 * speaker.sway, 0.18, 3) * [1, 1, 0.7]
-        self._shake += smooth_noise(rng, num_frames, 1.5, 0.7, 3)
+        self._shake = smooth_noise(rng, num_frames, 1.8 * speaker.sway, 0.18, 3) * [1, 1, 0.7]
+        self._shake += smooth_noise(rng, num_frames, 2.2, 0.7, 3)
         self._twist = smooth_noise(rng, num_frames, 2.4 * speaker.finger_life, 0.16, 12)
 
     def trailing(self, hand: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "T C"]:

@@ -18,6 +18,7 @@ from model.corpus.signals import (
 from model.corpus.speakers import Speaker
 
 PELVIS_TILT_DEG = -11.0
+TREMOR_DEG = 0.06  # of the trunk; even calm people are never perfectly smooth
 SPINE = ((3, 0.30, 7.0), (6, 0.35, 4.0), (9, 0.35, 4.0))  # joint, share of the turn, posture in deg
 
 
@@ -63,6 +64,10 @@ def move_trunk(
     roll = 15 * aside + accents.roll
     roll += sway_line(rng, num_frames, 2.8 * swaying) + smooth_line(
         rng, num_frames, 2.4 * swaying, 0.2
+    )
+
+    yaw, pitch, roll = (
+        turn + smooth_line(rng, num_frames, TREMOR_DEG, 0.05) for turn in (yaw, pitch, roll)
     )
 
     gaze, shifts = _gaze(utterance, time_s, rng)

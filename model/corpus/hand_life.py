@@ -36,11 +36,11 @@ def add_life(
         hand[:, POSITION] += smooth_noise(rng, num_frames, 0.008, 0.25, 3)
         hand[:, POSITION] += smooth_noise(rng, num_frames, 0.016, 0.9, 3)
         hand[:, PRONATION] += smooth_line(rng, num_frames, 6.0, 0.4)
-        hand[:, PRONATION] += smooth_line(rng, num_frames, 3.2 * vigour, 0.12)
+        hand[:, PRONATION] += smooth_line(rng, num_frames, 3.2 * vigour, 0.13)
         hand[:, WRIST_FLEX] += smooth_line(rng, num_frames, 4.5, 0.25)
-        hand[:, WRIST_FLEX] += smooth_line(rng, num_frames, 4.0 * vigour, 0.10)
+        hand[:, WRIST_FLEX] += smooth_line(rng, num_frames, 4.0 * vigour, 0.115)
         hand[:, DEVIATION] += smooth_line(rng, num_frames, 3.5, 0.3)
-        hand[:, PRONATION : DEVIATION + 1] += smooth_noise(rng, num_frames, 0.35, 0.035, 3)
+        hand[:, PRONATION : DEVIATION + 1] += smooth_noise(rng, num_frames, 0.3, 0.035, 3)
         hand[:, FINGERS] += _finger_life(hand, speaker, rng)
 
 

@@ -12,6 +12,7 @@ from model.corpus.speaker import Speaker
 
 IDLE_SHAPES = ("relaxed", "lazy", "half_open", "bowl", "soft_pinch")
 BEAT_SHAPES = ("relaxed", "half_open", "bowl", "soft_pinch", "cage", "lazy", "flat", "wave_out")
+NEVER_FLAT_DEG = 5.0  # people's fingers stay a little bent
 Choice = TypeVar("Choice")
 
 
@@ -28,7 +29,7 @@ class Manner:
         rng = self.rng
         fingers = SHAPES[shape].copy()
         fingers[FLEX] *= self.speaker.finger_curl * (1.0 + rng.normal(0, 0.13))
-        fingers[FLEX] += curl_deg + np.repeat(rng.normal(0, 3.5, 4), 3)
+        fingers[FLEX] += NEVER_FLAT_DEG + curl_deg + np.repeat(rng.normal(0, 3.5, 4), 3)
         fingers[ABDUCTION] += rng.normal(0, 2.5, 4)
         fingers[THUMB] += rng.normal(0, 5.0, 3)
         return fingers

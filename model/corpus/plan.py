@@ -19,6 +19,7 @@ from model.corpus.prosody import Phrase, Utterance
 from model.corpus.rig import SIDE_SIGN, SIDES
 from model.corpus.speaker import Speaker
 
+GESTURE_FROM_ACCENT = 0.62  # prominence of the strongest word of a chunk, for a rate of 1
 Phase = Literal["rest", "preparation", "stroke", "hold", "beat", "retraction"]
 
 
@@ -60,7 +61,7 @@ def make_plan(utterance: Utterance, speaker: Speaker, rng: np.random.Generator) 
     planner = _Planner(utterance, speaker, rng)
     for number, phrase in enumerate(utterance.phrases):
         for chunk in planner.chunks(phrase):
-            if rng.random() < 0.62 + 0.3 * min(speaker.rate, 1.2):
+            if planner.calls_for_a_gesture(chunk):
                 planner.gesture(chunk)
         is_last = number + 1 == len(utterance.phrases)
         next_s = utterance.duration_s + 1 if is_last else utterance.phrases[number + 1].start_s
@@ -91,6 +92,11 @@ class _Planner:
         stops = [*starts[1:], phrase.words.stop]
         return [range(a, b) for a, b in zip(starts, stops, strict=True)]
 
+    def calls_for_a_gesture(self, chunk: range) -> bool:
+        """Only what is stressed is gestured, so that the sound tells when the hands move."""
+        strongest = max(self.utterance.words[k].accent for k in chunk)
+        return strongest > GESTURE_FROM_ACCENT - 0.25 * (min(self.speaker.rate, 1.2) - 1.0)
+
     def gesture(self, chunk: range) -> None:
         """One gesture, its beats and its hold."""
         rng, speaker, words = self.rng, self.speaker, self.utterance.words
@@ -102,7 +108,7 @@ class _Planner:
         apex_s = word.beat_s - rng.normal(0.05, 0.03)
         end_s = words[chunk[-1]].end_s
         size = min(
-            speaker.amplitude * (0.82 + 0.3 * max(word.accent, 0.4)) * rng.uniform(0.88, 1.14), 1.4
+            speaker.amplitude * (0.7 + 0.7 * max(word.accent, 0.4)) * rng.uniform(0.94, 1.06), 1.6
         )
         if gesture.shrugs:
             self.plan.shrugs.append((apex_s, end_s + 0.2))
@@ -210,16 +216,11 @@ class _Planner:
         for k in chunk:
             word = self.utterance.words[k]
             beat_s = word.beat_s - rng.normal(0.04, 0.03)
-            chance = 0.9 if word.accent > 0 else 0.5 if word.is_content else 0.25
-            chance *= speaker.rate * speaker.beats
             apart = not beats or beat_s - beats[-1][0] > 0.30
-            if (
-                beat_s > apex_s + 0.34
-                and apart
-                and rng.random() < chance * speaker.rate * speaker.beats
-            ):
-                low, high = (0.05, 0.11) if word.accent > 0 else (0.02, 0.05)
-                beats.append((beat_s, rng.uniform(low, high) * speaker.amplitude))
+            is_beaten = word.accent > 0 and rng.random() < speaker.rate * speaker.beats
+            if beat_s > apex_s + 0.34 and apart and is_beaten:
+                depth_m = (0.02 + 0.11 * word.accent) * rng.uniform(0.85, 1.15)
+                beats.append((beat_s, depth_m * speaker.amplitude))
         return beats
 
     def _beat_moves(
@@ -259,10 +260,10 @@ class _Planner:
             arrive_s = max(apex_s + rng.uniform(0.1, 0.6), self._last(side).arrive_s + 0.35)
             self._add(side, arrive_s, rng.uniform(0.6, 0.95), pose, "retraction", "")
         for beat_s, depth_m in [(apex_s, 0.08), *beats]:
-            if beat_s - self._last(side).arrive_s < 0.35 or rng.random() > 0.7:
+            if beat_s - self._last(side).arrive_s < 0.35 or rng.random() > 0.85:
                 continue
             pose = self._last(side).pose
-            rise = depth_m * rng.uniform(0.25, 0.7)
+            rise = depth_m * rng.uniform(0.4, 0.7)
             up = replace(
                 pose,
                 position=pose.position + rise * np.array([0.4, 1.0, 0.3]),

@@ -24,8 +24,9 @@ STRONG_WORDS = frozenset(
 )
 LEAD_S = 0.5  # silence before the first word
 MIN_ACCENT_GAP_S = 0.33
-ACCENT_PITCH = 0.10  # playback speeds up by this share on an accent of 1
-ACCENT_DB = 5.5
+ACCENT_PITCH = 0.13  # playback speeds up by this share on an accent of 1
+ACCENT_DB = 8.0
+BETWEEN_ACCENTS_DB = -3.5
 LISTENS, LISTENS_AFTER_A_QUESTION = 0.06, 0.5  # shares of sentences
 
 
@@ -207,7 +208,7 @@ def _emphasise(utterance: Utterance) -> Utterance:
     """Make accents audible: louder, and higher by a local speed-up that moves all later times."""
     num_samples = len(utterance.waveform)
     grid_s = np.arange(num_samples // 80 + 2) * 80 / SAMPLE_RATE
-    level_db = np.full(len(grid_s), -2.0)
+    level_db = np.full(len(grid_s), BETWEEN_ACCENTS_DB)
     speed = np.ones(len(grid_s))
     for word in utterance.words:
         if word.accent > 0:
