@@ -61,7 +61,8 @@ def solve_arm(
     out = sign * position[:, 0]
     raised = np.clip((height + 0.36) / 0.36, 0, 2.2)
     lift = -19 + 11 * raised + 4 * np.maximum(raised - 1, 0) ** 1.3 + 12 * shrug
-    protract = 9 + 14 * np.clip((ahead - 0.22) / 0.2, -1, 1) - 4 * np.clip((out - 0.2) / 0.2, 0, 1.5)
+    protract = 9 + 14 * np.clip((ahead - 0.22) / 0.2, -1, 1)
+    protract -= 4 * np.clip((out - 0.2) / 0.2, 0, 1.5)
     roll = 2 + 9 * np.clip(height + 0.15, -0.2, 0.3) / 0.3
     angles = np.stack([protract, lift, roll], axis=1) + shake_deg
     collar = euler_matrices("YZX", angles * [-sign, sign, 1.0])
