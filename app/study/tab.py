@@ -11,14 +11,13 @@ from typing import Any
 
 import gradio as gr
 
-from app import view
+from app import text, view
 from app.catalogue import Catalogue
 from app.config import AppConfig
 from app.errors import RunError
 from app.handlers import follow_run, visitor_sentence, waiting_line
 from app.jobs import Job, JobBook
 from app.request import VIEWS, OnEvent, Progress, ShouldCancel
-from app.study.export import ExportOptions, export_study
 from app.study.form import SEPARATOR, StudyForm, collect_files, plan_text
 from app.study.handover import COOKIE, FILE_NAME, RESEARCHER_ROUTE, VISITOR_ROUTE, Handover
 from app.study.packing import zip_folder
@@ -60,25 +59,17 @@ def build_study_tab(
 ) -> None:
     """Lay out the tab inside the current context and wire it."""
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
-    with gr.Row():
-        with gr.Column(scale=4, min_width=320):
-            fields = _build_form(catalogue)
+    with gr.Row(elem_classes="columns"):
         with gr.Column(scale=5, min_width=320):
-            results = _Results(
-                status=gr.HTML(view.sentence_status("Ready."), elem_id="study-status"),
-                plan=gr.DownloadButton("The plan (TOML)", visible=False, elem_id="study-plan"),
-                participants=gr.DownloadButton(
-                    "For participants: the page and its videos (zip)",
-                    variant="primary",
-                    visible=False,
-                    elem_id="study-participants",
-                ),
-                researcher=gr.HTML("", visible=False, elem_id="study-researcher"),
-            )
-    with gr.Row():
-        write = gr.Button("Write the plan only", elem_id="study-write")
-        start = gr.Button("Make the study", variant="primary", elem_id="study-make")
-        cancel = gr.Button("Cancel", elem_id="study-cancel")
+            materials = _build_materials(catalogue)
+        with gr.Column(scale=5, min_width=320):
+            settings = _build_settings()
+            with gr.Row(elem_classes="actions"):
+                start = gr.Button("Make the study", variant="primary", elem_id="study-make")
+                write = gr.Button("Write the plan only", elem_id="study-write", min_width=120)
+                cancel = gr.Button(text.CANCEL, elem_id="study-cancel", min_width=80, scale=0)
+            results = _build_results()
+    fields = [*materials, *settings]
     maker = _Maker(config, jobs, handover, results)
     outputs = [results.status, results.plan, results.participants, results.researcher]
     write.click(maker.write_plan, fields, outputs, api_name="study_plan", show_progress="hidden")
@@ -96,22 +87,54 @@ def build_study_tab(
     page.unload(maker.cancel)
 
 
-def _build_form(catalogue: Catalogue) -> list[Any]:
-    """The fields, in the order of `StudyForm`."""
-    return [
-        gr.Textbox("How people move when they talk", label="Title (participants see it)"),
-        gr.Radio(list(PROTOCOLS), value=next(iter(PROTOCOLS)), label="Protocol"),
-        gr.File(label="Speech, one file for each clip", file_count="multiple",
-                file_types=["audio"], type="filepath", elem_id="study-speech"),
-        gr.CheckboxGroup(list(catalogue.systems), value=list(catalogue.systems), label="Systems"),
-        gr.File(label=f"Other motion, each file named <system>{SEPARATOR}<clip>.npz (optional)",
-                file_count="multiple", file_types=[".npz"], type="filepath"),
-        gr.Number(10, label="Length of each video in seconds", minimum=0),
-        gr.Number(28, label="Participants", precision=0, minimum=1),
-        gr.Number(0, label="Seed of the order", precision=0, minimum=0),
-        gr.CheckboxGroup(list(VIEWS), value=["front"], label="Views"),
-        gr.Textbox("", label="Address that answers are posted to (optional)"),
-    ]  # fmt: skip
+def _build_materials(catalogue: Catalogue) -> list[Any]:
+    """What is compared: the first fields of `StudyForm`."""
+    title = gr.Textbox("How people move when they talk", label="Title (participants see it)")
+    protocol = gr.Radio(list(PROTOCOLS), value=next(iter(PROTOCOLS)), label="Protocol")
+    speeches = gr.File(
+        label="Speech, one file for each clip",
+        file_count="multiple",
+        file_types=["audio"],
+        type="filepath",
+        height=130,
+        elem_id="study-speech",
+    )
+    systems = gr.CheckboxGroup(
+        list(catalogue.systems), value=list(catalogue.systems), label="Systems"
+    )
+    motions = gr.File(
+        label=f"Other motion, each file named <system>{SEPARATOR}<clip>.npz (optional)",
+        file_count="multiple",
+        file_types=[".npz"],
+        type="filepath",
+        height=130,
+    )
+    return [title, protocol, speeches, systems, motions]
+
+
+def _build_settings() -> list[Any]:
+    """How it is shown: the other fields of `StudyForm`."""
+    with gr.Row(elem_classes="pair"):
+        length = gr.Number(10, label="Seconds of each video", minimum=0, min_width=100)
+        people = gr.Number(28, label="Participants", precision=0, minimum=1, min_width=100)
+        seed = gr.Number(0, label="Seed of the order", precision=0, minimum=0, min_width=100)
+    views = gr.CheckboxGroup(list(VIEWS), value=["front"], label="Views")
+    post_to = gr.Textbox("", label="Address that answers are posted to (optional)")
+    return [length, people, seed, views, post_to]
+
+
+def _build_results() -> _Results:
+    return _Results(
+        status=gr.HTML(view.sentence_status(text.READY), elem_id="study-status"),
+        plan=gr.DownloadButton("The plan (TOML)", visible=False, elem_id="study-plan"),
+        participants=gr.DownloadButton(
+            "For participants: the page and its videos (zip)",
+            variant="primary",
+            visible=False,
+            elem_id="study-participants",
+        ),
+        researcher=gr.HTML("", visible=False, elem_id="study-researcher"),
+    )
 
 
 class _Maker:
@@ -193,6 +216,8 @@ class _Maker:
 
     def _export(self, plan_path: Path, private: Path):
         """The export in the form of a run, so that it can be followed and stopped like one."""
+        from app.study.export import ExportOptions, export_study
+
         options = ExportOptions(self._config.weights, self._config.body)
 
         def export(_: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Workspace:

@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import rankdata
 
 from app.study.trials import Stimulus
 
@@ -32,6 +31,8 @@ def order_probability(scenes: Sequence[Mapping[str, float]]) -> float:
     Args:
         scenes: for each, a value by system. All have the same systems.
     """
+    from scipy.stats import rankdata  # takes a second to import, for what the page seldom needs
+
     if len(scenes) < 2:
         return 1.0
     systems = sorted(scenes[0])
