@@ -24,10 +24,12 @@ from app.loaded import get_body, get_system, warm_up
 from app.pipeline import DEFAULT_STEPS, generate_all
 from app.provenance import versions
 from app.rendering import body_motion
-from app.request import GenerateRequest, file_stem
+from app.request import SIZES_PX, GenerateRequest, file_stem
 
 if TYPE_CHECKING:
     from model.speech.audio import Speech
+    from renderer.bench import Cost
+    from renderer.body import BodyMotion
 
 CLIP_S = 10.0
 SHORT_S, LONG_S = 60.0, 600.0
@@ -43,7 +45,7 @@ class Figure:
     unit: str
     aim: str = ""
     cpu: float | None = None
-    """The same as CPU time, which a busy machine disturbs less."""
+    """The same by CPU time, which a busy machine disturbs less."""
 
     def line(self) -> str:
         cpu = "" if self.cpu is None else f"(CPU {self.cpu:.2f})"
@@ -76,7 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         warm_up(options.weights, None)
         add(time_motion(clip, options.weights))
         add(time_run(clip, options.weights, folder))
-        add(time_rendering(options.weights, clip, folder))
+        add(time_rendering(options.weights, folder))
         if not options.no_memory:
             add(measure_memory(speech, options.weights, folder))
     record = {
@@ -156,57 +158,112 @@ def time_run(clip: Path, weights: Path, folder: Path) -> list[Figure]:
     return [Figure(f"whole run, {CLIP_S:g} s clip, all systems", seconds, "s", "at most 45 s")]
 
 
-def time_rendering(weights: Path, clip: Path, folder: Path) -> list[Figure]:
-    """Each stage of drawing the first system's motion, and the usual loop beside it."""
+def time_rendering(weights: Path, folder: Path) -> list[Figure]:
+    """Videos of the first system's motion, the stages of drawing it, and the usual loop beside."""
     from model.cards import list_systems
     from model.motion import load_motion
-    from renderer.bench import naive_cost, stage_costs
 
     path = folder / "run" / f"{file_stem(list_systems(weights)[0])}.npz"
     motion = body_motion(load_motion(path))
-    body = get_body(None)
-    costs = stage_costs(body, motion, folder)
-    naive = naive_cost(body, motion)
-    # The naive loop has its vertices ready, and encodes nothing: compared with the same part.
-    ours = [cost for cost in costs if cost.stage not in ("skinning", "encoding")]
-    wall_ms = sum(cost.wall_ms for cost in ours)
-    cpu_ms = sum(cost.cpu_ms for cost in ours)
     return [
-        *(
-            Figure(f"{cost.stage}, 512 x 512", cost.wall_ms, "ms/frame", cpu=cost.cpu_ms)
-            for cost in (*costs, naive)
-        ),
-        Figure(
-            "naive loop over normals, shadow and drawing", naive.wall_ms / wall_ms, "x",
-            "at least 4", naive.cpu_ms / cpu_ms,
-        ),
-    ]  # fmt: skip
+        *_video_rates(motion, folder),
+        *_other_backends(motion, folder),
+        *_stages(motion, folder),
+    ]
+
+
+def _video_rates(motion: BodyMotion, folder: Path) -> list[Figure]:
+    """Frames of finished video in a second, as the app draws them."""
+    from renderer.bench import end_to_end_cost
+    from renderer.render import RenderSettings
+
+    figures = []
+    for title, count, settings, aim in (
+        ("video, 512 x 512", 1, RenderSettings(512, 512), "at least 30"),
+        ("video, 720 x 720", 1, RenderSettings(720, 720), "at least 20"),
+        ("five side by side, 320 x 480 each", 5, RenderSettings(320, 480), "at least 12"),
+        ("draft, 512 x 512", 1, RenderSettings(512, 512, antialias=False), "at least 60"),
+    ):
+        cost = end_to_end_cost([motion] * count, folder, settings)
+        figures.append(_rate(title, cost, aim))
+    return figures
+
+
+def _other_backends(motion: BodyMotion, folder: Path) -> list[Figure]:
+    """The same video by each backend that works, whichever is used here."""
+    from renderer.bench import end_to_end_cost
+    from renderer.probe import probe_backends
+    from renderer.render import RenderSettings
+
+    figures = []
+    for report in probe_backends():
+        if report.works:
+            settings = RenderSettings(512, 512, backend=report.name)
+            cost = end_to_end_cost([motion], folder, settings)
+            figures.append(_rate(f"video, 512 x 512, {report.name}", cost))
+    return figures
+
+
+def _stages(motion: BodyMotion, folder: Path) -> list[Figure]:
+    """What each stage costs, with and without anti-aliasing, against the usual loop."""
+    from renderer.bench import naive_cost, stage_costs
+    from renderer.offscreen import GLError
+    from renderer.render import RenderSettings
+
+    body = get_body(None)
+    try:
+        naive = naive_cost(body, motion)
+    except GLError:  # it is a loop over OpenGL
+        naive = None
+    figures = []
+    for kind, is_smooth, aim in (("", True, "at least 4"), (", draft", False, "at least 8")):
+        costs = stage_costs(body, motion, folder, RenderSettings(512, 512, antialias=is_smooth))
+        figures += [
+            Figure(f"{cost.stage}, 512 x 512{kind}", cost.wall_ms, "ms/frame", cpu=cost.cpu_ms)
+            for cost in (costs if is_smooth else costs[3:4])
+        ]
+        if naive is not None:
+            # The loop has its vertices ready, and encodes nothing: compared with the same part.
+            ours = [cost for cost in costs if cost.stage not in ("skinning", "encoding")]
+            wall, cpu = sum(c.wall_ms for c in ours), sum(c.cpu_ms for c in ours)
+            title = f"naive loop over normals, shadow and drawing{kind}"
+            figures.append(Figure(title, naive.wall_ms / wall, "x", aim, naive.cpu_ms / cpu))
+    return figures
+
+
+def _rate(title: str, cost: Cost, aim: str = "") -> Figure:
+    """Frames in a second by the clock, and by the CPU time if all cores had been free."""
+    cores = len(os.sched_getaffinity(0))
+    return Figure(title, 1e3 / cost.wall_ms, "frames/s", aim, cores * 1e3 / cost.cpu_ms)
 
 
 def measure_memory(speech: Path, weights: Path, folder: Path) -> list[Figure]:
     """Peak memory of any process of a run, for a long clip against a short one."""
+    imports = "import app.pipeline, librosa, model.diagnostics, model.generate, renderer.figures"
+    imports_mb = _peak_mb("-c", imports)
     peaks_mb = []
     for duration_s in (SHORT_S, LONG_S):
         clip = repeat_speech(speech, duration_s, folder / f"{duration_s:g}.wav")
-        child = subprocess.Popen(
-            [
-                *(sys.executable, "-m", "app", "generate", str(clip)),
-                *("--out", str(folder / f"{duration_s:g}"), "--weights", str(weights.resolve())),
-                *("--steps", "1", "--size", "64"),
-            ],
-            cwd=PROJECT,
-            stdout=subprocess.DEVNULL,
-        )
-        _, status, usage = os.wait4(child.pid, 0)
-        if status:
-            raise RuntimeError(f"The run of {duration_s:g} s failed.")
-        peaks_mb.append(usage.ru_maxrss / 1024)  # kilobytes on Linux
+        out = folder / f"{duration_s:g}"
+        flags = ["--steps", "1", "--size", str(SIZES_PX[0]), "--weights", str(weights.resolve())]
+        peaks_mb.append(_peak_mb("-m", "app", "generate", str(clip), "--out", str(out), *flags))
     short_mb, long_mb = peaks_mb
     return [
         Figure("peak memory, 1-minute clip", short_mb, "MB"),
         Figure("peak memory, 10-minute clip", long_mb, "MB"),
+        Figure("10-minute clip above the imports", long_mb - imports_mb, "MB", "at most 600 MB"),
         Figure("10-minute over 1-minute clip", long_mb / short_mb, "x", "at most 1.3"),
     ]
+
+
+def _peak_mb(*arguments: str) -> float:
+    """Peak memory of Python with these arguments, or of a process it starts if that is more."""
+    command = [sys.executable, *arguments]
+    child = subprocess.Popen(command, cwd=PROJECT, stdout=subprocess.DEVNULL)
+    _, status, usage = os.wait4(child.pid, 0)
+    if status:
+        raise RuntimeError(f"It failed: {' '.join(command)}")
+    return usage.ru_maxrss / 1024  # kilobytes on Linux
 
 
 def _ms_per_frame(started: float, num_frames: int) -> float:

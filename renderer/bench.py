@@ -2,7 +2,7 @@
 
 import resource
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from pathlib import Path
@@ -11,15 +11,17 @@ from typing import TypeVar
 import numpy as np
 
 from renderer.body import Body, BodyMotion
+from renderer.compose import compose_videos
 from renderer.drawing import make_renderer
 from renderer.naive import draw_naively
 from renderer.normals import VertexNormals
 from renderer.offscreen import GLError
 from renderer.probe import choose_backend
-from renderer.render import RenderSettings, render_video
+from renderer.render import RenderSettings
 from renderer.scene import FramePreparer, Subject
 from renderer.stage import set_stage
 from renderer.video import VideoWriter
+from renderer.worker import RenderJob, RenderPool
 
 _CHUNK_FRAMES = 16
 Result = TypeVar("Result")
@@ -86,15 +88,37 @@ def stage_costs(
 
 
 def end_to_end_cost(
-    body: Body, motion: BodyMotion, folder: Path, settings: RenderSettings | None = None
+    motions: Sequence[BodyMotion],
+    folder: Path,
+    settings: RenderSettings | None = None,
+    body_path: Path | None = None,
 ) -> Cost:
-    """Cost of ``render_video``: all stages together, the encoder running beside them."""
+    """Cost of one frame of a finished comparison: a video of each motion, then all side by side.
+
+    As the app does it, with processes that have to start. One motion is not compared with itself.
+
+    Args:
+        motions: of equal length.
+
+    Raises:
+        BodyError, GLError, VideoError: as ``run_job``.
+    """
     settings = settings or RenderSettings()
     settings = replace(settings, backend=settings.backend or choose_backend())
-    out = folder / "bench.mp4"
-    _, cost = _timed(
-        "end to end", motion.num_frames, lambda: render_video(body, motion, out, settings=settings)
-    )
+    paths = [folder / f"bench{number}.mp4" for number in range(len(motions))]
+
+    def draw() -> None:
+        with RenderPool(min(len(motions), 2)) as pool:
+            tasks = [
+                pool.submit(RenderJob(motion, path, settings=settings, body_path=body_path))
+                for motion, path in zip(motions, paths, strict=True)
+            ]
+            for task in tasks:
+                task.result()
+        if len(paths) > 1:
+            compose_videos(paths, [path.stem for path in paths], folder / "comparison.mp4")
+
+    _, cost = _timed("end to end", motions[0].num_frames, draw)
     return cost
 
 

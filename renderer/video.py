@@ -6,6 +6,7 @@ only when it is complete; until then it has a partial name in the same folder.
 
 import os
 import re
+import shutil
 import subprocess
 import tempfile
 from collections.abc import Iterator
@@ -167,11 +168,14 @@ def ffmpeg_path() -> str:
         VideoError: if there is none.
     """
     try:
-        return imageio_ffmpeg.get_ffmpeg_exe()
+        path = imageio_ffmpeg.get_ffmpeg_exe()
     except RuntimeError as error:
         raise VideoError("No ffmpeg was found; install it with: pip install imageio-ffmpeg") from (
             error
         )
+    if shutil.which(path) is None:  # named by IMAGEIO_FFMPEG_EXE, which nobody checks
+        raise VideoError(f"{path} is no ffmpeg that can be run; unset IMAGEIO_FFMPEG_EXE.")
+    return path
 
 
 @dataclass(frozen=True)

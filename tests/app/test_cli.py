@@ -13,9 +13,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import renderer.look
 from app.cli import main
 from app.diagnosing import unique_names
 from app.errors import RunError
+from app.request import LOOKS
 from model.motion import save_motion
 from renderer.compose import band_height
 from tests.helpers import ROOT, smooth_motion_example
@@ -59,6 +61,8 @@ def test_every_command_has_help(command: list[str], capsys: pytest.CaptureFixtur
         ["render", "a.npz"],
         *(["render", "a.npz", "--out", "a.mp4", "--size", size] for size in SIZES_REFUSED),
         ["render", "a.npz", "--out", "a.png", "--background", "green"],
+        ["render", "a.npz", "--out", "a.png", "--look", "tall-light"],
+        ["generate", "a.wav", "--out", "o", "--look", "clay"],
     ],
 )
 def test_wrong_arguments_exit_with_2(argv: list[str]) -> None:
@@ -235,6 +239,28 @@ def test_a_transparent_still_shows_the_body_and_nothing_else(motion: Path, tmp_p
 
 
 @pytest.mark.gl
+def test_a_look_is_drawn_and_exported(motion: Path, tmp_path: Path) -> None:
+    """A blue shirt, and the colour of clay; of one shape, and of another."""
+    blue = {}
+    for look in ("average-light", "average-clay"):
+        out = tmp_path / f"{look}.png"
+        render(motion, out, "--stills", "1", "--background", "transparent", "--look", look)
+        red_green_blue = np.asarray(Image.open(out))[..., :3].reshape(-1, 3).astype(int)
+        shown = red_green_blue[np.asarray(Image.open(out))[..., 3].ravel() == 255]
+        blue[look] = np.mean(shown[:, 2] > shown[:, 0] + 20)
+    assert blue["average-light"] > 0.2 and blue["average-clay"] == 0
+    usual, broad = tmp_path / "usual.glb", tmp_path / "broad.glb"
+    render(motion, usual)
+    render(motion, broad, "--look", "broad-light")
+    assert usual.read_bytes() != broad.read_bytes()
+
+
+def test_looks_on_the_command_line_are_those_of_the_renderer() -> None:
+    assert tuple(renderer.look.LOOKS) == LOOKS
+    assert renderer.look.DEFAULT_LOOK == LOOKS[0]
+
+
+@pytest.mark.gl
 def test_a_sheet_of_too_many_pictures_says_what_would_do(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -243,6 +269,38 @@ def test_a_sheet_of_too_many_pictures_says_what_would_do(
     argv = ["render", str(path), "--out", str(tmp_path / "a.png"), "--sheet"]
     assert "--sheet 3 or more" in sentence_after([*argv, "2"], capsys)
     assert not (tmp_path / "a.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"trans": np.full((40, 3), np.nan)}, "not finite"),
+        ({"trans": np.full((40, 3), 500.0)}, "500 m away; at most 100 m"),
+        ({"poses": np.zeros((0, 165)), "trans": np.zeros((0, 3))}, "no frames"),
+    ],
+)
+def test_motion_that_nothing_can_show_gives_its_sentence(
+    motion: Path, tmp_path: Path, changes: dict, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with np.load(motion) as data:
+        arrays = dict(data)
+    np.savez(tmp_path / "bad.npz", **{**arrays, **changes})
+    for name in ("a.mp4", "a.png", "a.glb", "a.bvh", "a.blender.npz"):
+        argv = ["render", str(tmp_path / "bad.npz"), "--out", str(tmp_path / name)]
+        assert words in sentence_after(argv, capsys)
+        assert not (tmp_path / name).exists()
+
+
+def test_without_an_encoder_a_video_gives_its_sentence(
+    motion: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", "/nowhere/ffmpeg")
+    argv = ["render", str(motion), "--out", str(tmp_path / "a.mp4"), "--size", "256"]
+    assert "/nowhere/ffmpeg is no ffmpeg" in sentence_after(argv, capsys)
+    assert not (tmp_path / "a.mp4").exists()
 
 
 def test_what_the_blender_add_on_needs_is_there_without_pickles(

@@ -7,11 +7,23 @@ import numpy as np
 import pytest
 
 from renderer.body import BodyMotion, load_body
+from renderer.camera import frame_points
 from renderer.probe import choose_backend
-from renderer.render import Cancelled, RenderSettings, render_stills, render_video
-from renderer.stage import set_stage
+from renderer.render import (
+    Cancelled,
+    RenderSettings,
+    draw_vertices,
+    render_stills,
+    render_video,
+)
+from renderer.stage import Stage, set_stage
 from tests.renderer.test_camera import waving_motion
-from tests.renderer.test_video import processes_that_mention
+from tests.renderer.test_video import (
+    SAMPLE_RATE,
+    decoded_sound,
+    processes_that_mention,
+    write_wav,
+)
 
 pytestmark = pytest.mark.gl
 
@@ -42,6 +54,44 @@ def test_the_video_shows_every_frame_once_and_in_order(tmp_path):
     distance = np.abs(coarse[0][:, None] - coarse[1][None]).mean(axis=(2, 3, 4))
     np.testing.assert_array_equal(distance.argmin(axis=1), np.arange(20))
     np.testing.assert_array_equal(stills, expected[[0, 5, 19]])
+
+
+def test_sound_and_motion_stay_together_for_a_minute(tmp_path):
+    """A body that jumps aside for one frame in the first, the middle and the last second, with a
+    clap at the same moments."""
+    num_frames, jumps = 1800, (11, 903, 1787)
+    corners = np.array([[-0.3, 0, 0], [0, 0, 0], [0, 1, 0], [-0.3, 1, 0]], np.float32)
+    aside = corners + np.array([0.5, 0, 0], np.float32)
+    frames = (aside if frame in jumps else corners for frame in range(num_frames))
+    waveform = np.zeros(num_frames * SAMPLE_RATE // 30)
+    for frame in jumps:
+        start = round(frame / 30 * SAMPLE_RATE)
+        waveform[start : start + 60] = 0.9 * (-1.0) ** np.arange(60)
+    stage = Stage(frame_points(np.concatenate([corners, aside])), 0.0, (0.0, 0.0), 0.0)
+    settings = RenderSettings(64, 64, antialias=False, backend="software")
+    pictures = draw_vertices(
+        ([frame] for frame in frames),
+        *(np.array([[0, 1, 2], [0, 2, 3]]), np.zeros((4, 3), np.float32)),
+        settings=settings,
+        stage=stage,
+    )
+    out = tmp_path / "v.mp4"
+    wav = write_wav(tmp_path / "s.wav", waveform)
+    motion = BodyMotion.resting(num_frames)
+    render_video(load_body(), motion, out, wav, settings, stage=stage, pictures=pictures)
+    with av.open(str(out)) as file:
+        left = [
+            frame.to_ndarray(format="gray")[20:44, 34:].mean() for frame in file.decode(video=0)
+        ]
+    sound, rate = decoded_sound(out)
+    assert len(left) == num_frames
+    for frame in jumps:
+        around = slice(frame - 10, frame + 10)
+        seen = frame - 10 + int(np.argmin(left[around]))
+        samples = slice(round((frame - 10) / 30 * rate), round((frame + 10) / 30 * rate))
+        heard_s = (samples.start + int(np.abs(sound[samples]).argmax())) / rate
+        assert seen == frame
+        assert abs(heard_s - seen / 30) < 1 / 30
 
 
 def test_stills_come_in_the_order_asked_for():

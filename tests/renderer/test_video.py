@@ -194,6 +194,15 @@ def test_an_ffmpeg_that_fails_is_quoted(tmp_path, monkeypatch, said, sentence):
     assert [path.name for path in tmp_path.iterdir()] == ["ffmpeg"]
 
 
+def test_a_missing_ffmpeg_is_named(tmp_path, monkeypatch):
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(tmp_path / "gone"))
+    with pytest.raises(VideoError, match=r"gone is no ffmpeg.*unset IMAGEIO_FFMPEG_EXE"):
+        write_video(tmp_path / "v.mp4", np.arange(3))
+    with pytest.raises(VideoError, match="is no ffmpeg"):
+        read_facts(tmp_path / "v.mp4")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_facts_of_a_file(tmp_path):
     path = write_video(tmp_path / "v.mp4", np.arange(37))
     facts = read_facts(path)
