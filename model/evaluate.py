@@ -25,7 +25,7 @@ from model.data import DataError, read_clip, read_split
 from model.evaluation import RECORDED, ClipContext, ClipRow, as_table
 from model.files import written_atomically
 from model.generate import GenerateOptions, generate_motion
-from model.motion import MotionError
+from model.motion import Motion, MotionError
 from model.parallel import WHOLE, Shard, joined_processes
 from model.speech.audio import Speech, SpeechError, SpeechLimits, load_speech
 from model.speech_response import predict_with, speech_tracks
@@ -118,15 +118,7 @@ def evaluate(
     Raises:
         DataError: if fewer than two clips can be used.
     """
-    encoder = systems[0].encoder
-    recordings = {}
-    for name in clips:
-        try:
-            recordings[name] = read_clip(folder, name, encoder)
-        except (MotionError, SpeechError) as error:
-            log.warning("Skipped %s: %s", name, error)
-    if len(recordings) < 2:
-        raise DataError(f"{len(recordings)} usable test clips in {folder}; at least 2 are needed.")
+    recordings = _read(folder, clips, systems[0])
     names = list(recordings)
     mean_speed = np.mean(
         [
@@ -163,6 +155,29 @@ def evaluate(
     gathered = {name: rows for part in shard.gather(found) for name, rows in part.items()}
     table = as_table([gathered[name] for name in names])
     return {"clips": names, "noise_seeds": seeds, "guidance": guidance, **table}
+
+
+def _read(
+    folder: Path, clips: Sequence[str], system: System
+) -> dict[str, tuple[Motion, np.ndarray]]:
+    """Motion and speech features by name; what cannot be used is named in the log and counted."""
+    recordings = {}
+    window = system.config.window_frames
+    for name in clips:
+        try:
+            motion, features = read_clip(folder, name, system.encoder)
+            if motion.num_frames < window:
+                raise DataError(f"{motion.num_frames} frames, {window} needed.")
+        except (DataError, MotionError, SpeechError) as error:
+            log.warning("Skipped %s: %s", name, error)
+        else:
+            recordings[name] = (motion, features)
+    if len(recordings) < 2:
+        raise DataError(
+            f"{len(recordings)} of {len(clips)} test clips in {folder} can be used; at least 2 are "
+            "needed."
+        )
+    return recordings
 
 
 def _speech(folder: Path, name: str) -> Speech:

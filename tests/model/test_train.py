@@ -12,7 +12,7 @@ from model.cards import CheckpointError
 from model.checkpoint import load_weights
 from model.config import TrainConfig, named_config
 from model.data import DataError, prepare, read_split
-from model.objectives import to_vectors
+from model.decoding import to_vectors
 from model.run_folder import TrainingError
 from model.speech.features import MelEncoder
 from model.systems import load_system
