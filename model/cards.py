@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from model.config import SYSTEMS
+from model.ladder import SYSTEMS
 
 BUNDLED_WEIGHTS = Path(__file__).parent / "weights"
 

@@ -9,9 +9,10 @@ from torch import Tensor, nn
 from model.autoencoder import MotionAutoencoder, load_encoder
 from model.cards import CheckpointError
 from model.checkpoint import load_into, load_weights
-from model.config import SYSTEMS, TrainConfig
+from model.config import TrainConfig
 from model.data import DataError, PreparedData
 from model.expression import ExpressionNetwork
+from model.ladder import SYSTEMS
 from model.network import MotionNetwork
 from model.objectives import (
     StepFunction,

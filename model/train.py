@@ -21,8 +21,9 @@ from tqdm import tqdm
 from model import losses
 from model.cards import BUNDLED_WEIGHTS, CheckpointError
 from model.checkpoint import save_weights
-from model.config import TrainConfig, named_config
+from model.config import TrainConfig
 from model.data import Batch, DataError, prepare, validation_batches
+from model.ladder import named_config
 from model.parallel import WHOLE, Shard, joined_processes
 from model.provenance import make_card
 from model.run_folder import History, TrainingError, open_run, restore_state, save_state

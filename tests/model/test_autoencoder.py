@@ -4,7 +4,8 @@ import pytest
 import torch
 
 from model.autoencoder import MotionAutoencoder
-from model.config import FGD_ENCODER, AutoencoderConfig, named_config
+from model.config import AutoencoderConfig
+from model.ladder import FGD_ENCODER, named_config
 
 TINY = AutoencoderConfig(width=8, blocks_per_scale=1, latent_dim=4)
 

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from model.autoencoder import FrozenEncoder, MotionAutoencoder
-from model.config import FGD_ENCODER
 from model.data import DataError
 from model.evaluate import evaluate, main
 from model.intervals import bootstrap, bootstrap_difference, bootstrap_ratio
+from model.ladder import FGD_ENCODER
 from model.parallel import Shard
 from model.systems import load_system
 from tests.model.made import make_data_folder, make_weights

@@ -6,7 +6,7 @@ from scipy.linalg import sqrtm
 from model import beats, frechet
 from model.autoencoder import FrozenEncoder, MotionAutoencoder
 from model.clip_measures import face_error, l1_to_mean, mean_pairwise_l1
-from model.config import FGD_ENCODER
+from model.ladder import FGD_ENCODER
 from model.packing import MOTION_DIM, Normaliser
 from model.speech_response import coupling, frame_loudness, speech_tracks
 from tests.helpers import smooth_motion_example

@@ -5,7 +5,8 @@ from itertools import pairwise
 import pytest
 import torch
 
-from model.config import SYSTEMS, NetworkConfig, TrainConfig, from_dict, named_config, to_json
+from model.config import NetworkConfig, TrainConfig, from_dict, to_json
+from model.ladder import SYSTEMS, named_config
 from model.network import MotionNetwork
 from model.packing import HAND_CHANNELS, TORSO_CHANNELS
 from model.run_folder import differing_fields

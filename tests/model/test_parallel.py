@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from model.checkpoint import load_weights
-from model.config import named_config
+from model.ladder import named_config
 from model.parallel import WHOLE, Shard
 from model.run_folder import TrainingError
 from model.train import train

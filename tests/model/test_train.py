@@ -10,9 +10,10 @@ import torch
 
 from model.cards import CheckpointError
 from model.checkpoint import load_weights
-from model.config import TrainConfig, named_config
+from model.config import TrainConfig
 from model.data import DataError, prepare, read_split
 from model.decoding import to_vectors
+from model.ladder import named_config
 from model.run_folder import TrainingError
 from model.speech.features import MelEncoder
 from model.systems import load_system
