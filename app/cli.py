@@ -16,7 +16,7 @@ from app import text
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import CancelledRun, RunError, sentence_of
 from app.rendering import BACKGROUNDS, ENDINGS, SHEET_POSES, RenderRequest, render_motion
-from app.request import POST_FILTERS, SAMPLERS, SIZES_PX, VIEWS, GenerateRequest, View
+from app.request import LOOKS, POST_FILTERS, SAMPLERS, SIZES_PX, VIEWS, GenerateRequest, View
 from app.study.cli import add_study
 
 Command = Callable[[argparse.Namespace], None]
@@ -97,6 +97,7 @@ def _add_generate(commands) -> None:
         help="longest speech accepted (default: 10)",
     )  # fmt: skip
     _add_body(parser)
+    _add_look(parser)
     parser.add_argument(
         "--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR", help="default: bundled"
     )
@@ -120,6 +121,7 @@ def _generate(options: argparse.Namespace) -> None:
         post_filter=options.post_filter,
         reference=options.reference,
         body=options.body,
+        look=options.look,
         views=options.views,
         size=options.size,
         has_video=not options.no_video,
@@ -193,6 +195,7 @@ def _add_render(commands) -> None:
         help="transparent: the body alone, in a .png (default: studio)",
     )  # fmt: skip
     _add_body(parser)
+    _add_look(parser)
     parser.set_defaults(command=_render)
 
 
@@ -204,6 +207,7 @@ def _render(options: argparse.Namespace) -> None:
         out=options.out,
         speech=options.speech,
         body=options.body,
+        look=options.look,
         views=options.views,
         size=options.size,
         is_draft=options.draft,
@@ -244,6 +248,14 @@ def _add_body(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--body", type=Path, default=default_body(), metavar="FILE",
         help="licensed SMPLX_NEUTRAL*.npz (default: $SMPLX_MODEL, else the open body)",
+    )  # fmt: skip
+
+
+def _add_look(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--look", choices=LOOKS, default=LOOKS[0], metavar="BUILD-TONE",
+        help="of the open body: average, slender or broad, in light, medium, dark or clay "
+        f"(default: {LOOKS[0]})",
     )  # fmt: skip
 
 

@@ -92,7 +92,7 @@ def read_inputs(
 
     speech = load_speech(request.speech, SpeechLimits(max_s=request.max_speech_s))
     reporter.note(*speech.notes)
-    body = get_body(request.body)
+    body = get_body(request.body, request.look)
     systems = _load_systems(request)
     speaker = request.speaker or next(iter(systems[0].speakers))
     for system in systems:

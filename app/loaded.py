@@ -8,6 +8,8 @@ import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from app.request import LOOKS
+
 if TYPE_CHECKING:
     from model.systems import System
     from renderer.body import Body
@@ -26,14 +28,15 @@ def get_system(name: str, weights: Path) -> System:
         return _load_system(name, weights)
 
 
-def get_body(path: Path | None) -> Body:
-    """The open body, or the SMPL-X file at ``path``, read at its first use.
+def get_body(path: Path | None, look: str = LOOKS[0]) -> Body:
+    """The open body in a look, or the SMPL-X file at ``path``, read at its first use.
 
     Raises:
-        BodyError: if the file is not a body.
+        BodyError: if the file is not a body, or the look is not to be had.
     """
     with _LOADING:
-        return _load_body(path, path.stat().st_mtime if path and path.exists() else 0.0)
+        modified = path.stat().st_mtime if path and path.exists() else 0.0
+        return _load_body(path, look, modified)
 
 
 @functools.lru_cache(maxsize=16)
@@ -44,10 +47,10 @@ def _load_system(name: str, weights: Path) -> System:
 
 
 @functools.lru_cache(maxsize=4)
-def _load_body(path: Path | None, modified: float) -> Body:
+def _load_body(path: Path | None, look: str, modified: float) -> Body:
     from renderer.body import load_body
 
-    return load_body(path)
+    return load_body(path, look)
 
 
 def warm_up(weights: Path, body: Path | None) -> None:

@@ -84,6 +84,7 @@ def draw_all(
                 speech_wav=inputs.wav,
                 settings=settings,
                 body_path=request.body,
+                look=request.look,
                 stage=stage,
                 still_frames=frames if is_main else (),
             )

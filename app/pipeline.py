@@ -196,6 +196,7 @@ def _write_provenance(
         drawing={
             "body": inputs.body.name,
             "body_sha256": inputs.body.sha256,
+            "look": inputs.body.look,
             "backend": inputs.backend,
             "views": list(request.views),
             "size": request.size,

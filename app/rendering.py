@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 from app.errors import RunError
 from app.loaded import get_body
-from app.request import View
+from app.request import LOOKS, View
 
 if TYPE_CHECKING:
     import numpy as np
@@ -34,6 +34,7 @@ class RenderRequest:
     """Its ending, one of `ENDINGS`, says what is made."""
     speech: Path | None = None
     body: Path | None = None
+    look: str = LOOKS[0]
     views: tuple[View, ...] = ("front",)
     """The first one's files are called as ``out``; the others' have the view in their name."""
     size: int = 720
@@ -71,7 +72,7 @@ def render_motion(
 
     _check(request)
     motion = body_motion(load_motion(request.motion))
-    body = get_body(request.body)
+    body = get_body(request.body, request.look)
     if request.ending in (".mp4", ".png"):
         files = _draw(request, motion, on_progress)
     else:
@@ -168,6 +169,7 @@ def _draw(
                 speech_wav=request.speech,
                 settings=settings,
                 body_path=request.body,
+                look=request.look,
                 still_frames=(*stills, *sheet),
             ),
             lambda part, done=done: on_progress((done + part) / len(request.views)),

@@ -13,6 +13,12 @@ Sampler = Literal["euler", "heun", "reinterpolate"]
 SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)
 View = Literal["front", "three_quarter", "side", "face", "left_hand", "right_hand"]
 VIEWS: tuple[View, ...] = get_args(View)
+LOOKS = tuple(
+    f"{build}-{tone}"
+    for build in ("average", "slender", "broad")
+    for tone in ("light", "medium", "dark", "clay")
+)
+"""Looks of the open body, as `renderer.look` has them; the first is the usual one."""
 SIZES_PX = (256, 1080)
 """Smallest and largest width and height of a picture that a person may ask for."""
 MAX_SAMPLES = 8
@@ -56,6 +62,8 @@ class GenerateRequest:
     """A motion file of the same speech, shown and measured beside the systems."""
     body: Path | None = None
     """A licensed SMPL-X npz; None is the open body."""
+    look: str = LOOKS[0]
+    """One of `LOOKS`; a body of one's own has the first only."""
     views: tuple[View, ...] = ("front",)
     size: int = 512
     """Width and height of one video in pixels."""

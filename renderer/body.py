@@ -124,6 +124,11 @@ class Body:
         return self._arrays.sha256
 
     @property
+    def look(self) -> str | None:
+        """Its name among ``LOOKS``, or None where the body file names no painted regions."""
+        return None if self._arrays.regions is None else self._look.name
+
+    @property
     def expression_basis(self) -> str:
         return self._arrays.expression_basis
 

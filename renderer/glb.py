@@ -16,6 +16,7 @@ from jaxtyping import Float, Float32
 from scipy.spatial.transform import Rotation
 
 from renderer.body import Body, BodyMotion
+from renderer.look import CLAY
 from renderer.normals import VertexNormals
 from renderer.smplx_joints import JOINT_NAMES, NUM_JOINTS, PARENTS
 from renderer.video import FPS
@@ -28,7 +29,6 @@ SMALLEST_EXPRESSION = 1e-3
 _ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
 _COMPONENTS = {"float32": 5126, "uint32": 5125, "uint16": 5123, "int16": 5122, "uint8": 5121}
 _TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
-_CLAY = (0.50, 0.46, 0.43)
 
 
 def write_glb(body: Body, motion: BodyMotion, out: Path) -> None:
@@ -181,7 +181,7 @@ def _mesh(
     normals = VertexNormals(body.faces, num_vertices)(vertices).astype(np.float32)
     joints, shares = _four_strongest(body)
     colors = np.full((num_vertices, 4), 65535, np.uint16)
-    linear = body.vertex_colors if body.vertex_colors is not None else np.array([_CLAY])
+    linear = body.vertex_colors if body.vertex_colors is not None else np.array([CLAY])
     colors[:, :3] = np.round(linear * 65535)
     index_type = np.uint16 if num_vertices <= 65535 else np.uint32
     arrays = body.arrays

@@ -84,6 +84,10 @@ class Look:
     tone: str
     """One of ``TONES``."""
 
+    @property
+    def name(self) -> str:
+        return f"{self.build}-{self.tone}"
+
     def vertex_colors(self, regions: Int[np.ndarray, " V"]) -> Float32[np.ndarray, "V 3"]:
         """Linear RGB of each vertex from its region index (an index into ``REGION_NAMES``)."""
         colors = TONES[self.tone]
@@ -91,7 +95,7 @@ class Look:
 
 
 LOOKS: dict[str, Look] = {
-    f"{build}-{tone}": Look(build, tone) for build in BUILDS for tone in TONES
+    look.name: look for look in (Look(build, tone) for build in BUILDS for tone in TONES)
 }
 """Every look by name, ``BUILD-TONE``."""
 DEFAULT_LOOK = "average-light"

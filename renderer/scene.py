@@ -7,11 +7,9 @@ from jaxtyping import Float, Float32, Int
 
 from renderer.camera import Z_NEAR_M, Camera
 from renderer.ground import HALF_SIZE_M, ShadowGround
+from renderer.look import CLAY
 from renderer.normals import VertexNormals
 from renderer.stage import Stage
-
-CLAY_COLOR = (0.50, 0.46, 0.43)
-"""Linear colour of a body that brings no colours of its own."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +23,7 @@ class Light:
 
 @dataclass(frozen=True)
 class Studio:
-    """A look: three lights, their ambient part, and the colour behind everything."""
+    """The light: three lamps, their ambient part, and the colour behind everything."""
 
     key: Light = Light((2.6, 2.0, 1.7), (1.0, 0.95, 0.88), 3.7)
     fill: Light = Light((-3.0, 0.3, 2.2), (0.74, 0.86, 1.0), 0.6)
@@ -62,7 +60,7 @@ class Subject:
     def colors_of(self, num_vertices: int) -> Float32[np.ndarray, "V 3"]:
         """The colours, or as many of clay."""
         if self.colors is None:
-            return np.tile(np.array(CLAY_COLOR, np.float32), (num_vertices, 1))
+            return np.tile(np.array(CLAY, np.float32), (num_vertices, 1))
         return self.colors
 
 
