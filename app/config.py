@@ -45,6 +45,11 @@ class AppConfig:
         return self.temp / "jobs"
 
     @property
+    def private_folder(self) -> Path:
+        """What waits for one visitor alone and is never served as a file."""
+        return self.temp / "private"
+
+    @property
     def cache_folder(self) -> Path:
         return self.temp / "gradio"
 

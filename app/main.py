@@ -85,6 +85,7 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     from app.catalogue import find_examples, read_catalogue
     from app.jobs import JobBook
     from app.page import build_app
+    from app.study.handover import Handover, add_routes
     from app.theme import CSS, frame_style, make_theme
 
     catalogue = read_catalogue(config.weights, find_examples(EXAMPLES))
@@ -92,7 +93,8 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     jobs.keep_swept(config.keep_results_s)
     atexit.register(jobs.cancel_all)
 
-    page = build_app(_generate, catalogue, config, jobs)
+    handover = Handover(config.private_folder, config.keep_results_s)
+    page = build_app(_generate, catalogue, config, jobs, handover)
     page.queue(max_size=4 * config.max_waiting)
     page.launch(
         server_name=config.host,
@@ -102,7 +104,9 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
         show_error=True,
         max_file_size=config.max_upload,
         allowed_paths=[str(EXAMPLES)],
-        blocked_paths=[str(path) for path in (config.weights, config.body) if path],
+        blocked_paths=[
+            str(path) for path in (config.weights, config.body, config.private_folder) if path
+        ],
         run_history=False,
         ssr_mode=False,
         pwa=False,
@@ -116,6 +120,7 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
         head=frame_style(),
         quiet=True,
     )
+    add_routes(page.app, handover)
     # Only now: reading models beside it would hold up the page's own start.
     if is_warmed_up:
         threading.Thread(target=_warm_up, args=(config,), name="warm-up", daemon=True).start()

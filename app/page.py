@@ -12,10 +12,16 @@ from app.handlers import Generate
 from app.jobs import JobBook
 from app.parts import FormParts, ResultParts, build_form, build_results
 from app.runner import Runner
+from app.study.handover import Handover
+from app.study.tab import build_study_tab
 
 
 def build_app(
-    generate: Generate, catalogue: Catalogue, config: AppConfig, jobs: JobBook
+    generate: Generate,
+    catalogue: Catalogue,
+    config: AppConfig,
+    jobs: JobBook,
+    handover: Handover,
 ) -> gr.Blocks:
     """The whole page around ``generate``, which a test may replace by a function of its own."""
     with gr.Blocks(
@@ -25,11 +31,13 @@ def build_app(
         delete_cache=(600, int(config.keep_results_s)),
     ) as page:
         gr.HTML(view.header(catalogue.trained_on))
-        with gr.Row(elem_classes="columns"):
+        with gr.Tab(text.MOTION_TAB), gr.Row(elem_classes="columns"):
             with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
                 form = build_form(catalogue, config)
             with gr.Column(scale=9, min_width=320, elem_classes="results"):
                 results = build_results()
+        with gr.Tab(text.STUDY_TAB):
+            build_study_tab(page, catalogue, config, jobs, handover)
         _wire(page, form, results, Runner(generate, catalogue, config, jobs, form, results))
     return page
 

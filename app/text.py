@@ -14,6 +14,9 @@ UNTRAINED = (
     "only shows that everything works."
 )
 
+MOTION_TAB = "Motion from speech"
+STUDY_TAB = "User study"
+
 STEP_SPEECH = "Speech"
 STEP_SYSTEMS = "Systems"
 STEP_SETTINGS = "Settings"

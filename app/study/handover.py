@@ -31,6 +31,7 @@ REFUSED = (
     "browser that made it."
 )
 _COOKIE_BYTES = 32
+_ABANDONED_S = 86_400.0
 _MAX_FORM_BYTES = 1000
 _BLOCK_BYTES = 1 << 16
 
@@ -54,7 +55,7 @@ class Handover:
         self._keep_s = keep_s
         self._offers: dict[str, _Offer] = {}
         self._lock = threading.Lock()
-        shutil.rmtree(root, ignore_errors=True)  # of an earlier process, whose tokens are gone
+        self._remove_abandoned()
 
     def private_folder(self) -> Path:
         """A new folder that only this process's user can enter."""
@@ -69,6 +70,9 @@ class Handover:
         token = secrets.token_urlsafe(32)
         with self._lock:
             self._offers[token] = _Offer(visitor, archive, time.monotonic() + self._keep_s)
+        timer = threading.Timer(self._keep_s + 1.0, self._forget_old)
+        timer.daemon = True
+        timer.start()
         return token
 
     def take(self, visitor: str, token: str) -> IO[bytes] | None:
@@ -85,6 +89,12 @@ class Handover:
         file = offer.archive.open("rb")
         shutil.rmtree(offer.archive.parent, ignore_errors=True)
         return file
+
+    def _remove_abandoned(self) -> None:
+        """Remove what an earlier process left; another one may be at work beside this."""
+        for folder in self.root.iterdir() if self.root.is_dir() else ():
+            if time.time() - folder.stat().st_mtime > _ABANDONED_S:
+                shutil.rmtree(folder, ignore_errors=True)
 
     def _forget_old(self) -> None:
         now = time.monotonic()

@@ -24,7 +24,6 @@ from app.study.packing import zip_folder
 from app.study.plan import read_plan
 from app.study.workspace import Workspace
 
-TITLE = "User study"
 INTRODUCTION = (
     "Makes a blind study: a web page with videos under random names for your participants, and a "
     "key that only you get. The same as <code>python -m app study export</code>."

@@ -1,6 +1,7 @@
 """Over HTTP: the researcher's part is had once, by the browser that made it, and by nobody else."""
 
 import os
+import time
 import urllib.parse
 from collections.abc import Iterator
 from http.cookies import SimpleCookie
@@ -129,9 +130,11 @@ def test_what_nobody_fetches_is_deleted(tmp_path: Path) -> None:
     token = handover.offer("visitor", archive)
     assert handover.take("visitor", token) is None
     assert not archive.parent.exists()
-    (tmp_path / "private" / "of an earlier process").mkdir()
+    for name, age_s in (("of yesterday", 90_000), ("of a process at work", 60)):
+        (tmp_path / "private" / name).mkdir()
+        os.utime(tmp_path / "private" / name, (time.time() - age_s,) * 2)
     Handover(tmp_path / "private")
-    assert not (tmp_path / "private").exists()
+    assert [path.name for path in (tmp_path / "private").iterdir()] == ["of a process at work"]
 
 
 def test_a_zip_says_nothing_of_when_its_files_were_made(tmp_path: Path) -> None:

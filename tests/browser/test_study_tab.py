@@ -1,0 +1,70 @@
+"""A study planned and made on the page: two downloads, one of them for its maker alone."""
+
+import json
+import tomllib
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from app import text
+from app.study.check import check_study
+from tests.browser.conftest import PATIENCE_MS
+
+pytestmark = [pytest.mark.browser, pytest.mark.gl]
+
+
+def download(page: Page, selector: str, out: Path) -> Path:
+    with page.expect_download(timeout=PATIENCE_MS) as started:
+        page.locator(selector).click()
+    path = out / started.value.suggested_filename
+    started.value.save_as(path)
+    return path
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_the_tab_is_no_wider_than_the_window(visit: Callable[..., Page], width: int) -> None:
+    page = visit(width=width)
+    page.get_by_role("tab", name=text.STUDY_TAB).click()
+    expect(page.locator("#study-make")).to_be_visible()
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_a_study_is_made_on_the_page(
+    visit: Callable[..., Page], wav: Callable[[float], Path], tmp_path: Path
+) -> None:
+    page = visit()
+    page.get_by_role("tab", name=text.STUDY_TAB).click()
+    page.set_input_files("#study-speech input[type=file]", [str(wav(0.6)), str(wav(0.7))])
+    expect(page.locator("#study-speech")).to_contain_text("speech-0.7")
+    page.get_by_label("Seconds of each video").fill("0.5")
+    page.get_by_label("Participants", exact=True).fill("3")
+    page.locator("#study-make").click()
+    page.locator("#study-researcher button").wait_for(timeout=3 * PATIENCE_MS)
+
+    plan = tomllib.loads(download(page, "#study-plan", tmp_path).read_text())
+    assert (plan["participants"], plan["length_s"]) == (3, 0.5)
+    study = tmp_path / "study"
+    for selector in ("#study-participants", "#study-researcher button"):
+        with zipfile.ZipFile(download(page, selector, tmp_path)) as archive:
+            assert {info.date_time for info in archive.infolist()} == {(2000, 1, 1, 0, 0, 0)}
+            archive.extractall(study)
+    # Unpacking gives the files new times; everything else is as the leak test wants it.
+    leaks = [leak for leak in check_study(study) if not leak.startswith("time stamp")]
+    assert leaks == []
+    key = json.loads((study / "researcher_only" / "key.json").read_text())
+    assert sorted(key["lists"]) == ["0", "1", "2"]
+
+    page.locator("#study-researcher button").click()
+    expect(page.get_by_text("There is nothing to fetch here")).to_be_visible()
+
+
+def test_without_speech_the_tab_says_so(visit: Callable[..., Page]) -> None:
+    page = visit()
+    page.get_by_role("tab", name=text.STUDY_TAB).click()
+    page.locator("#study-make").click()
+    expect(page.locator("#study-status")).to_contain_text(
+        "There is no speech yet", timeout=PATIENCE_MS
+    )
