@@ -34,6 +34,8 @@ from renderer.stage import Stage, set_stage
 
 MIN_FRAMES_EACH = 90
 """With fewer frames a further process costs more to start than it saves."""
+MAX_PROCESSES = 4
+"""More draw faster than ffmpeg encodes, and each takes a quarter of a gigabyte."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class Share:
 
 def processes_worth(num_frames: int, num_cores: int) -> int:
     """How many processes are worth their start."""
-    return max(1, min(num_cores, num_frames // MIN_FRAMES_EACH))
+    return max(1, min(num_cores, num_frames // MIN_FRAMES_EACH, MAX_PROCESSES))
 
 
 def draw_in_processes(

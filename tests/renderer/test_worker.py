@@ -170,7 +170,8 @@ def test_several_processes_make_the_same_file_as_one(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("num_frames", "cores", "processes"), [(1, 8, 1), (179, 8, 1), (180, 8, 2), (9000, 4, 4)]
+    ("num_frames", "cores", "processes"),
+    [(1, 8, 1), (179, 8, 1), (180, 8, 2), (9000, 3, 3), (9000, 64, 4)],
 )
 def test_a_further_process_has_to_be_worth_its_start(num_frames, cores, processes):
     assert processes_worth(num_frames, cores) == processes
