@@ -14,7 +14,7 @@ from model.tasks import Start
 
 def make_card(
     config: TrainConfig, data: PreparedData, folder: Path, steps: int, validation: dict,
-    start: Start | None,
+    origin: dict[str, Any] | None,
 ) -> dict[str, Any]:  # fmt: skip
     corpus = folder / "corpus.json"
     train_clips = data.of_split("train")
@@ -26,15 +26,16 @@ def make_card(
         "training_data": json.loads(corpus.read_text()) if corpus.is_file() else folder.name,
         "training_hours": round(train_frames / 30 / 3600, 3),
         "steps": steps,
-        "started_from_bundled_weights": start is not None,
-        "started_from": start and _origin(start),
+        "started_from_bundled_weights": origin is not None,
+        "started_from": origin,
         "validation": {name: round(value, 6) for name, value in validation.items()},
         "date": datetime.date.today().isoformat(),
         "revision": revision(),
     }
 
 
-def _origin(start: Start) -> dict[str, Any]:
+def origin_of(start: Start) -> dict[str, Any]:
+    """Which weights a training begins with, for its card."""
     card = load_card(start.folder, start.system)
     return {"system": start.system, "sha256": card["sha256"], "steps": card.get("steps")}
 

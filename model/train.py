@@ -19,13 +19,13 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from model import losses
-from model.cards import BUNDLED_WEIGHTS, CheckpointError
+from model.cards import BUNDLED_WEIGHTS, CheckpointError, load_card
 from model.checkpoint import save_weights
 from model.config import TrainConfig
 from model.data import Batch, DataError, prepare, validation_batches
 from model.ladder import named_config
 from model.parallel import WHOLE, Shard, joined_processes
-from model.provenance import make_card
+from model.provenance import make_card, origin_of
 from model.run_folder import History, TrainingError, open_run, restore_state, save_state
 from model.speech.encoders import make_encoder
 from model.tasks import Start, Task, make_task
@@ -109,6 +109,13 @@ def train(
         )
     train_clips, val_clips = data.of_split("train"), data.of_split("val")
     window = config.network.window_frames
+    with shard.first_alone():
+        if shard.is_first:
+            open_run(config, out, resume)
+    origin = start and origin_of(start)
+    if resume:  # what the run began with is told by what it saved, not by this command
+        start = Start(out / "weights", config.system)
+        origin = load_card(start.folder, start.system)["started_from"]
     task = make_task(config, data, helpers, start, shard.device)
     network = task.network
     average = torch.optim.swa_utils.AveragedModel(
@@ -117,9 +124,6 @@ def train(
     optimizer = torch.optim.AdamW(
         network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay, fused=True
     )
-    with shard.first_alone():
-        if shard.is_first:
-            open_run(config, out, resume)
     first = restore_state(out, network, average, optimizer) if resume else 0
     parallel = shard.wrap(network)
     history = History(out / "log.csv", keep_below=first)
@@ -155,9 +159,9 @@ def train(
             progress.set_postfix(val=f"{validation['total']:.4f}")
         if shard.is_first and (last or done % config.save_every == 0):
             history.flush()
-            save_state(out, done, network, average, optimizer)
-            card = make_card(config, data, data_folder, done, history.last_validation, start)
+            card = make_card(config, data, data_folder, done, history.last_validation, origin)
             save_weights(out / "weights", config.system, task.tensors(average.module), card)
+            save_state(out, done, network, average, optimizer)  # last: it needs the weights
     shard.wait()
 
 

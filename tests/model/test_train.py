@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from model.cards import CheckpointError
-from model.checkpoint import load_weights
-from model.config import TrainConfig
+from model.checkpoint import load_weights, save_weights
+from model.config import TrainConfig, to_json
 from model.data import DataError, prepare, read_split
 from model.decoding import to_vectors
 from model.ladder import named_config
@@ -151,6 +151,23 @@ def test_full_trains_against_a_frozen_encoder_and_begins_with_another_rung(root,
         for run_, rung in (("ground", "global"), ("full", "full"))
     )
     assert torch.equal(given, found)  # statistics go with the weights that learned with them
+
+
+def test_a_resumed_run_keeps_the_statistics_it_began_with(root):
+    run(root, "plain", quick("globaldiff/global"))
+    tensors, card = load_weights(root / "plain" / "weights", "globaldiff/global")
+    tensors["normaliser.std"] *= 1.5  # as of another corpus
+    save_weights(
+        root / "other-corpus", "globaldiff/global", tensors, {"config": card["config"], "steps": 9}
+    )
+    start = Start(root / "other-corpus", "globaldiff/global")
+    config = quick("globaldiff/joint")
+    run(root, "piecewise", replace(config, steps=3), start=start)
+    (root / "piecewise" / "config.json").write_text(to_json(config))
+    assert run(root, "piecewise", config, resume=True)["step"] == 6
+    found, card = load_weights(root / "piecewise" / "weights", "globaldiff/joint")
+    assert torch.equal(found["normaliser.std"], tensors["normaliser.std"])
+    assert card["started_from"]["steps"] == 9
 
 
 def test_encoders_train_and_the_missing_one_is_named(root, tmp_path):
