@@ -23,6 +23,8 @@ MAX_TRIALS = 5000
 MAX_LENGTH_S = 120.0
 FACES = ("still", "moving")
 
+_SEPARATORS = set(",=")
+"""Of what `study simulate --strengths` is given."""
 _PLAIN_URL = re.compile(r"https?://[A-Za-z0-9.\-]+(:\d+)?(/[A-Za-z0-9._~/%\-?=&]*)?")
 
 
@@ -266,8 +268,11 @@ def _only(fields: Fields, known: set[str], what: str) -> None:
 
 def _name_of(item: Fields) -> str:
     name = item.text("name")
-    if len(name) > 80 or not name.isprintable() or name.strip() != name:
-        raise FieldError(f"a name has 1 to 80 printable characters; {name[:80]!r} is none")
+    is_plain = name.isprintable() and name.strip() == name
+    if len(name) > 80 or not is_plain or set(name) & _SEPARATORS:
+        raise FieldError(
+            f"a name has 1 to 80 printable characters and no comma or =; {name[:80]!r} is none"
+        )
     return name
 
 

@@ -65,8 +65,8 @@ def build_study_tab(
             settings = _build_settings()
             with gr.Row(elem_classes="actions"):
                 start = gr.Button("Make the study", variant="primary", elem_id="study-make")
-                write = gr.Button("Write the plan only", elem_id="study-write", min_width=120)
-                cancel = gr.Button(text.CANCEL, elem_id="study-cancel", min_width=80, scale=0)
+                write = gr.Button("Plan only", elem_id="study-write", min_width=110)
+                cancel = gr.Button(text.CANCEL, elem_id="study-cancel", min_width=110)
             results = _build_results()
     fields = [*materials, *settings]
     maker = _Maker(config, jobs, handover, results)
@@ -95,7 +95,7 @@ def _build_materials(catalogue: Catalogue) -> list[Any]:
         file_count="multiple",
         file_types=["audio"],
         type="filepath",
-        height=130,
+        height=150,
         elem_id="study-speech",
     )
     systems = gr.CheckboxGroup(
@@ -106,7 +106,7 @@ def _build_materials(catalogue: Catalogue) -> list[Any]:
         file_count="multiple",
         file_types=[".npz"],
         type="filepath",
-        height=130,
+        height=150,
     )
     return [title, protocol, speeches, systems, motions]
 
@@ -114,7 +114,7 @@ def _build_materials(catalogue: Catalogue) -> list[Any]:
 def _build_settings() -> list[Any]:
     """How it is shown: the other fields of `StudyForm`."""
     with gr.Row(elem_classes="pair"):
-        length = gr.Number(10, label="Seconds of each video", minimum=0, min_width=100)
+        length = gr.Number(10, label="Seconds a video", minimum=0, min_width=100)
         people = gr.Number(28, label="Participants", precision=0, minimum=1, min_width=100)
         seed = gr.Number(0, label="Seed of the order", precision=0, minimum=0, min_width=100)
     views = gr.CheckboxGroup(list(VIEWS), value=["front"], label="Views")

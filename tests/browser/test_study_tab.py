@@ -39,7 +39,7 @@ def test_a_study_is_made_on_the_page(
     page.get_by_role("tab", name=text.STUDY_TAB).click()
     page.set_input_files("#study-speech input[type=file]", [str(wav(0.6)), str(wav(0.7))])
     expect(page.locator("#study-speech")).to_contain_text("speech-0.7")
-    page.get_by_label("Seconds of each video").fill("0.5")
+    page.get_by_label("Seconds a video").fill("0.5")
     page.get_by_label("Participants", exact=True).fill("3")
     page.locator("#study-make").click()
     page.locator("#study-researcher button").wait_for(timeout=3 * PATIENCE_MS)

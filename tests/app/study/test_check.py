@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from app.cli import main
 from app.errors import RunError
 from app.study.check import check_study
 from app.study.key import read_key
@@ -251,6 +252,19 @@ def test_a_planted_leak_of_sound_is_found(spoken_study: Path, tmp_path: Path, le
     plant(copy_study(spoken_study, tmp_path / "study"))
     found = check_study(tmp_path / "study")
     assert any(words in sentence for sentence in found), found
+
+
+def test_the_command_fails_loudly_and_names_the_leak(
+    silent_study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["study", "check", str(silent_study)]) == 0
+    assert capsys.readouterr().out == "No leak was found.\n"
+    _time_stamp(copy_study(silent_study, tmp_path / "study"))
+    assert main(["study", "check", str(tmp_path / "study")]) == 1
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("LEAK time stamp: media/")
+    assert said.err.endswith("1 leak was found; do not host this bundle.\n")
 
 
 def test_an_unfinished_or_missing_study_gives_a_sentence(

@@ -75,6 +75,7 @@ def test_motion_can_be_a_table_by_clip(tmp_path: Path) -> None:
         ("participants = 28", "participants = 28\nreasons = 1", "`reasons` must be true or false"),
         ('name = "theirs"', 'name = "globaldiff/local"', "Two systems of the plan have the name"),
         ('speech = "one.wav"', "", "has no `speech`"),
+        ('name = "theirs"', 'name = "a, b"', "no comma or =; 'a, b' is none"),
         ('speech = "one.wav"', 'speech = "one.wav"\nstart_s = -1', "`start_s` must be a number"),
         ("theirs/{clip}.npz", "theirs/one.npz", "must hold {clip}"),
         ('"theirs/{clip}.npz"', '{ two = "x.npz" }', "has no motion for the clip 'one'"),
