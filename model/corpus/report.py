@@ -62,7 +62,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--data", type=Path, required=True, help="corpus folder")
     parser.add_argument("--real", type=Path, help="folder of real BEAT2 clips to compare with")
     parser.add_argument("--out", type=Path, default=Path("docs/corpus.md"))
-    parser.add_argument("--clips", type=int, default=4, help="clips of each speaker (default: 4)")
+    parser.add_argument("--clips", type=int, default=8, help="clips of each speaker (default: 8)")
     arguments = parser.parse_args(argv)
     if arguments.clips < 1:
         parser.error(f"--clips must be at least 1; found {arguments.clips}")

@@ -214,9 +214,10 @@ Eight frames, half a second apart, of a clip of each speaker.
 
 ## Known faults
 
-- Speech is flite's: clear, but flat and never hesitant. Accents are raised by level and pitch.
-- Speakers are calmer than the man of the real clips: collars turn less, fingers are straighter and
-  wrists slower than his. What of it gives the corpus away is in the table above.
+- Speech is flite's: clear, but flat, and it hesitates in words ("um") only. Accents are raised by
+  level and pitch, more than people do, so that motion can be learned from them.
+- Speakers are calmer than the man of the real clips: wrists, elbows and feet are slower than his.
+  What of it gives the corpus away is in the table above.
 - Hands keep off the body and touch each other when folded; they touch no face and no thing, which
   real hands do.
 - Feet hardly slip and stand on a floor that is flat and empty; nobody walks or turns away.
