@@ -1,4 +1,4 @@
-"""The command line: generate, render, diagnose, doctor.
+"""The command line: generate, diagnose, render, study, doctor.
 
 Exit status: 0 done, 1 failed with one sentence on standard error, 2 wrong arguments.
 """

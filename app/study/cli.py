@@ -112,8 +112,9 @@ def _add_analyse(parts) -> None:
     parser.add_argument("--key", type=Path, required=True, help="researcher_only/key.json")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of results")
     parser.add_argument(
-        "--diagnostics", type=Path, metavar="FILE",
-        help="diagnostics.json whose jitter is held against the reasons people gave",
+        "--diagnostics", type=Path, metavar="DIR",
+        help="folder with CLIP/diagnostics.json or CLIP.json for each clip, whose jitter is held "
+        "against the reasons people gave",
     )  # fmt: skip
     parser.set_defaults(command=_analyse)
 
