@@ -66,7 +66,7 @@ class Runner:
                 run = RunView()
                 for news in follow_run(self._generate, asked, job):
                     if isinstance(news, GenerateResult):
-                        yield self._finished(run, news, job)
+                        yield self._finished(run, news, job, row_names(asked))
                     else:
                         for event in news:
                             run.take(event)
@@ -159,12 +159,21 @@ class Runner:
         """Where a row is shown in 3D for as long as its video is being drawn."""
         return dict(zip(names, self._results.previews, strict=False)).get(name)
 
-    def _finished(self, run: RunView, result: GenerateResult, job: Job) -> Updates:
+    def _finished(
+        self, run: RunView, result: GenerateResult, job: Job, names: Sequence[str]
+    ) -> Updates:
+        """The end of a run, with every video once more: a browser that is busy with a preview can
+        miss the news that its video is there."""
         parts = self._results
+        again: Updates = {}
+        for artefact in run.artefacts:
+            if artefact.kind == "video":
+                again |= self._arrival(artefact, names)
         bundle = zip_files(result.files, job.folder / "co-speech-motion.zip")
         rows = f"{len(result.names)} {'motion' if len(result.names) == 1 else 'motions'}"
         line = text.DONE.format(seconds=run.seconds, rows=rows, frames=result.num_frames)
         return {
+            **again,
             parts.status: view.status(line, dict.fromkeys(run.fractions, 1.0), {}),
             parts.message: _shown(view.notes_message(result.notes)),
             parts.pending: _shown(""),

@@ -166,7 +166,7 @@ def test_a_file_that_may_not_grow_gives_its_sentence(
     child = run_cli(generate(speech, out, weights), preexec_fn=limit)
     shown, said = child.communicate(timeout=100)
     assert child.returncode == 1 and shown == ""
-    assert "could not be written" in said and "Traceback" not in said
+    assert "is full; free some space" in said and "Traceback" not in said
     assert not out.exists()
 
 
