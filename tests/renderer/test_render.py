@@ -121,7 +121,9 @@ def test_a_close_up_is_the_same_in_the_video_and_in_stills(tmp_path):
     settings = small(view="right_hand")
     out = tmp_path / "v.mp4"
     shown = render_video(body, motion, out, settings=settings, still_frames=(0, 7))
-    np.testing.assert_array_equal(shown, render_stills(body, motion, [0, 7], settings))
+    stills = render_stills(body, motion, [0, 7], settings)
+    # Vertices of more frames at once are rounded otherwise: a grey level in a pixel.
+    np.testing.assert_allclose(shown.astype(int), stills.astype(int), rtol=0, atol=1)
     assert (shown[0] != shown[1]).any()
 
 

@@ -30,12 +30,13 @@ import sys, numpy as np
 from renderer.body import load_body
 from renderer.render import RenderSettings, render_stills
 from tests.golden.regenerate import PICTURES, posed
-pictures, body = {}, load_body()
-for name, (rotations, view) in PICTURES.items():
+pictures = {}
+for name, picture in PICTURES.items():
+    body, view = load_body(look=picture.look), picture.view
     settings = RenderSettings(256, 256, view=view, backend=sys.argv[1], is_transparent=True)
-    pictures[name] = render_stills(body, posed(rotations), [0], settings)[0]
+    pictures[name] = render_stills(body, posed(picture, body), [0], settings)[0]
     settings = RenderSettings(256, 256, view=view, backend=sys.argv[1], antialias=False)
-    pictures["draft " + name] = render_stills(body, posed(rotations), [0], settings)[0]
+    pictures["draft " + name] = render_stills(body, posed(picture, body), [0], settings)[0]
 np.savez(sys.argv[2], **pictures)
 """
 
@@ -203,11 +204,12 @@ def test_a_cache_that_cannot_be_written_is_done_without(tmp_path):
 
 
 def test_stills_of_a_body_can_have_nothing_behind_them():
-    rotations, view = PICTURES["gesture"]
+    body, view = load_body(), PICTURES["gesture"].view
+    motion = posed(PICTURES["gesture"], body)
     settings = RenderSettings(128, 128, view=view, backend="software", is_transparent=True)
-    (picture,) = render_stills(load_body(), posed(rotations), [0], settings)
+    (picture,) = render_stills(body, motion, [0], settings)
     settings = replace(settings, is_transparent=False)
-    (solid,) = render_stills(load_body(), posed(rotations), [0], settings)
+    (solid,) = render_stills(body, motion, [0], settings)
     assert picture.shape == (128, 128, 4)
     assert 0.05 < (picture[..., 3] > 0).mean() < 0.5
     inside = picture[..., 3] == 255

@@ -40,7 +40,11 @@ def test_several_jobs_at_once_equal_the_same_in_this_process(tmp_path):
     with RenderPool(max_workers=2) as pool:
         tasks = [
             pool.submit(
-                RenderJob(motion, tmp_path / f"{i}.mp4", wav, settings(), None, stage, (3,)),
+                RenderJob(
+                    *(motion, tmp_path / f"{i}.mp4", wav, settings()),
+                    stage=stage,
+                    still_frames=(3,),
+                ),
                 shares.append if i == 0 else None,
             )
             for i, motion in enumerate(motions)
