@@ -12,6 +12,7 @@ from PIL import Image
 from playwright.sync_api import Page, expect
 
 from app import text
+from app.handlers import PAGE_PREVIEWS
 from model.speech.audio import write_wav
 from tests.browser.conftest import PATIENCE_MS
 
@@ -74,6 +75,7 @@ def test_speech_becomes_videos_that_play_a_figure_numbers_and_downloads(
     assert download.value.suggested_filename.endswith(".zip")
 
 
+@pytest.mark.skipif(PAGE_PREVIEWS == 0, reason="previews in 3D are off")
 def test_the_motion_moves_in_3d_before_its_video_is_there(visit: Visit, wav: Wav) -> None:
     page = visit()
     give_speech(page, wav(30.0))
