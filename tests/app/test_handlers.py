@@ -85,8 +85,6 @@ def test_events_come_in_order_then_the_result_and_files_outlive_the_run(tmp_path
             events += news
     assert result is not None and result.num_frames == 30
     assert [(e.kind, e.name) for e in events if isinstance(e, Artefact)] == [
-        ("preview", "globaldiff/local"),
-        ("preview", "globaldiff/global"),
         ("video", "globaldiff/local"),
         ("video", "globaldiff/global"),
         ("comparison", "comparison"),
