@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from app.errors import CancelledRun, RunError
 from app.loaded import get_body, get_system
 from app.rendering import body_motion
 from app.study.plan import Clip, Generator, Plan, PlannedSystem
+from app.study.workspace import sha256
 from model.timing import FPS, SAMPLE_RATE
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ def _read_motion(system: PlannedSystem, clip: Clip) -> tuple[Motion, str]:
         raise RunError(
             f"The motion of {system.name!r} for clip {clip.name!r} is missing: there is no {path}."
         )
-    return load_motion(path), _sha256(path)
+    return load_motion(path), sha256(path)
 
 
 def _refuse_same_files(clip: Clip, files: Mapping[str, str]) -> None:
@@ -207,8 +207,7 @@ def _generate(
         (motion,) = generate_motion(system, source.speech, options, should_cancel=should_cancel)
     except Cancelled as error:
         raise CancelledRun from error
-    motion = smooth_motion(motion) if generator.post_filter == "savgol" else motion
-    return motion
+    return smooth_motion(motion) if generator.post_filter == "savgol" else motion
 
 
 def _refuse_same_motions(clip: Clip, motions: Mapping[str, Motion]) -> None:
@@ -243,8 +242,3 @@ def _alike(motion: Motion, face: str, body: Body) -> BodyMotion:
     x, _, z = motion.trans.mean(axis=0)
     floor = set_stage(body, [plain]).floor_m
     return replace(plain, trans=motion.trans - np.array([x, floor, z], np.float32))
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -189,11 +189,7 @@ def _plan_of(fields: Fields, folder: Path) -> Plan:
         length_s=_number_or_none(fields, "length_s", 0.5, MAX_LENGTH_S),
         size=_whole(fields, "size", 64, 1080, 512),
         face=_choice(fields, "face", FACES, "still"),
-        trials_per_participant=(
-            None
-            if fields.raw("trials_per_participant") is None
-            else fields.whole("trials_per_participant", 1, MAX_TRIALS)
-        ),
+        trials_per_participant=_whole_or_none(fields, "trials_per_participant", 1, MAX_TRIALS),
         attention_checks=_whole(fields, "attention_checks", 0, 20, 2),
         max_failed=_whole(fields, "max_failed", 0, 20, 1),
         has_reasons=_flag(fields, "reasons", True),
@@ -280,6 +276,10 @@ def _whole(fields: Fields, name: str, least: int, most: int, default: int | None
     if default is not None and fields.raw(name) is None:
         return default
     return fields.whole(name, least, most)
+
+
+def _whole_or_none(fields: Fields, name: str, least: int, most: int) -> int | None:
+    return None if fields.raw(name) is None else fields.whole(name, least, most)
 
 
 def _number_or_none(fields: Fields, name: str, least: float, most: float) -> float | None:
