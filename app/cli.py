@@ -78,6 +78,10 @@ def _add_generate(commands) -> None:
     parser.add_argument("--steps", type=int, metavar="N", help="sampler steps (default: 10)")
     parser.add_argument("--sampler", choices=SAMPLERS, help="default: euler")
     parser.add_argument(
+        "--guidance", type=float, default=1.0, metavar="N",
+        help="strength of the speech, 0 to 10; other values than 1 take twice as long (default: 1)",
+    )  # fmt: skip
+    parser.add_argument(
         "--post-filter", choices=POST_FILTERS, default="none",
         help="smooth every system alike; the numbers give both in any case (default: none)",
     )  # fmt: skip
@@ -118,6 +122,7 @@ def _generate(options: argparse.Namespace) -> None:
         samples=options.samples,
         steps=options.steps,
         sampler=options.sampler,
+        guidance=options.guidance,
         post_filter=options.post_filter,
         reference=options.reference,
         body=options.body,

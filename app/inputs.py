@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from model.systems import System
     from renderer.body import Body
 
+MAX_GUIDANCE = 10
 MAX_STEPS = 1000
 
 
@@ -65,6 +66,8 @@ def check_request(request: GenerateRequest) -> None:
         raise RunError(f"Samples must be 1 to {MAX_SAMPLES}; got {request.samples}.")
     if request.steps is not None and not 1 <= request.steps <= MAX_STEPS:
         raise RunError(f"Steps must be 1 to {MAX_STEPS}; got {request.steps}.")
+    if not 0 <= request.guidance <= MAX_GUIDANCE:
+        raise RunError(f"Guidance must be 0 to {MAX_GUIDANCE}; got {request.guidance:g}.")
     if request.seed < 0:
         raise RunError(f"The seed must not be negative; got {request.seed}.")
     if request.has_video:

@@ -141,6 +141,7 @@ def _options(request: GenerateRequest, speaker: str) -> GenerateOptions:
         samples=request.samples,
         steps=request.steps or DEFAULT_STEPS,
         sampler=request.sampler or DEFAULT_SAMPLER,
+        guidance=request.guidance,
     )
 
 
@@ -190,6 +191,7 @@ def _write_provenance(
             "samples": options.samples,
             "steps": options.steps,
             "sampler": options.sampler,
+            "guidance": options.guidance,
             "post_filter": request.post_filter,
             "reference": request.reference.name if request.reference else None,
         },

@@ -57,6 +57,8 @@ class GenerateRequest:
     steps: int | None = None
     """Sampler steps; None is what each system was made for."""
     sampler: Sampler | None = None
+    guidance: float = 1.0
+    """Strength of the speech, 0 (deaf) to 10 (classifier-free guidance); 1 is as trained."""
     post_filter: PostFilter = "none"
     reference: Path | None = None
     """A motion file of the same speech, shown and measured beside the systems."""

@@ -99,6 +99,17 @@ def test_the_filter_changes_the_motion_of_every_system_but_not_the_raw_numbers(a
     assert raw.diagnostics["systems"] == smooth.diagnostics["systems"]
 
 
+def test_guidance_changes_the_motion_and_is_recorded(ask: Ask) -> None:
+    plain = generate_all(ask(out=ask().out / "plain", systems=("globaldiff/global",)))
+    guided = generate_all(
+        ask(out=ask().out / "guided", systems=("globaldiff/global",), guidance=3.0)
+    )
+    poses = [load_motion(r.out / "globaldiff-global.npz").poses for r in (plain, guided)]
+    assert np.abs(poses[0] - poses[1]).max() > 1e-3
+    record = json.loads((guided.out / "provenance.json").read_text())
+    assert record["options"]["guidance"] == 3.0
+
+
 def test_samples_are_named_and_the_first_does_not_depend_on_how_many_there_are(ask: Ask) -> None:
     one = generate_all(ask(out=ask().out / "one", systems=("globaldiff/global",)))
     two = generate_all(ask(out=ask().out / "two", systems=("globaldiff/global",), samples=2))
@@ -121,6 +132,8 @@ def test_samples_are_named_and_the_first_does_not_depend_on_how_many_there_are(a
         ({"post_filter": "blur"}, "no post-filter 'blur'"),
         ({"samples": 0}, "1 to 8; got 0"),
         ({"steps": 0}, "1 to 1000; got 0"),
+        ({"guidance": 11.0}, "0 to 10; got 11"),
+        ({"guidance": float("nan")}, "0 to 10; got nan"),
         ({"seed": -1}, "got -1"),
         ({"size": 33, "has_video": True}, "33 x 33"),
         ({"weights": Path("/nowhere")}, "No trained systems were found in /nowhere"),
