@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from model.diagnostics import measures, track_points
+from model.diversity import l1_to_mean
 from model.motion import Motion
 from model.skeleton import RestSkeleton, open_body_skeleton
 
@@ -41,11 +42,6 @@ def rooted_positions(motion: Motion) -> Float[np.ndarray, "T 55 3"]:
     """Joints in metres with the pelvis in place and its orientation kept, as in EMAGE's metrics."""
     joints = track_points(motion, open_body_skeleton()).joints
     return joints - joints[:, :1]
-
-
-def l1_to_mean(positions: Float[np.ndarray, "T J 3"]) -> float:
-    """EMAGE's diversity: L1 distance to the clip's mean pose, summed over coordinates, metres."""
-    return float(np.abs(positions - positions.mean(0)).sum((1, 2)).mean())
 
 
 def mean_pairwise_l1(positions: Sequence[Float[np.ndarray, "_ J 3"]]) -> Float[np.ndarray, "n n"]:

@@ -1,156 +1,44 @@
-"""Where the jitter sits: the numbers of ``diagnostics.json`` for a set of motions.
+"""Where the jitter sits: the content of ``diagnostics.json`` for a set of motions.
 
 The keys are a public format, documented in ``docs/formats.md``. Jitter is always measured raw and
-once more behind one and the same filter, the official GlobalDiff inference's (Savitzky-Golay,
-7 frames, order 2), here applied to the stitched sequence.
+once more behind one and the same filter, the official GlobalDiff inference's (`model.filtering`),
+here applied to the stitched sequence.
 """
 
-import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
-import torch
-from jaxtyping import Float, Float32, Float64
-from scipy.signal import savgol_filter
+from jaxtyping import Float
 
-from model import smoothness
-from model.kinematics import fingertip_positions, joint_positions_from_local
-from model.motion import Motion
-from model.rotations import (
-    axis_angle_from_matrix,
-    matrix_from_axis_angle,
-    matrix_from_rot6d,
-    rot6d_from_matrix,
+from model.beats import BEAT_JOINTS, beat_scores, joint_speeds
+from model.filtering import smooth_motion
+from model.findings import find_faults
+from model.measures import (
+    TIP,
+    WINDOW_ADVANCE,
+    WINDOW_OVERLAP,
+    Measures,
+    as_json,
+    measures,
+    measures_of_tracks,
+    measures_to_reference,
 )
+from model.motion import Motion, first_frames
 from model.skeleton import (
     FINGERTIP_NAMES,
     JOINT_DEPTH,
-    JOINT_INDEX,
     JOINT_NAMES,
-    NUM_JOINTS,
     RestSkeleton,
 )
 from model.timing import FPS
+from model.tracks import POINT_NAMES, TipTrack, Tracks, track_points
 
-SAVGOL_FRAMES = 7
-SAVGOL_ORDER = 2
-HIGH_FREQUENCY_HZ = 5.0
-WINDOW_ADVANCE = 52
-"""Frames from one generated window to the next: 60 less the 8 they share."""
-WINDOW_OVERLAP = 8
-TIP = "right_middle"
-"""The fingertip of the paper's Figure 6."""
+__all__ = ["diagnose", "first_frames", "measures", "smooth_motion", "track_points"]
 
-_CHUNK_FRAMES = 512
-_FEET = [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]]
-
-Measures = dict[str, Any]
-TipTrack = Callable[[Motion], Float[np.ndarray, "T 3"]]
-
-
-@dataclass(frozen=True, eq=False)
-class Tracks:
-    """Positions over time in metres, in the world."""
-
-    joints: Float64[np.ndarray, "T 55 3"]
-    fingertips: Float64[np.ndarray, "T 10 3"]
-    """In the order of `FINGERTIP_NAMES`."""
-
-
-def track_points(motion: Motion, skeleton: RestSkeleton) -> Tracks:
-    """Joints and rigid fingertips of every frame, in double precision."""
-    joints, tips = [], []
-    for start in range(0, motion.num_frames, _CHUNK_FRAMES):
-        frames = slice(start, start + _CHUNK_FRAMES)
-        poses = torch.tensor(motion.poses[frames], dtype=torch.float64)
-        transl = torch.tensor(motion.trans[frames], dtype=torch.float64)
-        local_rot = matrix_from_axis_angle(poses.unflatten(-1, (NUM_JOINTS, 3)))
-        global_rot, positions = joint_positions_from_local(local_rot, skeleton, transl)
-        joints.append(positions.numpy())
-        tips.append(fingertip_positions(global_rot, positions, skeleton).numpy())
-    return Tracks(joints=np.concatenate(joints), fingertips=np.concatenate(tips))
-
-
-def smooth_motion(motion: Motion) -> Motion:
-    """The motion behind the Savitzky-Golay filter of the official inference (7 frames, order 2).
-
-    It filters the row-6D form of each local rotation (then restores a rotation), the translation
-    and the expressions, over the whole sequence. Under 5 frames it changes nothing; under 7 it uses
-    5.
-    """
-    window = min(SAVGOL_FRAMES, motion.num_frames - 1 + motion.num_frames % 2)
-    if window <= SAVGOL_ORDER + 1:
-        return motion
-    poses = np.empty_like(motion.poses)
-    for joint in range(NUM_JOINTS):  # one at a time: memory stays small for long clips
-        columns = slice(3 * joint, 3 * joint + 3)
-        axis_angle = torch.tensor(motion.poses[:, columns], dtype=torch.float64)
-        rot6d = rot6d_from_matrix(matrix_from_axis_angle(axis_angle)).numpy()
-        smooth = torch.from_numpy(savgol_filter(rot6d, window, SAVGOL_ORDER, axis=0))
-        poses[:, columns] = axis_angle_from_matrix(matrix_from_rot6d(smooth)).numpy()
-
-    def filtered(values: Float32[np.ndarray, "T C"]) -> Float32[np.ndarray, "T C"]:
-        smooth = savgol_filter(values.astype(np.float64), window, SAVGOL_ORDER, axis=0)
-        return np.asarray(smooth, dtype=np.float32)
-
-    return replace(
-        motion,
-        poses=poses,
-        trans=filtered(motion.trans),
-        expressions=filtered(motion.expressions),
-    )
-
-
-def measures(
-    motion: Motion,
-    skeleton: RestSkeleton,
-    tip: str = TIP,
-    window_advance: int = WINDOW_ADVANCE,
-    window_overlap: int = WINDOW_OVERLAP,
-    tip_track: TipTrack | None = None,
-) -> Measures:
-    """The numbers of one motion as it is; None where the clip is too short to have one.
-
-    Args:
-        tip: one of `FINGERTIP_NAMES`.
-        window_advance: frames from one generated window to the next, for the seams.
-        window_overlap: frames that two windows share.
-        tip_track: gives the tip's positions in metres, for example of a body's tip vertex, in
-            place of the rigid fingertip.
-    """
-    tracks = track_points(motion, skeleton)
-    if tip_track is None:
-        tip_positions = tracks.fingertips[:, FINGERTIP_NAMES.index(tip)]
-    else:
-        tip_positions = np.asarray(tip_track(motion), dtype=np.float64)
-    joint_jerk = smoothness.mean_over_time(smoothness.derivative_magnitudes(tracks.joints, 3))
-
-    def tip_mean(order: int) -> float:
-        values = smoothness.derivative_magnitudes(tip_positions, order)
-        return float(smoothness.mean_over_time(values))
-
-    tip_speeds = smoothness.derivative_magnitudes(tracks.fingertips, 1)
-    numbers: Measures = {
-        "tip_jerk_m_s3": tip_mean(3),
-        "tip_acceleration_m_s2": tip_mean(2),
-        "tip_path_m_s": tip_mean(1),
-        "tip_velocity_power_above_5hz": smoothness.velocity_power_above(
-            tip_positions, HIGH_FREQUENCY_HZ
-        ),
-        "fingertips_path_m_s": smoothness.mean_over_time(tip_speeds).tolist(),
-        "seam_jerk_ratio": smoothness.seam_jerk_ratio(
-            tracks.joints, window_advance, window_overlap
-        ),
-        "jerk_by_window_phase_m_s3": smoothness.jerk_by_window_phase(
-            tracks.joints, window_advance
-        ).tolist(),
-        "foot_slide_m_s": smoothness.foot_slide(tracks.joints[:, _FEET]),
-        "joint_jerk_m_s3": joint_jerk.tolist(),
-        "jerk_by_depth_m_s3": _mean_by_depth(joint_jerk),
-    }
-    return {name: _without_nan(value) for name, value in numbers.items()}
+REFERENCE = "reference"
+"""What the recorded motion is called beside the systems."""
 
 
 def diagnose(
@@ -162,6 +50,8 @@ def diagnose(
     tip: str = TIP,
     tip_track: TipTrack | None = None,
     tip_source: str = "rigid",
+    joint: str | None = None,
+    onsets_s: Float[np.ndarray, " onsets"] | None = None,
 ) -> dict[str, Any]:
     """The content of ``diagnostics.json``: each motion and the reference, raw and filtered.
 
@@ -170,34 +60,133 @@ def diagnose(
 
     Args:
         motions: by the name that the file shall give them.
+        tip: the fingertip that the ``tip_`` measures follow.
+        tip_track: gives its positions in place of the rigid fingertip.
         tip_source: what ``tip_track`` follows, such as 'vertex 7794'.
+        joint: a fingertip or joint to follow in place of ``tip``.
+        onsets_s: times of the speech's onsets (`model.beats.speech_onsets`), for BeatAlign.
 
     Raises:
-        ValueError: if ``tip`` is no fingertip.
+        ValueError: if there is no such fingertip or joint.
     """
-    if tip not in FINGERTIP_NAMES:
-        raise ValueError(f"{tip} is no fingertip; choose one of {', '.join(FINGERTIP_NAMES)}.")
+    settings = _Settings(
+        skeleton=skeleton,
+        point=_known_point(joint or tip),
+        tip_track=tip_track,
+        window_advance=window_advance,
+        window_overlap=window_overlap,
+        onsets_s=onsets_s,
+    )
     motions, reference, notes = _cut_alike(motions, reference)
-
-    def both(motion: Motion) -> dict[str, Measures]:
-        def of(version: Motion) -> Measures:
-            return measures(version, skeleton, tip, window_advance, window_overlap, tip_track)
-
-        return {"raw": of(motion), "savgol": of(smooth_motion(motion))}
-
+    recorded = None if reference is None else _versions(reference, settings)
+    systems = {
+        name: _measured(_versions(motion, settings), recorded, settings)
+        for name, motion in motions.items()
+    }
+    measured_reference = None if recorded is None else _measured(recorded, None, settings)
+    everything = systems | ({REFERENCE: measured_reference} if measured_reference else {})
+    is_fingertip = settings.point in FINGERTIP_NAMES
     return {
         "fps": FPS,
-        "tip": tip,
-        "tip_source": tip_source,
+        "tip": settings.point if is_fingertip else None,
+        "joint": settings.point,
+        "tip_source": tip_source if is_fingertip else "joint",
         "window_advance_frames": window_advance,
         "window_overlap_frames": window_overlap,
         "joint_names": list(JOINT_NAMES),
+        "depth_of_joint": list(JOINT_DEPTH),
         "fingertip_names": list(FINGERTIP_NAMES),
         "num_frames": {name: motion.num_frames for name, motion in motions.items()},
         "notes": notes,
-        "reference": None if reference is None else both(reference),
-        "systems": {name: both(motion) for name, motion in motions.items()},
+        "findings": {
+            name: find_faults(versions["raw"], settings.point, window_advance)
+            for name, versions in everything.items()
+        },
+        "reference": measured_reference,
+        "systems": systems,
     }
+
+
+@dataclass(frozen=True)
+class _Settings:
+    skeleton: RestSkeleton
+    point: str
+    tip_track: TipTrack | None
+    window_advance: int
+    window_overlap: int
+    onsets_s: Float[np.ndarray, " onsets"] | None
+
+
+class _Version(NamedTuple):
+    tracks: Tracks
+    point: Float[np.ndarray, "T 3"]
+
+
+def _versions(motion: Motion, settings: _Settings) -> dict[str, _Version]:
+    """The motion as it is and filtered; forward kinematics is done once for each."""
+    versions = {}
+    for name, version in (("raw", motion), ("savgol", smooth_motion(motion))):
+        tracks = track_points(version, settings.skeleton)
+        if settings.tip_track is None:
+            point = tracks.point(settings.point)
+        else:
+            point = np.asarray(settings.tip_track(version), dtype=np.float64)
+        versions[name] = _Version(tracks, point)
+    return versions
+
+
+def _measured(
+    versions: dict[str, _Version], recorded: dict[str, _Version] | None, settings: _Settings
+) -> dict[str, Measures]:
+    """Measures by version; like is compared with like, a filtered motion with the filtered
+    reference."""
+    found = {}
+    for name, (tracks, point) in versions.items():
+        numbers = measures_of_tracks(
+            tracks,
+            point,
+            settings.point,
+            settings.skeleton,
+            settings.window_advance,
+            settings.window_overlap,
+        )
+        if recorded is not None:
+            numbers |= measures_to_reference(tracks, recorded[name].tracks)
+        if settings.onsets_s is not None:
+            usual = (recorded or versions)["raw"].tracks
+            numbers |= _beat_measures(tracks, usual, settings.onsets_s)
+        found[name] = numbers
+    return found
+
+
+def _beat_measures(
+    tracks: Tracks, usual: Tracks, onsets_s: Float[np.ndarray, " onsets"]
+) -> Measures:
+    """BeatAlign in EMAGE's direction and its chance level.
+
+    Args:
+        usual: whose mean speeds decide what is slow: the reference's, or else the motion's own.
+    """
+    mean_speed = joint_speeds(_rooted(usual)[:, BEAT_JOINTS]).mean(axis=0)
+    scores = beat_scores(_rooted(tracks), onsets_s, mean_speed)
+    return as_json(
+        {
+            "beat_align": scores["beat_align_audio_to_motion"],
+            "beat_align_chance": scores["beat_align_audio_to_motion_chance"],
+        }
+    )
+
+
+def _rooted(tracks: Tracks) -> Float[np.ndarray, "T 55 3"]:
+    return tracks.joints - tracks.joints[:, :1]
+
+
+def _known_point(name: str) -> str:
+    if name not in POINT_NAMES:
+        raise ValueError(
+            f"{name} is neither a fingertip nor a joint; choose one of {', '.join(POINT_NAMES)}."
+        )
+    return name
 
 
 def _cut_alike(
@@ -218,26 +207,3 @@ def _cut_alike(
         first_frames(reference, shortest),
         notes,
     )
-
-
-def first_frames(motion: Motion, num_frames: int) -> Motion:
-    """The start of a motion."""
-    return replace(
-        motion,
-        poses=motion.poses[:num_frames],
-        trans=motion.trans[:num_frames],
-        expressions=motion.expressions[:num_frames],
-    )
-
-
-def _mean_by_depth(joint_values: Float64[np.ndarray, " 55"]) -> list[float]:
-    """Entry d is the mean over the joints that are d bones away from the pelvis."""
-    depth = np.array(JOINT_DEPTH)
-    return [float(joint_values[depth == d].mean()) for d in range(max(JOINT_DEPTH) + 1)]
-
-
-def _without_nan(value: float | list[float]) -> float | list[float | None] | None:
-    """JSON knows no NaN: null says that there is no such number."""
-    if isinstance(value, list):
-        return [number if math.isfinite(number) else None for number in value]
-    return value if math.isfinite(value) else None

@@ -8,7 +8,7 @@ import math
 import tokenize
 import zipfile
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, cast, get_args
 
@@ -88,6 +88,16 @@ class Motion:
         """Rotation of each joint relative to its parent."""
         poses = torch.tensor(self.poses)  # a copy: the arrays may be read-only
         return matrix_from_axis_angle(poses.unflatten(-1, (NUM_JOINTS, 3)))
+
+
+def first_frames(motion: Motion, num_frames: int) -> Motion:
+    """The start of a motion."""
+    return replace(
+        motion,
+        poses=motion.poses[:num_frames],
+        trans=motion.trans[:num_frames],
+        expressions=motion.expressions[:num_frames],
+    )
 
 
 def save_motion(motion: Motion, path: str | Path) -> None:

@@ -1,21 +1,29 @@
-"""Measures of smoothness of points over time, as pure functions of positions in metres at 30 fps.
+"""Measures of smoothness of points and joints over time, as pure functions, at 30 fps.
 
-A measure that a clip is too short to have, or that would be 0 / 0, is NaN.
+Positions are in metres. A measure that a clip is too short to have, or that would be 0 / 0, is NaN.
 """
 
 import numpy as np
+import torch
 from jaxtyping import Float
-from scipy.signal import welch
 
+from model.rotations import axis_angle_from_matrix
 from model.timing import FPS
 
-WELCH_FRAMES = 128
-MIN_SPECTRUM_FRAMES = 32
-"""About a second: fewer frames cannot tell 5 Hz from what lies below it."""
-GROUND_PERCENTILE = 5.0
 STILL_M_S3 = 1e-6
 """Jerk of rounding errors: below it nothing moves, and a ratio means nothing."""
-CONTACT_HEIGHT_M = 0.05
+STILL_M_S = 1e-4
+"""A point that never gets as fast as 0.1 mm/s stands."""
+MOVEMENT_FRAMES = 60
+"""Stretches that SPARC and the dimensionless jerk are taken over. Both depend on how long a
+movement lasts, so that whole clips of different lengths could not be compared; 2 s hold a gesture.
+"""
+SPARC_CUTOFF_HZ = 10.0
+SPARC_THRESHOLD = 0.05
+SPARC_PADDING = 4
+"""Balasubramanian et al. 2015: cut-off, amplitude threshold and level of zero padding."""
+
+_ROTATION_CHUNK = 2048
 
 
 def derivative_magnitudes(
@@ -34,80 +42,61 @@ def mean_over_time(values: Float[np.ndarray, " T *points"]) -> Float[np.ndarray,
     return np.asarray(values.mean(axis=0)) if len(values) else np.full(values.shape[1:], np.nan)
 
 
-def velocity_power_above(positions: Float[np.ndarray, "T 3"], hertz: float) -> float:
-    """Share, 0 to 1, of a point's velocity power that lies above ``hertz``.
+def angular_velocity(
+    rotmat: Float[np.ndarray, "T *joints 3 3"],
+) -> Float[np.ndarray, "steps *joints 3"]:
+    """rad/s in the moving joint's own axes: the turn from each frame to the next, times 30."""
+    steps = [np.zeros((0, *rotmat.shape[1:-1]))]
+    for start in range(0, len(rotmat) - 1, _ROTATION_CHUNK):
+        part = torch.from_numpy(rotmat[start : start + _ROTATION_CHUNK + 1]).double()
+        turn = part[:-1].transpose(-1, -2) @ part[1:]
+        steps.append(axis_angle_from_matrix(turn).numpy() * FPS)
+    return np.concatenate(steps)
 
-    Welch's spectrum (Hann, 128 frames, half overlapping, mean removed), summed over the axes. NaN
-    for fewer than 32 frames of velocity and for a point that does not move.
+
+def sparc(speed: Float[np.ndarray, " T"]) -> float:
+    """Spectral arc length of a speed profile (Balasubramanian et al. 2015); nearer 0 is smoother.
+
+    Minus the length of the curve of the magnitude spectrum, divided by its value at 0 Hz, over
+    frequencies from 0 to the last one below 10 Hz where it reaches 0.05, scaled to 0 to 1. NaN for
+    a profile that is zero.
     """
-    velocity = np.diff(positions.astype(np.float64), axis=0) * FPS
-    if len(velocity) < MIN_SPECTRUM_FRAMES:
+    if not len(speed) or speed.max() < STILL_M_S:
         return float("nan")
-    frequency, power = welch(velocity, fs=FPS, nperseg=min(WELCH_FRAMES, len(velocity)), axis=0)
-    total = power.sum()
-    return float(power[frequency > hertz].sum() / total) if total > 0 else float("nan")
+    padded = 2 ** (int(np.ceil(np.log2(len(speed)))) + SPARC_PADDING)
+    magnitude = np.abs(np.fft.rfft(speed, padded))
+    frequency = np.fft.rfftfreq(padded, 1 / FPS)
+    magnitude = magnitude[frequency <= SPARC_CUTOFF_HZ] / magnitude.max()
+    end = int(np.flatnonzero(magnitude >= SPARC_THRESHOLD)[-1]) + 1
+    steps = np.diff(magnitude[:end])
+    return float(-np.hypot(1 / max(end - 1, 1), steps).sum())
 
 
-def joins_of(num_frames: int, window_advance: int) -> list[int]:
-    """First frame of every window but the first; the frames that two windows share start there."""
-    return list(range(window_advance, num_frames, window_advance))
+def log_dimensionless_jerk(positions: Float[np.ndarray, "T 3"]) -> float:
+    """``-ln(T^3 / v_peak^2 * integral of |jerk|^2 dt)``; higher is smoother (same source).
 
-
-def seam_jerk_ratio(
-    positions: Float[np.ndarray, "T points 3"], window_advance: int, overlap: int
-) -> float:
-    """Peak jerk around the joins of windows over peak jerk of equally long stretches elsewhere.
-
-    1 says that joins cannot be told from the rest. Peaks of the jerk averaged over points are
-    compared, and a join's stretch holds every third difference that touches frames ``join - 1`` to
-    ``join + overlap``: a pop shows wherever in the shared frames it sits. NaN without a whole join
-    or without a stretch clear of joins.
+    NaN under 4 frames and where nothing moves.
     """
-    jerk = derivative_magnitudes(positions, 3).mean(axis=1)  # entry i: frames i to i + 3
-    stretch = overlap + 5
-    is_interior = np.ones(len(jerk), dtype=bool)
-    seam_peaks = []
-    for join in joins_of(len(positions), window_advance):
-        first = join - 4
-        is_interior[max(0, first) : first + stretch] = False
-        if first >= 0 and first + stretch <= len(jerk):
-            seam_peaks.append(jerk[first : first + stretch].max())
-    interior_peaks = [
-        jerk[start : start + stretch].max()
-        for start in range(len(jerk) - stretch + 1)
-        if is_interior[start : start + stretch].all()
-    ]
-    if not seam_peaks or not interior_peaks or np.mean(interior_peaks) < STILL_M_S3:
+    jerk = derivative_magnitudes(positions, 3)
+    peak = derivative_magnitudes(positions, 1).max(initial=0.0)
+    if not len(jerk) or peak < STILL_M_S or not jerk.any():
         return float("nan")
-    return float(np.mean(seam_peaks) / np.mean(interior_peaks))
+    duration_s = (len(positions) - 1) / FPS
+    return float(-np.log(duration_s**4 / peak**2 * np.mean(jerk**2)))
 
 
-def jerk_by_window_phase(
-    positions: Float[np.ndarray, "T points 3"], window_advance: int
-) -> Float[np.ndarray, " window_advance"]:
-    """Mean jerk of all points at each place of a window, m/s^3; a pop at any offset stands out.
+def mean_over_movements(positions: Float[np.ndarray, "T 3"]) -> tuple[float, float]:
+    """SPARC and log dimensionless jerk, each the mean over stretches of 2 s from the first frame.
 
-    A third difference over frames i to i + 3 is counted at frame i + 2, the first frame after its
-    middle: a jump between frames f - 1 and f is highest at phase f. NaN where the clip has none.
+    What is left over at the end is not used. NaN under 61 frames; stretches in which the point
+    stands still do not count.
     """
-    jerk = derivative_magnitudes(positions, 3).mean(axis=1)
-    phase = (np.arange(len(jerk)) + 2) % window_advance
-    count = np.bincount(phase, minlength=window_advance)
-    total = np.bincount(phase, weights=jerk, minlength=window_advance)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
-
-
-def foot_slide(feet: Float[np.ndarray, "T feet 3"]) -> float:
-    """Mean horizontal speed in m/s of feet on the ground.
-
-    The ground is the 5th percentile of the lowest foot's height, so that one bad frame does not
-    move it; a foot is on it while it stays below 5 cm above it over both frames of a step. NaN for
-    one frame, or when no foot stays down.
-    """
-    feet = feet.astype(np.float64)
-    if len(feet) < 2:
-        return float("nan")
-    height = feet[..., 1] - np.percentile(feet[..., 1].min(axis=1), GROUND_PERCENTILE)
-    is_down = (height[1:] < CONTACT_HEIGHT_M) & (height[:-1] < CONTACT_HEIGHT_M)
-    speed = np.linalg.norm(np.diff(feet[..., [0, 2]], axis=0), axis=-1) * FPS
-    return float(speed[is_down].mean()) if is_down.any() else float("nan")
+    values = []
+    for start in range(0, len(positions) - MOVEMENT_FRAMES, MOVEMENT_FRAMES):
+        stretch = positions[start : start + MOVEMENT_FRAMES + 1]
+        values.append((sparc(derivative_magnitudes(stretch, 1)), log_dimensionless_jerk(stretch)))
+    moving = np.array([pair for pair in values if np.isfinite(pair).all()])
+    if not len(moving):
+        return float("nan"), float("nan")
+    arc, jerk = moving.mean(axis=0)
+    return float(arc), float(jerk)

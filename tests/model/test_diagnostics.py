@@ -9,10 +9,13 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from model import diagnostics, smoothness
+from model import smoothness, tracks
 from model.diagnostics import diagnose, measures, smooth_motion, track_points
-from model.motion import Motion, load_motion
+from model.motion import Motion, first_frames, load_motion
+from model.posture import foot_slide
+from model.seams import jerk_by_window_phase, seam_jerk_ratio
 from model.skeleton import FINGERTIP_NAMES, chain_to_root, open_body_skeleton
+from model.spectrum import velocity_power_above
 from tests.helpers import ROOT, beat2_folder, smooth_motion_example
 
 SKELETON = open_body_skeleton()
@@ -59,7 +62,7 @@ def test_derivatives_of_a_cubic_are_its_own():
 
 @pytest.mark.parametrize(("hertz", "above"), [(2.0, 0.0), (4.0, 0.0), (6.5, 1.0), (10.0, 1.0)])
 def test_power_of_one_sine_lies_on_its_side_of_5_hz(hertz, above):
-    share = smoothness.velocity_power_above(along_x(np.sin(2 * np.pi * hertz * seconds(300))), 5.0)
+    share = velocity_power_above(along_x(np.sin(2 * np.pi * hertz * seconds(300))), 5.0)
     assert abs(share - above) < 0.01
 
 
@@ -69,23 +72,23 @@ def test_power_of_two_sines_divides_as_their_velocities():
     path = along_x(np.sin(2 * np.pi * low * t) + 0.1 * np.sin(2 * np.pi * high * t))
     # Differencing over one frame weighs a frequency with sin(pi f / 30), not with f.
     weights = [np.sin(np.pi * low / 30) ** 2, (0.1 * np.sin(np.pi * high / 30)) ** 2]
-    assert abs(smoothness.velocity_power_above(path, 5.0) - weights[1] / sum(weights)) < 0.003
+    assert abs(velocity_power_above(path, 5.0) - weights[1] / sum(weights)) < 0.003
 
 
 def test_white_velocity_has_two_thirds_of_its_power_above_5_of_15_hz():
     path = np.cumsum(np.random.default_rng(0).standard_normal((6000, 3)), axis=0)
-    assert abs(smoothness.velocity_power_above(path, 5.0) - 2 / 3) < 0.02
+    assert abs(velocity_power_above(path, 5.0) - 2 / 3) < 0.02
 
 
 def test_power_has_no_meaning_when_still_or_short():
-    assert math.isnan(smoothness.velocity_power_above(np.ones((100, 3)), 5.0))
+    assert math.isnan(velocity_power_above(np.ones((100, 3)), 5.0))
     path = np.random.default_rng(0).standard_normal((33, 3))
-    assert math.isnan(smoothness.velocity_power_above(path[:32], 5.0))
-    assert not math.isnan(smoothness.velocity_power_above(path, 5.0))
+    assert math.isnan(velocity_power_above(path[:32], 5.0))
+    assert not math.isnan(velocity_power_above(path, 5.0))
 
 
 def test_seams_of_a_motion_without_any_are_like_the_rest():
-    ratios = [smoothness.seam_jerk_ratio(rough_points(600, seed=seed), 52, 8) for seed in range(20)]
+    ratios = [seam_jerk_ratio(rough_points(600, seed=seed), 52, 8) for seed in range(20)]
     assert abs(np.mean(ratios) - 1) < 0.05
     assert 0.75 < min(ratios) and max(ratios) < 1.3
 
@@ -100,7 +103,7 @@ def test_a_pop_anywhere_in_a_join_is_found(offset, kind):
         since = frames - (join + offset)
         change = (since >= 0) * 0.05 if kind == "jump" else np.maximum(since, 0) * 0.05
         points += (-1) ** index * change[:, None, None]
-    assert smoothness.seam_jerk_ratio(points, 52, 8) > 4
+    assert seam_jerk_ratio(points, 52, 8) > 4
 
 
 @pytest.mark.parametrize("offset", range(0, 52, 3))
@@ -108,7 +111,7 @@ def test_a_pop_at_any_offset_stands_out_at_its_phase(offset):
     points = rough_points(620)
     for index, frame in enumerate(range(52 + offset, 620, 52)):
         points[frame:] += (-1) ** index * 0.05
-    by_phase = smoothness.jerk_by_window_phase(points, 52)
+    by_phase = jerk_by_window_phase(points, 52)
     assert by_phase.argmax() == offset
     assert by_phase.max() > 5 * np.median(by_phase)
 
@@ -117,36 +120,36 @@ def test_a_pop_away_from_the_joins_is_not_blamed_on_them():
     points = rough_points(600)
     for index, frame in enumerate(range(52 + 30, 600, 52)):
         points[frame:] += (-1) ** index * 0.05
-    assert smoothness.seam_jerk_ratio(points, 52, 8) < 0.5
+    assert seam_jerk_ratio(points, 52, 8) < 0.5
 
 
 def test_other_windows_have_other_joins():
     points = rough_points(600)
     for index, frame in enumerate(range(40, 600, 40)):
         points[frame:] += (-1) ** index * 0.05
-    assert smoothness.seam_jerk_ratio(points, 40, 8) > 4
-    assert smoothness.seam_jerk_ratio(points, 52, 8) < 2
+    assert seam_jerk_ratio(points, 40, 8) > 4
+    assert seam_jerk_ratio(points, 52, 8) < 2
 
 
 def test_one_window_has_no_seams():
-    assert math.isnan(smoothness.seam_jerk_ratio(rough_points(52), 52, 8))
-    assert math.isnan(smoothness.seam_jerk_ratio(rough_points(60), 52, 8))
-    assert not math.isnan(smoothness.seam_jerk_ratio(rough_points(65), 52, 8))
-    assert np.isnan(smoothness.jerk_by_window_phase(rough_points(20), 52)).sum() == 52 - 17
+    assert math.isnan(seam_jerk_ratio(rough_points(52), 52, 8))
+    assert math.isnan(seam_jerk_ratio(rough_points(60), 52, 8))
+    assert not math.isnan(seam_jerk_ratio(rough_points(65), 52, 8))
+    assert np.isnan(jerk_by_window_phase(rough_points(20), 52)).sum() == 52 - 17
 
 
 def test_foot_slide_is_the_speed_of_feet_on_the_ground():
     t = seconds(90)
     sliding = np.stack([0.3 * t, np.zeros(90), 0.4 * t], axis=1)  # 0.5 m/s on the ground
     lifted = np.stack([9 * t, np.full(90, 0.2), t], axis=1)  # fast, but in the air
-    assert abs(smoothness.foot_slide(np.stack([sliding, lifted], axis=1)) - 0.5) < 1e-9
+    assert abs(foot_slide(np.stack([sliding, lifted], axis=1)) - 0.5) < 1e-9
     planted = np.zeros((90, 2, 3))
     planted[:, 1, 1] = 0.02 * np.abs(np.sin(5 * t))  # a heel may lift a little
-    assert smoothness.foot_slide(planted) == 0
-    assert math.isnan(smoothness.foot_slide(planted[:1]))
+    assert foot_slide(planted) == 0
+    assert math.isnan(foot_slide(planted[:1]))
     fallen = np.concatenate([np.stack([sliding, sliding], axis=1)] * 3)
     fallen[4, 0, 1] -= 1.0  # one bad frame is no new ground
-    assert smoothness.foot_slide(fallen) > 0.4
+    assert foot_slide(fallen) > 0.4
 
 
 def test_measures_of_a_body_that_moves_as_one():
@@ -207,7 +210,7 @@ def test_another_tip_and_a_given_track():
 def test_tracks_do_not_depend_on_chunks(monkeypatch):
     motion = smooth_motion_example(50)
     whole = track_points(motion, SKELETON)
-    monkeypatch.setattr(diagnostics, "_CHUNK_FRAMES", 7)
+    monkeypatch.setattr(tracks, "_CHUNK_FRAMES", 7)
     parts = track_points(motion, SKELETON)
     np.testing.assert_allclose(parts.joints, whole.joints, rtol=0, atol=1e-12)
     np.testing.assert_allclose(parts.fingertips, whole.fingertips, rtol=0, atol=1e-12)
@@ -288,7 +291,7 @@ def test_the_public_keys():
 def test_a_longer_reference_is_cut_and_said_so():
     short, long = smooth_motion_example(60), smooth_motion_example(90)
     result = diagnose({"a": short}, SKELETON, reference=long)
-    cut = diagnose({"a": short}, SKELETON, reference=diagnostics.first_frames(long, 60))
+    cut = diagnose({"a": short}, SKELETON, reference=first_frames(long, 60))
     assert result["reference"] == cut["reference"]
     assert result["num_frames"] == {"a": 60}
     assert "The reference has 90 frames; the first 60 were measured" in result["notes"][0]
@@ -300,7 +303,7 @@ def test_a_longer_reference_is_cut_and_said_so():
 
 
 def test_an_unknown_tip_names_the_known_ones():
-    with pytest.raises(ValueError, match="nose is no fingertip; choose one of left_index"):
+    with pytest.raises(ValueError, match="nose is neither a fingertip nor a joint; choose one of"):
         diagnose({}, SKELETON, tip="nose")
 
 
@@ -318,7 +321,8 @@ def test_real_motion_has_the_known_smoothness():
 
 def test_every_public_key_is_documented():
     documented = (ROOT / "docs" / "formats.md").read_text()
-    result = diagnose({"a": smooth_motion_example()}, SKELETON)
+    motion = smooth_motion_example()
+    result = diagnose({"a": motion}, SKELETON, reference=motion, onsets_s=np.arange(0.5, 3, 0.5))
     for key in result:
         assert f'"{key}":' in documented
     for key in result["systems"]["a"]["raw"]:

@@ -1,0 +1,71 @@
+"""Where every joint and fingertip of a motion is, frame by frame, and how it is turned."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32, Float64
+
+from model.kinematics import fingertip_positions, joint_positions_from_local
+from model.motion import Motion
+from model.rotations import matrix_from_axis_angle
+from model.skeleton import (
+    FINGERTIP_JOINTS,
+    FINGERTIP_NAMES,
+    JOINT_INDEX,
+    JOINT_NAMES,
+    NUM_JOINTS,
+    RestSkeleton,
+    chain_to_root,
+)
+
+POINT_NAMES = (*FINGERTIP_NAMES, *JOINT_NAMES)
+"""Everything that the ``tip_`` measures can follow."""
+TipTrack = Callable[[Motion], Float[np.ndarray, "T 3"]]
+
+_CHUNK_FRAMES = 512
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Positions over time in metres, in the world, and rotations."""
+
+    joints: Float64[np.ndarray, "T 55 3"]
+    fingertips: Float64[np.ndarray, "T 10 3"]
+    """In the order of `FINGERTIP_NAMES`."""
+    local_rot: Float32[np.ndarray, "T 55 3 3"]
+    """Relative to the parent. Single precision, as motion files have: half the memory."""
+    global_rot: Float32[np.ndarray, "T 55 3 3"]
+
+    def point(self, name: str) -> Float64[np.ndarray, "T 3"]:
+        """Positions of a fingertip or joint, one of `POINT_NAMES`."""
+        if name in FINGERTIP_NAMES:
+            return self.fingertips[:, FINGERTIP_NAMES.index(name)]
+        return self.joints[:, JOINT_INDEX[name]]
+
+
+def track_points(motion: Motion, skeleton: RestSkeleton) -> Tracks:
+    """Joints and rigid fingertips of every frame, in double precision."""
+    joints, tips, local, world = [], [], [], []
+    for start in range(0, motion.num_frames, _CHUNK_FRAMES):
+        frames = slice(start, start + _CHUNK_FRAMES)
+        poses = torch.tensor(motion.poses[frames], dtype=torch.float64)
+        transl = torch.tensor(motion.trans[frames], dtype=torch.float64)
+        local_rot = matrix_from_axis_angle(poses.unflatten(-1, (NUM_JOINTS, 3)))
+        global_rot, positions = joint_positions_from_local(local_rot, skeleton, transl)
+        joints.append(positions.numpy())
+        tips.append(fingertip_positions(global_rot, positions, skeleton).numpy())
+        local.append(local_rot.float().numpy())
+        world.append(global_rot.float().numpy())
+    return Tracks(*(np.concatenate(parts) for parts in (joints, tips, local, world)))
+
+
+def moving_chain(point: str) -> tuple[int, ...]:
+    """The joints whose rotation moves a point, from the pelvis outwards.
+
+    A fingertip is moved by all joints up to the last of its finger, a joint by its ancestors only.
+    """
+    if point in FINGERTIP_NAMES:
+        return chain_to_root(FINGERTIP_JOINTS[FINGERTIP_NAMES.index(point)])[::-1]
+    return chain_to_root(JOINT_INDEX[point])[:0:-1]
