@@ -1,8 +1,9 @@
 """GLB: body, colours and motion in one binary glTF 2.0 file that browsers and Blender play.
 
 Metres, y up, 30 frames a second. The mesh is skinned with the four strongest joints of each
-vertex, and face expressions are morph targets. Pose correctives have no place in glTF, so elbows,
-knees and shoulders fold a little less cleanly than in the videos.
+vertex, and face expressions are morph targets. The camera of the front view is in it, framed and
+following as in a video. Pose correctives have no place in glTF, so elbows, knees and shoulders fold
+a little less cleanly than in the videos.
 """
 
 from __future__ import annotations
@@ -16,9 +17,11 @@ from jaxtyping import Float, Float32
 from scipy.spatial.transform import Rotation
 
 from renderer.body import Body, BodyMotion
+from renderer.camera import Z_NEAR_M, Camera
 from renderer.look import CLAY
 from renderer.normals import VertexNormals
 from renderer.smplx_joints import JOINT_NAMES, NUM_JOINTS, PARENTS
+from renderer.stage import camera_track, set_stage
 from renderer.video import FPS
 from renderer.written import written_whole
 
@@ -26,6 +29,8 @@ INFLUENCES = 4
 SMALLEST_EXPRESSION = 1e-3
 """Expressions that stay below this are left out."""
 
+_BODY_NODE, _CAMERA_NODE = NUM_JOINTS, NUM_JOINTS + 1  # after the joints
+_CAMERA_VIEW = "front"
 _ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
 _COMPONENTS = {"float32": 5126, "uint32": 5125, "uint16": 5123, "int16": 5122, "uint8": 5121}
 _TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
@@ -62,13 +67,19 @@ def glb_bytes(body: Body, motion: BodyMotion) -> bytes:
     }
     used = _used_expressions(body, motion)
     mesh = _mesh(buffer, body, vertices, used)
+    stage = set_stage(body, [motion], _CAMERA_VIEW)
     animation = _animation(buffer, motion, offsets[0], nodes, used)
+    if stage.is_following:
+        track = camera_track(body, motion, _CAMERA_VIEW, stage) + stage.camera.eye
+        animation.add(_CAMERA_NODE, "translation", buffer.accessor(track.astype(np.float32)))
     nodes.append({"name": "body", "mesh": 0, "skin": 0})
+    nodes.append(_camera_node(stage.camera))
     document = {
         "asset": {"version": "2.0", "generator": "co-speech motion app"},
         "scene": 0,
-        "scenes": [{"nodes": [0, NUM_JOINTS]}],
+        "scenes": [{"nodes": [0, _BODY_NODE, _CAMERA_NODE]}],
         "nodes": nodes,
+        "cameras": [_camera(stage.camera)],
         "skins": [skin],
         "meshes": [mesh],
         "materials": [
@@ -77,7 +88,7 @@ def glb_bytes(body: Body, motion: BodyMotion) -> bytes:
                 "doubleSided": True,
             }
         ],
-        "animations": [animation],
+        "animations": [animation.document()],
         "accessors": buffer.accessors,
         "bufferViews": buffer.views,
         "buffers": [{"byteLength": len(buffer.content)}],
@@ -221,22 +232,39 @@ def _four_strongest(body: Body) -> tuple[np.ndarray, np.ndarray]:
     return joints.astype(np.uint8), levels.astype(np.uint16)
 
 
+class _Animation:
+    """The channels of one animation; all share its times."""
+
+    def __init__(self, times: int) -> None:
+        """
+        Args:
+            times: number of the accessor.
+        """
+        self._times = times
+        self._samplers: list[dict] = []
+        self._channels: list[dict] = []
+
+    def add(self, node: int, path: str, output: int) -> None:
+        """Let the values in an accessor move a property of a node."""
+        target = {"node": node, "path": path}
+        self._channels.append({"sampler": len(self._samplers), "target": target})
+        sampler = {"input": self._times, "output": output, "interpolation": "LINEAR"}
+        self._samplers.append(sampler)
+
+    def document(self) -> dict:
+        return {"name": "motion", "samplers": self._samplers, "channels": self._channels}
+
+
 def _animation(
     buffer: _Buffer,
     motion: BodyMotion,
     pelvis: Float[np.ndarray, " 3"],
     nodes: list[dict],
     used: list[int],
-) -> dict:
-    """Samplers and channels; a joint that never turns gets its rotation in ``nodes`` instead."""
-    times = buffer.accessor(np.arange(motion.num_frames, dtype=np.float32) / FPS, bounds=True)
-    samplers: list[dict] = []
-    channels: list[dict] = []
-
-    def animate(node: int, path: str, output: int) -> None:
-        channels.append({"sampler": len(samplers), "target": {"node": node, "path": path}})
-        samplers.append({"input": times, "output": output, "interpolation": "LINEAR"})
-
+) -> _Animation:
+    """The moving body; a joint that never turns gets its rotation in ``nodes`` instead."""
+    times = np.arange(motion.num_frames, dtype=np.float32) / FPS
+    animation = _Animation(buffer.accessor(times, bounds=True))
     rotvec = motion.poses.reshape(-1, 3).astype(np.float64)
     quaternions = Rotation.from_rotvec(rotvec).as_quat().reshape(-1, NUM_JOINTS, 4)
     # Neighbouring frames get the same sign, so that players interpolate the short way.
@@ -249,10 +277,27 @@ def _animation(
             nodes[joint]["rotation"] = of_joint[0].tolist()
             continue
         levels = np.round(of_joint * 32767).astype(np.int16)
-        animate(joint, "rotation", buffer.accessor(levels, normalized=True))
+        animation.add(joint, "rotation", buffer.accessor(levels, normalized=True))
     positions = (pelvis + motion.trans).astype(np.float32)
-    animate(0, "translation", buffer.accessor(positions))
+    animation.add(0, "translation", buffer.accessor(positions))
     if used:
         weights = np.ascontiguousarray(motion.expressions[:, used], np.float32)
-        animate(NUM_JOINTS, "weights", buffer.accessor(weights.ravel()))
-    return {"name": "motion", "samplers": samplers, "channels": channels}
+        animation.add(_BODY_NODE, "weights", buffer.accessor(weights.ravel()))
+    return animation
+
+
+def _camera(camera: Camera) -> dict:
+    """For pictures as high as wide."""
+    return {
+        "type": "perspective",
+        "perspective": {"yfov": camera.yfov_rad, "aspectRatio": 1.0, "znear": Z_NEAR_M},
+    }
+
+
+def _camera_node(camera: Camera) -> dict:
+    return {
+        "name": "camera",
+        "camera": 0,
+        "translation": list(camera.eye),
+        "rotation": Rotation.from_matrix(camera.axes().T).as_quat().tolist(),
+    }
