@@ -106,9 +106,9 @@ class LossConfig:
     """L_s: cosines between bones (GlobalDiff eqs. 11 to 13)."""
     motion: float = 0.0
     """L_m: codes of the frozen variational encoder (GlobalDiff eqs. 14 and 15)."""
-    time_weight_floor: float | None = 0.1
+    time_weight_floor: float | None = 0.5
     """Weigh a sample by 1 / ((1 - t)^2 + floor), scaled to mean 1, so that late steps of the flow,
-    which decide how smooth the motion is, count as much as early ones. None: equal weights."""
+    which decide how smooth the motion is, count enough. None: equal weights."""
 
 
 @dataclass(frozen=True)
@@ -129,6 +129,9 @@ class TrainConfig:
     augmented_copies: int = 0
     """Copies of each training recording at another speed, heard by another microphone."""
     loss: LossConfig = field(default_factory=LossConfig)
+    flow_time_power: float = 2.0
+    """Flow times are u ** power with u uniform: above 1 there are more early ones, where x_t says
+    little and speech has to decide."""
     steps: int = 8000
     batch_size: int = 16
     learning_rate: float = 4e-4

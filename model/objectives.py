@@ -78,7 +78,7 @@ def motion_step(
             target = decode(vectors, space, skeleton)
             x_1 = normaliser.normalise(vectors)
             x_0 = shard.of(torch.randn(size, *x_1.shape[1:], generator=generator))
-            t = shard.of(torch.rand(size, generator=generator))
+            t = shard.of(torch.rand(size, generator=generator) ** config.flow_time_power)
             has_seed = keep(config.seed_dropout)
             speaker = shard.of(batch.speaker) * keep(config.speaker_dropout)
             has_speech = keep(config.speech_dropout)

@@ -14,10 +14,11 @@ from model.config import TrainConfig, to_json
 from model.data import DataError, prepare, read_split
 from model.decoding import to_vectors
 from model.ladder import named_config
+from model.parallel import WHOLE
 from model.run_folder import TrainingError
 from model.speech.features import MelEncoder
 from model.systems import load_system
-from model.tasks import Start
+from model.tasks import Start, make_task
 from model.train import learning_rate_factor, main, train
 from tests.model.made import make_data_folder
 
@@ -127,6 +128,20 @@ def test_vectors_are_in_the_systems_rotation_space(root):
     torch.testing.assert_close(local[..., :6], other[..., :6])  # the pelvis is the root of both
     assert (local[..., 6:330] - other[..., 6:330]).abs().max() > 0.1
     torch.testing.assert_close(local[..., 330:], other[..., 330:])
+
+
+@pytest.mark.parametrize(("power", "median"), [(1.0, 0.5), (2.0, 0.25), (3.0, 0.125)])
+def test_flow_times_are_early_as_often_as_the_config_says(root, power, median):
+    config = quick("globaldiff/global", flow_time_power=power)
+    data = prepare(root / "data", root / "prepared-mel64", MelEncoder())
+    task = make_task(config, data, root / "expression" / "weights")
+    batch = data.window_batch(data.of_split("train"), 60, 8, np.random.default_rng(0))
+    times = []
+    task.network.register_forward_pre_hook(lambda module, args: times.append(args[1]))
+    with torch.no_grad():
+        for seed in range(60):
+            task.step_loss(task.network, batch, torch.Generator().manual_seed(seed), WHOLE)
+    assert float(torch.cat(times).median()) == pytest.approx(median, abs=0.06)
 
 
 def test_full_trains_against_a_frozen_encoder_and_begins_with_another_rung(root, tmp_path):
