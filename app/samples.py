@@ -72,8 +72,9 @@ def number_of(
 ) -> float | None:
     """One scalar, or None where it was not measured or is no number."""
     value = ((measures or {}).get(kind) or {}).get(measure)
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return float(value) if is_number and isfinite(value) else None
+    if isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value):
+        return float(value)
+    return None
 
 
 def raw_of(diagnostics: Mapping[str, Any], name: str) -> Mapping[str, Any]:

@@ -4,7 +4,7 @@ Call it under the settings of :mod:`renderer.figures`; without these the type si
 measured are not the ones that are drawn.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,12 +13,7 @@ from renderer.figure_crop import crop_alike
 from renderer.figure_layout import (
     COORDINATE_GAP,
     FRAME_NUMBERS,
-    LINE,
     MARGIN,
-    SMALL_LINE,
-    SWATCH,
-    SWATCH_GAP,
-    Key,
     Layout,
     Rect,
     plan_layout,
@@ -26,12 +21,19 @@ from renderer.figure_layout import (
 from renderer.figure_path import draw_path
 from renderer.figure_spec import COORDINATES, MIN_SPAN_M, Figure6
 from renderer.figure_style import ROUND_NUMBERS
+from renderer.figure_text import (
+    TITLE_GAP,
+    caption_lines,
+    draw_key,
+    write,
+    write_caption,
+    write_title,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MIN_SHARE = 0.2  # of the height, for the flattest coordinate
-_TITLE_GAP = 0.06
 _ROOMY_TICKS, _CLOSEST_TICKS = 0.2, 0.09  # inches between numbers one above the other
 
 
@@ -45,7 +47,7 @@ def draw_figure6(contents: Figure6) -> "Figure":
     if snapshots:
         height, width = next(iter(snapshots.values())).shape[1:3]
         aspect = width / height
-    caption = style.wrap_text(contents.caption, style.SMALL_PT, style.FIGURE_WIDTH_IN - 2 * MARGIN)
+    caption = caption_lines(contents.caption)
     limits = _coordinate_limits(contents.trajectories)
     layout = plan_layout(
         tuple(contents.trajectories), num_snapshots, aspect, len(caption), _number_width_in(limits)
@@ -53,69 +55,20 @@ def draw_figure6(contents: Figure6) -> "Figure":
 
     figure = Figure(figsize=(style.FIGURE_WIDTH_IN, layout.height), facecolor="white")
     for key in (*layout.legend, *layout.row_keys):
-        _draw_key(figure, layout, key, contents.styles[key.name])
+        draw_key(figure, key, contents.styles[key.name])
     _draw_coordinates(figure, layout, contents, limits)
     grid_pitch = draw_path(figure, layout.path.fraction_of(layout.height), contents)
     letter = "c" if snapshots else "b"
-    _write_title(
+    write_title(
         figure,
-        layout,
         layout.path.left,
-        layout.path.top - _TITLE_GAP,
+        layout.path.top - TITLE_GAP,
         f"{letter}  Path in space (grid {grid_pitch:g} m)",
     )
     if snapshots:
         _draw_snapshots(figure, layout, contents, snapshots)
-    for i, line in enumerate(caption):
-        _write(
-            figure,
-            layout,
-            MARGIN,
-            layout.caption_top + i * SMALL_LINE,
-            line,
-            size=style.SMALL_PT,
-            color=style.FAINT_INK,
-            va="top",
-        )
+    write_caption(figure, caption, layout.caption_top)
     return figure
-
-
-def _write(
-    figure: "Figure", layout: Layout, left: float, top: float, text: str, **properties: Any
-) -> None:
-    """Text at a place in inches; the first line of the layout's units."""
-    figure.text(left / style.FIGURE_WIDTH_IN, 1.0 - top / layout.height, text, **properties)
-
-
-def _write_title(figure: "Figure", layout: Layout, left: float, bottom: float, text: str) -> None:
-    _write(figure, layout, left, bottom, text, size=style.TITLE_PT, weight="bold", va="bottom")
-
-
-def _draw_key(figure: "Figure", layout: Layout, key: Key, series: style.SeriesStyle) -> None:
-    """Line sample and name, the sample level with the name's first line."""
-    from matplotlib.lines import Line2D
-
-    left, middle = key.rect.left, key.rect.top + 0.5 * LINE
-    x = np.array([left, left + 0.5 * SWATCH, left + SWATCH]) / style.FIGURE_WIDTH_IN
-    figure.add_artist(
-        Line2D(
-            x,
-            np.full(3, 1.0 - middle / layout.height),
-            transform=figure.transFigure,
-            markevery=[1],
-            **series.line_properties,
-        )
-    )
-    for i, line in enumerate(key.lines):
-        _write(
-            figure,
-            layout,
-            left + SWATCH + SWATCH_GAP,
-            middle + i * LINE,
-            line,
-            size=style.LABEL_PT,
-            va="center_baseline",
-        )
 
 
 def _coordinate_limits(
@@ -141,7 +94,7 @@ def _draw_coordinates(
     tick_step = _tick_step(limits, scale)
     times = (contents.start_frame + np.arange(contents.num_frames)) / contents.fps
     margin = 0.01 * (times[-1] - times[0]) or 0.5 / contents.fps
-    _write_title(figure, layout, MARGIN, area.top - _TITLE_GAP, f"a  {contents.point}")
+    write_title(figure, MARGIN, area.top - TITLE_GAP, f"a  {contents.point}")
     top = area.top
     for coordinate, (low, high) in enumerate(limits):
         rect = Rect(area.left, top, area.width, scale * (high - low))
@@ -203,13 +156,10 @@ def _draw_snapshots(
     """Rows of pictures under their frame numbers."""
     first_row = layout.cells[0]
     top = layout.row_keys[0].rect.top
-    _write_title(
-        figure, layout, first_row[0].left, top - FRAME_NUMBERS - _TITLE_GAP, "b  Snapshots at frame"
-    )
+    write_title(figure, first_row[0].left, top - FRAME_NUMBERS - TITLE_GAP, "b  Snapshots at frame")
     for cell, frame in zip(first_row, contents.snapshot_frames, strict=True):
-        _write(
+        write(
             figure,
-            layout,
             cell.left + 0.5 * cell.width,
             top,
             str(frame),

@@ -103,7 +103,7 @@ def plan_layout(
         number_width: inches of the widest number at the coordinate axes.
     """
     caption_height = CAPTION_GAP + caption_lines * SMALL_LINE + MARGIN
-    legend, legend_bottom = _place_legend(names)
+    legend, legend_bottom = place_legend(names)
     body_top = legend_bottom + 0.06 + TITLE
 
     header_width = MIN_SNAPSHOTS_WIDTH - SWATCH - SWATCH_GAP
@@ -165,7 +165,7 @@ def plan_layout(
     )
 
 
-def _place_legend(names: tuple[str, ...]) -> tuple[tuple[Key, ...], float]:
+def place_legend(names: tuple[str, ...]) -> tuple[tuple[Key, ...], float]:
     """Keys in equal columns across the figure, as many as fit; and where they end."""
     usable = FIGURE_WIDTH_IN - 2 * MARGIN
     wrapped = [_wrap_name(name, usable - SWATCH - SWATCH_GAP) for name in names]

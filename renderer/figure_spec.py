@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from renderer.figure_style import REFERENCE_STYLE, SYSTEM_STYLES, SeriesStyle
+from renderer.figure_style import SYSTEM_STYLES, SeriesStyle, styles_of
 
 WINDOW_FRAMES = 300
 SNAPSHOT_EVERY = 50
@@ -55,12 +55,7 @@ class Figure6:
 
     @property
     def styles(self) -> dict[str, SeriesStyle]:
-        """Name to style: the reference black, the systems by their order."""
-        systems = iter(SYSTEM_STYLES)
-        return {
-            name: REFERENCE_STYLE if name == self.reference else next(systems)
-            for name in self.trajectories
-        }
+        return styles_of(self.trajectories, self.reference)
 
     @property
     def snapshot_marks(self) -> tuple[int, ...]:

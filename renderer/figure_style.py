@@ -7,6 +7,7 @@ with holes would look rougher than it is. Importing this module does not import 
 """
 
 from bisect import bisect_right
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -106,6 +107,12 @@ SYSTEM_STYLES = (  # the first few differ most in lightness
     SeriesStyle("#009E73", (4.0, 1.3, 1.3, 1.3, 1.3, 1.3), "P", 0.9),
     SeriesStyle("#CC79A7", (9.0, 1.5, 3.0, 1.5), "X", 0.9),
 )
+
+
+def styles_of(names: Iterable[str], reference: str | None) -> dict[str, SeriesStyle]:
+    """Name to style: the reference black, the systems by their order."""
+    systems = iter(SYSTEM_STYLES)
+    return {name: REFERENCE_STYLE if name == reference else next(systems) for name in names}
 
 
 def text_width_in(text: str, size_pt: float) -> float:

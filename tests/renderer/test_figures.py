@@ -24,6 +24,7 @@ from renderer.figures import (
     figure6,
     matplotlib_settings,
 )
+from tests.renderer.figure_checks import drawn_texts, overlap
 
 NAMES = (
     "globaldiff/local",
@@ -314,25 +315,6 @@ def test_snapshot_frames_are_every_50_of_the_window() -> None:
 # ---------------------------------------------------------------------------- legibility
 
 
-def drawn_texts(figure: object, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, object]]:
-    """Each text that a drawing really shows, with its box in pixels."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.text import Text
-
-    drawn = []
-    draw = Text.draw
-
-    def record(self: Text, renderer: object) -> None:
-        draw(self, renderer)
-        if self.get_visible() and self.get_text().strip():
-            drawn.append((self.get_text(), self.get_window_extent(renderer)))
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Text, "draw", record)
-        FigureCanvasAgg(figure).draw()
-    return drawn
-
-
 def drawn_path_box(figure: object) -> object:
     """Pixels that differ between the drawing with and without the path's axes."""
     from matplotlib.transforms import Bbox
@@ -345,10 +327,6 @@ def drawn_path_box(figure: object) -> object:
     rows, columns = np.nonzero(difference)
     height = len(difference)
     return Bbox([[columns.min(), height - 1 - rows.max()], [columns.max(), height - rows.min()]])
-
-
-def overlap(a: object, b: object, slack: float = 0.5) -> bool:
-    return min(a.x1, b.x1) - max(a.x0, b.x0) > slack and min(a.y1, b.y1) - max(a.y0, b.y0) > slack
 
 
 def check_legible(contents: Figure6, monkeypatch: pytest.MonkeyPatch) -> None:
