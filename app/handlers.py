@@ -38,9 +38,6 @@ log = logging.getLogger(__name__)
 Generate = Callable[[GenerateRequest, OnEvent, ShouldCancel], GenerateResult]
 SEED_LIMIT = 2**31 - 1
 PAGE_VIDEOS = 12
-PAGE_PREVIEWS = 0
-"""Rows shown in 3D until their video is there. Each takes a WebGL context and the visitor's
-processor; without a GPU a browser was seen to miss later news for it, so none are shown for now."""
 _REFRESH_S = 0.25
 
 
@@ -107,7 +104,7 @@ def request_from_form(
         reference=Path(form.reference) if form.reference else None,
         body=config.body,
         # A licensed body may be looked at in videos; its mesh is not handed to visitors.
-        has_previews=config.body is None and PAGE_PREVIEWS > 0,
+        has_previews=config.body is None,
         max_speech_s=config.max_speech_s,
     )
 

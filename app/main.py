@@ -25,6 +25,8 @@ from app.errors import sentence_of
 if TYPE_CHECKING:
     from gradio import Blocks
 
+    from app.handlers import Generate
+
 log = logging.getLogger(__name__)
 
 
@@ -65,10 +67,13 @@ def parse_config(argv: list[str] | None = None) -> AppConfig:
     )
 
 
-def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
+def launch(
+    config: AppConfig, is_warmed_up: bool = True, generate: Generate | None = None
+) -> Blocks:
     """Serve the page from threads of this process; its address is ``local_url`` of the result.
 
     Args:
+        generate: does a run; None is the pipeline.
         is_warmed_up: whether the models are read as soon as the page is up, rather than at the
             first run.
 
@@ -84,9 +89,10 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
 
     from app.catalogue import find_examples, read_catalogue
     from app.jobs import JobBook
+    from app.media import MediaDesk, add_media_routes
     from app.page import build_app
     from app.study.handover import Handover, add_routes
-    from app.theme import CSS, frame_style, make_theme
+    from app.theme import CSS, head_style, make_theme
 
     catalogue = read_catalogue(config.weights, find_examples(EXAMPLES))
     jobs = JobBook(config.jobs_folder, config.num_slots, config.max_waiting)
@@ -94,7 +100,8 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     atexit.register(jobs.cancel_all)
 
     handover = Handover(config.private_folder, config.keep_results_s)
-    page = build_app(_generate, catalogue, config, jobs, handover)
+    desk = MediaDesk()
+    page = build_app(generate or _generate, catalogue, config, jobs, handover, desk)
     page.queue(max_size=4 * config.max_waiting)
     page.launch(
         server_name=config.host,
@@ -117,10 +124,11 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
         footer_links=["api"],
         theme=make_theme(),
         css_paths=[CSS],
-        head=frame_style(),
+        head=head_style(),
         quiet=True,
     )
     add_routes(page.app, handover)
+    add_media_routes(page.app, desk)
     # Only now: reading models beside it would hold up the page's own start.
     if is_warmed_up:
         threading.Thread(target=_warm_up, args=(config,), name="warm-up", daemon=True).start()

@@ -10,6 +10,8 @@ from app.catalogue import Catalogue
 from app.config import AppConfig
 from app.handlers import Generate
 from app.jobs import JobBook
+from app.ladder_view import ladder
+from app.media import MediaDesk
 from app.parts import FormParts, ResultParts, build_form, build_results
 from app.runner import Runner
 from app.study.handover import Handover
@@ -22,6 +24,7 @@ def build_app(
     config: AppConfig,
     jobs: JobBook,
     handover: Handover,
+    desk: MediaDesk,
 ) -> gr.Blocks:
     """The whole page around ``generate``, which a test may replace by a function of its own."""
     with gr.Blocks(
@@ -36,9 +39,12 @@ def build_app(
                 form = build_form(catalogue, config)
             with gr.Column(scale=9, min_width=320, elem_classes="results"):
                 results = build_results()
+        with gr.Tab(text.LADDER_TAB):
+            gr.HTML(ladder(catalogue.systems), apply_default_css=False)
         with gr.Tab(text.STUDY_TAB):
             build_study_tab(page, catalogue, config, jobs, handover)
-        _wire(page, form, results, Runner(generate, catalogue, config, jobs, form, results))
+        runner = Runner(generate, catalogue, config, jobs, desk, form, results)
+        _wire(page, form, results, runner)
     return page
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,11 +11,19 @@ import gradio as gr
 from app import text, view
 from app.catalogue import Catalogue
 from app.config import AppConfig
-from app.handlers import PAGE_PREVIEWS, PAGE_VIDEOS, SEED_LIMIT
+from app.handlers import SEED_LIMIT
 
-HIDDEN = "hidden"
-"""In the page but not seen. What is not visible (False) is not even in the page, and Gradio's 3D
-viewer stays empty if it is put there together with its file."""
+MAX_DEFAULT_SYSTEMS = 3
+_PREFERRED = ("globaldiff/local", "globaldiff/global", "globaldiff/full")
+"""What is ticked at first where there are more: the ends of the ladder tell most."""
+
+
+def mount(module: str, function: str) -> str:
+    """JavaScript for `gr.HTML` that hands its element to a module of app/web."""
+    return (
+        f'import(new URL("web/{module}", document.baseURI))'
+        f".then(({{ {function} }}) => {function}(element, props, watch));"
+    )
 
 
 @dataclass(frozen=True)
@@ -34,16 +43,9 @@ class ResultParts:
     message: gr.HTML
     status: gr.HTML
     empty: gr.HTML
-    videos_part: gr.Column
-    pending: gr.HTML
-    previews: tuple[gr.Model3D, ...]
-    """Of the first rows: the motion in 3D until its video is there."""
-    videos: tuple[gr.Video, ...]
-    comparison_part: gr.Column
-    comparison: gr.Video
-    figure_part: gr.Column
-    figure: gr.Image
-    numbers_part: gr.Column
+    player: gr.HTML
+    """Its value is the dictionary of `app.showing.Showing`; without rows it takes no room."""
+    figures: gr.HTML
     numbers: gr.HTML
     downloads_part: gr.Column
     bundle: gr.DownloadButton
@@ -55,15 +57,8 @@ class ResultParts:
             self.message,
             self.status,
             self.empty,
-            self.videos_part,
-            self.pending,
-            *self.previews,
-            *self.videos,
-            self.comparison_part,
-            self.comparison,
-            self.figure_part,
-            self.figure,
-            self.numbers_part,
+            self.player,
+            self.figures,
             self.numbers,
             self.downloads_part,
             self.bundle,
@@ -100,7 +95,7 @@ def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
     gr.HTML(view.step(2, text.STEP_SYSTEMS))
     systems = gr.CheckboxGroup(
         choices=list(catalogue.systems),
-        value=list(catalogue.systems),
+        value=default_systems(catalogue.systems),
         label=text.SYSTEMS_LABEL,
         info=text.SYSTEMS_HELP,
         elem_id="systems",
@@ -149,26 +144,27 @@ def build_results() -> ResultParts:
     message = gr.HTML("", visible=False, elem_id="message")
     status = gr.HTML(view.sentence_status(text.READY), elem_id="status")
     empty = gr.HTML(view.empty_state(), elem_id="empty")
-    with gr.Column(visible=False) as comparison_part:
-        gr.HTML(view.heading(text.COMPARISON_HEADING, text.COMPARISON_HELP))
-        comparison = gr.Video(
-            label=text.COMPARISON_HEADING, show_label=False, interactive=False,
-            elem_id="comparison", buttons=["download"],
-        )  # fmt: skip
-    with gr.Column(visible=False) as figure_part:
-        gr.HTML(view.heading(text.FIGURE_HEADING, text.FIGURE_HELP))
-        figure = gr.Image(
-            label=text.FIGURE_HEADING, show_label=False, interactive=False, type="filepath",
-            elem_id="figure", buttons=["download", "fullscreen"],
-        )  # fmt: skip
-    with gr.Column(visible=False) as numbers_part:
-        gr.HTML(view.heading(text.NUMBERS_HEADING, text.NUMBERS_HELP))
-        numbers = gr.HTML("", elem_id="numbers")
-    with gr.Column(visible=HIDDEN) as videos_part:
-        gr.HTML(view.heading(text.VIDEOS_HEADING))
-        with gr.Row(elem_classes="videos"):
-            previews, videos = _build_players()
-            pending = gr.HTML("", visible=False, elem_id="pending")
+    player = gr.HTML(
+        {},
+        html_template='<div class="lockstep" hidden></div>',
+        js_on_load=mount("player.js", "mountPlayer"),
+        apply_default_css=False,
+        elem_id="player",
+    )
+    figures = gr.HTML(
+        "",
+        visible=False,
+        js_on_load=mount("figures.js", "mountFigures"),
+        apply_default_css=False,
+        elem_id="figures",
+    )
+    numbers = gr.HTML(
+        "",
+        visible=False,
+        js_on_load=mount("measures.js", "mountMeasures"),
+        apply_default_css=False,
+        elem_id="numbers",
+    )
     with gr.Column(visible=False) as downloads_part:
         gr.HTML(view.heading(text.DOWNLOADS_HEADING))
         bundle = gr.DownloadButton(text.ZIP_LABEL, variant="primary", elem_id="bundle")
@@ -176,34 +172,15 @@ def build_results() -> ResultParts:
             label=text.FILES_LABEL, file_count="multiple", interactive=False, elem_id="files"
         )
     return ResultParts(
-        message, status, empty, videos_part, pending, previews, videos, comparison_part,
-        comparison, figure_part, figure, numbers_part, numbers, downloads_part, bundle, files,
-    )  # fmt: skip
-
-
-def _build_players() -> tuple[tuple[gr.Model3D, ...], tuple[gr.Video, ...]]:
-    """For each row a video, and before it, in the same place of the grid, its preview."""
-    previews, videos = [], []
-    for index in range(PAGE_VIDEOS):
-        if index < PAGE_PREVIEWS:
-            previews.append(_build_preview(index))
-        videos.append(
-            gr.Video(
-                visible=False, interactive=False, elem_id=f"video-{index}", min_width=240,
-                buttons=["download"],
-            )
-        )  # fmt: skip
-    return tuple(previews), tuple(videos)
-
-
-def _build_preview(index: int) -> gr.Model3D:
-    """A viewer that plays the animation of its file by itself."""
-    return gr.Model3D(
-        visible=HIDDEN,
-        interactive=False,
-        elem_id=f"preview-{index}",
-        min_width=240,
-        height=340,
-        clear_color=(0.894, 0.902, 0.918, 1.0),  # as behind the videos
-        camera_position=(90.0, 84.0, 2.9),  # from the front, near enough for the whole body
+        message, status, empty, player, figures, numbers, downloads_part, bundle, files
     )
+
+
+def default_systems(systems: Sequence[str]) -> list[str]:
+    """All systems where they are few, else three of them."""
+    if len(systems) <= MAX_DEFAULT_SYSTEMS:
+        return list(systems)
+    preferred = [name for name in systems if name in _PREFERRED]
+    others = [name for name in systems if name not in _PREFERRED]
+    chosen = [*preferred, *others][:MAX_DEFAULT_SYSTEMS]
+    return [name for name in systems if name in chosen]

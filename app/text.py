@@ -1,5 +1,7 @@
 """Every sentence a visitor of the page reads that is not made from a run's own numbers."""
 
+from dataclasses import dataclass
+
 TITLE = "Co-speech motion workbench"
 TAGLINE = (
     "Speech in, SMPL-X motion out, from several models at once: same speech, same speaker, "
@@ -15,6 +17,7 @@ UNTRAINED = (
 )
 
 MOTION_TAB = "Motion from speech"
+LADDER_TAB = "What the systems are"
 STUDY_TAB = "User study"
 
 STEP_SPEECH = "Speech"
@@ -50,23 +53,50 @@ CANCEL = "Cancel"
 EMPTY_TITLE = "Nothing generated yet"
 EMPTY_STEPS = (
     ("Give it speech", "Upload, record, or take one of the examples."),
-    ("Choose systems", "Local and global rotations are both on by default."),
+    ("Choose systems", "The tab “What the systems are” tells what each adds."),
     ("Press Generate motion", "Each video appears as soon as it is drawn; a ten-second clip "
      "takes well under a minute."),
 )  # fmt: skip
-VIDEOS_HEADING = "Each system"
-COMPARISON_HEADING = "Side by side"
-COMPARISON_HELP = "All in lock-step under one sound track."
-FIGURE_HEADING = "Fingertip trajectory and poses"
-FIGURE_HELP = (
-    "Left: the right middle fingertip over up to 300 frames (10 s). Right: poses every 50 frames. "
-    "A jagged line is jitter that the eye may miss in the video."
-)
-NUMBERS_HEADING = "Numbers"
+ENLARGE_FIGURE = "Show large: {title}"
+
+
+@dataclass(frozen=True)
+class FigureText:
+    """What stands around one figure."""
+
+    title: str
+    help: str
+    says: tuple[str, ...]
+    """Keys of `app.sentences.sentences_of`, in the order of the plots."""
+
+
+FIGURES = {
+    "figure6": FigureText(
+        "Fingertip trajectory and poses",
+        "Left: the fingertip over up to 300 frames (10 s). Right: poses every 50 frames. A jagged "
+        "line is jitter that the eye may miss in the video.",
+        ("trajectory", "reference"),
+    ),
+    "jitter": FigureText(
+        "Where the jitter sits",
+        "By depth along the skeleton, by frequency, by the joint that causes it, and by the place "
+        "in a generated window.",
+        ("depth", "spectrum", "attribution", "seams"),
+    ),
+}
+NUMBERS_HEADING = "Measures"
 NUMBERS_HELP = (
-    "Measured on the right middle fingertip, as generated and after the Savitzky-Golay filter. "
-    "Lower jerk is smoother, not better: real speech gestures are not still."
+    "Followed point: {point}. Lower jerk is smoother, not better: people who talk are not still. "
+    "Alignment with beats means little without its chance level."
 )
+AS_GENERATED = "As generated"
+FILTERED = "Filtered"
+FILTER_SWITCH = "Filter of plots and measures, for all systems alike"
+NEAREST_LEGEND = "nearest to the reference"
+NO_REFERENCE_LEGEND = "Give a reference motion to see which system is nearest to it."
+SORT_HELP = "Order the systems by this measure"
+CSV_LABEL = "Save as CSV"
+FINDINGS_TITLE = "What stands out"
 DOWNLOADS_HEADING = "Downloads"
 ZIP_LABEL = "Everything as one zip"
 FILES_LABEL = "Single files"
@@ -81,8 +111,6 @@ STAGE_NAMES = {
 }
 READY = "Ready."
 STARTING = "Starting."
-DRAWING = "being drawn"
-PREVIEW_LABEL = "{name}: 3D preview, no sound"
 WAITING = "Waiting: {ahead} ahead of you on this machine."
 WAITING_ONE = "Waiting: one run ahead of you on this machine."
 DONE = "Done in {seconds:.0f} s: {rows}, {frames} frames each at 30 per second."

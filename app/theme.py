@@ -21,12 +21,14 @@ _LAGOON = Color(
 
 
 CSS = Path(__file__).with_name("page.css")
-FRAME_CSS = Path(__file__).with_name("frame.css")
+HEAD_CSS = tuple(
+    Path(__file__).with_name(name) for name in ("frame.css", "player.css", "measures.css")
+)
 
 
-def frame_style() -> str:
-    """`FRAME_CSS` for the head of the page, where Gradio does not rewrite it."""
-    return f"<style>{FRAME_CSS.read_text()}</style>"
+def head_style() -> str:
+    """`HEAD_CSS` for the head of the page, where Gradio does not rewrite it."""
+    return "".join(f"<style>{path.read_text()}</style>" for path in HEAD_CSS)
 
 
 def make_theme() -> Base:

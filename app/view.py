@@ -4,18 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from html import escape
-from typing import Any
 
 from app import text
 from app.request import STAGES, Stage
-
-MEASURE_COLUMNS = (
-    ("tip_jerk_m_s3", "Tip jerk", "m/s³", "{:.0f}"),
-    ("tip_acceleration_m_s2", "Tip acceleration", "m/s²", "{:.2f}"),
-    ("tip_velocity_power_above_5hz", "Power above 5 Hz", "%", "{:.2%}"),
-    ("seam_jerk_ratio", "Jerk at seams", "times the interior", "{:.2f}"),
-    ("foot_slide_m_s", "Foot slide", "m/s", "{:.3f}"),
-)
 
 
 def header(trained_on: str) -> str:
@@ -79,14 +70,6 @@ def sentence_status(line: str) -> str:
     return f'<div class="status" role="status" aria-live="polite"><p>{escape(line)}</p></div>'
 
 
-def pending(names: Sequence[str]) -> str:
-    """A place kept for each video that is still being drawn."""
-    if not names:
-        return ""
-    tiles = "".join(f"<div><b>{escape(name)}</b>{escape(text.DRAWING)}</div>" for name in names)
-    return f'<div class="pending">{tiles}</div>'
-
-
 def error_message(sentence: str) -> str:
     """Why a run stopped; stays on the page until the next run."""
     return (
@@ -104,42 +87,6 @@ def notes_message(notes: Sequence[str]) -> str:
         f'<div class="message note" role="note">{_ICON_INFO}<div>'
         f"<b>{escape(text.NOTES_TITLE)}</b>{items}</div></div>"
     )
-
-
-def numbers_table(diagnostics: Mapping[str, Any]) -> str:
-    """One row for each system and the reference; as generated above, filtered below."""
-    rows = dict(diagnostics["systems"])
-    if diagnostics.get("reference"):
-        rows["reference"] = diagnostics["reference"]
-    head = "".join(
-        f'<th scope="col">{escape(title)}<small>{escape(unit)}</small></th>'
-        for _, title, unit, _ in MEASURE_COLUMNS
-    )
-    body = "".join(
-        f'<tr><th scope="row">{escape(name)}</th>'
-        + "".join(_number_cell(measures, key, form) for key, _, _, form in MEASURE_COLUMNS)
-        + "</tr>"
-        for name, measures in rows.items()
-    )
-    return (
-        '<div class="numbers"><table><thead><tr><th scope="col">System</th>'
-        f"{head}</tr></thead><tbody>{body}</tbody></table>"
-        "<p>Large: as generated. Small: after the filter. Tip: "
-        f"{escape(str(diagnostics.get('tip', 'right_middle')).replace('_', ' '))} fingertip.</p>"
-        "</div>"
-    )
-
-
-def _number_cell(measures: Mapping[str, Mapping[str, Any]], key: str, form: str) -> str:
-    raw, filtered = (_formatted(measures.get(kind, {}).get(key), form) for kind in _KINDS)
-    return f"<td>{raw}<small>{filtered}</small></td>"
-
-
-_KINDS = ("raw", "savgol")
-
-
-def _formatted(value: float | None, form: str) -> str:
-    return "n/a" if value is None else form.format(value).replace("%", " %")
 
 
 _ICON_INFO = (

@@ -14,6 +14,7 @@ from app.errors import CancelledRun
 from app.handlers import row_names
 from app.outputs import ResultFolder
 from app.request import (
+    REFERENCE_NAME,
     Artefact,
     GenerateRequest,
     GenerateResult,
@@ -22,6 +23,8 @@ from app.request import (
     ShouldCancel,
     file_stem,
 )
+from model.motion import Motion, save_motion
+from model.skeleton import JOINT_INDEX
 
 CATALOGUE = Catalogue(
     systems=("globaldiff/local", "globaldiff/global"),
@@ -30,18 +33,35 @@ CATALOGUE = Catalogue(
 )
 
 
-def write_video(path: Path, seconds: float = 1.0, size: int = 64) -> None:
-    """A short picture with a tone, encoded for a browser."""
+FRAME_BITS = 10
+"""Of a frame's number, as black and white columns of its picture, the highest bit first."""
+
+
+def write_video(path: Path, seconds: float = 1.0, size: int = 80) -> None:
+    """A silent video whose pictures tell their frame's number, encoded for a browser."""
+    column = np.arange(size) * FRAME_BITS // size
+    numbers = np.arange(round(30 * seconds))
+    bits = numbers[:, None] >> (FRAME_BITS - 1 - column) & 1
+    pictures = np.repeat((255 * bits).astype(np.uint8)[:, None], size, axis=1)
     subprocess.run(
         [
             imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-y",
-            "-f", "lavfi", "-i", f"testsrc=size={size}x{size}:rate=30:duration={seconds}",
-            "-f", "lavfi", "-i", f"sine=frequency=300:duration={seconds}",
-            "-pix_fmt", "yuv420p", "-c:v", "libx264", "-c:a", "aac",
+            "-f", "rawvideo", "-pix_fmt", "gray", "-s", f"{size}x{size}", "-r", "30", "-i", "-",
+            "-pix_fmt", "yuv420p", "-c:v", "libx264", "-preset", "ultrafast",
             "-movflags", "+faststart", str(path),
         ],
+        input=pictures.tobytes(),
         check=True,
     )  # fmt: skip
+
+
+def made_motion(num_frames: int, tremble: float = 0.02) -> Motion:
+    """A body that stands still but for a right elbow that trembles."""
+    poses = np.zeros((num_frames, 165), np.float32)
+    elbow = 3 * JOINT_INDEX["right_elbow"]
+    poses[:, elbow] = tremble * np.random.default_rng(0).standard_normal(num_frames)
+    zeros = np.zeros((num_frames, 103), np.float32)
+    return Motion(poses, zeros[:, :3], zeros[:, 3:], "flame100", np.zeros(300, np.float32))
 
 
 def measures(jerk: float) -> dict:
@@ -60,8 +80,11 @@ def make_generate(
     on_start: Callable[[GenerateRequest], None] | None = None,
     error: BaseException | None = None,
     hold: threading.Event | None = None,
+    before_video: Callable[[int], threading.Event] | None = None,
+    seconds: float = 1.0,
 ) -> Callable[[GenerateRequest, OnEvent, ShouldCancel], GenerateResult]:
-    """A pipeline that draws test pictures; it can be told to fail, or to wait until ``hold``."""
+    """A pipeline that draws test pictures; it can be told to fail, to wait until ``hold``, or to
+    wait before each video."""
 
     def generate(
         request: GenerateRequest, on_event: OnEvent, should_cancel: ShouldCancel
@@ -77,19 +100,23 @@ def make_generate(
             while hold is not None and not hold.wait(0.05):
                 if should_cancel():
                     raise CancelledRun
-            for name in names if request.has_previews else ():
-                preview = folder.scratch(f"{file_stem(name)}.glb")
-                preview.write_bytes(b"glTF")
-                on_event(Artefact("preview", name, preview))
+            for i, name in enumerate(names):
+                if name != REFERENCE_NAME:
+                    motion = folder.path(f"{file_stem(name)}.npz")
+                    save_motion(made_motion(round(30 * seconds), 0.02 / (i + 1)), motion)
+                    on_event(Artefact("motion", name, motion))
             on_event(Progress("motion", 1.0))
             on_event(Progress("numbers", 1.0))
             for i, name in enumerate(names):
+                while before_video is not None and not before_video(i).wait(0.05):
+                    if should_cancel():
+                        raise CancelledRun
                 video = folder.path(f"{file_stem(name)}.mp4")
-                write_video(video)
+                write_video(video, seconds)
                 on_event(Progress("video", (i + 1) / len(names)))
                 on_event(Artefact("video", name, video))
             comparison = folder.path("comparison.mp4")
-            write_video(comparison)
+            write_video(comparison, seconds)
             on_event(Progress("comparison", 1.0))
             on_event(Artefact("comparison", "comparison", comparison))
             figure = folder.path("figure6.png")
@@ -100,9 +127,14 @@ def make_generate(
         diagnostics = {
             "fps": 30,
             "tip": "right_middle",
-            "reference": None,
-            "systems": {name: measures(100.0 + i) for i, name in enumerate(names)},
+            "reference": measures(104.0) if request.reference else None,
+            "systems": {
+                name: measures(110.0 + 10 * i)
+                for i, name in enumerate(names)
+                if name != REFERENCE_NAME
+            },
         }
-        return GenerateResult(request.out, files, names, 30, diagnostics, ("A note.",))
+        num_frames = round(30 * seconds)
+        return GenerateResult(request.out, files, names, num_frames, diagnostics, ("A note.",))
 
     return generate

@@ -44,7 +44,7 @@ def test_every_field_of_the_form_reaches_the_run() -> None:
         sampler="heun",
         post_filter="savgol",
         reference=Path("/reference.npz"),
-        has_previews=False,
+        has_previews=True,
     )
     assert row_names(request) == (
         *("globaldiff/local", "globaldiff/local.s2"),
@@ -74,6 +74,13 @@ def test_a_form_that_cannot_be_done_gives_a_sentence(changes: dict, words: str) 
         read(replace(FORM, **changes))
 
 
+def test_the_mesh_of_a_licensed_body_is_not_handed_out(tmp_path: Path) -> None:
+    body = tmp_path / "SMPLX_NEUTRAL.npz"
+    body.touch()
+    licensed = AppConfig(weights=Path("/weights"), body=body)
+    assert not request_from_form(FORM, Path("/job"), fakes.CATALOGUE, licensed).has_previews
+
+
 def test_events_come_in_order_then_the_result_and_files_outlive_the_run(tmp_path: Path) -> None:
     job = JobBook(tmp_path).open("one")
     request = replace(read(FORM), out=job.folder / "results", samples=1, reference=None)
@@ -85,6 +92,8 @@ def test_events_come_in_order_then_the_result_and_files_outlive_the_run(tmp_path
             events += news
     assert result is not None and result.num_frames == 30
     assert [(e.kind, e.name) for e in events if isinstance(e, Artefact)] == [
+        ("motion", "globaldiff/local"),
+        ("motion", "globaldiff/global"),
         ("video", "globaldiff/local"),
         ("video", "globaldiff/global"),
         ("comparison", "comparison"),

@@ -1,0 +1,57 @@
+/** Small helpers for making elements. */
+
+/**
+ * Make an element. Attributes named on... with a function become listeners, `false` and `null`
+ * leave an attribute out, `true` gives it without a value.
+ */
+export function make(tag, attributes = {}, ...children) {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (typeof value === "function") element.addEventListener(name.slice(2), value);
+    else if (value !== false && value !== null) element.setAttribute(name, value === true ? "" : value);
+  }
+  element.append(...children);
+  return element;
+}
+
+const ICONS = {
+  play: "M6 4.5v11l9-5.5z",
+  pause: "M6 4.5h2.8v11H6zM11.2 4.5H14v11h-2.8z",
+  back: "M13 5v10l-7-5zM4.6 5h1.6v10H4.6z",
+  forward: "M7 5v10l7-5zM13.8 5h1.6v10h-1.6z",
+  loop: "M5 9a5 5 0 0 1 8.6-2.6L12 8h4V4l-1.4 1.4A7 7 0 0 0 3 9zm10 2a5 5 0 0 1-8.6 2.6L8 12H4v4l1.4-1.4A7 7 0 0 0 17 11z",
+  sound: "M3 8v4h3l4 3.5v-11L6 8zm9.2-2.3 1-1.3a7 7 0 0 1 0 11.2l-1-1.3a5.4 5.4 0 0 0 0-8.6z",
+  silent: "M3 8v4h3l4 3.5v-11L6 8zm9 0 1-1 2 2 2-2 1 1-2 2 2 2-1 1-2-2-2 2-1-1 2-2z",
+  large: "M3 3h6v2H6.4l3 3L8 9.4l-3-3V9H3zM17 17h-6v-2h2.6l-3-3 1.4-1.4 3 3V11h2z",
+  save: "M9 3h2v7.2l2.5-2.5L15 9.1 10 14 5 9.1l1.5-1.4L9 10.2zM4 15.5h12v2H4z",
+};
+
+/** A picture of 20 x 20 from the set above; it says nothing to a screen reader. */
+export function icon(name) {
+  const box = document.createElement("span");
+  box.className = "icon";
+  box.innerHTML = `<svg viewBox="0 0 20 20" aria-hidden="true"><path d="${ICONS[name]}"/></svg>`;
+  return box;
+}
+
+/** Give a button another picture and another name. */
+export function relabel(button, iconName, label) {
+  if (button.dataset.icon === iconName) return;
+  button.dataset.icon = iconName;
+  button.replaceChildren(icon(iconName));
+  button.setAttribute("aria-label", label);
+  button.title = label;
+}
+
+/** Seconds as m:ss.cc */
+export function clockText(seconds) {
+  const whole = Math.max(0, Math.floor(seconds * 100 + 1e-6));
+  const [minutes, rest] = [Math.floor(whole / 6000), whole % 6000];
+  return `${minutes}:${String(Math.floor(rest / 100)).padStart(2, "0")}.${String(rest % 100).padStart(2, "0")}`;
+}
+
+/** A motion's name; what comes before its last slash can be left out where room is short. */
+export function nameOf(name) {
+  const cut = name.lastIndexOf("/") + 1;
+  return make("b", { title: name }, ...(cut ? [make("span", { class: "family" }, name.slice(0, cut))] : []), name.slice(cut));
+}

@@ -1,0 +1,77 @@
+/** The table of measures: one switch for the filter, columns in the order of a measure, a CSV. */
+
+import { make } from "./dom.js";
+import { currentFilter, followFilter, wireSwitch } from "./filter_switch.js";
+
+const ORDERS = ["ascending", "descending", null]; // one after the other with each click
+
+export function mountMeasures(element, props, watch) {
+  let unfollow = () => {};
+  const wire = () => {
+    unfollow();
+    const table = element.querySelector(".measures");
+    if (table) unfollow = wireTable(table);
+  };
+  watch("value", wire);
+  wire();
+}
+
+/** Wire what the server has written; returns a function that lets go of it. */
+function wireTable(root) {
+  const columns = readColumns(root);
+  for (const row of root.querySelectorAll("tr[data-measure]")) {
+    row.querySelector("button").onclick = () => order(root, row, columns);
+  }
+  root.querySelector(".csv").onclick = () => save(root);
+  const ends = [wireSwitch(root.querySelector(".switch")), followFilter((name) => root.setAttribute("data-filter", name))];
+  return () => ends.forEach((end) => end());
+}
+
+/** Names of the systems in the server's order; the reference keeps its place. */
+function readColumns(root) {
+  return [...root.querySelectorAll("thead th[data-name]:not(.reference)")].map((head) => head.dataset.name);
+}
+
+function order(root, row, names) {
+  const was = row.getAttribute("aria-sort");
+  const next = ORDERS[(ORDERS.indexOf(was) + 1) % ORDERS.length];
+  for (const other of root.querySelectorAll("tr[aria-sort]")) other.removeAttribute("aria-sort");
+  if (next) row.setAttribute("aria-sort", next);
+  const now = headNames(root);
+  const value = (name) => {
+    const text = row.children[1 + now.indexOf(name)].getAttribute(`data-${currentFilter()}`);
+    return text === null ? Infinity : Number(text) * (next === "descending" ? -1 : 1);
+  };
+  const wanted = next ? names.toSorted((a, b) => value(a) - value(b)) : names;
+  const indices = wanted.map((name) => 1 + now.indexOf(name));
+  for (const each of root.querySelectorAll("thead tr, tr[data-measure]")) {
+    const cells = [...each.children];
+    each.append(...indices.map((index) => cells[index]));
+  }
+}
+
+function headNames(root) {
+  return [...root.querySelectorAll("thead th[data-name]")].map((head) => head.dataset.name);
+}
+
+/** What the table holds, raw and filtered, one number in a line. */
+function save(root) {
+  const names = headNames(root);
+  const lines = [["measure", "unit", "name", "filter", "value"]];
+  for (const row of root.querySelectorAll("tr[data-measure]")) {
+    for (const [i, name] of names.entries()) {
+      for (const filter of ["raw", "savgol"]) {
+        const value = row.children[1 + i].getAttribute(`data-${filter}`);
+        if (value !== null) lines.push([row.dataset.measure, row.dataset.unit, name, filter, value]);
+      }
+    }
+  }
+  const content = lines.map((line) => line.map(quoted).join(",")).join("\r\n") + "\r\n";
+  const url = URL.createObjectURL(new Blob([content], { type: "text/csv" }));
+  make("a", { href: url, download: "measures.csv" }).click();
+  URL.revokeObjectURL(url);
+}
+
+function quoted(cell) {
+  return `"${String(cell).replaceAll('"', '""')}"`;
+}

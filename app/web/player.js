@@ -1,0 +1,92 @@
+/**
+ * The lock-step player of the page. The server sends everything that is known of a run, again and
+ * again as it grows; this makes what is missing and leaves alone what is there.
+ */
+
+import { Controls } from "./controls.js";
+import { make } from "./dom.js";
+import { Lockstep } from "./lockstep.js";
+import { Tiles } from "./tiles.js";
+import { Timeline } from "./timeline.js";
+
+const KEEPS_ITS_KEYS = "input, textarea, select, [contenteditable], [role=tab], [role=listbox]";
+const PRESSES = "button, a"; // what the space bar presses
+
+class Player {
+  #root;
+  #lockstep = new Lockstep();
+  #audio = make("audio", { preload: "auto" });
+  #run = null;
+  #timelineUrl = null;
+
+  constructor(root) {
+    this.#root = root;
+    this.tiles = new Tiles(this.#lockstep, () => this.controls?.update());
+    this.controls = new Controls(this.#lockstep, this.tiles, this.#audio);
+    this.timeline = new Timeline(this.#lockstep);
+    root.replaceChildren(this.tiles.element, this.controls.element, this.timeline.element, this.#audio);
+    root.setAttribute("role", "group");
+    root.setAttribute("aria-label", "Videos in lock-step");
+    root.lockstep = this.#lockstep; // for whoever wants to look at it from outside
+  }
+
+  /** Show a run as far as it has come; nothing where there is none. */
+  show({ run = null, rows = [], audio = null, timeline = null }) {
+    if (run !== this.#run) this.#clear(run);
+    const isWorthIt = rows.some((row) => row.motion || row.video);
+    this.#root.hidden = !isWorthIt;
+    if (!isWorthIt) return;
+    if (audio && !this.#audio.hasAttribute("src")) {
+      this.#audio.src = audio;
+      this.#lockstep.setSound(this.#audio);
+    }
+    this.tiles.show(rows);
+    this.controls.update();
+    if (timeline && timeline !== this.#timelineUrl) this.#loadTimeline(timeline, rows);
+  }
+
+  async #loadTimeline(url, rows) {
+    this.#timelineUrl = url;
+    const response = await fetch(url);
+    if (!response.ok) return; // kept no longer: the videos are gone as well
+    const data = await response.json();
+    if (url === this.#timelineUrl) this.timeline.show(data, rows);
+  }
+
+  #clear(run) {
+    this.#run = run;
+    this.#timelineUrl = null;
+    this.tiles.clear();
+    this.#lockstep.clear();
+    this.timeline.clear();
+  }
+
+  dispose() {
+    this.#clear(null);
+    this.timeline.dispose();
+  }
+
+  /** Keys work anywhere on the page where nothing else wants them, while the player is seen. */
+  onKey(event) {
+    const { target } = event;
+    if (this.#root.hidden || event.defaultPrevented || !this.#root.offsetParent) return;
+    const isOurs = this.#root.contains(target) || target === document.body;
+    if (!isOurs || target.closest(KEEPS_ITS_KEYS)) return;
+    if (event.key === " " && target.closest(PRESSES)) return;
+    if (this.controls.press(event)) event.preventDefault();
+  }
+}
+
+/** Called by Gradio's component; `watch` tells of new values. */
+export function mountPlayer(element, props, watch) {
+  const player = new Player(element.querySelector(".lockstep"));
+  const onKey = (event) => {
+    if (element.isConnected) return player.onKey(event);
+    document.removeEventListener("keydown", onKey); // Gradio has put another in its place
+    return player.dispose();
+  };
+  document.addEventListener("keydown", onKey);
+  const show = () => player.show(JSON.parse(JSON.stringify(props.value ?? {})));
+  watch("value", show);
+  show();
+}

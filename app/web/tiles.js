@@ -1,0 +1,253 @@
+/** The grid of videos: one tile for each motion, and two of them on top of each other. */
+
+import { icon, make, nameOf } from "./dom.js";
+import { GlbView } from "./glb_view.js";
+import { FPS } from "./lockstep.js";
+
+const FLICKER_MS = 500; // one change in half a second: far below what can do harm to anyone
+const MOST_PREVIEWS = 2; // each takes a WebGL context and, without a GPU, the visitor's processor
+const PREVIEW_PX = 384;
+const PREVIEW_MS = 80; // between two pictures while it plays
+const SLOW_PREVIEW_MS = 600; // where the processor has to draw them
+
+/** One motion: its name, and its video or what stands in for it until that is drawn. */
+class Tile {
+  video = null;
+  #picture;
+  #tools;
+  #preview = null;
+  #previewed = -Infinity; // when it was last drawn
+
+  constructor(row, number, onEnlarge) {
+    this.name = row.name;
+    this.#picture = make("div", { class: "picture" }, make("p", { class: "drawing" }, "being drawn"));
+    this.enlarge = make(
+      "button",
+      { type: "button", class: "enlarge", "aria-label": `Enlarge ${row.name}`, title: "Enlarge", "aria-pressed": "false", onclick: () => onEnlarge(this) },
+      icon("large"),
+    );
+    this.#tools = make("span", { class: "tools" }, this.enlarge);
+    const swatch = make("i", { class: row.dashes.length ? "dashed" : "solid", "aria-hidden": "true" });
+    const key = number <= 9 ? make("kbd", { "aria-hidden": "true" }, String(number)) : "";
+    const head = make("header", {}, swatch, nameOf(row.name), key, this.#tools);
+    this.element = make("article", { class: "tile", "data-name": row.name, "aria-label": row.name }, head, this.#picture);
+    this.element.style.setProperty("--series", row.is_reference ? "var(--reference-ink)" : row.color);
+    this.#picture.addEventListener("dblclick", () => onEnlarge(this));
+  }
+
+  get hasPreview() {
+    return this.#preview !== null;
+  }
+
+  /** Put the video in place of what was there; returns it. */
+  showVideo(url, row) {
+    this.dropPreview();
+    this.video = make("video", { muted: true, playsinline: true, preload: "auto", disablepictureinpicture: true, "aria-label": `Motion of ${this.name}` });
+    this.video.muted = true; // the attribute counts for the parser only
+    this.video.src = url;
+    this.#picture.replaceChildren(this.video);
+    this.#addDownload(url, `${row.stem}.mp4`, "video");
+    if (row.motion) this.#addDownload(row.motion, `${row.stem}.npz`, "npz");
+    return this.video;
+  }
+
+  #addDownload(url, fileName, kind) {
+    const label = `Save the ${kind === "video" ? "video" : "motion (npz)"} of ${this.name}`;
+    const children = kind === "video" ? [icon("save")] : ["npz"];
+    this.#tools.prepend(make("a", { href: url, download: fileName, "aria-label": label, title: label }, ...children));
+  }
+
+  /** Show the motion in 3D until the video is there; without WebGL the words stay. */
+  async showPreview(url, time) {
+    const canvas = make("canvas", { width: PREVIEW_PX, height: PREVIEW_PX, role: "img", "aria-label": `3D preview of ${this.name}` });
+    let view;
+    try {
+      view = new GlbView(canvas);
+    } catch {
+      return; // no WebGL here
+    }
+    this.#preview = view;
+    try {
+      await view.load(url);
+    } catch {
+      if (this.#preview === view) this.dropPreview();
+      return;
+    }
+    if (this.#preview !== view) return; // the video was faster
+    this.#picture.prepend(canvas);
+    this.element.classList.add("previewed");
+    view.seek(time());
+  }
+
+  /** Draw a moment in 3D, where that is still to be seen; while it plays, not every one. */
+  seekPreview(seconds, isPlaying) {
+    if (!this.#preview) return;
+    const now = performance.now();
+    if (isPlaying && now - this.#previewed < (this.#preview.isSlow ? SLOW_PREVIEW_MS : PREVIEW_MS)) return;
+    this.#previewed = now;
+    this.#preview.seek(seconds);
+  }
+
+  dropPreview() {
+    this.#preview?.dispose();
+    this.#preview = null;
+    this.element.classList.remove("previewed");
+    this.#picture.querySelector("canvas")?.remove();
+  }
+}
+
+/** All tiles. `mode` is grid, wipe or flicker; the last two show two tiles in one place. */
+export class Tiles {
+  #tiles = new Map();
+  #player;
+  #onPair;
+  #handle;
+  #large = null;
+  #flicker = null;
+  mode = "grid";
+  pair = [null, null];
+
+  /** `player` is the Lockstep that the videos join. */
+  constructor(player, onPair) {
+    this.#player = player;
+    this.#onPair = onPair;
+    this.element = make("div", { class: "tiles", "data-mode": "grid" });
+    this.#handle = make("div", {
+      class: "wipe",
+      role: "slider",
+      tabindex: "0",
+      "aria-label": "Where one video ends and the other begins",
+      "aria-valuemin": "0",
+      "aria-valuemax": "100",
+      onpointerdown: (event) => this.#dragWipe(event),
+      onkeydown: (event) => this.#keyWipe(event),
+    });
+    player.addEventListener("time", () => this.#seekPreviews());
+  }
+
+  get names() {
+    return [...this.#tiles.keys()];
+  }
+
+  /** Make or complete the tiles of `rows`. */
+  show(rows) {
+    for (const row of rows) {
+      let tile = this.#tiles.get(row.name);
+      if (!tile) {
+        tile = new Tile(row, this.#tiles.size + 1, (which) => this.enlarge(which.name));
+        this.#tiles.set(row.name, tile);
+        this.element.append(tile.element);
+        this.#arrange();
+      }
+      if (row.video && !tile.video) {
+        this.#player.add(tile.showVideo(row.video, row));
+        this.#arrange();
+      }
+    }
+    this.element.append(this.#handle);
+    this.element.dataset.count = this.#tiles.size;
+    for (const row of rows) {
+      const tile = this.#tiles.get(row.name);
+      const live = [...this.#tiles.values()].filter(({ hasPreview }) => hasPreview).length;
+      if (row.preview && !tile.video && !tile.hasPreview && !tile.wasTried && live < MOST_PREVIEWS) {
+        tile.wasTried = true;
+        tile.showPreview(row.preview, () => this.#player.time);
+      }
+    }
+  }
+
+  clear() {
+    this.setMode("grid");
+    for (const tile of this.#tiles.values()) tile.dropPreview();
+    this.#tiles.clear();
+    this.#large = null;
+    this.pair = [null, null];
+    this.element.replaceChildren();
+  }
+
+  /** Make one tile large, or small again. */
+  enlarge(name) {
+    if (this.mode !== "grid") this.setMode("grid");
+    this.#large = this.#large === name ? null : name;
+    for (const [each, tile] of this.#tiles) {
+      tile.element.classList.toggle("large", each === this.#large);
+      tile.enlarge.setAttribute("aria-pressed", String(each === this.#large));
+    }
+    this.element.classList.toggle("has-large", this.#large !== null);
+    if (this.#large) this.#tiles.get(name).element.scrollIntoView({ block: "nearest" });
+  }
+
+  enlargeNumber(number) {
+    const name = this.names[number - 1];
+    if (name) this.enlarge(name);
+  }
+
+  setMode(mode) {
+    this.mode = mode;
+    this.element.dataset.mode = mode;
+    clearInterval(this.#flicker);
+    if (mode !== "grid") {
+      if (this.#large) this.enlarge(this.#large);
+      this.mode = mode;
+      this.element.dataset.mode = mode;
+      const [first, second] = this.names;
+      this.pair = [this.pair[0] ?? first, this.pair[1] ?? second];
+      this.#wipeTo(50);
+    }
+    if (mode === "flicker") this.#flicker = setInterval(() => this.swap(), FLICKER_MS);
+    this.#arrange();
+    this.#onPair();
+  }
+
+  setPair(index, name) {
+    const other = 1 - index;
+    if (this.pair[other] === name) this.pair[other] = this.pair[index];
+    this.pair[index] = name;
+    this.#arrange();
+    this.#onPair();
+  }
+
+  /** Show the other one of two that flicker. */
+  swap() {
+    this.element.classList.toggle("second");
+  }
+
+  #arrange() {
+    for (const [name, tile] of this.#tiles) {
+      const place = this.mode === "grid" ? -1 : this.pair.indexOf(name);
+      tile.element.classList.toggle("first-of-two", place === 0);
+      tile.element.classList.toggle("second-of-two", place === 1);
+      if (tile.video) this.#player.setActive(tile.video, this.mode === "grid" || place >= 0);
+    }
+  }
+
+  #wipeTo(percent) {
+    const share = Math.max(0, Math.min(100, percent));
+    this.element.style.setProperty("--wipe", `${share}%`);
+    this.#handle.setAttribute("aria-valuenow", String(Math.round(share)));
+  }
+
+  #dragWipe(event) {
+    event.preventDefault();
+    this.#handle.focus();
+    this.#handle.setPointerCapture(event.pointerId);
+    const move = ({ clientX }) => {
+      const box = this.#tiles.get(this.pair[0]).element.querySelector(".picture").getBoundingClientRect();
+      this.#wipeTo((100 * (clientX - box.left)) / box.width);
+    };
+    this.#handle.addEventListener("pointermove", move);
+    this.#handle.addEventListener("lostpointercapture", () => this.#handle.removeEventListener("pointermove", move), { once: true });
+  }
+
+  #keyWipe(event) {
+    const step = { ArrowLeft: -2, ArrowRight: 2 }[event.key];
+    if (!step) return;
+    event.preventDefault();
+    event.stopPropagation();
+    this.#wipeTo(Number(this.#handle.getAttribute("aria-valuenow")) + step);
+  }
+
+  #seekPreviews() {
+    for (const tile of this.#tiles.values()) tile.seekPreview((this.#player.frame + 0.5) / FPS, this.#player.isPlaying);
+  }
+}

@@ -1,0 +1,323 @@
+"""The lock-step player in a real Chromium, over a pipeline that draws numbered pictures at once."""
+
+import shutil
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from app import text
+from app.config import AppConfig
+from app.main import launch
+from model.motion import save_motion
+from model.speech.audio import write_wav
+from tests.app import fakes
+from tests.browser.conftest import PATIENCE_MS
+from tests.model.made import made_waveform, make_weights
+
+pytestmark = pytest.mark.browser
+
+SECONDS = 6.0
+FRAMES = round(30 * SECONDS)
+SYSTEMS = ("globaldiff/local", "globaldiff/global", "globaldiff/full")
+
+READ_FRAMES = """() => [...document.querySelectorAll('#player video')].map(video => {
+    const canvas = document.createElement('canvas');
+    canvas.width = canvas.height = 80;
+    const context = canvas.getContext('2d', { willReadFrequently: true });
+    context.drawImage(video, 0, 0, 80, 80);
+    const row = context.getImageData(0, 40, 80, 1).data;
+    let number = 0;
+    for (let bit = 0; bit < BITS; bit++) {
+        const x = Math.floor((bit + 0.5) * 80 / BITS);
+        number = 2 * number + (row[4 * x] > 128 ? 1 : 0);
+    }
+    return number;
+})""".replace("BITS", str(fakes.FRAME_BITS))
+"""The number of the frame that each video shows, from its picture."""
+
+IN_SYNC = f"""async () => {{
+    const read = {READ_FRAMES};
+    const audio = document.querySelector('#player audio');
+    const lockstep = document.querySelector('.lockstep').lockstep;
+    for (let good = 0; good < 12; good++) {{
+        await new Promise(requestAnimationFrame);
+        const now = audio.currentTime * 30;
+        const shown = read();
+        const isPlaying = !audio.paused && lockstep.isPlaying;
+        // A frame is right from its own time to the next one's.
+        const isNear = shown.every(frame => frame + 1 >= now - 1 && frame <= now + 1);
+        if (!isPlaying || !isNear || shown.length !== 3) return false;
+    }}
+    return true;
+}}"""
+"""Whether three videos were within one frame of the sound in twelve pictures in a row."""
+
+
+class Stage:
+    """What lets the fake draw its videos."""
+
+    def __init__(self) -> None:
+        self.may_draw = [threading.Event() for _ in range(12)]
+        self.hold(0)
+
+    def hold(self, drawn: int) -> None:
+        """Let only the first ``drawn`` videos be drawn."""
+        for index, event in enumerate(self.may_draw):
+            if index < drawn:
+                event.set()
+            else:
+                event.clear()
+
+
+@pytest.fixture(scope="module")
+def stage() -> Stage:
+    return Stage()
+
+
+@pytest.fixture(scope="module")
+def fake_address(stage: Stage, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    weights = make_weights(tmp_path_factory.mktemp("weights"))
+    for ending in ("json", "safetensors"):
+        shutil.copy(weights / f"globaldiff-global.{ending}", weights / f"globaldiff-full.{ending}")
+    page = launch(
+        AppConfig(port=0, weights=weights, temp=tmp_path_factory.mktemp("page")),
+        is_warmed_up=False,
+        generate=fakes.make_generate(before_video=stage.may_draw.__getitem__, seconds=SECONDS),
+    )
+    yield page.local_url
+    page.close()
+
+
+@pytest.fixture(scope="module")
+def speech(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("speech") / "speech.wav"
+    write_wav(path, made_waveform(round(16_000 * SECONDS)))
+    return path
+
+
+def open_page(browser: Browser, address: str, width: int = 1280) -> Page:
+    page = browser.new_context(viewport={"width": width, "height": 900}).new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    page.on("pageerror", lambda error: pytest.fail(str(error)))
+    page.goto(address)
+    page.get_by_role("button", name=text.GENERATE).wait_for()
+    return page
+
+
+def start(page: Page, speech: Path) -> None:
+    page.set_input_files("#speech input[type=file]", str(speech))
+    page.locator("#speech").get_by_label("Play", exact=True).first.wait_for()
+    page.get_by_role("button", name=text.GENERATE).click()
+
+
+@pytest.fixture(scope="module")
+def done(browser: Browser, fake_address: str, stage: Stage, speech: Path) -> Iterator[Page]:
+    """A run of three systems and a reference that has ended; tests share it."""
+    stage.hold(12)
+    page = open_page(browser, fake_address)
+    start(page, speech)
+    page.locator("#bundle").wait_for()
+    page.locator("#player .lane canvas").first.wait_for()
+    yield page
+    page.context.close()
+
+
+@pytest.fixture
+def player(done: Page) -> Page:
+    """The shared page, at rest on its first frame with nothing changed."""
+    done.evaluate(
+        """() => {
+            const { lockstep } = document.querySelector('.lockstep');
+            lockstep.pause(); lockstep.setLoop(null); lockstep.setRate(1); lockstep.seekFrame(0);
+        }"""
+    )
+    done.locator("#player").get_by_role("button", name="All", exact=True).click()
+    expect_frames(done, 0)
+    return done
+
+
+def expect_frames(page: Page, frame: int) -> None:
+    """Every video comes to show this frame."""
+    page.wait_for_function(f"frame => ({READ_FRAMES})().every(shown => shown === frame)", arg=frame)
+
+
+def expect_sync(page: Page) -> None:
+    """While it plays, all three come to be within one frame of the sound and stay there."""
+    page.wait_for_function(IN_SYNC)
+
+
+def test_three_videos_keep_within_a_frame_of_the_sound(player: Page) -> None:
+    bar = player.locator("#player .controls")
+    bar.get_by_role("button", name="Play", exact=True).click()
+    expect_sync(player)
+    player.evaluate("document.querySelectorAll('#player video')[1].currentTime += 0.5")
+    expect_sync(player)  # one that was thrown off is brought back
+    player.evaluate("document.querySelector('.lockstep').lockstep.seek(3.0)")
+    assert player.evaluate("document.querySelector('#player audio').currentTime") >= 2.9
+    expect_sync(player)
+    player.evaluate("document.querySelector('.lockstep').lockstep.setLoop([1, 5])")
+    for rate in ("0.5", "2"):
+        bar.get_by_label("Speed").select_option(rate)
+        assert player.evaluate("document.querySelector('#player audio').playbackRate") == float(
+            rate
+        )
+        expect_sync(player)
+    bar.get_by_role("button", name="Pause", exact=True).click()
+    frame = player.evaluate("document.querySelector('.lockstep').lockstep.frame")
+    expect_frames(player, frame)
+
+
+def test_a_click_on_a_plot_shows_that_moment(player: Page) -> None:
+    for lane, share in (("globaldiff/global", 0.5), ("globaldiff/local", 0.81)):
+        plot = player.locator(f'.lane[data-name="{lane}"] .plot')
+        box = plot.bounding_box()
+        assert box is not None
+        plot.click(position={"x": box["width"] * share, "y": 10})
+        frame = player.evaluate("document.querySelector('.lockstep').lockstep.frame")
+        assert abs(frame - share * FRAMES) <= 1
+        expect_frames(player, frame)
+        at = player.evaluate(
+            "getComputedStyle(document.querySelector('.lanes')).getPropertyValue('--at')"
+        )
+        assert float(at) == pytest.approx(share, abs=1 / FRAMES)
+
+
+def test_keys_play_step_hop_loop_and_enlarge(player: Page) -> None:
+    player.locator("body").focus()
+    for key, frame in ((".", 1), (".", 2), (",", 1), ("ArrowRight", 31), ("ArrowLeft", 1)):
+        player.keyboard.press(key)
+        expect_frames(player, frame)
+    player.keyboard.press("End")
+    expect_frames(player, FRAMES - 1)
+    player.keyboard.press("l")
+    assert player.evaluate("document.querySelector('.lockstep').lockstep.loop") == [4, 6]
+    player.keyboard.press("Space")
+    player.wait_for_function("() => { const l = document.querySelector('.lockstep').lockstep;"
+                             " return l.isPlaying && l.time >= 4 && l.time < 5.5; }")  # fmt: skip
+    player.keyboard.press("Space")
+    assert not player.evaluate("document.querySelector('.lockstep').lockstep.isPlaying")
+    player.keyboard.press("2")
+    large = player.locator("#player .tile.large")
+    expect(large).to_have_attribute("data-name", "globaldiff/global")
+    player.keyboard.press("2")
+    expect(large).to_have_count(0)
+
+
+def test_two_videos_are_wiped_and_flickered(player: Page) -> None:
+    bar = player.locator("#player .controls")
+    bar.get_by_role("button", name="Wipe").click()
+    bar.get_by_label("Second of two").select_option("globaldiff/full")
+    shown = player.locator("#player .tile:visible")
+    expect(shown).to_have_count(2)
+    boxes = [tile.locator(".picture").bounding_box() for tile in shown.all()]
+    assert boxes[0] == boxes[1]
+    handle = player.locator("#player .wipe")
+    handle.focus()
+    handle.press("ArrowRight")
+    expect(handle).to_have_attribute("aria-valuenow", "52")
+    bar.get_by_role("button", name="Flicker").click()
+    for index in (0, 1):
+        player.wait_for_function(
+            "i => getComputedStyle(document.querySelector(i ? '.second-of-two' : '.first-of-two'))"
+            ".visibility === 'hidden'",
+            arg=index,
+        )
+
+
+def test_one_switch_filters_plots_and_measures(player: Page) -> None:
+    jerk = player.locator('#numbers tr[data-measure="Jerk"]')
+    expect(jerk.locator("td").first).to_have_text("110")
+    player.locator("#player .timeline").get_by_role("button", name=text.FILTERED).click()
+    expect(jerk.locator("td .savgol").first).to_be_visible()
+    expect(jerk.locator("td .raw").first).not_to_be_visible()
+    player.locator("#numbers").get_by_role("button", name=text.AS_GENERATED).click()
+    expect(jerk.locator("td .raw").first).to_be_visible()
+    button = player.locator("#player .timeline").get_by_role("button", name=text.AS_GENERATED)
+    expect(button).to_have_attribute("aria-pressed", "true")
+
+
+def test_measures_order_the_systems_and_are_saved(player: Page, tmp_path: Path) -> None:
+    heads = player.locator("#numbers thead th[data-name]")
+    jerk = player.locator('#numbers tr[data-measure="Jerk"] button')
+    jerk.click()
+    jerk.click()
+    expect(heads).to_have_text([*reversed(SYSTEMS)])
+    expect(player.locator('#numbers tr[data-measure="Jerk"] td').first).to_contain_text("130")
+    with player.expect_download() as download:
+        player.get_by_role("button", name=text.CSV_LABEL).click()
+    download.value.save_as(tmp_path / "measures.csv")
+    lines = (tmp_path / "measures.csv").read_text().splitlines()
+    assert '"Jerk","m/s³","globaldiff/full","raw","130"' in [
+        line.replace("130.0", "130") for line in lines
+    ]
+    jerk.click()
+    expect(heads).to_have_text([*SYSTEMS])
+
+
+def test_a_figure_fills_the_window_on_click(player: Page) -> None:
+    player.locator("#figures button.zoom").first.click()
+    large = player.locator("dialog.lightbox img")
+    expect(large).to_be_visible()
+    assert large.evaluate("image => image.naturalWidth") == 160
+    player.keyboard.press("Escape")
+    expect(large).not_to_be_visible()
+
+
+def test_another_browser_cannot_fetch_the_videos(player: Page, browser: Browser) -> None:
+    url = player.locator("#player video").first.get_attribute("src")
+    where = player.evaluate("url => new URL(url, document.baseURI).href", url)
+    assert player.request.get(where).status == 200
+    stranger = browser.new_context()
+    assert stranger.request.get(where).status == 404
+    stranger.close()
+
+
+def test_videos_appear_one_by_one_beside_a_reference_and_a_cancelled_run_leaves_none(
+    browser: Browser, fake_address: str, stage: Stage, speech: Path, tmp_path: Path
+) -> None:
+    stage.hold(0)
+    page = open_page(browser, fake_address, width=390)
+    page.get_by_role("button", name=text.ADVANCED_LABEL).click()
+    reference = tmp_path / "reference.npz"
+    save_motion(fakes.made_motion(FRAMES), reference)
+    page.set_input_files("#reference input[type=file]", str(reference))
+    expect(page.locator("#reference")).to_contain_text("reference")
+    start(page, speech)
+    drawing, videos = page.locator("#player .drawing:visible"), page.locator("#player video")
+    expect(drawing).to_have_count(4)
+    for drawn in (1, 2):
+        stage.hold(drawn)
+        expect(videos).to_have_count(drawn)
+        expect(drawing).to_have_count(4 - drawn)
+    expect(page.locator("#player .lane[data-name]")).to_have_count(4)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    page.get_by_role("button", name=text.CANCEL).click()
+    expect(page.locator("#status")).to_contain_text(text.CANCELLED)
+    expect(page.locator("#player .lockstep")).not_to_be_visible()
+    expect(videos).to_have_count(0)
+    page.context.close()
+
+
+@pytest.mark.parametrize("width", [390])
+def test_results_are_no_wider_than_the_window(player: Page, width: int) -> None:
+    player.set_viewport_size({"width": width, "height": 800})
+    assert player.evaluate("document.documentElement.scrollWidth") <= width
+    table = player.locator("#numbers .scroll")
+    assert table.evaluate("box => box.scrollWidth > box.clientWidth")
+    for mode in ("Wipe", "All"):
+        player.locator("#player").get_by_role("button", name=mode, exact=True).click()
+        assert player.evaluate("document.documentElement.scrollWidth") <= width
+    player.set_viewport_size({"width": 1280, "height": 900})
+
+
+def test_the_ladder_is_explained_on_a_phone_too(browser: Browser, fake_address: str) -> None:
+    page = open_page(browser, fake_address, width=390)
+    page.get_by_role("tab", name=text.LADDER_TAB).click()
+    expect(page.locator(".ladder li")).to_have_count(5)
+    expect(page.locator(".ladder .absent")).to_have_count(2)
+    assert page.locator(".ladder math").first.bounding_box() is not None
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    page.context.close()
