@@ -13,6 +13,7 @@
 
 const BACKGROUND = [0.894, 0.902, 0.918]; // of the videos
 const ATTRIBUTES = ["POSITION", "NORMAL", "COLOR_0", "JOINTS_0", "WEIGHTS_0"]; // by location
+const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i; // names of drivers
 const SMALLEST_WEIGHT = 1e-4;
 
 const VERTEX_SHADER = `#version 300 es
@@ -60,11 +61,15 @@ export class GlbView {
   #model = null;
   #loading = new AbortController();
 
+  /** Whether the processor has to draw, as there is no GPU: a tenth of a second a picture. */
+  isSlow;
+
   /** Throws an Error that holds a sentence if the browser has no WebGL 2. */
   constructor(canvas) {
     this.#canvas = canvas;
     this.#gl = canvas.getContext("webgl2", { alpha: false });
     if (!this.#gl) throw new Error("This browser shows no 3D graphics (WebGL 2).");
+    this.isSlow = SOFTWARE.test(driver(this.#gl));
     this.#program = linked(this.#gl, VERTEX_SHADER, FRAGMENT_SHADER);
   }
 
@@ -112,6 +117,11 @@ export class GlbView {
     this.#model = null;
     this.#gl.getExtension("WEBGL_lose_context")?.loseContext(); // frees what it holds
   }
+}
+
+function driver(gl) {
+  const { UNMASKED_RENDERER_WEBGL } = gl.getExtension("WEBGL_debug_renderer_info") ?? {};
+  return gl.getParameter(UNMASKED_RENDERER_WEBGL ?? gl.RENDERER);
 }
 
 function linked(gl, ...sources) {
