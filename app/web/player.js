@@ -25,6 +25,9 @@ class Player {
     this.controls = new Controls(this.#lockstep, this.tiles, this.#audio);
     this.timeline = new Timeline(this.#lockstep);
     root.replaceChildren(this.tiles.element, this.controls.element, this.timeline.element, this.#audio);
+    root.addEventListener("click", ({ detail, target }) => {
+      if (detail > 0) target.closest("button")?.blur(); // after a mouse, the space bar plays again
+    });
     root.setAttribute("role", "group");
     root.setAttribute("aria-label", "Videos in lock-step");
     root.lockstep = this.#lockstep; // for whoever wants to look at it from outside

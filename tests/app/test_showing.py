@@ -1,0 +1,66 @@
+import json
+from pathlib import Path
+
+import pytest
+
+from app.media import MediaDesk
+from app.request import Artefact, GenerateRequest
+from app.showing import Showing
+from model.motion import save_motion
+from tests.app.fakes import made_motion
+
+NAMES = ("globaldiff/local", "globaldiff/global", "reference")
+
+
+@pytest.fixture
+def showing(speech: Path, tmp_path: Path) -> Showing:
+    reference = tmp_path / "recorded.npz"
+    save_motion(made_motion(60), reference)
+    request = GenerateRequest(
+        speech=speech, out=tmp_path / "out", weights=tmp_path, reference=reference
+    )
+    return Showing(request, NAMES, tmp_path, desk=MediaDesk(), visitor="")
+
+
+def told(showing: Showing, kind, name: str, folder: Path) -> None:
+    path = folder / f"{name.replace('/', '-')}.{'npz' if kind == 'motion' else 'mp4'}"
+    if kind == "motion":
+        save_motion(made_motion(37), path)
+    else:
+        path.touch()
+    showing.take(Artefact(kind, name, path))
+
+
+def test_rows_are_there_at_once_and_their_files_come_one_by_one(
+    showing: Showing, tmp_path: Path
+) -> None:
+    assert [row["name"] for row in showing.value()["rows"]] == list(NAMES)
+    assert [row["is_reference"] for row in showing.value()["rows"]] == [False, False, True]
+    told(showing, "video", NAMES[1], tmp_path)
+    assert ["video" in row for row in showing.value()["rows"]] == [False, True, False]
+    told(showing, "video", "of another run", tmp_path)
+    assert len(showing.value()["rows"]) == 3
+
+
+def test_an_address_stays_the_same_for_as_long_as_a_run_is_shown(
+    showing: Showing, tmp_path: Path
+) -> None:
+    told(showing, "video", NAMES[0], tmp_path)
+    assert showing.value()["rows"][0]["video"] == showing.value()["rows"][0]["video"]
+
+
+def test_the_time_line_follows_the_last_motion_and_holds_the_reference(
+    showing: Showing, tmp_path: Path
+) -> None:
+    told(showing, "motion", NAMES[0], tmp_path)
+    assert "timeline" not in showing.value(is_over=True)
+    told(showing, "motion", NAMES[1], tmp_path)
+    value = showing.value(is_over=True)
+    assert value["audio"] != value["timeline"]
+    timeline = json.loads((tmp_path / "timeline.json").read_text())
+    assert timeline["duration_s"] == pytest.approx(37 / 30, abs=1e-3)
+    lengths = {
+        name: len(curves["raw"]["jerk_m_s3"]["values"])
+        for name, curves in timeline["curves"].items()
+    }
+    assert lengths == {name: 37 - 3 for name in NAMES}  # the reference is cut to the speech
