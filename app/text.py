@@ -16,8 +16,8 @@ UNTRAINED = (
     "only shows that everything works."
 )
 
-MOTION_TAB = "Motion from speech"
-LADDER_TAB = "What the systems are"
+MOTION_TAB = "Motion"
+LADDER_TAB = "Systems"
 STUDY_TAB = "User study"
 
 STEP_SPEECH = "Speech"
@@ -47,13 +47,15 @@ FILTER_HELP = (
     "The numbers always give both."
 )
 REFERENCE_LABEL = "Reference motion (BEAT2 .npz, optional)"
+POINT_LABEL = "Point to follow in plots and measures"
+START_LABEL = "First frame of the figure"
 GENERATE = "Generate motion"
 CANCEL = "Cancel"
 
 EMPTY_TITLE = "Nothing generated yet"
 EMPTY_STEPS = (
     ("Give it speech", "Upload, record, or take one of the examples."),
-    ("Choose systems", "The tab “What the systems are” tells what each adds."),
+    ("Choose systems", "The tab “Systems” tells what each adds."),
     ("Press Generate motion", "Each video appears as soon as it is drawn; a ten-second clip "
      "takes well under a minute."),
 )  # fmt: skip
@@ -122,6 +124,7 @@ NOTES_TITLE = "Good to know"
 NO_SPEECH = "There is no speech yet: upload or record some, or take an example."
 NO_SYSTEM = "No system is chosen: tick at least one."
 BAD_SEED = "The seed must be a whole number from 0 to {limit}; got {value}."
+BAD_START = "The figure must start at a whole frame from 0 on; got {value}."
 TOO_MANY_VIDEOS = (
     "{systems} systems with {samples} samples are {count} videos; this page shows at most "
     "{limit}. Choose fewer."
