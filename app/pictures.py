@@ -1,16 +1,20 @@
-"""The pictures of a run: a video for each motion, all of them side by side, and Figure 6."""
+"""The pictures of a run: a video for each motion, all of them side by side, and the figures."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from app.errors import RunError
+from app.marks import jerk_marks
 from app.outputs import ResultFolder
 from app.rendering import body_motion, render_settings
 from app.request import MAX_COMPARED, REFERENCE_NAME, GenerateRequest, file_stem
+from app.sentences import sentences_of
 from app.telling import Reporter
-from app.tips import TIP_TITLE, TipSource
+from app.tips import TipSource
 from app.videos import draw_videos
 
 if TYPE_CHECKING:
@@ -18,6 +22,7 @@ if TYPE_CHECKING:
 
     from app.inputs import Inputs
     from model.motion import Motion
+    from renderer.figures import JointMarks
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,8 @@ class Snapshots:
 
     frames: tuple[int, ...]
     pictures: dict[str, np.ndarray]
+    marks: JointMarks
+    """How much each joint jerks around each of the frames."""
 
 
 def show_preview(row: Row, inputs: Inputs, folder: ResultFolder, reporter: Reporter) -> None:
@@ -57,7 +64,8 @@ def draw_all(
     folder: ResultFolder,
     reporter: Reporter,
 ) -> Snapshots:
-    """A video for each row and view; the poses for Figure 6 are taken on the way.
+    """A video for each row and view; the poses for Figure 6 are taken on the way, with the first
+    view's camera.
 
     Raises:
         CancelledRun, BodyError, GLError, VideoError: see `app.videos.draw_videos`.
@@ -68,12 +76,15 @@ def draw_all(
 
     reporter.progress("video", 0.0)
     motions = {row.name: body_motion(row.shown) for row in rows}
-    frames = choose_snapshot_frames(min(motion.num_frames for motion in motions.values()))
+    shortest = min(motion.num_frames for motion in motions.values())
+    frames = choose_snapshot_frames(shortest, request.start_frame)
+    marks = None
     jobs: dict[str, RenderJob] = {}
     drawn: dict[str, str] = {}
     for view in request.views:
         settings = render_settings(view, request.size)
         stage = set_stage(inputs.body, list(motions.values()), view, settings.aspect)
+        marks = marks or jerk_marks(inputs.body, motions, frames, settings, stage)
         for name, motion in motions.items():
             is_main = view == request.views[0]
             file_name = file_stem(name) + ("" if is_main else f".{view}") + ".mp4"
@@ -96,7 +107,8 @@ def draw_all(
     )
     reporter.progress("video", 1.0)
     pictures = {row.name: results[f"{file_stem(row.name)}.mp4"].stills for row in rows}
-    return Snapshots(frames, pictures)
+    assert marks is not None  # a request has a view
+    return Snapshots(frames, pictures, marks)
 
 
 def join_side_by_side(
@@ -124,37 +136,99 @@ def join_side_by_side(
     reporter.progress("comparison", 1.0)
 
 
-def draw_figure(
+def check_start(request: GenerateRequest, inputs: Inputs) -> None:
+    """Refuse a start of Figure 6 behind the end of a motion, before any motion is made.
+
+    Raises:
+        RunError: naming the last frame.
+    """
+    num_frames = inputs.num_frames
+    if inputs.reference is not None:
+        num_frames = min(num_frames, inputs.reference.num_frames)
+    if not 0 <= request.start_frame < num_frames:
+        raise RunError(
+            f"Figure 6 must start at frame 0 to {num_frames - 1}; got {request.start_frame}."
+        )
+
+
+def draw_figures(
     request: GenerateRequest,
     rows: Sequence[Row],
     snapshots: Snapshots | None,
     tip: TipSource,
+    diagnostics: Mapping[str, Any],
     folder: ResultFolder,
     reporter: Reporter,
 ) -> None:
-    """Figure 6 as PNG, SVG and PDF; without snapshots it has the trajectories only."""
-    from model.diagnostics import first_frames
-    from renderer.figures import WINDOW_FRAMES, figure6
+    """Figure 6 and the jitter sheet, each as PNG, SVG and PDF.
 
+    Without snapshots Figure 6 has the trajectories only.
+    """
     reporter.progress("figure", 0.0)
     reporter.stop_if_asked()
     shown = rows_that_fit(rows, reporter)
-    has_reference = any(row.name == REFERENCE_NAME for row in shown)
+    for path in _figure6(request, shown, snapshots, tip, folder):
+        reporter.file("figure", "figure6", path)
+    reporter.progress("figure", 0.5)
+    reporter.stop_if_asked()
+    for path in draw_jitter(diagnostics, tip, folder, _systems(shown), request.speech.stem):
+        reporter.file("figure", "jitter", path)
+    reporter.progress("figure", 1.0)
+
+
+def _figure6(
+    request: GenerateRequest,
+    shown: Sequence[Row],
+    snapshots: Snapshots | None,
+    tip: TipSource,
+    folder: ResultFolder,
+) -> list[Path]:
+    from model.diagnostics import first_frames
+    from renderer.figures import WINDOW_FRAMES, figure6
+
+    names = [row.name for row in shown]
+    end = request.start_frame + WINDOW_FRAMES
     files = figure6(
-        {row.name: tip.track(first_frames(row.shown, WINDOW_FRAMES)) for row in shown},
-        {row.name: snapshots.pictures[row.name] for row in shown} if snapshots else {},
+        {row.name: tip.track(first_frames(row.shown, end)) for row in shown},
+        {name: snapshots.pictures[name] for name in names} if snapshots else {},
         snapshots.frames if snapshots else (),
         30.0,
         folder.path("figure6.png").with_suffix(""),
-        reference=REFERENCE_NAME if has_reference else None,
-        point=TIP_TITLE,
+        reference=REFERENCE_NAME if REFERENCE_NAME in names else None,
+        start_frame=request.start_frame,
+        point=tip.title,
         tip_source=tip.name,
         post_filter=request.post_filter,
         clip=request.speech.stem,
+        marks=snapshots.marks.of(names) if snapshots else None,
     )
-    for path in files:
-        reporter.file("figure", "figure6", folder.path(path.name))
-    reporter.progress("figure", 1.0)
+    return [folder.path(path.name) for path in files]
+
+
+def draw_jitter(
+    diagnostics: Mapping[str, Any],
+    tip: TipSource,
+    folder: ResultFolder,
+    names: Sequence[str],
+    clip: str = "",
+) -> list[Path]:
+    """The jitter sheet of some systems, with what its numbers say, in all three formats."""
+    from renderer.jitter_sheet import jitter_sheet
+
+    sentences = sentences_of(diagnostics)
+    files = jitter_sheet(
+        diagnostics,
+        folder.path("jitter.png").with_suffix(""),
+        names=names,
+        point=tip.title.lower(),
+        clip=clip,
+        sentence=f"{sentences['trajectory']} {sentences['depth']}",
+    )
+    return [folder.path(path.name) for path in files]
+
+
+def _systems(rows: Sequence[Row]) -> list[str]:
+    return [row.name for row in rows if row.name != REFERENCE_NAME]
 
 
 def rows_that_fit(rows: Sequence[Row], reporter: Reporter) -> list[Row]:

@@ -1,4 +1,4 @@
-"""Speech in; motion, numbers, videos and Figure 6 out. The page, the command line and the
+"""Speech in; motion, numbers, videos and figures out. The page, the command line and the
 benchmark all call `generate_all`; it knows nothing of Gradio."""
 
 from __future__ import annotations
@@ -12,7 +12,14 @@ from app.inputs import Inputs, check_request, read_inputs
 from app.memory import return_large_blocks
 from app.numbers import write_diagnostics
 from app.outputs import ResultFolder
-from app.pictures import Row, draw_all, draw_figure, join_side_by_side, show_preview
+from app.pictures import (
+    Row,
+    check_start,
+    draw_all,
+    draw_figures,
+    join_side_by_side,
+    show_preview,
+)
 from app.provenance import make_provenance
 from app.rendering import body_motion
 from app.request import (
@@ -68,19 +75,20 @@ def _run(request: GenerateRequest, folder: ResultFolder, reporter: Reporter) -> 
     reporter.progress("speech", 0.0)
     inputs, speech = read_inputs(request, folder.scratch("speech.wav"), request.out, reporter)
     reporter.progress("speech", 1.0)
+    tip = choose_tip_source(inputs.body, request.body, request.joint)
+    check_start(request, inputs)
 
     rows = _generate(request, inputs, speech, folder, reporter)
     del speech
     for row in rows:
         notes = inputs.body.notes(body_motion(row.shown))
         reporter.note(*(f"{row.name}: {note}" for note in notes))
-    tip = choose_tip_source(inputs.body, request.body)
     diagnostics = _measure(request, rows, tip, folder, reporter)
     snapshots = None
     if request.has_video:
         snapshots = draw_all(request, inputs, rows, folder, reporter)
         join_side_by_side(rows, inputs, folder, reporter)
-    draw_figure(request, rows, snapshots, tip, folder, reporter)
+    draw_figures(request, rows, snapshots, tip, diagnostics, folder, reporter)
     _write_provenance(request, inputs, folder, reporter)
     return GenerateResult(
         out=request.out,
@@ -163,6 +171,7 @@ def _measure(
         reference=next((row.raw for row in rows if row.name == REFERENCE_NAME), None),
         tip_track=None if request.body is None else tip.track,
         tip_source=tip.name,
+        joint=tip.point,
     )
     reporter.note(*diagnostics["notes"])
     json_path, csv_path = folder.path("diagnostics.json"), folder.path("diagnostics.csv")
@@ -193,6 +202,8 @@ def _write_provenance(
             "sampler": options.sampler,
             "guidance": options.guidance,
             "post_filter": request.post_filter,
+            "joint": request.joint,
+            "start_frame": request.start_frame,
             "reference": request.reference.name if request.reference else None,
         },
         drawing={

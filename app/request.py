@@ -60,6 +60,10 @@ class GenerateRequest:
     guidance: float = 1.0
     """Strength of the speech, 0 (deaf) to 10 (classifier-free guidance); 1 is as trained."""
     post_filter: PostFilter = "none"
+    joint: str = "right_middle"
+    """The fingertip or joint that figure and tip measures follow, as `app.tips` knows them."""
+    start_frame: int = 0
+    """First of the 300 frames of Figure 6."""
     reference: Path | None = None
     """A motion file of the same speech, shown and measured beside the systems."""
     body: Path | None = None

@@ -18,6 +18,7 @@ from renderer.figure_layout import (
     Rect,
     plan_layout,
 )
+from renderer.figure_marks import JointMarks, mark_joints
 from renderer.figure_path import draw_path
 from renderer.figure_spec import COORDINATES, MIN_SPAN_M, Figure6
 from renderer.figure_style import ROUND_NUMBERS
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MIN_SHARE = 0.2  # of the height, for the flattest coordinate
+_SCALE_MARK, _SCALE_GAP = 0.12, 0.03  # inches of a sample of the marks, and beside it
+_SCALE_PIXELS = 60
 _ROOMY_TICKS, _CLOSEST_TICKS = 0.2, 0.09  # inches between numbers one above the other
 
 
@@ -41,7 +44,7 @@ def draw_figure6(contents: Figure6) -> "Figure":
     """The figure, without a canvas; its size in inches is its size on paper."""
     from matplotlib.figure import Figure
 
-    snapshots = crop_alike(contents.snapshots) if contents.snapshots else {}
+    snapshots = crop_alike(_marked(contents)) if contents.snapshots else {}
     num_snapshots = len(contents.snapshot_frames) if snapshots else 0
     aspect = 1.0
     if snapshots:
@@ -69,6 +72,38 @@ def draw_figure6(contents: Figure6) -> "Figure":
         _draw_snapshots(figure, layout, contents, snapshots)
     write_caption(figure, caption, layout.caption_top)
     return figure
+
+
+def _marked(contents: Figure6) -> dict[str, np.ndarray]:
+    """The snapshots, with their marks where there are any."""
+    marks = contents.marks
+    if marks is None:
+        return contents.snapshots
+    return {
+        name: mark_joints(
+            pictures, marks.pixels[name], np.asarray(marks.values[name]) / marks.full_scale
+        )
+        for name, pictures in contents.snapshots.items()
+    }
+
+
+def _draw_scale(figure: "Figure", marks: JointMarks, right: float, bottom: float) -> None:
+    """Two marks with their values, ending at the right edge of the snapshots."""
+    half = 0.5 * marks.full_scale
+    middle = bottom - 0.5 * _SCALE_MARK
+    for severity, text in ((1.0, f"{marks.full_scale:g} {marks.unit} {marks.quantity}"),
+                           (0.5, f"{half:g}")):  # fmt: skip
+        right -= style.text_width_in(text, style.SMALL_PT)
+        write(figure, right, middle, text, size=style.SMALL_PT, va="center_baseline")
+        right -= _SCALE_MARK + _SCALE_GAP
+        sample = np.full((1, _SCALE_PIXELS, _SCALE_PIXELS, 3), 255, np.uint8)
+        side = _SCALE_PIXELS * np.ones((1, 1, 2)) / 2.0
+        picture = mark_joints(sample, side, np.full((1, 1), severity), radius=0.32)[0]
+        place = Rect(right, bottom - _SCALE_MARK, _SCALE_MARK, _SCALE_MARK)
+        axes = figure.add_axes(place.fraction_of(figure.get_figheight()), label="scale of marks")
+        axes.set_axis_off()
+        axes.imshow(picture)
+        right -= 3.0 * _SCALE_GAP
 
 
 def _coordinate_limits(
@@ -156,7 +191,12 @@ def _draw_snapshots(
     """Rows of pictures under their frame numbers."""
     first_row = layout.cells[0]
     top = layout.row_keys[0].rect.top
-    write_title(figure, first_row[0].left, top - FRAME_NUMBERS - TITLE_GAP, "b  Snapshots at frame")
+    title_bottom = top - FRAME_NUMBERS - TITLE_GAP
+    if contents.marks is None:
+        write_title(figure, first_row[0].left, title_bottom, "b  Snapshots at frame")
+    else:
+        write_title(figure, first_row[0].left, title_bottom, "b  Snapshots")
+        _draw_scale(figure, contents.marks, layout.row_keys[0].rect.right, title_bottom)
     for cell, frame in zip(first_row, contents.snapshot_frames, strict=True):
         write(
             figure,

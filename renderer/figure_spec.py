@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from renderer.figure_marks import JointMarks
 from renderer.figure_style import SYSTEM_STYLES, SeriesStyle, styles_of
 
 WINDOW_FRAMES = 300
@@ -48,6 +49,8 @@ class Figure6:
     caveat: str
     is_cut: bool
     """Whether a motion had more frames inside the window than the shortest one."""
+    marks: JointMarks | None = None
+    """Values at the joints of the snapshots."""
 
     @property
     def num_frames(self) -> int:
@@ -85,6 +88,8 @@ class Figure6:
             sentences.append("The motions differ in length and are cut to the shortest.")
         if self.snapshot_marks:
             sentences.append("Grey lines and markers: the frames of the snapshots.")
+        if self.marks is not None:
+            sentences.append(self.marks.caption)
         if self.tip_source:
             sentences.append(f"Tip source: {self.tip_source}.")
         sentences.append(_FILTER_SENTENCES[self.post_filter])
@@ -116,6 +121,7 @@ def check_figure6(
     post_filter: PostFilter,
     clip: str,
     caveat: str,
+    marks: JointMarks | None = None,
 ) -> Figure6:
     """Cut the trajectories to the window, put the reference first, refuse what cannot be drawn.
 
@@ -161,10 +167,11 @@ def check_figure6(
                 f"The trajectory of {name!r} is not a number at frame {start_frame + bad}."
             )
     num_frames = min(len(window) for window in windows.values())
+    pictures = _check_snapshots(snapshots, snapshot_frames, names)
 
     return Figure6(
         trajectories={name: window[:num_frames] for name, window in windows.items()},
-        snapshots=_check_snapshots(snapshots, snapshot_frames, names),
+        snapshots=pictures,
         snapshot_frames=tuple(int(frame) for frame in snapshot_frames),
         fps=float(fps),
         start_frame=start_frame,
@@ -175,6 +182,7 @@ def check_figure6(
         clip=clip,
         caveat=caveat,
         is_cut=any(len(window) > num_frames for window in windows.values()),
+        marks=None if marks is None else _check_marks(marks, pictures),
     )
 
 
@@ -210,6 +218,24 @@ def _check_snapshots(
                 f" {names[0]!r} has {frame_shape[:2]}."
             )
     return ordered
+
+
+def _check_marks(marks: JointMarks, pictures: Mapping[str, np.ndarray]) -> JointMarks:
+    if set(marks.pixels) != set(pictures) or set(marks.values) != set(pictures):
+        raise FigureError(
+            f"Marks and snapshots must be of the same systems; got marks of"
+            f" {_listed(marks.pixels)} and snapshots of {_listed(pictures)}."
+        )
+    if not marks.full_scale > 0 or not np.isfinite(marks.full_scale):
+        raise FigureError(f"The full scale of marks must be positive; got {marks.full_scale}.")
+    for name, stack in pictures.items():
+        pixels, values = np.shape(marks.pixels[name]), np.shape(marks.values[name])
+        if len(values) != 2 or values[0] != len(stack) or pixels != (*values, 2):
+            raise FigureError(
+                f"Marks of {name!r} must have pixels (N, J, 2) and values (N, J) for its"
+                f" {len(stack)} snapshots; got {pixels} and {values}."
+            )
+    return marks
 
 
 def _listed(names: Iterable[str]) -> str:

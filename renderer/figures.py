@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from renderer.figure_draw import draw_figure6
+from renderer.figure_marks import JointMarks
 from renderer.figure_spec import (
     MAX_SNAPSHOTS,
     MAX_SYSTEMS,
@@ -44,6 +45,7 @@ __all__ = [
     "WINDOW_FRAMES",
     "FigureError",
     "FigureFiles",
+    "JointMarks",
     "choose_snapshot_frames",
     "figure6",
     "matplotlib_settings",
@@ -76,6 +78,7 @@ def figure6(
     post_filter: PostFilter = "none",
     clip: str = "",
     caveat: str = ONE_SEED_CAVEAT,
+    marks: JointMarks | None = None,
 ) -> FigureFiles:
     """Write ``<out_stem>.png``, ``.svg`` and ``.pdf``; each appears whole or not at all.
 
@@ -97,6 +100,8 @@ def figure6(
         post_filter: the filter that all trajectories have been through; only named here.
         clip: name of the clip, for the caption.
         caveat: last sentence of the caption.
+        marks: values at the joints of the snapshots, of the same names; see
+            :func:`renderer.projection.projected_joints` for where the joints are.
 
     Raises:
         FigureError: what was given cannot be drawn; one sentence says why.
@@ -114,6 +119,7 @@ def figure6(
         post_filter=post_filter,
         clip=clip,
         caveat=caveat,
+        marks=marks,
     )
     with matplotlib_settings():
         return write_figure(draw_figure6(contents), out_stem, description=contents.caption)

@@ -10,6 +10,7 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+from PIL import Image
 
 from app import inputs
 from app.errors import CancelledRun, RunError, sentence_of
@@ -30,6 +31,7 @@ def names_in(folder: Path) -> set[str]:
 WITHOUT_VIDEO = {
     *("globaldiff-local.npz", "globaldiff-global.npz", "diagnostics.json", "diagnostics.csv"),
     *("figure6.png", "figure6.svg", "figure6.pdf", "provenance.json"),
+    *("jitter.png", "jitter.svg", "jitter.pdf"),
 }
 
 
@@ -110,6 +112,16 @@ def test_guidance_changes_the_motion_and_is_recorded(ask: Ask) -> None:
     assert record["options"]["guidance"] == 3.0
 
 
+def test_joint_and_start_reach_numbers_and_figures(ask: Ask) -> None:
+    run = generate_all(ask(systems=("globaldiff/global",), joint="left_elbow", start_frame=30))
+    assert run.diagnostics["joint"] == "left_elbow"
+    with Image.open(run.out / "figure6.png") as picture:
+        caption = picture.info["Description"]
+    assert caption.startswith("Left elbow, frames 30 to 36")
+    with Image.open(run.out / "jitter.png") as picture:
+        assert "globaldiff/global has a left elbow jerk of" in picture.info["Description"]
+
+
 def test_samples_are_named_and_the_first_does_not_depend_on_how_many_there_are(ask: Ask) -> None:
     one = generate_all(ask(out=ask().out / "one", systems=("globaldiff/global",)))
     two = generate_all(ask(out=ask().out / "two", systems=("globaldiff/global",), samples=2))
@@ -135,6 +147,9 @@ def test_samples_are_named_and_the_first_does_not_depend_on_how_many_there_are(a
         ({"guidance": 11.0}, "0 to 10; got 11"),
         ({"guidance": float("nan")}, "0 to 10; got nan"),
         ({"seed": -1}, "got -1"),
+        ({"joint": "nose"}, "no point 'nose' to follow; choose a fingertip"),
+        ({"start_frame": 37}, "start at frame 0 to 36; got 37"),
+        ({"start_frame": -1}, "start at frame 0 to 36; got -1"),
         ({"size": 33, "has_video": True}, "33 x 33"),
         ({"weights": Path("/nowhere")}, "No trained systems were found in /nowhere"),
         ({"speech": Path("/nowhere/speech.wav")}, "speech.wav does not exist"),

@@ -20,6 +20,7 @@ from renderer.figures import (
     ONE_SEED_CAVEAT,
     FigureError,
     FigureFiles,
+    JointMarks,
     choose_snapshot_frames,
     figure6,
     matplotlib_settings,
@@ -72,6 +73,17 @@ def make_inputs(
         "fps": 30.0,
         "reference": "reference" if has_reference else None,
     }
+
+
+def make_marks(inputs: dict[str, object], **changes: object) -> JointMarks:
+    """Two joints in each snapshot: one full and one without a value."""
+    stacks = {name: len(pictures) for name, pictures in inputs["snapshots"].items()}
+    marks = {
+        "pixels": {name: np.full((count, 2, 2), 24.0) for name, count in stacks.items()},
+        "values": {name: np.tile([500.0, np.nan], (count, 1)) for name, count in stacks.items()},
+        "full_scale": 500.0,
+    }
+    return JointMarks(**{**marks, **changes})
 
 
 def check(**inputs: object) -> Figure6:
@@ -296,6 +308,17 @@ def test_the_whole_caption_is_in_the_picture(settings: None) -> None:
     assert contents.caption in " ".join(texts)
 
 
+def test_marks_are_in_the_pictures_and_their_scale_in_the_caption(settings: None) -> None:
+    inputs = make_inputs(1, has_reference=False, num_snapshots=2)
+    contents = check(**inputs, marks=make_marks(inputs))
+    assert "jerk of each joint around the frame, largest and darkest at 500 m/s³" in (
+        contents.caption
+    )
+    axes = next(ax for ax in draw_figure6(contents).axes if ax.get_label() == "snapshots")
+    for image in axes.get_images():
+        assert image.get_array().min() < 60  # nothing else in these pictures is below 90
+
+
 def test_a_longer_reference_is_cut_and_the_caption_says_so() -> None:
     inputs = make_inputs(1)
     inputs["trajectories"][NAMES[0]] = make_trajectory(5, 200)
@@ -343,8 +366,12 @@ def check_legible(contents: Figure6, monkeypatch: pytest.MonkeyPatch) -> None:
     boxes = {ax.get_label(): ax.get_window_extent() for ax in figure.axes}
     panels = {label: boxes[label] for label in "xyz"}
     for ax in figure.axes:
-        panels |= {image.get_label(): image.get_window_extent() for image in ax.get_images()}
-    assert len(panels) == 3 + len(contents.snapshots) * len(contents.snapshot_frames)
+        if ax.get_label() == "scale of marks":
+            panels[f"scale at {ax.get_position().x0}"] = ax.get_window_extent()
+        else:
+            panels |= {image.get_label(): image.get_window_extent() for image in ax.get_images()}
+    num_scales = 2 if contents.marks is not None else 0
+    assert len(panels) - num_scales == 3 + len(contents.snapshots) * len(contents.snapshot_frames)
     for text, box in texts:
         assert box.x0 >= 0 and box.y0 >= 0, f"{text!r} leaves the figure"
         assert box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1, f"{text!r} leaves the figure"
@@ -369,6 +396,14 @@ def test_nothing_overlaps(
     settings: None, monkeypatch: pytest.MonkeyPatch, num_systems: int, has_reference: bool
 ) -> None:
     check_legible(check(**make_inputs(num_systems, has_reference, 7)), monkeypatch)
+
+
+@pytest.mark.parametrize(("num_systems", "num_snapshots"), [(1, 1), (6, 7)])
+def test_nothing_overlaps_with_marks(
+    settings: None, monkeypatch: pytest.MonkeyPatch, num_systems: int, num_snapshots: int
+) -> None:
+    inputs = make_inputs(num_systems, True, num_snapshots)
+    check_legible(check(**inputs, marks=make_marks(inputs, full_scale=20000.0)), monkeypatch)
 
 
 @pytest.mark.parametrize(
@@ -556,6 +591,21 @@ def test_refuses_bad_snapshots(pictures: np.ndarray, message: str) -> None:
     inputs["snapshots"][NAMES[0]] = pictures
     with pytest.raises(FigureError, match=message):
         check(**inputs)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"full_scale": 0.0}, "full scale of marks must be positive; got 0"),
+        ({"values": {}}, "of the same systems"),
+        ({"pixels": {NAMES[0]: np.zeros((6, 2, 3))}}, r"pixels \(N, J, 2\)"),
+        ({"values": {NAMES[0]: np.zeros((5, 2))}}, r"got \(6, 2, 2\) and \(5, 2\)"),
+    ],
+)
+def test_refuses_bad_marks(changes: dict[str, object], message: str) -> None:
+    inputs = make_inputs(1, has_reference=False)
+    with pytest.raises(FigureError, match=message):
+        check(**inputs, marks=make_marks(inputs, **changes))
 
 
 def test_refuses_snapshots_of_other_systems() -> None:
