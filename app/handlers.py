@@ -54,6 +54,8 @@ class Form:
     sampler: str
     is_smoothed: bool
     reference: str | None
+    point: str
+    start_frame: float | None
 
 
 def request_from_form(
@@ -80,6 +82,9 @@ def request_from_form(
     known: dict[str, Sampler] = {name: name for name in SAMPLERS}
     if form.sampler not in known:
         raise RunError(f"There is no sampler {form.sampler!r}; there are {', '.join(SAMPLERS)}.")
+    start_frame = form.start_frame or 0
+    if start_frame != int(start_frame) or start_frame < 0:
+        raise RunError(text.BAD_START.format(value=form.start_frame))
     samples, steps = int(form.samples), int(form.steps)
     if samples < 1 or steps < 1:
         raise RunError(f"Samples and steps must be at least 1; got {samples} and {steps}.")
@@ -102,6 +107,8 @@ def request_from_form(
         sampler=known[form.sampler],
         post_filter=POST_FILTERS[bool(form.is_smoothed)],
         reference=Path(form.reference) if form.reference else None,
+        joint=form.point,
+        start_frame=int(start_frame),
         body=config.body,
         # A licensed body may be looked at in videos; its mesh is not handed to visitors.
         has_previews=config.body is None,

@@ -12,6 +12,8 @@ from app import text, view
 from app.catalogue import Catalogue
 from app.config import AppConfig
 from app.handlers import SEED_LIMIT
+from app.tips import TIP, TIP_VERTICES, point_title
+from renderer.smplx_joints import JOINT_NAMES
 
 MAX_DEFAULT_SYSTEMS = 3
 _PREFERRED = ("globaldiff/local", "globaldiff/global", "globaldiff/full")
@@ -130,12 +132,19 @@ def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
             height=150,
             elem_id="reference",
         )
+        point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
+        start_frame = gr.Number(
+            value=0, precision=0, minimum=0, label=text.START_LABEL, elem_id="start-frame"
+        )
     with gr.Row(elem_classes="actions"):
         start = gr.Button(text.GENERATE, variant="primary", size="lg", elem_id="generate")
         cancel = gr.Button(
             text.CANCEL, variant="secondary", size="lg", visible=False, elem_id="cancel", scale=0
         )
-    fields = (speech, systems, speaker, seed, samples, steps, sampler, is_smoothed, reference)
+    fields = (
+        *(speech, systems, speaker, seed, samples, steps, sampler, is_smoothed, reference),
+        *(point, start_frame),
+    )
     return FormParts(fields, start, cancel)
 
 
@@ -174,6 +183,11 @@ def build_results() -> ResultParts:
     return ResultParts(
         message, status, empty, player, figures, numbers, downloads_part, bundle, files
     )
+
+
+def point_choices() -> list[tuple[str, str]]:
+    """Fingertips, then joints, each by the name a person reads."""
+    return [(point_title(point), point) for point in (*TIP_VERTICES, *JOINT_NAMES)]
 
 
 def default_systems(systems: Sequence[str]) -> list[str]:

@@ -105,10 +105,12 @@ def write_sound(
     write_wav(wav, speech.waveform)
     motions = {name: load_motion(path) for name, path in paths.items()}
     shown: Version = "savgol" if request.post_filter == "savgol" else "raw"
-    timeline = make_timeline(speech, motions, shown)
+    timeline = make_timeline(speech, motions, shown, request.joint)
     if request.reference is not None:
         reference = first_frames(load_motion(request.reference), speech.num_frames)
-        timeline["curves"] |= make_timeline(None, {REFERENCE_NAME: reference}, "raw")["curves"]
+        timeline["curves"] |= make_timeline(
+            None, {REFERENCE_NAME: reference}, "raw", request.joint
+        )["curves"]
     path = folder / "timeline.json"
     path.write_text(json.dumps(timeline, allow_nan=False, separators=(",", ":")))
     return wav, path

@@ -26,6 +26,7 @@ export class Lockstep extends EventTarget {
   #loop = null;
   #turn = 0; // counts starts and stops: whoever waited for something sees that it is too late
   #numFrames = 0;
+  #listening = new AbortController();
 
   get isPlaying() {
     return this.#isPlaying;
@@ -91,6 +92,8 @@ export class Lockstep extends EventTarget {
   /** Forget everything and stop. */
   clear() {
     this.#turn += 1;
+    this.#listening.abort();
+    this.#listening = new AbortController();
     this.#isPlaying = false;
     for (const media of [this.#sound, ...this.#followers.keys()]) {
       media?.pause();
@@ -163,14 +166,15 @@ export class Lockstep extends EventTarget {
   }
 
   #listen(media) {
-    media.addEventListener("loadedmetadata", () => this.#measure());
-    media.addEventListener("ended", () => media === this.#clock && this.#end());
+    const { signal } = this.#listening;
+    media.addEventListener("loadedmetadata", () => this.#measure(), { signal });
+    media.addEventListener("ended", () => media === this.#clock && this.#end(), { signal });
     if (media.readyState >= HTMLMediaElement.HAVE_METADATA) this.#measure();
   }
 
-  /** The clock is as long as the longest there is, in whole frames of the videos. */
+  /** As long as the sound, or without one as the longest video, in whole frames. */
   #measure() {
-    const lengths = [this.#sound, ...this.#followers.keys()].map((media) => media?.duration);
+    const lengths = (this.#sound ? [this.#sound] : [...this.#followers.keys()]).map(({ duration }) => duration);
     const known = lengths.filter(Number.isFinite);
     this.#numFrames = known.length ? Math.max(1, Math.round(Math.max(...known) * FPS)) : 0;
     this.#tell("state");

@@ -4,8 +4,8 @@ import { make, nameOf } from "./dom.js";
 import { currentFilter, followFilter, wireSwitch } from "./filter_switch.js";
 
 const CURVES = {
-  jerk_m_s3: { label: "Fingertip jerk", unit: "m/s³", digits: 0 },
-  speed_m_s: { label: "Fingertip speed", unit: "m/s", digits: 2 },
+  jerk_m_s3: { label: "Jerk", unit: "m/s³", digits: 0 },
+  speed_m_s: { label: "Speed", unit: "m/s", digits: 2 },
 };
 const WAVE_SHARE = 0.92; // of the lane's height
 const NUDGE_S = 0.1; // of a loop's end by key
@@ -73,7 +73,7 @@ export class Timeline {
     if (data.peaks.length) parts.push(this.#lane("Speech", "", this.position));
     if (data.words?.length) parts.push(this.#lane("Words", "", this.#words(data)));
     for (const row of this.#rows) {
-      const canvas = make("canvas", { role: "img", "aria-label": `Fingertip of ${row.name} over time` });
+      const canvas = make("canvas", { role: "img", "aria-label": `${data.point} of ${row.name} over time` });
       const value = make("small", {});
       const lane = this.#lane(row.name, value, make("div", { class: "plot" }, canvas));
       lane.dataset.name = row.name;
@@ -133,7 +133,8 @@ export class Timeline {
     const known = this.#rows.map(({ name }) => this.#curveOf(name)).filter(Boolean);
     const highest = known.reduce((most, { values }) => values.reduce((a, b) => Math.max(a, b), most), 0);
     const { unit, digits } = CURVES[this.#curve];
-    this.scale.textContent = known.length ? `0 to ${highest.toFixed(digits)} ${unit}, the same for all` : "";
+    const scale = known.length ? `, 0 to ${highest.toFixed(digits)} ${unit} in each lane` : "";
+    this.scale.textContent = this.#data.point + scale;
     for (const row of this.#rows) {
       const curve = this.#curveOf(row.name);
       drawCurve(this.#lanes.get(row.name).canvas, curve, highest, this.#data.duration_s);

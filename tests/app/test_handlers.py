@@ -22,6 +22,8 @@ FORM = Form(
     sampler="heun",
     is_smoothed=True,
     reference="/reference.npz",
+    point="left_index",
+    start_frame=12,
 )
 CONFIG = AppConfig(weights=Path("/weights"))
 
@@ -44,6 +46,8 @@ def test_every_field_of_the_form_reaches_the_run() -> None:
         sampler="heun",
         post_filter="savgol",
         reference=Path("/reference.npz"),
+        joint="left_index",
+        start_frame=12,
         has_previews=True,
     )
     assert row_names(request) == (
@@ -66,6 +70,8 @@ def test_every_field_of_the_form_reaches_the_run() -> None:
         ({"samples": 0}, "at least 1"),
         ({"samples": 7}, "15 videos"),
         ({"steps": 0}, "at least 1"),
+        ({"start_frame": -1}, "got -1"),
+        ({"start_frame": 0.5}, "got 0.5"),
         ({"sampler": "magic"}, "no sampler 'magic'"),
     ],
 )

@@ -25,6 +25,8 @@ FORM = {
     "sampler": "euler",
     "is_smoothed": False,
     "reference": None,
+    "point": "right_middle",
+    "start_frame": 0,
 }
 
 
@@ -70,6 +72,7 @@ def test_a_bad_reference_gives_its_sentence(
         ({"systems": []}, text.NO_SYSTEM),
         ({"seed": -5}, "-5"),
         ({"speaker": "nobody"}, "nobody"),
+        ({"start_frame": 5000}, "got 5000"),
     ],
 )
 def test_a_form_that_cannot_be_done_gives_a_sentence(
