@@ -49,7 +49,7 @@ def diagnose(
     window_overlap: int = WINDOW_OVERLAP,
     tip: str = TIP,
     tip_track: TipTrack | None = None,
-    tip_source: str = "rigid",
+    tip_source: str | None = None,
     joint: str | None = None,
     onsets_s: Float[np.ndarray, " onsets"] | None = None,
 ) -> dict[str, Any]:
@@ -62,7 +62,8 @@ def diagnose(
         motions: by the name that the file shall give them.
         tip: the fingertip that the ``tip_`` measures follow.
         tip_track: gives its positions in place of the rigid fingertip.
-        tip_source: what ``tip_track`` follows, such as 'vertex 7794'.
+        tip_source: what ``tip_track`` follows, such as 'vertex 7794'; without it 'rigid' for a
+            fingertip and 'joint' for a joint.
         joint: a fingertip or joint to follow in place of ``tip``.
         onsets_s: times of the speech's onsets (`model.beats.speech_onsets`), for BeatAlign.
 
@@ -90,7 +91,7 @@ def diagnose(
         "fps": FPS,
         "tip": settings.point if is_fingertip else None,
         "joint": settings.point,
-        "tip_source": tip_source if is_fingertip else "joint",
+        "tip_source": tip_source or ("rigid" if is_fingertip else "joint"),
         "window_advance_frames": window_advance,
         "window_overlap_frames": window_overlap,
         "joint_names": list(JOINT_NAMES),

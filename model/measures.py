@@ -22,13 +22,14 @@ from model.posture import (
     spine_tilt_deg,
 )
 from model.reference_error import error_to_reference
-from model.seams import jerk_by_window_phase, seam_jerk_ratio
+from model.seams import jerk_by_window_phase, recurring_jerk, seam_jerk_ratio
 from model.skeleton import JOINT_DEPTH, LEFT_HAND, RIGHT_HAND, RestSkeleton
 from model.smoothness import (
     angular_velocity,
     derivative_magnitudes,
     mean_over_movements,
     mean_over_time,
+    rotation_noise,
 )
 from model.spectrum import HIGH_FREQUENCY_HZ, velocity_spectrum
 from model.timing import FPS
@@ -89,6 +90,7 @@ def measures_of_tracks(
         **_of_joint_rotations(tracks),
         "seam_jerk_ratio": seam_jerk_ratio(tracks.joints, window_advance, window_overlap),
         "jerk_by_window_phase_m_s3": jerk_by_window_phase(tracks.joints, window_advance),
+        "recurring_jerk": vars(recurring_jerk(tracks.joints, window_advance)),
         **_of_posture(tracks),
         **_of_joint_ranges(tracks, skeleton),
         "l1_diversity_m": l1_to_mean(tracks.joints - tracks.joints[:, :1]),
@@ -111,8 +113,7 @@ def measures_to_reference(tracks: Tracks, reference: Tracks) -> Measures:
             "global_rotation_error_by_depth_deg": mean_by_depth(error.global_rotation_deg),
             "local_rotation_error_by_depth_deg": mean_by_depth(error.local_rotation_deg),
             "root_error_m": error.root_m,
-            "mirrored_rotation_error_deg": error.mirrored_rotation_deg,
-            "swapped_rotation_error_deg": error.swapped_rotation_deg,
+            "rotation_error_by_sides_deg": error.by_sides_deg,
         }
     )
 
@@ -194,26 +195,20 @@ def _of_joint_positions(tracks: Tracks) -> dict[str, Any]:
 
 
 def _of_joint_rotations(tracks: Tracks) -> dict[str, Any]:
-    velocity = np.degrees(angular_velocity(tracks.local_rot))  # (T - 1, 55, 3)
-    magnitude = np.linalg.norm(velocity, axis=-1)
-    change = np.linalg.norm(np.diff(velocity, axis=0), axis=-1) * FPS
+    velocity = angular_velocity(tracks.local_rot)  # (T - 1, 55, 3)
+    magnitude = np.degrees(np.linalg.norm(velocity, axis=-1))
+    change = np.degrees(np.linalg.norm(np.diff(velocity, axis=0), axis=-1)) * FPS
     speed, acceleration = mean_over_time(magnitude), mean_over_time(change)
-    spectrum = velocity_spectrum(velocity)
-    high = np.full(len(speed), np.nan) if spectrum is None else spectrum.above(HIGH_FREQUENCY_HZ)
-    total = np.full(len(speed), np.nan) if spectrum is None else spectrum.power.sum(-1)
     return {
         "joint_angular_speed_deg_s": speed,
         "joint_angular_acceleration_deg_s2": acceleration,
         "angular_speed_by_depth_deg_s": mean_by_depth(speed),
         "angular_acceleration_by_depth_deg_s2": mean_by_depth(acceleration),
-        "joint_angular_velocity_above_5hz_deg_s": np.sqrt(high),
-        "joint_angular_velocity_power_above_5hz": np.divide(
-            high, total, out=np.full_like(high, np.nan), where=total > 0
-        ),
+        "joint_rotation_noise_deg": np.degrees(rotation_noise(velocity)),
         "fingers_still_share": {
-            side: float(np.mean(magnitude[:, joints].max(axis=1) < FINGERS_STILL_DEG_S))
-            if len(magnitude)
-            else None
+            side: mean_over_time(
+                (magnitude[:, joints].max(axis=1) < FINGERS_STILL_DEG_S).astype(np.float64)
+            )
             for side, joints in _HAND.items()
         },
     }

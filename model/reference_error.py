@@ -15,7 +15,7 @@ from model.rotations import geodesic_angle
 from model.skeleton import LEFT_HAND, MIRROR_PERMUTATION, RIGHT_HAND, UPPER_BODY
 from model.tracks import Tracks
 
-ARMS_AND_HANDS = (*UPPER_BODY, *LEFT_HAND, *RIGHT_HAND)
+UPPER_BODY_AND_HANDS = (*UPPER_BODY, *LEFT_HAND, *RIGHT_HAND)
 
 _CHUNK_FRAMES = 2048
 
@@ -31,30 +31,31 @@ class ReferenceError:
     """The same relative to the parent joint."""
     root_m: float
     """Distance of the two pelvises in the world."""
-    mirrored_rotation_deg: float
-    """Local rotation error of upper body and hands if the motion is first mirrored, left to
-    right."""
-    swapped_rotation_deg: float
-    """The same if left and right joints change places without a mirror."""
+    by_sides_deg: dict[str, float]
+    """Mean local rotation error of upper body and hands ``as_is``; ``mirrored``: had the motion
+    been mirrored, left to right; ``swapped``: had left and right joints changed places only."""
 
 
 def error_to_reference(tracks: Tracks, reference: Tracks) -> ReferenceError:
     """Errors of a motion of as many frames as the reference has."""
     rooted, rooted_reference = (t.joints - t.joints[:, :1] for t in (tracks, reference))
-    upper = list(ARMS_AND_HANDS)
+    local_rotation_deg = mean_angle_deg(tracks.local_rot, reference.local_rot)
+    by_sides = {
+        "as_is": local_rotation_deg,
+        "mirrored": mean_angle_deg(_mirrored(tracks.local_rot), reference.local_rot),
+        "swapped": mean_angle_deg(
+            tracks.local_rot[:, list(MIRROR_PERMUTATION)], reference.local_rot
+        ),
+    }
     return ReferenceError(
         position_m=np.linalg.norm(rooted - rooted_reference, axis=-1).mean(axis=0),
         global_rotation_deg=mean_angle_deg(tracks.global_rot, reference.global_rot),
-        local_rotation_deg=mean_angle_deg(tracks.local_rot, reference.local_rot),
+        local_rotation_deg=local_rotation_deg,
         root_m=float(np.linalg.norm(tracks.joints[:, 0] - reference.joints[:, 0], axis=-1).mean()),
-        mirrored_rotation_deg=float(
-            mean_angle_deg(_mirrored(tracks.local_rot), reference.local_rot)[upper].mean()
-        ),
-        swapped_rotation_deg=float(
-            mean_angle_deg(tracks.local_rot[:, list(MIRROR_PERMUTATION)], reference.local_rot)[
-                upper
-            ].mean()
-        ),
+        by_sides_deg={
+            name: float(error[list(UPPER_BODY_AND_HANDS)].mean())
+            for name, error in by_sides.items()
+        },
     )
 
 

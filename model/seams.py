@@ -1,9 +1,14 @@
 """Do the joins of generated windows show? Jerk folded on the window period."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Float
 
 from model.smoothness import STILL_M_S3, derivative_magnitudes
+
+MIN_WINDOWS = 4
+"""With fewer, chance alone lets some frame stand out."""
 
 
 def joins_of(num_frames: int, window_advance: int) -> list[int]:
@@ -53,3 +58,36 @@ def jerk_by_window_phase(
     count = np.bincount(phase, minlength=window_advance)
     total = np.bincount(phase, weights=jerk, minlength=window_advance)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+@dataclass(frozen=True)
+class RecurringJerk:
+    """The frame of a window at which the body jerks most, window after window."""
+
+    phase_frame: int | None
+    """None where there are too few windows."""
+    windows: int
+    """Whole windows that the medians are over."""
+    ratio: float
+    """Median over windows of the jerk at that frame, over the median of all frames."""
+
+
+def recurring_jerk(
+    positions: Float[np.ndarray, "T points 3"], window_advance: int
+) -> RecurringJerk:
+    """What `jerk_by_window_phase` peaks at, by medians, so that no single jump can do it.
+
+    NaN under 4 whole windows, and where nothing moves.
+    """
+    jerk = derivative_magnitudes(positions, 3).mean(axis=1)
+    jerk = np.concatenate([np.full(2, np.nan), jerk])  # entry f: differences over f - 2 to f + 1
+    num_windows = len(jerk) // window_advance
+    if num_windows < MIN_WINDOWS:
+        return RecurringJerk(None, num_windows, float("nan"))
+    windows = jerk[: num_windows * window_advance].reshape(num_windows, window_advance)
+    by_phase = np.nanmedian(windows, axis=0)
+    usual = float(np.median(by_phase))
+    if usual < STILL_M_S3:
+        return RecurringJerk(None, num_windows, float("nan"))
+    phase = int(by_phase.argmax())
+    return RecurringJerk(phase, num_windows, float(by_phase[phase] / usual))

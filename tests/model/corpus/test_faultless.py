@@ -1,0 +1,21 @@
+"""The findings of the diagnostics have nothing to say about the procedural corpus."""
+
+import numpy as np
+
+from model.corpus.clip import Clip
+from model.findings import find_faults
+from model.measures import measures
+from model.motion import Motion
+from model.skeleton import open_body_skeleton
+
+
+def test_no_fault_is_found_in_any_clip(clips: dict[str, Clip]) -> None:
+    for clip in clips.values():
+        motion = Motion(
+            poses=np.asarray(clip.poses, np.float32).reshape(-1, 165),
+            trans=np.asarray(clip.trans, np.float32),
+            expressions=np.zeros((len(clip.trans), 100), np.float32),
+            expression_basis="arkit52",
+            betas=np.zeros(300, np.float32),
+        )
+        assert find_faults(measures(motion, open_body_skeleton()), "right_middle", 52) == []
