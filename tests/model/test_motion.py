@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from model import motion as motion_module
+from model import npz
 from model.files import WriteError, written_atomically
 from model.motion import Motion, MotionError, load_motion, save_motion
 from tests.helpers import ROOT, beat2_folder, smooth_motion_example
@@ -197,10 +198,16 @@ def test_an_entry_that_is_no_array(tmp_path):
 def test_a_zip_bomb_is_refused_before_it_is_unpacked(tmp_path):
     with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         with archive.open("poses.npy", "w") as file:
-            for _ in range(motion_module.MAX_BYTES // 2**20 + 1):
+            for _ in range(npz.MAX_BYTES // 2**20 + 1):
                 file.write(bytes(2**20))
     assert (tmp_path / "a.npz").stat().st_size < 2**20
     assert_refused(tmp_path / "a.npz", "513 MiB", "at most 512 MiB")
+
+
+def test_a_large_file_is_refused_before_it_is_opened(tmp_path):
+    with (tmp_path / "a.npz").open("wb") as file:
+        file.truncate(200 * 10**6)  # takes no room on the disk, and is no archive
+    assert_refused(tmp_path / "a.npz", "191 MiB", "at most 160 MiB")
 
 
 def test_too_many_frames(tmp_path, monkeypatch):

@@ -1,0 +1,152 @@
+"""Numpy archives from strangers: their headers are read and judged before any array is."""
+
+import math
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+MAX_BYTES = 512 * 2**20
+"""Largest size of a file's arrays once unpacked."""
+MAX_FILE_BYTES = 160 * 2**20
+"""Largest file that is opened at all; an hour of BEAT2's arrays, not compressed, is 153 MiB."""
+MAX_ABS_VALUE = 1000.0
+"""No radian, metre or coefficient of a real motion is near it."""
+
+_MAX_ENTRIES = 64
+
+Header = tuple[tuple[int, ...], np.dtype]
+
+
+class MotionError(ValueError):
+    """A motion or motion file that cannot be used; the message is one sentence for a person."""
+
+
+@contextmanager
+def opened_archive(path: Path) -> Iterator[zipfile.ZipFile]:
+    """The archive at ``path``, open.
+
+    Raises:
+        MotionError: if the file is missing, too large, or no readable archive, also while it is
+            being read; one sentence names it.
+    """
+    if not path.is_file():
+        kind = "is a folder, not a motion file" if path.is_dir() else "does not exist"
+        raise MotionError(f"{path.name} {kind}; give a BEAT2 motion file (.npz).")
+    size = path.stat().st_size
+    if size > MAX_FILE_BYTES:
+        raise MotionError(
+            f"{path.name} has {size / 2**20:.0f} MiB; at most {MAX_FILE_BYTES // 2**20} MiB are "
+            "read. Cut it first."
+        )
+    try:
+        with zipfile.ZipFile(path) as archive:
+            yield archive
+    except (
+        zipfile.BadZipFile,
+        zlib.error,
+        EOFError,
+        NotImplementedError,
+        RuntimeError,
+        UnicodeDecodeError,
+    ) as error:
+        raise MotionError(
+            f"{path.name} is not a readable npz file; give a BEAT2 motion file (.npz)."
+        ) from error
+    except OSError as error:
+        raise MotionError(f"{path.name} could not be read: {error.strerror or error}.") from error
+
+
+def read_headers(archive: zipfile.ZipFile, name: str) -> dict[str, Header]:
+    """Shape and dtype of every array; nothing is unpacked but the first bytes of each.
+
+    Raises:
+        MotionError: for too many or too large arrays, and for what is none.
+    """
+    entries = archive.infolist()
+    size = sum(entry.file_size for entry in entries)
+    if len(entries) > _MAX_ENTRIES or size > MAX_BYTES:
+        raise MotionError(
+            f"{name} would unpack to {size / 2**20:.0f} MiB in {len(entries)} arrays; at most "
+            f"{MAX_BYTES // 2**20} MiB in {_MAX_ENTRIES} arrays are read."
+        )
+    headers: dict[str, Header] = {}
+    for entry in entries:
+        key = entry.filename.removesuffix(".npy")
+        if key == entry.filename:
+            raise MotionError(
+                f"{name} holds `{key[:40]}`, which is not an array; give a BEAT2 motion file."
+            )
+        with archive.open(entry) as file:
+            header = _read_npy_header(cast(zipfile.ZipExtFile, file))
+            header_bytes = file.tell()
+        if header is None:
+            raise MotionError(f"{name} is damaged: `{key[:40]}` is not an array.")
+        shape, dtype = header
+        if dtype.hasobject:
+            raise MotionError(
+                f"{name} holds pickled Python objects in `{key[:40]}`, which are never loaded; "
+                "save it again with plain number arrays."
+            )
+        if math.prod(shape) * dtype.itemsize + header_bytes != entry.file_size:
+            raise MotionError(f"{name} is damaged: `{key[:40]}` does not have its stated size.")
+        headers[key] = header
+    return headers
+
+
+def read_numbers(archive: zipfile.ZipFile, key: str, name: str) -> np.ndarray:
+    """An array of finite numbers of plausible size, as float32.
+
+    Raises:
+        MotionError: if it holds others.
+    """
+    array = read_array(archive, key)
+    if not np.isfinite(array).all():
+        where = "" if array.ndim < 2 else f" in frame {_first_bad_frame(array)}"
+        raise MotionError(
+            f"{name} holds values that are not finite (NaN or infinite) in `{key}`{where}; "
+            "repair the file first."
+        )
+    largest = float(np.abs(array).max(initial=0.0))
+    if largest > MAX_ABS_VALUE:
+        raise MotionError(
+            f"{name} holds {largest:.3g} in `{key}`, beyond {MAX_ABS_VALUE:g}; radians and "
+            "metres are expected."
+        )
+    return np.ascontiguousarray(array, dtype=np.float32)
+
+
+def read_array(archive: zipfile.ZipFile, key: str) -> np.ndarray:
+    """Any array that holds no Python objects."""
+    with archive.open(f"{key}.npy") as file:
+        try:
+            return np.lib.format.read_array(file, allow_pickle=False)
+        except ValueError as error:
+            raise zipfile.BadZipFile(f"`{key}` is damaged") from error
+
+
+def listed(names: tuple[str, ...] | list[str]) -> str:
+    """Names for a sentence, none of them long."""
+    return ", ".join(name[:40] for name in names[:12])
+
+
+def _read_npy_header(file: zipfile.ZipExtFile) -> Header | None:
+    """Shape and dtype of one array, or None where the bytes are no npy header."""
+    try:
+        version = np.lib.format.read_magic(file)
+        if version == (1, 0):
+            shape, _, dtype = np.lib.format.read_array_header_1_0(file)
+        else:
+            shape, _, dtype = np.lib.format.read_array_header_2_0(file)
+    except (ValueError, TypeError, SyntaxError, tokenize.TokenError, RecursionError, MemoryError):
+        return None  # numpy parses the header as Python source, which fails in all these ways
+    return shape, dtype
+
+
+def _first_bad_frame(array: np.ndarray) -> int:
+    return int(np.argmin(np.isfinite(array).all(axis=1)))
