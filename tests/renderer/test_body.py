@@ -265,6 +265,44 @@ def test_joints_follow_betas_and_expressions_as_in_smplx(tmp_path: Path) -> None
     assert max_distance_mm(licensed.joint_positions(motion), joints[:, :55]) < 0.02
 
 
+@pytest.mark.parametrize("finger", ["thumb", "index", "middle", "ring", "pinky"])
+def test_the_right_hand_is_the_mirror_of_the_left(body: Body, finger: str) -> None:
+    """Whatever is bent on one side: neither hand has a mean pose of its own."""
+    rng = np.random.default_rng(2)
+    bent = rng.normal(size=(3, 3)) * 0.4
+    mirror = np.array([1, -1, -1])  # of a turn, in the plane x = 0
+    tips = {}
+    for side, turns in (("left", bent), ("right", bent * mirror)):
+        poses = np.zeros((1, 55, 3))
+        for k, turn in enumerate(turns, start=1):
+            poses[0, JOINT_INDEX[f"{side}_{finger}{k}"]] = turn
+        motion = BodyMotion(
+            poses.reshape(1, 165), np.zeros((1, 3)), np.zeros((1, 100)), "arkit52", np.zeros(300)
+        )
+        (posed,) = all_vertices(body, motion)
+        tips[side] = posed[TIP_VERTICES[f"{side}_{finger}"]] - wrist_of(body, side)
+    at_rest = body.template[TIP_VERTICES[f"left_{finger}"]] - wrist_of(body, "left")
+    assert max_distance_mm(tips["left"], at_rest) > 10
+    assert max_distance_mm(tips["right"] * [-1, 1, 1], tips["left"]) < 1
+
+
+def wrist_of(body: Body, side: str) -> np.ndarray:
+    return body.rest_joints[JOINT_INDEX[f"{side}_wrist"]]
+
+
+def test_mean_hands_of_a_licensed_file_are_left_out(tmp_path: Path) -> None:
+    """BEAT2 stores whole turns of the fingers, not differences from the file's mean hands."""
+    motion = random_motion(basis="flame100", num_expressions=10)
+    means = np.full(45, 0.3), np.full(45, -0.2)
+    with_means = dict(zip(("hands_meanl", "hands_meanr"), means, strict=True))
+    bodies = [
+        load_body(smplx_file(tmp_path / f"{number}.npz", **changes))
+        for number, changes in enumerate(({}, with_means))
+    ]
+    one, other = (all_vertices(each, motion) for each in bodies)
+    np.testing.assert_array_equal(one, other)
+
+
 def rodrigues(rotvec: np.ndarray) -> np.ndarray:
     return Rotation.from_rotvec(rotvec).as_matrix()
 
