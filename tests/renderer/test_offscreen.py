@@ -1,5 +1,7 @@
 """Pictures show what the arrays say: place, side, colour, and nothing of the frame before."""
 
+import subprocess
+import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
@@ -15,6 +17,7 @@ from renderer.render import RenderSettings, draw_vertices
 from renderer.scene import FramePreparer, PosedFrame, Studio, Subject
 from renderer.software import SoftwareRenderer
 from renderer.stage import Stage
+from tests.helpers import ROOT
 
 pytestmark = pytest.mark.gl
 
@@ -162,6 +165,21 @@ def make_subject() -> tuple[Subject, PosedFrame]:
     vertices, faces = box((-0.5, 0.5, 0.0), (0.0, 1.0, 0.3))
     prepare = FramePreparer(faces, len(vertices), STAGE, Studio())
     return Subject(faces, None, prepare.ground.corners()), prepare(vertices)
+
+
+def test_a_process_that_draws_starts_without_what_no_picture_needs():
+    """And a later import of trimesh gives all of it."""
+    script = f"""
+import sys
+from renderer.offscreen import open_gl
+open_gl({gl_backend()!r})
+assert "trimesh.base" not in sys.modules
+import pyrender, trimesh
+print(len(pyrender.Mesh.from_trimesh(trimesh.creation.box()).primitives))
+"""
+    command = [sys.executable, "-c", script]
+    said = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert said.stdout.strip() == "1", said.stderr
 
 
 def test_a_second_opengl_renderer_is_refused_in_any_thread_until_the_first_has_ended():
