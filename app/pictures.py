@@ -227,6 +227,27 @@ def draw_jitter(
     return [folder.path(path.name) for path in files]
 
 
+def draw_error_growth(
+    growth: Mapping[str, Any], names: Sequence[str], folder: ResultFolder
+) -> list[Path]:
+    """The experiment on the recorded motion, or on the first where there is none.
+
+    Args:
+        growth: the content of ``error_growth.json``.
+        names: of the motions in it.
+    """
+    from renderer.error_growth_figure import error_growth_figure
+
+    name = REFERENCE_NAME if REFERENCE_NAME in names else names[0]
+    measured = growth["motions"][name]
+    files = error_growth_figure(
+        measured,
+        folder.path("error_growth.png").with_suffix(""),
+        sentence=f"{name}: {measured['sentence']}",
+    )
+    return [folder.path(path.name) for path in files]
+
+
 def _systems(rows: Sequence[Row]) -> list[str]:
     return [row.name for row in rows if row.name != REFERENCE_NAME]
 

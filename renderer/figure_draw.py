@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 _MIN_SHARE = 0.2  # of the height, for the flattest coordinate
 _SCALE_MARK, _SCALE_GAP = 0.12, 0.03  # inches of a sample of the marks, and beside it
-_SCALE_PIXELS = 60
+_SCALE_PIXELS, _SCALE_RADIUS = 60, 0.32
 _ROOMY_TICKS, _CLOSEST_TICKS = 0.2, 0.09  # inches between numbers one above the other
 
 
@@ -89,20 +89,19 @@ def _marked(contents: Figure6) -> dict[str, np.ndarray]:
 
 def _draw_scale(figure: "Figure", marks: JointMarks, right: float, bottom: float) -> None:
     """Two marks with their values, ending at the right edge of the snapshots."""
-    half = 0.5 * marks.full_scale
-    middle = bottom - 0.5 * _SCALE_MARK
-    for severity, text in ((1.0, f"{marks.full_scale:g} {marks.unit} {marks.quantity}"),
-                           (0.5, f"{half:g}")):  # fmt: skip
+    samples = {1.0: f"{marks.full_scale:g} {marks.unit} {marks.quantity}"}
+    samples[0.5] = f"{0.5 * marks.full_scale:g}"
+    empty = np.full((1, _SCALE_PIXELS, _SCALE_PIXELS, 3), 255, np.uint8)
+    centre = np.full((1, 1, 2), 0.5 * _SCALE_PIXELS)
+    for severity, text in samples.items():  # from the right to the left
         right -= style.text_width_in(text, style.SMALL_PT)
-        write(figure, right, middle, text, size=style.SMALL_PT, va="center_baseline")
+        place = (right, bottom - 0.5 * _SCALE_MARK)
+        write(figure, *place, text, size=style.SMALL_PT, va="center_baseline")
         right -= _SCALE_MARK + _SCALE_GAP
-        sample = np.full((1, _SCALE_PIXELS, _SCALE_PIXELS, 3), 255, np.uint8)
-        side = _SCALE_PIXELS * np.ones((1, 1, 2)) / 2.0
-        picture = mark_joints(sample, side, np.full((1, 1), severity), radius=0.32)[0]
-        place = Rect(right, bottom - _SCALE_MARK, _SCALE_MARK, _SCALE_MARK)
-        axes = figure.add_axes(place.fraction_of(figure.get_figheight()), label="scale of marks")
+        rect = Rect(right, bottom - _SCALE_MARK, _SCALE_MARK, _SCALE_MARK)
+        axes = figure.add_axes(rect.fraction_of(figure.get_figheight()), label="scale of marks")
         axes.set_axis_off()
-        axes.imshow(picture)
+        axes.imshow(mark_joints(empty, centre, np.full((1, 1), severity), _SCALE_RADIUS)[0])
         right -= 3.0 * _SCALE_GAP
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 FIGURE_WIDTH_IN = 7.0  # text width of a two-column page: the figure goes in at scale 1
 PNG_DPI = 288  # 2016 pixels wide
-VECTOR_DPI = 450  # of the snapshots inside the SVG and the PDF
+VECTOR_DPI = 300  # of the snapshots inside the SVG and the PDF
 
 TITLE_PT = 7.5
 LABEL_PT = 7.0

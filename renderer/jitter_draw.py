@@ -80,7 +80,7 @@ def _draw_joints(figure: "Figure", layout: SheetLayout, sheet: JitterSheet) -> N
         y_label=_JERK,
         is_dense=True,
     )
-    names = [_short(sheet.joint_names[joint]) for joint in sheet.joint_order]
+    names = [short_name(sheet.joint_names[joint]) for joint in sheet.joint_order]
     _name_x(axes, names, size=5.2)
     _share_log([axes], [sheet.by_joint("raw")])
 
@@ -113,7 +113,7 @@ def _draw_attribution(figure: "Figure", layout: SheetLayout, sheet: JitterSheet)
     )
     for each in axes:
         each.axhline(0.0, color=style.FAINT_INK, linewidth=0.5, zorder=0.5)
-        _name_x(each, [_short(name) for name in sheet.chain], size=style.SMALL_PT)
+        _name_x(each, [short_name(name) for name in sheet.chain], size=style.SMALL_PT)
     _share_linear(axes, [sheet.attribution(kind) for kind in _KINDS])
 
 
@@ -224,7 +224,7 @@ def _name_x(axes: "Axes", names: Sequence[str], size: float) -> None:
     axes.set_xlim(-0.6, max(len(names), 1) - 0.4)
 
 
-def _short(joint: str) -> str:
+def short_name(joint: str) -> str:
     """``left_middle2`` as 'L middle 2'."""
     words = joint.replace("left_", "L ").replace("right_", "R ").replace("_", " ")
     return f"{words[:-1]} {words[-1]}" if words[-1:].isdigit() else words
