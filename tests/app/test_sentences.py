@@ -86,7 +86,7 @@ def test_equal_numbers_are_told_as_equal() -> None:
     assert "stays the same within 5 %: 1.0 times at the pelvis, 1.0 times" in found["depth"]
     assert "1.0 times the reference's" in found["reference"]
     assert "is no nearer to it than b" in found["reference"]
-    assert "joins show" not in found["seams"]
+    assert "joins stand out" not in found["seams"]
 
 
 def test_a_filter_that_turns_the_order_is_told() -> None:
@@ -171,16 +171,16 @@ def test_attribution_points_at_the_strongest_joint_or_at_none() -> None:
     assert "could be told apart by joint" in told(None, None)
 
 
-def test_seams_show_or_cannot_be_told_from_the_rest() -> None:
+def test_seams_stand_out_or_do_not() -> None:
     found = sentences_of(
         numbers(a=measures(seam_jerk_ratio=2.1), b=measures(seam_jerk_ratio=1.02))
     )["seams"]
-    assert "2.1 times that elsewhere with a (joins show, 2.1 after the filter)" in found
-    assert "1.0 times that elsewhere with b (joins cannot be told from the rest" in found
+    assert "2.1 times that elsewhere with a (joins stand out, 2.1 after the filter)" in found
+    assert "1.0 times that elsewhere with b (joins do not stand out" in found
 
     reference = measures(seam_jerk_ratio=2.2)
     found = sentences_of(numbers(reference, a=measures(seam_jerk_ratio=2.1)))["seams"]
-    assert "joins show" not in found
+    assert "joins stand out" not in found
     assert "the reference, which has no joins, has 2.2" in found
 
 
