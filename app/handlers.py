@@ -56,6 +56,7 @@ class Form:
     reference: str | None
     point: str
     start_frame: float | None
+    transcript: str | None
 
 
 def request_from_form(

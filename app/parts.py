@@ -132,6 +132,13 @@ def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
             height=150,
             elem_id="reference",
         )
+        transcript = gr.File(
+            label=text.TRANSCRIPT_LABEL,
+            file_types=[".TextGrid"],
+            type="filepath",
+            height=150,
+            elem_id="transcript",
+        )
         point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
         start_frame = gr.Number(
             value=0, precision=0, minimum=0, label=text.START_LABEL, elem_id="start-frame"
@@ -143,7 +150,7 @@ def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
         )
     fields = (
         *(speech, systems, speaker, seed, samples, steps, sampler, is_smoothed, reference),
-        *(point, start_frame),
+        *(point, start_frame, transcript),
     )
     return FormParts(fields, start, cancel)
 

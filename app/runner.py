@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import gradio as gr
@@ -30,6 +31,7 @@ from app.parts import FormParts, ResultParts
 from app.request import Artefact, GenerateResult
 from app.showing import Showing
 from app.study.handover import COOKIE
+from model.transcript import read_words
 
 Updates = dict[Any, Any]
 NOTHING: dict[str, Any] = {}
@@ -67,13 +69,15 @@ class Runner:
         job: Job | None = None
         try:
             job = self._jobs.open(visitor)
-            asked = request_from_form(Form(*values), job.folder, self._catalogue, self._config)
+            form = Form(*values)
+            asked = request_from_form(form, job.folder, self._catalogue, self._config)
+            words = read_words(Path(form.transcript)) if form.transcript else ()
             yield self._blank()
             with self._jobs.slot(job) as turn:
                 for ahead in turn:
                     yield {self._results.status: view.sentence_status(waiting_line(ahead))}
                 run = RunView()
-                showing = Showing(asked, row_names(asked), job.folder, self._desk, cookie)
+                showing = Showing(asked, row_names(asked), job.folder, self._desk, cookie, words)
                 figures = FiguresShown(self._desk, cookie)
                 for news in follow_run(self._generate, asked, job):
                     if isinstance(news, GenerateResult):

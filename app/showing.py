@@ -12,6 +12,7 @@ from typing import Any
 from app.media import MediaDesk
 from app.request import REFERENCE_NAME, Artefact, GenerateRequest, file_stem
 from app.timeline import Version, make_timeline, series_looks
+from model.transcript import Word
 
 _ROW_KINDS = ("motion", "preview", "video")
 
@@ -26,13 +27,16 @@ class Showing:
         folder: Path,
         desk: MediaDesk,
         visitor: str,
+        words: Sequence[Word] = (),
     ) -> None:
         """
         Args:
             names: of the rows, in the order of the page.
             folder: of the job, where sound and time line are kept.
             visitor: the browser's cookie.
+            words: of the speech, where a transcript was given.
         """
+        self._words = words
         self._request = request
         self._folder = folder
         self._desk = desk
@@ -74,6 +78,9 @@ class Showing:
         ]
         return {"run": self._folder.name, "rows": rows, **self._sound}
 
+    def _write_sound(self) -> tuple[Path, Path]:
+        return write_sound(self._request, dict(self._motions), self._folder, self._words)
+
     def _begin_timeline(self) -> None:
         """In a thread: the run itself goes on drawing, and the page is told of it meanwhile."""
         made: Future[tuple[Path, Path]] = Future()
@@ -81,7 +88,7 @@ class Showing:
 
         def work() -> None:
             try:
-                made.set_result(write_sound(self._request, dict(self._motions), self._folder))
+                made.set_result(self._write_sound())
             except BaseException as error:
                 made.set_exception(error)
 
@@ -89,7 +96,10 @@ class Showing:
 
 
 def write_sound(
-    request: GenerateRequest, paths: Mapping[str, Path], folder: Path
+    request: GenerateRequest,
+    paths: Mapping[str, Path],
+    folder: Path,
+    words: Sequence[Word] = (),
 ) -> tuple[Path, Path]:
     """The speech as the player plays it, and the time line as JSON.
 
@@ -111,6 +121,7 @@ def write_sound(
         timeline["curves"] |= make_timeline(
             None, {REFERENCE_NAME: reference}, "raw", request.joint
         )["curves"]
+    timeline["words"] = [(word.start_s, word.end_s, word.text) for word in words]
     path = folder / "timeline.json"
     path.write_text(json.dumps(timeline, allow_nan=False, separators=(",", ":")))
     return wav, path

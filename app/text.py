@@ -49,6 +49,7 @@ FILTER_HELP = (
 REFERENCE_LABEL = "Reference motion (BEAT2 .npz, optional)"
 POINT_LABEL = "Point to follow in plots and measures"
 START_LABEL = "First frame of the figure"
+TRANSCRIPT_LABEL = "Words with their times (.TextGrid, optional)"
 GENERATE = "Generate motion"
 CANCEL = "Cancel"
 

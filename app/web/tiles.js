@@ -16,6 +16,7 @@ class Tile {
   #picture;
   #tools;
   #preview = null;
+  #motion = null;
   #previewed = -Infinity; // when it was last drawn
 
   constructor(row, number, onEnlarge) {
@@ -46,15 +47,19 @@ class Tile {
     this.video.muted = true; // the attribute counts for the parser only
     this.video.src = url;
     this.#picture.replaceChildren(this.video);
-    this.#addDownload(url, `${row.stem}.mp4`, "video");
-    if (row.motion) this.#addDownload(row.motion, `${row.stem}.npz`, "npz");
+    this.enlarge.before(this.#download(url, `${row.stem}.mp4`, "video"));
     return this.video;
   }
 
-  #addDownload(url, fileName, kind) {
+  /** Offer the motion file as soon as there is one. */
+  offerMotion(url, row) {
+    if (!this.#motion) this.#tools.prepend((this.#motion = this.#download(url, `${row.stem}.npz`, "npz")));
+  }
+
+  #download(url, fileName, kind) {
     const label = `Save the ${kind === "video" ? "video" : "motion (npz)"} of ${this.name}`;
     const children = kind === "video" ? [icon("save")] : ["npz"];
-    this.#tools.prepend(make("a", { href: url, download: fileName, "aria-label": label, title: label }, ...children));
+    return make("a", { href: url, download: fileName, "aria-label": label, title: label }, ...children);
   }
 
   /** Show the motion in 3D until the video is there; without WebGL the words stay. */
@@ -139,6 +144,7 @@ export class Tiles {
         this.element.append(tile.element);
         this.#arrange();
       }
+      if (row.motion) tile.offerMotion(row.motion, row);
       if (row.video && !tile.video) {
         this.#player.add(tile.showVideo(row.video, row));
         this.#arrange();

@@ -71,7 +71,7 @@ export class Timeline {
     this.position = make("div", { class: "plot", role: "slider", tabindex: "0", "aria-label": "Position", "aria-valuemin": "0", "aria-valuemax": data.duration_s.toFixed(2) }, this.wave);
     const parts = [];
     if (data.peaks.length) parts.push(this.#lane("Speech", "", this.position));
-    if (data.words?.length) parts.push(this.#lane("Words", "", this.#words(data)));
+    if (data.words.length) parts.push(this.#lane("Words", "", this.#words(data)));
     for (const row of this.#rows) {
       const canvas = make("canvas", { role: "img", "aria-label": `${data.point} of ${row.name} over time` });
       const value = make("small", {});

@@ -24,6 +24,7 @@ FORM = Form(
     reference="/reference.npz",
     point="left_index",
     start_frame=12,
+    transcript=None,
 )
 CONFIG = AppConfig(weights=Path("/weights"))
 

@@ -27,6 +27,7 @@ FORM = {
     "reference": None,
     "point": "right_middle",
     "start_frame": 0,
+    "transcript": None,
 }
 
 

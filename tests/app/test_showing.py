@@ -7,6 +7,7 @@ from app.media import MediaDesk
 from app.request import Artefact, GenerateRequest
 from app.showing import Showing
 from model.motion import save_motion
+from model.transcript import Word
 from tests.app.fakes import made_motion
 
 NAMES = ("globaldiff/local", "globaldiff/global", "reference")
@@ -19,7 +20,8 @@ def showing(speech: Path, tmp_path: Path) -> Showing:
     request = GenerateRequest(
         speech=speech, out=tmp_path / "out", weights=tmp_path, reference=reference
     )
-    return Showing(request, NAMES, tmp_path, desk=MediaDesk(), visitor="")
+    words = (Word(0.25, 0.5, "hello"),)
+    return Showing(request, NAMES, tmp_path, desk=MediaDesk(), visitor="", words=words)
 
 
 def told(showing: Showing, kind, name: str, folder: Path) -> None:
@@ -59,6 +61,7 @@ def test_the_time_line_follows_the_last_motion_and_holds_the_reference(
     assert value["audio"] != value["timeline"]
     timeline = json.loads((tmp_path / "timeline.json").read_text())
     assert timeline["duration_s"] == pytest.approx(37 / 30, abs=1e-3)
+    assert timeline["words"] == [[0.25, 0.5, "hello"]]
     lengths = {
         name: len(curves["raw"]["jerk_m_s3"]["values"])
         for name, curves in timeline["curves"].items()

@@ -284,6 +284,14 @@ def test_videos_appear_one_by_one_beside_a_reference_and_a_cancelled_run_leaves_
     save_motion(fakes.made_motion(FRAMES), reference)
     page.set_input_files("#reference input[type=file]", str(reference))
     expect(page.locator("#reference")).to_contain_text("reference")
+    transcript = tmp_path / "words.TextGrid"
+    transcript.write_text(
+        'File type = "ooTextFile"\nObject class = "TextGrid"\n'
+        'item [1]:\n class = "IntervalTier"\n name = "words"\n'
+        ' intervals [1]:\n xmin = 1\n xmax = 2\n text = "<b>hello</b>"\n'
+    )
+    page.set_input_files("#transcript input[type=file]", str(transcript))
+    expect(page.locator("#transcript")).to_contain_text("words")
     start(page, speech)
     drawing, videos = page.locator("#player .drawing:visible"), page.locator("#player video")
     expect(drawing).to_have_count(4, timeout=PATIENCE_MS)
@@ -292,6 +300,7 @@ def test_videos_appear_one_by_one_beside_a_reference_and_a_cancelled_run_leaves_
         expect(videos).to_have_count(drawn, timeout=PATIENCE_MS)
         expect(drawing).to_have_count(4 - drawn)
     expect(page.locator("#player .lane[data-name]")).to_have_count(4, timeout=PATIENCE_MS)
+    expect(page.locator("#player .words span")).to_have_text("<b>hello</b>")
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     page.get_by_role("button", name=text.CANCEL).click()
     expect(page.locator("#status")).to_contain_text(text.CANCELLED, timeout=PATIENCE_MS)
