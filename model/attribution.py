@@ -44,13 +44,12 @@ def attribute_jerk(
         chain: the joints whose rotation moves the point, pelvis first (`tracks.moving_chain`).
     """
     whole = _mean_jerk(point)
-    local_rot = torch.from_numpy(tracks.local_rot[:, list(chain)]).double()
-    smooth_rot = smooth_rotations(local_rot).numpy()
     share = np.full(len(chain), np.nan)
     translation_share = np.nan
     if whole > STILL_M_S3:  # false for NaN too
         for index, joint in enumerate(chain):
-            turned = _turned_about(point, tracks, joint, smooth_rot[:, index])
+            local_rot = torch.from_numpy(tracks.local_rot[:, joint]).double()
+            turned = _turned_about(point, tracks, joint, smooth_rotations(local_rot).numpy())
             share[index] = 1 - _mean_jerk(turned) / whole
         pelvis = tracks.joints[:, 0]
         moved = point + smooth_over_time(pelvis) - pelvis

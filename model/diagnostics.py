@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from model.beats import BEAT_JOINTS, beat_scores, joint_speeds
+from model.beats import BEAT_JOINTS, MARGIN_S, beat_scores, joint_speeds
 from model.filtering import smooth_motion
 from model.findings import find_faults
 from model.measures import (
@@ -37,6 +37,7 @@ from model.tracks import POINT_NAMES, TipTrack, Tracks, track_points
 
 __all__ = ["diagnose", "first_frames", "measures", "smooth_motion", "track_points"]
 
+JERK_FRAMES = 4
 REFERENCE = "reference"
 """What the recorded motion is called beside the systems."""
 
@@ -79,6 +80,12 @@ def diagnose(
         onsets_s=onsets_s,
     )
     motions, reference, notes = _cut_alike(motions, reference)
+    notes += [
+        f"{name} has {motion.num_frames} {'frame' if motion.num_frames == 1 else 'frames'}; speed "
+        "needs 2, acceleration 3 and jerk 4."
+        for name, motion in motions.items()
+        if motion.num_frames < JERK_FRAMES
+    ]
     recorded = None if reference is None else _versions(reference, settings)
     systems = {
         name: _measured(_versions(motion, settings), recorded, settings)
@@ -163,11 +170,14 @@ def _measured(
 def _beat_measures(
     tracks: Tracks, usual: Tracks, onsets_s: Float[np.ndarray, " onsets"]
 ) -> Measures:
-    """BeatAlign in EMAGE's direction and its chance level.
+    """BeatAlign in EMAGE's direction and its chance level; None where no onset counts.
 
     Args:
         usual: whose mean speeds decide what is slow: the reference's, or else the motion's own.
     """
+    duration_s = len(tracks.joints) / FPS
+    if not np.any((onsets_s >= MARGIN_S) & (onsets_s < duration_s - MARGIN_S)):
+        return {"beat_align": None, "beat_align_chance": None}
     mean_speed = joint_speeds(_rooted(usual)[:, BEAT_JOINTS]).mean(axis=0)
     scores = beat_scores(_rooted(tracks), onsets_s, mean_speed)
     return as_json(

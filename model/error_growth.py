@@ -25,7 +25,7 @@ from model.rotations import geodesic_angle, matrix_from_axis_angle
 from model.skeleton import FINGERTIP_NAMES, JOINT_INDEX, JOINT_NAMES, RestSkeleton
 from model.smoothness import derivative_magnitudes, mean_over_time
 from model.timing import FPS
-from model.tracks import moving_chain
+from model.tracks import moving_chain, point_words
 
 NOISE_RAD = 0.02
 """About 1.1 degrees about each axis."""
@@ -119,8 +119,8 @@ def growth_sentence(growth: ErrorGrowth, noise_rad: float) -> str:
     """What the experiment shows, in words."""
     local, world = (100 * float(s[-1]) for s in (growth.local_spread_m, growth.global_spread_m))
     return (
-        f"Noise of {noise_rad:g} rad on every joint moves the {growth.points[-1]} by {local:.1f} cm"
-        f" when it is put on local rotations and by {world:.1f} cm on global ones:"
+        f"Noise of {noise_rad:g} rad on every joint moves the {point_words(growth.points[-1])} by"
+        f" {local:.1f} cm when it is put on local rotations and by {world:.1f} cm on global ones:"
         f" {growth.ratio:.1f} times as far (predicted from lever arms:"
         f" {growth.predicted_ratio:.1f})."
     )

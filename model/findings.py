@@ -13,6 +13,7 @@ import numpy as np
 from model.measures import SIDES, Measures
 from model.skeleton import JOINT_NAMES
 from model.timing import FPS
+from model.tracks import point_words
 
 Finding = dict[str, Any]
 
@@ -76,7 +77,7 @@ def _joint_noise(raw: Measures, point: str) -> list[Finding]:
     if not noise:
         return []
     worst = sorted(noise, key=lambda name: -noise[name])[:NAMED_JOINTS]
-    listed = _listed([f"{_words(name)} ({noise[name]:.1f}°)" for name in worst])
+    listed = _listed([f"{point_words(name)} ({noise[name]:.1f}°)" for name in worst])
     if len(noise) > len(worst):
         sentence = f"{len(noise)} of {len(JOINT_NAMES)} joints shake, most of all {listed}."
     else:
@@ -88,8 +89,8 @@ def _joint_noise(raw: Measures, point: str) -> list[Finding]:
     if blamed in noise and shares[blamed] > 0.1:
         finding |= {"attributed_joint": blamed, "attributed_share": shares[blamed]}
         sentence += (
-            f" Smoothing the {_words(blamed)} alone takes {shares[blamed]:.0%} of the jerk of the"
-            f" {_words(point)} away."
+            f" Smoothing the {point_words(blamed)} alone takes {shares[blamed]:.0%} of the jerk of"
+            f" the {point_words(point)} away."
         )
     return [finding | {"sentence": sentence}]
 
@@ -177,7 +178,9 @@ def _finger_range(raw: Measures) -> list[Finding]:
     worst = sorted(by_joint, key=lambda name: -by_joint[name])[:NAMED_JOINTS]
     if share <= FINGERS_OUTSIDE and by_joint[worst[0]] <= JOINT_OUTSIDE:
         return []
-    listed = _listed([f"{_words(name)} ({by_joint[name]:.0%})" for name in worst if by_joint[name]])
+    listed = _listed(
+        [f"{point_words(name)} ({by_joint[name]:.0%})" for name in worst if by_joint[name]]
+    )
     return [
         {
             "kind": "finger_range",
@@ -191,12 +194,6 @@ def _finger_range(raw: Measures) -> list[Finding]:
 
 def _finite(values: list[float | None]) -> np.ndarray:
     return np.array([value for value in values if value is not None])
-
-
-def _words(name: str) -> str:
-    """``right_middle1`` as people say it: right middle 1."""
-    spaced = name.replace("_", " ")
-    return f"{spaced[:-1]} {spaced[-1]}" if spaced[-1].isdigit() else spaced
 
 
 def _listed(items: list[str]) -> str:

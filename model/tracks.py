@@ -61,6 +61,15 @@ def track_points(motion: Motion, skeleton: RestSkeleton) -> Tracks:
     return Tracks(*(np.concatenate(parts) for parts in (joints, tips, local, world)))
 
 
+def point_words(name: str) -> str:
+    """A point's name as people say it: right middle fingertip, right middle joint 1, neck."""
+    spaced = name.replace("_", " ")
+    if name in FINGERTIP_NAMES:
+        return f"{spaced} fingertip"
+    is_finger = name[:-1] in FINGERTIP_NAMES
+    return f"{spaced[:-1]} joint {spaced[-1]}" if is_finger else spaced
+
+
 def moving_chain(point: str) -> tuple[int, ...]:
     """The joints whose rotation moves a point, from the pelvis outwards.
 

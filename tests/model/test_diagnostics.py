@@ -259,6 +259,9 @@ def test_any_length_gives_valid_json(num_frames):
     assert (raw["tip_velocity_power_above_5hz"] is None) == (num_frames < 33)
     assert raw["seam_jerk_ratio"] is None
     assert len(raw["joint_jerk_m_s3"]) == 55
+    assert [f"a has {num_frames} frame" in note for note in result["notes"]] == [True] * (
+        num_frames < 4
+    )
 
 
 def test_a_still_body_has_no_jerk_and_no_nan():

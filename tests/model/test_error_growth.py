@@ -88,4 +88,5 @@ def test_a_recorded_clip_shows_the_known_ratio():
     assert growth.local_spread_m[-1] == pytest.approx(0.042, rel=0.1)
     assert growth.local_angle_error_ratio == pytest.approx(np.sqrt(2), rel=0.01)
     sentence = growth_sentence(growth, 0.02)
-    assert "0.02 rad" in sentence and "4.1 cm" in sentence and "3.2 times" in sentence
+    assert "right middle fingertip" in sentence and "0.02 rad" in sentence
+    assert "4.1 cm" in sentence and "3.2 times" in sentence

@@ -12,6 +12,7 @@ from model.measures import measures
 from model.mirror import mirror_poses
 from model.motion import Motion, load_motion
 from model.skeleton import JOINT_INDEX, LEFT_HAND, MIRROR_PERMUTATION, open_body_skeleton
+from model.tracks import point_words
 from tests.helpers import beat2_folder, smooth_motion_example
 
 SKELETON = open_body_skeleton()
@@ -63,7 +64,7 @@ def test_noise_on_one_joint_is_named(clean: Motion, joint: str):
     # Noise of an axis-angle turns a bent joint by a tenth less across its axis.
     assert fault["noise_deg"][joint] == pytest.approx(np.degrees(0.02), rel=0.15)
     assert f"({fault['noise_deg'][joint]:.1f}°)" in fault["sentence"]
-    assert joint.replace("_", " ").replace("middle1", "middle 1") in fault["sentence"]
+    assert point_words(joint) in fault["sentence"]
     if joint.startswith("right"):  # the right middle fingertip is followed
         assert fault["attributed_joint"] == joint
         assert fault["attributed_share"] > 0.5
@@ -136,7 +137,7 @@ def test_a_finger_bent_backwards_is_named(clean: Motion):
     fault = only_fault(bent)
     assert fault["kind"] == "finger_range"
     assert fault["joints"] == {"right_index2": pytest.approx(1.0)}
-    assert "right index 2 (100%)" in fault["sentence"]
+    assert "right index joint 2 (100%)" in fault["sentence"]
 
 
 def test_a_still_motion_is_said_to_be_still(clean: Motion):

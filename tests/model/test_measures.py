@@ -21,7 +21,7 @@ from model.rotations import axis_angle_from_matrix, matrix_from_axis_angle
 from model.seams import recurring_jerk
 from model.skeleton import FINGERTIP_JOINTS, HANDS, JOINT_INDEX, JOINT_NAMES, open_body_skeleton
 from model.spectrum import velocity_spectrum
-from model.tracks import moving_chain, track_points
+from model.tracks import moving_chain, point_words, track_points
 from tests.helpers import smooth_motion_example
 
 SKELETON = open_body_skeleton()
@@ -303,6 +303,8 @@ def test_beats_need_speech_and_come_with_chance():
     onsets_s = np.arange(2.5, 11, 0.4)
     raw = diagnose({"a": motion}, SKELETON, onsets_s=onsets_s)["systems"]["a"]["raw"]
     assert 0 < raw["beat_align"] <= 1 and 0 < raw["beat_align_chance"] <= 1
+    outside = diagnose({"a": motion}, SKELETON, onsets_s=np.array([0.5, 1.9]))
+    assert outside["systems"]["a"]["raw"]["beat_align"] is None
     assert "beat_align" not in diagnose({"a": motion}, SKELETON)["systems"]["a"]["raw"]
 
 
@@ -317,6 +319,12 @@ def test_a_jump_in_one_window_does_not_recur():
     found = recurring_jerk(always, 52)
     assert found.phase_frame in (6, 7, 8) and found.ratio > 5
     assert recurring_jerk(always[: 52 * 4 - 2], 52).phase_frame is None
+
+
+def test_points_are_called_as_people_call_them():
+    assert point_words("right_middle") == "right middle fingertip"
+    assert point_words("left_thumb2") == "left thumb joint 2"
+    assert point_words("spine3") == "spine3" and point_words("left_hip") == "left hip"
 
 
 def test_chains_of_points_end_where_the_last_rotation_is():
