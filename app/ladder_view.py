@@ -73,12 +73,13 @@ _JOINT = math(
         subsup(var("R"), var("k"), word("gt")), subsup(var("v"), var("k"), var("n")),
     )),
 )  # fmt: skip
+_OTHER_BONE = row(var("b"), op(PRIME))
 _SKELETON = math(
     sub(var(LOSS), var("s")), op("="), frac(num("1"), row(op("|"), var(BONES), op("|"))),
-    total(row(var("b"), op(","), var("b" + PRIME), op("∈"), var(BONES))),
+    total(row(var("b"), op(","), _OTHER_BONE, op("∈"), var(BONES))),
     sup(row(
-        op("("), sup(var("b"), var(TRANSPOSED)), var("b" + PRIME), op(MINUS),
-        sup(tilde(var("b")), var(TRANSPOSED)), tilde(var("b" + PRIME)), op(")"),
+        op("("), sup(var("b"), var(TRANSPOSED)), _OTHER_BONE, op(MINUS),
+        sup(tilde(var("b")), var(TRANSPOSED)), row(tilde(var("b")), op(PRIME)), op(")"),
     ), num("2")),
 )  # fmt: skip
 _MOTION = math(

@@ -31,7 +31,8 @@ def word(name: str) -> str:
 
 
 def op(sign: str) -> str:
-    return f"<mo>{escape(sign)}</mo>"
+    """An operator or a bracket, which does not grow with what it holds."""
+    return f'<mo stretchy="false">{escape(sign)}</mo>'
 
 
 def num(digits: str) -> str:
