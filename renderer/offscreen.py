@@ -82,7 +82,7 @@ def _trimesh_later() -> Iterator[None]:
         yield
         return
     later = types.ModuleType("trimesh")
-    later.__path__ = found.submodule_search_locations
+    later.__path__ = list(found.submodule_search_locations or ())
     later.__getattr__ = lambda name: getattr(importlib.import_module("trimesh"), name)  # type: ignore[attr-defined]
     sys.modules["trimesh"] = later
     try:

@@ -32,8 +32,9 @@ from renderer.probe import choose_backend
 from renderer.render import PIECE_FRAMES, RenderSettings, draw_frames
 from renderer.stage import Stage, set_stage
 
-MIN_FRAMES_EACH = 90
-"""With fewer frames a further process costs more to start than it saves."""
+MIN_FRAMES_EACH = 300
+"""With fewer frames a further process costs more to start than it saves: one alone already keeps
+the driver's threads and ffmpeg busy beside its own."""
 MAX_PROCESSES = 4
 """More draw faster than ffmpeg encodes, and each takes a quarter of a gigabyte."""
 

@@ -1,7 +1,8 @@
-"""The child's side of ``renderer.worker``: read one job, do it, tell how it went."""
+"""The child's side of ``renderer.worker_process``: read jobs, do them, tell how each went."""
 
 import os
 import pickle
+import queue
 import sys
 import threading
 from collections.abc import Callable
@@ -10,9 +11,9 @@ import numpy as np
 from jaxtyping import UInt8
 
 from renderer.body import load_body
+from renderer.job import KNOWN_ERRORS, RenderJob, RenderResult
 from renderer.parallel import draw_in_processes
 from renderer.render import render_stills, render_video
-from renderer.worker import KNOWN_ERRORS, RenderJob, RenderResult
 
 
 def main() -> int:
@@ -20,29 +21,36 @@ def main() -> int:
     # They take a private copy of standard output, so that what libraries print does no harm.
     channel = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-    job: RenderJob = pickle.load(sys.stdin.buffer)
+    jobs: queue.SimpleQueue[RenderJob | None] = queue.SimpleQueue()
     parent_hung_up = threading.Event()
-    threading.Thread(target=_listen, args=(parent_hung_up,), daemon=True).start()
+    threading.Thread(target=_listen, args=(jobs, parent_hung_up), daemon=True).start()
 
     def send(kind: str, value: object) -> None:
         pickle.dump((kind, value), channel)
         channel.flush()
 
-    try:
-        stills = _run(job, lambda share: send("progress", share), parent_hung_up.is_set)
-        send("done", RenderResult(job.out, stills))
-    except BrokenPipeError:  # the parent is gone
-        return 1
-    except tuple(KNOWN_ERRORS.values()) as error:
-        name = type(error).__name__
-        send(name if name in KNOWN_ERRORS else ValueError.__name__, str(error))
+    while (job := jobs.get()) is not None:
+        try:
+            stills = _run(job, lambda share: send("progress", share), parent_hung_up.is_set)
+            send("done", RenderResult(job.out, stills))
+        except BrokenPipeError:  # the parent is gone
+            return 1
+        except tuple(KNOWN_ERRORS.values()) as error:
+            name = type(error).__name__
+            send(name if name in KNOWN_ERRORS else ValueError.__name__, str(error))
     return 0
 
 
-def _listen(parent_hung_up: threading.Event) -> None:
-    """Nothing more is ever sent: whatever ends this read ends the job."""
-    os.read(sys.stdin.fileno(), 1)
-    parent_hung_up.set()
+def _listen(jobs: queue.SimpleQueue[RenderJob | None], parent_hung_up: threading.Event) -> None:
+    """Jobs come until the pipe closes, which also ends the job under way."""
+    try:
+        while True:
+            jobs.put(pickle.load(sys.stdin.buffer))
+    except (EOFError, pickle.UnpicklingError):  # between jobs, or in the middle of one
+        pass
+    finally:
+        parent_hung_up.set()
+        jobs.put(None)
 
 
 def _run(

@@ -102,6 +102,13 @@ def children_of_this_process() -> list[int]:
     return found
 
 
+def has_ended(process_id: int) -> bool:
+    """Whether a child waits for nothing but to be counted, and its last thread is gone."""
+    process = Path(f"/proc/{process_id}")
+    state = (process / "stat").read_text().rsplit(")", 1)[1].split()[0]
+    return state == "Z" and len(list((process / "task").iterdir())) == 1
+
+
 def long_job(tmp_path: Path) -> RenderJob:
     return RenderJob(waving_motion(4000), tmp_path / "v.mp4", settings=settings())
 
@@ -159,6 +166,57 @@ def test_a_crash_in_the_child_is_an_error_here(tmp_path):
     assert processes_that_mention(tmp_path) == []
 
 
+def test_one_process_draws_one_video_after_the_other(tmp_path):
+    body, seen = load_body(), set()
+    jobs = [
+        RenderJob(
+            motion=waving_motion(4, walk_m=walk_m),
+            out=tmp_path / f"{view}.mp4",
+            settings=RenderSettings(width, 96, view=view),
+            still_frames=(2,),
+        )
+        for view, width, walk_m in (("front", 96, 0.0), ("side", 64, 0.0), ("front", 128, 4.0))
+    ]
+    with RenderPool(max_workers=1) as pool:
+        for job in jobs:
+            task = pool.submit(job, lambda share: seen.update(children_of_this_process()))
+            shown = task.result(PATIENCE_S).stills
+            alone = render_stills(body, job.motion, [2], job.settings)
+            assert np.abs(shown.astype(int) - alone.astype(int)).max() <= 1
+        assert len(seen) == 1
+        assert set(children_of_this_process()) == seen
+    assert children_of_this_process() == []
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["front.mp4", "side.mp4"]
+
+
+@pytest.mark.parametrize("end", ["error", "cancel", "crash while idle"])
+def test_a_process_that_came_to_a_bad_end_is_replaced(tmp_path, end):
+    good = RenderJob(waving_motion(2), tmp_path / "good.mp4", settings=settings())
+    with RenderPool(max_workers=1) as pool:
+        pool.submit(good).result(PATIENCE_S)
+        (first,) = children_of_this_process()
+        if end == "error":
+            with pytest.raises(ValueError, match="Frame 9 was asked for"):
+                pool.submit(replace(good, still_frames=(9,))).result(PATIENCE_S)
+        elif end == "cancel":
+            running = threading.Event()
+            task = pool.submit(long_job(tmp_path), lambda share: running.set())
+            assert running.wait(PATIENCE_S)
+            task.cancel()
+            with pytest.raises(Cancelled):
+                task.result(PATIENCE_S)
+        else:
+            os.kill(first, signal.SIGKILL)
+            while not has_ended(first):
+                time.sleep(0.01)
+        (tmp_path / "good.mp4").unlink()
+        pool.submit(good).result(PATIENCE_S)
+        (second,) = children_of_this_process()
+        assert second != first
+    assert [path.name for path in tmp_path.iterdir()] == ["good.mp4"]
+    assert children_of_this_process() == []
+
+
 def test_several_processes_make_the_same_file_as_one(tmp_path):
     motion = waving_motion(2 * PIECE_FRAMES + 5, walk_m=4.0)  # the camera follows
     results = []
@@ -175,7 +233,7 @@ def test_several_processes_make_the_same_file_as_one(tmp_path):
 
 @pytest.mark.parametrize(
     ("num_frames", "cores", "processes"),
-    [(1, 8, 1), (179, 8, 1), (180, 8, 2), (9000, 3, 3), (9000, 64, 4)],
+    [(1, 8, 1), (599, 8, 1), (600, 8, 2), (9000, 3, 3), (9000, 64, 4)],
 )
 def test_a_further_process_has_to_be_worth_its_start(num_frames, cores, processes):
     assert processes_worth(num_frames, cores) == processes
