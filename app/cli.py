@@ -18,6 +18,7 @@ from app.errors import CancelledRun, RunError, sentence_of
 from app.rendering import BACKGROUNDS, ENDINGS, SHEET_POSES, RenderRequest, render_motion
 from app.request import LOOKS, POST_FILTERS, SAMPLERS, SIZES_PX, VIEWS, GenerateRequest, View
 from app.study.cli import add_study
+from app.tips import TIP
 
 Command = Callable[[argparse.Namespace], None]
 log = logging.getLogger(__name__)
@@ -140,33 +141,58 @@ def _generate(options: argparse.Namespace) -> None:
 def _add_diagnose(commands) -> None:
     parser = commands.add_parser(
         "diagnose",
-        help="numbers and Figure 6 of any BEAT2-format motion files",
-        description="Measure motion files, whoever made them, raw and filtered; draw Figure 6.",
+        help="numbers, Figure 6 and jitter of anyone's motion files",
+        description="Measure motion files, whoever made them, raw and filtered; name their faults; "
+        "draw Figure 6 and where the jitter sits; show how rotation errors grow along the chain.",
     )
     parser.add_argument("motions", type=Path, nargs="+", metavar="MOTION.npz")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of results")
     parser.add_argument(
         "--reference", type=Path, metavar="MOTION.npz", help="recorded motion to compare with"
     )
+    parser.add_argument(
+        "--speech", type=Path, metavar="WAV", help="their sound, for BeatAlign and its chance level"
+    )
+    parser.add_argument(
+        "--transcript", type=Path, metavar="FILE", help="a TextGrid; its words go to the numbers"
+    )
+    parser.add_argument(
+        "--joint", default=TIP, metavar="NAME",
+        help="fingertip or joint to follow, such as left_index or right_wrist "
+        "(default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--start", type=int, default=0, metavar="FRAME",
+        help="first frame of Figure 6 (default: %(default)s)",
+    )  # fmt: skip
     parser.add_argument("--no-pictures", action="store_true", help="a figure without poses")
     _add_body(parser)
     parser.set_defaults(command=_diagnose)
 
 
 def _diagnose(options: argparse.Namespace) -> None:
-    from app.diagnosing import diagnose_files
+    from app.diagnosing import DiagnoseRequest, diagnose_files
     from app.terminal import ProgressBar
 
+    request = DiagnoseRequest(
+        motions=tuple(options.motions),
+        out=options.out,
+        reference=options.reference,
+        speech=options.speech,
+        transcript=options.transcript,
+        joint=options.joint,
+        start_frame=options.start,
+        body=options.body,
+        has_pictures=not options.no_pictures,
+    )
     with ProgressBar("measure and draw") as bar:
-        files, notes = diagnose_files(
-            options.motions,
-            options.out,
-            reference_path=options.reference,
-            body_path=options.body,
-            has_pictures=not options.no_pictures,
-            on_progress=bar.show,
-        )
-    _finish(files, notes)
+        diagnosis = diagnose_files(request, bar.show)
+    findings = [
+        f"{name}: {finding['sentence']}"
+        for name, found in diagnosis.diagnostics["findings"].items()
+        for finding in found
+    ]
+    _finish(diagnosis.files, [*diagnosis.notes, *findings])
 
 
 def _add_render(commands) -> None:

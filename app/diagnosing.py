@@ -1,76 +1,129 @@
-"""Anyone's BEAT2-format motion files: the same numbers and the same figure as for our systems."""
+"""Anyone's motion files: the same numbers and the same figures as for our systems."""
 
 from __future__ import annotations
 
+import dataclasses
+import json
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from app.errors import RunError
 from app.loaded import get_body
+from app.marks import jerk_marks
 from app.numbers import write_diagnostics
 from app.outputs import ResultFolder
+from app.pictures import Snapshots, draw_error_growth, draw_jitter
 from app.rendering import body_motion
 from app.request import MAX_COMPARED, REFERENCE_NAME
-from app.tips import TIP_TITLE, choose_tip_source
+from app.tips import TIP, TipSource, choose_tip_source
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from model.motion import Motion
 
 STILL_SIZE_PX = 512
+LENGTHS_APART_S = 1.0
+"""Recordings of sound and motion that belong together differ by less."""
+
+
+@dataclass(frozen=True)
+class DiagnoseRequest:
+    """Which files to measure, beside what, and what to look at."""
+
+    motions: tuple[Path, ...]
+    out: Path
+    names: tuple[str, ...] = ()
+    """What to call the motions; by default their files' stems (`unique_names`)."""
+    reference: Path | None = None
+    speech: Path | None = None
+    """The sound that all of them belong to, for BeatAlign."""
+    transcript: Path | None = None
+    """A TextGrid of that speech, for the time line."""
+    joint: str = TIP
+    """The fingertip or joint that figure and tip measures follow."""
+    start_frame: int = 0
+    """First frame of Figure 6."""
+    body: Path | None = None
+    has_pictures: bool = True
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was written, found and must be said."""
+
+    files: tuple[Path, ...]
+    notes: tuple[str, ...]
+    diagnostics: dict[str, Any]
+    error_growth: dict[str, Any] | None
+    """None where no rotation moves the followed point."""
+
+
+@dataclass(frozen=True)
+class _Read:
+    """The motions as they are shown, and the notes of reading them."""
+
+    motions: dict[str, Motion]
+    reference: Motion | None
+    notes: list[str]
+
+    @property
+    def all(self) -> dict[str, Motion]:
+        """The reference comes last."""
+        reference = {} if self.reference is None else {REFERENCE_NAME: self.reference}
+        return self.motions | reference
 
 
 def diagnose_files(
-    paths: Sequence[Path],
-    out: Path,
-    *,
-    reference_path: Path | None = None,
-    body_path: Path | None = None,
-    has_pictures: bool = True,
-    on_progress: Callable[[float], None] = lambda fraction: None,
-) -> tuple[tuple[Path, ...], tuple[str, ...]]:
-    """Write diagnostics.json, diagnostics.csv and figure6 for the motions in ``paths``.
+    request: DiagnoseRequest, on_progress: Callable[[float], None] = lambda fraction: None
+) -> Diagnosis:
+    """Measure motion files and leave the results in ``request.out``, all of them or none.
 
-    Returns:
-        The files written, and what a person should know of them.
+    Writes diagnostics.json and .csv, error_growth, figure6 and jitter. The page calls this
+    for motions that a visitor brings, the command line for `diagnose`.
 
     Raises:
-        RunError, MotionError, BodyError, GLError: each with one sentence.
+        RunError, MotionError, SpeechError, TranscriptError, BodyError, GLError, FigureError,
+        WriteError: each with one sentence.
     """
-    from model.diagnostics import diagnose
-    from model.motion import load_motion
-    from model.skeleton import open_body_skeleton
-
-    motions = {
-        name: load_motion(path) for name, path in zip(unique_names(paths), paths, strict=True)
-    }
-    reference = load_motion(reference_path) if reference_path else None
-    body = get_body(body_path)
-    tip = choose_tip_source(body, body_path)
+    body = get_body(request.body)
+    tip = choose_tip_source(body, request.body, request.joint)
+    read = _read_motions(request)
+    _check_start(request, read)
     on_progress(0.1)
-    with ResultFolder(out) as folder:
-        diagnostics = diagnose(
-            motions,
-            open_body_skeleton(),
-            reference=reference,
-            tip_track=None if body_path is None else tip.track,
-            tip_source=tip.name,
-        )
-        on_progress(0.4)
+    with ResultFolder(request.out) as folder:
+        diagnostics = _measure(request, read, tip)
         write_diagnostics(
             diagnostics, folder.path("diagnostics.json"), folder.path("diagnostics.csv")
         )
-        shown = dict(list(motions.items())[: MAX_COMPARED - (reference is not None)])
-        if reference is not None:
-            shown[REFERENCE_NAME] = reference
-        _draw_figure(shown, folder, tip.track, tip.name, body_path, has_pictures)
+        on_progress(0.4)
+        growth = _grow_errors(read.all, request.joint)
+        if growth is not None:
+            text = json.dumps(growth, indent=1, allow_nan=False) + "\n"
+            folder.path("error_growth.json").write_text(text)
+            draw_error_growth(growth, list(read.all), folder)
+        on_progress(0.5)
+        shown = _shown(read)
+        systems = [name for name in shown if name != REFERENCE_NAME]
+        draw_jitter(diagnostics, tip, folder, systems)
+        _draw_figure6(request, shown, tip, folder)
         on_progress(1.0)
-        notes = list(diagnostics["notes"])
+        notes = [*read.notes, *diagnostics["notes"]]
         for motion in shown.values():
             notes += [n for n in body.notes(body_motion(motion)) if n not in notes]
-        if len(shown) < len(motions):
-            notes.append(f"The figure shows the first {MAX_COMPARED} motions.")
-        return folder.publish(), tuple(notes)
+        if len(shown) < len(read.all):
+            notes.append(f"The figures show the first {MAX_COMPARED} motions.")
+        return Diagnosis(folder.publish(), tuple(notes), diagnostics, growth)
+
+
+def _shown(read: _Read) -> dict[str, Motion]:
+    """As many motions as a figure holds, the reference among them."""
+    if read.reference is None:
+        return dict(list(read.motions.items())[:MAX_COMPARED])
+    systems = dict(list(read.motions.items())[: MAX_COMPARED - 1])
+    return systems | {REFERENCE_NAME: read.reference}
 
 
 def unique_names(paths: Sequence[Path]) -> list[str]:
@@ -84,48 +137,157 @@ def unique_names(paths: Sequence[Path]) -> list[str]:
         f"{path.resolve().parent.name}/{path.stem}" if stems.count(path.stem) > 1 else path.stem
         for path in paths
     ]
+    _check_names(names)
+    return names
+
+
+def _check_names(names: Sequence[str]) -> None:
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise RunError(f"Two of the files would be called {twice!r}; rename one of them.")
     if REFERENCE_NAME in names:
         raise RunError(f"A motion may not be called {REFERENCE_NAME!r}; rename the file.")
-    return names
 
 
-def _draw_figure(
-    motions: dict[str, Motion],
-    folder: ResultFolder,
-    track: Callable,
-    tip_source: str,
-    body_path: Path | None,
-    has_pictures: bool,
+def _read_motions(request: DiagnoseRequest) -> _Read:
+    from model.foreign_motion import read_any_motion
+
+    names = request.names or unique_names(request.motions)
+    _check_names(names)
+    notes: list[str] = []
+    motions = {}
+    for name, path in zip(names, request.motions, strict=True):
+        found = read_any_motion(path)
+        motions[name] = found.motion
+        notes += found.notes
+    reference = None
+    if request.reference is not None:
+        found = read_any_motion(request.reference)
+        reference = found.motion
+        notes += found.notes
+    return _Read(motions, reference, notes)
+
+
+def _check_start(request: DiagnoseRequest, read: _Read) -> None:
+    shortest = min(motion.num_frames for motion in read.all.values())
+    if not 0 <= request.start_frame < shortest:
+        raise RunError(
+            f"Figure 6 must start at frame 0 to {shortest - 1}; got {request.start_frame}."
+        )
+
+
+def _measure(request: DiagnoseRequest, read: _Read, tip: TipSource) -> dict[str, Any]:
+    from model.beats import speech_onsets
+    from model.diagnostics import diagnose
+    from model.skeleton import open_body_skeleton
+    from model.speech.audio import load_speech
+    from model.transcript import read_words
+
+    words = read_words(request.transcript) if request.transcript else None
+    onsets_s = None
+    if request.speech is not None:
+        speech = load_speech(request.speech)
+        read.notes.extend(speech.notes)
+        read.notes.extend(_lengths_apart(speech.duration_s, read.all))
+        onsets_s = speech_onsets(speech.waveform)
+    diagnostics = diagnose(
+        read.motions,
+        open_body_skeleton(),
+        reference=read.reference,
+        tip_track=None if request.body is None else tip.track,
+        tip_source=tip.name,
+        joint=request.joint,
+        onsets_s=onsets_s,
+    )
+    if words is not None:
+        diagnostics["words"] = [dataclasses.asdict(word) for word in words]
+    return diagnostics
+
+
+def _lengths_apart(speech_s: float, motions: Mapping[str, Motion]) -> list[str]:
+    """A note for each motion that is clearly no match of the speech in length."""
+    return [
+        f"The speech lasts {speech_s:.1f} s and {name} {motion.duration_s:.1f} s; BeatAlign sees "
+        "the part that both have."
+        for name, motion in motions.items()
+        if abs(speech_s - motion.duration_s) > LENGTHS_APART_S
+    ]
+
+
+def _grow_errors(motions: Mapping[str, Motion], joint: str) -> dict[str, Any] | None:
+    """The content of error_growth.json."""
+    from model.error_growth import DRAWS, NOISE_RAD, growth_sentence, measure_error_growth
+    from model.measures import as_json
+    from model.skeleton import open_body_skeleton
+    from model.tracks import moving_chain
+
+    if not moving_chain(joint):
+        return None
+    found = {
+        name: measure_error_growth(motion, open_body_skeleton(), joint)
+        for name, motion in motions.items()
+    }
+    return {
+        "noise_rad": NOISE_RAD,
+        "draws": DRAWS,
+        "seed": 0,
+        "joint": joint,
+        "motions": {
+            name: as_json(vars(growth))
+            | {"ratio": growth.ratio, "predicted_ratio": growth.predicted_ratio}
+            | {"sentence": growth_sentence(growth, NOISE_RAD)}
+            for name, growth in found.items()
+        },
+    }
+
+
+def _draw_figure6(
+    request: DiagnoseRequest, motions: dict[str, Motion], tip: TipSource, folder: ResultFolder
 ) -> None:
-    from renderer.figures import choose_snapshot_frames, figure6
-    from renderer.render import RenderSettings
-    from renderer.stage import set_stage
-    from renderer.worker import RenderJob, run_job
+    from model.diagnostics import first_frames
+    from renderer.figures import WINDOW_FRAMES, choose_snapshot_frames, figure6
 
-    frames = choose_snapshot_frames(min(motion.num_frames for motion in motions.values()))
-    snapshots = {}
-    if has_pictures:
-        posed = {name: body_motion(motion) for name, motion in motions.items()}
-        settings = RenderSettings(width=STILL_SIZE_PX, height=STILL_SIZE_PX)
-        stage = set_stage(get_body(body_path), list(posed.values()))
-        for name, motion in posed.items():
-            job = RenderJob(
-                motion, settings=settings, body_path=body_path, stage=stage, still_frames=frames
-            )
-            snapshots[name] = run_job(job).stills
+    shortest = min(motion.num_frames for motion in motions.values())
+    frames = choose_snapshot_frames(shortest, request.start_frame)
+    snapshots = _draw_snapshots(request, motions, frames) if request.has_pictures else None
+    end = request.start_frame + WINDOW_FRAMES
     files = figure6(
-        {name: track(motion) for name, motion in motions.items()},
-        snapshots,
+        {name: tip.track(first_frames(motion, end)) for name, motion in motions.items()},
+        snapshots.pictures if snapshots else {},
         frames,
         30.0,
         folder.path("figure6.png").with_suffix(""),
         reference=REFERENCE_NAME if REFERENCE_NAME in motions else None,
-        point=TIP_TITLE,
-        tip_source=tip_source,
+        start_frame=request.start_frame,
+        point=tip.title,
+        tip_source=tip.name,
         caveat="",
+        marks=snapshots.marks if snapshots else None,
     )
     for path in files:
         folder.path(path.name)
+
+
+def _draw_snapshots(
+    request: DiagnoseRequest, motions: dict[str, Motion], frames: tuple[int, ...]
+) -> Snapshots:
+    """Pictures of each motion, all from one camera, and the jerk of their joints."""
+    from renderer.render import RenderSettings
+    from renderer.stage import set_stage
+    from renderer.worker import RenderJob, run_job
+
+    body = get_body(request.body)
+    posed = {name: body_motion(motion) for name, motion in motions.items()}
+    settings = RenderSettings(width=STILL_SIZE_PX, height=STILL_SIZE_PX)
+    stage = set_stage(body, list(posed.values()))
+    jobs = {
+        name: RenderJob(
+            motion, settings=settings, body_path=request.body, stage=stage, still_frames=frames
+        )
+        for name, motion in posed.items()
+    }
+    return Snapshots(
+        frames,
+        {name: run_job(job).stills for name, job in jobs.items()},
+        jerk_marks(body, posed, frames, settings, stage),
+    )

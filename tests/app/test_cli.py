@@ -1,6 +1,5 @@
 import contextlib
 import io
-import json
 import re
 import resource
 import signal
@@ -15,8 +14,6 @@ from PIL import Image
 
 import renderer.look
 from app.cli import main
-from app.diagnosing import unique_names
-from app.errors import RunError
 from app.request import LOOKS
 from model.motion import save_motion
 from renderer.compose import band_height
@@ -348,27 +345,6 @@ def test_render_says_what_it_cannot_do(
     motion: Path, flags: list[str], words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert words in sentence_after(["render", str(motion), *flags], capsys)
-
-
-def test_diagnose_measures_any_motion_files(motion: Path, tmp_path: Path) -> None:
-    reference = tmp_path / "recorded.npz"
-    save_motion(smooth_motion_example(60, seed=1), reference)
-    out = tmp_path / "out"
-    argv = ["diagnose", str(motion), "--reference", str(reference), "--out", str(out)]
-    assert main([*argv, "--no-pictures"]) == 0
-    diagnostics = json.loads((out / "diagnostics.json").read_text())
-    assert set(diagnostics["systems"]) == {"clip"}
-    assert diagnostics["reference"]["raw"]["tip_jerk_m_s3"] > 0
-    assert {path.name for path in out.iterdir()} == {
-        *("diagnostics.json", "diagnostics.csv", "figure6.png", "figure6.svg", "figure6.pdf"),
-    }
-
-
-def test_motions_of_one_name_are_told_apart_by_their_folders(tmp_path: Path) -> None:
-    paths = [tmp_path / "ours" / "a.npz", tmp_path / "theirs" / "a.npz", tmp_path / "b.npz"]
-    assert unique_names(paths) == ["ours/a", "theirs/a", "b"]
-    with pytest.raises(RunError, match="ours/a"):
-        unique_names([paths[0], paths[0]])
 
 
 def test_doctor_finds_what_is_missing(
