@@ -153,31 +153,37 @@ def _export(request: RenderRequest, body: Body, motion: BodyMotion) -> tuple[Pat
 def _draw(
     request: RenderRequest, motion: BodyMotion, on_progress: Callable[[float], None]
 ) -> tuple[Path, ...]:
-    from renderer.worker import RenderJob, run_job
+    from renderer.worker import RenderJob, RenderPool
 
     stills, sheet = _chosen_frames(request, motion.num_frames)
     files: list[Path] = []
-    for done, view in enumerate(request.views):
-        out = request.out if done == 0 else request.out.with_suffix(f".{view}{request.out.suffix}")
-        settings = render_settings(
-            view, request.size, request.is_draft, request.background == "transparent"
-        )
-        result = run_job(
-            RenderJob(
+    with RenderPool(max_workers=1) as pool:
+        for done, view in enumerate(request.views):
+            out = request.out if done == 0 else _named(request.out, view)
+            job = RenderJob(
                 motion=motion,
                 out=out if request.ending == ".mp4" else None,
                 speech_wav=request.speech,
-                settings=settings,
+                settings=render_settings(
+                    view, request.size, request.is_draft, request.background == "transparent"
+                ),
                 body_path=request.body,
                 look=request.look,
                 still_frames=(*stills, *sheet),
-            ),
-            lambda part, done=done: on_progress((done + part) / len(request.views)),
-        )
-        files += [] if result.out is None else [result.out]
-        files += _write_stills(out, result.stills[: len(stills)], has_sheet=bool(sheet))
-        files += _write_sheet(out, result.stills[len(stills) :], sheet)
+            )
+            task = pool.submit(
+                job, lambda part, done=done: on_progress((done + part) / len(request.views))
+            )
+            result = task.result()
+            files += [] if result.out is None else [result.out]
+            files += _write_stills(out, result.stills[: len(stills)], has_sheet=bool(sheet))
+            files += _write_sheet(out, result.stills[len(stills) :], sheet)
     return tuple(files)
+
+
+def _named(out: Path, view: View) -> Path:
+    """The file of a view that is not the first."""
+    return out.with_suffix(f".{view}{out.suffix}")
 
 
 def _chosen_frames(
