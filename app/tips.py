@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from renderer.body import Body
 
 TIP = "right_middle"
-TIP_TITLE = "Right middle fingertip"
 TIP_VERTICES = {
     "left_index": 4933,
     "left_middle": 5058,
