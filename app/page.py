@@ -34,15 +34,16 @@ def build_app(
         delete_cache=(600, int(config.keep_results_s)),
     ) as page:
         gr.HTML(view.header(catalogue.trained_on))
-        with gr.Tab(text.MOTION_TAB), gr.Row(elem_classes="columns"):
-            with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
-                form = build_form(catalogue, config)
-            with gr.Column(scale=9, min_width=320, elem_classes="results"):
-                results = build_results()
-        with gr.Tab(text.LADDER_TAB):
-            gr.HTML(ladder(catalogue.systems), apply_default_css=False)
-        with gr.Tab(text.STUDY_TAB):
-            build_study_tab(page, catalogue, config, jobs, handover)
+        with gr.Tabs(overflow_behavior="wrap"):  # a phone would hide some in a menu
+            with gr.Tab(text.MOTION_TAB), gr.Row(elem_classes="columns"):
+                with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
+                    form = build_form(catalogue, config)
+                with gr.Column(scale=9, min_width=320, elem_classes="results"):
+                    results = build_results()
+            with gr.Tab(text.LADDER_TAB):
+                gr.HTML(ladder(catalogue.systems), apply_default_css=False)
+            with gr.Tab(text.STUDY_TAB):
+                build_study_tab(page, catalogue, config, jobs, handover)
         runner = Runner(generate, catalogue, config, jobs, desk, form, results)
         _wire(page, form, results, runner)
     return page
