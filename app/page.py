@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import gradio as gr
 
-from app import text, view
+from app import own_motion_tab, text, view
 from app.catalogue import Catalogue
 from app.config import AppConfig
 from app.handlers import Generate
@@ -40,6 +40,8 @@ def build_app(
                     form = build_form(catalogue, config)
                 with gr.Column(scale=9, min_width=320, elem_classes="results"):
                     results = build_results()
+            with gr.Tab(own_motion_tab.TAB):
+                own_motion_tab.build_own_motion_tab(page, config, jobs, desk)
             with gr.Tab(text.LADDER_TAB):
                 gr.HTML(ladder(catalogue.systems), apply_default_css=False)
             with gr.Tab(text.STUDY_TAB):
