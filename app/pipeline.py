@@ -36,6 +36,8 @@ from app.telling import Reporter
 from app.tips import TipSource, choose_tip_source
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from model.generate import GenerateOptions
     from model.speech.audio import Speech
 
@@ -72,6 +74,8 @@ def generate_all(
 
 
 def _run(request: GenerateRequest, folder: ResultFolder, reporter: Reporter) -> GenerateResult:
+    from model.beats import speech_onsets
+
     reporter.progress("speech", 0.0)
     inputs, speech = read_inputs(request, folder.scratch("speech.wav"), request.out, reporter)
     reporter.progress("speech", 1.0)
@@ -79,11 +83,12 @@ def _run(request: GenerateRequest, folder: ResultFolder, reporter: Reporter) -> 
     check_start(request, inputs)
 
     rows = _generate(request, inputs, speech, folder, reporter)
+    onsets_s = speech_onsets(speech.waveform)
     del speech
     for row in rows:
         notes = inputs.body.notes(body_motion(row.shown))
         reporter.note(*(f"{row.name}: {note}" for note in notes))
-    diagnostics = _measure(request, rows, tip, folder, reporter)
+    diagnostics = _measure(request, rows, onsets_s, tip, folder, reporter)
     snapshots = None
     if request.has_video:
         snapshots = draw_all(request, inputs, rows, folder, reporter)
@@ -156,6 +161,7 @@ def _options(request: GenerateRequest, speaker: str) -> GenerateOptions:
 def _measure(
     request: GenerateRequest,
     rows: Sequence[Row],
+    onsets_s: np.ndarray,
     tip: TipSource,
     folder: ResultFolder,
     reporter: Reporter,
@@ -172,6 +178,7 @@ def _measure(
         tip_track=None if request.body is None else tip.track,
         tip_source=tip.name,
         joint=tip.point,
+        onsets_s=onsets_s,
     )
     reporter.note(*diagnostics["notes"])
     json_path, csv_path = folder.path("diagnostics.json"), folder.path("diagnostics.csv")

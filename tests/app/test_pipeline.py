@@ -85,6 +85,7 @@ def test_a_run_without_video_needs_no_gl_and_records_what_made_it(
     assert len(record["weights"]["globaldiff/local"]["sha256"]) == 64
     diagnostics = json.loads((request.out / "diagnostics.json").read_text())
     assert diagnostics == result.diagnostics
+    assert "beat_align" in diagnostics["systems"]["globaldiff/local"]["raw"]
     assert set(diagnostics["systems"]) == {"globaldiff/local", "globaldiff/global"}
     probe.choose_backend.cache_clear()
 
