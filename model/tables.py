@@ -29,6 +29,10 @@ def _cell(columns: dict[str, dict], measure: str) -> str:
     return str(Interval(**columns[measure])) if measure in columns else "-"
 
 
+def _percent_above_1(columns: dict[str, dict], measure: str) -> str:
+    return str(Interval(**{key: 100 * (value - 1) for key, value in columns[measure].items()}))
+
+
 def _markdown(headings: list[str], rows: list[list[str]]) -> list[str]:
     lines = [headings, ["---"] * len(headings), *rows]
     return ["| " + " | ".join(cells) + " |" for cells in lines] + [""]
@@ -49,9 +53,9 @@ def as_markdown(table: dict) -> str:
         floor = Interval(**table["fgd_floor"])
         lines += [f"FGD of recorded halves against each other: {floor}", ""]
     lines += _markdown(
-        ["x_1 error / error with right speech", "shifted 4 s", "foreign"],
+        ["x_1 error above that with right speech, %", "shifted 4 s", "foreign"],
         [
-            [name, _cell(kinds, "shifted"), _cell(kinds, "foreign")]
+            [name, _percent_above_1(kinds, "shifted"), _percent_above_1(kinds, "foreign")]
             for name, kinds in table["wrong_speech"].items()
         ],
     )
