@@ -89,6 +89,7 @@ def _add_generate(commands) -> None:
     parser.add_argument(
         "--reference", type=Path, metavar="MOTION.npz", help="recorded motion to compare with"
     )
+    _add_point(parser)
     parser.add_argument(
         "--views", type=_views, default=("front",), metavar="V,...",
         help=f"of {', '.join(VIEWS)}; the first is compared (default: front)",
@@ -126,6 +127,9 @@ def _generate(options: argparse.Namespace) -> None:
         guidance=options.guidance,
         post_filter=options.post_filter,
         reference=options.reference,
+        transcript=options.transcript,
+        joint=options.joint,
+        start_frame=options.start,
         body=options.body,
         look=options.look,
         views=options.views,
@@ -153,18 +157,7 @@ def _add_diagnose(commands) -> None:
     parser.add_argument(
         "--speech", type=Path, metavar="WAV", help="their sound, for BeatAlign and its chance level"
     )
-    parser.add_argument(
-        "--transcript", type=Path, metavar="FILE", help="a TextGrid; its words go to the numbers"
-    )
-    parser.add_argument(
-        "--joint", default=TIP, metavar="NAME",
-        help="fingertip or joint to follow, such as left_index or right_wrist "
-        "(default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--start", type=int, default=0, metavar="FRAME",
-        help="first frame of Figure 6 (default: %(default)s)",
-    )  # fmt: skip
+    _add_point(parser)
     parser.add_argument("--no-pictures", action="store_true", help="a figure without poses")
     _add_body(parser)
     parser.set_defaults(command=_diagnose)
@@ -193,6 +186,21 @@ def _diagnose(options: argparse.Namespace) -> None:
         for finding in found
     ]
     _finish(diagnosis.files, [*diagnosis.notes, *findings])
+
+
+def _add_point(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--transcript", type=Path, metavar="FILE", help="a TextGrid; its words go to the numbers"
+    )
+    parser.add_argument(
+        "--joint", default=TIP, metavar="NAME",
+        help="fingertip or joint to follow, such as left_index or right_wrist "
+        "(default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--start", type=int, default=0, metavar="FRAME",
+        help="first frame of Figure 6 (default: %(default)s)",
+    )  # fmt: skip
 
 
 def _add_render(commands) -> None:

@@ -274,7 +274,7 @@ def _draw_snapshots(
     """Pictures of each motion, all from one camera, and the jerk of their joints."""
     from renderer.render import RenderSettings
     from renderer.stage import set_stage
-    from renderer.worker import RenderJob, run_job
+    from renderer.worker import RenderJob, RenderPool
 
     body = get_body(request.body)
     posed = {name: body_motion(motion) for name, motion in motions.items()}
@@ -286,8 +286,11 @@ def _draw_snapshots(
         )
         for name, motion in posed.items()
     }
+    with RenderPool() as pool:
+        tasks = {name: pool.submit(job) for name, job in jobs.items()}
+        pictures = {name: task.result().stills for name, task in tasks.items()}
     return Snapshots(
         frames,
-        {name: run_job(job).stills for name, job in jobs.items()},
+        pictures,
         jerk_marks(body, posed, frames, settings, stage),
     )

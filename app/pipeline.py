@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from app.errors import CancelledRun
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 
     from model.generate import GenerateOptions
     from model.speech.audio import Speech
+    from model.transcript import Word
 
 DEFAULT_STEPS = 10
 DEFAULT_SAMPLER: Sampler = "euler"
@@ -75,12 +77,14 @@ def generate_all(
 
 def _run(request: GenerateRequest, folder: ResultFolder, reporter: Reporter) -> GenerateResult:
     from model.beats import speech_onsets
+    from model.transcript import read_words
 
     reporter.progress("speech", 0.0)
     inputs, speech = read_inputs(request, folder.scratch("speech.wav"), request.out, reporter)
     reporter.progress("speech", 1.0)
     tip = choose_tip_source(inputs.body, request.body, request.joint)
     check_start(request, inputs)
+    words = read_words(request.transcript) if request.transcript else None
 
     rows = _generate(request, inputs, speech, folder, reporter)
     onsets_s = speech_onsets(speech.waveform)
@@ -88,7 +92,7 @@ def _run(request: GenerateRequest, folder: ResultFolder, reporter: Reporter) -> 
     for row in rows:
         notes = inputs.body.notes(body_motion(row.shown))
         reporter.note(*(f"{row.name}: {note}" for note in notes))
-    diagnostics = _measure(request, rows, onsets_s, tip, folder, reporter)
+    diagnostics = _measure(request, rows, onsets_s, words, tip, folder, reporter)
     snapshots = None
     if request.has_video:
         snapshots = draw_all(request, inputs, rows, folder, reporter)
@@ -162,6 +166,7 @@ def _measure(
     request: GenerateRequest,
     rows: Sequence[Row],
     onsets_s: np.ndarray,
+    words: Sequence[Word] | None,
     tip: TipSource,
     folder: ResultFolder,
     reporter: Reporter,
@@ -180,6 +185,8 @@ def _measure(
         joint=tip.point,
         onsets_s=onsets_s,
     )
+    if words is not None:
+        diagnostics["words"] = [asdict(word) for word in words]
     reporter.note(*diagnostics["notes"])
     json_path, csv_path = folder.path("diagnostics.json"), folder.path("diagnostics.csv")
     write_diagnostics(diagnostics, json_path, csv_path)

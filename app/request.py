@@ -60,6 +60,8 @@ class GenerateRequest:
     guidance: float = 1.0
     """Strength of the speech, 0 (deaf) to 10 (classifier-free guidance); 1 is as trained."""
     post_filter: PostFilter = "none"
+    transcript: Path | None = None
+    """A TextGrid of the speech; its words go to the numbers."""
     joint: str = "right_middle"
     """The fingertip or joint that figure and tip measures follow, as `app.tips` knows them."""
     start_frame: int = 0

@@ -86,6 +86,12 @@ FIGURES = {
         "in a generated window.",
         ("depth", "spectrum", "attribution", "seams"),
     ),
+    "error_growth": FigureText(
+        "How rotation errors grow along the chain",
+        "The same small noise on local and on global rotations: marks are measured, lines are the "
+        "closed form.",
+        (),
+    ),
 }
 NUMBERS_HEADING = "Measures"
 NUMBERS_HELP = (

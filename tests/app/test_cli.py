@@ -1,5 +1,6 @@
 import contextlib
 import io
+import json
 import re
 import resource
 import signal
@@ -77,6 +78,31 @@ def test_generate_lists_its_files_on_standard_output(
     assert sorted(listed) == sorted(out.iterdir())
     assert out / "globaldiff-global.npz" in listed
     assert out / "globaldiff-local.npz" not in listed
+
+
+def test_generate_follows_another_point_and_takes_words(
+    speech: Path, weights: Path, tmp_path: Path
+) -> None:
+    out, words = tmp_path / "out", tmp_path / "speech.TextGrid"
+    words.write_text(
+        'File type = "ooTextFile"\nObject class = "TextGrid"\nitem [1]:\n'
+        'class = "IntervalTier"\nname = "words"\nintervals [1]:\nxmin = 0.1\nxmax = 0.4\n'
+        'text = "hello"\n'
+    )
+    argv = generate(speech, out, weights, "--joint", "left_wrist", "--start", "5",
+                    "--transcript", str(words))  # fmt: skip
+    assert main(argv) == 0
+    found = json.loads((out / "diagnostics.json").read_text())
+    assert found["joint"] == "left_wrist"
+    assert found["words"] == [{"start_s": 0.1, "end_s": 0.4, "text": "hello"}]
+
+
+def test_generate_refuses_a_transcript_that_is_none(
+    speech: Path, weights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    argv = generate(speech, tmp_path / "out", weights, "--transcript", str(speech))
+    assert "speech.wav is no text" in sentence_after(argv, capsys)
+    assert not (tmp_path / "out").exists()
 
 
 def test_bad_speech_gives_its_sentence_and_nothing_else(
