@@ -2,6 +2,7 @@
 
 import base64
 import threading
+import uuid
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -80,12 +81,14 @@ def body() -> Body:
 
 
 @pytest.fixture
-def show(page: Page, folder: Path, body: Body) -> Callable[[BodyMotion], None]:
-    """Load a motion into the viewer."""
+def show(page: Page, folder: Path, body: Body) -> Callable[[BodyMotion], str]:
+    """Load a motion into the viewer; gives the file's name, which no cache knows yet."""
 
-    def load(motion: BodyMotion) -> None:
-        (folder / "motion.glb").write_bytes(glb_bytes(body, motion))
-        page.evaluate("view.load('motion.glb')")
+    def load(motion: BodyMotion) -> str:
+        name = f"{uuid.uuid4().hex}.glb"
+        (folder / name).write_bytes(glb_bytes(body, motion))
+        page.evaluate("name => view.load(name)", name)
+        return name
 
     return load
 
@@ -115,7 +118,7 @@ def video_pictures(body: Body, motion: BodyMotion, frames: list[int]) -> tuple[n
 
 @pytest.mark.parametrize("walk_m", [0.0, 4.0], ids=["standing", "followed by the camera"])
 def test_it_shows_the_body_as_the_videos_do(
-    page: Page, show: Callable[[BodyMotion], None], body: Body, walk_m: float
+    page: Page, show: Callable[[BodyMotion], str], body: Body, walk_m: float
 ) -> None:
     motion, frames = waving_motion(40, walk_m=walk_m), [0, 13, 39]
     show(motion)
@@ -131,7 +134,7 @@ def test_it_shows_the_body_as_the_videos_do(
 
 
 def test_a_generated_clip_plays(
-    page: Page, show: Callable[[BodyMotion], None], body: Body, tmp_path: Path, wav
+    page: Page, show: Callable[[BodyMotion], str], body: Body, tmp_path: Path, wav
 ) -> None:
     system = get_system("globaldiff/local", make_weights(tmp_path))
     options = GenerateOptions(speaker=next(iter(system.speakers)), steps=2)
@@ -144,7 +147,7 @@ def test_a_generated_clip_plays(
 
 
 def test_between_frames_it_shows_what_lies_between_and_outside_the_nearest(
-    page: Page, show: Callable[[BodyMotion], None]
+    page: Page, show: Callable[[BodyMotion], str]
 ) -> None:
     motion = BodyMotion.resting(3)
     trans = motion.trans.copy()
@@ -161,7 +164,7 @@ def test_between_frames_it_shows_what_lies_between_and_outside_the_nearest(
     assert (middle(-1.0), middle(99.0)) == (first, third)
 
 
-def test_faces_move(page: Page, show: Callable[[BodyMotion], None], body: Body) -> None:
+def test_faces_move(page: Page, show: Callable[[BodyMotion], str], body: Body) -> None:
     motion = BodyMotion.resting(3)
     expressions = motion.expressions.copy()
     expressions[1:, body.expression_names.index("jawOpen")] = 1.0
@@ -175,11 +178,11 @@ def test_faces_move(page: Page, show: Callable[[BodyMotion], None], body: Body) 
 
 
 def test_a_file_that_cannot_be_shown_is_refused_and_the_one_before_stays(
-    page: Page, show: Callable[[BodyMotion], None], folder: Path, body: Body
+    page: Page, show: Callable[[BodyMotion], str], folder: Path, body: Body
 ) -> None:
-    show(BodyMotion.resting(2))
+    name = show(BodyMotion.resting(2))
     before = picture(page, 0)
-    whole = (folder / "motion.glb").read_bytes()
+    whole = (folder / name).read_bytes()
     (folder / "cut.glb").write_bytes(whole[: len(whole) // 2])
     (folder / "empty.glb").write_bytes(b"")
     (folder / "other.glb").write_bytes(b"<!doctype html><p>no such file</p>")
@@ -195,17 +198,17 @@ def test_a_file_that_cannot_be_shown_is_refused_and_the_one_before_stays(
 
 
 def test_a_view_that_is_closed_frees_its_context_and_ends_what_it_loads(
-    page: Page, show: Callable[[BodyMotion], None]
+    page: Page, show: Callable[[BodyMotion], str]
 ) -> None:
-    show(BodyMotion.resting(2))
+    name = show(BodyMotion.resting(2))
     lost = page.evaluate(
-        """async () => {
+        """async (name) => {
             const { GlbView } = await import("./glb_view.js");
             const lost = [];
             for (let i = 0; i < 24; i++) {  // browsers keep about 16 contexts
                 const canvas = document.createElement("canvas");
                 const view = new GlbView(canvas);
-                const loading = view.load("motion.glb");
+                const loading = view.load(name);
                 if (i % 2) await loading;
                 view.seek(0);
                 view.dispose();
@@ -214,7 +217,8 @@ def test_a_view_that_is_closed_frees_its_context_and_ends_what_it_loads(
                 if (i % 2 === 0) lost.push(await loading.catch((error) => error.message));
             }
             return lost;
-        }"""
+        }""",
+        name,
     )
     assert lost.count(True) == 24
     assert set(lost) - {True} == {"The 3D view was closed."}
