@@ -1,8 +1,11 @@
 """The real page with tiny weights, and a real Chromium."""
 
+import os
 import shutil
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
@@ -26,6 +29,19 @@ PATIENCE_MS = 120_000
 """Longest that any one thing may take on a busy machine."""
 
 
+@contextmanager
+def served(config: AppConfig, **options: Any) -> Iterator[str]:
+    """The address of a page that is open meanwhile. Gradio keeps uploads where the environment
+    says, for all pages of a process: a page that was open before gets its place back."""
+    before = os.environ.get("GRADIO_TEMP_DIR")
+    page = launch(config, is_warmed_up=False, **options)
+    assert page.local_url is not None
+    yield page.local_url
+    page.close()
+    if before is not None:
+        os.environ["GRADIO_TEMP_DIR"] = before
+
+
 @pytest.fixture(scope="session")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Where the page is."""
@@ -35,9 +51,8 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         pytest.skip(str(error))
     weights = make_weights(tmp_path_factory.mktemp("weights"))
     temp = tmp_path_factory.mktemp("page")
-    page = launch(AppConfig(port=0, weights=weights, temp=temp), is_warmed_up=False)
-    yield page.local_url
-    page.close()
+    with served(AppConfig(port=0, weights=weights, temp=temp)) as url:
+        yield url
 
 
 @pytest.fixture(scope="session")

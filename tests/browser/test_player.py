@@ -10,11 +10,10 @@ from playwright.sync_api import Browser, Page, expect
 
 from app import text
 from app.config import AppConfig
-from app.main import launch
 from model.motion import save_motion
 from model.speech.audio import write_wav
 from tests.app import fakes
-from tests.browser.conftest import PATIENCE_MS
+from tests.browser.conftest import PATIENCE_MS, served
 from tests.model.made import made_waveform, make_weights
 
 pytestmark = pytest.mark.browser
@@ -82,13 +81,10 @@ def fake_address(stage: Stage, tmp_path_factory: pytest.TempPathFactory) -> Iter
     weights = make_weights(tmp_path_factory.mktemp("weights"))
     for ending in ("json", "safetensors"):
         shutil.copy(weights / f"globaldiff-global.{ending}", weights / f"globaldiff-full.{ending}")
-    page = launch(
-        AppConfig(port=0, weights=weights, temp=tmp_path_factory.mktemp("page")),
-        is_warmed_up=False,
-        generate=fakes.make_generate(before_video=stage.may_draw.__getitem__, seconds=SECONDS),
-    )
-    yield page.local_url
-    page.close()
+    config = AppConfig(port=0, weights=weights, temp=tmp_path_factory.mktemp("page"))
+    generate = fakes.make_generate(before_video=stage.may_draw.__getitem__, seconds=SECONDS)
+    with served(config, generate=generate) as url:
+        yield url
 
 
 @pytest.fixture(scope="module")
