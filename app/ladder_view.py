@@ -14,7 +14,6 @@ from app.mathml import (
     LOSS,
     MINUS,
     PRIME,
-    TRANSPOSED,
     frac,
     hat,
     math,
@@ -78,8 +77,8 @@ _SKELETON = math(
     sub(var(LOSS), var("s")), op("="), frac(num("1"), row(op("|"), var(BONES), op("|"))),
     total(row(var("b"), op(","), _OTHER_BONE, op("∈"), var(BONES))),
     sup(row(
-        op("("), sup(var("b"), var(TRANSPOSED)), _OTHER_BONE, op(MINUS),
-        sup(tilde(var("b")), var(TRANSPOSED)), row(tilde(var("b")), op(PRIME)), op(")"),
+        op("("), sup(var("b"), word("T")), _OTHER_BONE, op(MINUS),
+        sup(tilde(var("b")), word("T")), row(tilde(var("b")), op(PRIME)), op(")"),
     ), num("2")),
 )  # fmt: skip
 _MOTION = math(

@@ -7,7 +7,6 @@ from html import escape
 MINUS = "\N{MINUS SIGN}"
 LOSS = "\N{SCRIPT CAPITAL L}"
 BONES = "\N{SCRIPT CAPITAL B}"
-TRANSPOSED = "\N{DOWN TACK}"
 PRIME = "\N{PRIME}"
 
 

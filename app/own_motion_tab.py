@@ -71,13 +71,13 @@ def _build_form() -> tuple[list[Any], gr.Button, gr.Button]:
         elem_id="own-motions",
     )
     reference = gr.File(
-        label=text.REFERENCE_LABEL, file_types=[".npz"], type="filepath", height=120
+        label=text.REFERENCE_LABEL, file_types=[".npz"], type="filepath", height=150
     )
     speech = gr.File(
         label="Speech of all of them (optional, for BeatAlign)",
         file_types=["audio"],
         type="filepath",
-        height=120,
+        height=150,
     )
     with gr.Row(elem_classes="pair"):
         point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
