@@ -51,6 +51,8 @@ def test_table_has_recorded_and_generated_rows_with_intervals(folders, tmp_path,
     assert "fgd" not in table["motion"]["globaldiff/local"]  # no encoder among these weights
     text = (tmp_path / "evaluation.md").read_text()
     assert text == capsys.readouterr().out and "globaldiff/global" in text
+    ratio = table["wrong_speech"]["globaldiff/local"]["shifted"]["mean"]
+    assert f"| globaldiff/local | {100 * (ratio - 1):.3g} [" in text
     with (tmp_path / "evaluation.csv").open() as file:
         values = {(r["part"], r["row"], r["measure"]): r["mean"] for r in csv.DictReader(file)}
     assert float(values["motion", "recorded", "tip_jerk_m_s3"]) == jerk["mean"]
