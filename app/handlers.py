@@ -108,6 +108,7 @@ def request_from_form(
         sampler=known[form.sampler],
         post_filter=POST_FILTERS[bool(form.is_smoothed)],
         reference=Path(form.reference) if form.reference else None,
+        transcript=Path(form.transcript) if form.transcript else None,
         joint=form.point,
         start_frame=int(start_frame),
         body=config.body,

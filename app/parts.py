@@ -12,8 +12,8 @@ from app import text, view
 from app.catalogue import Catalogue
 from app.config import AppConfig
 from app.handlers import SEED_LIMIT
-from app.tips import TIP, TIP_VERTICES, point_title
-from renderer.smplx_joints import JOINT_NAMES
+from app.tips import TIP, point_title
+from renderer.smplx_joints import JOINT_NAMES, TIP_VERTICES
 
 MAX_DEFAULT_SYSTEMS = 3
 _PREFERRED = ("globaldiff/local", "globaldiff/global", "globaldiff/full")

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import secrets
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import gradio as gr
@@ -31,6 +29,7 @@ from app.parts import FormParts, ResultParts
 from app.request import Artefact, GenerateResult
 from app.showing import Showing
 from app.study.handover import COOKIE
+from app.updates import shown, visitor_of
 from model.transcript import read_words
 
 Updates = dict[Any, Any]
@@ -65,13 +64,12 @@ class Runner:
         Raises:
             gr.Error: with the sentence that the page shows too, when the run fails.
         """
-        visitor, cookie = _visitor(request), request.cookies.get(COOKIE, "")
+        visitor, cookie = visitor_of(request), request.cookies.get(COOKIE, "")
         job: Job | None = None
         try:
             job = self._jobs.open(visitor)
-            form = Form(*values)
-            asked = request_from_form(form, job.folder, self._catalogue, self._config)
-            words = read_words(Path(form.transcript)) if form.transcript else ()
+            asked = request_from_form(Form(*values), job.folder, self._catalogue, self._config)
+            words = read_words(asked.transcript) if asked.transcript else ()
             yield self._blank()
             with self._jobs.slot(job) as turn:
                 for ahead in turn:
@@ -100,13 +98,13 @@ class Runner:
 
     def cancel(self, request: gr.Request) -> None:
         """The visitor has pressed the button, or closed the page."""
-        self._jobs.cancel(_visitor(request))
+        self._jobs.cancel(visitor_of(request))
 
     def _blank(self) -> Updates:
         """Everything of an earlier run away, buttons as they are during a run."""
         parts = self._results
         return {
-            parts.message: _shown(""),
+            parts.message: shown(""),
             parts.status: view.status(text.STARTING, {}, {}),
             parts.empty: gr.update(visible=False),
             **self._without_results(),
@@ -118,8 +116,8 @@ class Runner:
         parts = self._results
         return {
             parts.player: NOTHING,
-            parts.figures: _shown(""),
-            parts.numbers: _shown(""),
+            parts.figures: shown(""),
+            parts.numbers: shown(""),
             parts.downloads_part: gr.update(visible=False),
         }
 
@@ -134,7 +132,7 @@ class Runner:
         updates: Updates = {parts.status: view.status(run.line, run.fractions, run.details)}
         if run.artefacts:
             updates[parts.player] = showing.value()
-            updates[parts.figures] = _shown(figures.html())
+            updates[parts.figures] = shown(figures.html())
         return updates
 
     def _finished(
@@ -151,10 +149,10 @@ class Runner:
         line = text.DONE.format(seconds=run.seconds, rows=rows, frames=result.num_frames)
         return {
             parts.status: view.status(line, dict.fromkeys(run.fractions, 1.0), {}),
-            parts.message: _shown(view.notes_message(result.notes)),
+            parts.message: shown(view.notes_message(result.notes)),
             parts.player: showing.value(is_over=True),
-            parts.figures: _shown(figures.html(result.diagnostics)),
-            parts.numbers: _shown(measures_table(result.diagnostics)),
+            parts.figures: shown(figures.html(result.diagnostics)),
+            parts.numbers: shown(measures_table(result.diagnostics)),
             parts.downloads_part: gr.update(visible=True),
             parts.bundle: gr.update(value=str(bundle)),
             parts.files: [str(file) for file in result.files],
@@ -165,19 +163,9 @@ class Runner:
         parts = self._results
         is_cancelled = sentence == text.CANCELLED
         return {
-            parts.message: _shown("" if is_cancelled else view.error_message(sentence)),
+            parts.message: shown("" if is_cancelled else view.error_message(sentence)),
             parts.status: view.sentence_status(text.CANCELLED if is_cancelled else text.STOPPED),
             parts.empty: gr.update(visible=True),
             **self._without_results(),
             **self._buttons(is_running=False),
         }
-
-
-def _visitor(request: gr.Request) -> str:
-    """Gradio's name for one open page; a caller without one is a visitor of its own."""
-    return request.session_hash or secrets.token_hex(8)
-
-
-def _shown(html: str) -> Any:
-    """An update of an HTML part that takes no room while it is empty."""
-    return gr.update(value=html, visible=bool(html))

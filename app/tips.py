@@ -12,25 +12,13 @@ import numpy as np
 
 from app.errors import RunError
 from app.rendering import body_motion
+from renderer.smplx_joints import TIP_VERTICES
 
 if TYPE_CHECKING:
     from model.motion import Motion
     from renderer.body import Body
 
 TIP = "right_middle"
-TIP_VERTICES = {
-    "left_index": 4933,
-    "left_middle": 5058,
-    "left_pinky": 5286,
-    "left_ring": 5169,
-    "left_thumb": 5361,
-    "right_index": 7669,
-    "right_middle": 7794,
-    "right_pinky": 8022,
-    "right_ring": 7905,
-    "right_thumb": 8079,
-}
-"""Of SMPL-X: the vertices of its output joints 66 to 75, by the names of the fingertips."""
 
 TipTrack = Callable[["Motion"], np.ndarray]
 

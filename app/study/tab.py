@@ -23,6 +23,7 @@ from app.study.handover import COOKIE, FILE_NAME, RESEARCHER_ROUTE, VISITOR_ROUT
 from app.study.packing import zip_folder
 from app.study.plan import read_plan
 from app.study.workspace import Workspace
+from app.updates import visitor_of
 
 INTRODUCTION = (
     "Makes a blind study: a web page with videos under random names for your participants, and a "
@@ -153,7 +154,7 @@ class _Maker:
         Raises:
             gr.Error: with one sentence.
         """
-        visitor = _visitor(request)
+        visitor = visitor_of(request)
         job = self._jobs.open(visitor)
         try:
             path = self._write_plan(_form(values), job.folder)
@@ -173,7 +174,7 @@ class _Maker:
         Raises:
             gr.Error: with the sentence that the tab shows too.
         """
-        visitor, status = _visitor(request), self._results.status
+        visitor, status = visitor_of(request), self._results.status
         job: Job | None = None
         private: Path | None = None
         try:
@@ -205,7 +206,7 @@ class _Maker:
 
     def cancel(self, request: gr.Request) -> None:
         """The visitor has pressed the button, or closed the page."""
-        self._jobs.cancel(_visitor(request))
+        self._jobs.cancel(visitor_of(request))
 
     def _write_plan(self, form: StudyForm, folder: Path) -> Path:
         path = folder / "plan.toml"
@@ -267,7 +268,3 @@ def _fetch_button(token: str) -> str:
 def _form(values: tuple[Any, ...]) -> StudyForm:
     title, protocol, *rest = values
     return StudyForm(str(title or ""), PROTOCOLS.get(protocol, str(protocol)), *rest)
-
-
-def _visitor(request: gr.Request) -> str:
-    return request.session_hash or ""

@@ -7,10 +7,11 @@ import pytest
 
 from app.errors import RunError
 from app.rendering import body_motion
-from app.tips import TIP_VERTICES, choose_tip_source
+from app.tips import choose_tip_source
 from model.diagnostics import track_points
 from model.skeleton import FINGERTIP_JOINTS, FINGERTIP_NAMES, JOINT_NAMES, open_body_skeleton
 from renderer.body import load_body
+from renderer.smplx_joints import TIP_VERTICES
 from tests.helpers import smooth_motion_example
 
 MOTION = smooth_motion_example(num_frames=12)
