@@ -280,15 +280,19 @@ def _rate(title: str, cost: Cost, aim: str = "") -> Figure:
 
 
 def measure_memory(speech: Path, weights: Path, folder: Path) -> list[Figure]:
-    """Peak memory of any process of a run, for a long clip against a short one."""
+    """Peak memory of any process of a run of one system, for a long clip against a short one."""
+    from model.cards import list_systems
+
+    system = list_systems(weights)[-1]
     imports = "import app.pipeline, librosa, model.diagnostics, model.generate, renderer.figures"
     imports_mb = _peak_mb("-c", imports)
     peaks_mb = []
     for duration_s in (SHORT_S, LONG_S):
         clip = repeat_speech(speech, duration_s, folder / f"{duration_s:g}.wav")
         out = folder / f"{duration_s:g}"
-        flags = ["--steps", "1", "--size", str(SIZES_PX[0]), "--weights", str(weights.resolve())]
-        peaks_mb.append(_peak_mb("-m", "app", "generate", str(clip), "--out", str(out), *flags))
+        flags = ["--systems", system, "--steps", "1", "--size", str(SIZES_PX[0])]
+        command = ["-m", "app", "generate", str(clip), "--out", str(out), *flags]
+        peaks_mb.append(_peak_mb(*command, "--weights", str(weights.resolve())))
     short_mb, long_mb = peaks_mb
     return [
         Figure("peak memory, 1-minute clip", short_mb, "MB"),
