@@ -35,7 +35,8 @@ INTRODUCTION = (
     "All predict the clean motion from a noised one, the speech, the speaker and a short seed "
     "(flow matching, eq. 7), with positions supervised beside rotations. In this project everything"
     " but the rung's own step is equal: data, network, steps of training, and the noise of a "
-    "comparison. That a step helps is the paper's claim; on your clip, the measures decide."
+    "comparison; the constraints were trained on from the weights of global rotations. That a step "
+    "helps is the paper's claim; on your clip, the measures decide."
 )
 NOT_HERE = "no weights here"
 
