@@ -5,7 +5,7 @@ once more behind one and the same filter, the official GlobalDiff inference's (`
 here applied to the stitched sequence.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -86,12 +86,14 @@ def diagnose(
         for name, motion in motions.items()
         if motion.num_frames < JERK_FRAMES
     ]
-    recorded = None if reference is None else _versions(reference, settings)
+    recorded = None if reference is None else dict(_versions(reference, settings))
     systems = {
         name: _measured(_versions(motion, settings), recorded, settings)
         for name, motion in motions.items()
     }
-    measured_reference = None if recorded is None else _measured(recorded, None, settings)
+    measured_reference = (
+        None if recorded is None else _measured(iter(recorded.items()), None, settings)
+    )
     everything = systems | ({REFERENCE: measured_reference} if measured_reference else {})
     is_fingertip = settings.point in FINGERTIP_NAMES
     return {
@@ -130,62 +132,75 @@ class _Version(NamedTuple):
     point: Float[np.ndarray, "T 3"]
 
 
-def _versions(motion: Motion, settings: _Settings) -> dict[str, _Version]:
-    """The motion as it is and filtered; forward kinematics is done once for each."""
-    versions = {}
-    for name, version in (("raw", motion), ("savgol", smooth_motion(motion))):
+def _versions(motion: Motion, settings: _Settings) -> Iterator[tuple[str, _Version]]:
+    """The motion as it is and filtered, one after the other: a long clip's tracks are large."""
+    for name in ("raw", "savgol"):
+        version = motion if name == "raw" else smooth_motion(motion)
         tracks = track_points(version, settings.skeleton)
         if settings.tip_track is None:
             point = tracks.point(settings.point)
         else:
             point = np.asarray(settings.tip_track(version), dtype=np.float64)
-        versions[name] = _Version(tracks, point)
-    return versions
+        yield name, _Version(tracks, point)
+        del tracks, point
 
 
 def _measured(
-    versions: dict[str, _Version], recorded: dict[str, _Version] | None, settings: _Settings
+    versions: Iterator[tuple[str, _Version]],
+    recorded: dict[str, _Version] | None,
+    settings: _Settings,
 ) -> dict[str, Measures]:
     """Measures by version; like is compared with like, a filtered motion with the filtered
     reference."""
     found = {}
-    for name, (tracks, point) in versions.items():
+    usual_speed = None if recorded is None else _mean_speed(recorded["raw"].tracks)
+    for name, version in versions:
         numbers = measures_of_tracks(
-            tracks,
-            point,
+            version.tracks,
+            version.point,
             settings.point,
             settings.skeleton,
             settings.window_advance,
             settings.window_overlap,
         )
         if recorded is not None:
-            numbers |= measures_to_reference(tracks, recorded[name].tracks)
+            numbers |= measures_to_reference(version.tracks, recorded[name].tracks)
+        if usual_speed is None:  # raw comes first
+            usual_speed = _mean_speed(version.tracks)
         if settings.onsets_s is not None:
-            usual = (recorded or versions)["raw"].tracks
-            numbers |= _beat_measures(tracks, usual, settings.onsets_s)
+            numbers |= _beat_measures(version.tracks, usual_speed, settings.onsets_s)
         found[name] = numbers
+        del version  # before the next one is made
     return found
 
 
 def _beat_measures(
-    tracks: Tracks, usual: Tracks, onsets_s: Float[np.ndarray, " onsets"]
+    tracks: Tracks,
+    usual_speed: Float[np.ndarray, " joints"],
+    onsets_s: Float[np.ndarray, " onsets"],
 ) -> Measures:
     """BeatAlign in EMAGE's direction and its chance level; None where no onset counts.
 
     Args:
-        usual: whose mean speeds decide what is slow: the reference's, or else the motion's own.
+        usual_speed: decides what is slow: the reference's mean, or else the motion's own.
     """
     duration_s = len(tracks.joints) / FPS
     if not np.any((onsets_s >= MARGIN_S) & (onsets_s < duration_s - MARGIN_S)):
         return {"beat_align": None, "beat_align_chance": None}
-    mean_speed = joint_speeds(_rooted(usual)[:, BEAT_JOINTS]).mean(axis=0)
-    scores = beat_scores(_rooted(tracks), onsets_s, mean_speed)
+    scores = beat_scores(_rooted(tracks), onsets_s, usual_speed)
     return as_json(
         {
             "beat_align": scores["beat_align_audio_to_motion"],
             "beat_align_chance": scores["beat_align_audio_to_motion_chance"],
         }
     )
+
+
+def _mean_speed(tracks: Tracks) -> Float[np.ndarray, " joints"]:
+    """Of the joints whose beats count, m/s, the pelvis in place."""
+    if len(tracks.joints) < 2:
+        return np.zeros(len(BEAT_JOINTS))
+    return joint_speeds(_rooted(tracks)[:, BEAT_JOINTS]).mean(axis=0)
 
 
 def _rooted(tracks: Tracks) -> Float[np.ndarray, "T 55 3"]:

@@ -197,7 +197,10 @@ def _of_joint_positions(tracks: Tracks) -> dict[str, Any]:
 def _of_joint_rotations(tracks: Tracks) -> dict[str, Any]:
     velocity = angular_velocity(tracks.local_rot)  # (T - 1, 55, 3)
     magnitude = np.degrees(np.linalg.norm(velocity, axis=-1))
-    change = np.degrees(np.linalg.norm(np.diff(velocity, axis=0), axis=-1)) * FPS
+    change = np.stack(  # joint by joint: all differences of a long clip are large
+        [np.linalg.norm(np.diff(one, axis=0), axis=-1) for one in velocity.swapaxes(0, 1)], axis=1
+    )
+    change = np.degrees(change) * FPS
     speed, acceleration = mean_over_time(magnitude), mean_over_time(change)
     return {
         "joint_angular_speed_deg_s": speed,

@@ -50,12 +50,12 @@ def angular_velocity(
     rotmat: Float[np.ndarray, "T *joints 3 3"],
 ) -> Float[np.ndarray, "steps *joints 3"]:
     """rad/s in the moving joint's own axes: the turn from each frame to the next, times 30."""
-    steps = [np.zeros((0, *rotmat.shape[1:-1]))]
-    for start in range(0, len(rotmat) - 1, _ROTATION_CHUNK):
+    steps = np.empty((max(0, len(rotmat) - 1), *rotmat.shape[1:-1]))
+    for start in range(0, len(steps), _ROTATION_CHUNK):
         part = torch.from_numpy(rotmat[start : start + _ROTATION_CHUNK + 1]).double()
         turn = part[:-1].transpose(-1, -2) @ part[1:]
-        steps.append(axis_angle_from_matrix(turn).numpy() * FPS)
-    return np.concatenate(steps)
+        steps[start : start + _ROTATION_CHUNK] = axis_angle_from_matrix(turn).numpy() * FPS
+    return steps
 
 
 def rotation_noise(
@@ -69,7 +69,7 @@ def rotation_noise(
     Args:
         velocity: from `angular_velocity`, rad/s.
     """
-    third = np.linalg.norm(np.diff(velocity / FPS, n=2, axis=0), axis=-1)
+    third = np.linalg.norm(np.diff(velocity, n=2, axis=0), axis=-1) / FPS
     if not len(third):
         return np.full(third.shape[1:], np.nan)
     return np.median(third, axis=0) / (_MEDIAN_LENGTH * np.sqrt(_THIRD_DIFFERENCE_VARIANCE))

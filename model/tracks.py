@@ -47,18 +47,20 @@ class Tracks:
 
 def track_points(motion: Motion, skeleton: RestSkeleton) -> Tracks:
     """Joints and rigid fingertips of every frame, in double precision."""
-    joints, tips, local, world = [], [], [], []
-    for start in range(0, motion.num_frames, _CHUNK_FRAMES):
+    count = motion.num_frames
+    joints = np.empty((count, NUM_JOINTS, 3))
+    tips = np.empty((count, len(FINGERTIP_NAMES), 3))
+    local, world = (np.empty((count, NUM_JOINTS, 3, 3), np.float32) for _ in range(2))
+    for start in range(0, count, _CHUNK_FRAMES):
         frames = slice(start, start + _CHUNK_FRAMES)
         poses = torch.tensor(motion.poses[frames], dtype=torch.float64)
         transl = torch.tensor(motion.trans[frames], dtype=torch.float64)
         local_rot = matrix_from_axis_angle(poses.unflatten(-1, (NUM_JOINTS, 3)))
         global_rot, positions = joint_positions_from_local(local_rot, skeleton, transl)
-        joints.append(positions.numpy())
-        tips.append(fingertip_positions(global_rot, positions, skeleton).numpy())
-        local.append(local_rot.float().numpy())
-        world.append(global_rot.float().numpy())
-    return Tracks(*(np.concatenate(parts) for parts in (joints, tips, local, world)))
+        joints[frames] = positions.numpy()
+        tips[frames] = fingertip_positions(global_rot, positions, skeleton).numpy()
+        local[frames], world[frames] = local_rot.numpy(), global_rot.numpy()
+    return Tracks(joints, tips, local, world)
 
 
 def point_words(name: str) -> str:
