@@ -8,10 +8,10 @@ import queue
 import secrets
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from app import text
 from app.catalogue import Catalogue
@@ -27,6 +27,7 @@ from app.request import (
     GenerateRequest,
     GenerateResult,
     OnEvent,
+    Progress,
     Sampler,
     ShouldCancel,
     Stage,
@@ -36,6 +37,7 @@ from app.request import (
 log = logging.getLogger(__name__)
 
 Generate = Callable[[GenerateRequest, OnEvent, ShouldCancel], GenerateResult]
+Result = TypeVar("Result")
 SEED_LIMIT = 2**31 - 1
 PAGE_VIDEOS = 12
 _REFRESH_S = 0.25
@@ -157,9 +159,10 @@ class RunView:
 
 
 def follow_run(
-    generate: Generate, request: GenerateRequest, job: Job
-) -> Iterator[list[Event] | GenerateResult]:
-    """Do a run in a thread of its own; give its events in small batches, then its result.
+    run: Callable[[OnEvent, ShouldCancel], Result], job: Job
+) -> Generator[list[Event] | Result, None, None]:
+    """Do a run in a thread of its own; give its events in small batches, then its result, which is
+    no list.
 
     Each artefact is linked into the job's folder, so that it stays readable while the run goes
     on, whatever becomes of the run.
@@ -182,7 +185,7 @@ def follow_run(
 
     def work() -> None:
         try:
-            outcome["result"] = generate(request, keep, job.is_cancelled)
+            outcome["result"] = run(keep, job.is_cancelled)
         except BaseException as error:
             outcome["error"] = error
         finally:
@@ -212,6 +215,12 @@ def follow_run(
     if "error" in outcome:
         raise outcome["error"]
     yield outcome["result"]
+
+
+def last_share(events: Sequence[Event]) -> float | None:
+    """How far a run of one stage is, as its last news of that says; None without any."""
+    shares = [event.fraction for event in events if isinstance(event, Progress)]
+    return shares[-1] if shares else None
 
 
 def visitor_sentence(error: BaseException) -> str:

@@ -14,7 +14,7 @@ from app.bundle import zip_files
 from app.config import AppConfig
 from app.errors import CancelledRun, RunError
 from app.figures_shown import FiguresShown
-from app.handlers import follow_run, visitor_sentence, waiting_line
+from app.handlers import follow_run, last_share, visitor_sentence, waiting_line
 from app.jobs import Job, JobBook
 from app.measures_table import measures_table
 from app.media import MediaDesk
@@ -139,11 +139,10 @@ class OwnMotionRunner:
             with self._jobs.slot(job) as turn:
                 for ahead in turn:
                     yield {self._parts.status: view.sentence_status(waiting_line(ahead))}
-                for news in follow_run(self._as_run(asked), None, job):  # type: ignore[arg-type]
+                for news in follow_run(self._as_run(asked), job):
                     if not isinstance(news, list):
-                        yield self._finished(news, job, cookie)  # type: ignore[arg-type]
-                    elif news:
-                        share = news[-1].fraction  # type: ignore[union-attr]
+                        yield self._finished(news, job, cookie)
+                    elif (share := last_share(news)) is not None:
                         line = MEASURING.format(share=share)
                         yield {self._parts.status: view.sentence_status(line)}
         except Exception as error:
@@ -159,10 +158,10 @@ class OwnMotionRunner:
         """The visitor has pressed the button, or closed the page."""
         self._jobs.cancel(visitor_of(request))
 
-    def _as_run(self, asked: DiagnoseRequest):
+    def _as_run(self, asked: DiagnoseRequest) -> Callable[[OnEvent, ShouldCancel], Diagnosis]:
         """The measuring in the form of a run, so that it can be followed and stopped like one."""
 
-        def run(_: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Diagnosis:
+        def run(on_event: OnEvent, should_cancel: ShouldCancel) -> Diagnosis:
             def on_progress(share: float) -> None:
                 if should_cancel():
                     raise CancelledRun

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import gradio as gr
@@ -77,7 +78,7 @@ class Runner:
                 run = RunView()
                 showing = Showing(asked, row_names(asked), job.folder, self._desk, cookie, words)
                 figures = FiguresShown(self._desk, cookie)
-                for news in follow_run(self._generate, asked, job):
+                for news in follow_run(partial(self._generate, asked), job):
                     if isinstance(news, GenerateResult):
                         yield self._finished(run, news, job, showing, figures)
                         continue

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from app import text, view
 from app.catalogue import Catalogue
 from app.config import AppConfig
 from app.errors import RunError
-from app.handlers import follow_run, visitor_sentence, waiting_line
+from app.handlers import follow_run, last_share, visitor_sentence, waiting_line
 from app.jobs import Job, JobBook
 from app.request import VIEWS, OnEvent, Progress, ShouldCancel
 from app.study.form import SEPARATOR, StudyForm, collect_files, plan_text
@@ -188,11 +188,10 @@ class _Maker:
             with self._jobs.slot(job) as turn:
                 for ahead in turn:
                     yield {status: view.sentence_status(waiting_line(ahead))}
-                for news in follow_run(self._export(plan_path, private), None, job):  # type: ignore[arg-type]
-                    if isinstance(news, Workspace):
+                for news in follow_run(self._export(plan_path, private), job):
+                    if not isinstance(news, list):
                         yield self._made(news, job, cookie)
-                    elif news:
-                        share = news[-1].fraction  # type: ignore[union-attr]
+                    elif (share := last_share(news)) is not None:
                         yield {status: view.sentence_status(f"Making the videos: {share:.0%}")}
         except Exception as error:
             sentence = visitor_sentence(error)
@@ -214,13 +213,15 @@ class _Maker:
         collect_files(form, folder)
         return path
 
-    def _export(self, plan_path: Path, private: Path):
+    def _export(
+        self, plan_path: Path, private: Path
+    ) -> Callable[[OnEvent, ShouldCancel], Workspace]:
         """The export in the form of a run, so that it can be followed and stopped like one."""
         from app.study.export import ExportOptions, export_study
 
         options = ExportOptions(self._config.weights, self._config.body)
 
-        def export(_: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Workspace:
+        def export(on_event: OnEvent, should_cancel: ShouldCancel) -> Workspace:
             return export_study(
                 read_plan(plan_path),
                 private / "study",

@@ -1,5 +1,6 @@
 import threading
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -92,7 +93,7 @@ def test_events_come_in_order_then_the_result_and_files_outlive_the_run(tmp_path
     job = JobBook(tmp_path).open("one")
     request = replace(read(FORM), out=job.folder / "results", samples=1, reference=None)
     events, result = [], None
-    for news in follow_run(fakes.make_generate(), request, job):
+    for news in follow_run(partial(fakes.make_generate(), request), job):
         if isinstance(news, GenerateResult):
             result = news
         else:
@@ -119,7 +120,8 @@ def test_a_failure_inside_the_run_reaches_the_caller(tmp_path: Path) -> None:
     job = JobBook(tmp_path).open("one")
     request = replace(read(FORM), out=job.folder / "results")
     with pytest.raises(RunError, match="it is broken"):
-        for _ in follow_run(fakes.make_generate(error=RunError("it is broken")), request, job):
+        generate = fakes.make_generate(error=RunError("it is broken"))
+        for _ in follow_run(partial(generate, request), job):
             pass
 
 
@@ -127,7 +129,7 @@ def test_a_visitor_who_leaves_stops_the_run(tmp_path: Path) -> None:
     job = JobBook(tmp_path).open("one")
     request = replace(read(FORM), out=job.folder / "results")
     never = threading.Event()
-    following = follow_run(fakes.make_generate(hold=never), request, job)
+    following = follow_run(partial(fakes.make_generate(hold=never), request), job)
     next(following)
     following.close()  # what Gradio does when the connection ends
     assert job.is_cancelled()
