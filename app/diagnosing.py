@@ -14,7 +14,7 @@ from app.loaded import get_body
 from app.marks import jerk_marks
 from app.numbers import write_diagnostics
 from app.outputs import ResultFolder
-from app.pictures import Snapshots, draw_error_growth, draw_jitter
+from app.pictures import Snapshots, check_start, draw_error_growth, draw_jitter
 from app.rendering import body_motion
 from app.request import MAX_COMPARED, REFERENCE_NAME
 from app.tips import TIP, TipSource, choose_tip_source
@@ -91,7 +91,7 @@ def diagnose_files(
     body = get_body(request.body)
     tip = choose_tip_source(body, request.body, request.joint)
     read = _read_motions(request)
-    _check_start(request, read)
+    check_start(request.start_frame, min(motion.num_frames for motion in read.all.values()))
     on_progress(0.1)
     with ResultFolder(request.out) as folder:
         diagnostics = _measure(request, read, tip)
@@ -166,14 +166,6 @@ def _read_motions(request: DiagnoseRequest) -> _Read:
         reference = found.motion
         notes += found.notes
     return _Read(motions, reference, notes)
-
-
-def _check_start(request: DiagnoseRequest, read: _Read) -> None:
-    shortest = min(motion.num_frames for motion in read.all.values())
-    if not 0 <= request.start_frame < shortest:
-        raise RunError(
-            f"Figure 6 must start at frame 0 to {shortest - 1}; got {request.start_frame}."
-        )
 
 
 def _measure(request: DiagnoseRequest, read: _Read, tip: TipSource) -> dict[str, Any]:

@@ -136,19 +136,14 @@ def join_side_by_side(
     reporter.progress("comparison", 1.0)
 
 
-def check_start(request: GenerateRequest, inputs: Inputs) -> None:
-    """Refuse a start of Figure 6 behind the end of a motion, before any motion is made.
+def check_start(start_frame: int, num_frames: int) -> None:
+    """Refuse a start of Figure 6 behind the end of the shortest motion, before anything is made.
 
     Raises:
         RunError: naming the last frame.
     """
-    num_frames = inputs.num_frames
-    if inputs.reference is not None:
-        num_frames = min(num_frames, inputs.reference.num_frames)
-    if not 0 <= request.start_frame < num_frames:
-        raise RunError(
-            f"Figure 6 must start at frame 0 to {num_frames - 1}; got {request.start_frame}."
-        )
+    if not 0 <= start_frame < num_frames:
+        raise RunError(f"Figure 6 must start at frame 0 to {num_frames - 1}; got {start_frame}.")
 
 
 def draw_figures(

@@ -83,7 +83,8 @@ def _run(request: GenerateRequest, folder: ResultFolder, reporter: Reporter) -> 
     inputs, speech = read_inputs(request, folder.scratch("speech.wav"), request.out, reporter)
     reporter.progress("speech", 1.0)
     tip = choose_tip_source(inputs.body, request.body, request.joint)
-    check_start(request, inputs)
+    compared = (inputs, inputs.reference) if inputs.reference is not None else (inputs,)
+    check_start(request.start_frame, min(each.num_frames for each in compared))
     words = read_words(request.transcript) if request.transcript else None
 
     rows = _generate(request, inputs, speech, folder, reporter)
