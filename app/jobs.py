@@ -10,15 +10,21 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Literal
 
 from app import text
 from app.errors import CancelledRun, RunError
+
+Tab = Literal["generate", "own_motion", "study"]
+"""The part of the page that starts a run, and whose button stops it."""
 
 
 class Job:
     """One visitor's run, with a folder that no other visitor is told of."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, visitor: str, tab: Tab, folder: Path) -> None:
+        self.visitor = visitor
+        self.tab: Tab = tab
         self.folder = folder
         self._stop = threading.Event()
 
@@ -40,9 +46,9 @@ class JobBook:
         self._waiting: list[int] = []
         self._num_running = 0
         self._changed = threading.Condition()
-        self._jobs: dict[str, list[Job]] = {}
+        self._jobs: list[Job] = []
 
-    def open(self, visitor: str) -> Job:
+    def open(self, visitor: str, tab: Tab) -> Job:
         """A new job of a visitor, in a folder that only this process's user can enter.
 
         Raises:
@@ -53,15 +59,15 @@ class JobBook:
                 raise RunError(text.BUSY.format(limit=self.max_waiting))
         folder = self.root / secrets.token_hex(16)
         folder.mkdir(parents=True, mode=0o700)
-        job = Job(folder)
+        job = Job(visitor, tab, folder)
         with self._changed:
-            self._jobs.setdefault(visitor, []).append(job)
+            self._jobs.append(job)
         return job
 
-    def cancel(self, visitor: str) -> bool:
-        """Stop all runs of the visitor; False when there is none."""
+    def cancel(self, visitor: str, tab: Tab) -> bool:
+        """Stop the runs that the visitor started in that tab; False when there is none."""
         with self._changed:
-            jobs = self._jobs.get(visitor, [])
+            jobs = [job for job in self._jobs if (job.visitor, job.tab) == (visitor, tab)]
             for job in jobs:
                 job.cancel()
             self._changed.notify_all()
@@ -70,16 +76,14 @@ class JobBook:
     def cancel_all(self) -> None:
         """Stop every run, as at the end of the process."""
         with self._changed:
-            for job in itertools.chain.from_iterable(self._jobs.values()):
+            for job in self._jobs:
                 job.cancel()
             self._changed.notify_all()
 
-    def close(self, visitor: str, job: Job) -> None:
+    def close(self, job: Job) -> None:
         """Forget a run that has ended; its folder stays for the downloads."""
         with self._changed:
-            self._jobs[visitor].remove(job)
-            if not self._jobs[visitor]:
-                del self._jobs[visitor]
+            self._jobs.remove(job)
 
     @contextmanager
     def slot(self, job: Job) -> Iterator[Iterator[int]]:
@@ -129,7 +133,7 @@ class JobBook:
     def sweep(self, max_age_s: float) -> int:
         """Delete folders of runs that were last touched longer ago; return how many."""
         with self._changed:
-            in_use = {job.folder for jobs in self._jobs.values() for job in jobs}
+            in_use = {job.folder for job in self._jobs}
         num_deleted = 0
         for folder in self.root.iterdir() if self.root.is_dir() else ():
             if folder not in in_use and time.time() - folder.stat().st_mtime > max_age_s:

@@ -130,10 +130,10 @@ class OwnMotionRunner:
         Raises:
             gr.Error: with the sentence that the tab shows too.
         """
-        visitor, cookie = visitor_of(request), request.cookies.get(COOKIE, "")
+        cookie = request.cookies.get(COOKIE, "")
         job: Job | None = None
         try:
-            job = self._jobs.open(visitor)
+            job = self._jobs.open(visitor_of(request), "own_motion")
             asked = OwnMotionForm(*values).to_request(job.folder / "results", self._config)
             yield {**self._without_results(), self._parts.message: shown("")}
             with self._jobs.slot(job) as turn:
@@ -152,11 +152,11 @@ class OwnMotionRunner:
                 raise gr.Error(sentence, print_exception=False) from error
         finally:
             if job is not None:
-                self._jobs.close(visitor, job)
+                self._jobs.close(job)
 
     def cancel(self, request: gr.Request) -> None:
         """The visitor has pressed the button, or closed the page."""
-        self._jobs.cancel(visitor_of(request))
+        self._jobs.cancel(visitor_of(request), "own_motion")
 
     def _as_run(self, asked: DiagnoseRequest) -> Callable[[OnEvent, ShouldCancel], Diagnosis]:
         """The measuring in the form of a run, so that it can be followed and stopped like one."""

@@ -65,10 +65,10 @@ class Runner:
         Raises:
             gr.Error: with the sentence that the page shows too, when the run fails.
         """
-        visitor, cookie = visitor_of(request), request.cookies.get(COOKIE, "")
+        cookie = request.cookies.get(COOKIE, "")
         job: Job | None = None
         try:
-            job = self._jobs.open(visitor)
+            job = self._jobs.open(visitor_of(request), "generate")
             asked = request_from_form(Form(*values), job.folder, self._catalogue, self._config)
             words = read_words(asked.transcript) if asked.transcript else ()
             yield self._blank()
@@ -95,11 +95,11 @@ class Runner:
                 raise gr.Error(sentence, print_exception=False) from error
         finally:
             if job is not None:
-                self._jobs.close(visitor, job)
+                self._jobs.close(job)
 
     def cancel(self, request: gr.Request) -> None:
         """The visitor has pressed the button, or closed the page."""
-        self._jobs.cancel(visitor_of(request))
+        self._jobs.cancel(visitor_of(request), "generate")
 
     def _blank(self) -> Updates:
         """Everything of an earlier run away, buttons as they are during a run."""

@@ -154,15 +154,14 @@ class _Maker:
         Raises:
             gr.Error: with one sentence.
         """
-        visitor = visitor_of(request)
-        job = self._jobs.open(visitor)
+        job = self._jobs.open(visitor_of(request), "study")
         try:
             path = self._write_plan(_form(values), job.folder)
             read_plan(path)
         except Exception as error:
             raise gr.Error(visitor_sentence(error), print_exception=False) from error
         finally:
-            self._jobs.close(visitor, job)
+            self._jobs.close(job)
         return {
             self._results.status: view.sentence_status("The plan is written."),
             self._results.plan: gr.update(value=str(path), visible=True),
@@ -174,14 +173,14 @@ class _Maker:
         Raises:
             gr.Error: with the sentence that the tab shows too.
         """
-        visitor, status = visitor_of(request), self._results.status
+        status = self._results.status
         job: Job | None = None
         private: Path | None = None
         try:
             cookie = request.cookies.get(COOKIE, "")
             if not cookie:
                 raise RunError(NO_COOKIE)
-            job = self._jobs.open(visitor)
+            job = self._jobs.open(visitor_of(request), "study")
             private = self._handover.private_folder()
             plan_path = self._write_plan(_form(values), private)
             yield self._blank()
@@ -201,11 +200,11 @@ class _Maker:
             if private is not None:
                 shutil.rmtree(private, ignore_errors=True)
             if job is not None:
-                self._jobs.close(visitor, job)
+                self._jobs.close(job)
 
     def cancel(self, request: gr.Request) -> None:
         """The visitor has pressed the button, or closed the page."""
-        self._jobs.cancel(visitor_of(request))
+        self._jobs.cancel(visitor_of(request), "study")
 
     def _write_plan(self, form: StudyForm, folder: Path) -> Path:
         path = folder / "plan.toml"

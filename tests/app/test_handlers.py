@@ -90,7 +90,7 @@ def test_the_mesh_of_a_licensed_body_is_not_handed_out(tmp_path: Path) -> None:
 
 
 def test_events_come_in_order_then_the_result_and_files_outlive_the_run(tmp_path: Path) -> None:
-    job = JobBook(tmp_path).open("one")
+    job = JobBook(tmp_path).open("one", "generate")
     request = replace(read(FORM), out=job.folder / "results", samples=1, reference=None)
     events, result = [], None
     for news in follow_run(partial(fakes.make_generate(), request), job):
@@ -117,7 +117,7 @@ def test_events_come_in_order_then_the_result_and_files_outlive_the_run(tmp_path
 
 
 def test_a_failure_inside_the_run_reaches_the_caller(tmp_path: Path) -> None:
-    job = JobBook(tmp_path).open("one")
+    job = JobBook(tmp_path).open("one", "generate")
     request = replace(read(FORM), out=job.folder / "results")
     with pytest.raises(RunError, match="it is broken"):
         generate = fakes.make_generate(error=RunError("it is broken"))
@@ -126,7 +126,7 @@ def test_a_failure_inside_the_run_reaches_the_caller(tmp_path: Path) -> None:
 
 
 def test_a_visitor_who_leaves_stops_the_run(tmp_path: Path) -> None:
-    job = JobBook(tmp_path).open("one")
+    job = JobBook(tmp_path).open("one", "generate")
     request = replace(read(FORM), out=job.folder / "results")
     never = threading.Event()
     following = follow_run(partial(fakes.make_generate(hold=never), request), job)
