@@ -9,9 +9,11 @@ from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
+from app.loaded import get_body
 from app.media import MediaDesk
 from app.request import REFERENCE_NAME, Artefact, GenerateRequest, file_stem
 from app.timeline import Version, make_timeline, series_looks
+from app.tips import choose_tip_source
 from model.transcript import Word
 
 _ROW_KINDS = ("motion", "preview", "video")
@@ -115,12 +117,12 @@ def write_sound(
     write_wav(wav, speech.waveform)
     motions = {name: load_motion(path) for name, path in paths.items()}
     shown: Version = "savgol" if request.post_filter == "savgol" else "raw"
-    timeline = make_timeline(speech, motions, shown, request.joint)
+    tip = choose_tip_source(get_body(request.body), request.body, request.joint)
+    timeline = make_timeline(speech, motions, shown, tip)
     if request.reference is not None:
         reference = first_frames(load_motion(request.reference), speech.num_frames)
-        timeline["curves"] |= make_timeline(
-            None, {REFERENCE_NAME: reference}, "raw", request.joint
-        )["curves"]
+        recorded = make_timeline(None, {REFERENCE_NAME: reference}, "raw", tip)
+        timeline["curves"] |= recorded["curves"]
     timeline["words"] = [(word.start_s, word.end_s, word.text) for word in words]
     path = folder / "timeline.json"
     path.write_text(json.dumps(timeline, allow_nan=False, separators=(",", ":")))

@@ -4,14 +4,14 @@ time. Pure functions of sound and motion; the result is small and goes to the br
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from app.request import REFERENCE_NAME
-from app.tips import TIP, open_joint, point_title, rigid_tip
+from app.tips import TipSource
 
 if TYPE_CHECKING:
     from model.motion import Motion
@@ -26,8 +26,6 @@ CURVES: dict[str, tuple[int, int]] = {"jerk_m_s3": (3, 1), "speed_m_s": (1, 3)}
 
 Version = Literal["raw", "savgol"]
 Curve = dict[str, Any]
-Track = Callable[["Motion"], np.ndarray]
-"""Motion -> positions (T, 3) of one point in metres."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +49,7 @@ def series_looks(names: tuple[str, ...]) -> dict[str, SeriesLook]:
 
 
 def make_timeline(
-    speech: Speech | None, motions: Mapping[str, Motion], shown: Version, point: str = TIP
+    speech: Speech | None, motions: Mapping[str, Motion], shown: Version, tip: TipSource
 ) -> dict[str, Any]:
     """Everything that the time line shows.
 
@@ -59,7 +57,7 @@ def make_timeline(
         speech: what is heard; None for motion without sound.
         motions: as shown in the videos.
         shown: what they are: as generated, or filtered already.
-        point: the fingertip or joint whose curves are drawn.
+        tip: the point whose curves are drawn, the same that Figure 6 and the numbers follow.
 
     Returns:
         ``duration_s``, ``fps``, ``peaks`` (0 to 100), ``onsets_s``, ``point`` (its name for a
@@ -69,7 +67,6 @@ def make_timeline(
     from model.diagnostics import smooth_motion
     from model.timing import FPS
 
-    track = point_track(point)
     num_frames = max((motion.num_frames for motion in motions.values()), default=0)
     duration_s = num_frames / FPS if speech is None else speech.duration_s
     curves = {}
@@ -77,13 +74,15 @@ def make_timeline(
         versions: dict[Version, Motion] = {shown: motion}
         if shown == "raw":
             versions["savgol"] = smooth_motion(motion)
-        curves[name] = {version: point_curves(track(each)) for version, each in versions.items()}
+        curves[name] = {
+            version: point_curves(tip.track(each)) for version, each in versions.items()
+        }
     return {
         "duration_s": round(duration_s, 4),
         "fps": FPS,
         "peaks": [] if speech is None else waveform_peaks(speech.waveform),
         "onsets_s": [] if speech is None else onset_times(speech.waveform),
-        "point": point_title(point),
+        "point": tip.title,
         "curves": curves,
     }
 
@@ -107,15 +106,6 @@ def onset_times(waveform: np.ndarray) -> list[float]:
     from model.beats import speech_onsets
 
     return np.round(speech_onsets(waveform), 3).tolist()
-
-
-def point_track(point: str) -> Track:
-    """A fingertip, rigid with its last joint, or a joint of the open body."""
-    from model.skeleton import JOINT_INDEX
-
-    if point in JOINT_INDEX:
-        return lambda motion: open_joint(motion, JOINT_INDEX[point])
-    return lambda motion: rigid_tip(motion, point)
 
 
 def point_curves(track: np.ndarray) -> dict[str, Curve]:

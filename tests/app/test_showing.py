@@ -1,27 +1,39 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from app.media import MediaDesk
 from app.request import Artefact, GenerateRequest
-from app.showing import Showing
-from model.motion import save_motion
+from app.showing import Showing, write_sound
+from app.timeline import point_curves
+from app.tips import choose_tip_source
+from model.motion import first_frames, load_motion, save_motion
 from model.transcript import Word
+from renderer.body import load_body
 from tests.app.fakes import made_motion
+from tests.helpers import smooth_motion_example
+from tests.renderer.test_body import expanded_to_smplx
 
 NAMES = ("globaldiff/local", "globaldiff/global", "reference")
 
 
 @pytest.fixture
-def showing(speech: Path, tmp_path: Path) -> Showing:
+def request_with_reference(speech: Path, tmp_path: Path) -> GenerateRequest:
     reference = tmp_path / "recorded.npz"
     save_motion(made_motion(60), reference)
-    request = GenerateRequest(
+    return GenerateRequest(
         speech=speech, out=tmp_path / "out", weights=tmp_path, reference=reference
     )
+
+
+@pytest.fixture
+def showing(request_with_reference: GenerateRequest, tmp_path: Path) -> Showing:
     words = (Word(0.25, 0.5, "hello"),)
-    return Showing(request, NAMES, tmp_path, desk=MediaDesk(), visitor="", words=words)
+    return Showing(
+        request_with_reference, NAMES, tmp_path, desk=MediaDesk(), visitor="", words=words
+    )
 
 
 def told(showing: Showing, kind, name: str, folder: Path) -> None:
@@ -67,3 +79,22 @@ def test_the_time_line_follows_the_last_motion_and_holds_the_reference(
         for name, curves in timeline["curves"].items()
     }
     assert lengths == {name: 37 - 3 for name in NAMES}  # the reference is cut to the speech
+
+
+def test_with_a_licensed_body_the_time_line_follows_its_vertex_as_the_numbers_do(
+    request_with_reference: GenerateRequest, tmp_path: Path
+) -> None:
+    path, body_path = tmp_path / "a.npz", tmp_path / "SMPLX_NEUTRAL.npz"
+    save_motion(smooth_motion_example(37), path)
+    expanded_to_smplx(load_body(), body_path)
+    asked = replace(request_with_reference, body=body_path)
+    _, timeline = write_sound(asked, {"a": path}, tmp_path)
+    curves = json.loads(timeline.read_text())["curves"]
+
+    vertex = choose_tip_source(load_body(body_path), body_path, asked.joint)
+    rigid = choose_tip_source(load_body(), None, asked.joint)
+    motion = load_motion(path)
+    assert curves["a"]["raw"] == point_curves(vertex.track(motion))
+    assert curves["a"]["raw"] != point_curves(rigid.track(motion))
+    recorded = first_frames(load_motion(asked.reference), 37)
+    assert curves["reference"]["raw"] == point_curves(vertex.track(recorded))

@@ -4,10 +4,14 @@ import numpy as np
 import pytest
 
 from app.timeline import derivative_curve, make_timeline, series_looks, waveform_peaks
+from app.tips import choose_tip_source
 from model.speech.audio import Speech
+from renderer.body import load_body
 from renderer.figure_style import REFERENCE_STYLE, SYSTEM_STYLES
 from tests.app.fakes import made_motion
 from tests.model.made import made_waveform
+
+TIP = choose_tip_source(load_body(), None)
 
 
 def along_x(values: np.ndarray) -> np.ndarray:
@@ -56,7 +60,7 @@ def test_peaks_are_the_loudest_of_each_stretch() -> None:
 
 def test_the_time_line_holds_every_motion_raw_and_filtered() -> None:
     speech = Speech(made_waveform(16_000 * 2), "sha")
-    timeline = make_timeline(speech, {"a": made_motion(60), "b": made_motion(45)}, "raw")
+    timeline = make_timeline(speech, {"a": made_motion(60), "b": made_motion(45)}, "raw", TIP)
     assert timeline["duration_s"] == 2.0
     raw, filtered = (timeline["curves"]["a"][kind]["jerk_m_s3"]["values"] for kind in _KINDS)
     assert len(raw) == len(filtered) == 57
@@ -70,7 +74,7 @@ _KINDS = ("raw", "savgol")
 
 
 def test_of_filtered_motion_nothing_is_claimed_to_be_raw() -> None:
-    timeline = make_timeline(None, {"a": made_motion(60)}, "savgol")
+    timeline = make_timeline(None, {"a": made_motion(60)}, "savgol", TIP)
     assert list(timeline["curves"]["a"]) == ["savgol"]
     assert (timeline["peaks"], timeline["duration_s"]) == ([], 2.0)
 
