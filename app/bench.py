@@ -21,10 +21,10 @@ import numpy as np
 
 from app.config import BUNDLED_WEIGHTS, EXAMPLES, PROJECT
 from app.loaded import get_body, get_system, warm_up
-from app.pipeline import DEFAULT_STEPS, generate_all
+from app.pipeline import generate_all
 from app.provenance import versions
 from app.rendering import body_motion
-from app.request import SIZES_PX, Event, GenerateRequest, Progress, file_stem
+from app.request import DEFAULT_STEPS, SIZES_PX, Event, GenerateRequest, Progress, file_stem
 
 if TYPE_CHECKING:
     from model.speech.audio import Speech

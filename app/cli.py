@@ -16,7 +16,16 @@ from app import text
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import CancelledRun, RunError, sentence_of
 from app.rendering import BACKGROUNDS, ENDINGS, SHEET_POSES, RenderRequest, render_motion
-from app.request import LOOKS, POST_FILTERS, SAMPLERS, SIZES_PX, VIEWS, GenerateRequest, View
+from app.request import (
+    DEFAULT_STEPS,
+    LOOKS,
+    POST_FILTERS,
+    SAMPLERS,
+    SIZES_PX,
+    VIEWS,
+    GenerateRequest,
+    View,
+)
 from app.study.cli import add_study
 from app.tips import TIP
 
@@ -76,7 +85,10 @@ def _add_generate(commands) -> None:
     parser.add_argument(
         "--samples", type=int, default=1, metavar="N", help="motions per system (default: 1)"
     )
-    parser.add_argument("--steps", type=int, metavar="N", help="sampler steps (default: 10)")
+    parser.add_argument(
+        "--steps", type=int, default=DEFAULT_STEPS, metavar="N",
+        help="sampler steps (default: %(default)s)",
+    )  # fmt: skip
     parser.add_argument("--sampler", choices=SAMPLERS, help="default: euler")
     parser.add_argument(
         "--guidance", type=float, default=1.0, metavar="N",

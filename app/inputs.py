@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -64,8 +65,11 @@ def check_request(request: GenerateRequest) -> None:
         raise RunError(f"No view is named; choose some of {', '.join(VIEWS)}.")
     if not 1 <= request.samples <= MAX_SAMPLES:
         raise RunError(f"Samples must be 1 to {MAX_SAMPLES}; got {request.samples}.")
-    if request.steps is not None and not 1 <= request.steps <= MAX_STEPS:
-        raise RunError(f"Steps must be 1 to {MAX_STEPS}; got {request.steps}.")
+    steps = request.steps if isinstance(request.steps, Mapping) else {"": request.steps}
+    for system, count in steps.items():
+        if not 1 <= count <= MAX_STEPS:
+            whose = f"Steps of {system}" if system else "Steps"
+            raise RunError(f"{whose} must be 1 to {MAX_STEPS}; got {count}.")
     if not 0 <= request.guidance <= MAX_GUIDANCE:
         raise RunError(f"Guidance must be 0 to {MAX_GUIDANCE}; got {request.guidance:g}.")
     if request.seed < 0:
@@ -126,6 +130,13 @@ def _load_systems(request: GenerateRequest) -> tuple[System, ...]:
         raise RunError(
             f"No trained systems were found in {request.weights}; "
             "name a folder of weights with --weights DIR."
+        )
+    steps = request.steps if isinstance(request.steps, Mapping) else {}
+    unused = [name for name in steps if name not in names]
+    if unused:
+        raise RunError(
+            f"Steps are given for {unused[0]!r}, which is none of the systems of this run; these "
+            f"are {', '.join(names)}."
         )
     return tuple(get_system(name, request.weights) for name in dict.fromkeys(names))
 

@@ -12,6 +12,7 @@ from app import text, view
 from app.catalogue import Catalogue
 from app.config import AppConfig
 from app.handlers import SEED_LIMIT
+from app.request import DEFAULT_STEPS
 from app.tips import TIP, point_title
 from renderer.smplx_joints import JOINT_NAMES, TIP_VERTICES
 
@@ -119,7 +120,7 @@ def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
     )
     is_smoothed = gr.Checkbox(False, label=text.FILTER_LABEL, info=text.FILTER_HELP)
     with gr.Accordion(text.ADVANCED_LABEL, open=False):
-        steps = gr.Slider(1, 50, value=10, step=1, label=text.STEPS_LABEL, buttons=[])
+        steps = gr.Slider(1, 50, value=DEFAULT_STEPS, step=1, label=text.STEPS_LABEL, buttons=[])
         sampler = gr.Dropdown(
             choices=[(shown, name) for name, shown in text.SAMPLER_NAMES.items()],
             value="euler",

@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from model.speech.audio import Speech
     from model.transcript import Word
 
-DEFAULT_STEPS = 10
 DEFAULT_SAMPLER: Sampler = "euler"
 
 
@@ -123,13 +122,12 @@ def _generate(
     from model.motion import save_motion
 
     is_smoothed = request.post_filter == "savgol"
-    options = _options(request, inputs.speaker)
     rows = []
     for done, system in enumerate(inputs.systems):
         motions = generate_motion(
             system,
             speech,
-            options,
+            _options(request, inputs.speaker, system.name),
             on_progress=lambda part, done=done, name=system.name: reporter.progress(
                 "motion", (done + part) / len(inputs.systems), name
             ),
@@ -150,14 +148,14 @@ def _generate(
     return rows
 
 
-def _options(request: GenerateRequest, speaker: str) -> GenerateOptions:
+def _options(request: GenerateRequest, speaker: str, system: str) -> GenerateOptions:
     from model.generate import GenerateOptions
 
     return GenerateOptions(
         speaker=speaker,
         seed=request.seed,
         samples=request.samples,
-        steps=request.steps or DEFAULT_STEPS,
+        steps=request.steps_of(system),
         sampler=request.sampler or DEFAULT_SAMPLER,
         guidance=request.guidance,
     )
@@ -200,7 +198,6 @@ def _measure(
 def _write_provenance(
     request: GenerateRequest, inputs: Inputs, folder: ResultFolder, reporter: Reporter
 ) -> None:
-    options = _options(request, inputs.speaker)
     record = make_provenance(
         inputs.systems,
         speech={
@@ -210,12 +207,12 @@ def _write_provenance(
             "frames": inputs.num_frames,
         },
         options={
-            "speaker": options.speaker,
-            "seed": options.seed,
-            "samples": options.samples,
-            "steps": options.steps,
-            "sampler": options.sampler,
-            "guidance": options.guidance,
+            "speaker": inputs.speaker,
+            "seed": request.seed,
+            "samples": request.samples,
+            "steps": {system.name: request.steps_of(system.name) for system in inputs.systems},
+            "sampler": request.sampler or DEFAULT_SAMPLER,
+            "guidance": request.guidance,
             "post_filter": request.post_filter,
             "joint": request.joint,
             "start_frame": request.start_frame,

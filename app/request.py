@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
@@ -22,6 +22,8 @@ LOOKS = tuple(
 SIZES_PX = (256, 1080)
 """Smallest and largest width and height of a picture that a person may ask for."""
 MAX_SAMPLES = 8
+DEFAULT_STEPS = 10
+"""Of the sampler, where nothing else is asked for."""
 MAX_COMPARED = 6
 """More motions than these do not fit into one comparison or figure."""
 
@@ -54,8 +56,8 @@ class GenerateRequest:
     """None is the first speaker that the systems know."""
     seed: int = 0
     samples: int = 1
-    steps: int | None = None
-    """Sampler steps; None is what each system was made for."""
+    steps: int | Mapping[str, int] = DEFAULT_STEPS
+    """Sampler steps, of all systems or by name; a system that is not named has the usual ones."""
     sampler: Sampler | None = None
     guidance: float = 1.0
     """Strength of the speech, 0 (deaf) to 10 (classifier-free guidance); 1 is as trained."""
@@ -79,6 +81,12 @@ class GenerateRequest:
     has_previews: bool = False
     """Whether each motion is told of as a GLB too, to be shown while its video is drawn."""
     max_speech_s: float = 600.0
+
+    def steps_of(self, system: str) -> int:
+        """Sampler steps of one system."""
+        if isinstance(self.steps, Mapping):
+            return self.steps.get(system, DEFAULT_STEPS)
+        return self.steps
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from PIL import Image
 from app import inputs
 from app.errors import CancelledRun, RunError, sentence_of
 from app.pipeline import generate_all
-from app.request import Artefact, GenerateRequest, Progress
+from app.request import DEFAULT_STEPS, Artefact, GenerateRequest, Progress
 from model.motion import load_motion, save_motion
 from renderer import probe
 from renderer.offscreen import GLError
@@ -113,6 +113,26 @@ def test_guidance_changes_the_motion_and_is_recorded(ask: Ask) -> None:
     assert record["options"]["guidance"] == 3.0
 
 
+def test_each_system_takes_the_steps_it_was_given_and_the_record_says_so(ask: Ask) -> None:
+    local, world = "globaldiff/local", "globaldiff/global"
+
+    def run(name: str, steps: int | dict[str, int]) -> tuple[dict[str, np.ndarray], dict]:
+        out = generate_all(ask(out=ask().out / name, steps=steps)).out
+        record = json.loads((out / "provenance.json").read_text())
+        poses = {
+            each: load_motion(out / f"{each.replace('/', '-')}.npz").poses
+            for each in (local, world)
+        }
+        return poses, record["options"]["steps"]
+
+    both, recorded = run("both", 2)
+    assert recorded == {local: 2, world: 2}
+    mixed, recorded = run("mixed", {world: 2})
+    assert recorded == {local: DEFAULT_STEPS, world: 2}
+    np.testing.assert_array_equal(mixed[world], both[world])
+    assert np.abs(mixed[local] - both[local]).max() > 1e-3
+
+
 def test_joint_and_start_reach_numbers_and_figures(ask: Ask) -> None:
     run = generate_all(ask(systems=("globaldiff/global",), joint="left_elbow", start_frame=30))
     assert run.diagnostics["joint"] == "left_elbow"
@@ -145,6 +165,14 @@ def test_samples_are_named_and_the_first_does_not_depend_on_how_many_there_are(a
         ({"post_filter": "blur"}, "no post-filter 'blur'"),
         ({"samples": 0}, "1 to 8; got 0"),
         ({"steps": 0}, "1 to 1000; got 0"),
+        (
+            {"steps": {"globaldiff/local": 1, "globaldiff/global": 1001}},
+            "Steps of globaldiff/global must be 1 to 1000; got 1001",
+        ),
+        (
+            {"steps": {"globaldiff/full": 5}},
+            "'globaldiff/full', which is none of the systems of this run; these are globaldiff/",
+        ),
         ({"guidance": 11.0}, "0 to 10; got 11"),
         ({"guidance": float("nan")}, "0 to 10; got nan"),
         ({"seed": -1}, "got -1"),
