@@ -5,39 +5,23 @@ from __future__ import annotations
 import datetime
 import importlib.metadata
 import platform
-import subprocess
 from collections.abc import Mapping, Sequence
 from typing import Any
-
-from app.config import PROJECT
 
 _PACKAGES = ("torch", "numpy", "scipy", "librosa", "matplotlib", "imageio-ffmpeg")
 
 
 def versions() -> dict[str, str]:
     """Of this project, Python and the packages whose numbers or pictures could differ."""
-    found = {"project": project_revision(), "python": platform.python_version()}
+    from model.provenance import revision
+
+    found = {"project": revision(), "python": platform.python_version()}
     for package in _PACKAGES:
         try:
             found[package] = importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
             found[package] = "not installed"
     return found
-
-
-def project_revision() -> str:
-    """Git's short revision with ``+`` when files were changed; "unknown" without git."""
-
-    def git(*arguments: str) -> str:
-        return subprocess.run(
-            ["git", "-C", str(PROJECT), *arguments], capture_output=True, text=True, check=True
-        ).stdout.strip()
-
-    try:
-        changed = git("status", "--porcelain", "--untracked-files=no")
-        return git("rev-parse", "--short", "HEAD") + ("+" if changed else "")
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"
 
 
 def describe_systems(systems: Sequence[Any]) -> dict[str, dict[str, Any]]:

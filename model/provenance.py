@@ -41,7 +41,10 @@ def origin_of(start: Start) -> dict[str, Any]:
 
 
 def revision() -> str:
-    """Git revision of the code, with ``+`` for uncommitted changes; "unknown" without git."""
+    """Git revision of the code, with ``+`` for uncommitted changes; "unknown" without git.
+
+    Files that Git does not know do not count: results may lie beside the code.
+    """
     root = Path(__file__).parent
 
     def git(*command: str) -> str:
@@ -50,6 +53,7 @@ def revision() -> str:
         ).stdout.strip()
 
     try:
-        return git("rev-parse", "--short", "HEAD") + ("+" if git("status", "--porcelain") else "")
+        changed = git("status", "--porcelain", "--untracked-files=no")
+        return git("rev-parse", "--short", "HEAD") + ("+" if changed else "")
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
