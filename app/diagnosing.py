@@ -18,13 +18,20 @@ from app.pictures import Snapshots, check_start, draw_error_growth, draw_jitter
 from app.rendering import body_motion
 from app.request import MAX_COMPARED, REFERENCE_NAME
 from app.tips import TIP, TipSource, choose_tip_source
+from app.videos import draw_videos
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    import numpy as np
+
     from model.motion import Motion
 
+OnShare = Callable[[float], None]
+
 STILL_SIZE_PX = 512
+_READ, _MEASURED, _GROWN, _GROWTH_DRAWN, _SHEET_DRAWN, _POSES_DRAWN = 0.1, 0.5, 0.55, 0.6, 0.7, 0.9
+"""Shares of the whole that are done after each part of it."""
 LENGTHS_APART_S = 1.0
 """Recordings of sound and motion that belong together differ by less."""
 
@@ -77,12 +84,16 @@ class _Read:
 
 
 def diagnose_files(
-    request: DiagnoseRequest, on_progress: Callable[[float], None] = lambda fraction: None
+    request: DiagnoseRequest, on_progress: OnShare = lambda share: None
 ) -> Diagnosis:
     """Measure motion files and leave the results in ``request.out``, all of them or none.
 
     Writes diagnostics.json and .csv, error_growth, figure6 and jitter. The page calls this
     for motions that a visitor brings, the command line for `diagnose`.
+
+    Args:
+        on_progress: told of the share done, 0 to 1, between all steps; what it raises ends the
+            work and leaves nothing.
 
     Raises:
         RunError, MotionError, SpeechError, TranscriptError, BodyError, GLError, FigureError,
@@ -90,25 +101,24 @@ def diagnose_files(
     """
     body = get_body(request.body)
     tip = choose_tip_source(body, request.body, request.joint)
-    read = _read_motions(request)
+    read = _read_motions(request, on_progress)
     check_start(request.start_frame, min(motion.num_frames for motion in read.all.values()))
-    on_progress(0.1)
     with ResultFolder(request.out) as folder:
-        diagnostics = _measure(request, read, tip)
+        diagnostics = _measure(request, read, tip, on_progress)
         write_diagnostics(
             diagnostics, folder.path("diagnostics.json"), folder.path("diagnostics.csv")
         )
-        on_progress(0.4)
-        growth = _grow_errors(read.all, request.joint)
+        growth = _grow_errors(read.all, request.joint, on_progress)
         if growth is not None:
             text = json.dumps(growth, indent=1, allow_nan=False) + "\n"
             folder.path("error_growth.json").write_text(text)
             draw_error_growth(growth, list(read.all), folder)
-        on_progress(0.5)
+            on_progress(_GROWTH_DRAWN)
         shown = _shown(read)
         systems = [name for name in shown if name != REFERENCE_NAME]
         draw_jitter(diagnostics, tip, folder, systems)
-        _draw_figure6(request, shown, tip, folder)
+        on_progress(_SHEET_DRAWN)
+        _draw_figure6(request, shown, tip, folder, on_progress)
         on_progress(1.0)
         notes = [*read.notes, *diagnostics["notes"]]
         for motion in shown.values():
@@ -149,26 +159,31 @@ def _check_names(names: Sequence[str]) -> None:
         raise RunError(f"A motion may not be called {REFERENCE_NAME!r}; rename the file.")
 
 
-def _read_motions(request: DiagnoseRequest) -> _Read:
+def _read_motions(request: DiagnoseRequest, on_progress: OnShare) -> _Read:
     from model.foreign_motion import read_any_motion
 
     names = request.names or unique_names(request.motions)
     _check_names(names)
     notes: list[str] = []
     motions = {}
-    for name, path in zip(names, request.motions, strict=True):
+    for done, (name, path) in enumerate(zip(names, request.motions, strict=True)):
+        on_progress(_READ * done / len(names))
         found = read_any_motion(path)
         motions[name] = found.motion
         notes += found.notes
     reference = None
     if request.reference is not None:
+        on_progress(_READ)
         found = read_any_motion(request.reference)
         reference = found.motion
         notes += found.notes
+    on_progress(_READ)
     return _Read(motions, reference, notes)
 
 
-def _measure(request: DiagnoseRequest, read: _Read, tip: TipSource) -> dict[str, Any]:
+def _measure(
+    request: DiagnoseRequest, read: _Read, tip: TipSource, on_progress: OnShare
+) -> dict[str, Any]:
     from model.beats import speech_onsets
     from model.diagnostics import diagnose
     from model.skeleton import open_body_skeleton
@@ -181,12 +196,22 @@ def _measure(request: DiagnoseRequest, read: _Read, tip: TipSource) -> dict[str,
         speech = load_speech(request.speech)
         read.notes.extend(speech.notes)
         read.notes.extend(_lengths_apart(speech.duration_s, read.all))
+        on_progress(_READ)
         onsets_s = speech_onsets(speech.waveform)
+    done, count = 0, 2 * len(read.all)
+
+    def follow(version: Motion) -> np.ndarray:
+        """Each motion comes as it is and filtered, just before it is measured."""
+        nonlocal done
+        share = _READ + (_MEASURED - _READ) * done / count
+        done += 1
+        return tip.track(version, on_piece=lambda: on_progress(share))
+
     diagnostics = diagnose(
         read.motions,
         open_body_skeleton(),
         reference=read.reference,
-        tip_track=None if request.body is None else tip.track,
+        tip_track=follow,
         tip_source=tip.name,
         joint=request.joint,
         onsets_s=onsets_s,
@@ -206,7 +231,9 @@ def _lengths_apart(speech_s: float, motions: Mapping[str, Motion]) -> list[str]:
     ]
 
 
-def _grow_errors(motions: Mapping[str, Motion], joint: str) -> dict[str, Any] | None:
+def _grow_errors(
+    motions: Mapping[str, Motion], joint: str, on_progress: OnShare
+) -> dict[str, Any] | None:
     """The content of error_growth.json."""
     from model.error_growth import DRAWS, NOISE_RAD, growth_sentence, measure_error_growth
     from model.measures import as_json
@@ -215,10 +242,11 @@ def _grow_errors(motions: Mapping[str, Motion], joint: str) -> dict[str, Any] | 
 
     if not moving_chain(joint):
         return None
-    found = {
-        name: measure_error_growth(motion, open_body_skeleton(), joint)
-        for name, motion in motions.items()
-    }
+    found = {}
+    for done, (name, motion) in enumerate(motions.items()):
+        on_progress(_MEASURED + (_GROWN - _MEASURED) * done / len(motions))
+        found[name] = measure_error_growth(motion, open_body_skeleton(), joint)
+    on_progress(_GROWN)
     return {
         "noise_rad": NOISE_RAD,
         "draws": DRAWS,
@@ -234,17 +262,27 @@ def _grow_errors(motions: Mapping[str, Motion], joint: str) -> dict[str, Any] | 
 
 
 def _draw_figure6(
-    request: DiagnoseRequest, motions: dict[str, Motion], tip: TipSource, folder: ResultFolder
+    request: DiagnoseRequest,
+    motions: dict[str, Motion],
+    tip: TipSource,
+    folder: ResultFolder,
+    on_progress: OnShare,
 ) -> None:
     from model.diagnostics import first_frames
     from renderer.figures import WINDOW_FRAMES, choose_snapshot_frames, figure6
 
     shortest = min(motion.num_frames for motion in motions.values())
     frames = choose_snapshot_frames(shortest, request.start_frame)
-    snapshots = _draw_snapshots(request, motions, frames) if request.has_pictures else None
+    snapshots = None
+    if request.has_pictures:
+        snapshots = _draw_snapshots(request, motions, frames, on_progress)
     end = request.start_frame + WINDOW_FRAMES
+    tracks = {
+        name: tip.track(first_frames(motion, end), on_piece=lambda: on_progress(_POSES_DRAWN))
+        for name, motion in motions.items()
+    }
     files = figure6(
-        {name: tip.track(first_frames(motion, end)) for name, motion in motions.items()},
+        tracks,
         snapshots.pictures if snapshots else {},
         frames,
         30.0,
@@ -261,12 +299,15 @@ def _draw_figure6(
 
 
 def _draw_snapshots(
-    request: DiagnoseRequest, motions: dict[str, Motion], frames: tuple[int, ...]
+    request: DiagnoseRequest,
+    motions: dict[str, Motion],
+    frames: tuple[int, ...],
+    on_progress: OnShare,
 ) -> Snapshots:
     """Pictures of each motion, all from one camera, and the jerk of their joints."""
     from renderer.render import RenderSettings
     from renderer.stage import set_stage
-    from renderer.worker import RenderJob, RenderPool
+    from renderer.worker import RenderJob
 
     body = get_body(request.body)
     posed = {name: body_motion(motion) for name, motion in motions.items()}
@@ -278,11 +319,14 @@ def _draw_snapshots(
         )
         for name, motion in posed.items()
     }
-    with RenderPool() as pool:
-        tasks = {name: pool.submit(job) for name, job in jobs.items()}
-        pictures = {name: task.result().stills for name, task in tasks.items()}
+    results = draw_videos(
+        jobs,
+        on_progress=lambda share: on_progress(_SHEET_DRAWN + (_POSES_DRAWN - _SHEET_DRAWN) * share),
+        on_done=lambda name: None,
+        should_cancel=lambda: False,  # on_progress ends it
+    )
     return Snapshots(
         frames,
-        pictures,
+        {name: result.stills for name, result in results.items()},
         jerk_marks(body, posed, frames, settings, stage),
     )

@@ -142,6 +142,8 @@ class OwnMotionRunner:
                 for news in follow_run(self._as_run(asked), job):
                     if not isinstance(news, list):
                         yield self._finished(news, job, cookie)
+                    elif job.is_cancelled():
+                        yield {self._parts.status: view.sentence_status(text.STOPPING)}
                     elif (share := last_share(news)) is not None:
                         line = MEASURING.format(share=share)
                         yield {self._parts.status: view.sentence_status(line)}

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,11 +16,15 @@ from renderer.smplx_joints import TIP_VERTICES
 
 if TYPE_CHECKING:
     from model.motion import Motion
+    from model.tracks import Tracks
     from renderer.body import Body
 
 TIP = "right_middle"
 
-TipTrack = Callable[["Motion"], np.ndarray]
+TipPieces = Callable[["Motion"], Iterator[np.ndarray]]
+
+_PIECE_FRAMES = 4096
+"""The tracks of all joints over an hour would take 0.6 GB at once."""
 
 
 @dataclass(frozen=True)
@@ -29,10 +33,22 @@ class TipSource:
 
     name: str
     """As `diagnostics.json` tells it."""
-    track: TipTrack
-    """Motion -> positions (T, 3) in metres."""
+    pieces: TipPieces
+    """Motion -> positions (T, 3) in metres, some frames after the other."""
     point: str = TIP
     """A fingertip or a joint of SMPL-X."""
+
+    def track(self, motion: Motion, on_piece: Callable[[], None] = lambda: None) -> np.ndarray:
+        """Positions (T, 3) in metres.
+
+        Args:
+            on_piece: called now and then in a long motion; what it raises ends the work.
+        """
+        found = []
+        for piece in self.pieces(motion):
+            found.append(piece)
+            on_piece()
+        return np.concatenate(found)
 
     @property
     def title(self) -> str:
@@ -71,28 +87,45 @@ def point_title(point: str) -> str:
     return f"{words} tip" if point.endswith("thumb") else f"{words} fingertip"
 
 
-def rigid_tip(motion: Motion, tip: str = TIP) -> np.ndarray:
-    """The last finger joint plus its rotated offset, (T, 3) metres."""
-    from model.diagnostics import track_points
-    from model.skeleton import FINGERTIP_NAMES, open_body_skeleton
+def rigid_tip(motion: Motion, tip: str = TIP) -> Iterator[np.ndarray]:
+    """The last finger joint plus its rotated offset, (T, 3) metres, in pieces."""
+    from model.skeleton import FINGERTIP_NAMES
 
-    tracks = track_points(motion, open_body_skeleton())
-    return tracks.fingertips[:, FINGERTIP_NAMES.index(tip)]
-
-
-def vertex_tip(body: Body, motion: Motion, vertex: int) -> np.ndarray:
-    """A vertex of a posed body, (T, 3) metres."""
-    return np.concatenate([chunk[:, vertex] for chunk in body.vertices(body_motion(motion))])
+    index = FINGERTIP_NAMES.index(tip)
+    return (tracks.fingertips[:, index].copy() for tracks in _open_tracks(motion))
 
 
-def open_joint(motion: Motion, joint: int) -> np.ndarray:
-    """A joint of the open skeleton, (T, 3) metres."""
+def vertex_tip(body: Body, motion: Motion, vertex: int) -> Iterator[np.ndarray]:
+    """A vertex of a posed body, (T, 3) metres, in pieces."""
+    return (chunk[:, vertex].copy() for chunk in body.vertices(body_motion(motion)))
+
+
+def open_joint(motion: Motion, joint: int) -> Iterator[np.ndarray]:
+    """A joint of the open skeleton, (T, 3) metres, in pieces."""
+    return (tracks.joints[:, joint].copy() for tracks in _open_tracks(motion))
+
+
+def body_joint(body: Body, motion: Motion, joint: int) -> Iterator[np.ndarray]:
+    """A joint of a body of its own shape, (T, 3) metres, in pieces."""
+    return (
+        body.joint_positions(body_motion(part))[:, joint].copy() for part in _motion_pieces(motion)
+    )
+
+
+def _open_tracks(motion: Motion) -> Iterator[Tracks]:
     from model.diagnostics import track_points
     from model.skeleton import open_body_skeleton
 
-    return track_points(motion, open_body_skeleton()).joints[:, joint]
+    skeleton = open_body_skeleton()
+    return (track_points(part, skeleton) for part in _motion_pieces(motion))
 
 
-def body_joint(body: Body, motion: Motion, joint: int) -> np.ndarray:
-    """A joint of a body of its own shape, (T, 3) metres."""
-    return body.joint_positions(body_motion(motion))[:, joint]
+def _motion_pieces(motion: Motion) -> Iterator[Motion]:
+    for start in range(0, motion.num_frames, _PIECE_FRAMES):
+        frames = slice(start, start + _PIECE_FRAMES)
+        yield replace(
+            motion,
+            poses=motion.poses[frames],
+            trans=motion.trans[frames],
+            expressions=motion.expressions[frames],
+        )

@@ -2,6 +2,8 @@
 
 import csv
 import json
+import os
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +11,7 @@ import pytest
 
 from app.cli import main
 from app.diagnosing import DiagnoseRequest, diagnose_files, unique_names
-from app.errors import RunError
+from app.errors import CancelledRun, RunError
 from model.corpus.layout import _interval_tier
 from model.motion import save_motion
 from tests.helpers import smooth_motion_example
@@ -22,6 +24,15 @@ def motion(tmp_path: Path) -> Path:
     path = tmp_path / "clip.npz"
     save_motion(smooth_motion_example(70), path)
     return path
+
+
+def children() -> str:
+    """Command lines of the processes that this one has started."""
+    found = subprocess.run(
+        ["ps", "--ppid", str(os.getpid()), "-o", "args="],
+        check=True, capture_output=True, text=True,
+    )  # fmt: skip
+    return found.stdout
 
 
 def refusal(motion: Path, *flags: str, capsys: pytest.CaptureFixture[str]) -> str:
@@ -132,3 +143,56 @@ def test_two_motions_of_one_given_name_are_refused(motion: Path) -> None:
         diagnose_files(
             DiagnoseRequest((motion, motion), motion.parent / "o", names=("theirs", "theirs"))
         )
+
+
+STAGES = (0.1, 0.5, 0.55, 0.6, 0.7, 0.9)
+"""Shares after reading, measuring, the experiment, its figure, the jitter sheet and the poses."""
+
+
+def test_there_is_a_point_to_stop_at_between_all_files_measures_and_figures(
+    motion: Path, tmp_path: Path
+) -> None:
+    told: list[float] = []
+    request = DiagnoseRequest(
+        (motion, motion), tmp_path / "out", ("a", "b"), reference=motion, has_pictures=False
+    )
+    diagnose_files(request, told.append)
+    assert told == sorted(told) and told[-1] == 1.0
+    reading, measuring, growing, *_ = (
+        [share for share in told if low <= share < high]
+        for low, high in zip((0, *STAGES), STAGES, strict=False)
+    )
+    assert len(reading) == 2
+    assert len(set(measuring)) == 6  # each motion as it is and filtered
+    assert len(set(growing)) == 3
+    assert {0.55, 0.6, 0.7, 0.9} <= set(told)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.05, *STAGES])
+def test_a_run_that_is_ended_at_any_point_leaves_nothing(
+    motion: Path, tmp_path: Path, share: float
+) -> None:
+    def stop(told: float) -> None:
+        if told >= share:
+            raise CancelledRun
+
+    request = DiagnoseRequest((motion, motion), tmp_path / "out", ("a", "b"), has_pictures=False)
+    with pytest.raises(CancelledRun):
+        diagnose_files(request, stop)
+    assert not request.out.exists()
+
+
+@pytest.mark.gl
+def test_poses_that_are_being_drawn_can_be_ended(motion: Path, tmp_path: Path) -> None:
+    told: list[float] = []
+
+    def stop_at_the_fifth(share: float) -> None:
+        told.append(share)
+        if sum(0.7 <= each < 0.9 for each in told) == 5:
+            raise CancelledRun
+
+    request = DiagnoseRequest((motion,), tmp_path / "out")
+    with pytest.raises(CancelledRun):
+        diagnose_files(request, stop_at_the_fifth)
+    assert not request.out.exists()
+    assert "renderer.worker_child" not in children()

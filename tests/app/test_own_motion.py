@@ -1,5 +1,6 @@
 """The tab for motion of one's own: what the form asks for, and what the tab then shows."""
 
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -8,6 +9,7 @@ from typing import Any
 import gradio as gr
 import pytest
 
+from app import text
 from app.config import AppConfig
 from app.diagnosing import DiagnoseRequest, Diagnosis
 from app.errors import RunError
@@ -111,6 +113,32 @@ def test_an_error_is_told_and_nothing_old_stays(runs: Runs) -> None:
     assert raised == {"error": "a.npz has 60 frames a second; 30 are needed."}
     assert "60 frames a second" in shown["message"]["value"]
     assert not shown["numbers"]["visible"] and not shown["downloads"]["visible"]
+
+
+def test_cancel_is_answered_at_once_and_nothing_of_the_run_is_shown(tmp_path: Path) -> None:
+    is_at_work, may_go_on = threading.Event(), threading.Event()
+
+    def diagnose(request: DiagnoseRequest, on_progress: Callable[[float], None]) -> Diagnosis:
+        is_at_work.set()
+        may_go_on.wait(20)  # a step that cannot be interrupted
+        on_progress(0.5)
+        raise AssertionError("on_progress must end a run that was cancelled")
+
+    with gr.Blocks():
+        parts = build_results()
+    runner = OwnMotionRunner(diagnose, CONFIG, JobBook(tmp_path), MediaDesk(), parts)
+
+    def cancel() -> None:
+        is_at_work.wait(20)
+        runner.cancel(VISITOR)  # type: ignore[arg-type]
+
+    threading.Thread(target=cancel).start()
+    said = []
+    for update in runner.run(VISITOR, ["/up/a.npz"], None, None, "right_middle", 0):  # type: ignore[arg-type]
+        said.append(update[parts.status])
+        if text.STOPPING in said[-1]:
+            may_go_on.set()
+    assert text.STOPPING in said[-2] and text.CANCELLED in said[-1]
 
 
 def test_the_tab_is_built_with_its_endpoint(tmp_path: Path) -> None:
