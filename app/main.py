@@ -89,9 +89,9 @@ def launch(
 
     from app.catalogue import find_examples, read_catalogue
     from app.jobs import JobBook
-    from app.media import MediaDesk, add_media_routes
+    from app.media import MediaDesk, media_routes
     from app.page import build_app
-    from app.study.handover import Handover, add_routes
+    from app.study.handover import Handover, study_routes
     from app.theme import CSS, head_style, make_theme
 
     catalogue = read_catalogue(config.weights, find_examples(EXAMPLES))
@@ -126,9 +126,9 @@ def launch(
         css_paths=[CSS],
         head=head_style(),
         quiet=True,
+        # Before Gradio's own routes, and there as soon as anyone can ask.
+        app_kwargs={"routes": [*media_routes(desk), *study_routes(handover)]},
     )
-    add_routes(page.app, handover)
-    add_media_routes(page.app, desk)
     # Only now: reading models beside it would hold up the page's own start.
     if is_warmed_up:
         threading.Thread(target=_warm_up, args=(config,), name="warm-up", daemon=True).start()

@@ -12,7 +12,7 @@ import threading
 from dataclasses import dataclass
 from pathlib import Path
 
-from fastapi import FastAPI, Request, Response
+from fastapi import Request, Response
 from fastapi.responses import FileResponse, PlainTextResponse
 from fastapi.routing import APIRoute
 
@@ -71,8 +71,8 @@ class MediaDesk:
         return offer.path
 
 
-def add_media_routes(app: FastAPI, desk: MediaDesk) -> None:
-    """Serve the player's files and the page's own modules, before any route of Gradio's."""
+def media_routes(desk: MediaDesk) -> list[APIRoute]:
+    """Serve the player's files and the page's own modules."""
     modules = {path.name: path for path in WEB_FOLDER.iterdir() if path.suffix in _WEB_TYPES}
 
     def media(token: str, request: Request) -> Response:
@@ -95,8 +95,7 @@ def add_media_routes(app: FastAPI, desk: MediaDesk) -> None:
         return FileResponse(path, media_type=_WEB_TYPES[path.suffix], headers=headers)
 
     methods = ["GET", "HEAD"]
-    routes = (
+    return [
         APIRoute(MEDIA_ROUTE + "/{token}", media, methods=methods, include_in_schema=False),
         APIRoute(WEB_ROUTE + "/{name}", web, methods=methods, include_in_schema=False),
-    )
-    app.router.routes[:0] = routes
+    ]

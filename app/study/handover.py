@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import IO
 from urllib.parse import parse_qs
 
-from fastapi import FastAPI, Request, Response
+from fastapi import Request, Response
 from fastapi.responses import PlainTextResponse, StreamingResponse
 from fastapi.routing import APIRoute
 
@@ -105,8 +105,8 @@ class Handover:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def add_routes(app: FastAPI, handover: Handover) -> None:
-    """Serve the cookie and the researcher's parts, before any route of Gradio's own."""
+def study_routes(handover: Handover) -> list[APIRoute]:
+    """Serve the cookie and the researcher's parts."""
 
     def visitor(request: Request) -> Response:
         response = Response(status_code=204, headers={"Cache-Control": "no-store"})
@@ -136,11 +136,10 @@ def add_routes(app: FastAPI, handover: Handover) -> None:
             },
         )
 
-    routes = (
+    return [
         APIRoute(VISITOR_ROUTE, visitor, methods=["POST"], include_in_schema=False),
         APIRoute(RESEARCHER_ROUTE, researcher, methods=["POST"], include_in_schema=False),
-    )
-    app.router.routes[:0] = routes
+    ]
 
 
 def _is_same(first: str, second: str) -> bool:

@@ -5,7 +5,7 @@ import pytest
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
-from app.media import WEB_FOLDER, MediaDesk, add_media_routes
+from app.media import WEB_FOLDER, MediaDesk, media_routes
 from app.study.handover import COOKIE
 
 
@@ -16,9 +16,7 @@ def desk() -> MediaDesk:
 
 @pytest.fixture
 def client(desk: MediaDesk) -> TestClient:
-    app = FastAPI()
-    add_media_routes(app, desk)
-    return TestClient(app)
+    return TestClient(FastAPI(routes=media_routes(desk)))
 
 
 @pytest.fixture

@@ -6,7 +6,9 @@ import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 
+import httpx
 import pytest
+from gradio import http_server
 from gradio_client import Client, handle_file
 from gradio_client.exceptions import AppError
 
@@ -14,6 +16,7 @@ from app import text
 from app.config import AppConfig
 from app.errors import RunError
 from app.main import launch, parse_config
+from app.media import GONE
 from tests.helpers import ROOT
 
 FORM = {
@@ -38,6 +41,29 @@ def address(weights: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator
     page = launch(AppConfig(port=0, weights=weights, temp=temp), is_warmed_up=False)
     yield page.local_url
     page.close()
+
+
+def test_every_route_is_there_as_soon_as_the_server_listens(
+    weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("GRADIO_TEMP_DIR", "")  # launching sets it for the whole process
+    answers: list[int] = []
+    start_server = http_server.start_server
+
+    def start_and_ask(*args, **options):
+        """What a browser meets that asks before anything else has happened."""
+        started = start_server(*args, **options)
+        with httpx.Client(base_url=started[2], timeout=10) as client:
+            answers.append(client.get("web/player.js").status_code)
+            answers.append(client.post("study/visitor").status_code)
+            answers.append(client.get("media/none").status_code)
+            assert client.get("media/none").text == GONE
+        return started
+
+    monkeypatch.setattr(http_server, "start_server", start_and_ask)
+    page = launch(AppConfig(port=0, weights=weights, temp=tmp_path), is_warmed_up=False)
+    page.close()
+    assert answers == [200, 204, 404]
 
 
 @pytest.fixture

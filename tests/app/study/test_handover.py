@@ -11,7 +11,7 @@ import gradio as gr
 import httpx
 import pytest
 
-from app.study.handover import COOKIE, FILE_NAME, Handover, add_routes
+from app.study.handover import COOKIE, FILE_NAME, Handover, study_routes
 from app.study.packing import zip_folder
 
 SECRET = b"which video is whose"
@@ -28,8 +28,13 @@ def served(
     handover = Handover(temp / "private")
     with gr.Blocks(analytics_enabled=False) as page:
         gr.Markdown("A page.")
-    page.launch(prevent_thread_lock=True, quiet=True, share=False, ssr_mode=False)
-    add_routes(page.app, handover)
+    page.launch(
+        prevent_thread_lock=True,
+        quiet=True,
+        share=False,
+        ssr_mode=False,
+        app_kwargs={"routes": study_routes(handover)},
+    )
     yield page.local_url, handover
     page.close()
     if before is None:
