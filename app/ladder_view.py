@@ -29,6 +29,7 @@ from app.mathml import (
     var,
     word,
 )
+from model.ladder import BEST
 
 TITLE = "Five systems, each adding one thing to the one before"
 INTRODUCTION = (
@@ -39,6 +40,13 @@ INTRODUCTION = (
     "helps is the paper's claim; on your clip, the measures decide."
 )
 NOT_HERE = "no weights here"
+OWN_TITLE = "And one of our own, made to move well"
+OWN_MEANING = (
+    "Before any network, a linear-Gaussian model of the motion (how far, how smoothly and how long "
+    "each part of the body moves) says what x₁ can be, given the noised motion and the frames "
+    "before. The network adds to that what speech tells, in units of what is still open. So it "
+    "moves as far and as smoothly as its data; the ladder shows what happens without."
+)
 
 
 @dataclass(frozen=True)
@@ -132,7 +140,15 @@ def ladder(systems: Sequence[str]) -> str:
     cards = "".join(_card(number, rung, systems) for number, rung in enumerate(RUNGS, start=1))
     return (
         f'<section class="ladder"><h2>{escape(TITLE)}</h2><p>{escape(INTRODUCTION)}</p>'
-        f"<ol>{cards}</ol></section>"
+        f"<ol>{cards}</ol>{_own(systems)}</section>"
+    )
+
+
+def _own(systems: Sequence[str]) -> str:
+    missing = "" if BEST in systems else f"<em>{NOT_HERE}</em>"
+    return (
+        f'<div class="own"><h3>{escape(OWN_TITLE)}</h3><code>{escape(BEST)}</code>{missing}'
+        f"<p>{escape(OWN_MEANING)}</p></div>"
     )
 
 

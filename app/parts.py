@@ -14,11 +14,12 @@ from app.config import AppConfig
 from app.handlers import SEED_LIMIT
 from app.request import DEFAULT_STEPS
 from app.tips import TIP, point_title
+from model.ladder import BEST
 from renderer.smplx_joints import JOINT_NAMES, TIP_VERTICES
 
 MAX_DEFAULT_SYSTEMS = 3
-_PREFERRED = ("globaldiff/local", "globaldiff/global", "globaldiff/full")
-"""What is ticked at first where there are more: the ends of the ladder tell most."""
+_PREFERRED = (BEST, "globaldiff/local", "globaldiff/global")
+"""What is ticked at first where there are more: what moves best, and the paper's first question."""
 
 
 def mount(module: str, function: str) -> str:

@@ -29,7 +29,7 @@ def describe_systems(systems: Sequence[Any]) -> dict[str, dict[str, Any]]:
     return {
         system.name: {
             "sha256": system.sha256,
-            "expression_sha256": system.expression_sha256,
+            "expression_sha256": system.face.sha256,
             "trained_on": system.card.get("training_data"),
             "training_hours": system.card.get("training_hours"),
             "training_steps": system.card.get("steps"),

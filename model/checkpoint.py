@@ -13,11 +13,11 @@ from torch import Tensor
 from model.cards import CheckpointError, file_stem, load_card
 from model.files import written_atomically
 
-KEEP_FLOAT32 = ("normaliser.",)
+KEEP_FLOAT32 = ("normaliser.", "prior.")
 
 
 def save_weights(folder: Path, system: str, tensors: dict[str, Tensor], card: dict) -> None:
-    """Write ``<system>.safetensors`` (fp16, normaliser fp32) and ``<system>.json``, atomically."""
+    """Write ``<system>.safetensors`` (fp16, statistics fp32) and ``<system>.json``, atomically."""
     folder.mkdir(parents=True, exist_ok=True)
     packed = {
         name: tensor.contiguous()

@@ -9,8 +9,9 @@ from jaxtyping import Float
 from model.diagnostics import measures, track_points
 from model.diversity import l1_to_mean
 from model.motion import Motion
-from model.skeleton import RestSkeleton, open_body_skeleton
+from model.skeleton import JOINT_INDEX, RestSkeleton, open_body_skeleton
 
+_ANKLES = [JOINT_INDEX["left_ankle"], JOINT_INDEX["right_ankle"]]
 MOTION_MEASURES = (
     "tip_jerk_m_s3",
     "tip_path_m_s",
@@ -29,13 +30,22 @@ class ClipMeasures:
 
 
 def clip_measures(motion: Motion, recorded: Motion, skeleton: RestSkeleton) -> ClipMeasures:
-    """Smoothness (raw), diversity within the clip, and the error of the face."""
+    """Smoothness (raw), wander, diversity within the clip, and the error of the face."""
     found = measures(motion, skeleton)
     numbers = {name: found[name] for name in MOTION_MEASURES if found[name] is not None}
+    jerk = np.asarray(found["joint_jerk_m_s3"], float)
+    numbers["ankle_jerk_m_s3"] = float(jerk[_ANKLES].mean())
+    numbers["pelvis_wander_m"] = wander(motion)
     numbers["l1_to_mean_m"] = l1_to_mean(rooted_positions(motion))
     if motion is not recorded and motion.expression_basis == recorded.expression_basis:
         numbers["face_mse"] = face_error(motion, recorded)
     return ClipMeasures(numbers, found["jerk_by_depth_m_s3"])
+
+
+def wander(motion: Motion) -> float:
+    """Root mean square distance of the pelvis from its mean place on the floor, metres."""
+    place = motion.trans[:, [0, 2]]
+    return float(np.sqrt(np.square(place - place.mean(0)).sum(1).mean()))
 
 
 def rooted_positions(motion: Motion) -> Float[np.ndarray, "T 55 3"]:

@@ -6,7 +6,9 @@ from typing import Any, Literal, TypeVar, get_args, get_type_hints
 
 T = TypeVar("T")
 
-RotationSpace = Literal["local", "global"]
+RotationSpace = Literal["local", "global", "axis-angle"]
+RootMotion = Literal["velocity", "place"]
+Representation = Literal["normalised", "raw"]
 
 
 @dataclass(frozen=True)
@@ -14,7 +16,8 @@ class NetworkConfig:
     """Shape of the two-branch motion network (GlobalDiff, "Overall Structure")."""
 
     rotation_space: RotationSpace = "global"
-    """Frame of the predicted joint rotations: in the parent, or in the world (GlobalDiff)."""
+    """Frame of the predicted joint rotations: in the parent, or in the world (GlobalDiff), both as
+    row-6D; or in the parent as axis times angle, which is nearest to Gaussian."""
     width: int = 192
     num_blocks: int = 3
     num_heads: int = 6
@@ -28,16 +31,37 @@ class NetworkConfig:
     """Size of the speaker table; 0 stands for "no speaker"."""
     window_frames: int = 60
     seed_frames: int = 8
+    prior: bool = False
+    """Stand on the linear-Gaussian denoiser (`model.prior`): the network only adds to it."""
+    speech_context: int = 0
+    """Frames of speech heard before and after the window; 0 as in the paper."""
+    root: RootMotion = "velocity"
+    """Horizontal place of the pelvis: as a velocity, or as the way from where the body is at home,
+    to which such a body returns."""
 
     def __post_init__(self) -> None:
         if self.rotation_space not in get_args(RotationSpace):
-            raise ValueError(f"rotation_space is {self.rotation_space!r}; use local or global.")
+            raise ValueError(
+                f"rotation_space is {self.rotation_space!r}; use local, global or axis-angle."
+            )
+        if self.prior != (self.rotation_space == "axis-angle"):
+            raise ValueError(
+                f"prior is {self.prior} with {self.rotation_space} rotations; a prior stands on "
+                "axis-angle, and nothing else does."
+            )
+        if self.root not in get_args(RootMotion):
+            raise ValueError(f"root is {self.root!r}; use velocity or place.")
         if self.width % self.num_heads:
             raise ValueError(f"width {self.width} is no multiple of num_heads {self.num_heads}.")
         if not 0 < self.seed_frames < self.window_frames:
             raise ValueError(
                 f"seed_frames is {self.seed_frames}; it must lie between 1 and window_frames - 1."
             )
+
+    @property
+    def motion_dim(self) -> int:
+        """Channels of a motion vector: 55 rotations and the root."""
+        return 55 * (3 if self.rotation_space == "axis-angle" else 6) + 3
 
     @property
     def window_advance(self) -> int:
@@ -47,16 +71,20 @@ class NetworkConfig:
 
 @dataclass(frozen=True)
 class ExpressionConfig:
-    """Shape of the expression network: a shallow Transformer encoder over speech and speaker."""
+    """Shape of the expression network: one branch of motion blocks over face units."""
 
-    width: int = 128
-    num_layers: int = 3
-    num_heads: int = 4
-    conv_kernel: int = 9
+    width: int = 96
+    num_blocks: int = 2
+    num_heads: int = 3
+    feedforward_ratio: int = 2
+    conv_kernel: int = 7
     speech_dim: int = 68
     expression_dim: int = 52
     num_speakers: int = 31
     window_frames: int = 60
+    seed_frames: int = 8
+    speech_context: int = 20
+    """Frames of speech heard before and after the window."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +134,10 @@ class LossConfig:
     """L_s: cosines between bones (GlobalDiff eqs. 11 to 13)."""
     motion: float = 0.0
     """L_m: codes of the frozen variational encoder (GlobalDiff eqs. 14 and 15)."""
+    contact: float = 0.0
+    """Horizontal steps of feet that stand still in the recording."""
+    rooted: bool = False
+    """Take positions and their differences with the pelvis in place; the root has its channels."""
     time_weight_floor: float | None = 0.5
     """Weigh a sample by 1 / ((1 - t)^2 + floor), scaled to mean 1, so that late steps of the flow,
     which decide how smooth the motion is, count enough. None: equal weights."""
@@ -128,6 +160,9 @@ class TrainConfig:
     the hand they prefer, as in the bundled data, it would blur them."""
     augmented_copies: int = 0
     """Copies of each training recording at another speed, heard by another microphone."""
+    representation: Representation = "normalised"
+    """Motion vectors as the network sees them: every body-part group at unit variance, or, as in
+    the official GlobalDiff code, raw 6D (the three root channels normalised all the same)."""
     loss: LossConfig = field(default_factory=LossConfig)
     flow_time_power: float = 2.0
     """Flow times are u ** power with u uniform: above 1 there are more early ones, where x_t says

@@ -10,7 +10,7 @@ import logging
 import zlib
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import IO
 
@@ -30,6 +30,7 @@ from model.recordings import (
     augmented_copy,
     encode_clip,
     face_units,
+    fingerprint,
     read_files,
     read_split,
     speaker_of,
@@ -70,7 +71,7 @@ class Batch:
     poses: Float[Tensor, "B T 165"]
     transl: Float[Tensor, "B T 3"]
     expression: Float[Tensor, "B T 52"]
-    speech: Float[Tensor, "B T dim"]
+    speech: Float[Tensor, "B heard dim"]
     speaker: Int[Tensor, " B"]
     clips: list[str]
     frames: Int[np.ndarray, "B T"]
@@ -78,6 +79,10 @@ class Batch:
     mirrored: Bool[Tensor, " B"]
     """Windows whose motion and face are seen in a mirror. What else is read from the rows
     ``frames`` and has a left and a right must be mirrored there too."""
+
+    def rows(self, which: slice) -> "Batch":
+        """Some of the windows."""
+        return Batch(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
 
     def mirror(self, which: Bool[Tensor, " B"]) -> "Batch":
         """The same windows, with the motion and face of these in a mirror."""
@@ -97,12 +102,19 @@ class Batch:
 class PreparedData:
     """All clips of a data folder as arrays of frames."""
 
+    folder: Path
+    """Where the arrays lie; what is made from them may lie beside them."""
     clips: tuple[Clip, ...]
     poses: np.ndarray
     transl: np.ndarray
     expression: np.ndarray
     speech: np.ndarray
     speakers: dict[int, str]
+
+    def home(self, clip: Clip) -> Float[np.ndarray, "3"]:
+        """Where a clip's body stands in the mean, on the floor (y = 0); metres."""
+        place = self.transl[clip.start : clip.stop].mean(0)
+        return np.array([place[0], 0.0, place[2]], np.float32)
 
     def of_split(self, split: str) -> tuple[Clip, ...]:
         """The clips of ``train``, ``val``, ``test`` or ``additional``.
@@ -123,11 +135,13 @@ class PreparedData:
         size: int,
         rng: np.random.Generator,
         mirror: float = 0.0,
+        context: int = 0,
     ) -> Batch:
         """``size`` windows of ``window`` frames, every possible start equally likely.
 
         Args:
             mirror: share of windows seen in a mirror.
+            context: frames of speech before and after each window; past a clip's end it is held.
 
         Raises:
             DataError: if no clip is as long as a window.
@@ -139,34 +153,28 @@ class PreparedData:
         chosen = rng.choice(len(usable), size, p=starts / starts.sum())
         first = [usable[c].start + int(rng.integers(starts[c])) for c in chosen]
         frames = np.array(first)[:, None] + np.arange(window)
-        batch = self.batch(frames, [usable[c] for c in chosen])
+        batch = self.batch(frames, [usable[c] for c in chosen], context)
         return batch.mirror(torch.from_numpy(rng.random(size) < mirror)) if mirror > 0 else batch
 
-    def batch(self, frames: Int[np.ndarray, "B T"], clips: list[Clip]) -> Batch:
+    def batch(self, frames: Int[np.ndarray, "B T"], clips: list[Clip], context: int = 0) -> Batch:
         """The rows at ``frames`` (absolute indices) as tensors."""
+        heard = frames[:, :1] + np.arange(-context, frames.shape[1] + context)
+        first = np.array([clip.start for clip in clips])[:, None]
+        last = np.array([clip.stop for clip in clips])[:, None] - 1
 
-        def take(array: np.ndarray) -> Tensor:
-            return torch.from_numpy(array[frames].astype(np.float32))
+        def take(array: np.ndarray, rows: np.ndarray = frames) -> Tensor:
+            return torch.from_numpy(array[rows].astype(np.float32))
 
         return Batch(
             poses=take(self.poses),
             transl=take(self.transl),
             expression=take(self.expression),
-            speech=take(self.speech),
+            speech=take(self.speech, heard.clip(first, last)),
             speaker=torch.tensor([clip.speaker for clip in clips]),
             clips=[clip.name for clip in clips],
             frames=frames,
             mirrored=torch.zeros(len(clips), dtype=torch.bool),
         )
-
-
-def read_clip(folder: Path, name: str, encoder: SpeechEncoder) -> tuple[Motion, np.ndarray]:
-    """Motion and speech features of one recording, both cut to the shorter of the two.
-
-    Raises:
-        MotionError, SpeechError: if either file cannot be used.
-    """
-    return encode_clip(*read_files(folder, name), encoder)
 
 
 def prepare(
@@ -183,18 +191,22 @@ def prepare(
     left out.
 
     Args:
+        cache: begins the name of the folder; what the arrays are made from is added to it, so that
+            other recordings never get these.
         augmented_copies: of each training recording, see `augmented_copy`; the other splits have
-            none. Their number is added to the name of ``cache``.
+            none.
 
     Raises:
-        DataError: if nothing usable is left, or the cache belongs to other data.
+        DataError: if nothing usable is left, or the cache was made in another way.
     """
     split = read_split(folder)
-    if augmented_copies > 0:
-        cache = cache.with_name(f"{cache.name}-{augmented_copies}-copies")
+    content = fingerprint(folder, split)
+    copies = f"-{augmented_copies}-copies" if augmented_copies > 0 else ""
+    cache = cache.with_name(f"{cache.name}{copies}-{content[:12]}")
     origin = {
         "format": CACHE_FORMAT,
         "folder": sorted(split.items()),
+        "content": content,
         "encoder": encoder.name,
         "dim": encoder.dim,
         "min_frames": min_frames,
@@ -205,7 +217,7 @@ def prepare(
         _fill_cache(folder, cache, encoder, split, origin)
     index = json.loads(index_path.read_text())
     if index["origin"] != json.loads(json.dumps(origin)):
-        raise DataError(f"{cache} was made from other data or another encoder; remove it.")
+        raise DataError(f"{cache} was made by another version or with another encoder; remove it.")
     clips = tuple(Clip(**clip) for clip in index["clips"])
     speakers = {int(number): name for number, name in index["speakers"].items()}
     num_frames = clips[-1].stop
@@ -214,7 +226,7 @@ def prepare(
         for name, columns in _COLUMNS.items()
     }
     speech = np.memmap(cache / "speech.raw", np.float16, "r", shape=(num_frames, encoder.dim))
-    return PreparedData(clips=clips, speakers=speakers, speech=speech, **arrays)
+    return PreparedData(cache, clips=clips, speakers=speakers, speech=speech, **arrays)
 
 
 def _fill_cache(
@@ -287,8 +299,14 @@ def _check_lengths(motion: Motion, speech: Speech, min_frames: int) -> None:
 
 
 def validation_batches(
-    data: PreparedData, clips: tuple[Clip, ...], window: int, size: int, count: int
+    data: PreparedData,
+    clips: tuple[Clip, ...],
+    window: int,
+    size: int,
+    count: int,
+    context: int = 0,
 ) -> Iterator[Batch]:
     """The same ``count`` batches every time."""
     for k in range(count):
-        yield data.window_batch(clips, window, size, np.random.default_rng([k, 91]))
+        rng = np.random.default_rng([k, 91])
+        yield data.window_batch(clips, window, size, rng, context=context)

@@ -11,23 +11,27 @@ import json
 import logging
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import torch
+from jaxtyping import Float
 from tqdm import tqdm
 
 from model import beats, tables
 from model.autoencoder import FrozenEncoder, load_encoder
 from model.cards import BUNDLED_WEIGHTS, CheckpointError, list_systems
 from model.clip_measures import rooted_positions
-from model.data import DataError, read_clip, read_split
 from model.evaluation import RECORDED, ClipContext, ClipRow, as_table
 from model.files import written_atomically
 from model.generate import GenerateOptions, generate_motion
-from model.motion import Motion, MotionError
+from model.motion import Motion, MotionError, first_frames
 from model.parallel import WHOLE, Shard, joined_processes
-from model.speech.audio import Speech, SpeechError, SpeechLimits, load_speech
+from model.recordings import DataError, read_files, read_split, speaker_of
+from model.speech.audio import Speech, SpeechError
+from model.speech.encoder import SpeechEncoder
 from model.speech_response import predict_with, speech_tracks
 from model.systems import System, UnknownNameError, load_system
 
@@ -118,23 +122,23 @@ def evaluate(
     Raises:
         DataError: if fewer than two clips can be used.
     """
-    recordings = _read(folder, clips, systems[0])
+    recordings = _read(folder, clips, systems)
     names = list(recordings)
     mean_speed = np.mean(
         [
             beats.joint_speeds(rooted_positions(motion)[:, beats.BEAT_JOINTS]).mean(0)
-            for motion, _ in recordings.values()
+            for motion in (recording.motion for recording in recordings.values())
         ],
         axis=0,
     )
-    sounds = {name: _speech(folder, name) for name in names}
     found: dict[str, dict[str, ClipRow]] = {}
-    mine = [k for k in range(len(names)) if k % shard.count == shard.rank]
-    for k in tqdm(mine, desc="clips", unit="clip", disable=not shard.is_first):
+    share = [k for k in range(len(names)) if k % shard.count == shard.rank]
+    for k in tqdm(share, desc="clips", unit="clip", disable=not shard.is_first):
         name, other = names[k], names[(k + 1) % len(names)]
-        motion, features = recordings[name]
+        mine, foreign = recordings[name], recordings[other]
+        motion = mine.motion
         context = ClipContext(
-            motion, sounds[name].waveform, sounds[other].waveform, mean_speed, judge
+            motion, mine.speech.waveform, foreign.speech.waveform, mean_speed, judge
         )
         rows = {RECORDED: context.row([motion])}
         for system in systems:
@@ -142,36 +146,54 @@ def evaluate(
             prediction = predict_with(
                 system,
                 motion,
-                speech_tracks(features, recordings[other][1]),
+                speech_tracks(mine.features(system.encoder), foreign.features(system.encoder)),
                 system.speaker_index(_speaker(name)),
                 batch_windows,
             )
             rows[system.name] = context.row(
-                generate_motion(system, sounds[name], options),
+                generate_motion(system, mine.speech, options),
                 prediction.errors,
                 prediction.position_error_by_depth_m,
             )
         found[name] = rows
     gathered = {name: rows for part in shard.gather(found) for name, rows in part.items()}
-    table = as_table([gathered[name] for name in names])
+    table = as_table([gathered[name] for name in names], [_speaker(name) for name in names])
     return {"clips": names, "noise_seeds": seeds, "guidance": guidance, **table}
 
 
-def _read(
-    folder: Path, clips: Sequence[str], system: System
-) -> dict[str, tuple[Motion, np.ndarray]]:
-    """Motion and speech features by name; what cannot be used is named in the log and counted."""
+@dataclass(frozen=True)
+class Recording:
+    """A test clip: its motion, its speech, and what each encoder hears in it."""
+
+    motion: Motion
+    speech: Speech
+
+    def features(self, encoder: SpeechEncoder) -> Float[np.ndarray, "T dim"]:
+        """The speech of the motion's frames; encoded once for all systems with that encoder."""
+        if encoder.name not in self._heard:
+            found = encoder.encode(self.speech.waveform, self.motion.num_frames)
+            self._heard[encoder.name] = found
+        return self._heard[encoder.name]
+
+    @cached_property
+    def _heard(self) -> dict[str, Float[np.ndarray, "T dim"]]:
+        return {}
+
+
+def _read(folder: Path, clips: Sequence[str], systems: Sequence[System]) -> dict[str, Recording]:
+    """Recordings by name; what cannot be used is named in the log and counted."""
     recordings = {}
-    window = system.config.window_frames
+    window = max(system.config.window_frames for system in systems)
     for name in clips:
         try:
-            motion, features = read_clip(folder, name, system.encoder)
-            if motion.num_frames < window:
-                raise DataError(f"{motion.num_frames} frames, {window} needed.")
+            motion, speech = read_files(folder, name)
+            num_frames = min(motion.num_frames, speech.num_frames)
+            if num_frames < window:
+                raise DataError(f"{num_frames} frames, {window} needed.")
         except (DataError, MotionError, SpeechError) as error:
             log.warning("Skipped %s: %s", name, error)
         else:
-            recordings[name] = (motion, features)
+            recordings[name] = Recording(first_frames(motion, num_frames), speech)
     if len(recordings) < 2:
         raise DataError(
             f"{len(recordings)} of {len(clips)} test clips in {folder} can be used; at least 2 are "
@@ -180,12 +202,8 @@ def _read(
     return recordings
 
 
-def _speech(folder: Path, name: str) -> Speech:
-    return load_speech(folder / "wave16k" / f"{name}.wav", SpeechLimits(max_s=3600))
-
-
 def _speaker(clip_name: str) -> str:
-    return clip_name.split("_")[1]
+    return speaker_of(clip_name)[1]
 
 
 if __name__ == "__main__":

@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from model import beats, frechet, speech_response
 from model.autoencoder import FrozenEncoder
 from model.clip_measures import clip_measures, mean_pairwise_l1, rooted_positions
+from model.face_measures import face_measures
 from model.frechet import motion_features
 from model.intervals import Interval, bootstrap, bootstrap_difference, bootstrap_of, bootstrap_ratio
 from model.motion import Motion
@@ -16,6 +18,16 @@ from model.speech_response import coupling, frame_loudness, speech_tracks
 
 RECORDED = "recorded"
 KINDS = ("right", "shifted", "foreign")
+RATIOS = (
+    "tip_jerk_m_s3",
+    "tip_path_m_s",
+    "tip_velocity_power_above_5hz",
+    "foot_slide_m_s",
+    "ankle_jerk_m_s3",
+    "pelvis_wander_m",
+    "seam_jerk_ratio",
+)
+"""Measures that are also given over those of the recorded clips."""
 PAIRWISE_FRAMES = 300
 """Of each clip: the first 10 s."""
 
@@ -28,8 +40,8 @@ class ClipRow:
     by_depth: dict[str, list[float]]
     couplings: dict[str, float]
     features: np.ndarray | None
-    positions: np.ndarray
-    """Rooted joints of the first noise seed's beginning, for the pairwise distance."""
+    positions: list[np.ndarray]
+    """Rooted joints of the beginning, for the pairwise distances: one for each noise seed."""
     errors: dict[str, float] = field(default_factory=dict)
 
 
@@ -43,23 +55,35 @@ class ClipContext:
     mean_speed: np.ndarray
     judge: FrozenEncoder | None
 
+    @cached_property
+    def onsets(self) -> np.ndarray:
+        """Of the clip's speech, seconds."""
+        return beats.speech_onsets(self.sound)
+
+    @cached_property
+    def loudness(self) -> dict[str, np.ndarray]:
+        """Of each kind of speech, dB for each frame."""
+        own = frame_loudness(self.sound, self.recorded.num_frames)
+        foreign = frame_loudness(self.foreign, self.recorded.num_frames)
+        return {
+            kind: np.ascontiguousarray(track[:, 0])
+            for kind, track in speech_tracks(own[:, None], foreign[:, None]).items()
+        }
+
     def row(
         self,
         motions: Sequence[Motion],
         errors: dict[str, float] | None = None,
         position_errors: list[float] | None = None,
     ) -> ClipRow:
-        onsets = beats.speech_onsets(self.sound)
-        loudness = frame_loudness(self.sound, self.recorded.num_frames)
-        foreign = frame_loudness(self.foreign, self.recorded.num_frames)
-        tracks = {
-            kind: np.ascontiguousarray(track[:, 0])
-            for kind, track in speech_tracks(loudness[:, None], foreign[:, None]).items()
-        }
         measured = [clip_measures(m, self.recorded, open_body_skeleton()) for m in motions]
         positions = [rooted_positions(motion) for motion in motions]
-        scores = [beats.beat_scores(p, onsets, self.mean_speed) for p in positions]
-        numbers = [one.numbers | score for one, score in zip(measured, scores, strict=True)]
+        numbers = [
+            one.numbers
+            | beats.beat_scores(joints, self.onsets, self.mean_speed)
+            | face_measures(motion, self.loudness["right"])
+            for one, joints, motion in zip(measured, positions, motions, strict=True)
+        ]
         by_depth = {"jerk_m_s3": np.mean([one.jerk_by_depth for one in measured], 0).tolist()}
         if position_errors is not None:
             by_depth["position_error_m"] = position_errors
@@ -69,20 +93,25 @@ class ClipContext:
             by_depth=by_depth,
             couplings={
                 kind: float(np.mean([coupling(p, track) for p in positions]))
-                for kind, track in tracks.items()
+                for kind, track in self.loudness.items()
             },
             features=np.concatenate(judged) if judged else None,
-            positions=positions[0][:PAIRWISE_FRAMES],
+            positions=[joints[:PAIRWISE_FRAMES] for joints in positions],
             errors=errors or {},
         )
 
 
-def as_table(clips: Sequence[dict[str, ClipRow]]) -> dict:
+def as_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> dict:
     """Intervals over clips, in five parts.
 
-    ``motion``: measures by row; ``fgd_floor``: recorded halves against each other; ``by_depth``:
-    means over clips, entry d for the joints d bones from the pelvis; ``wrong_speech``: the x_1
-    error with wrong speech over that with the right one; ``coupling``: of wrists and loudness.
+    Args:
+        speakers: of each clip.
+
+    Returns:
+        ``motion``: measures by row; ``fgd_floor``: recorded halves against each other;
+        ``by_depth``: means over clips, entry d for the joints d bones from the pelvis;
+        ``wrong_speech``: the x_1 error with wrong speech over that with the right one;
+        ``coupling``: of wrists and loudness.
     """
     motion: dict[str, dict[str, dict]] = {}
     by_depth: dict[str, dict[str, list[float]]] = {}
@@ -95,7 +124,7 @@ def as_table(clips: Sequence[dict[str, ClipRow]]) -> dict:
         for measure in dict.fromkeys(m for row in rows for m in row.measures):
             values = [row.measures[measure] for row in rows if measure in row.measures]
             columns[measure] = bootstrap(values)
-        for measure in ("tip_jerk_m_s3", "tip_path_m_s"):
+        for measure in RATIOS:
             pairs = [
                 (row.measures[measure], own.measures[measure])
                 for row, own in zip(rows, recorded, strict=True)
@@ -103,7 +132,10 @@ def as_table(clips: Sequence[dict[str, ClipRow]]) -> dict:
             ]
             if pairs:
                 columns[f"{measure}_ratio"] = bootstrap_ratio(*zip(*pairs, strict=True))
-        columns["pairwise_l1_m"] = _pairwise([row.positions for row in rows])
+        columns["pairwise_l1_m"] = _pairwise([row.positions[0] for row in rows])
+        spread = _spread_at_will(rows, speakers if name == RECORDED else None)
+        if spread is not None:
+            columns["spread_at_will_m"] = spread
         generated = [row.features for row in rows if row.features is not None]
         if generated and name != RECORDED:
             columns["fgd"] = frechet.fgd(judged, generated)
@@ -143,6 +175,24 @@ def settings() -> dict[str, float | list[float]]:
         "position_error_flow_time": speech_response.DEPTH_FLOW_TIME,
         "coupling_max_lag_s": speech_response.MAX_LAG_S,
     }
+
+
+def _spread_at_will(rows: Sequence[ClipRow], speakers: Sequence[str] | None) -> Interval | None:
+    """How different motion comes out when nothing but chance differs: the pairwise L1 distance of
+    noise seeds for the same speech, and of recorded clips of the same speaker (``speakers``). None
+    where there are no two of either."""
+    if speakers is None:
+        pairs = [mean_pairwise_l1(row.positions) for row in rows if len(row.positions) > 1]
+        values = [float(d[np.triu_indices(len(d), 1)].mean()) for d in pairs]
+    else:
+        distances = mean_pairwise_l1([row.positions[0] for row in rows])
+        values = [
+            float(distances[i, j])
+            for i, one in enumerate(speakers)
+            for j, other in enumerate(speakers[:i])
+            if one == other
+        ]
+    return bootstrap(values) if values else None
 
 
 def _pairwise(positions: Sequence[np.ndarray]) -> Interval:

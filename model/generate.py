@@ -11,20 +11,23 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from model.expression import ExpressionStream
+from model.decoding import rotations
+from model.expression import SpeechStream
 from model.flow import Sampler, sample
 from model.kinematics import local_from_global
 from model.motion import Motion
-from model.packing import ROTATION_DIM, root_positions
-from model.rotations import axis_angle_from_matrix, matrix_from_rot6d, rot6d_from_matrix
-from model.skeleton import NUM_JOINTS
+from model.packing import ROOT_DIM, pack, root_positions
+from model.rotations import axis_angle_from_matrix, rot6d_from_matrix
 from model.speech.audio import Speech
-from model.stitching import cross_fade, num_windows
+from model.stitching import cross_fade, fade, num_windows
 from model.systems import EXPRESSION_BASIS, System
 
 INPAINT_UNTIL = 0.7
 """Flow time up to which the seed frames are held. With 10 Euler steps, the jerk of a wrist at joins
 was 1.2 times the inside's (worst frame of the join 1.6); held to the end 1.3 (2.7)."""
+
+
+_HORIZONTAL = torch.tensor([1.0, 0.0, 1.0])
 
 
 class Cancelled(Exception):
@@ -87,11 +90,10 @@ def generate_motion(
             on_progress(min(1.0, (index + 1) / count))
     poses = torch.cat([piece.poses for piece in pieces], dim=1)[:, : speech.num_frames]
     root = torch.cat([piece.root for piece in pieces], dim=1)[:, : speech.num_frames]
+    positions = root_positions(root, config.root)
+    positions = positions - positions[:, :1] * _HORIZONTAL
     units = torch.cat([piece.expressions for piece in pieces])[: speech.num_frames]
-    return [
-        _to_motion(one, positions, units)
-        for one, positions in zip(poses, root_positions(root), strict=True)
-    ]
+    return [_to_motion(one, place, units) for one, place in zip(poses, positions, strict=True)]
 
 
 def stream_motion(
@@ -99,7 +101,7 @@ def stream_motion(
 ) -> Iterator[list[Motion]]:
     """The motion that goes on with each window, one for each sample, while speech arrives.
 
-    A window is made when its speech and at most 59 frames more are there, which the face needs;
+    A window is made when its speech and the context that the networks hear after it are there;
     all pieces together equal `generate_motion`'s result for the same features and options. Memory
     does not grow with the length.
 
@@ -112,15 +114,20 @@ def stream_motion(
         UnknownNameError: if the weights do not know ``options.speaker``.
         ValueError: if there is no speech.
     """
+    kind = system.config.root
     travelled: Float[Tensor, "B 1 3"] | None = None
     for piece in _pieces(system, features, options):
         root = piece.root
-        if travelled is None:
+        if kind == "place":
+            travelled = root[:, :1] * _HORIZONTAL if travelled is None else travelled
+            positions = root - travelled
+        elif travelled is None:
             positions = root_positions(root)
         else:  # the frame before leads on to this piece
             leading = torch.cat([torch.zeros_like(root[:, :1]), root], dim=1)
             positions = root_positions(leading)[:, 1:] + travelled
-        travelled = positions[:, -1:] * torch.tensor([1.0, 0.0, 1.0])
+        if kind == "velocity":
+            travelled = positions[:, -1:] * _HORIZONTAL
         yield [
             _to_motion(one, place, piece.expressions)
             for one, place in zip(piece.poses, positions, strict=True)
@@ -133,7 +140,7 @@ class _Piece:
 
     poses: Float[Tensor, "B n 165"]
     root: Float[Tensor, "B n 3"]
-    """Root channels (velocity x, height, velocity z)."""
+    """Root channels, as the system's config has them."""
     expressions: Float[Tensor, "n E"]
 
 
@@ -146,29 +153,40 @@ def _pieces(
     config = system.config
     speaker = system.speaker_index(options.speaker)
     overlap = config.seed_frames
-    speech = ExpressionStream(system.expression_network, features, speaker)
-    seed: Float[Tensor, "B S 333"] | None = None
+    face = system.face
+    if (config.window_frames, overlap) != (face.config.window_frames, face.config.seed_frames):
+        raise ValueError(f"The windows of {system.name} and of the expression network differ.")
+    speech = SpeechStream(features, max(config.speech_context, face.config.speech_context))
+    seed: Float[Tensor, "B S C"] | None = None
+    face_seed: Float[Tensor, "1 S E"] | None = None
     shared: tuple[Tensor, Tensor] | None = None
+    shared_units: Float[Tensor, "S E"] | None = None
     index, is_last = 0, False
     while not is_last:
         if should_cancel is not None and should_cancel():
             raise Cancelled
-        start = index * config.window_advance
-        window = speech.window(start, config.window_frames)
+        window = speech.window(index * config.window_advance, config.window_frames)
         is_last = window.is_last
-        x_1 = _generate_window(
-            system, window.speech, window.expressions, speaker, seed, index, options
-        )
-        rotmat, root = _decode(system, x_1)
-        ending = torch.cat([rot6d_from_matrix(rotmat).flatten(-2), root], dim=-1)
-        seed = system.normaliser.normalise(ending[:, -overlap:])
+        heard = window.around(face.config.speech_context, config.window_frames)[None]
+        drawn, face_seed = face.draw(heard, speaker, face_seed, face.noise(options.seed, index))
+        units = drawn[0]
+        if shared_units is not None:
+            units = torch.cat([fade(shared_units, units[:overlap]), units[overlap:]])
+        shared_units = units[-overlap:]
+        heard = window.around(config.speech_context, config.window_frames)
+        x_1 = _generate_window(system, heard, units, speaker, seed, index, options)
+        vectors = system.normaliser.restore(x_1)
+        rotmat, root = rotations(vectors, config.rotation_space), vectors[..., -ROOT_DIM:]
+        if config.rotation_space != "axis-angle":  # rows of any length become those of a rotation
+            vectors = pack(rot6d_from_matrix(rotmat), root, "place")
+        seed = system.normaliser.normalise(vectors[:, -overlap:])
         if shared is not None:
             faded = cross_fade(shared, (rotmat[:, :overlap], root[:, :overlap]))
             rotmat = torch.cat([faded[0], rotmat[:, overlap:]], dim=1)
             root = torch.cat([faded[1], root[:, overlap:]], dim=1)
         done = window.num_frames if is_last else config.window_advance
         shared = rotmat[:, -overlap:], root[:, -overlap:]
-        yield _Piece(_poses(system, rotmat[:, :done]), root[:, :done], window.expressions[:done])
+        yield _Piece(_poses(system, rotmat[:, :done]), root[:, :done], units[:done])
         index += 1
 
 
@@ -180,19 +198,21 @@ def _poses(system: System, rotmat: Float[Tensor, "B n J 3 3"]) -> Float[Tensor, 
 @torch.inference_mode()
 def _generate_window(
     system: System,
-    speech: Float[Tensor, "T dim"],
+    speech: Float[Tensor, "heard dim"],
     expression: Float[Tensor, "T E"],
     speaker: int,
-    seed: Float[Tensor, "B S 333"] | None,
+    seed: Float[Tensor, "B S C"] | None,
     index: int,
     options: GenerateOptions,
-) -> Float[Tensor, "B T 333"]:
+) -> Float[Tensor, "B T C"]:
     """One normalised window. Early in the flow the seed frames of x_1 are held at the seed
     (in-painting); later the network may reconcile them with what follows, which halves the pop
-    that holding them to the end leaves behind the seed. The join is faded afterwards."""
-    config = system.config
+    that holding them to the end leaves behind the seed. A system that stands on a prior knows its
+    seed and needs no holding. The join is faded afterwards."""
+    config, prior = system.config, system.network.prior
     size = options.samples
-    x_0 = torch.stack([_noise(options.seed, k, index, config.window_frames) for k in range(size)])
+    shape = config.window_frames, config.motion_dim
+    x_0 = torch.stack([_noise(options.seed, k, index, shape) for k in range(size)])
     known = torch.zeros(size, config.seed_frames, x_0.shape[-1]) if seed is None else seed
     last: dict[str, Tensor] = {}
     guided = options.guidance != 1
@@ -213,28 +233,25 @@ def _generate_window(
             heard, deaf = x_1.chunk(2)
             x_1 = deaf + options.guidance * (heard - deaf)
         last["x_1"] = x_1
-        if seed is None or t >= INPAINT_UNTIL:
+        if seed is None or prior is not None or t >= INPAINT_UNTIL:
             return x_1
         return torch.cat([seed, x_1[:, config.seed_frames :]], dim=1)
 
+    if prior is not None and options.sampler != "reinterpolate":
+        heun = options.sampler == "heun"
+        return prior.sample(predict, x_0, seed, steps=options.steps, heun=heun)
     sample(predict, x_0, steps=options.steps, sampler=options.sampler)
     return last["x_1"]  # every sampler ends on its last prediction
 
 
-def _noise(seed: int, sample_index: int, window: int, frames: int) -> Float[Tensor, "T 333"]:
-    """The same for every system, and independent of how many samples share a batch."""
+def _noise(
+    seed: int, sample_index: int, window: int, shape: tuple[int, int]
+) -> Float[Tensor, "T C"]:
+    """The same for every system of this shape, and independent of how many samples share a
+    batch."""
     state = np.random.SeedSequence([seed, sample_index, window]).generate_state(1, np.uint64)
     generator = torch.Generator().manual_seed(int(state[0] >> 1))
-    return torch.randn(frames, ROTATION_DIM + 3, generator=generator)
-
-
-def _decode(
-    system: System, window: Float[Tensor, "B T 333"]
-) -> tuple[Float[Tensor, "B T 55 3 3"], Float[Tensor, "B T 3"]]:
-    """Rotations in the system's space, and root channels (velocity x, height, velocity z)."""
-    vectors = system.normaliser.restore(window)
-    rot6d = vectors[..., :ROTATION_DIM].unflatten(-1, (NUM_JOINTS, 6))
-    return matrix_from_rot6d(rot6d), vectors[..., ROTATION_DIM:]
+    return torch.randn(shape, generator=generator)
 
 
 def _to_motion(

@@ -54,7 +54,10 @@ class Attention(nn.Module):
             part.unflatten(-1, (self.num_heads, -1)).transpose(1, 2)
             for part in self.key_value(memory).chunk(2, dim=-1)
         )
-        mixed = F.scaled_dot_product_attention(query, key, value)  # (B, heads, T, width / heads)
+        # Written out: for windows this short, torch's fused kernel for CPUs loses more time in its
+        # backward pass than it saves.
+        scores = query @ key.transpose(-1, -2) * query.shape[-1] ** -0.5  # (B, heads, T, S)
+        mixed = scores.softmax(-1).to(value.dtype) @ value  # (B, heads, T, width / heads)
         return self.out(mixed.transpose(1, 2).flatten(-2))
 
 

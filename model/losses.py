@@ -11,6 +11,11 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
+from model.skeleton import JOINT_INDEX
+
+FEET = [JOINT_INDEX[f"{side}_{part}"] for side in ("left", "right") for part in ("ankle", "foot")]
+STANDS_BELOW_M = 0.002
+"""A foot that moves less than this in a frame, 6 cm/s, stands."""
 SMOOTH_L1_BETA = 0.02
 """Metres at which the position terms turn from squared to absolute error (official code)."""
 
@@ -41,6 +46,15 @@ def acceleration_loss(
     return _smooth_l1(positions.diff(n=2, dim=1), target.diff(n=2, dim=1))
 
 
+def contact_loss(
+    positions: Float[Tensor, "B T 55 3"], target: Float[Tensor, "B T 55 3"]
+) -> Float[Tensor, " B"]:
+    """Squared steps in the plane, in centimetres, of ankles and feet that stand in the target."""
+    still = target[:, :, FEET].diff(dim=1).norm(dim=-1) < STANDS_BELOW_M
+    steps = 100 * positions[:, :, FEET][..., [0, 2]].diff(dim=1)
+    return (steps.square().sum(-1) * still).mean((1, 2))
+
+
 def _smooth_l1(a: Tensor, b: Tensor) -> Float[Tensor, " B"]:
     return F.smooth_l1_loss(a, b, beta=SMOOTH_L1_BETA, reduction="none").mean((1, 2, 3))
 
@@ -57,12 +71,11 @@ def kl_loss(codes: Sequence[tuple[Tensor, Tensor]]) -> Float[Tensor, " B"]:
     return torch.stack(by_scale).sum(0)
 
 
-def expression_loss(
-    predicted: Float[Tensor, "B T E"], target: Float[Tensor, "B T E"]
-) -> Float[Tensor, ""]:
-    """Squared error of face unit weights and, ten times as heavy, of their first differences."""
-    difference = F.mse_loss(predicted.diff(dim=1), target.diff(dim=1))
-    return F.mse_loss(predicted, target) + 10 * difference
+def difference_loss(
+    x_1: Float[Tensor, "B T C"], target: Float[Tensor, "B T C"]
+) -> Float[Tensor, " B"]:
+    """Mean squared error of first differences, normalised channels."""
+    return simple_loss(x_1.diff(dim=1), target.diff(dim=1))
 
 
 def finite_or_raise(numbers: dict[str, float], step: int, clips: list[str]) -> None:

@@ -4,9 +4,8 @@ A step draws its random numbers for the whole batch and computes its shard of it
 processes together do what one does alone.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -15,17 +14,17 @@ from torch import Tensor, nn
 
 from model import constraints, losses
 from model.autoencoder import FrozenEncoder
-from model.checkpoint import load_into, load_weights
-from model.config import ExpressionConfig, RotationSpace, TrainConfig, from_dict
+from model.config import RotationSpace, TrainConfig
 from model.data import Batch, PreparedData
-from model.decoding import decode, geometric_terms, to_vectors
-from model.expression import ExpressionNetwork, predict_expressions
+from model.decoding import Decoded, decode, geometric_terms, to_vectors
 from model.flow import interpolate, time_weight
-from model.mirror import mirror_face_units
-from model.packing import Normaliser
+from model.packing import AXIS_ANGLE_GROUPS, Normaliser
 from model.parallel import WHOLE, Shard
+from model.prior import GaussianPrior, fit_components, fit_prior
+from model.rate import compiled
 from model.skeleton import open_body_skeleton
 from model.speech.features import augment_mel
+from model.targets import Targets
 
 
 @dataclass(frozen=True)
@@ -37,33 +36,116 @@ class StepLoss:
     """Detached, with ``total`` among them."""
 
 
+PRIOR_BATCHES, PRIOR_BATCH_SIZE = 12, 256
+FACE_STD_FLOOR = 0.02
+"""Face units that hardly ever move are not blown up to unit variance."""
+
 StepFunction = Callable[[nn.Module, Batch, torch.Generator, Shard], StepLoss]
 
 
-def fit_normaliser(config: TrainConfig, space: RotationSpace, data: PreparedData) -> Normaliser:
-    """Statistics over (at most 400 windows of) the training split."""
-    rng = np.random.default_rng(0)
+def fit_vector_normaliser(
+    config: TrainConfig, space: RotationSpace, data: PreparedData
+) -> Normaliser:
+    """Statistics of motion vectors over (at most 400 windows of) the training split."""
+    batch = _statistics_batch(config, data)
+    vectors = to_vectors(space, batch.poses, batch.transl)
+    return Normaliser.fit(vectors.flatten(0, 1), config.representation)
+
+
+def fit_normaliser(config: TrainConfig, data: PreparedData, targets: Targets) -> Normaliser:
+    """The same of what a motion network aims at."""
+    vectors, _ = targets.of(_statistics_batch(config, data), rotations=False)
+    groups = AXIS_ANGLE_GROUPS if targets.space == "axis-angle" else None
+    return Normaliser.fit(vectors.flatten(0, 1), config.representation, groups)
+
+
+def _statistics_batch(config: TrainConfig, data: PreparedData) -> Batch:
     window = config.network.window_frames
-    batch = data.window_batch(data.of_split("train"), window, 400, rng, config.mirror)
-    return Normaliser.fit(to_vectors(space, batch.poses, batch.transl).flatten(0, 1))
+    rng = np.random.default_rng(0)
+    return data.window_batch(data.of_split("train"), window, 400, rng, config.mirror)
+
+
+def fit_motion_prior(
+    config: TrainConfig, data: PreparedData, targets: Targets
+) -> tuple[Normaliser, GaussianPrior]:
+    """Components of motion and their linear-Gaussian prior, from windows of the training split."""
+    shape = config.network
+    batches = [targets.windows(batch) for batch in _prior_batches(data, shape.window_frames)]
+    return _with_components(fit_normaliser(config, data, targets), batches, shape.seed_frames)
+
+
+def fit_face(config: TrainConfig, data: PreparedData) -> tuple[Normaliser, GaussianPrior]:
+    """The same of face units."""
+    shape = config.expression
+    batches = [batch.expression for batch in _prior_batches(data, shape.window_frames)]
+    flat = torch.cat([batch.flatten(0, 1) for batch in batches])
+    normaliser = Normaliser(flat.mean(0), flat.std(0).clamp_min(FACE_STD_FLOOR))
+    return _with_components(normaliser, batches, shape.seed_frames)
+
+
+def _with_components(
+    normaliser: Normaliser, windows: Sequence[Float[Tensor, "N T C"]], seed_frames: int
+) -> tuple[Normaliser, GaussianPrior]:
+    mean = torch.cat([batch.flatten(0, 1) for batch in windows]).mean(0)
+    centred = Normaliser(mean, normaliser.std)
+    mix, unmix = fit_components([centred.scaled(batch) for batch in windows])
+    mixing = replace(centred, mix=mix, unmix=unmix)
+    return mixing, fit_prior([mixing.normalise(batch) for batch in windows], seed_frames)
+
+
+def _prior_batches(data: PreparedData, window: int) -> Iterator[Batch]:
+    clips = data.of_split("train")
+    for k in range(PRIOR_BATCHES):
+        yield data.window_batch(clips, window, PRIOR_BATCH_SIZE, np.random.default_rng([k, 17]))
+
+
+def mean_vector(normaliser: Normaliser, targets: Targets) -> Float[Tensor, "333"]:
+    """The mean normalised motion vector, from every hundredth frame."""
+    vectors = torch.from_numpy(np.array(targets.vectors[::100]))
+    return normaliser.normalise(vectors).mean(0)
 
 
 def motion_step(
     config: TrainConfig,
     normaliser: Normaliser,
-    expressions: Float[Tensor, "N E"],
+    targets: Targets,
     encoder: FrozenEncoder | None = None,
+    compile_step: bool = False,
 ) -> StepFunction:
     """The loss of a motion network on one batch.
 
+    The network hears the recorded face: at generation it gets one that was drawn to look like it.
+
     Args:
-        expressions: the frozen expression network's word for every frame of the data.
         encoder: L_m's encoder, if L_m has a weight.
+        compile_step: compile the terms of training steps; the network compiles itself.
     """
-    skeleton = open_body_skeleton()
     constraints.check_anchors(constraints.octahedron_anchors())
-    space, weights = config.network.rotation_space, config.loss
+    weights = config.loss
     seed_frames = config.network.seed_frames
+    needs_rotations = weights.joint > 0 or weights.motion > 0
+    skeleton = targets.skeleton
+
+    def terms_of(
+        predicted: Float[Tensor, "B T C"],
+        vectors: Float[Tensor, "B T C"],
+        target: Decoded,
+        t: Float[Tensor, " B"],
+        has_seed: Bool[Tensor, " B"],
+    ) -> dict[str, Float[Tensor, ""]]:
+        restored = normaliser.restore(predicted)
+        scaled, wanted = normaliser.scaled(restored), normaliser.scaled(vectors)
+        seed_error = losses.simple_loss(scaled[:, :seed_frames], wanted[:, :seed_frames])
+        terms = {
+            "simple": weights.simple * losses.simple_loss(scaled, wanted),
+            "seed": weights.seed * seed_frames / vectors.shape[1] * seed_error * has_seed,
+        }
+        decoded = decode(restored, targets.space, skeleton, targets.root)
+        terms |= geometric_terms(weights, decoded, target, encoder)
+        by_sample = time_weight(t, weights.time_weight_floor)
+        return {name: (by_sample * term).mean() for name, term in terms.items()}
+
+    compiled_terms = compiled(terms_of) if compile_step else terms_of
 
     def step(
         network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard = WHOLE
@@ -74,8 +156,9 @@ def motion_step(
             return shard.of(torch.rand(size, generator=generator) >= dropout)
 
         with torch.no_grad():
-            vectors = to_vectors(space, shard.of(batch.poses), shard.of(batch.transl))
-            target = decode(vectors, space, skeleton)
+            vectors, target = targets.of(batch.rows(shard.mine), rotations=needs_rotations)
+            target = target.to(shard.device)
+            vectors = vectors.to(shard.device)
             x_1 = normaliser.normalise(vectors)
             x_0 = shard.of(torch.randn(size, *x_1.shape[1:], generator=generator))
             t = shard.of(torch.rand(size, generator=generator) ** config.flow_time_power)
@@ -88,22 +171,14 @@ def motion_step(
                 interpolate(x_0, x_1, t),
                 t,
                 speech=speech,
-                expression=shard.of(_faces(expressions, batch)),
+                expression=shard.of(batch.expression),
                 seed=x_1[:, :seed_frames],
                 speaker=speaker,
                 has_seed=has_seed,
                 has_speech=has_speech,
             )
-        predicted = predicted.float()
-        seed_error = losses.simple_loss(predicted[:, :seed_frames], x_1[:, :seed_frames])
-        terms = {
-            "simple": weights.simple * losses.simple_loss(predicted, x_1),
-            "seed": weights.seed * seed_frames / x_1.shape[1] * seed_error * has_seed,
-        }
-        decoded = decode(normaliser.restore(predicted), space, skeleton)
-        terms |= geometric_terms(weights, decoded, target, encoder)
-        by_sample = time_weight(t, weights.time_weight_floor)
-        return _summed({name: (by_sample * term).mean() for name, term in terms.items()})
+        measured = compiled_terms if network.training else terms_of
+        return _summed(measured(predicted.float(), vectors, target, t, has_seed))
 
     return step
 
@@ -149,28 +224,42 @@ def autoencoder_step(config: TrainConfig, normaliser: Normaliser) -> StepFunctio
     return step
 
 
-def expression_step(config: TrainConfig) -> StepFunction:
+def expression_step(config: TrainConfig, normaliser: Normaliser) -> StepFunction:
     """The loss of the expression network on one batch."""
+    seed_frames = config.expression.seed_frames
 
     def step(
         network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard = WHOLE
     ) -> StepLoss:
-        speech = shard.of(_heard(config, network, batch, generator))
-        speaker = batch.speaker
-        if network.training:
-            kept = torch.rand(len(speaker), generator=generator) >= config.speaker_dropout
-            speaker = speaker * kept
+        size = len(batch.clips)
+        with torch.no_grad():
+            units = shard.of(batch.expression)
+            x_1 = normaliser.normalise(units)
+            x_0 = shard.of(torch.randn(size, *x_1.shape[1:], generator=generator))
+            t = shard.of(torch.rand(size, generator=generator) ** config.flow_time_power)
+            has_seed = shard.of(torch.rand(size, generator=generator) >= config.seed_dropout)
+            kept = shard.of(torch.rand(size, generator=generator) >= config.speaker_dropout)
+            speech = shard.of(_heard(config, network, batch, generator))
         with shard.autocast():
-            predicted = network(speech, shard.of(speaker)).float()
-        return _summed({"face": losses.expression_loss(predicted, shard.of(batch.expression))})
+            predicted = network(
+                interpolate(x_0, x_1, t),
+                t,
+                speech=speech,
+                seed=x_1[:, :seed_frames],
+                speaker=shard.of(batch.speaker) * kept,
+                has_seed=has_seed,
+                has_speech=torch.ones_like(has_seed),
+            )
+        scaled = normaliser.scaled(normaliser.restore(predicted.float()))
+        wanted = normaliser.scaled(units)
+        terms = {
+            "simple": config.loss.simple * losses.simple_loss(scaled, wanted),
+            "difference": losses.difference_loss(scaled, wanted),
+        }
+        by_sample = time_weight(t, config.loss.time_weight_floor)
+        return _summed({name: (by_sample * term).mean() for name, term in terms.items()})
 
     return step
-
-
-def _faces(expressions: Float[Tensor, "N E"], batch: Batch) -> Float[Tensor, "B T E"]:
-    """The rows of a batch, mirrored where its motion is."""
-    units = expressions[torch.from_numpy(batch.frames)]
-    return torch.where(batch.mirrored[:, None, None], mirror_face_units(units), units)
 
 
 def _heard(
@@ -186,16 +275,3 @@ def _summed(means: dict[str, Float[Tensor, ""]]) -> StepLoss:
     total = torch.stack(list(means.values())).sum()
     parts = {name: mean.detach() for name, mean in means.items()}
     return StepLoss(total, parts | {"total": total.detach()})
-
-
-def predicted_expressions(data: PreparedData, folder: Path) -> Float[Tensor, "N E"]:
-    """What the (frozen) expression network says for every frame: what generation will see."""
-    tensors, card = load_weights(folder, "expression")
-    network = ExpressionNetwork(from_dict(ExpressionConfig, card["config"]["expression"]))
-    load_into(network, tensors, "network.", "expression")
-    network.eval()
-    result = torch.empty(len(data.speech), network.config.expression_dim)
-    for clip in data.clips:
-        speech = torch.from_numpy(data.speech[clip.start : clip.stop].astype(np.float32))
-        result[clip.start : clip.stop] = predict_expressions(network, speech, clip.speaker)
-    return result.clone()

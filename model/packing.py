@@ -1,22 +1,30 @@
 """The flat vector a motion network sees, and the numbers that normalise it.
 
 A frame is 333 channels: 55 rotations as row-6D, joint-major, then the root motion
-``(velocity x, height y, velocity z)`` in m/s, m, m/s. Horizontal positions are stored as
-velocities, so a clip may start anywhere and a window does not depend on where it began.
+``(velocity x, height y, velocity z)`` in m/s, m, m/s. With velocities a clip may start anywhere and
+a window does not depend on where it began. The other kind, "place", is the position in metres from
+where the body is at home.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from model.config import Representation, RootMotion
 from model.skeleton import FACE, HANDS, LOWER_BODY, NUM_JOINTS, UPPER_BODY
 from model.timing import FPS
 
 ROTATION_DIM = NUM_JOINTS * 6
 ROOT_DIM = 3
 MOTION_DIM = ROTATION_DIM + ROOT_DIM
+
+
+AXIS_ANGLE_DIM = NUM_JOINTS * 3
+AXIS_ANGLE_MOTION_DIM = AXIS_ANGLE_DIM + ROOT_DIM
+"""Of vectors that hold local axis-angle in place of row-6D."""
 
 
 def joint_channels(joints: tuple[int, ...]) -> list[int]:
@@ -41,33 +49,58 @@ NORMALISATION_GROUPS: dict[str, list[int]] = {
 hardly move; none at all leaves the network with channels that are far smaller than the noise."""
 
 
+AXIS_ANGLE_GROUPS: list[list[int]] = [
+    *(
+        [3 * j + k for j in joints for k in range(3)]
+        for joints in (HANDS, UPPER_BODY, LOWER_BODY, FACE)
+    ),
+    [AXIS_ANGLE_DIM, AXIS_ANGLE_DIM + 2],
+    [AXIS_ANGLE_DIM + 1],
+]
+"""The same groups in axis-angle vectors."""
+
+
 def pack(
-    rot6d: Float[Tensor, "*batch T J 6"], transl: Float[Tensor, "*batch T 3"]
-) -> Float[Tensor, "*batch T 333"]:
+    rotations: Float[Tensor, "*batch T J d"],
+    transl: Float[Tensor, "*batch T 3"],
+    kind: RootMotion = "velocity",
+) -> Float[Tensor, "*batch T C"]:
     """Rotations and root positions as motion vectors.
 
     Args:
-        rot6d: row-6D of each joint, in whichever frame the network works.
-        transl: root position in metres, y up.
+        rotations: numbers of each joint (row-6D, or axis-angle), in whichever frame the network
+            works.
+        transl: root position in metres, y up; with ``kind`` "place", from where the body is at
+            home.
     """
+    if kind == "place":
+        return torch.cat([rotations.flatten(-2), transl], dim=-1)
     velocity = torch.zeros_like(transl)
     if transl.shape[-2] > 1:
         velocity[..., 1:, :] = (transl[..., 1:, :] - transl[..., :-1, :]) * FPS
         velocity[..., 0, :] = velocity[..., 1, :]
     root = torch.stack([velocity[..., 0], transl[..., 1], velocity[..., 2]], dim=-1)
-    return torch.cat([rot6d.flatten(-2), root], dim=-1)
+    return torch.cat([rotations.flatten(-2), root], dim=-1)
 
 
 def unpack(
-    vector: Float[Tensor, "*batch T 333"],
+    vector: Float[Tensor, "*batch T 333"], kind: RootMotion = "velocity"
 ) -> tuple[Float[Tensor, "*batch T 55 6"], Float[Tensor, "*batch T 3"]]:
-    """Row-6D rotations and root positions; the first frame stands at x = z = 0."""
+    """Row-6D rotations and root positions; with velocities the first frame stands at x = z = 0."""
     rot6d = vector[..., :ROTATION_DIM].unflatten(-1, (NUM_JOINTS, 6))
-    return rot6d, root_positions(vector[..., ROTATION_DIM:])
+    return rot6d, root_positions(vector[..., ROTATION_DIM:], kind)
 
 
-def root_positions(root: Float[Tensor, "*batch T 3"]) -> Float[Tensor, "*batch T 3"]:
-    """Positions in metres of root channels (velocity x, height, velocity z), from x = z = 0."""
+def root_positions(
+    root: Float[Tensor, "*batch T 3"], kind: RootMotion = "velocity"
+) -> Float[Tensor, "*batch T 3"]:
+    """Positions in metres of root channels.
+
+    Args:
+        root: (velocity x, height, velocity z), which lead away from x = z = 0, or the place itself.
+    """
+    if kind == "place":
+        return root
     steps = root[..., [0, 2]] / FPS
     # The velocity of a frame leads to it from the frame before, so the first one leads nowhere.
     horizontal = torch.cumsum(steps, dim=-2) - steps[..., :1, :]
@@ -76,27 +109,67 @@ def root_positions(root: Float[Tensor, "*batch T 3"]) -> Float[Tensor, "*batch T
 
 @dataclass(frozen=True)
 class Normaliser:
-    """Mean of each channel and one standard deviation for each body-part group."""
+    """From motion vectors to what a network sees, and back.
 
-    mean: Float[Tensor, "333"]
-    std: Float[Tensor, "333"]
+    Mean and standard deviation of each channel (motion shares one for each body-part group), then,
+    for systems that stand on a prior, a matrix to components that hardly depend on each other.
+    """
+
+    mean: Float[Tensor, " C"]
+    std: Float[Tensor, " C"]
+    mix: Float[Tensor, "C C"] | None = None
+    unmix: Float[Tensor, "C C"] | None = None
 
     @staticmethod
-    def fit(vectors: Float[Tensor, "N 333"]) -> "Normaliser":
-        """Statistics of ``vectors``: the group's std is the root of its mean channel variance."""
+    def of_tensors(tensors: Mapping[str, Tensor]) -> "Normaliser":
+        """As saved with trained weights.
+
+        Raises:
+            KeyError: if there is none among them.
+        """
+        mix, unmix = (tensors.get(f"normaliser.{name}") for name in ("mix", "unmix"))
+        return Normaliser(tensors["normaliser.mean"], tensors["normaliser.std"], mix, unmix)
+
+    def tensors(self) -> dict[str, Tensor]:
+        """The inverse of `of_tensors`."""
+        parts = {"mean": self.mean, "std": self.std, "mix": self.mix, "unmix": self.unmix}
+        return {f"normaliser.{k}": part for k, part in parts.items() if part is not None}
+
+    @staticmethod
+    def fit(
+        vectors: Float[Tensor, "N C"],
+        representation: Representation = "normalised",
+        groups: Sequence[Sequence[int]] | None = None,
+    ) -> "Normaliser":
+        """Statistics of ``vectors``: a group's std is the root of its mean channel variance.
+
+        Args:
+            representation: ``raw`` leaves row-6D rotations as they are (mean 0, std 1).
+            groups: channels that share one; those of row-6D vectors if not given.
+        """
         mean = vectors.mean(0)
         variance = vectors.var(0)
-        std = torch.ones(MOTION_DIM)
-        for channels in NORMALISATION_GROUPS.values():
-            std[channels] = variance[channels].mean().sqrt().clamp_min(1e-4)
+        std = torch.ones(vectors.shape[1])
+        for channels in groups or list(NORMALISATION_GROUPS.values()):
+            std[list(channels)] = variance[list(channels)].mean().sqrt().clamp_min(1e-4)
+        if representation == "raw":
+            mean[:ROTATION_DIM] = 0.0
+            std[:ROTATION_DIM] = 1.0
         return Normaliser(mean, std)
 
     def to(self, device: torch.device) -> "Normaliser":
         """The same numbers on a device."""
-        return Normaliser(self.mean.to(device), self.std.to(device))
+        mix, unmix = (None if m is None else m.to(device) for m in (self.mix, self.unmix))
+        return Normaliser(self.mean.to(device), self.std.to(device), mix, unmix)
 
-    def normalise(self, vector: Float[Tensor, "*batch 333"]) -> Float[Tensor, "*batch 333"]:
+    def scaled(self, vector: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch C"]:
+        """Channels of mean 0 and (by group) unit variance, not mixed."""
         return (vector - self.mean) / self.std
 
-    def restore(self, vector: Float[Tensor, "*batch 333"]) -> Float[Tensor, "*batch 333"]:
-        return vector * self.std + self.mean
+    def normalise(self, vector: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch C"]:
+        scaled = self.scaled(vector)
+        return scaled if self.mix is None else scaled @ self.mix
+
+    def restore(self, vector: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch C"]:
+        scaled = vector if self.unmix is None else vector @ self.unmix
+        return scaled * self.std + self.mean

@@ -13,6 +13,8 @@ import torch
 import torch.distributed as dist
 from torch import Tensor, nn
 
+from model.rate import bf16_is_faster
+
 CPU = torch.device("cpu")
 
 
@@ -23,20 +25,27 @@ class Shard:
     rank: int = 0
     count: int = 1
     device: torch.device = CPU
+    bf16: bool = True
+    """False keeps everything in fp32."""
 
     @property
     def is_first(self) -> bool:
         """Whether this process writes the files."""
         return self.rank == 0
 
+    @property
+    def mine(self) -> slice:
+        """This process's rows of the whole batch."""
+        return slice(self.rank, None, self.count)
+
     def of(self, rows: Tensor) -> Tensor:
         """This process's rows of a tensor that holds the whole batch, on its device."""
-        return rows[self.rank :: self.count].to(self.device)
+        return rows[self.mine].to(self.device)
 
     def autocast(self) -> torch.autocast:
-        """bf16 for the network on a GPU; nothing on a CPU, where it was slower."""
-        on_gpu = self.device.type == "cuda"
-        return torch.autocast(self.device.type, torch.bfloat16, enabled=on_gpu)
+        """bf16 for the network on a GPU, and on a processor that gains by it."""
+        use = self.bf16 and (self.device.type == "cuda" or bf16_is_faster())
+        return torch.autocast(self.device.type, torch.bfloat16, enabled=use)
 
     def wrap(self, network: nn.Module) -> nn.Module:
         """The network with gradients averaged over all processes."""

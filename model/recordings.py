@@ -1,13 +1,15 @@
 """One recording of a data folder in BEAT2's layout: read, encoded, and copied with changes."""
 
 import csv
+import hashlib
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from model.motion import Motion, load_motion
+from model.motion import Motion, first_frames, load_motion
 from model.retiming import motion_at_speed
 from model.speech.audio import Speech, SpeechLimits, load_speech
 from model.speech.augment import at_speed, draw_recording, recorded_elsewhere
@@ -16,6 +18,7 @@ from model.speech.encoder import SpeechEncoder
 NUM_FACE_UNITS = 52
 SPEED_PERCENT = (90, 111)
 """Slowest speed of an augmented copy, and one above the fastest."""
+FINGERPRINT_BYTES = 4096
 SPEECH_LIMITS = SpeechLimits(max_s=3600, max_bytes=2**31)
 
 
@@ -37,6 +40,27 @@ def read_split(folder: Path) -> dict[str, str]:
     if not rows or not {"id", "type"} <= set(rows[0]):
         raise DataError(f"{path} must have the columns id and type.")
     return {row["id"]: row["type"] for row in rows}
+
+
+def fingerprint(folder: Path, names: Iterable[str]) -> str:
+    """Tells one data folder's recordings from another's, wherever they lie; reads little of them.
+
+    Of every file its size, its beginning and its end, where an npz keeps the checksums of its
+    arrays. A missing file counts as missing.
+    """
+    digest = hashlib.sha256()
+    for name in sorted(names):
+        for path in (folder / "smplxflame_30" / f"{name}.npz", folder / "wave16k" / f"{name}.wav"):
+            digest.update(path.name.encode())
+            if not path.is_file():
+                continue
+            size = path.stat().st_size
+            digest.update(size.to_bytes(8, "big"))
+            with path.open("rb") as file:
+                for place in (0, size // 2, max(0, size - FINGERPRINT_BYTES)):
+                    file.seek(place)
+                    digest.update(file.read(FINGERPRINT_BYTES))
+    return digest.hexdigest()
 
 
 def speaker_of(clip_name: str) -> tuple[int, str]:
@@ -66,12 +90,7 @@ def encode_clip(
 ) -> tuple[Motion, Float[np.ndarray, "T dim"]]:
     """Motion and speech features, both cut to the shorter of the two."""
     num_frames = min(motion.num_frames, speech.num_frames)
-    cut = replace(
-        motion,
-        poses=motion.poses[:num_frames],
-        trans=motion.trans[:num_frames],
-        expressions=motion.expressions[:num_frames],
-    )
+    cut = first_frames(motion, num_frames)
     return cut, encoder.encode(speech.waveform, num_frames)
 
 

@@ -4,7 +4,7 @@ Every index in the project is computed from a joint *name* here.
 """
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -124,6 +124,18 @@ class RestSkeleton:
     def bone_offsets(self) -> Float[Tensor, "54 3"]:
         """From each joint's parent to the joint, for joints 1 to 54."""
         return self.rest_joints[1:] - self.rest_joints[list(PARENTS[1:])]
+
+    @cached_property
+    def bones_to_joints(self) -> Float[Tensor, "55 3 55"]:
+        """How far joint [k] moves with each column of joint [j]'s rotation matrix: the bones that
+        start in j and lie between the pelvis and k, summed."""
+        with torch.inference_mode(False):
+            bones = self.bone_offsets()
+            matrix = bones.new_zeros(NUM_JOINTS, 3, NUM_JOINTS)
+            for joint in range(NUM_JOINTS):
+                for child in chain_to_root(joint)[:-1]:
+                    matrix[PARENTS[child], :, joint] += bones[child - 1]
+            return matrix
 
 
 @cache

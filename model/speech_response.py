@@ -8,12 +8,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from model.expression import predict_expressions
+from model.decoding import decode, to_vectors
 from model.flow import interpolate
-from model.kinematics import global_from_local, joint_positions_from_global
 from model.motion import Motion
-from model.packing import pack, unpack
-from model.rotations import matrix_from_rot6d, rot6d_from_matrix
 from model.skeleton import JOINT_DEPTH, JOINT_INDEX, open_body_skeleton
 from model.systems import System
 from model.timing import FPS, SAMPLE_RATE
@@ -62,9 +59,25 @@ def predict_with(
     x_0 = torch.randn(x_1.shape, generator=torch.Generator().manual_seed(0))
     errors: dict[str, float] = {}
 
-    def predictions(track: Features, time: float) -> Float[Tensor, "windows T 333"]:
-        speech = torch.from_numpy(np.ascontiguousarray(track))
-        face = predict_expressions(system.expression_network, speech, speaker)
+    face = system.face
+    face_noise = torch.cat([face.noise(0, index) for index in range(len(x_1))])
+
+    def heard(track: Features, context: int) -> Float[Tensor, "windows heard dim"]:
+        rows = np.arange(-context, window + context) + np.array(starts)[:, None]
+        return torch.from_numpy(track[rows.clip(0, len(track) - 1)])
+
+    def drawn(track: Features) -> Float[Tensor, "windows T E"]:
+        speech = heard(track, face.config.speech_context)
+        parts = [
+            face.draw(speech[rows], speaker, None, face_noise[rows])[0]
+            for rows in (slice(k, k + batch_size) for k in range(0, len(x_1), batch_size))
+        ]
+        return torch.cat(parts)
+
+    faces = {kind: drawn(track) for kind, track in tracks.items()}
+
+    def predictions(kind: str, time: float) -> Float[Tensor, "windows T C"]:
+        speech = heard(tracks[kind], config.speech_context)
         parts = []
         for first in range(0, len(x_1), batch_size):
             rows = slice(first, first + batch_size)
@@ -74,8 +87,8 @@ def predict_with(
                 system.network(
                     interpolate(x_0[rows], x_1[rows], t),
                     t,
-                    speech=torch.stack([speech[s : s + window] for s in starts[rows]]),
-                    expression=torch.stack([face[s : s + window] for s in starts[rows]]),
+                    speech=speech[rows],
+                    expression=faces[kind][rows],
                     seed=torch.zeros(size, config.seed_frames, x_1.shape[-1]),
                     speaker=torch.full((size,), speaker),
                     has_seed=torch.zeros(size, dtype=torch.bool),
@@ -84,10 +97,15 @@ def predict_with(
             )
         return torch.cat(parts)
 
-    for kind, track in tracks.items():
-        at_times = [(predictions(track, time) - x_1).square().mean() for time in FLOW_TIMES]
+    def scaled(x: Tensor) -> Tensor:
+        return system.normaliser.scaled(system.normaliser.restore(x))
+
+    wanted = scaled(x_1)
+    for kind in tracks:
+        found = [scaled(predictions(kind, time)) for time in FLOW_TIMES]
+        at_times = [(one - wanted).square().mean() for one in found]
         errors[kind] = float(torch.stack(at_times).mean())
-    late = system.normaliser.restore(predictions(tracks["right"], DEPTH_FLOW_TIME))
+    late = system.normaliser.restore(predictions("right", DEPTH_FLOW_TIME))
     distance = (_positions(system, late) - _positions(system, system.normaliser.restore(x_1))).norm(
         dim=-1
     )
@@ -97,18 +115,18 @@ def predict_with(
     return Prediction(errors, by_depth)
 
 
-def _vectors(system: System, motion: Motion) -> Float[Tensor, "T 333"]:
-    rotmat = motion.local_rotations()
-    if system.config.rotation_space == "global":
-        rotmat = global_from_local(rotmat)
-    return pack(rot6d_from_matrix(rotmat), torch.from_numpy(motion.trans.copy()))
+def _vectors(system: System, motion: Motion) -> Float[Tensor, "T C"]:
+    config = system.config
+    transl = torch.from_numpy(motion.trans.astype(np.float32))
+    if config.root == "place":
+        transl = transl - transl.mean(0) * torch.tensor([1.0, 0.0, 1.0])
+    poses = torch.from_numpy(motion.poses.astype(np.float32))
+    return to_vectors(config.rotation_space, poses[None], transl[None], config.root)[0]
 
 
-def _positions(system: System, vectors: Float[Tensor, "*batch 333"]) -> Float[Tensor, "_ T 55 3"]:
-    rotmat = matrix_from_rot6d(unpack(vectors)[0])
-    if system.config.rotation_space == "local":
-        rotmat = global_from_local(rotmat)
-    return joint_positions_from_global(rotmat, open_body_skeleton())
+def _positions(system: System, vectors: Float[Tensor, "windows T C"]) -> Float[Tensor, "_ T 55 3"]:
+    config = system.config
+    return decode(vectors, config.rotation_space, open_body_skeleton(), config.root).rooted
 
 
 def frame_loudness(

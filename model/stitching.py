@@ -34,4 +34,11 @@ def cross_fade(
     """
     weight = fade_weights(older[0].shape[-4]).to(older[1])
     rotmat = interpolate_rotations(older[0], newer[0], weight[:, None])
-    return rotmat, torch.lerp(older[1], newer[1], weight[:, None])
+    return rotmat, fade(older[1], newer[1])
+
+
+def fade(
+    older: Float[Tensor, "*batch S C"], newer: Float[Tensor, "*batch S C"]
+) -> Float[Tensor, "*batch S C"]:
+    """The frames two windows share of channels that may be mixed linearly."""
+    return torch.lerp(older, newer, fade_weights(older.shape[-2]).to(older)[:, None])

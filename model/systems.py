@@ -9,13 +9,16 @@ import torch
 from model.cards import BUNDLED_WEIGHTS, CheckpointError, list_systems
 from model.checkpoint import load_into, load_weights
 from model.config import ExpressionConfig, NetworkConfig, from_dict
-from model.expression import ExpressionNetwork
+from model.expression import Face
 from model.network import MotionNetwork
 from model.packing import Normaliser
+from model.prior import GaussianPrior
+from model.prior_network import PriorNetwork
 from model.speech.encoder import SpeechEncoder
 from model.speech.encoders import make_encoder
 
 EXPRESSION_BASIS = "arkit52"
+EXPRESSION = "expression"
 
 
 class UnknownNameError(ValueError):
@@ -31,14 +34,14 @@ class System:
     sha256: str
     speakers: dict[str, int]
     """Speaker name -> index in the network's table."""
-    network: MotionNetwork
+    network: MotionNetwork | PriorNetwork
     normaliser: Normaliser
-    expression_network: ExpressionNetwork
-    expression_sha256: str
+    face: Face
     encoder: SpeechEncoder
 
     @property
     def config(self) -> NetworkConfig:
+        assert isinstance(self.network.config, NetworkConfig)
         return self.network.config
 
     def speaker_index(self, speaker: str) -> int:
@@ -66,21 +69,24 @@ def load_system(name: str, folder: Path = BUNDLED_WEIGHTS) -> System:
         found = ", ".join(available) if available else f"none in {folder}"
         raise UnknownNameError(f"There is no system {name!r}; available: {found}.")
     tensors, card = load_weights(folder, name)
-    expression_tensors, expression_card = load_weights(folder, "expression")
     try:
         config = from_dict(NetworkConfig, card["config"]["network"])
-        expression_config = from_dict(ExpressionConfig, expression_card["config"]["expression"])
         speakers = {str(k): int(v) for k, v in card["speakers"].items()}
         encoder = make_encoder(card["config"]["encoder"])
-        normaliser = Normaliser(tensors["normaliser.mean"], tensors["normaliser.std"])
+        normaliser = Normaliser.of_tensors(tensors)
+        if config.prior:
+            network: MotionNetwork | PriorNetwork = PriorNetwork(
+                config,
+                GaussianPrior(tensors["prior.covariance"], config.seed_frames),
+                channels=config.motion_dim,
+                expression_dim=config.expression_dim,
+            )
+        else:
+            network = MotionNetwork(config)
     except (KeyError, TypeError, AttributeError) as error:
         raise CheckpointError(f"The card of {name} lacks or misstates {error}.") from None
-    network = MotionNetwork(config)
     load_into(network, tensors, "network.", name)
-    expression_network = ExpressionNetwork(expression_config)
-    load_into(expression_network, expression_tensors, "network.", "expression")
-    for module in (network, expression_network):
-        module.eval().requires_grad_(False)
+    network.eval().requires_grad_(False)
     return System(
         name=name,
         card=card,
@@ -88,10 +94,28 @@ def load_system(name: str, folder: Path = BUNDLED_WEIGHTS) -> System:
         speakers=speakers,
         network=network,
         normaliser=normaliser,
-        expression_network=expression_network,
-        expression_sha256=expression_card["sha256"],
+        face=load_face(folder),
         encoder=encoder,
     )
+
+
+def load_face(folder: Path = BUNDLED_WEIGHTS) -> Face:
+    """Read the expression network.
+
+    Raises:
+        CheckpointError: if its files are missing or damaged.
+    """
+    tensors, card = load_weights(folder, EXPRESSION)
+    try:
+        config = from_dict(ExpressionConfig, card["config"]["expression"])
+        normaliser = Normaliser.of_tensors(tensors)
+        prior = GaussianPrior(tensors["prior.covariance"], config.seed_frames)
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise CheckpointError(f"The card of {EXPRESSION} lacks or misstates {error}.") from None
+    network = PriorNetwork(config, prior, channels=config.expression_dim, expression_dim=0)
+    load_into(network, tensors, "network.", EXPRESSION)
+    network.eval().requires_grad_(False)
+    return Face(network, normaliser, card["sha256"])
 
 
 def warm_up(system: System) -> None:
@@ -99,11 +123,13 @@ def warm_up(system: System) -> None:
     config = system.config
     with torch.inference_mode():
         system.network(
-            torch.zeros(1, config.window_frames, system.normaliser.mean.numel()),
+            torch.zeros(1, config.window_frames, config.motion_dim),
             torch.zeros(1),
-            speech=torch.zeros(1, config.window_frames, config.speech_dim),
+            speech=torch.zeros(
+                1, config.window_frames + 2 * config.speech_context, config.speech_dim
+            ),
             expression=torch.zeros(1, config.window_frames, config.expression_dim),
-            seed=torch.zeros(1, config.seed_frames, system.normaliser.mean.numel()),
+            seed=torch.zeros(1, config.seed_frames, config.motion_dim),
             speaker=torch.zeros(1, dtype=torch.long),
             has_seed=torch.zeros(1, dtype=torch.bool),
             has_speech=torch.ones(1, dtype=torch.bool),

@@ -11,19 +11,25 @@ from model.cards import CheckpointError
 from model.checkpoint import load_into, load_weights
 from model.config import TrainConfig
 from model.data import DataError, PreparedData
-from model.expression import ExpressionNetwork
 from model.ladder import SYSTEMS
 from model.network import MotionNetwork
 from model.objectives import (
     StepFunction,
     autoencoder_step,
     expression_step,
+    fit_face,
+    fit_motion_prior,
     fit_normaliser,
+    fit_vector_normaliser,
+    mean_vector,
     motion_step,
-    predicted_expressions,
 )
 from model.packing import Normaliser
 from model.parallel import CPU
+from model.prior import GaussianPrior
+from model.prior_network import PriorNetwork
+from model.skeleton import open_body_skeleton
+from model.targets import prepare_targets
 
 
 @dataclass(frozen=True)
@@ -41,15 +47,17 @@ class Task:
 
     network: nn.Module
     step_loss: StepFunction
-    normaliser: Normaliser | None
-    """Statistics of the input, saved with the weights; the expression network has none."""
+    normaliser: Normaliser
+    """Statistics of the input, saved with the weights."""
+    context: int = 0
+    """Frames of speech before and after each window."""
 
     def tensors(self, average: nn.Module) -> dict[str, Tensor]:
         """What to save: the averaged weights and the statistics."""
         found = {f"network.{name}": t for name, t in average.state_dict().items()}
-        if self.normaliser is not None:
-            found["normaliser.mean"] = self.normaliser.mean
-            found["normaliser.std"] = self.normaliser.std
+        found |= self.normaliser.tensors()
+        if isinstance(self.network, PriorNetwork):
+            found["prior.covariance"] = self.network.prior.covariance
         return {name: tensor.cpu() for name, tensor in found.items()}
 
 
@@ -71,12 +79,13 @@ def make_task(
     helpers: Path,
     start: Start | None = None,
     device: torch.device = CPU,
+    compile_step: bool = False,
 ) -> Task:
     """The task of ``config.system``.
 
     Args:
-        helpers: folder with the frozen networks that the task needs: the expression network, and
-            L_m's encoder where L_m has a weight.
+        helpers: folder with L_m's frozen encoder, needed where L_m has a weight.
+        compile_step: compile the network and the loss of motion systems (see `model.rate`).
         start: weights to begin with, and with them their input statistics: other statistics would
             change what the weights mean.
 
@@ -88,27 +97,46 @@ def make_task(
     torch.manual_seed(config.random_seed)
     given = None if start is None else load_weights(start.folder, start.system)[0]
 
-    def statistics(space) -> Normaliser:
-        if given is None:
-            return fit_normaliser(config, space, data).to(device)
-        if "normaliser.mean" not in given:
-            raise CheckpointError(f"The weights of {start and start.system} have no statistics.")
-        return Normaliser(given["normaliser.mean"], given["normaliser.std"]).to(device)
-
-    normaliser: Normaliser | None = None
+    if given is not None and "normaliser.mean" not in given:
+        raise CheckpointError(f"The weights of {start and start.system} have no statistics.")
+    known = None if given is None else Normaliser.of_tensors(given)
+    context = 0
     if config.system == "expression":
-        network: nn.Module = ExpressionNetwork(config.expression)
-        step_loss = expression_step(config)
+        shape = config.expression
+        context = shape.speech_context
+        if known is None or given is None:
+            known, prior = fit_face(config, data)
+        else:
+            prior = GaussianPrior(given["prior.covariance"], shape.seed_frames)
+        normaliser = known.to(device)
+        network: nn.Module = PriorNetwork(
+            shape, prior, channels=shape.expression_dim, expression_dim=0
+        )
+        step_loss = expression_step(config, normaliser)
     elif config.system in SYSTEMS:
-        normaliser = statistics(config.network.rotation_space)
+        shape = config.network
+        context = shape.speech_context
         encoder = load_encoder(helpers, "motion-vae", device) if config.loss.motion > 0 else None
-        expressions = predicted_expressions(data, helpers)
-        network = MotionNetwork(config.network)
-        step_loss = motion_step(config, normaliser, expressions, encoder)
+        targets = prepare_targets(data, shape.rotation_space, shape.root, open_body_skeleton())
+        if shape.prior:
+            if known is None or given is None:
+                known, prior = fit_motion_prior(config, data, targets)
+            else:
+                prior = GaussianPrior(given["prior.covariance"], shape.seed_frames)
+            normaliser = known.to(device)
+            network = PriorNetwork(
+                shape, prior, channels=shape.motion_dim, expression_dim=shape.expression_dim
+            )
+        else:
+            normaliser = (known or fit_normaliser(config, data, targets)).to(device)
+            network = MotionNetwork(shape)
+            network.start_at(mean_vector(normaliser, targets))
+        step_loss = motion_step(config, normaliser, targets, encoder, compile_step)
     else:
-        normaliser = statistics(config.autoencoder.rotation_space)
+        space = config.autoencoder.rotation_space
+        normaliser = (known or fit_vector_normaliser(config, space, data)).to(device)
         network = MotionAutoencoder(config.autoencoder)
         step_loss = autoencoder_step(config, normaliser)
     if given is not None and start is not None:
         load_into(network, given, "network.", start.system)
-    return Task(network.to(device), step_loss, normaliser)
+    return Task(network.to(device), step_loss, normaliser, context)

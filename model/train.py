@@ -23,9 +23,10 @@ from model.cards import BUNDLED_WEIGHTS, CheckpointError, load_card
 from model.checkpoint import save_weights
 from model.config import TrainConfig
 from model.data import Batch, DataError, prepare, validation_batches
-from model.ladder import named_config
+from model.ladder import CONFIGS, SYSTEMS, named_config
 from model.parallel import WHOLE, Shard, joined_processes
 from model.provenance import make_card, origin_of
+from model.rate import can_compile
 from model.run_folder import History, TrainingError, open_run, restore_state, save_state
 from model.speech.encoders import make_encoder
 from model.tasks import Start, Task, make_task
@@ -36,7 +37,7 @@ VALIDATION_BATCHES = 8
 def main(arguments: list[str] | None = None) -> int:
     """The command; returns its exit status."""
     parser = argparse.ArgumentParser(prog="python -m model.train", description=__doc__)
-    parser.add_argument("config", help="demo, paper or smoke")
+    parser.add_argument("config", help=f"one of {', '.join(CONFIGS)}")
     parser.add_argument("--data", type=Path, required=True, help="folder in BEAT2's layout")
     parser.add_argument("--out", type=Path, required=True, help="folder for state and weights")
     parser.add_argument(
@@ -45,8 +46,8 @@ def main(arguments: list[str] | None = None) -> int:
     )  # fmt: skip
     parser.add_argument("--steps", type=int, help="instead of the config's number")
     parser.add_argument(
-        "--helpers", "--expression", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR",
-        help="folder with the weights of the expression network and of L_m's encoder",
+        "--helpers", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR",
+        help="folder with the weights of L_m's encoder",
     )  # fmt: skip
     parser.add_argument(
         "--start-from", type=Path, metavar="DIR",
@@ -55,19 +56,24 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--start-system", metavar="NAME", help="whose weights of that folder; --system if not given"
     )
+    parser.add_argument("--random-seed", type=int, default=0, help="another training of its kind")
     parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--fp32", action="store_true", help="no bf16 even where it is faster")
+    parser.add_argument("--no-compile", action="store_true", help="never compile the step")
     parser.add_argument("--resume", action="store_true", help="go on from the state in --out")
     args = parser.parse_args(arguments)
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     torch.set_num_threads(args.threads)
     try:
         config = named_config(args.config, args.system)
+        config = dataclasses.replace(config, random_seed=args.random_seed)
         if args.steps is not None:
             config = dataclasses.replace(config, steps=args.steps)
         start = args.start_from and Start(args.start_from, args.start_system or args.system)
         with joined_processes() as shard:
+            shard = dataclasses.replace(shard, bf16=not args.fp32)
             train(config, args.data, args.out, resume=args.resume, helpers=args.helpers,
-                  start=start, shard=shard)  # fmt: skip
+                  start=start, shard=shard, may_compile=not args.no_compile)  # fmt: skip
     except (TrainingError, DataError, CheckpointError, ValueError) as error:
         sys.stderr.write(f"{error}\n")
         return 1
@@ -86,8 +92,12 @@ def train(
     helpers: Path = BUNDLED_WEIGHTS,
     start: Start | None = None,
     shard: Shard = WHOLE,
+    may_compile: bool = False,
 ) -> None:
     """Run or resume one training; leaves ``out/state.pt``, ``log.csv`` and ``out/weights/``.
+
+    Args:
+        may_compile: compile the step where that works; it starts a minute or two later then.
 
     Raises:
         TrainingError: if ``out`` holds another run, or there is none to resume.
@@ -116,7 +126,9 @@ def train(
     if resume:  # what the run began with is told by what it saved, not by this command
         start = Start(out / "weights", config.system)
         origin = load_card(start.folder, start.system)["started_from"]
-    task = make_task(config, data, helpers, start, shard.device)
+    compile_step = may_compile and config.system in SYSTEMS and can_compile()
+    with shard.first_alone():
+        task = make_task(config, data, helpers, start, shard.device, compile_step)
     network = task.network
     average = torch.optim.swa_utils.AveragedModel(
         network, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(config.ema_decay)
@@ -125,6 +137,8 @@ def train(
         network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay, fused=True
     )
     first = restore_state(out, network, average, optimizer) if resume else 0
+    if compile_step:
+        network.compile(dynamic=False)
     parallel = shard.wrap(network)
     history = History(out / "log.csv", keep_below=first)
     progress = tqdm(range(first, config.steps), initial=first, total=config.steps, unit="step",
@@ -134,7 +148,9 @@ def train(
             group["lr"] = config.learning_rate * learning_rate_factor(step, config)
         rng = np.random.default_rng([config.random_seed, step])
         generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
-        batch = data.window_batch(train_clips, window, config.batch_size, rng, config.mirror)
+        batch = data.window_batch(
+            train_clips, window, config.batch_size, rng, config.mirror, task.context
+        )
         network.train()
         loss = task.step_loss(parallel, batch, generator, shard)
         optimizer.zero_grad(set_to_none=True)
@@ -152,7 +168,7 @@ def train(
         last = done == config.steps
         if last or done % config.validate_every == 0:
             batches = validation_batches(
-                data, val_clips, window, config.batch_size, VALIDATION_BATCHES
+                data, val_clips, window, config.batch_size, VALIDATION_BATCHES, task.context
             )
             validation = _validate(task, average.module, batches, shard)
             history.add_validation(step, validation)

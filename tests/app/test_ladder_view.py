@@ -2,19 +2,20 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 
-from app.ladder_view import RUNGS, ladder
+from app.ladder_view import NOT_HERE, RUNGS, ladder
 from app.parts import default_systems
-from model.ladder import SYSTEMS
+from model.ladder import BEST, LADDER, SYSTEMS
 
 
 def test_the_rungs_are_those_of_the_trainings_in_their_order() -> None:
-    assert [rung.system for rung in RUNGS] == list(SYSTEMS)
+    assert [rung.system for rung in RUNGS] == list(LADDER)
+    assert BEST in ladder([BEST])
 
 
 def test_systems_without_weights_are_told_apart() -> None:
     html = ladder(["globaldiff/local", "globaldiff/global"])
-    assert html.count("class=absent") == 3
-    assert "absent" not in ladder(list(SYSTEMS))
+    assert html.count("class=absent") == 3 and html.count(NOT_HERE) == 4
+    assert "absent" not in ladder(list(SYSTEMS)) and NOT_HERE not in ladder(list(SYSTEMS))
 
 
 @pytest.mark.parametrize("rung", RUNGS, ids=lambda rung: rung.system)
@@ -27,7 +28,7 @@ def test_equations_are_whole(rung) -> None:
 
 
 def test_at_first_a_few_systems_are_ticked_that_show_most() -> None:
-    ends = ["globaldiff/local", "globaldiff/global", "globaldiff/full"]
-    assert default_systems(list(SYSTEMS)) == ends
-    assert default_systems(ends[:2]) == ends[:2]
-    assert default_systems(["a", "globaldiff/full", "b", "c"]) == ["a", "globaldiff/full", "b"]
+    first = [BEST, "globaldiff/local", "globaldiff/global"]
+    assert default_systems(list(SYSTEMS)) == first
+    assert default_systems(first[:2]) == first[:2]
+    assert default_systems(["a", "globaldiff/global", "b", "c"]) == ["a", "globaldiff/global", "b"]

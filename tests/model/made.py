@@ -9,15 +9,38 @@ import torch
 
 from model.checkpoint import save_weights
 from model.config import ExpressionConfig, NetworkConfig, TrainConfig, to_json
-from model.expression import ExpressionNetwork
 from model.motion import save_motion
 from model.network import MotionNetwork
-from model.packing import MOTION_DIM
+from model.packing import MOTION_DIM, Normaliser
+from model.prior import GaussianPrior
+from model.prior_network import PriorNetwork
 from model.speech.audio import Speech, write_wav
 from tests.helpers import smooth_motion_example
 
 TINY_NETWORK = NetworkConfig(width=16, num_blocks=1, num_heads=2, num_speakers=4)
-TINY_EXPRESSION = ExpressionConfig(width=16, num_layers=1, num_heads=2, num_speakers=4)
+TINY_EXPRESSION = ExpressionConfig(width=16, num_blocks=1, num_heads=2, num_speakers=4)
+
+
+TINY_SYSTEMS = {
+    "globaldiff/local": replace(TINY_NETWORK, rotation_space="local"),
+    "globaldiff/global": TINY_NETWORK,
+}
+TINY_BEST = replace(
+    TINY_NETWORK, rotation_space="axis-angle", prior=True, speech_context=6, root="place"
+)
+
+
+def made_prior(channels: int, seed_frames: int = 8) -> GaussianPrior:
+    """Components of different size that move on the scale of half a second (Matern 3/2)."""
+    lag = (torch.arange(60)[:, None] - torch.arange(60)).abs() / 8.0
+    fall = (1 + lag) * torch.exp(-lag)
+    return GaussianPrior(torch.linspace(0.02, 2.0, channels)[:, None, None] * fall, seed_frames)
+
+
+def made_components(mean: torch.Tensor, std: float) -> Normaliser:
+    """Components that are channels in another order, each counted twice over."""
+    mix = 2.0 * torch.eye(len(mean)).flip(0)
+    return Normaliser(mean, torch.full_like(mean, std), mix, torch.linalg.inv(mix))
 
 
 def made_waveform(num_samples: int, seed: int = 0) -> np.ndarray:
@@ -49,25 +72,38 @@ def make_data_folder(folder: Path, seconds: float = 4.0) -> Path:
     return folder
 
 
-def make_weights(folder: Path) -> Path:
-    """Both systems and the expression network with random tiny weights and complete cards."""
+def make_weights(folder: Path, systems: dict[str, NetworkConfig] = TINY_SYSTEMS) -> Path:
+    """Systems and the expression network with random tiny weights and complete cards."""
     torch.manual_seed(0)
     common = {"speakers": {"ann": 1, "bob": 2}, "steps": 0, "training_data": "none", "date": "-"}
-    expression = ExpressionNetwork(TINY_EXPRESSION)
+    prior = made_prior(52)
+    expression = PriorNetwork(TINY_EXPRESSION, prior, channels=52, expression_dim=0)
     config = TrainConfig(system="expression", expression=TINY_EXPRESSION, network=TINY_NETWORK)
     tensors = {f"network.{k}": v for k, v in expression.state_dict().items()}
+    tensors |= made_components(torch.full((52,), 0.2), 0.1).tensors()
+    tensors |= {"prior.covariance": prior.covariance}
     save_weights(folder, "expression", tensors, {"config": json.loads(to_json(config)), **common})
-    for system, space in (("globaldiff/local", "local"), ("globaldiff/global", "global")):
-        network_config = replace(TINY_NETWORK, rotation_space=space)
-        network = MotionNetwork(network_config)
+    for system, network_config in systems.items():
+        if network_config.prior:
+            mean = torch.zeros(network_config.motion_dim)
+            mean[-2] = 1.2
+            normaliser = made_components(mean, 0.1)
+            prior = made_prior(network_config.motion_dim)
+            network = PriorNetwork(
+                network_config, prior, channels=network_config.motion_dim, expression_dim=52
+            )
+            more = {"prior.covariance": prior.covariance}
+        else:
+            mean = torch.zeros(MOTION_DIM)
+            mean[0:330:6] = mean[4:330:6] = 1.0  # the identity rotation
+            mean[331] = 1.2
+            normaliser = Normaliser(mean, torch.full((MOTION_DIM,), 0.1))
+            network, more = MotionNetwork(network_config), {}
         with torch.no_grad():
             for parameter in network.parameters():  # outputs and FiLM layers start at zero
                 parameter += 0.05 * torch.randn_like(parameter)
-        mean = torch.zeros(MOTION_DIM)
-        mean[0:330:6] = mean[4:330:6] = 1.0  # the identity rotation
-        mean[331] = 1.2
         tensors = {f"network.{k}": v for k, v in network.state_dict().items()}
-        tensors |= {"normaliser.mean": mean, "normaliser.std": torch.full((MOTION_DIM,), 0.1)}
+        tensors |= normaliser.tensors() | more
         config = TrainConfig(system=system, network=network_config, expression=TINY_EXPRESSION)
         save_weights(folder, system, tensors, {"config": json.loads(to_json(config)), **common})
     return folder

@@ -12,6 +12,7 @@ from model.data import prepare
 from model.files import WriteError
 from model.kinematics import mirror_transl
 from model.mirror import mirror_face_units, mirror_poses
+from model.motion import save_motion
 from model.recordings import DataError, augmented_copy, encode_clip
 from model.speech.audio import Speech, write_wav
 from model.speech.features import NUM_MELS, MelEncoder
@@ -71,8 +72,23 @@ def test_a_cache_is_used_again_and_only_for_what_it_was_made_for(folder, data, t
     again = prepare(folder, folder.parent / "prepared", Never(), augmented_copies=2)
     assert again.clips == data.clips
     prepare(folder, tmp_path / "cache", MelEncoder())
-    with pytest.raises(DataError, match="other data or another encoder"):
+    with pytest.raises(DataError, match="another version or with another encoder"):
         prepare(folder, tmp_path / "cache", Never(), min_frames=61)
+
+
+def test_other_recordings_of_the_same_names_get_arrays_of_their_own(tmp_path):
+    """Two corpora made with different seeds name their clips alike."""
+    first, second = (make_data_folder(tmp_path / name) for name in ("one", "two"))
+    name = "1_ann_0_0_0"
+    save_motion(smooth_motion_example(120, 77), second / "smplxflame_30" / f"{name}.npz")
+    a, b = (prepare(folder, tmp_path / "prepared", MelEncoder()) for folder in (first, second))
+    assert [clip.name for clip in a.clips] == [clip.name for clip in b.clips]
+    assert a.folder != b.folder and a.folder.parent == b.folder.parent
+    assert np.abs(a.poses[:120] - b.poses[:120]).max() > 0.01
+    moved = shutil.copytree(first, tmp_path / "elsewhere")
+    assert prepare(moved, tmp_path / "prepared", MelEncoder()).folder == a.folder
+    write_wav(moved / "wave16k" / f"{name}.wav", made_waveform(64_000, seed=9))
+    assert prepare(moved, tmp_path / "prepared", MelEncoder()).folder != a.folder
 
 
 def test_a_full_disk_leaves_no_cache_that_looks_whole(folder, tmp_path, monkeypatch):
@@ -82,7 +98,8 @@ def test_a_full_disk_leaves_no_cache_that_looks_whole(folder, tmp_path, monkeypa
     monkeypatch.setattr("model.data._append", full)
     with pytest.raises(WriteError, match="the disk is full"):
         prepare(folder, tmp_path / "cache", MelEncoder())
-    assert not list((tmp_path / "cache").iterdir())
+    (cache,) = tmp_path.iterdir()
+    assert not list(cache.iterdir())
 
 
 @pytest.mark.parametrize("copy", range(1, 7))

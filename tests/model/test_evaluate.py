@@ -1,5 +1,7 @@
 import csv
 import json
+import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,12 +9,21 @@ import pytest
 from model.autoencoder import FrozenEncoder, MotionAutoencoder
 from model.data import DataError
 from model.evaluate import evaluate, main
+from model.evaluation import ClipRow, as_table
 from model.intervals import bootstrap, bootstrap_difference, bootstrap_ratio
 from model.ladder import FGD_ENCODER
 from model.parallel import Shard
+from model.speech.features import MelEncoder
 from model.systems import load_system
 from tests.model.made import make_data_folder, make_weights
 
+ROW = ClipRow(
+    measures={"tip_jerk_m_s3": 1.0},
+    by_depth={},
+    couplings=dict.fromkeys(("right", "shifted", "foreign"), 0.0),
+    features=None,
+    positions=[],
+)
 CLIPS = ["1_ann_0_0_0", "2_bob_0_1_1"]
 
 
@@ -106,6 +117,53 @@ def assert_close(a, b) -> None:
         assert a == pytest.approx(b, rel=1e-3, abs=1e-6)
     else:
         assert a == b
+
+
+class OtherEncoder(MelEncoder):
+    """As wide, and hears everything twice as loud."""
+
+    name = "twice"
+
+    def encode(self, waveform, num_frames):
+        return 2 * super().encode(waveform, num_frames)
+
+
+def test_each_system_hears_through_its_own_encoder(folders, system):
+    other = replace(system, name="globaldiff/global", encoder=OtherEncoder())
+    together = evaluate(folders[0], CLIPS, [system, other], 1)
+    for one in (system, other):
+        alone = evaluate(folders[0], CLIPS, [one], 1)
+        assert_close(together["wrong_speech"][one.name], alone["wrong_speech"][one.name])
+    right = [together["by_depth"][name]["position_error_m"] for name in together["wrong_speech"]]
+    assert right[0] != right[1]
+
+
+def test_spread_at_will_needs_two_of_a_kind(folders, system):
+    once, twice = (evaluate(folders[0], CLIPS, [system], seeds)["motion"] for seeds in (1, 2))
+    assert "spread_at_will_m" not in once["globaldiff/local"]
+    assert twice["globaldiff/local"]["spread_at_will_m"]["mean"] > 0
+    assert "spread_at_will_m" not in once["recorded"]  # two clips of two speakers
+
+
+def test_recorded_clips_are_paired_with_those_of_their_speaker():
+    rng = np.random.default_rng(0)
+    rows = [
+        {"recorded": replace(ROW, positions=[at + rng.normal(0, 1e-3, (30, 55, 3))])}
+        for at in (0.0, 0.1, 5.0)
+    ]
+    table = as_table(rows, ["ann", "ann", "bob"])
+    found = table["motion"]["recorded"]["spread_at_will_m"]["mean"]
+    assert found == pytest.approx(0.1 * 165, rel=0.05)
+
+
+def test_a_clip_whose_name_says_no_speaker_is_named(folders, tmp_path, capsys):
+    data = shutil.copytree(folders[0], tmp_path / "odd")
+    with (data / "train_test_split.csv").open("a") as file:
+        file.write("nonsense,test\n")
+    status = main(["--data", str(data), "--weights", str(folders[1]), "--out", str(tmp_path)])
+    assert (
+        status == 1 and "nonsense does not start with a speaker number" in capsys.readouterr().err
+    )
 
 
 def test_bootstrap_covers_the_mean_and_narrows_with_more_clips():

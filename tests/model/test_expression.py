@@ -1,46 +1,62 @@
 import pytest
 import torch
 
-from model.expression import ExpressionNetwork, predict_expressions
-from tests.model.made import TINY_EXPRESSION
+from model.expression import Face, SpeechStream
+from model.systems import load_face
+from tests.model.made import TINY_EXPRESSION, make_weights
+
+HEARD = 60 + 2 * TINY_EXPRESSION.speech_context
 
 
-@pytest.fixture
-def network() -> ExpressionNetwork:
-    torch.manual_seed(1)
-    network = ExpressionNetwork(TINY_EXPRESSION).eval()
-    torch.nn.init.normal_(network.out.weight, std=0.05)
-    torch.nn.init.constant_(network.out.bias, 0.5)
-    return network
+@pytest.fixture(scope="module")
+def face(tmp_path_factory) -> Face:
+    return load_face(make_weights(tmp_path_factory.mktemp("weights")))
 
 
-@pytest.mark.parametrize("num_frames", [1, 29, 30, 31, 59, 60, 61, 90, 91, 200])
-def test_every_length_comes_back_whole(network, num_frames):
-    speech = torch.randn(num_frames, 68)
-    units = predict_expressions(network, speech, speaker=1)
-    assert units.shape == (num_frames, 52)
-    assert torch.isfinite(units).all() and units.min() >= 0 and units.max() <= 1
+def test_a_face_is_drawn_anew_from_other_noise_and_stays_in_range(face):
+    speech = torch.randn(1, HEARD, 68)
+    one, other = (face.draw(speech, 1, None, face.noise(seed, 0))[0] for seed in (0, 1))
+    assert one.shape == (1, 60, 52)
+    assert one.min() >= 0 and one.max() <= 1
+    assert (one - other).abs().max() > 0.05
+    torch.testing.assert_close(one, face.draw(speech, 1, None, face.noise(0, 0))[0])
 
 
-def test_blend_weights_add_up_to_one():
-    network = ExpressionNetwork(TINY_EXPRESSION).eval()  # its output layer starts at zero
-    torch.nn.init.constant_(network.out.bias, 0.25)
-    units = predict_expressions(network, torch.randn(133, 68), speaker=0)
-    torch.testing.assert_close(units, torch.full((133, 52), 0.25))
+def test_a_window_goes_on_from_the_one_before(face):
+    speech = torch.randn(1, HEARD, 68)
+    first, seed = face.draw(speech, 1, None, face.noise(0, 0))
+    after, _ = face.draw(speech, 1, seed, face.noise(0, 1))
+    assert (after[:, :8] - first[:, -8:]).abs().mean() < 0.2 * first.std()
 
 
-def test_no_jump_where_windows_meet(network):
-    time = torch.arange(300)[:, None] / 30
-    speech = torch.sin(time * torch.linspace(0.2, 1.0, 68))
-    steps = predict_expressions(network, speech, speaker=1).diff(dim=0).abs().amax(1)
-    joins = steps[29::30]
-    assert joins.max() < 4 * steps.median() + 1e-3
+def test_windows_of_a_batch_do_not_mix(face):
+    speech = torch.randn(3, HEARD, 68)
+    noise = torch.cat([face.noise(0, k) for k in range(3)])
+    together, _ = face.draw(speech, 1, None, noise)
+    alone, _ = face.draw(speech[1:2], 1, None, noise[1:2])
+    torch.testing.assert_close(together[1:2], alone, atol=1e-4, rtol=1e-4)
 
 
-def test_batches_do_not_change_the_result(network):
-    speech = torch.randn(400, 68)
-    torch.testing.assert_close(
-        predict_expressions(network, speech, 1, batch_size=3),
-        predict_expressions(network, speech, 1),
-        atol=1e-6, rtol=1e-5,
-    )  # fmt: skip
+@pytest.mark.parametrize("sizes", [[200], [1, 60, 17, 100, 22], [7] * 28 + [4]])
+def test_windows_of_a_stream_are_those_of_the_whole_with_both_ends_held(sizes):
+    features = torch.arange(200.0)[:, None].expand(-1, 3)
+    stream = SpeechStream(features.split(sizes), context=20)
+    for index, start in enumerate(range(0, 200, 52)):
+        window = stream.window(start, 60)
+        wanted = torch.arange(start - 20, start + 80).clamp(0, 199).float()
+        torch.testing.assert_close(window.speech[:, 0], wanted)
+        assert window.num_frames == min(60, 200 - start)
+        assert window.is_last == (start + 60 >= 200)
+        torch.testing.assert_close(window.around(0, 60)[:, 0], wanted[20:80])
+        torch.testing.assert_close(window.around(5, 60)[:, 0], wanted[15:85])
+        if window.is_last:
+            assert index == 3
+            break
+
+
+def test_speech_that_has_ended_has_no_further_window():
+    stream = SpeechStream([torch.zeros(30, 3)], context=4)
+    with pytest.raises(ValueError, match="no frame 30"):
+        stream.window(30, 60)
+    with pytest.raises(ValueError, match="no frame 0"):
+        SpeechStream([], context=4).window(0, 60)

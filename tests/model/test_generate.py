@@ -4,17 +4,19 @@ import torch
 
 from model.generate import Cancelled, GenerateOptions, generate_motion, stream_motion
 from model.kinematics import joint_positions_from_local
+from model.ladder import BEST
 from model.skeleton import JOINT_INDEX, open_body_skeleton
 from model.systems import load_system
-from tests.model.made import made_speech, make_weights
+from tests.model.made import TINY_BEST, TINY_SYSTEMS, made_speech, make_weights
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    return make_weights(tmp_path_factory.mktemp("weights"))
+    systems = {**TINY_SYSTEMS, BEST: TINY_BEST}
+    return make_weights(tmp_path_factory.mktemp("weights"), systems)
 
 
-@pytest.fixture(scope="module", params=["globaldiff/local", "globaldiff/global"])
+@pytest.fixture(scope="module", params=["globaldiff/local", "globaldiff/global", BEST])
 def system(request, folder):
     return load_system(request.param, folder)
 

@@ -33,12 +33,23 @@ def test_differences_ignore_what_is_constant_or_grows_evenly():
     torch.testing.assert_close(losses.acceleration_loss(speeding, zero), none + 0.09)
 
 
-def test_expression_loss_punishes_flicker_more_than_offset():
+def test_difference_loss_sees_flicker_and_no_offset():
     target = torch.zeros(1, 8, 2)
-    offset = target + 0.1
     flicker = target + 0.1 * torch.tensor([1.0, -1.0] * 4)[None, :, None]
-    torch.testing.assert_close(losses.expression_loss(offset, target), torch.tensor(0.01))
-    assert losses.expression_loss(flicker, target) > 0.3
+    torch.testing.assert_close(losses.difference_loss(target + 0.1, target), torch.zeros(1))
+    torch.testing.assert_close(losses.difference_loss(flicker, target), torch.full((1,), 0.04))
+
+
+def test_contact_loss_sees_steps_of_feet_that_stand_and_of_no_others():
+    stands, walks = torch.zeros(1, 5, 55, 3), torch.zeros(1, 5, 55, 3)
+    walks[..., 0] = 0.05 * torch.arange(5.0)[:, None]  # 1.5 m/s
+    sliding = stands.clone()
+    sliding[..., losses.FEET[0], 0] = 0.01 * torch.arange(5.0)  # one of four points, 1 cm a frame
+    torch.testing.assert_close(losses.contact_loss(sliding, stands), torch.tensor([0.25]))
+    torch.testing.assert_close(losses.contact_loss(sliding, walks), torch.zeros(1))
+    lifted = stands.clone()
+    lifted[..., 1] = 0.01 * torch.arange(5.0)[:, None]
+    torch.testing.assert_close(losses.contact_loss(lifted, stands), torch.zeros(1))
 
 
 def test_kl_is_zero_for_the_standard_normal_and_half_for_a_mean_of_one():

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from model.config import NetworkConfig, TrainConfig, from_dict, to_json
-from model.ladder import SYSTEMS, named_config
+from model.ladder import CONFIGS, LADDER, named_config
 from model.network import MotionNetwork
 from model.packing import HAND_CHANNELS, TORSO_CHANNELS
 from model.run_folder import differing_fields
@@ -16,10 +16,11 @@ from tests.model.made import TINY_NETWORK
 def inputs(size: int = 2, config: NetworkConfig = TINY_NETWORK) -> dict:
     generator = torch.Generator().manual_seed(0)
     frames, seed = config.window_frames, config.seed_frames
+    heard = frames + 2 * config.speech_context
     return {
         "x_t": torch.randn(size, frames, 333, generator=generator),
         "t": torch.rand(size, generator=generator),
-        "speech": torch.randn(size, frames, config.speech_dim, generator=generator),
+        "speech": torch.randn(size, heard, config.speech_dim, generator=generator),
         "expression": torch.rand(size, frames, config.expression_dim, generator=generator),
         "seed": torch.randn(size, seed, 333, generator=generator),
         "speaker": torch.ones(size, dtype=torch.long),
@@ -77,16 +78,19 @@ def test_config_survives_json_and_refuses_unknown_fields():
     assert from_dict(TrainConfig, json.loads(to_json(config))) == config
     with pytest.raises(ValueError, match="NetworkConfig has no field depth"):
         from_dict(NetworkConfig, {"depth": 3})
-    with pytest.raises(ValueError, match="choose one of demo, paper, smoke"):
+    with pytest.raises(ValueError, match="choose one of demo, demo-small, paper-regime"):
         named_config("huge", "globaldiff/local")
     with pytest.raises(ValueError, match="globaldiff/local, globaldiff/global"):
         named_config("demo", "emage")
+    with pytest.raises(ValueError, match="prior is True with global rotations"):
+        replace(TINY_NETWORK, prior=True)
     with pytest.raises(ValueError, match="no multiple"):
         replace(TINY_NETWORK, num_heads=3)
 
 
-def test_each_rung_differs_from_the_one_before_in_one_thing():
-    rungs = [json.loads(to_json(named_config("demo", name))) for name in SYSTEMS]
+@pytest.mark.parametrize("regime", [name for name in CONFIGS if name != "smoke"])
+def test_each_rung_differs_from_the_one_before_in_one_thing(regime):
+    rungs = [json.loads(to_json(named_config(regime, name))) for name in LADDER]
     changes = [
         [name for name in differing_fields(a, b) if name != "system"] for a, b in pairwise(rungs)
     ]
@@ -95,5 +99,23 @@ def test_each_rung_differs_from_the_one_before_in_one_thing():
     ]  # fmt: skip
     first, last = rungs[0]["loss"], rungs[-1]["loss"]
     assert first["joint"] == first["skeleton"] == first["motion"] == 0
-    assert min(last.values()) > 0  # and every rung has eq. 7 and L_pos
+    assert min(last[name] for name in ("simple", "position", "joint", "skeleton", "motion")) > 0
     assert first["simple"] > 0 and first["position"] > 0
+
+
+def test_the_papers_regime_has_the_papers_losses_on_raw_rotations():
+    for name in LADDER:
+        config = named_config("paper-regime", name)
+        assert config.representation == "raw" and config.flow_time_power == 1
+        assert config.loss.velocity == config.loss.acceleration == 0
+        assert config.loss.time_weight_floor is None
+
+
+@pytest.mark.parametrize("name", LADDER)
+def test_an_untrained_network_can_start_at_a_pose(name):
+    config = named_config("smoke", name).network
+    network = MotionNetwork(config)
+    pose = torch.randn(333)
+    network.start_at(pose)
+    found = network(**inputs(config=config))
+    torch.testing.assert_close(found, pose.expand_as(found))

@@ -32,6 +32,21 @@ def test_unpack_restores_motion_up_to_where_it_stands():
     torch.testing.assert_close(transl_back, transl - origin, atol=1e-5, rtol=0)
 
 
+def test_a_place_is_kept_as_it_is():
+    rot6d, transl = torch.randn(2, 9, 55, 6), torch.randn(2, 9, 3)
+    vector = pack(rot6d, transl, "place")
+    torch.testing.assert_close(vector[..., 330:], transl)
+    torch.testing.assert_close(unpack(vector, "place")[1], transl)
+
+
+def test_raw_vectors_keep_their_rotations_and_normalise_the_root():
+    vectors = torch.randn(500, 333) * 3 + 5
+    raw, usual = Normaliser.fit(vectors, "raw"), Normaliser.fit(vectors)
+    torch.testing.assert_close(raw.normalise(vectors)[:, :330], vectors[:, :330])
+    torch.testing.assert_close(raw.std[330:], usual.std[330:])
+    torch.testing.assert_close(raw.mean[330:], usual.mean[330:])
+
+
 def test_one_frame_has_no_velocity():
     vector = pack(torch.randn(1, 55, 6), torch.randn(1, 3))
     torch.testing.assert_close(vector[0, [330, 332]], torch.zeros(2))
