@@ -35,9 +35,9 @@ TITLE = "Five systems, each adding one thing to the one before"
 INTRODUCTION = (
     "All predict the clean motion from a noised one, the speech, the speaker and a short seed "
     "(flow matching, eq. 7), with positions supervised beside rotations. In this project everything"
-    " but the rung's own step is equal: data, network, steps of training, and the noise of a "
-    "comparison; the constraints were trained on from the weights of global rotations. That a step "
-    "helps is the paper's claim; on your clip, the measures decide."
+    " but the rung's own step is equal: data and their order, network, windows of training, and "
+    "the noise of a comparison; each was trained from nothing, on raw rotations as in the paper's "
+    "code. That a step helps is the paper's claim; on your clip, the measures decide."
 )
 NOT_HERE = "no weights here"
 OWN_TITLE = "And one of our own, made to move well"
