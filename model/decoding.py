@@ -40,14 +40,20 @@ class Decoded:
     """Joint positions in metres, the pelvis where the rest pose has it."""
     root: Float[Tensor, "B T 3"]
     """Way of the pelvis in metres; of velocities, from x = z = 0."""
-    global_vectors: Float[Tensor, "B T 333"]
-    """Motion vectors of the same motion in the global space."""
+    global_vectors: Float[Tensor, "B T 333"] | None
+    """Motion vectors of the same motion in the global space; None where no term asks for them."""
 
     def to(self, device: torch.device) -> "Decoded":
         """The same on a device."""
+
+        def moved(part: Tensor | None) -> Tensor | None:
+            return None if part is None else part.to(device)
+
         return Decoded(
-            None if self.global_rot is None else self.global_rot.to(device),
-            *(getattr(self, name).to(device) for name in ("rooted", "root", "global_vectors")),
+            global_rot=moved(self.global_rot),
+            rooted=self.rooted.to(device),
+            root=self.root.to(device),
+            global_vectors=moved(self.global_vectors),
         )
 
     @property
@@ -123,6 +129,8 @@ def _motion_term(
 ) -> Float[Tensor, " B"]:
     if encoder is None:
         raise ValueError("L_m has a weight, but no motion encoder was given.")
+    if predicted.global_vectors is None or target.global_vectors is None:
+        raise ValueError("L_m has a weight, but rotations were left out.")
     with torch.no_grad():
         wanted = encoder.codes(target.global_vectors)
     return constraints.temporal_structure_loss(encoder.codes(predicted.global_vectors), wanted)

@@ -41,8 +41,8 @@ class Targets:
         """Vectors of a batch's windows, and what they mean.
 
         Args:
-            rotations: whether global rotations and global vectors are asked for; without, the
-                former may be None and the latter local.
+            rotations: whether global rotations and vectors are asked for; without, they may be
+                None.
         """
         vectors = torch.from_numpy(self.vectors[batch.frames])
         if batch.mirrored.any():  # the arrays know no mirror
@@ -57,7 +57,7 @@ class Targets:
             global_rot=rotations_of(vectors, self.space) if rotations else None,
             rooted=torch.from_numpy(self.rooted[batch.frames]).unflatten(-1, (NUM_JOINTS, 3)),
             root=root_positions(vectors[..., -ROOT_DIM:], self.root),
-            global_vectors=vectors,
+            global_vectors=vectors if rotations else None,
         )
         return vectors, decoded
 

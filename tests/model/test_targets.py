@@ -21,7 +21,7 @@ def data(tmp_path_factory):
     return prepare(make_data_folder(root / "data"), root / "prepared", MelEncoder())
 
 
-@pytest.mark.parametrize("space", ["local", "global"])
+@pytest.mark.parametrize("space", ["local", "global", "axis-angle"])
 @pytest.mark.parametrize("rotations", [False, True])
 def test_mapped_targets_equal_converted_windows(data, space, rotations):
     skeleton = open_body_skeleton()

@@ -13,7 +13,7 @@ from model.checkpoint import load_weights, save_weights
 from model.config import TrainConfig, to_json
 from model.data import DataError, prepare, read_split
 from model.decoding import to_vectors
-from model.ladder import named_config
+from model.ladder import BEST, named_config
 from model.parallel import WHOLE
 from model.run_folder import TrainingError
 from model.speech.features import MelEncoder
@@ -48,7 +48,7 @@ def same_weights(a: dict, b: dict) -> bool:
     return all(torch.equal(a["average"][k], b["average"][k]) for k in a["average"])
 
 
-@pytest.mark.parametrize("system", ["globaldiff/local", "globaldiff/global"])
+@pytest.mark.parametrize("system", ["globaldiff/local", "globaldiff/global", BEST])
 def test_training_leaves_weights_that_load(root, system):
     run(root, system.replace("/", "-"), quick(system))
     weights = root / system.replace("/", "-") / "weights"
@@ -63,9 +63,11 @@ def test_training_leaves_weights_that_load(root, system):
     assert [(r["step"], r["split"]) for r in rows] == [("3", "train"), ("6", "val"), ("6", "train")]
 
 
-def test_a_killed_and_resumed_run_equals_one_that_was_not(root):
-    config = quick("globaldiff/global")
-    whole = run(root, "whole", config)
+@pytest.mark.parametrize("system", ["globaldiff/global", BEST, "expression"])
+def test_a_killed_and_resumed_run_equals_one_that_was_not(root, system):
+    config = quick(system)
+    name = f"killed-{system.replace('/', '-')}"
+    whole = run(root, f"whole-{name}", config)
 
     class Killed(Exception):
         pass
@@ -82,10 +84,10 @@ def test_a_killed_and_resumed_run_equals_one_that_was_not(root):
     module.losses.finite_or_raise = die_at_five
     try:
         with pytest.raises(Killed):
-            run(root, "killed", config)
+            run(root, name, config)
     finally:
         module.losses.finite_or_raise = real
-    resumed = run(root, "killed", config, resume=True)
+    resumed = run(root, name, config, resume=True)
     assert resumed["step"] == whole["step"] == 6
     assert same_weights(whole, resumed)
 
