@@ -9,12 +9,12 @@ One network serves every system, so that all of them show the same face.
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from model.config import ExpressionConfig
+from model.flow import seeded_noise
 from model.packing import Normaliser
 from model.prior_network import PriorNetwork
 
@@ -67,10 +67,8 @@ class Face:
 
     def noise(self, seed: int, window: int) -> Float[Tensor, "1 T E"]:
         """The same for every system and length."""
-        state = np.random.SeedSequence([seed, 1, window]).generate_state(1, np.uint64)
-        generator = torch.Generator().manual_seed(int(state[0] >> 1))
         shape = 1, self.config.window_frames, self.config.expression_dim
-        return torch.randn(shape, generator=generator)
+        return seeded_noise([seed, 1, window], shape)
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,10 @@ Noise ``x_0 ~ N(0, I)`` lies at t = 0, data ``x_1`` at t = 1, and ``x_t = (1 - t
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal, assert_never
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -18,6 +19,13 @@ SAMPLERS: tuple[Sampler, ...] = ("euler", "heun", "reinterpolate")
 
 PredictClean = Callable[[Float[Tensor, "B ..."], float], Float[Tensor, "B ..."]]
 """x_1 predicted from x_t at one time t."""
+
+
+def seeded_noise(key: Sequence[int], shape: Sequence[int]) -> Float[Tensor, "..."]:
+    """Standard normal numbers that follow from ``key`` alone."""
+    state = np.random.SeedSequence(key).generate_state(1, np.uint64)
+    generator = torch.Generator().manual_seed(int(state[0] >> 1))
+    return torch.randn(tuple(shape), generator=generator)
 
 
 def interpolate(

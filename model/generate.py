@@ -13,7 +13,7 @@ from torch import Tensor
 
 from model.decoding import rotations
 from model.expression import SpeechStream
-from model.flow import Sampler, sample
+from model.flow import Sampler, sample, seeded_noise
 from model.kinematics import local_from_global
 from model.motion import Motion
 from model.packing import ROOT_DIM, pack, root_positions
@@ -211,8 +211,9 @@ def _generate_window(
     seed and needs no holding. The join is faded afterwards."""
     config, prior = system.config, system.network.prior
     size = options.samples
+    # The same for every system of this shape, and for however many samples share a batch.
     shape = config.window_frames, config.motion_dim
-    x_0 = torch.stack([_noise(options.seed, k, index, shape) for k in range(size)])
+    x_0 = torch.stack([seeded_noise([options.seed, k, index], shape) for k in range(size)])
     known = torch.zeros(size, config.seed_frames, x_0.shape[-1]) if seed is None else seed
     last: dict[str, Tensor] = {}
     guided = options.guidance != 1
@@ -242,16 +243,6 @@ def _generate_window(
         return prior.sample(predict, x_0, seed, steps=options.steps, heun=heun)
     sample(predict, x_0, steps=options.steps, sampler=options.sampler)
     return last["x_1"]  # every sampler ends on its last prediction
-
-
-def _noise(
-    seed: int, sample_index: int, window: int, shape: tuple[int, int]
-) -> Float[Tensor, "T C"]:
-    """The same for every system of this shape, and independent of how many samples share a
-    batch."""
-    state = np.random.SeedSequence([seed, sample_index, window]).generate_state(1, np.uint64)
-    generator = torch.Generator().manual_seed(int(state[0] >> 1))
-    return torch.randn(shape, generator=generator)
 
 
 def _to_motion(

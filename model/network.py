@@ -5,7 +5,7 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from model.config import NetworkConfig
+from model.config import ExpressionConfig, NetworkConfig
 from model.layers import MotionBlock, TimeEmbedding, sinusoidal_positions
 from model.packing import HAND_CHANNELS, MOTION_DIM, TORSO_CHANNELS
 
@@ -60,26 +60,23 @@ class MotionBranch(nn.Module):
 
     def __init__(
         self,
+        config: NetworkConfig | ExpressionConfig,
         *,
         inputs: int,
         body_inputs: int,
         channels: int,
-        width: int,
-        num_blocks: int,
-        num_heads: int,
-        feedforward_ratio: int,
-        conv_kernel: int,
-        seed_frames: int,
     ) -> None:
         super().__init__()
+        width = config.width
         self.region_in = nn.Linear(inputs, width)
         self.body_in = nn.Linear(body_inputs, width)
         self.fuse = nn.Linear(3 * width, width)
         self.seed_in = nn.Linear(channels, width)
-        self.no_seed = nn.Parameter(0.02 * torch.randn(seed_frames, width))
+        self.no_seed = nn.Parameter(0.02 * torch.randn(config.seed_frames, width))
         self.seed_to_condition = nn.Linear(width, width)
         self.blocks = nn.ModuleList(
-            MotionBlock(width, num_heads, feedforward_ratio, conv_kernel) for _ in range(num_blocks)
+            MotionBlock(width, config.num_heads, config.feedforward_ratio, config.conv_kernel)
+            for _ in range(config.num_blocks)
         )
         self.norm_out = nn.LayerNorm(width)
         self.out = nn.Linear(width, channels)
@@ -121,15 +118,10 @@ class MotionNetwork(nn.Module):
         self.no_speech = nn.Parameter(torch.zeros(config.speech_dim))
         self.hands, self.torso = (
             MotionBranch(
+                config,
                 inputs=len(channels),
                 body_inputs=MOTION_DIM + config.expression_dim,
                 channels=len(channels),
-                width=width,
-                num_blocks=config.num_blocks,
-                num_heads=config.num_heads,
-                feedforward_ratio=config.feedforward_ratio,
-                conv_kernel=config.conv_kernel,
-                seed_frames=config.seed_frames,
             )
             for channels in (HAND_CHANNELS, TORSO_CHANNELS)
         )

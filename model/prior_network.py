@@ -34,15 +34,7 @@ class PriorNetwork(nn.Module):
         self.speech = SpeechTokens(config.speech_dim, width, config.speech_context)
         self.no_speech = nn.Parameter(torch.zeros(config.speech_dim))
         self.branch = MotionBranch(
-            inputs=channels,
-            body_inputs=channels + expression_dim,
-            channels=channels,
-            width=width,
-            num_blocks=config.num_blocks,
-            num_heads=config.num_heads,
-            feedforward_ratio=config.feedforward_ratio,
-            conv_kernel=config.conv_kernel,
-            seed_frames=config.seed_frames,
+            config, inputs=channels, body_inputs=channels + expression_dim, channels=channels
         )
         self.register_buffer(
             "positions", sinusoidal_positions(config.window_frames, width), persistent=False

@@ -44,7 +44,7 @@ class Targets:
             rotations: whether global rotations and vectors are asked for; without, they may be
                 None.
         """
-        vectors = torch.from_numpy(self.vectors[batch.frames])
+        vectors = self.windows(batch)
         if batch.mirrored.any():  # the arrays know no mirror
             mirrored = to_vectors(self.space, batch.poses, batch.transl, self.root)
             if self.root == "place":  # homes are known from the arrays only
