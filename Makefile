@@ -34,7 +34,7 @@ test: check
 	$(BIN)/python -m pytest
 
 bench: .venv/.run-ready
-	$(BIN)/python -m app.bench
+	$(BIN)/python -m app.commands.bench
 
 golden: .venv/.test-ready
 	$(BIN)/python -m tests.golden.regenerate

@@ -1,6 +1,6 @@
 """The door: ``python app.py`` starts the page."""
 
-from app.main import main
+from app.page.launch import main
 
 if __name__ == "__main__":
     main()

@@ -70,7 +70,7 @@ class FigureText:
     title: str
     help: str
     says: tuple[str, ...]
-    """Keys of `app.sentences.sentences_of`, in the order of the plots."""
+    """Keys of `app.findings.sentences.sentences_of`, in the order of the plots."""
 
 
 FIGURES = {

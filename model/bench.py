@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from model.config import TrainConfig
-from model.data import Clip, PreparedData
-from model.generate import GenerateOptions, generate_motion
-from model.ladder import named_config
-from model.parallel import WHOLE
-from model.rate import can_compile
-from model.recordings import NUM_FACE_UNITS
+from model.data.prepared import Clip, PreparedData
+from model.data.recordings import NUM_FACE_UNITS
 from model.speech.audio import Speech
-from model.systems import System
-from model.tasks import make_task
+from model.storage.settings import TrainConfig
+from model.systems.base import System
+from model.systems.globaldiff.config import named_config
+from model.systems.windows import GenerateOptions, generate_motion
+from model.training.parallel import WHOLE
+from model.training.rate import can_compile
+from model.training.task import make_task
 
 WARM_STEPS = 2
 BATCH = 64

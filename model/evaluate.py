@@ -20,20 +20,21 @@ import torch
 from jaxtyping import Float
 from tqdm import tqdm
 
-from model import beats, tables
-from model.autoencoder import FrozenEncoder, load_encoder
-from model.cards import BUNDLED_WEIGHTS, CheckpointError, list_systems
-from model.clip_measures import rooted_positions
-from model.evaluation import RECORDED, ClipContext, ClipRow, as_table
-from model.files import written_atomically
-from model.generate import GenerateOptions, generate_motion
-from model.motion import Motion, MotionError, first_frames
-from model.parallel import WHOLE, Shard, joined_processes
-from model.recordings import DataError, read_files, read_split, speaker_of
+from model.data.recordings import DataError, read_files, read_split, speaker_of
+from model.evaluation import tables
+from model.evaluation.clip_measures import rooted_positions
+from model.evaluation.clips import RECORDED, ClipContext, ClipRow, as_table
+from model.evaluation.speech_response import predict_with, speech_tracks
+from model.measures import beats
+from model.motion.motion import Motion, MotionError, first_frames
+from model.networks.autoencoder import FrozenEncoder, load_encoder
 from model.speech.audio import Speech, SpeechError
 from model.speech.encoder import SpeechEncoder
-from model.speech_response import predict_with, speech_tracks
-from model.systems import System, UnknownNameError, load_system
+from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, list_systems
+from model.storage.files import written_atomically
+from model.systems.base import System, UnknownNameError, load_system
+from model.systems.windows import GenerateOptions, generate_motion
+from model.training.parallel import WHOLE, Shard, joined_processes
 
 log = logging.getLogger(__name__)
 

@@ -18,18 +18,18 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from model import losses
-from model.cards import BUNDLED_WEIGHTS, CheckpointError, load_card
-from model.checkpoint import save_weights
-from model.config import TrainConfig
-from model.data import Batch, DataError, prepare, validation_batches
-from model.ladder import CONFIGS, SYSTEMS, named_config
-from model.parallel import WHOLE, Shard, joined_processes
-from model.provenance import make_card, origin_of
-from model.rate import can_compile
-from model.run_folder import History, TrainingError, open_run, restore_state, save_state
+from model.data.prepared import Batch, DataError, prepare, validation_batches
 from model.speech.encoders import make_encoder
-from model.tasks import Start, Task, make_task
+from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, load_card
+from model.storage.checkpoint import save_weights
+from model.storage.settings import TrainConfig
+from model.systems.globaldiff.config import CONFIGS, SYSTEMS, named_config
+from model.training import losses
+from model.training.card import make_card, origin_of
+from model.training.parallel import WHOLE, Shard, joined_processes
+from model.training.rate import can_compile
+from model.training.run_folder import History, TrainingError, open_run, restore_state, save_state
+from model.training.task import Start, Task, make_task
 
 VALIDATION_BATCHES = 8
 

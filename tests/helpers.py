@@ -9,7 +9,7 @@ import torch
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
-from model.motion import ExpressionBasis, Motion
+from model.motion.motion import ExpressionBasis, Motion
 
 ROOT = Path(__file__).resolve().parent.parent
 ROTATION_DRAWS = ("uniform", "tangent", "near_identity", "near_pi")

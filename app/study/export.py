@@ -10,19 +10,19 @@ from pathlib import Path
 
 from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
-from app.loaded import get_system
-from app.study.adapters import write_adapters
-from app.study.blinding import Blinding, blinding_of, draw_blinding, make_key
-from app.study.check import check_study
-from app.study.key import read_key, write_key
-from app.study.motions import Source, read_sources
-from app.study.page import write_page
-from app.study.plan import Plan
-from app.study.records import write_records
-from app.study.scenes import Draw, Maker
-from app.study.trials import Design, make_design
-from app.study.workspace import Workspace, sha256
-from app.videos import PARALLEL_VIDEOS, draw_videos
+from app.run.models import get_system
+from app.run.videos import PARALLEL_VIDEOS, draw_videos
+from app.study.design.blinding import Blinding, blinding_of, draw_blinding, make_key
+from app.study.design.key import read_key, write_key
+from app.study.design.plan import Plan
+from app.study.design.trials import Design, make_design
+from app.study.leaks.check import check_study
+from app.study.make.adapters import write_adapters
+from app.study.make.motions import Source, read_sources
+from app.study.make.participant_page import write_page
+from app.study.make.records import write_records
+from app.study.make.scenes import Draw, Maker
+from app.study.make.workspace import Workspace, sha256
 
 
 @dataclass(frozen=True)

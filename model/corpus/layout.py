@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from model.corpus.body.rig import SIDES
 from model.corpus.clip import Clip
-from model.corpus.plan import Key
-from model.corpus.rig import SIDES
-from model.files import write_error, written_atomically
-from model.timing import FPS, SAMPLE_RATE
+from model.corpus.gesture.plan import Key
+from model.motion.timing import FPS, SAMPLE_RATE
+from model.storage.files import write_error, written_atomically
 
 MOTION, SOUND, TEXTGRID = "smplxflame_30", "wave16k", "textgrid"
 SPLIT_TABLE = "train_test_split.csv"

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from model.corpus.rig import SIDES
-from model.corpus.voice import Voice
+from model.corpus.body.rig import SIDES
+from model.corpus.words.voice import Voice
 
 
 @dataclass(frozen=True)

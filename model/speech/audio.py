@@ -19,8 +19,8 @@ import imageio_ffmpeg
 import numpy as np
 from jaxtyping import Float, Float32, Float64
 
-from model.files import written_atomically
-from model.timing import FPS, SAMPLE_RATE
+from model.motion.timing import FPS, SAMPLE_RATE
+from model.storage.files import written_atomically
 
 SILENT_BELOW = 1e-3
 """Peak, relative to full scale (-60 dB), under which a file counts as silent."""

@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float, Float32, Float64
 from torch import Tensor
 
-from model.timing import FPS, SAMPLE_RATE
+from model.motion.timing import FPS, SAMPLE_RATE
 
 HOP = 160  # 10 ms
 WINDOW = 400  # 25 ms of speech under each spectrum

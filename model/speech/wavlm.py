@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from jaxtyping import Float32, Float64
 
-from model.timing import FPS, SAMPLE_RATE
+from model.motion.timing import FPS, SAMPLE_RATE
 
 WEIGHTS_VARIABLE = "WAVLM_DIR"
 BLOCK_S = 10.0

@@ -14,8 +14,8 @@ from renderer.bake.geometry import Mesh
 from renderer.bake.makehuman import MakeHuman
 from renderer.bake.vertex_order import format_vertices, with_fixed_vertices
 from renderer.bake.zero_pose import joint_weights
-from renderer.look import REGION_INDEX
-from renderer.smplx_joints import FINGERS, JOINT_INDEX, TIP_VERTICES
+from renderer.body.joints import FINGERS, JOINT_INDEX, TIP_VERTICES
+from renderer.body.look import REGION_INDEX
 
 SKIN_UNDER_CLOTH_M = 0.025
 """How far the skin goes on under a hem."""

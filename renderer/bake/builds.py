@@ -14,7 +14,7 @@ from jaxtyping import Float
 from renderer.bake.makehuman import Figure, MakeHuman
 from renderer.bake.skinning import dual_quaternion_blend, posed_joints
 from renderer.bake.zero_pose import finger_tips, joints_in_a_pose, rotations_to_zero_pose
-from renderer.smplx_joints import FINGERS, JOINT_INDEX, NUM_JOINTS
+from renderer.body.joints import FINGERS, JOINT_INDEX, NUM_JOINTS
 
 _AVERAGE = Figure(
     gender=0.66,
@@ -31,7 +31,7 @@ FIGURES = {
     "slender": replace(_AVERAGE, gender=0.0, muscle=0.35, weight=0.25, cup=0.5),
     "broad": replace(_AVERAGE, gender=1.0, age=0.3, muscle=0.8, weight=0.85),
 }
-"""By the names in ``renderer.look.BUILDS``; the skeleton is that of the first."""
+"""By the names in ``renderer.body.look.BUILDS``; the skeleton is that of the first."""
 
 LEG_LENGTH_M = 0.7845
 """Hip to ankle along the leg, as in SMPL-X's mean body."""

@@ -11,8 +11,8 @@ from jaxtyping import Float
 
 from renderer.bake import geometry
 from renderer.bake.geometry import Mesh
-from renderer.look import REGION_INDEX
-from renderer.smplx_joints import JOINT_INDEX
+from renderer.body.joints import JOINT_INDEX
+from renderer.body.look import REGION_INDEX
 
 Points = Float[np.ndarray, "N 3"]
 Heights = Float[np.ndarray, " N"]

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
 from renderer.bake.skinning import dual_quaternion_blend, linear_blend
-from renderer.smplx_joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
+from renderer.body.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 
 NUM_SAMPLES = 120
 RIDGE = 0.03

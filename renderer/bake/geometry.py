@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Bool, Float, Int
 
-from renderer.smplx_joints import NUM_JOINTS
+from renderer.body.joints import NUM_JOINTS
 
 Field = Callable[[Float[np.ndarray, "N 3"]], Float[np.ndarray, " N"]]
 """A number for each point in space; a curve on a mesh is where it is zero."""
@@ -32,7 +32,7 @@ class Mesh:
     The offsets are those of the expressions, then those to the other builds.
     """
     regions: Int[np.ndarray, " V"]
-    """Painted region of each vertex: an index into ``renderer.look.REGION_NAMES``."""
+    """Painted region of each vertex: an index into ``renderer.body.look.REGION_NAMES``."""
 
     @property
     def num_vertices(self) -> int:

@@ -10,8 +10,8 @@ from scipy.spatial import KDTree
 
 from renderer.bake import geometry
 from renderer.bake.geometry import Mesh
-from renderer.look import REGION_INDEX
-from renderer.smplx_joints import JOINT_INDEX, NUM_JOINTS
+from renderer.body.joints import JOINT_INDEX, NUM_JOINTS
+from renderer.body.look import REGION_INDEX
 
 Points = Float[np.ndarray, "N 3"]
 

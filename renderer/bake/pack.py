@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Float
 
 from renderer.bake.build import MAX_INFLUENCES, BakedBody, tip_offsets
-from renderer.body_file import OPEN_BODY_FORMAT
-from renderer.smplx_joints import JOINT_INDEX
-from renderer.written import written_whole
+from renderer.body.body_file import OPEN_BODY_FORMAT
+from renderer.body.joints import JOINT_INDEX
+from renderer.files.written import written_whole
 
 _ZIP_DATE = (1980, 1, 1, 0, 0, 0)
 

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from renderer.bake.geometry import Mesh
-from renderer.look import REGION_INDEX
-from renderer.smplx_joints import FINGERS, JOINT_INDEX, TIP_VERTICES
+from renderer.body.joints import FINGERS, JOINT_INDEX, TIP_VERTICES
+from renderer.body.look import REGION_INDEX
 
 NOSE_VERTEX = 9120
 SIDE_VERTICES = {

@@ -11,7 +11,7 @@ from jaxtyping import Float64
 
 from renderer.bake.makehuman import MakeHuman
 from renderer.bake.skinning import rotate_towards
-from renderer.smplx_joints import FINGERS, JOINT_INDEX, NUM_JOINTS, PARENTS
+from renderer.body.joints import FINGERS, JOINT_INDEX, NUM_JOINTS, PARENTS
 
 SIDES = (("left", "L", 1.0), ("right", "R", -1.0))
 BONE_FINGERS = {"1": "thumb", "2": "index", "3": "middle", "4": "ring", "5": "pinky"}

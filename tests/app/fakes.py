@@ -9,11 +9,10 @@ import imageio_ffmpeg
 import numpy as np
 from PIL import Image
 
-from app.catalogue import Catalogue
 from app.errors import CancelledRun
-from app.handlers import row_names
-from app.outputs import ResultFolder
-from app.request import (
+from app.page.catalogue import Catalogue
+from app.page.serving.follow import row_names
+from app.run.request import (
     REFERENCE_NAME,
     Artefact,
     GenerateRequest,
@@ -23,8 +22,9 @@ from app.request import (
     ShouldCancel,
     file_stem,
 )
-from model.motion import Motion, save_motion
-from model.skeleton import JOINT_INDEX
+from app.run.result_folder import ResultFolder
+from model.motion.motion import Motion, save_motion
+from model.motion.skeleton import JOINT_INDEX
 
 CATALOGUE = Catalogue(
     systems=("globaldiff/local", "globaldiff/global"),

@@ -11,10 +11,10 @@ import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
 from app.config import AppConfig
-from app.main import launch
+from app.page.launch import launch
 from model.speech.audio import write_wav
-from renderer.offscreen import GLError
-from renderer.probe import choose_backend
+from renderer.draw.offscreen import GLError
+from renderer.draw.probe import choose_backend
 from tests.model.made import made_waveform, make_weights
 
 CHROMIUM = next(

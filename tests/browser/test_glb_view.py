@@ -13,18 +13,18 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page
 
-from app.loaded import get_system
-from app.rendering import body_motion
-from model.generate import GenerateOptions, generate_motion
+from app.run.export import body_motion
+from app.run.models import get_system
 from model.speech.audio import load_speech
-from renderer.body import Body, BodyMotion, load_body
-from renderer.glb import glb_bytes
-from renderer.probe import choose_backend
-from renderer.render import RenderSettings, render_stills
+from model.systems.windows import GenerateOptions, generate_motion
+from renderer.body.body import Body, BodyMotion, load_body
+from renderer.draw.probe import choose_backend
+from renderer.files.glb import glb_bytes
+from renderer.video.render import RenderSettings, render_stills
 from tests.browser.conftest import PATIENCE_MS
 from tests.helpers import ROOT
 from tests.model.made import make_weights
-from tests.renderer.test_camera import waving_motion
+from tests.renderer.stage.test_camera import waving_motion
 
 pytestmark = [pytest.mark.browser, pytest.mark.gl]
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
-from app.own_motion_tab import TAB
-from model.motion import save_motion
+from app.page.tabs.own_motion import TAB
+from model.motion.motion import save_motion
 from tests.browser.conftest import PATIENCE_MS
 from tests.helpers import smooth_motion_example
 

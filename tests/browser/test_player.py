@@ -10,7 +10,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from app import text
 from app.config import AppConfig
-from model.motion import save_motion
+from model.motion.motion import save_motion
 from model.speech.audio import write_wav
 from tests.app import fakes
 from tests.browser.conftest import PATIENCE_MS, served

@@ -10,10 +10,10 @@ from threading import Thread
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, expect
 
-from app.study.answers import collect
-from app.study.check import check_study
-from app.study.key import Key, read_key
-from app.study.wording import wording
+from app.study.design.key import Key, read_key
+from app.study.design.wording import wording
+from app.study.leaks.check import check_study
+from app.study.statistics.answers import collect
 from tests.app.study.made_study import make_study
 from tests.browser.conftest import PATIENCE_MS
 

@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from renderer.body import Body, BodyMotion, load_body
-from renderer.look import DEFAULT_LOOK
-from renderer.offscreen import BACKENDS, Backend
-from renderer.probe import probe_backend
-from renderer.render import RenderSettings, render_stills
-from renderer.smplx_joints import JOINT_INDEX
+from renderer.body.body import Body, BodyMotion, load_body
+from renderer.body.joints import JOINT_INDEX
+from renderer.body.look import DEFAULT_LOOK
+from renderer.draw.offscreen import BACKENDS, Backend
+from renderer.draw.probe import probe_backend
+from renderer.video.render import RenderSettings, render_stills
 
 GOLDEN = Path(__file__).parent
 ROOT = GOLDEN.parents[1]

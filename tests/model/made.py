@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from model.checkpoint import save_weights
-from model.config import ExpressionConfig, NetworkConfig, TrainConfig, to_json
-from model.motion import save_motion
-from model.network import MotionNetwork
-from model.packing import MOTION_DIM, Normaliser
-from model.prior import GaussianPrior
-from model.prior_network import PriorNetwork
+from model.motion.motion import save_motion
+from model.motion.packing import MOTION_DIM, Normaliser
+from model.networks.prior_network import PriorNetwork
+from model.sampling.prior import GaussianPrior
 from model.speech.audio import Speech, write_wav
+from model.storage.checkpoint import save_weights
+from model.storage.settings import ExpressionConfig, NetworkConfig, TrainConfig, to_json
+from model.systems.globaldiff.network import MotionNetwork
 from tests.helpers import smooth_motion_example
 
 TINY_NETWORK = NetworkConfig(width=16, num_blocks=1, num_heads=2, num_speakers=4)

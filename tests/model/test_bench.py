@@ -1,8 +1,8 @@
 import pytest
 
 from model import bench
-from model.cards import BUNDLED_WEIGHTS, CheckpointError
-from model.systems import load_system
+from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
+from model.systems.base import load_system
 from tests.model.made import made_speech, make_weights
 
 

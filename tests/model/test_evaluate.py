@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.autoencoder import FrozenEncoder, MotionAutoencoder
-from model.data import DataError
+from model.data.prepared import DataError
 from model.evaluate import evaluate, main
-from model.evaluation import ClipRow, as_table
-from model.intervals import bootstrap, bootstrap_difference, bootstrap_ratio
-from model.ladder import FGD_ENCODER
-from model.parallel import Shard
+from model.evaluation.clips import ClipRow, as_table
+from model.evaluation.intervals import bootstrap, bootstrap_difference, bootstrap_ratio
+from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
 from model.speech.features import MelEncoder
-from model.systems import load_system
+from model.systems.base import load_system
+from model.systems.globaldiff.config import FGD_ENCODER
+from model.training.parallel import Shard
 from tests.model.made import make_data_folder, make_weights
 
 ROW = ClipRow(

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 import torch
 
-from model.cards import CheckpointError
-from model.checkpoint import load_weights, save_weights
-from model.config import TrainConfig, to_json
-from model.data import DataError, prepare, read_split
-from model.decoding import to_vectors
-from model.ladder import BEST, named_config
-from model.parallel import WHOLE
-from model.run_folder import TrainingError
+from model.data.prepared import DataError, prepare, read_split
+from model.motion.decoding import to_vectors
 from model.speech.features import MelEncoder
-from model.systems import load_system
-from model.tasks import Start, make_task
+from model.storage.cards import CheckpointError
+from model.storage.checkpoint import load_weights, save_weights
+from model.storage.settings import TrainConfig, to_json
+from model.systems.base import load_system
+from model.systems.globaldiff.config import BEST, named_config
 from model.train import learning_rate_factor, main, train
+from model.training.parallel import WHOLE
+from model.training.run_folder import TrainingError
+from model.training.task import Start, make_task
 from tests.model.made import make_data_folder
 
 QUICK = {"steps": 6, "save_every": 3, "validate_every": 6, "warmup_steps": 2, "batch_size": 2}
@@ -197,7 +197,7 @@ def test_encoders_train_and_the_missing_one_is_named(root, tmp_path):
 
 
 def test_a_loss_that_is_no_number_stops_and_keeps_the_last_good_state(root, monkeypatch):
-    import model.objectives as module
+    import model.training.steps as module
 
     real, calls = module.losses.simple_loss, []
 
@@ -216,7 +216,7 @@ def test_a_loss_that_is_no_number_stops_and_keeps_the_last_good_state(root, monk
 
 
 def test_a_full_disk_is_told_in_one_sentence(root, monkeypatch, capsys):
-    import model.run_folder as module
+    import model.training.run_folder as module
 
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from renderer.offscreen import BACKENDS
-from renderer.probe import probe_backend
+from renderer.draw.offscreen import BACKENDS
+from renderer.draw.probe import probe_backend
 from tests.golden.regenerate import GOLDEN, PICTURES, ROOT
 
 pytestmark = pytest.mark.gl

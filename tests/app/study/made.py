@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from app.study.answers import Participant, participant_of
-from app.study.fields import Fields
-from app.study.key import Expected, Key, Question, Trial, Video, write_key
-from app.study.raters import RaterModel, World
-from app.study.simulate import answers_file
-from app.study.votes import Votes
+from app.study.design.fields import Fields
+from app.study.design.key import Expected, Key, Question, Trial, Video, write_key
+from app.study.simulate.raters import RaterModel, World
+from app.study.simulate.simulate import answers_file
+from app.study.statistics.answers import Participant, participant_of
+from app.study.statistics.votes import Votes
 
 SYSTEMS = ("local", "global", "rival")
 STRENGTHS = {"local": 0.0, "global": 1.0, "rival": -0.8}

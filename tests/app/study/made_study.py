@@ -9,15 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
+from app.study.design.key import read_key, write_key
+from app.study.design.plan import read_plan
 from app.study.export import export_study
-from app.study.key import read_key, write_key
-from app.study.media import set_time
-from app.study.page import DATA, DATA_START
-from app.study.plan import read_plan
-from app.study.workspace import Workspace, sha256
-from model.motion import save_motion
+from app.study.make.media import set_time
+from app.study.make.participant_page import DATA, DATA_START
+from app.study.make.workspace import Workspace, sha256
+from model.motion.motion import save_motion
 from model.speech.audio import write_wav
-from renderer.video import ffmpeg_path
+from renderer.video.encoder import ffmpeg_path
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_waveform
 
@@ -63,7 +63,7 @@ def write_plan(
 def draw_noise(
     jobs, on_progress, on_done, should_cancel, parallel, on_start: Callable[[str], None] = bool
 ) -> None:
-    """In place of `app.videos.draw_videos`: noise that each motion decides, more or less of it."""
+    """In place of `app.run.videos.draw_videos`: noise, as much as each motion decides."""
     for number, (name, job) in enumerate(jobs.items()):
         on_start(name)
         seed = int(np.abs(job.motion.poses).sum() * 1e3)

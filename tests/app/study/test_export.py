@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from app.errors import CancelledRun, RunError
-from app.study.check import check_study
+from app.study.design.key import read_key
+from app.study.design.plan import read_plan
 from app.study.export import export_study
-from app.study.key import read_key
-from app.study.mp4 import read_mp4
-from app.study.plan import read_plan
-from app.study.workspace import Workspace, sha256
-from model.motion import load_motion, save_motion
+from app.study.leaks.check import check_study
+from app.study.make.mp4 import read_mp4
+from app.study.make.workspace import Workspace, sha256
+from model.motion.motion import load_motion, save_motion
 from model.speech.audio import write_wav
 from tests.app.study.made_study import FRAMES, draw_noise, tree, write_inputs, write_plan
 from tests.helpers import smooth_motion_example

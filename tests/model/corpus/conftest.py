@@ -4,8 +4,8 @@ import shutil
 
 import pytest
 
+from model.corpus.body.rig import open_body_rig
 from model.corpus.clip import Clip, make_clip
-from model.corpus.rig import open_body_rig
 from model.corpus.speakers import SPEAKERS
 
 LIVELY, CALM = "ewan", "hana"

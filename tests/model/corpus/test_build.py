@@ -82,7 +82,7 @@ def test_the_layout_is_beat2s(corpus: Path) -> None:
 
 
 def test_a_corpus_clip_loads_as_a_motion(corpus: Path) -> None:
-    motion_module = pytest.importorskip("model.motion")
+    motion_module = pytest.importorskip("model.motion.motion")
     path = next((corpus / "smplxflame_30").glob("*.npz"))
     motion = motion_module.load_motion(path)
     assert motion.expression_basis == "arkit52"

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from model.corpus.arms import follow_plan, move_arms
+from model.corpus.body.arms import follow_plan, move_arms
+from model.corpus.body.contact import Hips
+from model.corpus.body.rig import JOINT, forward_kinematics, matrices, open_body_rig
 from model.corpus.clip import Clip
-from model.corpus.contact import Hips
-from model.corpus.gestures import REST
-from model.corpus.plan import Key, Plan
-from model.corpus.rig import JOINT, forward_kinematics, matrices, open_body_rig
+from model.corpus.gesture.gestures import REST
+from model.corpus.gesture.plan import Key, Plan
 from model.corpus.speakers import SPEAKERS
-from model.timing import FPS
+from model.motion.timing import FPS
 
 from .conftest import CALM, LIVELY
 

@@ -3,10 +3,10 @@
 import numpy as np
 
 from model.corpus.clip import Clip
-from model.findings import find_faults
-from model.measures import measures
-from model.motion import Motion
-from model.skeleton import open_body_skeleton
+from model.measures.findings import find_faults
+from model.measures.measures import measures
+from model.motion.motion import Motion
+from model.motion.skeleton import open_body_skeleton
 
 
 def test_no_fault_is_found_in_any_clip(clips: dict[str, Clip]) -> None:

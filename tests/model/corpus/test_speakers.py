@@ -6,9 +6,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from model.corpus.gestures import GENERIC, REST
-from model.corpus.hand_shapes import FLEX, SHAPES
-from model.corpus.manner import Manner
+from model.corpus.gesture.gestures import GENERIC, REST
+from model.corpus.gesture.hand_shapes import FLEX, SHAPES
+from model.corpus.gesture.manner import Manner
 from model.corpus.speaker import Speaker
 from model.corpus.speakers import SPEAKERS
 

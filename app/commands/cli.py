@@ -1,0 +1,351 @@
+"""The command line: generate, diagnose, render, study, doctor.
+
+Exit status: 0 done, 1 failed with one sentence on standard error, 2 wrong arguments.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from app import text
+from app.commands.study import add_study
+from app.config import BUNDLED_WEIGHTS, default_body
+from app.errors import CancelledRun, RunError, sentence_of
+from app.run.export import BACKGROUNDS, ENDINGS, SHEET_POSES, RenderRequest, render_motion
+from app.run.followed_point import TIP
+from app.run.request import (
+    DEFAULT_STEPS,
+    LOOKS,
+    POST_FILTERS,
+    SAMPLERS,
+    SIZES_PX,
+    VIEWS,
+    GenerateRequest,
+    View,
+)
+
+Command = Callable[[argparse.Namespace], None]
+log = logging.getLogger(__name__)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit status."""
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    options = make_parser().parse_args(argv)
+    command: Command = options.command
+    # A termination must pass through every `with`, so that it leaves no half file or child.
+    previous = signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        command(options)
+    except (KeyboardInterrupt, CancelledRun):
+        _say("stopped; nothing was kept.")
+        return 1
+    except Exception as error:
+        sentence = sentence_of(error)
+        if sentence is None:
+            raise
+        _say(sentence)
+        return 1
+    finally:
+        signal.signal(signal.SIGTERM, previous)
+    return 0
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """All commands with their flags."""
+    parser = argparse.ArgumentParser(prog="python -m app", description=text.TAGLINE)
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    _add_generate(commands)
+    _add_diagnose(commands)
+    _add_render(commands)
+    _add_doctor(commands)
+    add_study(commands)
+    return parser
+
+
+def _add_generate(commands) -> None:
+    parser = commands.add_parser(
+        "generate",
+        help="speech to motion, videos, numbers and Figure 6",
+        description="Generate motion of several systems for one piece of speech, with the same "
+        "noise, and compare them: npz, mp4, comparison.mp4, figure6, diagnostics, provenance.",
+    )
+    parser.add_argument("speech", type=Path, metavar="SPEECH", help="any sound file")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of results")
+    parser.add_argument(
+        "--systems", type=_names, default=(), metavar="A,B,...|all", help="default: all"
+    )
+    parser.add_argument("--speaker", metavar="NAME", help="default: the first that is known")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="default: %(default)s")
+    parser.add_argument(
+        "--samples", type=int, default=1, metavar="N", help="motions per system (default: 1)"
+    )
+    parser.add_argument(
+        "--steps", type=int, default=DEFAULT_STEPS, metavar="N",
+        help="sampler steps (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument("--sampler", choices=SAMPLERS, help="default: euler")
+    parser.add_argument(
+        "--guidance", type=float, default=1.0, metavar="N",
+        help="strength of the speech, 0 to 10; other values than 1 take twice as long (default: 1)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--post-filter", choices=POST_FILTERS, default="none",
+        help="smooth every system alike; the numbers give both in any case (default: none)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--reference", type=Path, metavar="MOTION.npz", help="recorded motion to compare with"
+    )
+    _add_point(parser)
+    parser.add_argument(
+        "--views", type=_views, default=("front",), metavar="V,...",
+        help=f"of {', '.join(VIEWS)}; the first is compared (default: front)",
+    )  # fmt: skip
+    parser.add_argument("--no-video", action="store_true", help="no videos, figure without poses")
+    parser.add_argument(
+        "--size", type=_size, default=512, metavar="PX", help="of one video (default: 512)"
+    )
+    parser.add_argument(
+        "--max-minutes", type=float, default=10.0, metavar="N",
+        help="longest speech accepted (default: 10)",
+    )  # fmt: skip
+    _add_body(parser)
+    _add_look(parser)
+    parser.add_argument(
+        "--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR", help="default: bundled"
+    )
+    parser.set_defaults(command=_generate)
+
+
+def _generate(options: argparse.Namespace) -> None:
+    from app.commands.terminal import ProgressBars
+    from app.run.pipeline import generate_all
+
+    request = GenerateRequest(
+        speech=options.speech,
+        out=options.out,
+        weights=options.weights,
+        systems=options.systems,
+        speaker=options.speaker,
+        seed=options.seed,
+        samples=options.samples,
+        steps=options.steps,
+        sampler=options.sampler,
+        guidance=options.guidance,
+        post_filter=options.post_filter,
+        reference=options.reference,
+        transcript=options.transcript,
+        joint=options.joint,
+        start_frame=options.start,
+        body=options.body,
+        look=options.look,
+        views=options.views,
+        size=options.size,
+        has_video=not options.no_video,
+        max_speech_s=60 * options.max_minutes,
+    )
+    with ProgressBars() as bars:
+        result = generate_all(request, bars.take)
+    _finish(result.files, result.notes)
+
+
+def _add_diagnose(commands) -> None:
+    parser = commands.add_parser(
+        "diagnose",
+        help="numbers, Figure 6 and jitter of anyone's motion files",
+        description="Measure motion files, whoever made them, raw and filtered; name their faults; "
+        "draw Figure 6 and where the jitter sits; show how rotation errors grow along the chain.",
+    )
+    parser.add_argument("motions", type=Path, nargs="+", metavar="MOTION.npz")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of results")
+    parser.add_argument(
+        "--reference", type=Path, metavar="MOTION.npz", help="recorded motion to compare with"
+    )
+    parser.add_argument(
+        "--speech", type=Path, metavar="WAV", help="their sound, for BeatAlign and its chance level"
+    )
+    _add_point(parser)
+    parser.add_argument("--no-pictures", action="store_true", help="a figure without poses")
+    _add_body(parser)
+    parser.set_defaults(command=_diagnose)
+
+
+def _diagnose(options: argparse.Namespace) -> None:
+    from app.commands.terminal import ProgressBar
+    from app.run.diagnose import DiagnoseRequest, diagnose_files
+
+    request = DiagnoseRequest(
+        motions=tuple(options.motions),
+        out=options.out,
+        reference=options.reference,
+        speech=options.speech,
+        transcript=options.transcript,
+        joint=options.joint,
+        start_frame=options.start,
+        body=options.body,
+        has_pictures=not options.no_pictures,
+    )
+    with ProgressBar("measure and draw") as bar:
+        diagnosis = diagnose_files(request, bar.show)
+    findings = [
+        f"{name}: {finding['sentence']}"
+        for name, found in diagnosis.diagnostics["findings"].items()
+        for finding in found
+    ]
+    _finish(diagnosis.files, [*diagnosis.notes, *findings])
+
+
+def _add_point(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--transcript", type=Path, metavar="FILE", help="a TextGrid; its words go to the numbers"
+    )
+    parser.add_argument(
+        "--joint", default=TIP, metavar="NAME",
+        help="fingertip or joint to follow, such as left_index or right_wrist "
+        "(default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--start", type=int, default=0, metavar="FRAME",
+        help="first frame of Figure 6 (default: %(default)s)",
+    )  # fmt: skip
+
+
+def _add_render(commands) -> None:
+    parser = commands.add_parser(
+        "render",
+        help="a motion file to a video, pictures, or a file for 3D software",
+        description="Draw a BEAT2-format motion file. The ending of --out chooses what is made: "
+        f"{', '.join(ENDINGS)}. A .png is a contact sheet of {SHEET_POSES} poses, or what --stills "
+        "and --sheet ask for; beside a .mp4 they are written under its name. A .blender.npz is "
+        "for the SMPL-X add-on of Blender.",
+    )
+    parser.add_argument("motion", type=Path, metavar="MOTION.npz")
+    parser.add_argument("--out", type=Path, required=True, metavar=f"FILE{'|'.join(ENDINGS)}")
+    parser.add_argument("--speech", type=Path, metavar="WAV", help="sound of the video")
+    parser.add_argument(
+        "--views", type=_views, default=("front",), metavar="V,...",
+        help=f"of {', '.join(VIEWS)}; the files of all but the first have the view in their name "
+        "(default: front)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--size", type=_size, default=720, metavar="PX", help="width and height (default: 720)"
+    )
+    parser.add_argument("--draft", action="store_true", help="faster, with jagged edges")
+    parser.add_argument("--stills", type=int, metavar="N", help="N single pictures as .png")
+    parser.add_argument(
+        "--sheet", type=int, metavar="N",
+        help="one picture with every N-th frame above its time, as .png",
+    )  # fmt: skip
+    parser.add_argument(
+        "--background", choices=BACKGROUNDS, default="studio",
+        help="transparent: the body alone, in a .png (default: studio)",
+    )  # fmt: skip
+    _add_body(parser)
+    _add_look(parser)
+    parser.set_defaults(command=_render)
+
+
+def _render(options: argparse.Namespace) -> None:
+    from app.commands.terminal import ProgressBar
+
+    request = RenderRequest(
+        motion=options.motion,
+        out=options.out,
+        speech=options.speech,
+        body=options.body,
+        look=options.look,
+        views=options.views,
+        size=options.size,
+        is_draft=options.draft,
+        num_stills=options.stills,
+        sheet_every=options.sheet,
+        background=options.background,
+    )
+    with ProgressBar(f"draw {options.out.name}") as bar:
+        files, notes = render_motion(request, bar.show)
+    _finish(files, notes)
+
+
+def _add_doctor(commands) -> None:
+    parser = commands.add_parser(
+        "doctor",
+        help="what works on this machine, what is missing, what to do",
+        description="Try OpenGL, body, weights, ffmpeg, memory and disk. Exit status 1 when "
+        "something needed does not work.",
+    )
+    _add_body(parser)
+    parser.add_argument(
+        "--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR", help="default: bundled"
+    )
+    parser.set_defaults(command=_doctor)
+
+
+def _doctor(options: argparse.Namespace) -> None:
+    from app.commands.doctor import examine, report
+
+    findings = examine(options.weights, options.body)
+    sys.stdout.write(report(findings))
+    broken = [finding.name for finding in findings if finding.is_broken]
+    if broken:
+        raise RunError(f"not everything works: {', '.join(broken)}; see what to do above.")
+
+
+def _add_body(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--body", type=Path, default=default_body(), metavar="FILE",
+        help="licensed SMPLX_NEUTRAL*.npz (default: $SMPLX_MODEL, else the open body)",
+    )  # fmt: skip
+
+
+def _add_look(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--look", choices=LOOKS, default=LOOKS[0], metavar="BUILD-TONE",
+        help="of the open body: average, slender or broad, in light, medium, dark or clay "
+        f"(default: {LOOKS[0]})",
+    )  # fmt: skip
+
+
+def _names(value: str) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in value.split(",") if name.strip())
+    if not names:
+        raise argparse.ArgumentTypeError("name at least one")
+    return () if names == ("all",) else names
+
+
+def _views(value: str) -> tuple[View, ...]:
+    known: dict[str, View] = {view: view for view in VIEWS}
+    unknown = [name for name in _names(value) if name not in known]
+    if unknown:
+        raise argparse.ArgumentTypeError(f"no view {unknown[0]!r}; views are {', '.join(VIEWS)}")
+    return tuple(known[name] for name in dict.fromkeys(_names(value)))
+
+
+def _size(value: str) -> int:
+    smallest, largest = SIZES_PX
+    size = int(value)
+    if not smallest <= size <= largest or size % 2:
+        raise argparse.ArgumentTypeError(
+            f"{size} pixels; pictures have {smallest} to {largest} on each side, an even number"
+        )
+    return size
+
+
+def _finish(files: Sequence[Path], notes: Sequence[str]) -> None:
+    """Notes for a person on standard error, files for a script on standard output."""
+    for note in notes:
+        _say(note)
+    for path in files:
+        sys.stdout.write(f"{path}\n")
+
+
+def _say(sentence: str) -> None:
+    sys.stderr.write(f"{sentence}\n")
+
+
+def _interrupt(number: int, frame: object) -> None:
+    raise KeyboardInterrupt

@@ -1,0 +1,158 @@
+"""What works on this machine, what is missing, and what to do about it."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.errors import sentence_of
+
+MIN_MEMORY_GB = 2.0
+MIN_DISK_GB = 1.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at."""
+
+    name: str
+    works: bool
+    detail: str
+    advice: str = ""
+    is_needed: bool = True
+    """Whether the app is broken without it."""
+
+    @property
+    def is_broken(self) -> bool:
+        return self.is_needed and not self.works
+
+
+def examine(weights: Path, body: Path | None) -> list[Finding]:
+    """Look at everything; nothing here raises, a failure is a finding."""
+    return [
+        _python(),
+        *_backends(),
+        _body(body),
+        _weights(weights),
+        _ffmpeg(),
+        _memory(),
+        _disk(),
+    ]
+
+
+def report(findings: list[Finding]) -> str:
+    """The findings as lines for a terminal."""
+    width = max(len(finding.name) for finding in findings)
+    lines = []
+    for finding in findings:
+        mark = "ok" if finding.works else "--" if not finding.is_needed else "NO"
+        lines.append(f"{mark}  {finding.name:<{width}}  {finding.detail}")
+        if finding.advice and not finding.works:
+            lines.append(f"    {'':<{width}}  -> {finding.advice}")
+    return "\n".join(lines) + "\n"
+
+
+def _python() -> Finding:
+    version = platform.python_version()
+    tested = version.startswith("3.11.")
+    return Finding(
+        "Python", tested, version + ("" if tested else " (untested)"),
+        "this project is made for Python 3.11", is_needed=False,
+    )  # fmt: skip
+
+
+def _backends() -> list[Finding]:
+    """What draws: the first that works is used, the others are for other machines."""
+    from renderer.draw.probe import DEBIAN_PACKAGES, probe_backends
+
+    reports = probe_backends("body")
+    used = next((report for report in reports if report.works), None)
+    findings = []
+    for report in reports:
+        if report.name == "software":
+            name, advice = "without OpenGL", "pip install numba"
+        else:
+            name = f"OpenGL {report.name}"
+            advice = f"apt-get install {DEBIAN_PACKAGES[report.name]}"
+        detail = report.error
+        if report.works:
+            detail = (
+                f"{report.renderer_string}, {report.ms_per_frame:.0f} ms a picture of 512 x 512"
+            )
+            detail += ", used" if report is used else ""
+        findings.append(Finding(name, report.works, detail, advice, used is None))
+    return findings
+
+
+def _body(path: Path | None) -> Finding:
+    from renderer.body.body import load_body
+
+    try:
+        body = load_body(path)
+    except Exception as error:
+        return Finding("body", False, _told(error), "name another with --body FILE, or none")
+    detail = f"{body.name}, {body.num_vertices} vertices, {body.expression_basis} expressions"
+    return Finding("body", True, detail)
+
+
+def _weights(folder: Path) -> Finding:
+    from model.storage.cards import list_systems
+    from model.systems.base import load_system
+
+    try:
+        names = list_systems(folder)
+        for name in names:
+            load_system(name, folder)
+    except Exception as error:
+        return Finding("weights", False, _told(error), "restore them, or use --weights DIR")
+    if not names:
+        advice = "name a folder of weights with --weights DIR"
+        return Finding("weights", False, f"no system in {folder}", advice)
+    return Finding("weights", True, ", ".join(names))
+
+
+def _ffmpeg() -> Finding:
+    from renderer.video.encoder import ffmpeg_path
+
+    try:
+        output = subprocess.run(
+            [ffmpeg_path(), "-hide_banner", "-encoders"], capture_output=True, text=True, check=True
+        ).stdout
+    except Exception as error:
+        return Finding("ffmpeg", False, _told(error), "pip install imageio-ffmpeg")
+    missing = [name for name in ("libx264", " aac ") if name not in output]
+    detail = f"lacks {', '.join(missing)}" if missing else "H.264 and AAC"
+    return Finding("ffmpeg", not missing, detail, "pip install --force-reinstall imageio-ffmpeg")
+
+
+def _memory() -> Finding:
+    free_gb = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e9
+    try:  # what the kernel could free counts as available
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        available = next(line for line in lines if line.startswith("MemAvailable"))
+        free_gb = int(available.split()[1]) * 1024 / 1e9
+    except (OSError, StopIteration):
+        pass
+    cores = os.cpu_count() or 1
+    return Finding(
+        "memory", free_gb >= MIN_MEMORY_GB, f"{free_gb:.1f} GB free, {cores} cores",
+        f"{MIN_MEMORY_GB:g} GB are needed; close other programs",
+    )  # fmt: skip
+
+
+def _disk() -> Finding:
+    folder = Path(tempfile.gettempdir())
+    free_gb = shutil.disk_usage(folder).free / 1e9
+    return Finding(
+        "disk", free_gb >= MIN_DISK_GB, f"{free_gb:.1f} GB free in {folder}",
+        f"{MIN_DISK_GB:g} GB are needed; free some, or set TMPDIR to another disk",
+    )  # fmt: skip
+
+
+def _told(error: Exception) -> str:
+    return sentence_of(error) or f"{type(error).__name__}: {error}"

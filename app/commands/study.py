@@ -1,0 +1,161 @@
+"""``python -m app study``: export, check, analyse, simulate."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from app.config import BUNDLED_WEIGHTS, default_body
+from app.errors import RunError
+
+
+def add_study(commands) -> None:
+    """Add the command and its four parts."""
+    parser = commands.add_parser(
+        "study",
+        help="blind user study: export videos and page, test for leaks, analyse answers",
+        description="From a plan (TOML) to a blind study that any web host can serve, and from "
+        "its answers to a report.",
+    )
+    parts = parser.add_subparsers(title="parts", required=True, metavar="PART")
+    _add_export(parts)
+    _add_check(parts)
+    _add_analyse(parts)
+    _add_simulate(parts)
+
+
+def _add_export(parts) -> None:
+    parser = parts.add_parser(
+        "export",
+        help="make the bundle for participants and the researcher's folder",
+        description="Draw all videos under random names and make the page. Started again after an "
+        "interruption, it keeps its key and goes on.",
+    )
+    parser.add_argument("plan", type=Path, metavar="PLAN.toml")
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder of the study"
+    )
+    parser.add_argument(
+        "--body", type=Path, default=default_body(), metavar="FILE",
+        help="licensed SMPLX_NEUTRAL*.npz (default: $SMPLX_MODEL, else the open body)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR", help="default: bundled"
+    )
+    parser.add_argument(
+        "--workers", type=int, default=2, metavar="N", help="videos drawn at once (default: 2)"
+    )
+    parser.set_defaults(command=_export)
+
+
+def _export(options: argparse.Namespace) -> None:
+    from app.commands.terminal import ProgressBar
+    from app.study.design.plan import read_plan
+    from app.study.export import ExportOptions, export_study
+
+    if options.workers < 1:
+        raise RunError(f"--workers must be at least 1; got {options.workers}.")
+    plan = read_plan(options.plan)
+    try:
+        with ProgressBar("draw the videos") as bar:
+            workspace = export_study(
+                plan,
+                options.out,
+                ExportOptions(options.weights, options.body, options.workers),
+                on_progress=bar.show,
+            )
+    except KeyboardInterrupt:
+        raise RunError(
+            "stopped; the key and the finished videos are kept, so the same command goes on."
+        ) from None
+    sys.stderr.write(
+        f"{len(plan.clips)} clips, {len(plan.systems)} systems, {plan.participants} lists; no leak "
+        "was found. Host the first folder; keep the second one to yourself.\n"
+    )
+    sys.stdout.write(f"{workspace.bundle}\n{workspace.private}\n")
+
+
+def _add_check(parts) -> None:
+    parser = parts.add_parser(
+        "check",
+        help="test an export for anything that tells the method",
+        description="Names, addresses, JSON, metadata, times, order, sizes, bit rates, lengths and "
+        "sound against the method. Exit status 1 when something leaks.",
+    )
+    parser.add_argument("study", type=Path, metavar="DIR", help="folder that the export made")
+    parser.set_defaults(command=_check)
+
+
+def _check(options: argparse.Namespace) -> None:
+    from app.study.leaks.check import check_study
+
+    leaks = check_study(options.study)
+    for leak in leaks:
+        sys.stderr.write(f"LEAK {leak}\n")
+    if leaks:
+        found = "1 leak was found" if len(leaks) == 1 else f"{len(leaks)} leaks were found"
+        raise RunError(f"{found}; do not host this bundle.")
+    sys.stdout.write("No leak was found.\n")
+
+
+def _add_analyse(parts) -> None:
+    parser = parts.add_parser(
+        "analyse",
+        help="answers to a report (HTML, CSV, LaTeX)",
+        description="Read answers, leave out who failed the attention checks, and report shares, "
+        "tests, strengths and the power of the design.",
+    )
+    parser.add_argument(
+        "answers", type=Path, nargs="+", metavar="ANSWERS", help="files, or folders of them"
+    )
+    parser.add_argument("--key", type=Path, required=True, help="researcher_only/key.json")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of results")
+    parser.add_argument(
+        "--diagnostics", type=Path, metavar="DIR",
+        help="folder with CLIP/diagnostics.json or CLIP.json for each clip, whose jitter is held "
+        "against the reasons people gave",
+    )  # fmt: skip
+    parser.set_defaults(command=_analyse)
+
+
+def _analyse(options: argparse.Namespace) -> None:
+    from app.study.analyse import analyse
+
+    analyse(options.answers, options.key, options.out, options.diagnostics)
+
+
+def _add_simulate(parts) -> None:
+    parser = parts.add_parser(
+        "simulate",
+        help="answers of made-up raters with known preferences",
+        description="Try the analysis before anyone has answered: raters who follow a "
+        "Bradley-Terry model with the strengths given (natural logarithm).",
+    )
+    parser.add_argument("study", type=Path, metavar="DIR", help="folder that the export made")
+    parser.add_argument("--raters", type=int, required=True, metavar="N")
+    parser.add_argument(
+        "--strengths", type=_strengths, required=True, metavar="NAME=V,...", help="by system"
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="default: %(default)s")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of answers")
+    parser.set_defaults(command=_simulate)
+
+
+def _simulate(options: argparse.Namespace) -> None:
+    from app.study.simulate.simulate import simulate
+
+    simulate(options.study, options.raters, options.strengths, options.seed, options.out)
+
+
+def _strengths(value: str) -> dict[str, float]:
+    strengths = {}
+    for part in value.split(","):
+        name, separator, number = part.rpartition("=")
+        try:
+            strengths[name.strip()] = float(number)
+        except ValueError:
+            separator = ""
+        if not separator or not name.strip():
+            raise argparse.ArgumentTypeError(f"{part!r} is not NAME=NUMBER")
+    return strengths

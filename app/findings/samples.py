@@ -1,0 +1,108 @@
+"""Systems and their samples in the numbers of a run, and how far two systems lie apart."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from math import isfinite, log
+from typing import Any, Literal
+
+ALIKE = 1.05
+"""Two numbers whose ratio lies within this factor of 1 are told as equal."""
+
+Kind = Literal["raw", "savgol"]
+Samples = dict[int, float]
+"""Number of a sample, from 1, to its value."""
+
+_LATER_SAMPLE = re.compile(r"(?P<system>.+)\.s(?P<number>[1-9][0-9]*)")
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """One system's mean over another's, with a 95 % interval where they share several samples."""
+
+    value: float
+    num_samples: int = 1
+    low: float | None = None
+    high: float | None = None
+
+    @property
+    def is_alike(self) -> bool:
+        return abs(log(self.value)) < log(ALIKE)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the interval holds 1: the samples do not tell the two systems apart."""
+        return self.low is not None and self.high is not None and self.low <= 1.0 <= self.high
+
+
+def samples_by_system(names: Iterable[str]) -> dict[str, dict[int, str]]:
+    """The names of each system's samples: ``a`` and ``a.s2`` are samples 1 and 2 of ``a``."""
+    names = list(names)
+    systems: dict[str, dict[int, str]] = {}
+    for name in names:
+        system, number = name, 1
+        match = _LATER_SAMPLE.fullmatch(name)
+        if match is not None and int(match["number"]) > 1 and match["system"] in names:
+            system, number = match["system"], int(match["number"])
+        systems.setdefault(system, {})[number] = name
+    return systems
+
+
+def values_by_system(
+    diagnostics: Mapping[str, Any], measure: str, kind: Kind
+) -> dict[str, Samples]:
+    """A scalar measure of each sample of each system; systems that have no such number are left
+    out."""
+    found: dict[str, Samples] = {}
+    for system, samples in samples_by_system(diagnostics["systems"]).items():
+        values = {
+            number: number_of(diagnostics["systems"][name], measure, kind)
+            for number, name in samples.items()
+        }
+        known = {number: value for number, value in values.items() if value is not None}
+        if known:
+            found[system] = known
+    return found
+
+
+def number_of(
+    measures: Mapping[str, Mapping[str, Any]] | None, measure: str, kind: Kind
+) -> float | None:
+    """One scalar, or None where it was not measured or is no number."""
+    value = ((measures or {}).get(kind) or {}).get(measure)
+    if isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value):
+        return float(value)
+    return None
+
+
+def raw_of(diagnostics: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """The measures of one sample as generated."""
+    return diagnostics["systems"][name].get("raw") or {}
+
+
+def mean(samples: Samples) -> float:
+    return sum(samples.values()) / len(samples)
+
+
+def extremes(values: Mapping[str, Samples]) -> tuple[str, str]:
+    """The systems with the highest and the lowest mean; of equal ones the first and the last."""
+    order = sorted(values, key=lambda system: -mean(values[system]))
+    return order[0], order[-1]
+
+
+def ratio_of(above: Samples, below: Samples) -> Ratio | None:
+    """Mean over mean; samples with the same number had the same noise and are drawn in pairs.
+
+    None where a value is not positive, so that there is no ratio.
+    """
+    if min([*above.values(), *below.values()]) <= 0.0:
+        return None
+    shared = sorted(above.keys() & below.keys())
+    if len(shared) < 2:
+        return Ratio(mean(above) / mean(below))
+    from model.evaluation.intervals import bootstrap_ratio
+
+    interval = bootstrap_ratio([above[n] for n in shared], [below[n] for n in shared])
+    return Ratio(interval.mean, len(shared), interval.low, interval.high)

@@ -1,0 +1,223 @@
+"""One plain sentence under each plot, made from the numbers that the plot shows.
+
+Every word that compares is chosen by the numbers: where two systems change places, so does the
+sentence, and where they are alike it says that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import log
+from typing import Any
+
+from app.findings.comparison import comparison, plain, times, word
+from app.findings.samples import (
+    ALIKE,
+    Samples,
+    extremes,
+    mean,
+    number_of,
+    raw_of,
+    samples_by_system,
+    values_by_system,
+)
+from app.run.followed_point import point_title
+
+SEAM_STANDS_OUT = 1.5
+"""From this ratio on, and above the reference's, joins are told to stand out. A clip has few joins,
+so chance decides much: a recorded one of 400 frames, which has none, gave 0.7."""
+SMALL_SHARE = 0.05
+
+JERK = "tip_jerk_m_s3"
+ABOVE_5HZ = "tip_velocity_power_above_5hz"
+SEAMS = "seam_jerk_ratio"
+
+
+def sentences_of(diagnostics: Mapping[str, Any]) -> dict[str, str]:
+    """The sentences of a ``diagnostics.json``, by plot; empty where there is nothing to say.
+
+    The keys are trajectory, depth, spectrum, attribution, seams and reference. Samples of one
+    system, ``<system>.s2`` and on, are taken together.
+    """
+    return {
+        "trajectory": _trajectory(diagnostics),
+        "depth": _depth(diagnostics),
+        "spectrum": _spectrum(diagnostics),
+        "attribution": _attribution(diagnostics),
+        "seams": _seams(diagnostics),
+        "reference": _reference(diagnostics),
+    }
+
+
+def _trajectory(diagnostics: Mapping[str, Any]) -> str:
+    noun = f"{_point(diagnostics)} jerk"
+    found = comparison(diagnostics, JERK, noun, "m/s³")
+    return found or f"The motions are too short for {noun}: it takes four frames."
+
+
+def _spectrum(diagnostics: Mapping[str, Any]) -> str:
+    noun = "share of velocity power above 5 Hz"
+    found = comparison(diagnostics, ABOVE_5HZ, noun, "%", scale=100.0)
+    return found or f"No motion is long enough, or moves enough, for the {noun}."
+
+
+def _depth(diagnostics: Mapping[str, Any]) -> str:
+    """How the two systems of the first sentence drift apart along the chain, if they do."""
+    profiles = _profiles(diagnostics)
+    jerks = values_by_system(diagnostics, JERK, "raw")
+    shown = [system for system in jerks if system in profiles]
+    if not shown:
+        return "The motions are too short for a profile of jerk by depth."
+    ends = {system: (profiles[system][0], profiles[system][-1]) for system in shown}
+    last = len(profiles[shown[0]]) - 1
+    places = f"the pelvis (depth 0) to the last finger joints (depth {last})"
+    if len(shown) == 1:
+        (root, tip) = ends[shown[0]]
+        return f"With {shown[0]} the mean jerk of the joints {_course(root, tip)} from {places}."
+    high, low = extremes({system: jerks[system] for system in shown})
+    (high_root, high_tip), (low_root, low_tip) = ends[high], ends[low]
+    if min(high_root, low_root, high_tip, low_tip) <= 0.0:
+        return (
+            f"The mean jerk of the joints {_course(high_root, high_tip)} with {high} and"
+            f" {_course(low_root, low_tip)} with {low}, from {places}."
+        )
+    at_root, at_tip = high_root / low_root, high_tip / low_tip
+    course = word(at_tip / at_root, "grows", "falls", "stays the same within 5 %")
+    return (
+        f"From {places} the jerk of {high} relative to {low} {course}: {times(at_root)} at the"
+        f" pelvis, {times(at_tip)} at the fingers ({plain(high_tip)} against {plain(low_tip)}"
+        " m/s³)."
+    )
+
+
+def _profiles(diagnostics: Mapping[str, Any]) -> dict[str, list[float]]:
+    """Mean over samples of each system's jerk by depth, where it is known at every depth."""
+    profiles = {}
+    for system, samples in samples_by_system(diagnostics["systems"]).items():
+        curves = [
+            raw_of(diagnostics, name).get("jerk_by_depth_m_s3") or [] for name in samples.values()
+        ]
+        depths = list(zip(*curves, strict=False))
+        if depths and all(None not in depth for depth in depths):
+            profiles[system] = [sum(depth) / len(depth) for depth in depths]
+    return profiles
+
+
+def _course(root: float, tip: float) -> str:
+    numbers = f"{plain(root)} to {plain(tip)} m/s³"
+    if root <= 0.0 or tip <= 0.0:
+        return f"goes from {numbers}"
+    return f"{word(tip / root, 'grows', 'falls', 'stays the same within 5 %')} ({numbers})"
+
+
+def _attribution(diagnostics: Mapping[str, Any]) -> str:
+    """The joint of each of two systems whose smoothing takes most jerk from the point."""
+    point = _point(diagnostics)
+    strongest = {}
+    for system, samples in samples_by_system(diagnostics["systems"]).items():
+        shares = _mean_shares([raw_of(diagnostics, name) for name in samples.values()])
+        if shares:
+            joint = max(shares, key=lambda name: shares[name])
+            strongest[system] = (joint, shares[joint])
+    if not strongest:
+        return f"No motion has jerk at the {point} that could be told apart by joint."
+    order = sorted(strongest, key=lambda system: -strongest[system][1])
+    ends = dict.fromkeys((order[0], order[-1]))
+    parts = "; with ".join(_strongest_part(name, strongest[name], point) for name in ends)
+    return f"With {parts}. Shares of single joints do not add up to the whole."
+
+
+def _mean_shares(samples: list[Mapping[str, Any]]) -> dict[str, float]:
+    """Joint to its share, mean over the samples that have one."""
+    found: dict[str, list[float]] = {}
+    for raw in samples:
+        attribution = raw.get("tip_jerk_attribution") or {}
+        pairs = zip(attribution.get("joints", ()), attribution.get("share") or (), strict=False)
+        for joint, share in pairs:
+            if share is not None:
+                found.setdefault(joint, []).append(share)
+    return {joint: sum(shares) / len(shares) for joint, shares in found.items()}
+
+
+def _strongest_part(system: str, strongest: tuple[str, float], point: str) -> str:
+    joint, share = strongest
+    name, percent = joint.replace("_", " "), f"{plain(100 * share)} %"
+    if share <= 0.0:
+        return f"{system} no joint's smoothing alone takes jerk from the {point}"
+    if share < SMALL_SHARE:
+        return f"{system} no single joint stands out ({name} most, {percent})"
+    return f"{system} smoothing the {name} alone takes most {point} jerk away ({percent})"
+
+
+def _seams(diagnostics: Mapping[str, Any]) -> str:
+    """How far the joins of windows stand out, at most and at least."""
+    raw = values_by_system(diagnostics, SEAMS, "raw")
+    advance = diagnostics.get("window_advance_frames", 52)
+    if not raw:
+        return f"No motion is long enough for joins of windows, one every {advance} frames."
+    filtered = values_by_system(diagnostics, SEAMS, "savgol")
+    reference = number_of(diagnostics.get("reference"), SEAMS, "raw")
+    limit = max(SEAM_STANDS_OUT, ALIKE * (reference or 0.0))
+    high, low = extremes(raw)
+    parts = [_seam_part(system, raw, filtered, limit) for system in dict.fromkeys((high, low))]
+    text = f"Where windows join, every {advance} frames, peak jerk is {' and '.join(parts)}"
+    if reference is not None:
+        text += f"; the reference, which has no joins, has {plain(reference)}"
+    return f"{text}."
+
+
+def _seam_part(
+    system: str, raw: Mapping[str, Samples], filtered: Mapping[str, Samples], limit: float
+) -> str:
+    ratio = mean(raw[system])
+    after = f", {plain(mean(filtered[system]))} after the filter" if system in filtered else ""
+    verdict = "joins stand out" if ratio > limit else "joins do not stand out"
+    return f"{times(ratio)} that elsewhere with {system} ({verdict}{after})"
+
+
+def _reference(diagnostics: Mapping[str, Any]) -> str:
+    """Which system's jerk is nearest to the recording's, and how far its joints are off."""
+    recorded = number_of(diagnostics.get("reference"), JERK, "raw")
+    raw = values_by_system(diagnostics, JERK, "raw")
+    if recorded is None or recorded <= 0.0 or not raw or min(map(mean, raw.values())) <= 0.0:
+        return ""
+    distance = {system: abs(log(mean(values) / recorded)) for system, values in raw.items()}
+    order = sorted(distance, key=lambda system: distance[system])
+    nearest, farthest = order[0], order[-1]
+    noun = f"{_point(diagnostics)} jerk"
+    nearest_has, farthest_has = (times(mean(raw[name]) / recorded) for name in (nearest, farthest))
+    text = f"{nearest} has {nearest_has} the reference's {noun}"
+    if len(order) > 1:
+        if distance[farthest] - distance[nearest] < log(ALIKE):
+            text += f" and is no nearer to it than {farthest}, within 5 %"
+        else:
+            text += f" and is nearest to it; {farthest} has {farthest_has} it"
+    errors = _mean_errors(diagnostics)
+    if errors:
+        best = min(errors, key=lambda system: errors[system])
+        worst = max(errors, key=lambda system: errors[system])
+        text += f". Joints are {plain(100 * errors[best])} cm from the reference's with {best}"
+        if worst != best:
+            text += f" and {plain(100 * errors[worst])} cm with {worst}"
+        text += "; a motion may differ from one recording and still fit the speech"
+    return f"{text}."
+
+
+def _mean_errors(diagnostics: Mapping[str, Any]) -> dict[str, float]:
+    """Mean distance of all joints from the reference's, metres, by system."""
+    errors = {}
+    for system, samples in samples_by_system(diagnostics["systems"]).items():
+        found = [
+            value
+            for name in samples.values()
+            for value in raw_of(diagnostics, name).get("position_error_m") or ()
+            if value is not None
+        ]
+        if found:
+            errors[system] = sum(found) / len(found)
+    return errors
+
+
+def _point(diagnostics: Mapping[str, Any]) -> str:
+    """The followed point, inside a sentence."""
+    return point_title(diagnostics.get("joint") or diagnostics.get("tip", "right_middle")).lower()

@@ -1,0 +1,63 @@
+"""What the page can offer, read without loading a model: systems, speakers, example speech."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from app import text
+from app.errors import RunError
+from model.storage.cards import list_speakers, list_systems, load_card
+
+
+@dataclass(frozen=True)
+class Example:
+    """A piece of speech that comes with the app."""
+
+    label: str
+    path: Path
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    """The choices that the page shows."""
+
+    systems: tuple[str, ...]
+    speakers: tuple[str, ...]
+    trained_on: str
+    """How much of what, for a sentence; empty for random weights."""
+    examples: tuple[Example, ...] = ()
+
+
+def read_catalogue(weights: Path, examples: tuple[Example, ...] = ()) -> Catalogue:
+    """Systems and speakers from the cards beside the weights in ``weights``.
+
+    Raises:
+        RunError: if there is no system in that folder.
+        CheckpointError: if a card cannot be read.
+    """
+    names = list_systems(weights)
+    if not names:
+        raise RunError(text.NO_SYSTEMS_INSTALLED.format(folder=weights))
+    cards = [load_card(weights, name) for name in names]
+    return Catalogue(names, list_speakers(weights), _trained_on(cards), examples)
+
+
+def find_examples(folder: Path) -> tuple[Example, ...]:
+    """Bundled wav files by name; ``a_long_drive.wav`` is offered as "A long drive"."""
+    return tuple(
+        Example(path.stem.replace("_", " ").capitalize(), path)
+        for path in sorted(folder.glob("*.wav"))
+    )
+
+
+def _trained_on(cards: list[dict[str, Any]]) -> str:
+    """How much of what; told from the cards, so that other weights are described as they are."""
+    hours = max(float(card.get("training_hours") or 0.0) for card in cards)
+    if hours == 0.0 or not any(card.get("steps") for card in cards):
+        return ""
+    data = cards[0].get("training_data")
+    # A corpus made by this project describes itself; of any other folder only the name is known.
+    what = "procedural motion made by a program" if isinstance(data, dict) else f"“{data}”"
+    return f"{hours:.1f} hours of {what}"

@@ -1,0 +1,111 @@
+"""The page's own pieces of HTML: pure functions from values to escaped markup."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+
+from app import text
+from app.run.request import STAGES, Stage
+
+
+def header(trained_on: str) -> str:
+    """Title, what the app is for, and what its weights are; empty means untrained ones."""
+    banner = text.DEMO_WEIGHTS.format(data=escape(trained_on)) if trained_on else text.UNTRAINED
+    return (
+        f'<header class="masthead"><h1>{escape(text.TITLE)}</h1>'
+        f"<p>{escape(text.TAGLINE)}</p></header>"
+        f'<div class="banner" role="note">{_ICON_INFO}<span>{banner}</span></div>'
+    )
+
+
+def step(number: int, title: str) -> str:
+    """A numbered heading of the form."""
+    return f'<h2 class="step"><span aria-hidden="true">{number}</span>{escape(title)}</h2>'
+
+
+def heading(title: str, explanation: str = "") -> str:
+    """Heading of one part of the results."""
+    below = f"<p>{escape(explanation)}</p>" if explanation else ""
+    return f'<div class="part"><h2>{escape(title)}</h2>{below}</div>'
+
+
+def empty_state() -> str:
+    """What the visitor sees before the first run."""
+    steps = "".join(
+        f"<li><b>{escape(title)}</b><span>{escape(body)}</span></li>"
+        for title, body in text.EMPTY_STEPS
+    )
+    return (
+        f'<div class="empty">{_ILLUSTRATION}<h2>{escape(text.EMPTY_TITLE)}</h2>'
+        f"<ol>{steps}</ol></div>"
+    )
+
+
+def status(
+    line: str, fractions: Mapping[Stage, float], details: Mapping[Stage, str], stages=STAGES
+) -> str:
+    """The stages of a run with how far each is, under one plain sentence."""
+    rows = []
+    for stage in stages:
+        fraction = fractions.get(stage)
+        state = "todo" if fraction is None else "done" if fraction >= 1 else "doing"
+        percent = round(100 * min(1.0, fraction or 0.0))
+        shown = {"todo": "", "doing": f"{percent} %", "done": ""}[state]
+        detail = details.get(stage, "") if state == "doing" else ""
+        rows.append(
+            f'<li class="{state}"><i aria-hidden="true"></i>'
+            f"<span>{escape(text.STAGE_NAMES[stage])}<small>{escape(detail)}</small></span>"
+            f"<em>{shown}</em>"
+            f'<b style="width:{percent}%"></b></li>'
+        )
+    return (
+        f'<div class="status" role="status" aria-live="polite"><p>{escape(line)}</p>'
+        f"<ol>{''.join(rows)}</ol></div>"
+    )
+
+
+def sentence_status(line: str) -> str:
+    """The status line alone."""
+    return f'<div class="status" role="status" aria-live="polite"><p>{escape(line)}</p></div>'
+
+
+def error_message(sentence: str) -> str:
+    """Why a run stopped; stays on the page until the next run."""
+    return (
+        f'<div class="message error" role="alert">{_ICON_ERROR}<div>'
+        f"<b>{escape(text.FAILED_TITLE)}</b><p>{escape(sentence)}</p></div></div>"
+    )
+
+
+def notes_message(notes: Sequence[str]) -> str:
+    """What was done to the input, or is left out, in a run that went well."""
+    if not notes:
+        return ""
+    items = "".join(f"<p>{escape(note)}</p>" for note in notes)
+    return (
+        f'<div class="message note" role="note">{_ICON_INFO}<div>'
+        f"<b>{escape(text.NOTES_TITLE)}</b>{items}</div></div>"
+    )
+
+
+_ICON_INFO = (
+    '<svg viewBox="0 0 20 20" aria-hidden="true"><circle cx="10" cy="10" r="8"/>'
+    '<path d="M10 9v5M10 6v.5"/></svg>'
+)
+_ICON_ERROR = (
+    '<svg viewBox="0 0 20 20" aria-hidden="true"><path d="M10 2.5 18 17H2z"/>'
+    '<path d="M10 8v4M10 14.2v.5"/></svg>'
+)
+_ILLUSTRATION = (
+    '<svg class="art" viewBox="0 0 320 90" aria-hidden="true">'
+    '<g class="wave">'
+    + "".join(
+        f'<rect x="{8 + 7 * i}" y="{45 - h / 2:.1f}" width="3.4" height="{h}" rx="1.7"/>'
+        for i, h in enumerate((8, 16, 30, 52, 40, 62, 34, 20, 44, 58, 36, 22, 12, 26, 14, 8))
+    )
+    + '</g><path class="arrow" d="M134 45h34m-8-7 8 7-8 7"/>'
+    '<path class="rough" d="M188 60 L194 48 L199 53 L205 36 L210 42 L217 26 L222 33 L229 22 '
+    'L235 31 L241 27 L248 41 L253 37 L260 52 L266 46 L272 58 L279 52 L286 60 L292 55 L300 61"/>'
+    '<path class="smooth" d="M188 68 C206 58 212 32 232 32 S262 62 300 69"/></svg>'
+)

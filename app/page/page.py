@@ -1,0 +1,67 @@
+"""The page: its layout and what a click does. It knows neither torch nor GL, only a callable that
+does a run."""
+
+from __future__ import annotations
+
+import gradio as gr
+
+from app import text
+from app.config import AppConfig
+from app.page import markup as view
+from app.page.catalogue import Catalogue
+from app.page.serving.follow import Generate
+from app.page.serving.jobs import JobBook
+from app.page.serving.media import MediaDesk
+from app.page.serving.researcher_part import Handover
+from app.page.tabs import own_motion as own_motion_tab
+from app.page.tabs.generate import FormParts, ResultParts, build_form, build_results
+from app.page.tabs.generate_run import Runner
+from app.page.tabs.study import build_study_tab
+from app.page.tabs.systems import ladder
+
+
+def build_app(
+    generate: Generate,
+    catalogue: Catalogue,
+    config: AppConfig,
+    jobs: JobBook,
+    handover: Handover,
+    desk: MediaDesk,
+) -> gr.Blocks:
+    """The whole page around ``generate``, which a test may replace by a function of its own."""
+    with gr.Blocks(
+        title=text.TITLE,
+        analytics_enabled=False,
+        fill_width=True,
+        delete_cache=(600, int(config.keep_results_s)),
+    ) as page:
+        gr.HTML(view.header(catalogue.trained_on))
+        with gr.Tabs(overflow_behavior="wrap"):  # a phone would hide some in a menu
+            with gr.Tab(text.MOTION_TAB), gr.Row(elem_classes="columns"):
+                with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
+                    form = build_form(catalogue, config)
+                with gr.Column(scale=9, min_width=320, elem_classes="results"):
+                    results = build_results()
+            with gr.Tab(own_motion_tab.TAB):
+                own_motion_tab.build_own_motion_tab(page, config, jobs, desk)
+            with gr.Tab(text.LADDER_TAB):
+                gr.HTML(ladder(catalogue.systems), apply_default_css=False)
+            with gr.Tab(text.STUDY_TAB):
+                build_study_tab(page, catalogue, config, jobs, handover)
+        runner = Runner(generate, catalogue, config, jobs, desk, form, results)
+        _wire(page, form, results, runner)
+    return page
+
+
+def _wire(page: gr.Blocks, form: FormParts, results: ResultParts, runner: Runner) -> None:
+    form.generate.click(
+        runner.run,
+        inputs=list(form.fields),
+        outputs=[*results.all, form.generate, form.cancel],
+        api_name="generate",
+        show_progress="hidden",
+        trigger_mode="once",
+        concurrency_limit=None,  # JobBook lets them in one by one and tells each its place
+    )
+    form.cancel.click(runner.cancel, queue=False, api_visibility="private", show_progress="hidden")
+    page.unload(runner.cancel)

@@ -1,0 +1,129 @@
+"""What the page's player shows of one run: a row for each motion, its sound and its time line."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Any
+
+from app.page.results.timeline import Version, make_timeline, series_looks
+from app.page.serving.media import MediaDesk
+from app.run.followed_point import choose_tip_source
+from app.run.models import get_body
+from app.run.request import REFERENCE_NAME, Artefact, GenerateRequest, file_stem
+from model.speech.transcript import Word
+
+_ROW_KINDS = ("motion", "preview", "video")
+
+
+class Showing:
+    """Grows with the files of a run; `value` is what the browser gets, all of it each time."""
+
+    def __init__(
+        self,
+        request: GenerateRequest,
+        names: Sequence[str],
+        folder: Path,
+        desk: MediaDesk,
+        visitor: str,
+        words: Sequence[Word] = (),
+    ) -> None:
+        """
+        Args:
+            names: of the rows, in the order of the page.
+            folder: of the job, where sound and time line are kept.
+            visitor: the browser's cookie.
+            words: of the speech, where a transcript was given.
+        """
+        self._words = words
+        self._request = request
+        self._folder = folder
+        self._desk = desk
+        self._visitor = visitor
+        looks = series_looks(tuple(names))
+        self._rows: dict[str, dict[str, Any]] = {
+            name: {"name": name, "color": looks[name].color, "dashes": list(looks[name].dashes)}
+            for name in names
+        }
+        self._motions: dict[str, Path] = {}
+        self._made: Future[tuple[Path, Path]] | None = None
+        self._sound: dict[str, str] = {}
+
+    def take(self, artefact: Artefact) -> None:
+        """Note a file that has become whole; the time line is begun with the last motion."""
+        if artefact.name not in self._rows or artefact.kind not in _ROW_KINDS:
+            return
+        self._rows[artefact.name][artefact.kind] = self._desk.offer(artefact.path, self._visitor)
+        if artefact.kind == "motion":
+            self._motions[artefact.name] = artefact.path
+            if self._made is None and self._motions.keys() >= self._rows.keys() - {REFERENCE_NAME}:
+                self._begin_timeline()
+
+    def value(self, is_over: bool = False) -> dict[str, Any]:
+        """For the player.
+
+        Args:
+            is_over: whether to wait for the time line.
+        """
+        if not self._sound and self._made is not None and (is_over or self._made.done()):
+            wav, timeline = self._made.result()
+            self._sound = {
+                "audio": self._desk.offer(wav, self._visitor),
+                "timeline": self._desk.offer(timeline, self._visitor),
+            }
+        rows = [
+            {**row, "stem": file_stem(name), "is_reference": name == REFERENCE_NAME}
+            for name, row in self._rows.items()
+        ]
+        return {"run": self._folder.name, "rows": rows, **self._sound}
+
+    def _write_sound(self) -> tuple[Path, Path]:
+        return write_sound(self._request, dict(self._motions), self._folder, self._words)
+
+    def _begin_timeline(self) -> None:
+        """In a thread: the run itself goes on drawing, and the page is told of it meanwhile."""
+        made: Future[tuple[Path, Path]] = Future()
+        self._made = made
+
+        def work() -> None:
+            try:
+                made.set_result(self._write_sound())
+            except BaseException as error:
+                made.set_exception(error)
+
+        threading.Thread(target=work, name="timeline", daemon=True).start()
+
+
+def write_sound(
+    request: GenerateRequest,
+    paths: Mapping[str, Path],
+    folder: Path,
+    words: Sequence[Word] = (),
+) -> tuple[Path, Path]:
+    """The speech as the player plays it, and the time line as JSON.
+
+    Args:
+        paths: motion files of the run by row; a reference is read from the request.
+    """
+    from model.measures.diagnostics import first_frames
+    from model.motion.motion import load_motion
+    from model.speech.audio import SpeechLimits, load_speech, write_wav
+
+    speech = load_speech(request.speech, SpeechLimits(max_s=request.max_speech_s))
+    wav = folder / "speech.wav"
+    write_wav(wav, speech.waveform)
+    motions = {name: load_motion(path) for name, path in paths.items()}
+    shown: Version = "savgol" if request.post_filter == "savgol" else "raw"
+    tip = choose_tip_source(get_body(request.body), request.body, request.joint)
+    timeline = make_timeline(speech, motions, shown, tip)
+    if request.reference is not None:
+        reference = first_frames(load_motion(request.reference), speech.num_frames)
+        recorded = make_timeline(None, {REFERENCE_NAME: reference}, "raw", tip)
+        timeline["curves"] |= recorded["curves"]
+    timeline["words"] = [(word.start_s, word.end_s, word.text) for word in words]
+    path = folder / "timeline.json"
+    path.write_text(json.dumps(timeline, allow_nan=False, separators=(",", ":")))
+    return wav, path

@@ -1,0 +1,101 @@
+"""Files of a run that the page's player fetches, each under an address that nobody can guess.
+
+A browser must be able to ask for a part of a file, or it cannot seek in a video. The address holds
+256 random bits and no path. It is told to the page that started the run alone; where that browser
+keeps the page's cookie, the cookie is asked for as well. It dies with the run's folder.
+"""
+
+from __future__ import annotations
+
+import secrets
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+from fastapi import Request, Response
+from fastapi.responses import FileResponse, PlainTextResponse
+from fastapi.routing import APIRoute
+
+from app.page.serving.researcher_part import COOKIE
+
+MEDIA_ROUTE = "/media"
+WEB_ROUTE = "/web"
+WEB_FOLDER = Path(__file__).parents[1] / "web"
+GONE = "There is no such file, or it is kept no longer."
+_SHOWN_TYPES = {
+    ".mp4": "video/mp4",
+    ".wav": "audio/wav",
+    ".glb": "model/gltf-binary",
+    ".json": "application/json",
+    ".png": "image/png",
+}
+"""What a page shows; everything else is only ever downloaded."""
+_WEB_TYPES = {".js": "text/javascript", ".css": "text/css"}
+
+
+@dataclass(frozen=True)
+class _Offer:
+    visitor: str
+    path: Path
+
+
+class MediaDesk:
+    """Which file lies behind which address."""
+
+    def __init__(self) -> None:
+        self._offers: dict[str, _Offer] = {}
+        self._lock = threading.Lock()
+
+    def offer(self, path: Path, visitor: str) -> str:
+        """The address, relative to the page, of a file for one visitor.
+
+        Args:
+            visitor: the browser's cookie; empty for one that keeps none.
+        """
+        token = secrets.token_urlsafe(32)
+        with self._lock:
+            gone = [old for old, offer in self._offers.items() if not offer.path.is_file()]
+            for old in gone:
+                del self._offers[old]
+            self._offers[token] = _Offer(visitor, path)
+        return f"{MEDIA_ROUTE.lstrip('/')}/{token}"
+
+    def find(self, token: str, visitor: str) -> Path | None:
+        """The file, or None when there is none for this visitor."""
+        with self._lock:
+            offer = self._offers.get(token)
+        if offer is None or not offer.path.is_file():
+            return None
+        if offer.visitor and not secrets.compare_digest(offer.visitor.encode(), visitor.encode()):
+            return None
+        return offer.path
+
+
+def media_routes(desk: MediaDesk) -> list[APIRoute]:
+    """Serve the player's files and the page's own modules."""
+    modules = {path.name: path for path in WEB_FOLDER.iterdir() if path.suffix in _WEB_TYPES}
+
+    def media(token: str, request: Request) -> Response:
+        path = desk.find(token, request.cookies.get(COOKIE, ""))
+        if path is None:
+            return PlainTextResponse(GONE, status_code=404)
+        media_type = _SHOWN_TYPES.get(path.suffix)
+        return FileResponse(
+            path,
+            media_type=media_type or "application/octet-stream",
+            filename=None if media_type else path.name,
+            headers={"Cache-Control": "private", "X-Content-Type-Options": "nosniff"},
+        )
+
+    def web(name: str) -> Response:
+        if name not in modules:
+            return PlainTextResponse(GONE, status_code=404)
+        path = modules[name]
+        headers = {"Cache-Control": "no-cache", "X-Content-Type-Options": "nosniff"}
+        return FileResponse(path, media_type=_WEB_TYPES[path.suffix], headers=headers)
+
+    methods = ["GET", "HEAD"]
+    return [
+        APIRoute(MEDIA_ROUTE + "/{token}", media, methods=methods, include_in_schema=False),
+        APIRoute(WEB_ROUTE + "/{name}", web, methods=methods, include_in_schema=False),
+    ]

@@ -1,0 +1,210 @@
+"""The parts of the page: what the visitor fills in, and where results appear."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import gradio as gr
+
+from app import text
+from app.config import AppConfig
+from app.page import markup as view
+from app.page.catalogue import Catalogue
+from app.page.serving.follow import SEED_LIMIT
+from app.run.followed_point import TIP, point_title
+from app.run.request import DEFAULT_STEPS
+from model.systems.globaldiff.config import BEST
+from renderer.body.joints import JOINT_NAMES, TIP_VERTICES
+
+MAX_DEFAULT_SYSTEMS = 3
+_PREFERRED = (BEST, "globaldiff/local", "globaldiff/global")
+"""What is ticked at first where there are more: what moves best, and the paper's first question."""
+
+
+def mount(module: str, function: str) -> str:
+    """JavaScript for `gr.HTML` that hands its element to a module of app/web."""
+    return (
+        f'import(new URL("web/{module}", document.baseURI))'
+        f".then(({{ {function} }}) => {function}(element, props, watch));"
+    )
+
+
+@dataclass(frozen=True)
+class FormParts:
+    """The left column."""
+
+    fields: tuple[Any, ...]
+    """In the order of `Form`."""
+    generate: gr.Button
+    cancel: gr.Button
+
+
+@dataclass(frozen=True)
+class ResultParts:
+    """The right column, from top to bottom."""
+
+    message: gr.HTML
+    status: gr.HTML
+    empty: gr.HTML
+    player: gr.HTML
+    """Its value is a `Showing` as a dictionary; without rows it takes no room."""
+    figures: gr.HTML
+    numbers: gr.HTML
+    downloads_part: gr.Column
+    bundle: gr.DownloadButton
+    files: gr.File
+
+    @property
+    def all(self) -> list[Any]:
+        return [
+            self.message,
+            self.status,
+            self.empty,
+            self.player,
+            self.figures,
+            self.numbers,
+            self.downloads_part,
+            self.bundle,
+            self.files,
+        ]
+
+
+def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
+    """The left column: speech, systems, settings, and the buttons."""
+    gr.HTML(view.step(1, text.STEP_SPEECH))
+    speech = gr.Audio(
+        label=text.SPEECH_LABEL,
+        sources=["upload", "microphone"],
+        type="filepath",
+        elem_id="speech",
+        waveform_options=gr.WaveformOptions(
+            waveform_color="#9fb3c8", waveform_progress_color="#0f6d8c"
+        ),
+        buttons=[],
+    )
+    limits = text.SPEECH_HELP.format(
+        min_s=config.min_speech_s, max_min=round(config.max_speech_s / 60, 1)
+    )
+    gr.HTML(f'<p class="hint">{limits}</p>')
+    if catalogue.examples:
+        gr.Examples(
+            examples=[[str(example.path)] for example in catalogue.examples],
+            example_labels=[example.label for example in catalogue.examples],
+            inputs=[speech],
+            label=text.EXAMPLES_LABEL,
+            elem_id="examples",
+            api_visibility="private",
+        )
+    gr.HTML(view.step(2, text.STEP_SYSTEMS))
+    systems = gr.CheckboxGroup(
+        choices=list(catalogue.systems),
+        value=default_systems(catalogue.systems),
+        label=text.SYSTEMS_LABEL,
+        info=text.SYSTEMS_HELP,
+        elem_id="systems",
+    )
+    gr.HTML(view.step(3, text.STEP_SETTINGS))
+    with gr.Row(elem_classes="pair"):
+        speaker = gr.Dropdown(
+            choices=list(catalogue.speakers),
+            value=catalogue.speakers[0] if catalogue.speakers else None,
+            label=text.SPEAKER_LABEL,
+            min_width=120,
+        )
+        seed = gr.Number(
+            value=0, precision=0, minimum=0, maximum=SEED_LIMIT, label=text.SEED_LABEL,
+            min_width=100,
+        )  # fmt: skip
+    samples = gr.Slider(
+        1, 4, value=1, step=1, label=text.SAMPLES_LABEL, info=text.SAMPLES_HELP, buttons=[]
+    )
+    is_smoothed = gr.Checkbox(False, label=text.FILTER_LABEL, info=text.FILTER_HELP)
+    with gr.Accordion(text.ADVANCED_LABEL, open=False):
+        steps = gr.Slider(1, 50, value=DEFAULT_STEPS, step=1, label=text.STEPS_LABEL, buttons=[])
+        sampler = gr.Dropdown(
+            choices=[(shown, name) for name, shown in text.SAMPLER_NAMES.items()],
+            value="euler",
+            label=text.SAMPLER_LABEL,
+        )
+        reference = gr.File(
+            label=text.REFERENCE_LABEL,
+            file_types=[".npz"],
+            type="filepath",
+            height=150,
+            elem_id="reference",
+        )
+        transcript = gr.File(
+            label=text.TRANSCRIPT_LABEL,
+            file_types=[".TextGrid"],
+            type="filepath",
+            height=150,
+            elem_id="transcript",
+        )
+        point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
+        start_frame = gr.Number(
+            value=0, precision=0, minimum=0, label=text.START_LABEL, elem_id="start-frame"
+        )
+    with gr.Row(elem_classes="actions"):
+        start = gr.Button(text.GENERATE, variant="primary", size="lg", elem_id="generate")
+        cancel = gr.Button(
+            text.CANCEL, variant="secondary", size="lg", visible=False, elem_id="cancel", scale=0
+        )
+    fields = (
+        *(speech, systems, speaker, seed, samples, steps, sampler, is_smoothed, reference),
+        *(point, start_frame, transcript),
+    )
+    return FormParts(fields, start, cancel)
+
+
+def build_results() -> ResultParts:
+    """The right column; what has nothing to show yet is hidden."""
+    message = gr.HTML("", visible=False, elem_id="message")
+    status = gr.HTML(view.sentence_status(text.READY), elem_id="status")
+    empty = gr.HTML(view.empty_state(), elem_id="empty")
+    player = gr.HTML(
+        {},
+        html_template='<div class="lockstep" hidden></div>',
+        js_on_load=mount("player.js", "mountPlayer"),
+        apply_default_css=False,
+        elem_id="player",
+    )
+    figures = gr.HTML(
+        "",
+        visible=False,
+        js_on_load=mount("figures.js", "mountFigures"),
+        apply_default_css=False,
+        elem_id="figures",
+    )
+    numbers = gr.HTML(
+        "",
+        visible=False,
+        js_on_load=mount("measures.js", "mountMeasures"),
+        apply_default_css=False,
+        elem_id="numbers",
+    )
+    with gr.Column(visible=False) as downloads_part:
+        gr.HTML(view.heading(text.DOWNLOADS_HEADING))
+        bundle = gr.DownloadButton(text.ZIP_LABEL, variant="primary", elem_id="bundle")
+        files = gr.File(
+            label=text.FILES_LABEL, file_count="multiple", interactive=False, elem_id="files"
+        )
+    return ResultParts(
+        message, status, empty, player, figures, numbers, downloads_part, bundle, files
+    )
+
+
+def point_choices() -> list[tuple[str, str]]:
+    """Fingertips, then joints, each by the name a person reads."""
+    return [(point_title(point), point) for point in (*TIP_VERTICES, *JOINT_NAMES)]
+
+
+def default_systems(systems: Sequence[str]) -> list[str]:
+    """All systems where they are few, else three of them."""
+    if len(systems) <= MAX_DEFAULT_SYSTEMS:
+        return list(systems)
+    preferred = [name for name in systems if name in _PREFERRED]
+    others = [name for name in systems if name not in _PREFERRED]
+    chosen = [*preferred, *others][:MAX_DEFAULT_SYSTEMS]
+    return [name for name in systems if name in chosen]

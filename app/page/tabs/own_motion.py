@@ -1,0 +1,116 @@
+"""The tab of the page that measures and compares motion files of a visitor's own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gradio as gr
+
+from app import text
+from app.config import AppConfig
+from app.page import markup as view
+from app.page.serving.jobs import JobBook
+from app.page.serving.media import MediaDesk
+from app.page.tabs.generate import mount, point_choices
+from app.page.tabs.own_motion_run import Diagnose, OwnMotionParts, OwnMotionRunner
+from app.run.followed_point import TIP
+
+TAB = "Your motion"
+INTRODUCTION = (
+    "Measures up to six motion files of your own as it measures the systems, raw and filtered: "
+    "BEAT2 .npz, with SMPL-X or SMPL-H joints, 30 frames a second. The same as "
+    "<code>python -m app diagnose</code>."
+)
+
+
+def build_own_motion_tab(
+    page: gr.Blocks,
+    config: AppConfig,
+    jobs: JobBook,
+    desk: MediaDesk,
+    diagnose: Diagnose | None = None,
+) -> None:
+    """Lay out the tab inside the current context and wire it.
+
+    Args:
+        diagnose: does the measuring; by default `app.run.diagnose.diagnose_files`.
+    """
+    gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
+    with gr.Row(elem_classes="columns"):
+        with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
+            fields, start, cancel = _build_form()
+        with gr.Column(scale=9, min_width=320, elem_classes="results"):
+            parts = build_results()
+    runner = OwnMotionRunner(diagnose or _diagnose, config, jobs, desk, parts)
+    start.click(
+        runner.run,
+        inputs=fields,
+        outputs=parts.all,
+        api_name="own_motion",
+        show_progress="hidden",
+        trigger_mode="once",
+        concurrency_limit=None,  # JobBook lets them in one by one
+    )
+    cancel.click(runner.cancel, queue=False, api_visibility="private", show_progress="hidden")
+    page.unload(runner.cancel)
+
+
+def _diagnose(request: Any, on_progress: Any) -> Any:
+    from app.run.diagnose import diagnose_files  # brings torch: only once it is needed
+
+    return diagnose_files(request, on_progress)
+
+
+def _build_form() -> tuple[list[Any], gr.Button, gr.Button]:
+    """Fields in the order of `OwnMotionForm`, and the buttons."""
+    motions = gr.File(
+        label="Motions to compare (.npz, one to six)",
+        file_count="multiple",
+        file_types=[".npz"],
+        type="filepath",
+        height=150,
+        elem_id="own-motions",
+    )
+    reference = gr.File(
+        label=text.REFERENCE_LABEL, file_types=[".npz"], type="filepath", height=150
+    )
+    speech = gr.File(
+        label="Speech of all of them (optional, for BeatAlign)",
+        file_types=["audio"],
+        type="filepath",
+        height=150,
+    )
+    with gr.Row(elem_classes="pair"):
+        point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
+        start_frame = gr.Number(value=0, precision=0, minimum=0, label=text.START_LABEL)
+    with gr.Row(elem_classes="actions"):
+        start = gr.Button("Measure and compare", variant="primary", elem_id="own-start")
+        cancel = gr.Button(text.CANCEL, elem_id="own-cancel", min_width=110)
+    return [motions, reference, speech, point, start_frame], start, cancel
+
+
+def build_results() -> OwnMotionParts:
+    """What is measured, drawn and said; all but the status is hidden until there is something."""
+    status = gr.HTML(view.sentence_status(text.READY), elem_id="own-status")
+    message = gr.HTML("", visible=False, elem_id="own-message")
+    figures = gr.HTML(
+        "",
+        visible=False,
+        js_on_load=mount("figures.js", "mountFigures"),
+        apply_default_css=False,
+        elem_id="own-figures",
+    )
+    numbers = gr.HTML(
+        "",
+        visible=False,
+        js_on_load=mount("measures.js", "mountMeasures"),
+        apply_default_css=False,
+        elem_id="own-numbers",
+    )
+    with gr.Column(visible=False) as downloads:
+        gr.HTML(view.heading(text.DOWNLOADS_HEADING))
+        bundle = gr.DownloadButton(text.ZIP_LABEL, variant="primary", elem_id="own-bundle")
+        files = gr.File(
+            label=text.FILES_LABEL, file_count="multiple", interactive=False, elem_id="own-files"
+        )
+    return OwnMotionParts(status, message, figures, numbers, downloads, bundle, files)

@@ -1,0 +1,332 @@
+"""Anyone's motion files: the same numbers and the same figures as for our systems."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from app.errors import RunError
+from app.run.diagnostics_files import write_diagnostics
+from app.run.export import body_motion
+from app.run.figures import Snapshots, check_start, draw_error_growth, draw_jitter
+from app.run.followed_point import TIP, TipSource, choose_tip_source
+from app.run.jerk_marks import jerk_marks
+from app.run.models import get_body
+from app.run.request import MAX_COMPARED, REFERENCE_NAME
+from app.run.result_folder import ResultFolder
+from app.run.videos import draw_videos
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import numpy as np
+
+    from model.motion.motion import Motion
+
+OnShare = Callable[[float], None]
+
+STILL_SIZE_PX = 512
+_READ, _MEASURED, _GROWN, _GROWTH_DRAWN, _SHEET_DRAWN, _POSES_DRAWN = 0.1, 0.5, 0.55, 0.6, 0.7, 0.9
+"""Shares of the whole that are done after each part of it."""
+LENGTHS_APART_S = 1.0
+"""Recordings of sound and motion that belong together differ by less."""
+
+
+@dataclass(frozen=True)
+class DiagnoseRequest:
+    """Which files to measure, beside what, and what to look at."""
+
+    motions: tuple[Path, ...]
+    out: Path
+    names: tuple[str, ...] = ()
+    """What to call the motions; by default their files' stems (`unique_names`)."""
+    reference: Path | None = None
+    speech: Path | None = None
+    """The sound that all of them belong to, for BeatAlign."""
+    transcript: Path | None = None
+    """A TextGrid of that speech, for the time line."""
+    joint: str = TIP
+    """The fingertip or joint that figure and tip measures follow."""
+    start_frame: int = 0
+    """First frame of Figure 6."""
+    body: Path | None = None
+    has_pictures: bool = True
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was written, found and must be said."""
+
+    files: tuple[Path, ...]
+    notes: tuple[str, ...]
+    diagnostics: dict[str, Any]
+    error_growth: dict[str, Any] | None
+    """None where no rotation moves the followed point."""
+
+
+@dataclass(frozen=True)
+class _Read:
+    """The motions as they are shown, and the notes of reading them."""
+
+    motions: dict[str, Motion]
+    reference: Motion | None
+    notes: list[str]
+
+    @property
+    def all(self) -> dict[str, Motion]:
+        """The reference comes last."""
+        reference = {} if self.reference is None else {REFERENCE_NAME: self.reference}
+        return self.motions | reference
+
+
+def diagnose_files(
+    request: DiagnoseRequest, on_progress: OnShare = lambda share: None
+) -> Diagnosis:
+    """Measure motion files and leave the results in ``request.out``, all of them or none.
+
+    Writes diagnostics.json and .csv, error_growth, figure6 and jitter. The page calls this
+    for motions that a visitor brings, the command line for `diagnose`.
+
+    Args:
+        on_progress: told of the share done, 0 to 1, between all steps; what it raises ends the
+            work and leaves nothing.
+
+    Raises:
+        RunError, MotionError, SpeechError, TranscriptError, BodyError, GLError, FigureError,
+        WriteError: each with one sentence.
+    """
+    body = get_body(request.body)
+    tip = choose_tip_source(body, request.body, request.joint)
+    read = _read_motions(request, on_progress)
+    check_start(request.start_frame, min(motion.num_frames for motion in read.all.values()))
+    with ResultFolder(request.out) as folder:
+        diagnostics = _measure(request, read, tip, on_progress)
+        write_diagnostics(
+            diagnostics, folder.path("diagnostics.json"), folder.path("diagnostics.csv")
+        )
+        growth = _grow_errors(read.all, request.joint, on_progress)
+        if growth is not None:
+            text = json.dumps(growth, indent=1, allow_nan=False) + "\n"
+            folder.path("error_growth.json").write_text(text)
+            draw_error_growth(growth, list(read.all), folder)
+            on_progress(_GROWTH_DRAWN)
+        shown = _shown(read)
+        systems = [name for name in shown if name != REFERENCE_NAME]
+        draw_jitter(diagnostics, tip, folder, systems)
+        on_progress(_SHEET_DRAWN)
+        _draw_figure6(request, shown, tip, folder, on_progress)
+        on_progress(1.0)
+        notes = [*read.notes, *diagnostics["notes"]]
+        for motion in shown.values():
+            notes += [n for n in body.notes(body_motion(motion)) if n not in notes]
+        if len(shown) < len(read.all):
+            notes.append(f"The figures show the first {MAX_COMPARED} motions.")
+        return Diagnosis(folder.publish(), tuple(notes), diagnostics, growth)
+
+
+def _shown(read: _Read) -> dict[str, Motion]:
+    """As many motions as a figure holds, the reference among them."""
+    if read.reference is None:
+        return dict(list(read.motions.items())[:MAX_COMPARED])
+    systems = dict(list(read.motions.items())[: MAX_COMPARED - 1])
+    return systems | {REFERENCE_NAME: read.reference}
+
+
+def unique_names(paths: Sequence[Path]) -> list[str]:
+    """The stem of each file, with its folder where two files have the same stem.
+
+    Raises:
+        RunError: if two files cannot be told apart even so.
+    """
+    stems = [path.stem for path in paths]
+    names = [
+        f"{path.resolve().parent.name}/{path.stem}" if stems.count(path.stem) > 1 else path.stem
+        for path in paths
+    ]
+    _check_names(names)
+    return names
+
+
+def _check_names(names: Sequence[str]) -> None:
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise RunError(f"Two of the files would be called {twice!r}; rename one of them.")
+    if REFERENCE_NAME in names:
+        raise RunError(f"A motion may not be called {REFERENCE_NAME!r}; rename the file.")
+
+
+def _read_motions(request: DiagnoseRequest, on_progress: OnShare) -> _Read:
+    from model.motion.foreign_motion import read_any_motion
+
+    names = request.names or unique_names(request.motions)
+    _check_names(names)
+    notes: list[str] = []
+    motions = {}
+    for done, (name, path) in enumerate(zip(names, request.motions, strict=True)):
+        on_progress(_READ * done / len(names))
+        found = read_any_motion(path)
+        motions[name] = found.motion
+        notes += found.notes
+    reference = None
+    if request.reference is not None:
+        on_progress(_READ)
+        found = read_any_motion(request.reference)
+        reference = found.motion
+        notes += found.notes
+    on_progress(_READ)
+    return _Read(motions, reference, notes)
+
+
+def _measure(
+    request: DiagnoseRequest, read: _Read, tip: TipSource, on_progress: OnShare
+) -> dict[str, Any]:
+    from model.measures.beats import speech_onsets
+    from model.measures.diagnostics import diagnose
+    from model.motion.skeleton import open_body_skeleton
+    from model.speech.audio import load_speech
+    from model.speech.transcript import read_words
+
+    words = read_words(request.transcript) if request.transcript else None
+    onsets_s = None
+    if request.speech is not None:
+        speech = load_speech(request.speech)
+        read.notes.extend(speech.notes)
+        read.notes.extend(_lengths_apart(speech.duration_s, read.all))
+        on_progress(_READ)
+        onsets_s = speech_onsets(speech.waveform)
+    done, count = 0, 2 * len(read.all)
+
+    def follow(version: Motion) -> np.ndarray:
+        """Each motion comes as it is and filtered, just before it is measured."""
+        nonlocal done
+        share = _READ + (_MEASURED - _READ) * done / count
+        done += 1
+        return tip.track(version, on_piece=lambda: on_progress(share))
+
+    diagnostics = diagnose(
+        read.motions,
+        open_body_skeleton(),
+        reference=read.reference,
+        tip_track=follow,
+        tip_source=tip.name,
+        joint=request.joint,
+        onsets_s=onsets_s,
+    )
+    if words is not None:
+        diagnostics["words"] = [dataclasses.asdict(word) for word in words]
+    return diagnostics
+
+
+def _lengths_apart(speech_s: float, motions: Mapping[str, Motion]) -> list[str]:
+    """A note for each motion that is clearly no match of the speech in length."""
+    return [
+        f"The speech lasts {speech_s:.1f} s and {name} {motion.duration_s:.1f} s; BeatAlign sees "
+        "the part that both have."
+        for name, motion in motions.items()
+        if abs(speech_s - motion.duration_s) > LENGTHS_APART_S
+    ]
+
+
+def _grow_errors(
+    motions: Mapping[str, Motion], joint: str, on_progress: OnShare
+) -> dict[str, Any] | None:
+    """The content of error_growth.json."""
+    from model.measures.error_growth import DRAWS, NOISE_RAD, growth_sentence, measure_error_growth
+    from model.measures.measures import as_json
+    from model.motion.skeleton import open_body_skeleton
+    from model.motion.tracks import moving_chain
+
+    if not moving_chain(joint):
+        return None
+    found = {}
+    for done, (name, motion) in enumerate(motions.items()):
+        on_progress(_MEASURED + (_GROWN - _MEASURED) * done / len(motions))
+        found[name] = measure_error_growth(motion, open_body_skeleton(), joint)
+    on_progress(_GROWN)
+    return {
+        "noise_rad": NOISE_RAD,
+        "draws": DRAWS,
+        "seed": 0,
+        "joint": joint,
+        "motions": {
+            name: as_json(vars(growth))
+            | {"ratio": growth.ratio, "predicted_ratio": growth.predicted_ratio}
+            | {"sentence": growth_sentence(growth, NOISE_RAD)}
+            for name, growth in found.items()
+        },
+    }
+
+
+def _draw_figure6(
+    request: DiagnoseRequest,
+    motions: dict[str, Motion],
+    tip: TipSource,
+    folder: ResultFolder,
+    on_progress: OnShare,
+) -> None:
+    from model.measures.diagnostics import first_frames
+    from renderer.figures.write import WINDOW_FRAMES, choose_snapshot_frames, figure6
+
+    shortest = min(motion.num_frames for motion in motions.values())
+    frames = choose_snapshot_frames(shortest, request.start_frame)
+    snapshots = None
+    if request.has_pictures:
+        snapshots = _draw_snapshots(request, motions, frames, on_progress)
+    end = request.start_frame + WINDOW_FRAMES
+    tracks = {
+        name: tip.track(first_frames(motion, end), on_piece=lambda: on_progress(_POSES_DRAWN))
+        for name, motion in motions.items()
+    }
+    files = figure6(
+        tracks,
+        snapshots.pictures if snapshots else {},
+        frames,
+        30.0,
+        folder.path("figure6.png").with_suffix(""),
+        reference=REFERENCE_NAME if REFERENCE_NAME in motions else None,
+        start_frame=request.start_frame,
+        point=tip.title,
+        tip_source=tip.name,
+        caveat="",
+        marks=snapshots.marks if snapshots else None,
+    )
+    for path in files:
+        folder.path(path.name)
+
+
+def _draw_snapshots(
+    request: DiagnoseRequest,
+    motions: dict[str, Motion],
+    frames: tuple[int, ...],
+    on_progress: OnShare,
+) -> Snapshots:
+    """Pictures of each motion, all from one camera, and the jerk of their joints."""
+    from renderer.stage.stage import set_stage
+    from renderer.video.pool import RenderJob
+    from renderer.video.render import RenderSettings
+
+    body = get_body(request.body)
+    posed = {name: body_motion(motion) for name, motion in motions.items()}
+    settings = RenderSettings(width=STILL_SIZE_PX, height=STILL_SIZE_PX)
+    stage = set_stage(body, list(posed.values()))
+    jobs = {
+        name: RenderJob(
+            motion, settings=settings, body_path=request.body, stage=stage, still_frames=frames
+        )
+        for name, motion in posed.items()
+    }
+    results = draw_videos(
+        jobs,
+        on_progress=lambda share: on_progress(_SHEET_DRAWN + (_POSES_DRAWN - _SHEET_DRAWN) * share),
+        on_done=lambda name: None,
+        should_cancel=lambda: False,  # on_progress ends it
+    )
+    return Snapshots(
+        frames,
+        {name: result.stills for name, result in results.items()},
+        jerk_marks(body, posed, frames, settings, stage),
+    )

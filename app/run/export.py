@@ -1,0 +1,237 @@
+"""One motion file to videos, pictures or a file for 3D software."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, get_args
+
+from app.errors import RunError
+from app.run.models import get_body
+from app.run.request import LOOKS, View
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from renderer.body.body import Body, BodyMotion
+    from renderer.video.render import RenderSettings
+
+Background = Literal["studio", "transparent"]
+BACKGROUNDS: tuple[Background, ...] = get_args(Background)
+MAX_STILLS = 64
+SHEET_POSES = 8
+"""Poses on a sheet where nothing else is asked for."""
+ENDINGS = (".mp4", ".png", ".glb", ".bvh", ".blender.npz")
+
+
+@dataclass(frozen=True)
+class RenderRequest:
+    """What is to be drawn of one motion file."""
+
+    motion: Path
+    out: Path
+    """Its ending, one of `ENDINGS`, says what is made."""
+    speech: Path | None = None
+    body: Path | None = None
+    look: str = LOOKS[0]
+    views: tuple[View, ...] = ("front",)
+    """The first one's files are called as ``out``; the others' have the view in their name."""
+    size: int = 720
+    """Width and height of a picture."""
+    is_draft: bool = False
+    num_stills: int | None = None
+    """So many pictures, evenly spread over the motion."""
+    sheet_every: int | None = None
+    """A contact sheet of each so-many-th frame."""
+    background: Background = "studio"
+
+    @property
+    def ending(self) -> str:
+        """Raises `RunError` if it is not one of `ENDINGS`."""
+        name = self.out.name.lower()
+        for ending in ENDINGS:
+            if name.endswith(ending) and name != ending:
+                return ending
+        raise RunError(f"{self.out.name} must end in one of {', '.join(ENDINGS)}.")
+
+
+def render_motion(
+    request: RenderRequest, on_progress: Callable[[float], None] = lambda fraction: None
+) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """Make what is asked for.
+
+    Returns:
+        The files written, and what a person should know of them.
+
+    Raises:
+        RunError: if what is asked for cannot be.
+        MotionError, BodyError, GLError, VideoError: each with one sentence.
+    """
+    from model.motion.motion import load_motion
+
+    _check(request)
+    motion = body_motion(load_motion(request.motion))
+    body = get_body(request.body, request.look)
+    if request.ending in (".mp4", ".png"):
+        files = _draw(request, motion, on_progress)
+    else:
+        files = _export(request, body, motion)
+    return files, body.notes(motion)
+
+
+def _check(request: RenderRequest) -> None:
+    has_pictures = request.ending in (".mp4", ".png")
+    if not request.out.parent.is_dir():
+        raise RunError(f"The folder {request.out.parent} does not exist; create it first.")
+    if request.num_stills is not None and not 1 <= request.num_stills <= MAX_STILLS:
+        raise RunError(f"Stills must be 1 to {MAX_STILLS}; got {request.num_stills}.")
+    if request.sheet_every is not None and request.sheet_every < 1:
+        raise RunError(f"A sheet shows every frame or fewer; got one in {request.sheet_every}.")
+    if not has_pictures and (request.num_stills or request.sheet_every):
+        raise RunError(
+            f"A {request.ending} file holds no pictures; write stills to a .png or .mp4."
+        )
+    if request.background == "transparent" and request.ending != ".png":
+        raise RunError(
+            f"A {request.ending} file cannot have a transparent background; write a .png."
+        )
+    if request.speech is not None and not request.speech.is_file():
+        raise RunError(f"There is no speech file at {request.speech}.")
+
+
+def body_motion(motion) -> BodyMotion:
+    """A `model.motion.motion.Motion` for the renderer, which does not know the model's types."""
+    from renderer.body.body import BodyMotion
+
+    return BodyMotion(
+        poses=motion.poses,
+        trans=motion.trans,
+        expressions=motion.expressions,
+        expression_basis=motion.expression_basis,
+        betas=motion.betas,
+    )
+
+
+def render_settings(
+    view: View, size: int, is_draft: bool = False, is_transparent: bool = False
+) -> RenderSettings:
+    """Square pictures of that size.
+
+    Raises:
+        RunError: if the size cannot be drawn or encoded.
+    """
+    from renderer.video.render import RenderSettings
+
+    try:
+        return RenderSettings(
+            width=size,
+            height=size,
+            view=view,
+            antialias=not is_draft,
+            is_transparent=is_transparent,
+        )
+    except ValueError as error:
+        raise RunError(str(error)) from error
+
+
+def _export(request: RenderRequest, body: Body, motion: BodyMotion) -> tuple[Path, ...]:
+    from renderer.files.blender import write_blender
+    from renderer.files.bvh import write_bvh
+    from renderer.files.glb import write_glb
+
+    match request.ending:
+        case ".glb":
+            write_glb(body, motion, request.out)
+        case ".bvh":
+            write_bvh(body, motion, request.out)
+        case _:
+            write_blender(motion, request.out)
+    return (request.out,)
+
+
+def _draw(
+    request: RenderRequest, motion: BodyMotion, on_progress: Callable[[float], None]
+) -> tuple[Path, ...]:
+    from renderer.video.pool import RenderJob, RenderPool
+
+    stills, sheet = _chosen_frames(request, motion.num_frames)
+    files: list[Path] = []
+    with RenderPool(max_workers=1) as pool:
+        for done, view in enumerate(request.views):
+            out = request.out if done == 0 else _named(request.out, view)
+            job = RenderJob(
+                motion=motion,
+                out=out if request.ending == ".mp4" else None,
+                speech_wav=request.speech,
+                settings=render_settings(
+                    view, request.size, request.is_draft, request.background == "transparent"
+                ),
+                body_path=request.body,
+                look=request.look,
+                still_frames=(*stills, *sheet),
+            )
+            task = pool.submit(
+                job, lambda part, done=done: on_progress((done + part) / len(request.views))
+            )
+            result = task.result()
+            files += [] if result.out is None else [result.out]
+            files += _write_stills(out, result.stills[: len(stills)], has_sheet=bool(sheet))
+            files += _write_sheet(out, result.stills[len(stills) :], sheet)
+    return tuple(files)
+
+
+def _named(out: Path, view: View) -> Path:
+    """The file of a view that is not the first."""
+    return out.with_suffix(f".{view}{out.suffix}")
+
+
+def _chosen_frames(
+    request: RenderRequest, num_frames: int
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Frames of the single stills, and of the sheet."""
+    import numpy as np
+
+    count = min(request.num_stills or 0, num_frames)
+    # The middle of equal parts, so that one still shows the middle of the motion.
+    stills = ((np.arange(count) + 0.5) * num_frames / max(count, 1)).astype(int)
+    every = request.sheet_every
+    if every is None and request.ending == ".png" and not count:
+        every = -(-num_frames // SHEET_POSES)
+    sheet = range(0, num_frames, every) if every else ()
+    if len(sheet) > MAX_STILLS:
+        raise RunError(
+            f"One in {every} of {num_frames} frames are {len(sheet)} pictures; a sheet "
+            f"holds {MAX_STILLS} at most; use --sheet {-(-num_frames // MAX_STILLS)} or more."
+        )
+    return tuple(stills.tolist()), tuple(sheet)
+
+
+def _write_stills(out: Path, pictures: np.ndarray, *, has_sheet: bool) -> list[Path]:
+    """Numbered from 1 on; a .png of nothing but one still has the very name asked for."""
+    from PIL import Image
+
+    if len(pictures) == 1 and out.suffix.lower() == ".png" and not has_sheet:
+        paths = [out]
+    else:
+        paths = [out.with_suffix(f".{number}.png") for number in range(1, len(pictures) + 1)]
+    for path, picture in zip(paths, pictures, strict=True):
+        _save(Image.fromarray(picture), path)
+    return paths
+
+
+def _write_sheet(out: Path, pictures: np.ndarray, frames: tuple[int, ...]) -> list[Path]:
+    from renderer.video.sheet import contact_sheet
+
+    if not frames:
+        return []
+    path = out if out.suffix.lower() == ".png" else out.with_suffix(".sheet.png")
+    _save(contact_sheet(pictures, frames), path)
+    return [path]
+
+
+def _save(image, path: Path) -> None:
+    from model.storage.files import written_atomically
+
+    with written_atomically(path) as partial:
+        image.save(partial, format="PNG")

@@ -1,0 +1,131 @@
+"""The point that is followed: a fingertip, rigid or a vertex of a licensed body, or any joint."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from app.errors import RunError
+from app.run.export import body_motion
+from renderer.body.joints import TIP_VERTICES
+
+if TYPE_CHECKING:
+    from model.motion.motion import Motion
+    from model.motion.tracks import Tracks
+    from renderer.body.body import Body
+
+TIP = "right_middle"
+
+TipPieces = Callable[["Motion"], Iterator[np.ndarray]]
+
+_PIECE_FRAMES = 4096
+"""The tracks of all joints over an hour would take 0.6 GB at once."""
+
+
+@dataclass(frozen=True)
+class TipSource:
+    """How the point that the figure and the diagnostics follow is found."""
+
+    name: str
+    """As `diagnostics.json` tells it."""
+    pieces: TipPieces
+    """Motion -> positions (T, 3) in metres, some frames after the other."""
+    point: str = TIP
+    """A fingertip or a joint of SMPL-X."""
+
+    def track(self, motion: Motion, on_piece: Callable[[], None] = lambda: None) -> np.ndarray:
+        """Positions (T, 3) in metres.
+
+        Args:
+            on_piece: called now and then in a long motion; what it raises ends the work.
+        """
+        found = []
+        for piece in self.pieces(motion):
+            found.append(piece)
+            on_piece()
+        return np.concatenate(found)
+
+    @property
+    def title(self) -> str:
+        return point_title(self.point)
+
+
+def choose_tip_source(body: Body, body_path: Path | None, point: str = TIP) -> TipSource:
+    """A fingertip, rigid with the open body and a vertex of a licensed one; or any joint.
+
+    Raises:
+        RunError: if there is no such point, with the points there are.
+    """
+    from model.motion.skeleton import JOINT_INDEX
+
+    if point in JOINT_INDEX:
+        joint = JOINT_INDEX[point]
+        if body_path is None:
+            return TipSource("joint", lambda motion: open_joint(motion, joint), point)
+        return TipSource("joint of the body", lambda motion: body_joint(body, motion, joint), point)
+    if point not in TIP_VERTICES:
+        raise RunError(
+            f"There is no point {point!r} to follow; choose a fingertip ({', '.join(TIP_VERTICES)})"
+            f" or a joint of SMPL-X, such as right_wrist or {TIP}3."
+        )
+    if body_path is None:
+        return TipSource("rigid", lambda motion: rigid_tip(motion, point), point)
+    vertex = TIP_VERTICES[point]
+    return TipSource(f"vertex {vertex}", lambda motion: vertex_tip(body, motion, vertex), point)
+
+
+def point_title(point: str) -> str:
+    """A point's name for a person: ``right_middle`` is the 'Right middle fingertip'."""
+    words = re.sub(r"(\d)$", r" joint \1", point).replace("_", " ").capitalize()
+    if point not in TIP_VERTICES:
+        return words
+    return f"{words} tip" if point.endswith("thumb") else f"{words} fingertip"
+
+
+def rigid_tip(motion: Motion, tip: str = TIP) -> Iterator[np.ndarray]:
+    """The last finger joint plus its rotated offset, (T, 3) metres, in pieces."""
+    from model.motion.skeleton import FINGERTIP_NAMES
+
+    index = FINGERTIP_NAMES.index(tip)
+    return (tracks.fingertips[:, index].copy() for tracks in _open_tracks(motion))
+
+
+def vertex_tip(body: Body, motion: Motion, vertex: int) -> Iterator[np.ndarray]:
+    """A vertex of a posed body, (T, 3) metres, in pieces."""
+    return (chunk[:, vertex].copy() for chunk in body.vertices(body_motion(motion)))
+
+
+def open_joint(motion: Motion, joint: int) -> Iterator[np.ndarray]:
+    """A joint of the open skeleton, (T, 3) metres, in pieces."""
+    return (tracks.joints[:, joint].copy() for tracks in _open_tracks(motion))
+
+
+def body_joint(body: Body, motion: Motion, joint: int) -> Iterator[np.ndarray]:
+    """A joint of a body of its own shape, (T, 3) metres, in pieces."""
+    return (
+        body.joint_positions(body_motion(part))[:, joint].copy() for part in _motion_pieces(motion)
+    )
+
+
+def _open_tracks(motion: Motion) -> Iterator[Tracks]:
+    from model.measures.diagnostics import track_points
+    from model.motion.skeleton import open_body_skeleton
+
+    skeleton = open_body_skeleton()
+    return (track_points(part, skeleton) for part in _motion_pieces(motion))
+
+
+def _motion_pieces(motion: Motion) -> Iterator[Motion]:
+    for start in range(0, motion.num_frames, _PIECE_FRAMES):
+        frames = slice(start, start + _PIECE_FRAMES)
+        yield replace(
+            motion,
+            poses=motion.poses[frames],
+            trans=motion.trans[frames],
+            expressions=motion.expressions[frames],
+        )

@@ -1,0 +1,177 @@
+"""What a run works from, read and checked before anything is generated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app.errors import RunError
+from app.run.export import render_settings
+from app.run.models import get_body, get_system
+from app.run.request import (
+    MAX_SAMPLES,
+    POST_FILTERS,
+    SAMPLERS,
+    VIEWS,
+    GenerateRequest,
+)
+from app.run.result_folder import require_free_space
+from app.run.telling import Reporter
+
+if TYPE_CHECKING:
+    from model.motion.motion import Motion
+    from model.speech.audio import Speech
+    from model.systems.base import System
+    from renderer.body.body import Body
+
+MAX_GUIDANCE = 10
+MAX_STEPS = 1000
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Everything that is read from files, and what draws."""
+
+    wav: Path
+    """The speech as all videos get it: 16 kHz, mono."""
+    speech_sha256: str
+    speech_s: float
+    num_frames: int
+    systems: tuple[System, ...]
+    speaker: str
+    body: Body
+    reference: Motion | None
+    backend: str | None
+    """OpenGL backend; None when nothing is drawn."""
+
+
+def check_request(request: GenerateRequest) -> None:
+    """Refuse what needs no file to be seen as wrong.
+
+    Raises:
+        RunError: with one sentence.
+    """
+    for value, allowed, what in (
+        (request.post_filter, POST_FILTERS, "post-filter"),
+        (request.sampler, (None, *SAMPLERS), "sampler"),
+        *((view, VIEWS, "view") for view in request.views),
+    ):
+        if value not in allowed:
+            names = ", ".join(str(name) for name in allowed if name)
+            raise RunError(f"There is no {what} {value!r}; choose one of {names}.")
+    if not request.views:
+        raise RunError(f"No view is named; choose some of {', '.join(VIEWS)}.")
+    if not 1 <= request.samples <= MAX_SAMPLES:
+        raise RunError(f"Samples must be 1 to {MAX_SAMPLES}; got {request.samples}.")
+    steps = request.steps if isinstance(request.steps, Mapping) else {"": request.steps}
+    for system, count in steps.items():
+        if not 1 <= count <= MAX_STEPS:
+            whose = f"Steps of {system}" if system else "Steps"
+            raise RunError(f"{whose} must be 1 to {MAX_STEPS}; got {count}.")
+    if not 0 <= request.guidance <= MAX_GUIDANCE:
+        raise RunError(f"Guidance must be 0 to {MAX_GUIDANCE}; got {request.guidance:g}.")
+    if request.seed < 0:
+        raise RunError(f"The seed must not be negative; got {request.seed}.")
+    if request.has_video:
+        render_settings(request.views[0], request.size)
+
+
+def read_inputs(
+    request: GenerateRequest, wav: Path, out: Path, reporter: Reporter
+) -> tuple[Inputs, Speech]:
+    """Read speech, systems, body and reference, and see that there is room for the results.
+
+    Args:
+        wav: where to write the speech for the videos.
+        out: folder whose disk will hold the results.
+
+    Returns:
+        What the whole run needs, and the speech, which is large and can be let go of once the
+        motion is there.
+
+    Raises:
+        RunError, SpeechError, UnknownNameError, CheckpointError, BodyError, MotionError, GLError,
+        WriteError: each with one sentence.
+    """
+    from model.speech.audio import SpeechLimits, load_speech, write_wav
+
+    speech = load_speech(request.speech, SpeechLimits(max_s=request.max_speech_s))
+    reporter.note(*speech.notes)
+    body = get_body(request.body, request.look)
+    systems = _load_systems(request)
+    speaker = request.speaker or next(iter(systems[0].speakers))
+    for system in systems:
+        system.speaker_index(speaker)  # raises for a name that it does not know
+    reference = _read_reference(request, speech, reporter)
+    backend = _choose_backend() if request.has_video else None
+    require_free_space(out, _needed_bytes(request, speech.num_frames, len(systems)))
+    write_wav(wav, speech.waveform)
+    inputs = Inputs(
+        wav=wav,
+        speech_sha256=speech.sha256,
+        speech_s=speech.duration_s,
+        num_frames=speech.num_frames,
+        systems=systems,
+        speaker=speaker,
+        body=body,
+        reference=reference,
+        backend=backend,
+    )
+    return inputs, speech
+
+
+def _load_systems(request: GenerateRequest) -> tuple[System, ...]:
+    from model.storage.cards import list_systems
+
+    names = request.systems or list_systems(request.weights)
+    if not names:
+        raise RunError(
+            f"No trained systems were found in {request.weights}; "
+            "name a folder of weights with --weights DIR."
+        )
+    steps = request.steps if isinstance(request.steps, Mapping) else {}
+    unused = [name for name in steps if name not in names]
+    if unused:
+        raise RunError(
+            f"Steps are given for {unused[0]!r}, which is none of the systems of this run; these "
+            f"are {', '.join(names)}."
+        )
+    return tuple(get_system(name, request.weights) for name in dict.fromkeys(names))
+
+
+def _read_reference(request: GenerateRequest, speech: Speech, reporter: Reporter) -> Motion | None:
+    """The recorded motion, no longer than the speech."""
+    if request.reference is None:
+        return None
+    from model.measures.diagnostics import first_frames
+    from model.motion.motion import load_motion
+
+    motion = load_motion(request.reference)
+    if motion.num_frames != speech.num_frames:
+        is_longer = motion.num_frames > speech.num_frames
+        reporter.note(
+            f"The reference has {motion.num_frames} frames and the speech {speech.num_frames}; "
+            + (
+                f"the reference was cut to {speech.num_frames}."
+                if is_longer
+                else "where it has ended, the comparison holds its last frame."
+            )
+        )
+    return first_frames(motion, speech.num_frames)
+
+
+def _choose_backend() -> str:
+    from renderer.draw.probe import choose_backend
+
+    return choose_backend()
+
+
+def _needed_bytes(request: GenerateRequest, num_frames: int, num_systems: int) -> int:
+    """What such runs have taken, and half as much again."""
+    count = num_systems * request.samples + 1
+    motion_bytes = 4 * 268 * num_frames
+    pixels = request.size**2 * len(request.views) * 2  # each picture is in the comparison too
+    video_bytes = 0.012 * pixels * num_frames if request.has_video else 0.0
+    return int(1.5 * count * (motion_bytes + video_bytes) + 10e6)

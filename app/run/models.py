@@ -1,0 +1,79 @@
+"""Models and bodies that are read once and kept for all later runs of the process."""
+
+from __future__ import annotations
+
+import functools
+import logging
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app.run.request import LOOKS
+
+if TYPE_CHECKING:
+    from model.systems.base import System
+    from renderer.body.body import Body
+
+log = logging.getLogger(__name__)
+_LOADING = threading.Lock()  # the warm-up and a first visitor must not read the same file twice
+
+
+def get_system(name: str, weights: Path) -> System:
+    """A system by name, read at its first use.
+
+    Raises:
+        UnknownNameError, CheckpointError: see `model.systems.base.load_system`.
+    """
+    with _LOADING:
+        return _load_system(name, weights)
+
+
+def get_body(path: Path | None, look: str = LOOKS[0]) -> Body:
+    """The open body in a look, or the SMPL-X file at ``path``, read at its first use.
+
+    Raises:
+        BodyError: if the file is not a body, or the look is not to be had.
+    """
+    with _LOADING:
+        modified = path.stat().st_mtime if path and path.exists() else 0.0
+        return _load_body(path, look, modified)
+
+
+@functools.lru_cache(maxsize=16)
+def _load_system(name: str, weights: Path) -> System:
+    from model.systems.base import load_system
+
+    return load_system(name, weights)
+
+
+@functools.lru_cache(maxsize=4)
+def _load_body(path: Path | None, look: str, modified: float) -> Body:
+    from renderer.body.body import load_body
+
+    return load_body(path, look)
+
+
+def warm_up(weights: Path, body: Path | None) -> None:
+    """Do once what the first visitor would otherwise wait for.
+
+    Reads every system and the body, generates a moment of motion (librosa compiles at its first
+    use), and finds out what can draw.
+    """
+    import numpy as np
+
+    from model.speech.audio import SAMPLE_RATE, Speech
+    from model.storage.cards import list_systems
+    from model.systems.windows import GenerateOptions, generate_motion
+    from renderer.draw.offscreen import GLError
+    from renderer.draw.probe import choose_backend
+
+    get_body(body)
+    noise = np.random.default_rng(0).normal(0.0, 0.1, SAMPLE_RATE).astype(np.float32)
+    for name in list_systems(weights):
+        system = get_system(name, weights)
+        options = GenerateOptions(speaker=next(iter(system.speakers)), steps=1)
+        generate_motion(system, Speech(waveform=noise, sha256=""), options)
+    try:
+        choose_backend()
+    except GLError as error:
+        log.warning("%s", error)

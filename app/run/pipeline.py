@@ -1,0 +1,240 @@
+"""Speech in; motion, numbers, videos and figures out. The page, the command line and the
+benchmark all call `generate_all`; it knows nothing of Gradio."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from app.errors import CancelledRun
+from app.run.diagnostics_files import write_diagnostics
+from app.run.export import body_motion
+from app.run.figures import (
+    Row,
+    check_start,
+    draw_all,
+    draw_figures,
+    join_side_by_side,
+    show_preview,
+)
+from app.run.followed_point import TipSource, choose_tip_source
+from app.run.inputs import Inputs, check_request, read_inputs
+from app.run.memory import return_large_blocks
+from app.run.provenance import make_provenance
+from app.run.request import (
+    REFERENCE_NAME,
+    GenerateRequest,
+    GenerateResult,
+    OnEvent,
+    Sampler,
+    ShouldCancel,
+    file_stem,
+    sample_name,
+)
+from app.run.result_folder import ResultFolder
+from app.run.telling import Reporter
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from model.speech.audio import Speech
+    from model.speech.transcript import Word
+    from model.systems.windows import GenerateOptions
+
+DEFAULT_SAMPLER: Sampler = "euler"
+
+
+def generate_all(
+    request: GenerateRequest,
+    on_event: OnEvent = lambda event: None,
+    should_cancel: ShouldCancel = lambda: False,
+) -> GenerateResult:
+    """Do one run and leave its files in ``request.out``, all of them or none.
+
+    Args:
+        on_event: told of progress and of every file as soon as it is whole.
+        should_cancel: asked many times a second.
+
+    Raises:
+        CancelledRun: when ``should_cancel`` said so.
+        RunError, SpeechError, MotionError, BodyError, UnknownNameError, CheckpointError, GLError,
+        VideoError, WriteError: each with one sentence for the person who asked.
+    """
+    check_request(request)
+    return_large_blocks()
+    reporter = Reporter(on_event, should_cancel)
+    with ResultFolder(request.out) as folder:
+        try:
+            return _run(request, folder, reporter)
+        except Exception as error:
+            if _is_cancellation(error):
+                raise CancelledRun from error
+            raise
+
+
+def _run(request: GenerateRequest, folder: ResultFolder, reporter: Reporter) -> GenerateResult:
+    from model.measures.beats import speech_onsets
+    from model.speech.transcript import read_words
+
+    reporter.progress("speech", 0.0)
+    inputs, speech = read_inputs(request, folder.scratch("speech.wav"), request.out, reporter)
+    reporter.progress("speech", 1.0)
+    tip = choose_tip_source(inputs.body, request.body, request.joint)
+    compared = (inputs, inputs.reference) if inputs.reference is not None else (inputs,)
+    check_start(request.start_frame, min(each.num_frames for each in compared))
+    words = read_words(request.transcript) if request.transcript else None
+
+    rows = _generate(request, inputs, speech, folder, reporter)
+    onsets_s = speech_onsets(speech.waveform)
+    del speech
+    for row in rows:
+        notes = inputs.body.notes(body_motion(row.shown))
+        reporter.note(*(f"{row.name}: {note}" for note in notes))
+    diagnostics = _measure(request, rows, onsets_s, words, tip, folder, reporter)
+    snapshots = None
+    if request.has_video:
+        snapshots = draw_all(request, inputs, rows, folder, reporter)
+        join_side_by_side(rows, inputs, folder, reporter)
+    draw_figures(request, rows, snapshots, tip, diagnostics, folder, reporter)
+    _write_provenance(request, inputs, folder, reporter)
+    return GenerateResult(
+        out=request.out,
+        files=folder.publish(),
+        names=tuple(row.name for row in rows),
+        num_frames=inputs.num_frames,
+        diagnostics=diagnostics,
+        notes=tuple(reporter.notes),
+    )
+
+
+def _generate(
+    request: GenerateRequest,
+    inputs: Inputs,
+    speech: Speech,
+    folder: ResultFolder,
+    reporter: Reporter,
+) -> list[Row]:
+    """Motion of one system after the other from the same noise; the reference is the last row."""
+    from model.measures.diagnostics import smooth_motion
+    from model.motion.motion import save_motion
+    from model.systems.windows import generate_motion
+
+    is_smoothed = request.post_filter == "savgol"
+    rows = []
+    for done, system in enumerate(inputs.systems):
+        motions = generate_motion(
+            system,
+            speech,
+            _options(request, inputs.speaker, system.name),
+            on_progress=lambda part, done=done, name=system.name: reporter.progress(
+                "motion", (done + part) / len(inputs.systems), name
+            ),
+            should_cancel=reporter.should_cancel,
+        )
+        for sample, raw in enumerate(motions, start=1):
+            shown = smooth_motion(raw) if is_smoothed else raw
+            row = Row(sample_name(system.name, sample), raw, shown, sample == 1)
+            path = folder.path(f"{file_stem(row.name)}.npz")
+            save_motion(shown, path)
+            reporter.file("motion", row.name, path)
+            if request.has_previews:
+                show_preview(row, inputs, folder, reporter)
+            rows.append(row)
+    if inputs.reference is not None:
+        raw = inputs.reference
+        rows.append(Row(REFERENCE_NAME, raw, smooth_motion(raw) if is_smoothed else raw))
+    return rows
+
+
+def _options(request: GenerateRequest, speaker: str, system: str) -> GenerateOptions:
+    from model.systems.windows import GenerateOptions
+
+    return GenerateOptions(
+        speaker=speaker,
+        seed=request.seed,
+        samples=request.samples,
+        steps=request.steps_of(system),
+        sampler=request.sampler or DEFAULT_SAMPLER,
+        guidance=request.guidance,
+    )
+
+
+def _measure(
+    request: GenerateRequest,
+    rows: Sequence[Row],
+    onsets_s: np.ndarray,
+    words: Sequence[Word] | None,
+    tip: TipSource,
+    folder: ResultFolder,
+    reporter: Reporter,
+) -> dict[str, Any]:
+    from model.measures.diagnostics import diagnose
+    from model.motion.skeleton import open_body_skeleton
+
+    reporter.progress("numbers", 0.0)
+    reporter.stop_if_asked()
+    diagnostics = diagnose(
+        {row.name: row.raw for row in rows if row.name != REFERENCE_NAME},
+        open_body_skeleton(),
+        reference=next((row.raw for row in rows if row.name == REFERENCE_NAME), None),
+        tip_track=None if request.body is None else tip.track,
+        tip_source=tip.name,
+        joint=tip.point,
+        onsets_s=onsets_s,
+    )
+    if words is not None:
+        diagnostics["words"] = [asdict(word) for word in words]
+    reporter.note(*diagnostics["notes"])
+    json_path, csv_path = folder.path("diagnostics.json"), folder.path("diagnostics.csv")
+    write_diagnostics(diagnostics, json_path, csv_path)
+    for path in (json_path, csv_path):
+        reporter.file("diagnostics", "diagnostics", path)
+    reporter.progress("numbers", 1.0)
+    return diagnostics
+
+
+def _write_provenance(
+    request: GenerateRequest, inputs: Inputs, folder: ResultFolder, reporter: Reporter
+) -> None:
+    record = make_provenance(
+        inputs.systems,
+        speech={
+            "file": request.speech.name,
+            "sha256": inputs.speech_sha256,
+            "duration_s": round(inputs.speech_s, 6),
+            "frames": inputs.num_frames,
+        },
+        options={
+            "speaker": inputs.speaker,
+            "seed": request.seed,
+            "samples": request.samples,
+            "steps": {system.name: request.steps_of(system.name) for system in inputs.systems},
+            "sampler": request.sampler or DEFAULT_SAMPLER,
+            "guidance": request.guidance,
+            "post_filter": request.post_filter,
+            "joint": request.joint,
+            "start_frame": request.start_frame,
+            "reference": request.reference.name if request.reference else None,
+        },
+        drawing={
+            "body": inputs.body.name,
+            "body_sha256": inputs.body.sha256,
+            "look": inputs.body.look,
+            "backend": inputs.backend,
+            "views": list(request.views),
+            "size": request.size,
+        },
+        notes=reporter.notes,
+    )
+    path = folder.path("provenance.json")
+    path.write_text(json.dumps(record, indent=1) + "\n")
+    reporter.file("provenance", "provenance", path)
+
+
+def _is_cancellation(error: Exception) -> bool:
+    from model.systems.windows import Cancelled as GenerationCancelled
+    from renderer.video.encoder import Cancelled as RenderCancelled
+
+    return isinstance(error, GenerationCancelled | RenderCancelled)

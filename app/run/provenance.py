@@ -1,0 +1,59 @@
+"""What made a result: enough to make it again, or to tell two results apart."""
+
+from __future__ import annotations
+
+import datetime
+import importlib.metadata
+import platform
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+_PACKAGES = ("torch", "numpy", "scipy", "librosa", "matplotlib", "imageio-ffmpeg")
+
+
+def versions() -> dict[str, str]:
+    """Of this project, Python and the packages whose numbers or pictures could differ."""
+    from model.training.card import revision
+
+    found = {"project": revision(), "python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            found[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+def describe_systems(systems: Sequence[Any]) -> dict[str, dict[str, Any]]:
+    """Weights and card of each system (`model.systems.base.System`)."""
+    return {
+        system.name: {
+            "sha256": system.sha256,
+            "expression_sha256": system.face.sha256,
+            "trained_on": system.card.get("training_data"),
+            "training_hours": system.card.get("training_hours"),
+            "training_steps": system.card.get("steps"),
+            "date": system.card.get("date"),
+        }
+        for system in systems
+    }
+
+
+def make_provenance(
+    systems: Sequence[Any],
+    speech: Mapping[str, Any],
+    options: Mapping[str, Any],
+    drawing: Mapping[str, Any],
+    notes: Sequence[str],
+) -> dict[str, Any]:
+    """The whole record, ready for JSON."""
+    return {
+        "made_at": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "versions": versions(),
+        "weights": describe_systems(systems),
+        "speech": dict(speech),
+        "options": dict(options),
+        "drawing": dict(drawing),
+        "notes": list(notes),
+        "weights_are": "demonstration weights of this project, not those of the paper",
+    }

@@ -1,0 +1,141 @@
+"""What a run is asked for, what it tells while it goes, and what it leaves behind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, get_args
+
+PostFilter = Literal["none", "savgol"]
+POST_FILTERS: tuple[PostFilter, ...] = get_args(PostFilter)
+Sampler = Literal["euler", "heun", "reinterpolate"]
+SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)
+View = Literal["front", "three_quarter", "side", "face", "left_hand", "right_hand"]
+VIEWS: tuple[View, ...] = get_args(View)
+LOOKS = tuple(
+    f"{build}-{tone}"
+    for build in ("average", "slender", "broad")
+    for tone in ("light", "medium", "dark", "clay")
+)
+"""Looks of the open body, as `renderer.body.look` has them; the first is the usual one."""
+SIZES_PX = (256, 1080)
+"""Smallest and largest width and height of a picture that a person may ask for."""
+MAX_SAMPLES = 8
+DEFAULT_STEPS = 10
+"""Of the sampler, where nothing else is asked for."""
+MAX_COMPARED = 6
+"""More motions than these do not fit into one comparison or figure."""
+
+REFERENCE_NAME = "reference"
+
+Stage = Literal["speech", "motion", "numbers", "video", "comparison", "figure"]
+STAGES: tuple[Stage, ...] = ("speech", "motion", "numbers", "video", "comparison", "figure")
+ArtefactKind = Literal[
+    "motion",
+    "preview",
+    "video",
+    "comparison",
+    "figure",
+    "diagnostics",
+    "provenance",
+    "reference",
+]
+
+
+@dataclass(frozen=True)
+class GenerateRequest:
+    """One run: speech in, motion of several systems out, all with the same noise."""
+
+    speech: Path
+    out: Path
+    weights: Path
+    systems: tuple[str, ...] = ()
+    """Names of the systems; empty means all there are."""
+    speaker: str | None = None
+    """None is the first speaker that the systems know."""
+    seed: int = 0
+    samples: int = 1
+    steps: int | Mapping[str, int] = DEFAULT_STEPS
+    """Sampler steps, of all systems or by name; a system that is not named has the usual ones."""
+    sampler: Sampler | None = None
+    guidance: float = 1.0
+    """Strength of the speech, 0 (deaf) to 10 (classifier-free guidance); 1 is as trained."""
+    post_filter: PostFilter = "none"
+    transcript: Path | None = None
+    """A TextGrid of the speech; its words go to the numbers."""
+    joint: str = "right_middle"
+    """The fingertip or joint that figure and tip measures follow; see `app.run.followed_point`."""
+    start_frame: int = 0
+    """First of the 300 frames of Figure 6."""
+    reference: Path | None = None
+    """A motion file of the same speech, shown and measured beside the systems."""
+    body: Path | None = None
+    """A licensed SMPL-X npz; None is the open body."""
+    look: str = LOOKS[0]
+    """One of `LOOKS`; a body of one's own has the first only."""
+    views: tuple[View, ...] = ("front",)
+    size: int = 512
+    """Width and height of one video in pixels."""
+    has_video: bool = True
+    has_previews: bool = False
+    """Whether each motion is told of as a GLB too, to be shown while its video is drawn."""
+    max_speech_s: float = 600.0
+
+    def steps_of(self, system: str) -> int:
+        """Sampler steps of one system."""
+        if isinstance(self.steps, Mapping):
+            return self.steps.get(system, DEFAULT_STEPS)
+        return self.steps
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far one stage is."""
+
+    stage: Stage
+    fraction: float
+    """0 to 1 of this stage."""
+    detail: str = ""
+    """What is being worked on, such as a system's name."""
+
+
+@dataclass(frozen=True)
+class Artefact:
+    """A file that is whole and may be looked at."""
+
+    kind: ArtefactKind
+    name: str
+    """The system and sample it belongs to, or the file's own name."""
+    path: Path
+    """Where it lies now; ``path.name`` is its final name."""
+
+
+Event = Progress | Artefact
+OnEvent = Callable[[Event], None]
+ShouldCancel = Callable[[], bool]
+
+
+@dataclass(frozen=True)
+class GenerateResult:
+    """What a run left in its folder."""
+
+    out: Path
+    files: tuple[Path, ...]
+    """Every file written, in the order in which it was made."""
+    names: tuple[str, ...]
+    """Rows of the comparison: systems with their samples, the reference last."""
+    num_frames: int
+    diagnostics: dict
+    notes: tuple[str, ...] = field(default=())
+    """Sentences the person should read, such as what was done to the speech."""
+
+
+def sample_name(system: str, sample: int) -> str:
+    """Name of one sample of a system: the system's own for the first, ``.s2`` and on after it."""
+    return system if sample == 1 else f"{system}.s{sample}"
+
+
+def file_stem(name: str) -> str:
+    """File name without its ending: ``globaldiff/local`` is written as ``globaldiff-local``."""
+    return name.replace("/", "-")

@@ -1,0 +1,37 @@
+"""How a run tells of itself: progress, files, notes, and whether it shall stop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from app.errors import CancelledRun
+from app.run.request import Artefact, ArtefactKind, OnEvent, Progress, ShouldCancel, Stage
+
+
+class Reporter:
+    """The ear of whoever asked for a run."""
+
+    def __init__(self, on_event: OnEvent, should_cancel: ShouldCancel) -> None:
+        self._on_event = on_event
+        self.should_cancel = should_cancel
+        self.notes: list[str] = []
+
+    def progress(self, stage: Stage, fraction: float, detail: str = "") -> None:
+        self._on_event(Progress(stage, fraction, detail))
+
+    def file(self, kind: ArtefactKind, name: str, path: Path) -> None:
+        """Tell of a file that is whole."""
+        self._on_event(Artefact(kind, name, path))
+
+    def note(self, *sentences: str) -> None:
+        """Keep what the person should read; each sentence once."""
+        self.notes.extend(note for note in sentences if note not in self.notes)
+
+    def stop_if_asked(self) -> None:
+        """Between steps that cannot be interrupted themselves.
+
+        Raises:
+            CancelledRun: if the person asked to stop.
+        """
+        if self.should_cancel():
+            raise CancelledRun

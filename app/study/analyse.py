@@ -1,0 +1,54 @@
+"""``study analyse``: answers in, report out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from app.errors import RunError
+from app.study.design.key import read_key
+from app.study.report.figures import preference_bars, write_pdf
+from app.study.report.html import Findings, page_of
+from app.study.report.tables import latex_table, write_csv
+from app.study.statistics.answers import collect
+from app.study.statistics.balance_reached import balance_reached
+from app.study.statistics.jitter_join import read_jitter
+from app.study.statistics.results import analyse_participants
+from app.study.statistics.screening import screen
+from app.study.statistics.votes import clips_of
+from model.storage.files import written_atomically
+
+MAX_REASONS_SHOWN = 3
+
+
+def analyse(
+    answer_paths: list[Path], key_path: Path, out: Path, diagnostics: Path | None = None
+) -> None:
+    """Write ``report.html``, ``results.csv``, ``table.tex`` and ``preference.pdf`` to ``out``.
+
+    Args:
+        answer_paths: answers files, and folders of them.
+        diagnostics: folder of measured clips (see `app.study.statistics.jitter_join.read_jitter`).
+
+    Raises:
+        RunError: if the key cannot be used, or nobody is left to analyse.
+    """
+    key = read_key(key_path)
+    jitter = read_jitter(diagnostics, clips_of(key), key.systems) if diagnostics else None
+    collected = collect(answer_paths, key)
+    screened = screen(collected.participants, key)
+    results = analyse_participants(screened.kept, key, jitter)
+    if not results:
+        dropped = [f"{one.participant.source}: {one.why}." for one in screened.dropped]
+        reasons = [*collected.left_out, *dropped][:MAX_REASONS_SHOWN]
+        raise RunError(" ".join(["No answers are left to analyse.", *reasons]))
+    balance = balance_reached(screened.kept, key)
+    findings = Findings(key, collected, screened, balance, results)
+    out.mkdir(parents=True, exist_ok=True)
+    with written_atomically(out / "results.csv") as part:
+        write_csv(results, key, part)
+    with written_atomically(out / "table.tex") as part:
+        part.write_text(latex_table(results, key), "utf-8")
+    with written_atomically(out / "preference.pdf") as part:
+        write_pdf(preference_bars(results, key), part)
+    with written_atomically(out / "report.html") as part:
+        part.write_text(page_of(findings), "utf-8", errors="replace")  # names of files

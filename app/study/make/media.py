@@ -1,0 +1,177 @@
+"""Videos of a study that differ in what they show and in nothing else that can be measured.
+
+Picture: H.264 at a fixed rate, without B-frames, a key frame each second, no encoder's note, then
+filled up so that all videos of a scene have streams of exactly the same number of bytes (a fixed
+quality would make jittery motion the larger file). One thread: with more, x264's rate control gives
+other bytes each time. Sound: one AAC stream for each speech, copied into every file.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from app.errors import RunError
+from app.study.make.mp4 import blank_user_data
+from model.motion.timing import FPS
+from model.speech.audio import write_wav
+from model.storage.files import written_atomically
+from renderer.video.encoder import ffmpeg_path
+
+TARGET_LUFS = -23.0
+"""Programme loudness of EBU R128."""
+PEAK_DBFS = -1.0
+"""What the limiter lets through; speech at -23 LUFS seldom reaches it."""
+SILENT_LUFS = -60.0
+
+BITS_PER_PIXEL = 0.2
+MIN_BIT_RATE = 100_000
+
+LONG_AGO_S = 946_684_800
+"""2000-01-01, the modification time of every file that participants get."""
+
+_BITEXACT = ("-map_metadata", "-1", "-map_chapters", "-1", "-fflags", "+bitexact",
+             "-flags", "+bitexact")  # fmt: skip
+_X264 = "nal-hrd=cbr:force-cfr=1:colorprim=bt709:transfer=bt709:colormatrix=bt709"
+_TICKS = 1_200_000 // FPS
+"""Of one frame, in the time base of ffmpeg's reader of bare H.264; it rounds by itself."""
+_START_CODE = re.compile(rb"\x00{2,3}\x01")
+_FILLER_START = b"\x00\x00\x00\x01\x0c"
+_FILLER_END = b"\x80"
+_LEAST_BOX = 8
+
+
+def encode_speech(waveform: np.ndarray, out: Path, clip: str) -> None:
+    """Speech at 16 kHz as one AAC track of -23 LUFS.
+
+    Raises:
+        RunError: if the excerpt is silent.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        wav = Path(folder) / "excerpt.wav"
+        write_wav(wav, waveform)
+        loudness = measure_loudness(wav)
+        if loudness < SILENT_LUFS:
+            raise RunError(f"The excerpt of clip {clip!r} is silent; choose another `start_s`.")
+        gain_db = TARGET_LUFS - loudness
+        limit = 10 ** (PEAK_DBFS / 20)
+        level = f"volume={gain_db:.3f}dB,alimiter=limit={limit:.4f}:level=false,aresample=48000"
+        with written_atomically(out) as part:
+            _ffmpeg(
+                *("-i", str(wav), "-af", level, "-ac", "1", "-c:a", "aac", "-b:a", "128k"),
+                *(*_BITEXACT, str(part)),
+            )
+
+
+def measure_loudness(path: Path) -> float:
+    """Integrated loudness of the sound in a file by EBU R128, in LUFS; -70 is silence."""
+    said = _ffmpeg(
+        *("-i", str(path), "-map", "0:a:0", "-af", "ebur128=framelog=quiet", "-f", "null", "-"),
+        log="info",
+    )
+    found = re.findall(r"I:\s+(-?[\d.]+) LUFS", said)
+    if not found:
+        raise MediaError(f"The loudness of {path.name} could not be measured.")
+    return float(found[-1])
+
+
+def bit_rate(size: int) -> int:
+    """Bits per second of a square picture of that many pixels."""
+    return max(MIN_BIT_RATE, round(BITS_PER_PIXEL * size * size * FPS))
+
+
+def encode_picture(drawn: Path, out: Path, size: int) -> None:
+    """The picture of a video as a bare H.264 stream at the fixed rate."""
+    rate = bit_rate(size)
+    with written_atomically(out) as part:
+        _ffmpeg(
+            *("-threads", "1", "-i", str(drawn), "-map", "0:v:0", "-an"),
+            *("-c:v", "libx264", "-preset", "fast", "-threads", "1", "-pix_fmt", "yuv420p"),
+            *("-b:v", str(rate), "-minrate", str(rate), "-maxrate", str(rate)),
+            *("-bufsize", str(rate // 2), "-bf", "0", "-g", str(FPS), "-keyint_min", str(FPS)),
+            *("-sc_threshold", "0", "-x264-params", _X264),
+            *_BITEXACT,
+            # x264 writes its settings into the stream (NAL type 6); nobody needs them.
+            *("-bsf:v", "filter_units=remove_types=6", "-f", "h264", str(part)),
+        )
+        # In an mp4 each unit has four bytes of length, so count four for each here too.
+        units = _START_CODE.split(part.read_bytes())[1:]
+        part.write_bytes(b"".join(b"\x00\x00\x00\x01" + unit for unit in units))
+
+
+def fill_alike(streams: Sequence[Path]) -> None:
+    """Append filler (NAL type 12, ignored by decoders) until all streams have the same length."""
+    sizes = {path: path.stat().st_size for path in streams}
+    least = len(_FILLER_START) + len(_FILLER_END)
+    target = max(sizes.values())
+    if any(0 < target - size < least for size in sizes.values()):
+        target += least
+    for path, size in sizes.items():
+        if size < target:
+            filler = _FILLER_START + b"\xff" * (target - size - least) + _FILLER_END
+            with written_atomically(path) as part:
+                part.write_bytes(path.read_bytes() + filler)
+
+
+def join(stream: Path, track: Path | None, out: Path) -> None:
+    """Picture, and sound if there is any, copied as they are into one mp4."""
+    sound = () if track is None else ("-i", str(track), "-map", "0:v:0", "-map", "1:a:0")
+    with written_atomically(out) as part:
+        _ffmpeg(
+            *("-framerate", str(FPS), "-f", "h264", "-i", str(stream), *sound, "-c", "copy"),
+            *("-bsf:v", f"setts=ts=N*{_TICKS}:duration={_TICKS}"),
+            *(*_BITEXACT, "-write_btrt", "0", "-movflags", "+faststart", str(part)),
+        )
+        blank_user_data(part)
+
+
+def pad_alike(videos: Sequence[Path]) -> None:
+    """Append an empty `free` box until all files have the same length."""
+    sizes = {path: path.stat().st_size for path in videos}
+    target = max(sizes.values())
+    if any(0 < target - size < _LEAST_BOX for size in sizes.values()):
+        target += _LEAST_BOX
+    for path, size in sizes.items():
+        if size < target:
+            box = (target - size).to_bytes(4, "big") + b"free" + bytes(target - size - _LEAST_BOX)
+            with written_atomically(path) as part:
+                part.write_bytes(path.read_bytes() + box)
+
+
+def set_time(path: Path) -> None:
+    """Give a file or folder the time that all of them have."""
+    os.utime(path, (LONG_AGO_S, LONG_AGO_S))
+
+
+def sound_digest(path: Path) -> str | None:
+    """Digest of a video's sound as it is stored; None when it has none."""
+    try:
+        return _ffmpeg("-i", str(path), "-map", "0:a", "-c", "copy", "-f", "hash", "-").strip()
+    except MediaError as error:
+        if "matches no streams" in str(error):
+            return None
+        raise
+
+
+class MediaError(RunError):
+    """ffmpeg refused; the message holds what it said."""
+
+
+def _ffmpeg(*arguments: str, log: str = "error") -> str:
+    """Run ffmpeg; what it writes on standard output, or with ``log`` info what it says."""
+    run = subprocess.run(
+        [ffmpeg_path(), "-hide_banner", "-nostats", "-loglevel", log, "-y", *arguments],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        check=False,
+    )
+    said = run.stderr.decode(errors="replace").strip()
+    if run.returncode:
+        raise MediaError(f"A video of the study could not be made; ffmpeg said: {said[-300:]}")
+    return said if log == "info" else run.stdout.decode(errors="replace")

@@ -1,0 +1,244 @@
+"""Motions of a clip as a study shows them: same length, body, face and place for every system."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from app.errors import CancelledRun, RunError
+from app.run.export import body_motion
+from app.run.models import get_body, get_system
+from app.study.design.plan import Clip, Generator, Plan, PlannedSystem
+from app.study.make.workspace import sha256
+from model.motion.timing import FPS, SAMPLE_RATE
+
+if TYPE_CHECKING:
+    from model.motion.motion import Motion
+    from model.speech.audio import Speech
+    from renderer.body.body import Body, BodyMotion
+
+FACE_JOINTS = slice(3 * 22, 3 * 25)
+"""Columns of jaw and eyes in ``poses``."""
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A clip with everything that was read for it."""
+
+    clip: Clip
+    num_frames: int
+    speech: Speech | None
+    """The excerpt."""
+    files: Mapping[str, str]
+    """sha256 of each file it comes from, by ``speech`` or the system's name."""
+    recorded: Mapping[str, Motion]
+    """The excerpts of motion files, by system."""
+
+
+def read_sources(plan: Plan) -> tuple[Source, ...]:
+    """Read all speech and motion files and see that they fit together.
+
+    Raises:
+        RunError, SpeechError, MotionError: with one sentence, before anything is made.
+    """
+    sources = tuple(_read_source(plan, clip) for clip in plan.clips)
+    first = sources[0]
+    for source in sources if plan.protocol == "matched" else ():
+        if source.num_frames != first.num_frames:
+            raise RunError(
+                f"Matched and mismatched speech must be equally long, but {first.clip.name!r} has "
+                f"{first.num_frames} frames and {source.clip.name!r} {source.num_frames}; set "
+                "`length_s` to cut all to one length."
+            )
+    return sources
+
+
+def _read_source(plan: Plan, clip: Clip) -> Source:
+    files: dict[str, str] = {}
+    speech = None
+    if clip.speech is not None:
+        speech = _read_speech(clip)
+        files["speech"] = speech.sha256
+    motions = {}
+    for system in plan.systems:
+        if system.motions is not None:
+            motions[system.name], files[system.name] = _read_motion(system, clip)
+    _refuse_same_files(clip, files)
+    start = round(clip.start_s * FPS)
+    lengths = {f"the motion of {name!r}": m.num_frames - start for name, m in motions.items()}
+    if speech is not None:
+        lengths["the speech"] = round(FPS * (speech.duration_s - clip.start_s))
+    num_frames = _common_length(plan, clip, lengths)
+    return Source(
+        clip=clip,
+        num_frames=num_frames,
+        speech=None if speech is None else _excerpt(speech, clip.start_s, num_frames),
+        files=files,
+        recorded={name: _cut(motion, start, num_frames) for name, motion in motions.items()},
+    )
+
+
+def _read_speech(clip: Clip) -> Speech:
+    from model.speech.audio import load_speech
+
+    assert clip.speech is not None
+    if not clip.speech.is_file():
+        raise RunError(f"The speech of clip {clip.name!r} is missing: there is no {clip.speech}.")
+    return load_speech(clip.speech)
+
+
+def _read_motion(system: PlannedSystem, clip: Clip) -> tuple[Motion, str]:
+    from model.motion.motion import load_motion
+
+    assert system.motions is not None
+    path = system.motions[clip.name]
+    if not path.is_file():
+        raise RunError(
+            f"The motion of {system.name!r} for clip {clip.name!r} is missing: there is no {path}."
+        )
+    return load_motion(path), sha256(path)
+
+
+def _refuse_same_files(clip: Clip, files: Mapping[str, str]) -> None:
+    seen: dict[str, str] = {}
+    for name, digest in files.items():
+        if name != "speech" and digest in seen:
+            raise RunError(
+                f"The systems {seen[digest]!r} and {name!r} have the same motion file for clip "
+                f"{clip.name!r}; a comparison needs different ones."
+            )
+        seen[digest] = name
+
+
+def _common_length(plan: Plan, clip: Clip, lengths: Mapping[str, int]) -> int:
+    """Frames of the excerpt: ``length_s``, or what everything of the clip has."""
+    if plan.length_s is not None:
+        wanted = round(plan.length_s * FPS)
+        for what, frames in lengths.items():
+            if frames < wanted:
+                raise RunError(
+                    f"Clip {clip.name!r}: {what} has {max(frames, 0) / FPS:.1f} s from `start_s` "
+                    f"on, less than `length_s` = {plan.length_s:g}; choose a shorter length or an "
+                    "earlier start."
+                )
+        return wanted
+    if len(set(lengths.values())) > 1:
+        found = ", ".join(f"{what} {frames} frames" for what, frames in lengths.items())
+        raise RunError(
+            f"Clip {clip.name!r} has parts of unequal length ({found}); set `length_s` to cut all "
+            "to one length."
+        )
+    frames = next(iter(lengths.values()))
+    if frames < 1:
+        raise RunError(f"Clip {clip.name!r} ends before its `start_s` = {clip.start_s:g}.")
+    return frames
+
+
+def _excerpt(speech: Speech, start_s: float, num_frames: int) -> Speech:
+    """Exactly as long as the frames; where rounding leaves it short, by less than one, silence."""
+    start = round(start_s * SAMPLE_RATE)
+    waveform = np.zeros(round(num_frames * SAMPLE_RATE / FPS), np.float32)
+    heard = speech.waveform[start : start + len(waveform)]
+    waveform[: len(heard)] = heard
+    return replace(speech, waveform=waveform)
+
+
+def _cut(motion: Motion, start: int, num_frames: int) -> Motion:
+    frames = slice(start, start + num_frames)
+    return replace(
+        motion,
+        poses=motion.poses[frames],
+        trans=motion.trans[frames],
+        expressions=motion.expressions[frames],
+    )
+
+
+def shown_motions(
+    plan: Plan,
+    source: Source,
+    weights: Path,
+    body_path: Path | None,
+    should_cancel: Callable[[], bool],
+) -> dict[str, BodyMotion]:
+    """Every system's motion of a clip, ready to be drawn.
+
+    Raises:
+        RunError: if two systems move exactly alike, or faces cannot be compared.
+        CancelledRun: when ``should_cancel`` said so.
+        UnknownNameError, CheckpointError, BodyError: each with one sentence.
+    """
+    motions: dict[str, Motion] = {}
+    for system in plan.systems:
+        if system.generator is None:
+            motions[system.name] = source.recorded[system.name]
+        else:
+            motions[system.name] = _generate(system.generator, source, weights, should_cancel)
+    _refuse_same_motions(source.clip, motions)
+    bases = sorted({motion.expression_basis for motion in motions.values()})
+    if plan.face == "moving" and len(bases) > 1:
+        raise RunError(
+            f"Faces of {' and '.join(bases)} move differently on the same body, which would tell "
+            'the systems apart; set `face = "still"`.'
+        )
+    body = get_body(body_path)
+    return {name: _alike(motion, plan.face, body) for name, motion in motions.items()}
+
+
+def _generate(
+    generator: Generator, source: Source, weights: Path, should_cancel: Callable[[], bool]
+) -> Motion:
+    """From the excerpt alone: the system hears what the participants hear."""
+    from model.measures.diagnostics import smooth_motion
+    from model.systems.windows import Cancelled, GenerateOptions, generate_motion
+
+    assert source.speech is not None
+    system = get_system(generator.system, weights)
+    options = GenerateOptions(
+        speaker=generator.speaker or next(iter(system.speakers)),
+        seed=generator.seed,
+        steps=generator.steps,
+        sampler=generator.sampler,
+    )
+    try:
+        (motion,) = generate_motion(system, source.speech, options, should_cancel=should_cancel)
+    except Cancelled as error:
+        raise CancelledRun from error
+    return smooth_motion(motion) if generator.post_filter == "savgol" else motion
+
+
+def _refuse_same_motions(clip: Clip, motions: Mapping[str, Motion]) -> None:
+    """Other bytes may hold the same motion."""
+    names = list(motions)
+    for i, name in enumerate(names):
+        for other in names[:i]:
+            first, second = motions[other], motions[name]
+            if np.array_equal(first.poses, second.poses) and np.array_equal(
+                first.trans, second.trans
+            ):
+                raise RunError(
+                    f"The systems {other!r} and {name!r} move exactly alike in clip "
+                    f"{clip.name!r}; a comparison needs different motion."
+                )
+
+
+def _alike(motion: Motion, face: str, body: Body) -> BodyMotion:
+    """The mean body, standing on the floor in the middle of the picture."""
+    from renderer.stage.stage import set_stage
+
+    poses, expressions = motion.poses.copy(), motion.expressions
+    if face == "still":
+        poses[:, FACE_JOINTS] = 0
+        expressions = np.zeros_like(expressions)
+    plain = replace(
+        body_motion(motion),
+        poses=poses,
+        expressions=expressions,
+        betas=np.zeros_like(motion.betas),
+    )
+    x, _, z = motion.trans.mean(axis=0)
+    floor = set_stage(body, [plain]).floor_m
+    return replace(plain, trans=motion.trans - np.array([x, floor, z], np.float32))

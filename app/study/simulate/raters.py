@@ -1,0 +1,151 @@
+"""Simulated raters: people with tastes, clips with whims, ties, a favourite side and lapses.
+
+Every system has a log-strength; a rater sees it plus their own taste for that system plus what that
+system did in that clip. Choices follow Davidson's model (`app.study.statistics.bradley_terry`),
+rankings Plackett-Luce (strength plus Gumbel noise, so that any two systems follow Bradley-Terry),
+sliders a straight line in strength. In matched trials the log-strength is that of the matched video
+against 0 for the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from app.study.design.key import Key, Trial
+from app.study.statistics.answers import HIGHEST_RATING, TIE
+from app.study.statistics.votes import SMOOTHNESS, clips_of
+
+
+@dataclass(frozen=True)
+class RaterModel:
+    """How raters and clips vary; standard deviations in log-strength."""
+
+    taste_sd: float = 0.5
+    """Of a rater's own taste for each system."""
+    clip_sd: float = 0.3
+    """Of what each system did in each clip."""
+    tie: float = 0.5
+    """Davidson's tie parameter of the middle rater: 0.5 makes 1 in 5 of equals a tie."""
+    tie_log_sd: float = 0.5
+    """Of the logarithm of a rater's own tie parameter."""
+    left_advantage: float = 0.1
+    """Log-strength that standing on the left adds."""
+    lapse: float = 0.02
+    """Chance to fail an attention check."""
+    smoothness: float = 0.3
+    """Chance to name motion smoothness as a reason."""
+
+
+ALIKE = RaterModel(taste_sd=0, clip_sd=0, tie_log_sd=0)
+"""All raters and clips alike: Davidson's model itself, without anything it leaves out."""
+
+RATING_PER_LOG_STRENGTH = 12.0
+RATING_OFFSET_SD = 8.0
+RATING_NOISE_SD = 10.0
+
+
+class World:
+    """A study's clips as they turned out, from which raters are drawn."""
+
+    def __init__(
+        self,
+        key: Key,
+        strengths: Mapping[str, float],
+        model: RaterModel,
+        rng: np.random.Generator,
+    ) -> None:
+        self.key = key
+        self.model = model
+        self._rng = rng
+        self._clips = clips_of(key)
+        log_strength = np.array([strengths[name] for name in key.systems])
+        whims = rng.normal(0, model.clip_sd, (len(self._clips), len(key.systems)))
+        self.clip_strength: Float[np.ndarray, "C K"] = log_strength + whims
+
+    def tastes(self, count: int) -> Float[np.ndarray, "R K"]:
+        """What so many new raters add to each system's log-strength."""
+        return self._rng.normal(0, self.model.taste_sd, (count, len(self.key.systems)))
+
+    def ties(self, count: int) -> Float[np.ndarray, " R"]:
+        """Tie parameters of so many new raters."""
+        return self.model.tie * np.exp(self._rng.normal(0, self.model.tie_log_sd, count))
+
+    def answers(self, list_number: int) -> list[dict[str, Any]]:
+        """What one new rater answers to everything on a list, as in an answers file."""
+        strength = self.clip_strength + self.tastes(1)
+        tie = float(self.ties(1)[0])
+        offset = float(self._rng.normal(0, RATING_OFFSET_SD))
+        answers = []
+        for trial_id in self.key.lists[list_number]:
+            trial = self.key.trials[trial_id]
+            shown = tuple(trial.videos[i] for i in self._order(trial, list_number))
+            if trial.expected is not None:
+                asked = {trial.expected.question: self._check_value(trial.expected.value)}
+            else:
+                seen = strength[self._clips.index(trial.clip)]
+                asked = {
+                    question: self._value(trial.kind, shown, seen, tie, offset)
+                    for question in trial.questions
+                }
+            for question, value in asked.items():
+                answers.append(
+                    {
+                        "trial": trial_id,
+                        "question": question,
+                        "shown": list(shown),
+                        "value": value,
+                        "reasons": self._reasons(trial),
+                        "watched": 1,
+                        "ms": int(self._rng.integers(2_000, 20_000)),
+                    }
+                )
+        return answers
+
+    def _order(self, trial: Trial, list_number: int) -> Sequence[int]:
+        """Places turn with the list, so that sides are balanced over participants."""
+        count = len(trial.videos)
+        return [(place + list_number) % count for place in range(count)] if count else []
+
+    def _check_value(self, asked: str | float) -> Any:
+        return asked if self._rng.random() >= self.model.lapse else "missed"
+
+    def _reasons(self, trial: Trial) -> list[str]:
+        is_named = trial.kind == "pair" and self._rng.random() < self.model.smoothness
+        return [SMOOTHNESS] if is_named else []
+
+    def _value(
+        self,
+        kind: str,
+        shown: tuple[str, ...],
+        seen: Float[np.ndarray, " K"],
+        tie: float,
+        offset: float,
+    ) -> Any:
+        videos = [self.key.videos[video] for video in shown]
+        strength = seen[[self.key.systems.index(video.system) for video in videos]]
+        if kind == "match":
+            strength = strength * [video.is_matched for video in videos]
+        if kind in ("pair", "match"):
+            chances = davidson(strength[0] - strength[1] + self.model.left_advantage, tie)
+            return (shown[0], TIE, shown[1])[self._rng.choice(3, p=chances)]
+        if kind == "rank":
+            order = np.argsort(-(strength + self._rng.gumbel(size=len(shown))))
+            return [shown[place] for place in order]
+        noise = self._rng.normal(0, RATING_NOISE_SD, len(shown))
+        rating = HIGHEST_RATING / 2 + RATING_PER_LOG_STRENGTH * strength + offset + noise
+        rounded = np.clip(np.round(rating), 0, HIGHEST_RATING)
+        return {video: int(value) for video, value in zip(shown, rounded, strict=True)}
+
+
+def davidson(
+    difference: Float[np.ndarray, " *many"] | float, tie: Float[np.ndarray, " *many"] | float
+) -> Float[np.ndarray, "*many 3"]:
+    """Chances of left, tie and right at a difference of log-strengths, left minus right."""
+    difference, tie = np.broadcast_arrays(np.asarray(difference, float), np.asarray(tie, float))
+    weights = np.stack([np.exp(difference / 2), tie, np.exp(-difference / 2)], axis=-1)
+    return weights / weights.sum(-1, keepdims=True)

@@ -1,0 +1,68 @@
+"""Curves in time at 30 frames per second: minimum-jerk moves, bumps, smooth noise, sway."""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import gaussian_filter1d
+
+from model.motion.timing import FPS
+
+
+def minimum_jerk(phase: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """0 up to phase 0, 1 from phase 1 on, the minimum-jerk polynomial between."""
+    x = np.clip(phase, 0.0, 1.0)
+    return x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
+
+
+def bump(phase: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """0 outside phases 0 to 1 and 1 at phase .5, with a continuous first derivative."""
+    x = np.clip(phase, 0.0, 1.0)
+    return 16.0 * x**2 * (1.0 - x) ** 2
+
+
+def gaussian_bump(
+    time_s: Float[np.ndarray, " T"], centre_s: float, width_s: float
+) -> Float[np.ndarray, " T"]:
+    """1 at ``centre_s``, falling off as a Gaussian of standard deviation ``width_s``."""
+    return np.exp(-0.5 * ((time_s - centre_s) / width_s) ** 2)
+
+
+def frame_times(num_frames: int) -> Float[np.ndarray, " T"]:
+    """The time of each frame in seconds."""
+    return np.arange(num_frames) / FPS
+
+
+def low_pass(signal: Float[np.ndarray, "*shape"], width_s: float) -> Float[np.ndarray, "*shape"]:
+    """Gaussian smoothing along the first axis, time; ``width_s`` is the standard deviation."""
+    return gaussian_filter1d(signal, width_s * FPS, axis=0)
+
+
+def smooth_noise(
+    rng: np.random.Generator, num_frames: int, sd: float, scale_s: float, channels: int
+) -> Float[np.ndarray, "T C"]:
+    """Gaussian noise of standard deviation ``sd``, smooth over ``scale_s`` seconds."""
+    width = max(scale_s * FPS, 0.5)
+    pad = int(4 * width) + 4
+    white = rng.normal(size=(num_frames + 2 * pad, channels))
+    smooth = gaussian_filter1d(white, width, axis=0)[pad : pad + num_frames]
+    return smooth * sd * np.sqrt(2.0 * np.sqrt(np.pi) * width)
+
+
+def smooth_line(
+    rng: np.random.Generator, num_frames: int, sd: float, scale_s: float
+) -> Float[np.ndarray, " T"]:
+    """One channel of ``smooth_noise``."""
+    return smooth_noise(rng, num_frames, sd, scale_s, 1)[:, 0]
+
+
+def sway(
+    rng: np.random.Generator, num_frames: int, sd: float, channels: int
+) -> Float[np.ndarray, "T C"]:
+    """Postural sway: a sum of noises whose spectrum falls about as 1/f from .05 to 1 Hz."""
+    bands = ((3.2, 0.8), (1.4, 0.5), (0.6, 0.28), (0.25, 0.10))
+    parts = [smooth_noise(rng, num_frames, sd * share, scale, channels) for scale, share in bands]
+    return np.sum(parts, axis=0)
+
+
+def sway_line(rng: np.random.Generator, num_frames: int, sd: float) -> Float[np.ndarray, " T"]:
+    """One channel of ``sway``."""
+    return sway(rng, num_frames, sd, 1)[:, 0]

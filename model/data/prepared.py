@@ -1,0 +1,312 @@
+"""Training data: a folder in BEAT2's layout, read once into memory-mapped arrays.
+
+Poses, root positions, face units and speech features of all clips lie end to end; a window is a
+slice. Features are computed once per file, with context, and never per window. Training recordings
+may be stored several times, at other speeds and as other microphones would have caught them.
+"""
+
+import json
+import logging
+import zlib
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+from tqdm import tqdm
+
+from model.storage.files import written_atomically
+from model.motion.kinematics import mirror_transl
+from model.motion.mirror import mirror_face_units, mirror_poses
+from model.motion.motion import Motion, MotionError
+from model.data.recordings import (
+    NUM_FACE_UNITS,
+    DataError,
+    augmented_copy,
+    encode_clip,
+    face_units,
+    fingerprint,
+    read_files,
+    read_split,
+    speaker_of,
+)
+from model.speech.audio import Speech, SpeechError
+from model.speech.encoder import SpeechEncoder
+
+log = logging.getLogger(__name__)
+
+MAX_MISMATCH_S = 5.0
+"""Between motion and sound of one recording; some of BEAT2's differ by seconds at the end."""
+CACHE_FORMAT = 2
+"""Raised whenever the same folder gives other arrays."""
+_COLUMNS = {"poses": 165, "transl": 3, "expression": NUM_FACE_UNITS}
+
+
+@dataclass(frozen=True)
+class Clip:
+    """Where one recording, or an augmented copy of it, lies in the arrays."""
+
+    name: str
+    speaker: int
+    split: str
+    start: int
+    num_frames: int
+    copy: int = 0
+    """0 for the recording itself, from 1 for its copies."""
+
+    @property
+    def stop(self) -> int:
+        return self.start + self.num_frames
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Windows cut from clips; every tensor starts with the batch axis."""
+
+    poses: Float[Tensor, "B T 165"]
+    transl: Float[Tensor, "B T 3"]
+    expression: Float[Tensor, "B T 52"]
+    speech: Float[Tensor, "B heard dim"]
+    speaker: Int[Tensor, " B"]
+    clips: list[str]
+    frames: Int[np.ndarray, "B T"]
+    """Rows of the arrays."""
+    mirrored: Bool[Tensor, " B"]
+    """Windows whose motion and face are seen in a mirror. What else is read from the rows
+    ``frames`` and has a left and a right must be mirrored there too."""
+
+    def rows(self, which: slice) -> "Batch":
+        """Some of the windows."""
+        return Batch(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
+
+    def mirror(self, which: Bool[Tensor, " B"]) -> "Batch":
+        """The same windows, with the motion and face of these in a mirror."""
+        if self.mirrored.any():
+            raise ValueError("The batch is mirrored already.")
+        rows = which[:, None, None]
+        return replace(
+            self,
+            poses=torch.where(rows, mirror_poses(self.poses), self.poses),
+            transl=torch.where(rows, mirror_transl(self.transl), self.transl),
+            expression=torch.where(rows, mirror_face_units(self.expression), self.expression),
+            mirrored=which,
+        )
+
+
+@dataclass(frozen=True)
+class PreparedData:
+    """All clips of a data folder as arrays of frames."""
+
+    folder: Path
+    """Where the arrays lie; what is made from them may lie beside them."""
+    clips: tuple[Clip, ...]
+    poses: np.ndarray
+    transl: np.ndarray
+    expression: np.ndarray
+    speech: np.ndarray
+    speakers: dict[int, str]
+
+    def home(self, clip: Clip) -> Float[np.ndarray, "3"]:
+        """Where a clip's body stands in the mean, on the floor (y = 0); metres."""
+        place = self.transl[clip.start : clip.stop].mean(0)
+        return np.array([place[0], 0.0, place[2]], np.float32)
+
+    def of_split(self, split: str) -> tuple[Clip, ...]:
+        """The clips of ``train``, ``val``, ``test`` or ``additional``.
+
+        Raises:
+            DataError: if there are none.
+        """
+        clips = tuple(clip for clip in self.clips if clip.split == split)
+        if not clips:
+            found = ", ".join(sorted({clip.split for clip in self.clips})) or "no clips"
+            raise DataError(f"train_test_split.csv names no usable {split} clip (found: {found}).")
+        return clips
+
+    def window_batch(
+        self,
+        clips: tuple[Clip, ...],
+        window: int,
+        size: int,
+        rng: np.random.Generator,
+        mirror: float = 0.0,
+        context: int = 0,
+    ) -> Batch:
+        """``size`` windows of ``window`` frames, every possible start equally likely.
+
+        Args:
+            mirror: share of windows seen in a mirror.
+            context: frames of speech before and after each window; past a clip's end it is held.
+
+        Raises:
+            DataError: if no clip is as long as a window.
+        """
+        usable = [clip for clip in clips if clip.num_frames >= window]
+        if not usable:
+            raise DataError(f"None of the {len(clips)} clips has {window} frames, a window.")
+        starts = np.array([clip.num_frames - window + 1 for clip in usable], float)
+        chosen = rng.choice(len(usable), size, p=starts / starts.sum())
+        first = [usable[c].start + int(rng.integers(starts[c])) for c in chosen]
+        frames = np.array(first)[:, None] + np.arange(window)
+        batch = self.batch(frames, [usable[c] for c in chosen], context)
+        return batch.mirror(torch.from_numpy(rng.random(size) < mirror)) if mirror > 0 else batch
+
+    def batch(self, frames: Int[np.ndarray, "B T"], clips: list[Clip], context: int = 0) -> Batch:
+        """The rows at ``frames`` (absolute indices) as tensors."""
+        heard = frames[:, :1] + np.arange(-context, frames.shape[1] + context)
+        first = np.array([clip.start for clip in clips])[:, None]
+        last = np.array([clip.stop for clip in clips])[:, None] - 1
+
+        def take(array: np.ndarray, rows: np.ndarray = frames) -> Tensor:
+            return torch.from_numpy(array[rows].astype(np.float32))
+
+        return Batch(
+            poses=take(self.poses),
+            transl=take(self.transl),
+            expression=take(self.expression),
+            speech=take(self.speech, heard.clip(first, last)),
+            speaker=torch.tensor([clip.speaker for clip in clips]),
+            clips=[clip.name for clip in clips],
+            frames=frames,
+            mirrored=torch.zeros(len(clips), dtype=torch.bool),
+        )
+
+
+def prepare(
+    folder: Path,
+    cache: Path,
+    encoder: SpeechEncoder,
+    *,
+    min_frames: int = 60,
+    augmented_copies: int = 0,
+) -> PreparedData:
+    """Read ``folder`` once into ``cache`` (kept for the next run), then map it.
+
+    Clips that cannot be read or are shorter than ``min_frames`` are named in the log, counted and
+    left out.
+
+    Args:
+        cache: begins the name of the folder; what the arrays are made from is added to it, so that
+            other recordings never get these.
+        augmented_copies: of each training recording, see `augmented_copy`; the other splits have
+            none.
+
+    Raises:
+        DataError: if nothing usable is left, or the cache was made in another way.
+    """
+    split = read_split(folder)
+    content = fingerprint(folder, split)
+    copies = f"-{augmented_copies}-copies" if augmented_copies > 0 else ""
+    cache = cache.with_name(f"{cache.name}{copies}-{content[:12]}")
+    origin = {
+        "format": CACHE_FORMAT,
+        "folder": sorted(split.items()),
+        "content": content,
+        "encoder": encoder.name,
+        "dim": encoder.dim,
+        "min_frames": min_frames,
+        "augmented_copies": augmented_copies,
+    }
+    index_path = cache / "index.json"
+    if not index_path.is_file():
+        _fill_cache(folder, cache, encoder, split, origin)
+    index = json.loads(index_path.read_text())
+    if index["origin"] != json.loads(json.dumps(origin)):
+        raise DataError(f"{cache} was made by another version or with another encoder; remove it.")
+    clips = tuple(Clip(**clip) for clip in index["clips"])
+    speakers = {int(number): name for number, name in index["speakers"].items()}
+    num_frames = clips[-1].stop
+    arrays = {
+        name: np.memmap(cache / f"{name}.raw", np.float32, "r", shape=(num_frames, columns))
+        for name, columns in _COLUMNS.items()
+    }
+    speech = np.memmap(cache / "speech.raw", np.float16, "r", shape=(num_frames, encoder.dim))
+    return PreparedData(cache, clips=clips, speakers=speakers, speech=speech, **arrays)
+
+
+def _fill_cache(
+    folder: Path, cache: Path, encoder: SpeechEncoder, split: dict[str, str], origin: dict
+) -> None:
+    """Write the arrays clip by clip, so that memory holds one, and the index last."""
+    cache.mkdir(parents=True, exist_ok=True)
+    clips: list[Clip] = []
+    speakers: dict[int, str] = {}
+    skipped = 0
+    with ExitStack() as stack:
+        files: dict[str, IO[bytes]] = {}
+        for name in (*_COLUMNS, "speech"):
+            path = stack.enter_context(written_atomically(cache / f"{name}.raw"))
+            files[name] = stack.enter_context(path.open("wb"))
+        for name, kind in tqdm(sorted(split.items()), desc="reading clips", unit="clip"):
+            try:
+                number, speaker = speaker_of(name)
+                recording = read_files(folder, name)
+                _check_lengths(*recording, origin["min_frames"])
+                encoded = encode_clip(*recording, encoder)
+            except (MotionError, SpeechError, DataError) as error:
+                log.warning("Skipped %s: %s", name, error)
+                skipped += 1
+                continue
+            speakers[number] = speaker
+            copies = origin["augmented_copies"] if kind == "train" else 0
+            for copy in range(1 + copies):
+                if copy > 0:
+                    seed = [zlib.crc32(name.encode()), copy]
+                    encoded = encode_clip(*augmented_copy(*recording, seed), encoder)
+                start = clips[-1].stop if clips else 0
+                clips.append(Clip(name, number, kind, start, encoded[0].num_frames, copy))
+                _append(files, *encoded)
+        if not clips:
+            raise DataError(f"{folder} holds no usable clip ({skipped} skipped).")
+    if skipped:
+        log.warning("%d of %d clips were skipped.", skipped, len(split))
+    index = {
+        "origin": origin,
+        "clips": [vars(clip) for clip in clips],
+        "speakers": {str(number): name for number, name in sorted(speakers.items())},
+    }
+    with written_atomically(cache / "index.json") as path:
+        path.write_text(json.dumps(index))
+
+
+def _append(
+    files: dict[str, IO[bytes]], motion: Motion, features: Float[np.ndarray, "T dim"]
+) -> None:
+    rows = {
+        "poses": motion.poses.astype(np.float32),
+        "transl": motion.trans.astype(np.float32),
+        "expression": face_units(motion),
+        "speech": features.astype(np.float16),
+    }
+    for name, array in rows.items():
+        files[name].write(array.tobytes())
+
+
+def _check_lengths(motion: Motion, speech: Speech, min_frames: int) -> None:
+    num_frames = min(motion.num_frames, speech.num_frames)
+    if num_frames < min_frames:
+        raise DataError(f"{num_frames} frames, {min_frames} needed.")
+    if abs(motion.duration_s - speech.duration_s) > MAX_MISMATCH_S:
+        raise DataError(
+            f"its motion lasts {motion.duration_s:.1f} s and its sound {speech.duration_s:.1f} s;"
+            f" more than {MAX_MISMATCH_S:g} s apart, they hardly belong together."
+        )
+
+
+def validation_batches(
+    data: PreparedData,
+    clips: tuple[Clip, ...],
+    window: int,
+    size: int,
+    count: int,
+    context: int = 0,
+) -> Iterator[Batch]:
+    """The same ``count`` batches every time."""
+    for k in range(count):
+        rng = np.random.default_rng([k, 91])
+        yield data.window_batch(clips, window, size, rng, context=context)

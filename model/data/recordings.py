@@ -1,0 +1,109 @@
+"""One recording of a data folder in BEAT2's layout: read, encoded, and copied with changes."""
+
+import csv
+import hashlib
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from model.motion.motion import Motion, first_frames, load_motion
+from model.motion.retiming import motion_at_speed
+from model.speech.audio import Speech, SpeechLimits, load_speech
+from model.speech.augment import at_speed, draw_recording, recorded_elsewhere
+from model.speech.encoder import SpeechEncoder
+
+NUM_FACE_UNITS = 52
+SPEED_PERCENT = (90, 111)
+"""Slowest speed of an augmented copy, and one above the fastest."""
+FINGERPRINT_BYTES = 4096
+SPEECH_LIMITS = SpeechLimits(max_s=3600, max_bytes=2**31)
+
+
+class DataError(ValueError):
+    """A data folder that cannot be used: says what is missing and what to do."""
+
+
+def read_split(folder: Path) -> dict[str, str]:
+    """Clip name -> ``train``, ``val``, ``test`` or ``additional``, from BEAT2's csv.
+
+    Raises:
+        DataError: if the file is missing or has other columns.
+    """
+    path = folder / "train_test_split.csv"
+    if not path.is_file():
+        raise DataError(f"{path} is missing; the folder is not laid out as BEAT2.")
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    if not rows or not {"id", "type"} <= set(rows[0]):
+        raise DataError(f"{path} must have the columns id and type.")
+    return {row["id"]: row["type"] for row in rows}
+
+
+def fingerprint(folder: Path, names: Iterable[str]) -> str:
+    """Tells one data folder's recordings from another's, wherever they lie; reads little of them.
+
+    Of every file its size, its beginning and its end, where an npz keeps the checksums of its
+    arrays. A missing file counts as missing.
+    """
+    digest = hashlib.sha256()
+    for name in sorted(names):
+        for path in (folder / "smplxflame_30" / f"{name}.npz", folder / "wave16k" / f"{name}.wav"):
+            digest.update(path.name.encode())
+            if not path.is_file():
+                continue
+            size = path.stat().st_size
+            digest.update(size.to_bytes(8, "big"))
+            with path.open("rb") as file:
+                for place in (0, size // 2, max(0, size - FINGERPRINT_BYTES)):
+                    file.seek(place)
+                    digest.update(file.read(FINGERPRINT_BYTES))
+    return digest.hexdigest()
+
+
+def speaker_of(clip_name: str) -> tuple[int, str]:
+    """Number and name of the speaker, from a name such as 2_scott_0_1_1.
+
+    Raises:
+        DataError: if it is no such name.
+    """
+    number, _, rest = clip_name.partition("_")
+    if not number.isdigit() or not rest:
+        raise DataError(f"{clip_name} does not start with a speaker number and name.")
+    return int(number), rest.split("_")[0]
+
+
+def read_files(folder: Path, name: str) -> tuple[Motion, Speech]:
+    """Motion and sound of one recording, each of its own length.
+
+    Raises:
+        MotionError, SpeechError: if either file cannot be used.
+    """
+    motion = load_motion(folder / "smplxflame_30" / f"{name}.npz")
+    return motion, load_speech(folder / "wave16k" / f"{name}.wav", SPEECH_LIMITS)
+
+
+def encode_clip(
+    motion: Motion, speech: Speech, encoder: SpeechEncoder
+) -> tuple[Motion, Float[np.ndarray, "T dim"]]:
+    """Motion and speech features, both cut to the shorter of the two."""
+    num_frames = min(motion.num_frames, speech.num_frames)
+    cut = first_frames(motion, num_frames)
+    return cut, encoder.encode(speech.waveform, num_frames)
+
+
+def augmented_copy(motion: Motion, speech: Speech, seed: list[int]) -> tuple[Motion, Speech]:
+    """A recording at another speed, its speech as another microphone would have caught it."""
+    rng = np.random.default_rng(seed)
+    speed = int(rng.integers(*SPEED_PERCENT)) / 100
+    waveform = recorded_elsewhere(at_speed(speech.waveform, speed), draw_recording(rng), rng)
+    return motion_at_speed(motion, speed), replace(speech, waveform=waveform)
+
+
+def face_units(motion: Motion) -> np.ndarray:
+    """The 52 face units; zero where the clip has FLAME coefficients instead."""
+    if motion.expression_basis == "arkit52":
+        return motion.expressions[:, :NUM_FACE_UNITS].astype(np.float32)
+    return np.zeros((motion.num_frames, NUM_FACE_UNITS), np.float32)

@@ -1,0 +1,228 @@
+"""From clips to the evaluation's table: what is measured on each, and intervals over all."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from model.evaluation import frechet, speech_response
+from model.evaluation.clip_measures import clip_measures, mean_pairwise_l1, rooted_positions
+from model.evaluation.frechet import motion_features
+from model.evaluation.intervals import (
+    Interval,
+    bootstrap,
+    bootstrap_difference,
+    bootstrap_of,
+    bootstrap_ratio,
+)
+from model.evaluation.speech_response import coupling, frame_loudness, speech_tracks
+from model.measures import beats
+from model.measures.face_measures import face_measures
+from model.motion.motion import Motion
+from model.motion.skeleton import open_body_skeleton
+from model.networks.autoencoder import FrozenEncoder
+
+RECORDED = "recorded"
+KINDS = ("right", "shifted", "foreign")
+RATIOS = (
+    "tip_jerk_m_s3",
+    "tip_path_m_s",
+    "tip_velocity_power_above_5hz",
+    "foot_slide_m_s",
+    "ankle_jerk_m_s3",
+    "pelvis_wander_m",
+    "seam_jerk_ratio",
+)
+"""Measures that are also given over those of the recorded clips."""
+PAIRWISE_FRAMES = 300
+"""Of each clip: the first 10 s."""
+
+
+@dataclass(frozen=True)
+class ClipRow:
+    """One row's numbers on one clip, averaged over noise seeds."""
+
+    measures: dict[str, float]
+    by_depth: dict[str, list[float]]
+    couplings: dict[str, float]
+    features: np.ndarray | None
+    positions: list[np.ndarray]
+    """Rooted joints of the beginning, for the pairwise distances: one for each noise seed."""
+    errors: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ClipContext:
+    """What every row of one clip is measured against."""
+
+    recorded: Motion
+    sound: np.ndarray
+    foreign: np.ndarray
+    mean_speed: np.ndarray
+    judge: FrozenEncoder | None
+
+    @cached_property
+    def onsets(self) -> np.ndarray:
+        """Of the clip's speech, seconds."""
+        return beats.speech_onsets(self.sound)
+
+    @cached_property
+    def loudness(self) -> dict[str, np.ndarray]:
+        """Of each kind of speech, dB for each frame."""
+        own = frame_loudness(self.sound, self.recorded.num_frames)
+        foreign = frame_loudness(self.foreign, self.recorded.num_frames)
+        return {
+            kind: np.ascontiguousarray(track[:, 0])
+            for kind, track in speech_tracks(own[:, None], foreign[:, None]).items()
+        }
+
+    def row(
+        self,
+        motions: Sequence[Motion],
+        errors: dict[str, float] | None = None,
+        position_errors: list[float] | None = None,
+    ) -> ClipRow:
+        measured = [clip_measures(m, self.recorded, open_body_skeleton()) for m in motions]
+        positions = [rooted_positions(motion) for motion in motions]
+        numbers = [
+            one.numbers
+            | beats.beat_scores(joints, self.onsets, self.mean_speed)
+            | face_measures(motion, self.loudness["right"])
+            for one, joints, motion in zip(measured, positions, motions, strict=True)
+        ]
+        by_depth = {"jerk_m_s3": np.mean([one.jerk_by_depth for one in measured], 0).tolist()}
+        if position_errors is not None:
+            by_depth["position_error_m"] = position_errors
+        judged = [motion_features(self.judge, m) for m in motions] if self.judge else []
+        return ClipRow(
+            measures=_mean_of(numbers),
+            by_depth=by_depth,
+            couplings={
+                kind: float(np.mean([coupling(p, track) for p in positions]))
+                for kind, track in self.loudness.items()
+            },
+            features=np.concatenate(judged) if judged else None,
+            positions=[joints[:PAIRWISE_FRAMES] for joints in positions],
+            errors=errors or {},
+        )
+
+
+def as_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> dict:
+    """Intervals over clips, in five parts.
+
+    Args:
+        speakers: of each clip.
+
+    Returns:
+        ``motion``: measures by row; ``fgd_floor``: recorded halves against each other;
+        ``by_depth``: means over clips, entry d for the joints d bones from the pelvis;
+        ``wrong_speech``: the x_1 error with wrong speech over that with the right one;
+        ``coupling``: of wrists and loudness.
+    """
+    motion: dict[str, dict[str, dict]] = {}
+    by_depth: dict[str, dict[str, list[float]]] = {}
+    wrong_speech, couplings = {}, {}
+    recorded = [rows[RECORDED] for rows in clips]
+    judged = [row.features for row in recorded if row.features is not None]
+    for name in clips[0]:
+        rows = [clip[name] for clip in clips]
+        columns: dict[str, Interval] = {}
+        for measure in dict.fromkeys(m for row in rows for m in row.measures):
+            values = [row.measures[measure] for row in rows if measure in row.measures]
+            columns[measure] = bootstrap(values)
+        for measure in RATIOS:
+            pairs = [
+                (row.measures[measure], own.measures[measure])
+                for row, own in zip(rows, recorded, strict=True)
+                if measure in row.measures and measure in own.measures
+            ]
+            if pairs:
+                columns[f"{measure}_ratio"] = bootstrap_ratio(*zip(*pairs, strict=True))
+        columns["pairwise_l1_m"] = _pairwise([row.positions[0] for row in rows])
+        spread = _spread_at_will(rows, speakers if name == RECORDED else None)
+        if spread is not None:
+            columns["spread_at_will_m"] = spread
+        generated = [row.features for row in rows if row.features is not None]
+        if generated and name != RECORDED:
+            columns["fgd"] = frechet.fgd(judged, generated)
+        motion[name] = {measure: vars(interval) for measure, interval in columns.items()}
+        by_depth[name] = {
+            key: np.mean([row.by_depth[key] for row in rows], axis=0).tolist()
+            for key in rows[0].by_depth
+        }
+        couplings[name] = _contrast([row.couplings for row in rows])
+        if rows[0].errors:
+            right = [row.errors["right"] for row in rows]
+            wrong_speech[name] = {
+                kind: vars(bootstrap_ratio([row.errors[kind] for row in rows], right))
+                for kind in KINDS[1:]
+            }
+    floor = {"fgd_floor": vars(frechet.split_half_floor(judged))} if judged else {}
+    return {
+        "motion": motion,
+        **floor,
+        "by_depth": by_depth,
+        "wrong_speech": wrong_speech,
+        "coupling": couplings,
+        "settings": settings(),
+    }
+
+
+def settings() -> dict[str, float | list[float]]:
+    """The parameters behind the numbers."""
+    return {
+        "beat_sigma_audio_to_motion_s": beats.SIGMA_AUDIO_TO_MOTION_S,
+        "beat_sigma_motion_to_audio_s": beats.SIGMA_MOTION_TO_AUDIO_S,
+        "beat_speed_threshold": beats.SPEED_THRESHOLD,
+        "beat_neighbours_frames": beats.NEIGHBOURS,
+        "beat_margin_s": beats.MARGIN_S,
+        "wrong_speech_shift_s": speech_response.SHIFT_S,
+        "wrong_speech_flow_times": list(speech_response.FLOW_TIMES),
+        "position_error_flow_time": speech_response.DEPTH_FLOW_TIME,
+        "coupling_max_lag_s": speech_response.MAX_LAG_S,
+    }
+
+
+def _spread_at_will(rows: Sequence[ClipRow], speakers: Sequence[str] | None) -> Interval | None:
+    """How different motion comes out when nothing but chance differs: the pairwise L1 distance of
+    noise seeds for the same speech, and of recorded clips of the same speaker (``speakers``). None
+    where there are no two of either."""
+    if speakers is None:
+        pairs = [mean_pairwise_l1(row.positions) for row in rows if len(row.positions) > 1]
+        values = [float(d[np.triu_indices(len(d), 1)].mean()) for d in pairs]
+    else:
+        distances = mean_pairwise_l1([row.positions[0] for row in rows])
+        values = [
+            float(distances[i, j])
+            for i, one in enumerate(speakers)
+            for j, other in enumerate(speakers[:i])
+            if one == other
+        ]
+    return bootstrap(values) if values else None
+
+
+def _pairwise(positions: Sequence[np.ndarray]) -> Interval:
+    distances = mean_pairwise_l1(positions)
+
+    def statistic(index: np.ndarray) -> float:
+        chosen = distances[np.ix_(index, index)]
+        different = index[:, None] != index
+        return float(chosen[different].mean()) if different.any() else 0.0
+
+    return bootstrap_of(statistic, len(positions))
+
+
+def _contrast(rows: Sequence[dict[str, float]]) -> dict[str, dict]:
+    values = {kind: [row[kind] for row in rows] for kind in KINDS}
+    result = {kind: vars(bootstrap(values[kind])) for kind in KINDS}
+    for kind in KINDS[1:]:
+        difference = bootstrap_difference(values["right"], values[kind])
+        result[f"right_minus_{kind}"] = vars(difference)
+    return result
+
+
+def _mean_of(found: Sequence[dict[str, float]]) -> dict[str, float]:
+    """Averages over noise seeds; a measure that any seed lacks is left out."""
+    names = [name for name in found[0] if all(name in one for one in found)]
+    return {name: float(np.mean([one[name] for one in found])) for name in names}

@@ -1,0 +1,127 @@
+"""The evaluation's table as Markdown, CSV and LaTeX; every value with its interval."""
+
+import csv
+import io
+
+from model.evaluation.intervals import Interval
+
+COLUMNS = {
+    "fgd": "FGD",
+    "beat_align_audio_to_motion": "BeatAlign a->m",
+    "beat_align_audio_to_motion_chance": "chance",
+    "beat_align_motion_to_audio": "BeatAlign m->a",
+    "beat_align_motion_to_audio_chance": "chance",
+    "l1_to_mean_m": "L1 to mean, m",
+    "pairwise_l1_m": "pairwise L1, m",
+    "spread_at_will_m": "of one speaker or speech, m",
+    "face_mse": "face MSE",
+    "blinks_per_min": "blinks a minute",
+    "brow_std": "brow raise, std",
+    "jaw_loudness": "jaw with loudness",
+    "tip_jerk_m_s3": "tip jerk, m/s^3",
+    "tip_jerk_m_s3_ratio": "of recorded",
+    "tip_path_m_s": "tip path, m/s",
+    "tip_path_m_s_ratio": "of recorded",
+    "tip_velocity_power_above_5hz": "power > 5 Hz",
+    "tip_velocity_power_above_5hz_ratio": "of recorded",
+    "seam_jerk_ratio": "jerk at joins / inside",
+    "seam_jerk_ratio_ratio": "of recorded",
+    "foot_slide_m_s": "foot slide, m/s",
+    "foot_slide_m_s_ratio": "of recorded",
+    "ankle_jerk_m_s3": "ankle jerk, m/s^3",
+    "ankle_jerk_m_s3_ratio": "of recorded",
+    "pelvis_wander_m": "pelvis wander, m",
+    "pelvis_wander_m_ratio": "of recorded",
+}
+"""Measures of the part ``motion`` and their headings, in the order of the table."""
+
+
+def _cell(columns: dict[str, dict], measure: str) -> str:
+    return str(Interval(**columns[measure])) if measure in columns else "-"
+
+
+def _percent_above_1(columns: dict[str, dict], measure: str) -> str:
+    return str(Interval(**{key: 100 * (value - 1) for key, value in columns[measure].items()}))
+
+
+def _markdown(headings: list[str], rows: list[list[str]]) -> list[str]:
+    lines = [headings, ["---"] * len(headings), *rows]
+    return ["| " + " | ".join(cells) + " |" for cells in lines] + [""]
+
+
+def as_markdown(table: dict) -> str:
+    """The parts of the table one below the other, systems in columns so that they stay narrow."""
+    rows = table["motion"]
+    lines = _markdown(
+        [f"{len(table['clips'])} test clips", *rows],
+        [
+            [heading, *(_cell(columns, measure) for columns in rows.values())]
+            for measure, heading in COLUMNS.items()
+            if any(measure in columns for columns in rows.values())
+        ],
+    )
+    if "fgd_floor" in table:
+        floor = Interval(**table["fgd_floor"])
+        lines += [f"FGD of recorded halves against each other: {floor}", ""]
+    lines += _markdown(
+        ["x_1 error above that with right speech, %", "shifted 4 s", "foreign"],
+        [
+            [name, _percent_above_1(kinds, "shifted"), _percent_above_1(kinds, "foreign")]
+            for name, kinds in table["wrong_speech"].items()
+        ],
+    )
+    kinds = ["right", "shifted", "foreign", "right_minus_shifted", "right_minus_foreign"]
+    lines += _markdown(
+        ["wrist speed with loudness, correlation", *(kind.replace("_", " ") for kind in kinds)],
+        [
+            [name, *(_cell(columns, kind) for kind in kinds)]
+            for name, columns in table["coupling"].items()
+        ],
+    )
+    for key in ("jerk_m_s3", "position_error_m"):
+        having = {name: row[key] for name, row in table["by_depth"].items() if key in row}
+        depths = range(len(next(iter(having.values()), [])))
+        lines += _markdown(
+            [f"{key} by depth", *map(str, depths)],
+            [[name, *(f"{value:.3g}" for value in values)] for name, values in having.items()],
+        )
+    return "\n".join(lines)
+
+
+def as_csv(table: dict) -> str:
+    """One line for each value: part, row, measure, mean, low, high."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["part", "row", "measure", "mean", "low", "high"])
+    for part in ("motion", "wrong_speech", "coupling"):
+        for row, columns in table[part].items():
+            for measure, value in columns.items():
+                writer.writerow([part, row, measure, value["mean"], value["low"], value["high"]])
+    if "fgd_floor" in table:
+        value = table["fgd_floor"]
+        writer.writerow(["motion", "recorded", "fgd_floor", value["mean"], value["low"],
+                         value["high"]])  # fmt: skip
+    for row, columns in table["by_depth"].items():
+        for measure, values in columns.items():
+            for depth, value in enumerate(values):
+                writer.writerow(["by_depth", row, f"{measure}_{depth}", value, "", ""])
+    return text.getvalue()
+
+
+_LATEX = str.maketrans({"_": r"\_", "^": r"\^{}", "%": r"\%", "&": r"\&", ">": "$>$"})
+
+
+def as_latex(table: dict) -> str:
+    """The part ``motion`` as a tabular: measures in rows, systems in columns."""
+    rows = table["motion"]
+    lines = [
+        r"\begin{tabular}{l" + "r" * len(rows) + "}",
+        r"\hline",
+        " & ".join(["", *(name.translate(_LATEX) for name in rows)]) + r" \\",
+        r"\hline",
+    ]
+    for measure, heading in COLUMNS.items():
+        if any(measure in columns for columns in rows.values()):
+            cells = [_cell(columns, measure) for columns in rows.values()]
+            lines.append(" & ".join([heading.translate(_LATEX), *cells]) + r" \\")
+    return "\n".join([*lines, r"\hline", r"\end{tabular}", ""])

@@ -1,0 +1,100 @@
+"""BeatAlign: do beats of motion and of speech fall together? In both directions, with chance.
+
+Motion beats are local minima of a joint's speed (in a neighbourhood of 7 frames on either side)
+above 0.3 of that joint's mean speed; speech beats are librosa's onsets at 512 samples. The
+direction of EMAGE asks for each onset how near the next motion beat is (sigma 0.3 s; mean over
+onsets, then over the 13 upper-body joints; a joint without beats counts 0). That of AsynFusion asks
+for each motion beat how near the next onset is (here sigma 0.1 s; the paper names none). Onsets in
+the first and last 2 s do not count. More beats, and jitter makes beats, raise the first score:
+compare with the recorded motion and with chance, never as "higher is better".
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy.signal import argrelextrema
+
+from model.motion.skeleton import UPPER_BODY
+from model.motion.timing import FPS, SAMPLE_RATE
+
+BEAT_JOINTS = list(UPPER_BODY)
+NEIGHBOURS = 7
+SPEED_THRESHOLD = 0.3
+SIGMA_AUDIO_TO_MOTION_S = 0.3
+SIGMA_MOTION_TO_AUDIO_S = 0.1
+MARGIN_S = 2.0
+CHANCE_SHIFTS = 20
+
+
+def speech_onsets(waveform: Float[np.ndarray, " N"]) -> Float[np.ndarray, " onsets"]:
+    """Times in seconds at which sounds begin."""
+    import librosa  # takes a second to import
+
+    return librosa.onset.onset_detect(y=waveform, sr=SAMPLE_RATE, hop_length=512, units="time")
+
+
+def joint_speeds(positions: Float[np.ndarray, "T J 3"]) -> Float[np.ndarray, "T J"]:
+    """Metres per second by central differences, one-sided at the ends."""
+    return np.linalg.norm(np.gradient(positions, axis=0), axis=-1) * FPS
+
+
+def motion_beats(
+    speeds: Float[np.ndarray, "T J"], mean_speed: Float[np.ndarray, " J"]
+) -> list[Float[np.ndarray, " beats"]]:
+    """Times in seconds of each joint's beats.
+
+    Args:
+        mean_speed: of each joint over recorded motion.
+    """
+    beats = []
+    for speed, mean in zip(speeds.T, mean_speed, strict=True):
+        (minima,) = argrelextrema(speed, np.less, order=NEIGHBOURS)
+        beats.append(minima[speed[minima] > SPEED_THRESHOLD * mean] / FPS)
+    return beats
+
+
+def _nearness(
+    times: Float[np.ndarray, " n"], others: Float[np.ndarray, " m"], sigma_s: float
+) -> float:
+    """Mean over ``times`` of a Gaussian of the distance to the nearest of ``others``; 0 if none."""
+    if not len(times) or not len(others):
+        return 0.0
+    distance = np.abs(times[:, None] - others).min(axis=1)
+    return float(np.exp(-(distance**2) / (2 * sigma_s**2)).mean())
+
+
+def audio_to_motion(onsets: Float[np.ndarray, " n"], beats: Sequence[np.ndarray]) -> float:
+    """EMAGE's direction, 0 to 1."""
+    return float(np.mean([_nearness(onsets, joint, SIGMA_AUDIO_TO_MOTION_S) for joint in beats]))
+
+
+def motion_to_audio(onsets: Float[np.ndarray, " n"], beats: Sequence[np.ndarray]) -> float:
+    """AsynFusion's direction, 0 to 1, over the beats of all joints."""
+    return _nearness(np.concatenate(list(beats)), onsets, SIGMA_MOTION_TO_AUDIO_S)
+
+
+def beat_scores(
+    positions: Float[np.ndarray, "T J 3"],
+    onsets: Float[np.ndarray, " n"],
+    mean_speed: Float[np.ndarray, " 13"],
+) -> dict[str, float]:
+    """Both directions and the chance level of each: the mean over onsets shifted in a circle.
+
+    Args:
+        positions: of all joints, the pelvis in place.
+    """
+    duration = len(positions) / FPS
+    beats = motion_beats(joint_speeds(positions[:, BEAT_JOINTS]), mean_speed)
+    inside = onsets[(onsets >= MARGIN_S) & (onsets < duration - MARGIN_S)]
+    # Shifts keep the rhythm of the speech and break its relation to the motion.
+    length = max(duration - 2 * MARGIN_S, 1.0)
+    shifts = np.linspace(0, length, CHANCE_SHIFTS + 2)[1:-1]
+    shifted = [MARGIN_S + (inside - MARGIN_S + shift) % length for shift in shifts]
+    directions = {"audio_to_motion": audio_to_motion, "motion_to_audio": motion_to_audio}
+    scores = {}
+    for name, score in directions.items():
+        scores[f"beat_align_{name}"] = score(inside, beats)
+        chance = [score(onsets_, beats) for onsets_ in shifted]
+        scores[f"beat_align_{name}_chance"] = float(np.mean(chance))
+    return scores

@@ -1,0 +1,173 @@
+"""Why errors of local rotations grow along the kinematic chain, apart from any trained network.
+
+The same small random turns are put once on the local and once on the global rotations of a motion,
+and the spread of the points along the chain is measured (GlobalDiff, section 1 and Figure 6, claims
+this of trained networks). To first order a turn ``n`` with independent components of deviation
+sigma moves a point at lever arm r by ``n x r``, whose mean square is ``2 sigma^2 |r|^2``. So
+
+* on local rotations each joint moves all that hangs on it: ``sigma sqrt(2 sum |p - p_j|^2)``;
+* on global rotations each joint moves its own next bone only: ``sigma sqrt(2 sum |b_j|^2)``.
+
+The price: local angles recovered from noisy global ones differ by the noise of two joints, which is
+sqrt(2) times that of one. Equal noise is an assumption, not a finding: what a trained network errs
+in either form has to be measured.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float64
+from torch import Tensor
+
+from model.measures.smoothness import derivative_magnitudes, mean_over_time
+from model.motion.motion import Motion
+from model.motion.rotations import geodesic_angle, matrix_from_axis_angle
+from model.motion.skeleton import FINGERTIP_NAMES, JOINT_INDEX, JOINT_NAMES, RestSkeleton
+from model.motion.timing import FPS
+from model.motion.tracks import moving_chain, point_words
+
+NOISE_RAD = 0.02
+"""About 1.1 degrees about each axis."""
+DRAWS = 4
+MAX_FRAMES = 60 * FPS
+"""The first minute of a long clip is enough."""
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorGrowth:
+    """Root mean square over frames and draws of the distance to where the point was, metres."""
+
+    points: tuple[str, ...]
+    """Along the chain, from the joint after the pelvis to the followed point."""
+    local_spread_m: Float64[np.ndarray, " points"]
+    """With noise on the local rotations."""
+    global_spread_m: Float64[np.ndarray, " points"]
+    predicted_local_spread_m: Float64[np.ndarray, " points"]
+    """The closed form above, with the lever arms of the clip's own poses."""
+    predicted_global_spread_m: Float64[np.ndarray, " points"]
+    jerk_m_s3: dict[str, float]
+    """Mean jerk of the followed point: ``clean``, and with noise ``local`` and ``global``."""
+    local_angle_error_ratio: float
+    """Error of the local angles recovered from noisy global rotations over that of noisy local
+    ones; sqrt(2) is expected."""
+
+    @property
+    def ratio(self) -> float:
+        """Spread of the followed point with local over that with global noise."""
+        return float(self.local_spread_m[-1] / self.global_spread_m[-1])
+
+    @property
+    def predicted_ratio(self) -> float:
+        return float(self.predicted_local_spread_m[-1] / self.predicted_global_spread_m[-1])
+
+
+def measure_error_growth(
+    motion: Motion,
+    skeleton: RestSkeleton,
+    point: str,
+    noise_rad: float = NOISE_RAD,
+    draws: int = DRAWS,
+    seed: int = 0,
+) -> ErrorGrowth:
+    """The experiment on one motion.
+
+    Args:
+        point: the fingertip or joint to follow, one of `model.motion.tracks.POINT_NAMES`.
+        noise_rad: standard deviation of each component of the random turns.
+
+    Raises:
+        ValueError: if no rotation moves the point: the pelvis is only ever translated.
+    """
+    chain = moving_chain(point)
+    if not chain:
+        raise ValueError(f"No rotation moves the {point}; follow a joint further from it.")
+    bones = _bones(point, chain, skeleton)
+    local_rot = motion.local_rotations()[:MAX_FRAMES, list(chain)].double()
+    global_rot = _composed(local_rot)
+    clean = _points(global_rot, bones)
+    generator = torch.Generator().manual_seed(seed)
+    moved_local, moved_global, recovered, jerks = [], [], [], []
+    for _ in range(draws):
+        turn = noise_rad * torch.randn(local_rot.shape[:-1], generator=generator).double()
+        noise = matrix_from_axis_angle(turn)
+        noisy_global = global_rot @ noise
+        by_form = [_points(_composed(local_rot @ noise), bones), _points(noisy_global, bones)]
+        for moved, points in zip((moved_local, moved_global), by_form, strict=True):
+            moved.append((points - clean).square().sum(-1).mean(0))
+        jerks.append([_mean_jerk(points[:, -1]) for points in by_form])
+        back = geodesic_angle(_decomposed(noisy_global), local_rot)[:, 1:]
+        recovered.append(back.square().mean() / turn[:, 1:].square().sum(-1).mean())
+    jerk_local, jerk_global = np.mean(jerks, axis=0)
+    predicted_local, predicted_global = _predicted(clean, bones, noise_rad)
+    return ErrorGrowth(
+        points=(*(JOINT_NAMES[joint] for joint in chain[1:]), point),
+        local_spread_m=torch.stack(moved_local).mean(0).sqrt().numpy(),
+        global_spread_m=torch.stack(moved_global).mean(0).sqrt().numpy(),
+        predicted_local_spread_m=predicted_local.numpy(),
+        predicted_global_spread_m=predicted_global.numpy(),
+        jerk_m_s3={
+            "clean": _mean_jerk(clean[:, -1]),
+            "local": float(jerk_local),
+            "global": float(jerk_global),
+        },
+        local_angle_error_ratio=float(torch.stack(recovered).mean().sqrt()),
+    )
+
+
+def growth_sentence(growth: ErrorGrowth, noise_rad: float) -> str:
+    """What the experiment shows, in words."""
+    local, world = (100 * float(s[-1]) for s in (growth.local_spread_m, growth.global_spread_m))
+    return (
+        f"Noise of {noise_rad:g} rad on every joint moves the {point_words(growth.points[-1])} by"
+        f" {local:.1f} cm when it is put on local rotations and by {world:.1f} cm on global ones:"
+        f" {growth.ratio:.1f} times as far (predicted from lever arms:"
+        f" {growth.predicted_ratio:.1f})."
+    )
+
+
+def _bones(point: str, chain: tuple[int, ...], skeleton: RestSkeleton) -> Float[Tensor, "chain 3"]:
+    """From each joint of the chain to the next, and from the last to the point; rest pose."""
+    rest = skeleton.rest_joints.double()
+    if point in FINGERTIP_NAMES:
+        end = rest[chain[-1]] + skeleton.tip_offsets[FINGERTIP_NAMES.index(point)].double()
+    else:
+        end = rest[JOINT_INDEX[point]]
+    stations = torch.cat([rest[list(chain)], end[None]])
+    return stations.diff(dim=0)
+
+
+def _composed(local_rot: Float[Tensor, "T chain 3 3"]) -> Float[Tensor, "T chain 3 3"]:
+    """Global rotations along one chain."""
+    world = [local_rot[:, 0]]
+    for index in range(1, local_rot.shape[1]):
+        world.append(world[-1] @ local_rot[:, index])
+    return torch.stack(world, dim=1)
+
+
+def _decomposed(global_rot: Float[Tensor, "T chain 3 3"]) -> Float[Tensor, "T chain 3 3"]:
+    """Local rotations along one chain."""
+    relative = global_rot[:, :-1].transpose(-1, -2) @ global_rot[:, 1:]
+    return torch.cat([global_rot[:, :1], relative], dim=1)
+
+
+def _points(
+    global_rot: Float[Tensor, "T chain 3 3"], bones: Float[Tensor, "chain 3"]
+) -> Float[Tensor, "T chain 3"]:
+    """Ends of the bones in metres, the pelvis at the origin."""
+    return (global_rot @ bones[..., None]).squeeze(-1).cumsum(dim=1)
+
+
+def _predicted(
+    points: Float[Tensor, "T chain 3"], bones: Float[Tensor, "chain 3"], noise_rad: float
+) -> tuple[Float[Tensor, " chain"], Float[Tensor, " chain"]]:
+    """Closed-form spread of every point for local and for global noise."""
+    joints = torch.cat([torch.zeros_like(points[:, :1]), points[:, :-1]], dim=1)
+    squared_lever = (points[:, :, None] - joints[:, None]).square().sum(-1).mean(0)
+    local = squared_lever.tril().sum(-1)  # a joint moves what comes after it only
+    world = bones.square().sum(-1).cumsum(0)
+    return noise_rad * (2 * local).sqrt(), noise_rad * (2 * world).sqrt()
+
+
+def _mean_jerk(positions: Float[Tensor, "T 3"]) -> float:
+    return float(mean_over_time(derivative_magnitudes(positions.numpy(), 3)))

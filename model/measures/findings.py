@@ -1,0 +1,201 @@
+"""Faults of a motion, named, each with a sentence made from its numbers.
+
+Everything is read from the raw measures of `model.measures.measures`, so that each finding can be
+checked
+against ``diagnostics.json``. Thresholds leave clean motion alone: beside each stands what the two
+recorded BEAT2 clips and procedural clips reach, whole and in stretches of 10 s ("clean").
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from model.measures.measures import SIDES, Measures
+from model.motion.skeleton import JOINT_NAMES
+from model.motion.timing import FPS
+from model.motion.tracks import point_words
+
+Finding = dict[str, Any]
+
+NOISE_DEG = 0.4
+"""Of `joint_rotation_noise_deg`; clean: at most 0.26. Noise of 0.01 rad shows as 0.58."""
+NAMED_JOINTS = 3
+RECURRING_JERK_EXCESS = 5.0
+"""Of the ratio of `recurring_jerk` over 1, times the root of the number of windows, with which
+chance falls; clean: at most 3.3 (a ratio of 2.5 over 5 windows, 1.3 over 36)."""
+FOOT_SLIDE_M_S = 0.15
+"""Clean: at most 0.10, and 0.07 over a whole clip."""
+FINGERS_OUTSIDE = 0.02
+"""Of all frames and finger joints; clean: at most 0.005, and 0.001 over a whole clip."""
+JOINT_OUTSIDE = 0.2
+"""Of the frames of one finger joint; clean: at most 0.01 over a whole clip."""
+HAND_STILL = 0.5
+"""Of all frames; clean: 0, because living fingers are never still for a thirtieth of a second."""
+SWAPPED_ERROR_RATIO = 0.6
+"""Error with the sides changed over the error as it is. Motions of the same speech that have
+nothing to do with each other give about 1, a swapped copy 0."""
+ELBOWS_BACKWARDS = 0.5
+"""Of all frames, on both sides; clean: 0."""
+STILL_M_S = 1e-3
+"""Mean speed of the fastest joint under which nothing moves."""
+
+
+def find_faults(raw: Measures, point: str, window_advance: int) -> list[Finding]:
+    """Faults of one motion, as ``{"kind", "sentence", numbers…}``; empty for clean motion.
+
+    Kinds: ``still``, ``joint_noise``, ``seams``, ``foot_slide``, ``swapped_sides``,
+    ``frozen_hand``, ``finger_range``.
+
+    Left and right taken for each other are found beside a reference of the same speech. Without
+    one only a swap of the joints' names shows, because then both elbows bend backwards; a whole
+    mirror image is as good a motion as any.
+
+    Args:
+        raw: measures of the unfiltered motion.
+        point: what its ``tip_`` measures follow.
+    """
+    speed = _finite(raw["joint_speed_m_s"])
+    if len(speed) and speed.max() < STILL_M_S:
+        return [{"kind": "still", "sentence": "Nothing moves in this motion."}]
+    searches: tuple[Callable[[], list[Finding]], ...] = (
+        lambda: _joint_noise(raw, point),
+        lambda: _seams(raw, window_advance),
+        lambda: _foot_slide(raw),
+        lambda: _swapped_sides(raw),
+        lambda: _frozen_hands(raw),
+        lambda: _finger_range(raw),
+    )
+    return [finding for search in searches for finding in search()]
+
+
+def _joint_noise(raw: Measures, point: str) -> list[Finding]:
+    noise = {
+        name: value
+        for name, value in zip(JOINT_NAMES, raw["joint_rotation_noise_deg"], strict=True)
+        if value is not None and value > NOISE_DEG
+    }
+    if not noise:
+        return []
+    worst = sorted(noise, key=lambda name: -noise[name])[:NAMED_JOINTS]
+    listed = _listed([f"{point_words(name)} ({noise[name]:.1f}°)" for name in worst])
+    if len(noise) > len(worst):
+        sentence = f"{len(noise)} of {len(JOINT_NAMES)} joints shake, most of all {listed}."
+    else:
+        sentence = f"The {listed} {'shakes' if len(noise) == 1 else 'shake'} from frame to frame."
+    finding: Finding = {"kind": "joint_noise", "noise_deg": noise}
+    attribution = raw["tip_jerk_attribution"]
+    shares = dict(zip(attribution["joints"], attribution["share"], strict=True))
+    blamed = max(shares, key=lambda name: shares[name] or 0.0, default=None)
+    if blamed in noise and shares[blamed] > 0.1:
+        finding |= {"attributed_joint": blamed, "attributed_share": shares[blamed]}
+        sentence += (
+            f" Smoothing the {point_words(blamed)} alone takes {shares[blamed]:.0%} of the jerk of"
+            f" the {point_words(point)} away."
+        )
+    return [finding | {"sentence": sentence}]
+
+
+def _seams(raw: Measures, window_advance: int) -> list[Finding]:
+    recurring = raw["recurring_jerk"]
+    ratio, phase = recurring["ratio"], recurring["phase_frame"]
+    if ratio is None or (ratio - 1) * recurring["windows"] ** 0.5 <= RECURRING_JERK_EXCESS:
+        return []
+    return [
+        {
+            "kind": "seams",
+            "window_advance_frames": window_advance,
+            "phase_frame": phase,
+            "jerk_ratio": ratio,
+            "sentence": f"The body jumps every {window_advance} frames ({window_advance / FPS:.2f}"
+            f" s), at frame {phase} of each window: its jerk there is {ratio:.1f} times the usual.",
+        }
+    ]
+
+
+def _foot_slide(raw: Measures) -> list[Finding]:
+    slide = raw["foot_slide_m_s"]
+    if slide is None or slide <= FOOT_SLIDE_M_S:
+        return []
+    return [
+        {
+            "kind": "foot_slide",
+            "foot_slide_m_s": slide,
+            "sentence": f"Feet on the ground slide at {100 * slide:.0f} cm/s on average; recorded"
+            f" clips stay under {100 * FOOT_SLIDE_M_S:.0f} cm/s.",
+        }
+    ]
+
+
+def _swapped_sides(raw: Measures) -> list[Finding]:
+    errors = raw.get("rotation_error_by_sides_deg")
+    if errors is not None:
+        way = min(("mirrored", "swapped"), key=lambda name: errors[name])
+        if errors[way] >= SWAPPED_ERROR_RATIO * errors["as_is"]:
+            return []
+        how = "as a mirror image" if way == "mirrored" else "joint by joint"
+        return [
+            {
+                "kind": "swapped_sides",
+                "way": way,
+                "error_deg": errors["as_is"],
+                "error_swapped_deg": errors[way],
+                "sentence": f"Left and right seem swapped {how}: upper body and hands are"
+                f" {errors['as_is']:.0f}° from the reference, and {errors[way]:.0f}° once swapped"
+                " back.",
+            }
+        ]
+    backwards = raw["elbow_backwards_share"]
+    share = min(backwards[side] for side in SIDES)
+    if share <= ELBOWS_BACKWARDS:
+        return []
+    return [
+        {
+            "kind": "swapped_sides",
+            "way": "swapped",
+            "elbow_backwards_share": backwards,
+            "sentence": "Left and right joints seem swapped: both elbows bend backwards in at"
+            f" least {share:.0%} of the frames.",
+        }
+    ]
+
+
+def _frozen_hands(raw: Measures) -> list[Finding]:
+    return [
+        {
+            "kind": "frozen_hand",
+            "side": side,
+            "still_share": share,
+            "sentence": f"The fingers of the {side} hand are frozen in {share:.0%} of the frames.",
+        }
+        for side, share in raw["fingers_still_share"].items()
+        if share is not None and share > HAND_STILL
+    ]
+
+
+def _finger_range(raw: Measures) -> list[Finding]:
+    share = raw["finger_angle_outside_share"]
+    by_joint = raw["finger_angle_outside_by_joint"]
+    worst = sorted(by_joint, key=lambda name: -by_joint[name])[:NAMED_JOINTS]
+    if share <= FINGERS_OUTSIDE and by_joint[worst[0]] <= JOINT_OUTSIDE:
+        return []
+    listed = _listed(
+        [f"{point_words(name)} ({by_joint[name]:.0%})" for name in worst if by_joint[name]]
+    )
+    return [
+        {
+            "kind": "finger_range",
+            "outside_share": share,
+            "joints": {name: by_joint[name] for name in worst if by_joint[name]},
+            "sentence": f"Fingers bend as no human hand can in {share:.1%} of frames and joints;"
+            f" most often the {listed}.",
+        }
+    ]
+
+
+def _finite(values: list[float | None]) -> np.ndarray:
+    return np.array([value for value in values if value is not None])
+
+
+def _listed(items: list[str]) -> str:
+    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"

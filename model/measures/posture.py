@@ -1,0 +1,69 @@
+"""How a body stands and moves as a whole: spine, feet, hands against each other, drift.
+
+Positions are in metres, y up, 30 fps. A measure that a clip cannot have is NaN.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from model.measures.smoothness import derivative_magnitudes
+from model.motion.skeleton import JOINT_INDEX
+from model.motion.timing import FPS
+
+GROUND_PERCENTILE = 5.0
+CONTACT_HEIGHT_M = 0.05
+FEET = (JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"])
+WRISTS = (JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"])
+LOW_PERCENTILE, HIGH_PERCENTILE = 5, 95
+
+
+def spine_tilt_deg(joints: Float[np.ndarray, "T 55 3"]) -> Float[np.ndarray, " T"]:
+    """Angle between the upward vertical and the line from the pelvis to the neck."""
+    spine = joints[:, JOINT_INDEX["neck"]] - joints[:, JOINT_INDEX["pelvis"]]
+    return np.degrees(np.arctan2(np.hypot(spine[:, 0], spine[:, 2]), spine[:, 1]))
+
+
+def height_above_ground(feet: Float[np.ndarray, "T feet 3"]) -> Float[np.ndarray, "T feet"]:
+    """Metres above the ground: the 5th percentile of the lowest foot's height.
+
+    So one bad frame does not move the ground.
+    """
+    return feet[..., 1] - np.percentile(feet[..., 1].min(axis=1), GROUND_PERCENTILE)
+
+
+def foot_slide(feet: Float[np.ndarray, "T feet 3"]) -> float:
+    """Mean horizontal speed in m/s of feet on the ground.
+
+    A foot is on the ground while it stays below 5 cm above it over both frames of a step. NaN for
+    one frame, or when no foot stays down.
+    """
+    feet = feet.astype(np.float64)
+    if len(feet) < 2:
+        return float("nan")
+    height = height_above_ground(feet)
+    is_down = (height[1:] < CONTACT_HEIGHT_M) & (height[:-1] < CONTACT_HEIGHT_M)
+    speed = np.linalg.norm(np.diff(feet[..., [0, 2]], axis=0), axis=-1) * FPS
+    return float(speed[is_down].mean()) if is_down.any() else float("nan")
+
+
+def hand_speed_symmetry(joints: Float[np.ndarray, "T 55 3"]) -> float:
+    """Pearson correlation of the two wrists' speeds, their motion with the pelvis left out.
+
+    1: both always move together; NaN under 3 frames or when one of them never changes its speed.
+    """
+    wrists = joints[:, list(WRISTS)] - joints[:, :1]
+    left, right = derivative_magnitudes(wrists, 1).T
+    if len(left) < 2 or np.ptp(left) < 1e-9 or np.ptp(right) < 1e-9:
+        return float("nan")
+    return float(np.corrcoef(left, right)[0, 1])
+
+
+def root_drift(pelvis: Float[np.ndarray, "T 3"]) -> float:
+    """Horizontal distance in metres between the pelvis' mean places in the first and last second.
+
+    NaN under 2 s.
+    """
+    if len(pelvis) < 2 * FPS:
+        return float("nan")
+    apart = pelvis[-FPS:].mean(axis=0) - pelvis[:FPS].mean(axis=0)
+    return float(np.hypot(apart[0], apart[2]))

@@ -1,0 +1,134 @@
+"""Forward kinematics for local and for global joint rotations, and the left-right mirror.
+
+Local rotations are composed along the chain, one batched product for each of the 11 depth levels
+(GlobalDiff eqs. 1 and 3). Positions follow from *global* rotations in the additive form
+(GlobalDiff eq. 5), which is linear in them: one product with a constant matrix of rest bones.
+"""
+
+from functools import cache
+from itertools import pairwise
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from model.motion.skeleton import (
+    FINGERTIP_JOINTS,
+    JOINT_DEPTH,
+    MIRROR_PERMUTATION,
+    NUM_JOINTS,
+    PARENTS,
+    RestSkeleton,
+)
+
+_LEVELS: tuple[tuple[int, ...], ...] = tuple(
+    tuple(joint for joint in range(NUM_JOINTS) if JOINT_DEPTH[joint] == depth)
+    for depth in range(max(JOINT_DEPTH) + 1)
+)
+_LEVEL_ORDER: tuple[int, ...] = sum(_LEVELS, ())
+_PARENT_IN_LEVEL_ABOVE: tuple[tuple[int, ...], ...] = tuple(
+    tuple(above.index(PARENTS[joint]) for joint in level) for above, level in pairwise(_LEVELS)
+)
+_PLACE_IN_LEVEL_ORDER: tuple[int, ...] = tuple(_LEVEL_ORDER.index(j) for j in range(NUM_JOINTS))
+
+
+@cache
+def _index(values: tuple[int, ...], device: torch.device) -> Int[Tensor, " n"]:
+    # A cached tensor made in inference mode could never again be used in training.
+    with torch.inference_mode(False):
+        return torch.tensor(values, dtype=torch.long, device=device)
+
+
+def _take(joints: Float[Tensor, "*batch J 3 3"], index: tuple[int, ...]) -> Tensor:
+    return joints.index_select(-3, _index(index, joints.device))
+
+
+def _product(
+    a: Float[Tensor, "*batch n 3 3"], b: Float[Tensor, "*batch n 3 3"]
+) -> Float[Tensor, "*batch n 3 3"]:
+    """``a @ b``; written as sums where a compiler fuses them, as it cannot do with products."""
+    if torch.compiler.is_compiling():
+        return (a[..., :, :, None] * b[..., None, :, :]).sum(-2)
+    return a @ b
+
+
+def global_from_local(local_rot: Float[Tensor, "*batch 55 3 3"]) -> Float[Tensor, "*batch 55 3 3"]:
+    """World rotations: ``R_global[j] = R_global[parent(j)] @ R_local[j]`` (GlobalDiff eq. 1)."""
+    levels = [_take(local_rot, _LEVELS[0])]
+    for level, parents in zip(_LEVELS[1:], _PARENT_IN_LEVEL_ABOVE, strict=True):
+        levels.append(_product(_take(levels[-1], parents), _take(local_rot, level)))
+    return _take(torch.cat(levels, dim=-3), _PLACE_IN_LEVEL_ORDER)
+
+
+def local_from_global(global_rot: Float[Tensor, "*batch 55 3 3"]) -> Float[Tensor, "*batch 55 3 3"]:
+    """Parent-relative rotations: ``R_local[j] = R_global[parent(j)].T @ R_global[j]``."""
+    parent_rot = _take(global_rot, PARENTS[1:])
+    children = parent_rot.transpose(-1, -2) @ global_rot[..., 1:, :, :]
+    return torch.cat([global_rot[..., :1, :, :], children], dim=-3)
+
+
+def joint_positions_from_global(
+    global_rot: Float[Tensor, "*batch 55 3 3"],
+    skeleton: RestSkeleton,
+    transl: Float[Tensor, "*batch 3"] | None = None,
+) -> Float[Tensor, "*batch 55 3"]:
+    """Joint positions in metres: pelvis plus the sum of rotated rest bones (GlobalDiff eq. 5).
+
+    The pelvis is at ``rest_joints[0] + transl``, as in SMPL-X. A joint's own rotation does not
+    move it.
+    """
+    # One large product: batches of 3 x 3 products are many times slower.
+    rows = global_rot.transpose(-3, -2).flatten(-2)  # (*batch, 3, 165)
+    moved = rows @ skeleton.bones_to_joints.to(global_rot).flatten(0, 1)  # (*batch, 3, 55)
+    positions = moved.transpose(-1, -2) + skeleton.rest_joints.to(global_rot)[0]
+    return positions if transl is None else positions + transl[..., None, :]
+
+
+def joint_positions_from_local(
+    local_rot: Float[Tensor, "*batch 55 3 3"],
+    skeleton: RestSkeleton,
+    transl: Float[Tensor, "*batch 3"] | None = None,
+) -> tuple[Float[Tensor, "*batch 55 3 3"], Float[Tensor, "*batch 55 3"]]:
+    """Global rotations and joint positions in metres of parent-relative rotations."""
+    global_rot = global_from_local(local_rot)
+    return global_rot, joint_positions_from_global(global_rot, skeleton, transl)
+
+
+def fingertip_positions(
+    global_rot: Float[Tensor, "*batch 55 3 3"],
+    positions: Float[Tensor, "*batch 55 3"],
+    skeleton: RestSkeleton,
+) -> Float[Tensor, "*batch 10 3"]:
+    """Rigid fingertips in metres, in the order of `FINGERTIP_NAMES`.
+
+    Each is the last finger joint plus its rotated rest offset.
+    """
+    offsets = skeleton.tip_offsets.to(global_rot)
+    rotated = (_take(global_rot, FINGERTIP_JOINTS) @ offsets[..., None]).squeeze(-1)
+    return positions.index_select(-2, _index(FINGERTIP_JOINTS, positions.device)) + rotated
+
+
+def mirror_local(local_rot: Float[Tensor, "*batch 55 3 3"]) -> Float[Tensor, "*batch 55 3 3"]:
+    """Left-right mirror: ``R'[j] = M R[partner(j)] M`` with ``M = diag(-1, 1, 1)``, every joint.
+
+    The rule is the same for global rotations.
+    """
+    mirrored = local_rot.clone()
+    mirrored[..., 0, 1:] *= -1
+    mirrored[..., 1:, 0] *= -1
+    return _take(mirrored, MIRROR_PERMUTATION)
+
+
+def mirror_transl(transl: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+    """The mirror image of a translation or point: x changes its sign."""
+    return torch.cat([-transl[..., :1], transl[..., 1:]], dim=-1)
+
+
+def mirror_skeleton(skeleton: RestSkeleton) -> RestSkeleton:
+    """The mirror image of a rest skeleton; left and right change places."""
+    num_left = len(FINGERTIP_JOINTS) // 2
+    tips = mirror_transl(skeleton.tip_offsets)
+    return RestSkeleton(
+        rest_joints=mirror_transl(skeleton.rest_joints)[list(MIRROR_PERMUTATION)],
+        tip_offsets=torch.cat([tips[num_left:], tips[:num_left]]),
+    )

@@ -1,0 +1,203 @@
+"""Motion as the app passes it around, and BEAT2 npz files in and out.
+
+The file format is documented in ``docs/formats.md``. What other people's tools write is read by
+`model.motion.foreign_motion`.
+"""
+
+import math
+import zipfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal, cast, get_args
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32
+from torch import Tensor
+
+from model.motion.rotations import matrix_from_axis_angle
+from model.motion.skeleton import NUM_JOINTS
+from model.motion.timing import FPS
+from model.storage.files import written_atomically
+from model.storage.npz import (
+    Header,
+    MotionError,
+    listed,
+    opened_archive,
+    read_array,
+    read_headers,
+    read_numbers,
+)
+
+ExpressionBasis = Literal["flame100", "arkit52"]
+
+NUM_EXPRESSIONS = 100
+NUM_BETAS = 300
+MAX_FRAMES = 60 * 60 * FPS
+"""One hour; longer files are refused before their arrays are read."""
+
+_COLUMNS = {"poses": NUM_JOINTS * 3, "trans": 3, "expressions": NUM_EXPRESSIONS}
+_REQUIRED = ("poses", "trans", "expressions", "betas", "mocap_frame_rate")
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One person's motion at 30 fps.
+
+    Raises:
+        MotionError: if the arrays differ in length, are empty or are not finite.
+    """
+
+    poses: Float32[np.ndarray, "T 165"]
+    """Local axis-angle of the 55 SMPL-X joints, radians; zero is the flat hand."""
+    trans: Float32[np.ndarray, "T 3"]
+    """Translation of the body in metres, y up (``transl`` of SMPL-X)."""
+    expressions: Float32[np.ndarray, "T 100"]
+    """Coefficients of ``expression_basis``; arkit52 fills the first 52 columns."""
+    expression_basis: ExpressionBasis
+    betas: Float32[np.ndarray, " 300"]
+    """Shape coefficients of SMPL-X."""
+
+    def __post_init__(self) -> None:
+        num_frames = len(self.poses)
+        if num_frames == 0:
+            raise MotionError("The motion has no frames; at least 1 is needed.")
+        wanted = {name: (num_frames, columns) for name, columns in _COLUMNS.items()}
+        for name, shape in {**wanted, "betas": (NUM_BETAS,)}.items():
+            array = getattr(self, name)
+            if array.shape != shape:
+                raise MotionError(f"`{name}` must have the shape {shape}; it has {array.shape}.")
+            if not np.isfinite(array).all():
+                raise MotionError(f"`{name}` holds values that are not finite (NaN or infinite).")
+        if self.expression_basis not in get_args(ExpressionBasis):
+            raise MotionError(
+                f"The expression basis must be flame100 or arkit52; it is {self.expression_basis}."
+            )
+
+    @property
+    def num_frames(self) -> int:
+        return len(self.poses)
+
+    @property
+    def duration_s(self) -> float:
+        return self.num_frames / FPS
+
+    def local_rotations(self) -> Float[Tensor, "T 55 3 3"]:
+        """Rotation of each joint relative to its parent."""
+        poses = torch.tensor(self.poses)  # a copy: the arrays may be read-only
+        return matrix_from_axis_angle(poses.unflatten(-1, (NUM_JOINTS, 3)))
+
+
+def first_frames(motion: Motion, num_frames: int) -> Motion:
+    """The start of a motion."""
+    return replace(
+        motion,
+        poses=motion.poses[:num_frames],
+        trans=motion.trans[:num_frames],
+        expressions=motion.expressions[:num_frames],
+    )
+
+
+def save_motion(motion: Motion, path: str | Path) -> None:
+    """Write BEAT2's npz plus ``expression_basis``; the file appears whole or not at all.
+
+    Raises:
+        WriteError: if the file cannot be written; the message says why.
+    """
+    with written_atomically(path) as temporary, open(temporary, "wb") as file:
+        np.savez_compressed(
+            file,
+            poses=motion.poses,
+            trans=motion.trans,
+            betas=motion.betas,
+            expressions=motion.expressions,
+            expression_basis=np.array(motion.expression_basis),
+            mocap_frame_rate=np.array(FPS, dtype=np.int32),
+            gender=np.array("neutral"),
+            model=np.array("smplx2020"),
+        )
+
+
+def load_motion(path: str | Path) -> Motion:
+    """Read a BEAT2 npz file. Without ``expression_basis`` it is taken as flame100.
+
+    Raises:
+        MotionError: if the file is missing, is no such file, or holds what a motion cannot; the
+            message is one sentence that names the file.
+    """
+    path = Path(path)
+    with opened_archive(path) as archive:
+        return _read_archive(archive, path.name)
+
+
+def _read_archive(archive: zipfile.ZipFile, name: str) -> Motion:
+    headers = read_headers(archive, name)
+    missing = [key for key in _REQUIRED if key not in headers]
+    if missing:
+        raise MotionError(
+            f"{name} lacks {listed(missing)}; it holds {listed(sorted(headers)) or 'nothing'}, "
+            f"but a BEAT2 motion file needs {listed(_REQUIRED)}."
+        )
+    _check_headers(headers, name)
+    fps = float(read_array(archive, "mocap_frame_rate").reshape(-1)[0])
+    if fps != FPS:
+        raise MotionError(f"{name} has {fps:g} frames per second; resample it to {FPS} first.")
+    arrays = {key: read_numbers(archive, key, name) for key in (*_COLUMNS, "betas")}
+    return Motion(expression_basis=read_basis(archive, headers, name), **arrays)
+
+
+def read_basis(archive: zipfile.ZipFile, headers: dict[str, Header], name: str) -> ExpressionBasis:
+    """What a file says its expressions are; flame100 if it says nothing.
+
+    Raises:
+        MotionError: for an unknown basis.
+    """
+    if "expression_basis" not in headers:
+        return "flame100"
+    shape, dtype = headers["expression_basis"]
+    if math.prod(shape) != 1 or dtype.kind != "U":
+        raise MotionError(f"{name}: `expression_basis` must be one text.")
+    basis = str(read_array(archive, "expression_basis").reshape(-1)[0])
+    if basis not in get_args(ExpressionBasis):
+        raise MotionError(
+            f"{name} has the expression basis '{basis[:40]}'; flame100 and arkit52 are known."
+        )
+    return cast(ExpressionBasis, basis)
+
+
+def _check_headers(headers: dict[str, Header], name: str) -> None:
+    num_frames = headers["poses"][0][0] if headers["poses"][0] else 0
+    if headers["poses"][0][:1] == (0,):
+        raise MotionError(f"{name} has no frames; at least 1 is needed.")
+    check_length(num_frames, name)
+    for key in (*_COLUMNS, "betas", "mocap_frame_rate"):
+        shape, dtype = headers[key]
+        if dtype.kind not in "fiu":
+            raise MotionError(f"{name}: `{key}` must hold numbers; it holds {dtype}.")
+        if key in _COLUMNS:
+            is_right = len(shape) == 2 and shape[1] == _COLUMNS[key]
+            wanted = f"(frames, {_COLUMNS[key]})"
+        elif key == "betas":
+            is_right, wanted = shape == (NUM_BETAS,), f"({NUM_BETAS},)"
+        else:
+            is_right, wanted = math.prod(shape) == 1, "()"
+        if not is_right:
+            raise MotionError(f"{name}: `{key}` must have the shape {wanted}; it has {shape}.")
+        if key in _COLUMNS and shape[0] != num_frames:
+            raise MotionError(
+                f"{name}: `{key}` has {shape[0]} frames but `poses` has {num_frames}; they must "
+                "be equal."
+            )
+
+
+def check_length(num_frames: int, name: str) -> None:
+    """Refuse more than an hour.
+
+    Raises:
+        MotionError: naming the limit.
+    """
+    if num_frames > MAX_FRAMES:
+        raise MotionError(
+            f"{name} has {num_frames} frames; at most {MAX_FRAMES} "
+            f"({MAX_FRAMES // FPS // 60} minutes) are read. Cut it first."
+        )

@@ -1,0 +1,175 @@
+"""The flat vector a motion network sees, and the numbers that normalise it.
+
+A frame is 333 channels: 55 rotations as row-6D, joint-major, then the root motion
+``(velocity x, height y, velocity z)`` in m/s, m, m/s. With velocities a clip may start anywhere and
+a window does not depend on where it began. The other kind, "place", is the position in metres from
+where the body is at home.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from model.motion.skeleton import FACE, HANDS, LOWER_BODY, NUM_JOINTS, UPPER_BODY
+from model.motion.timing import FPS
+from model.storage.settings import Representation, RootMotion
+
+ROTATION_DIM = NUM_JOINTS * 6
+ROOT_DIM = 3
+MOTION_DIM = ROTATION_DIM + ROOT_DIM
+
+
+AXIS_ANGLE_DIM = NUM_JOINTS * 3
+AXIS_ANGLE_MOTION_DIM = AXIS_ANGLE_DIM + ROOT_DIM
+"""Of vectors that hold local axis-angle in place of row-6D."""
+
+
+def joint_channels(joints: tuple[int, ...]) -> list[int]:
+    """Indices of the row-6D channels of ``joints`` in the motion vector."""
+    return [6 * joint + k for joint in joints for k in range(6)]
+
+
+ROOT_CHANNELS = list(range(ROTATION_DIM, MOTION_DIM))
+HAND_CHANNELS = joint_channels(HANDS)
+TORSO_CHANNELS = joint_channels(UPPER_BODY + LOWER_BODY + FACE) + ROOT_CHANNELS
+"""The paper's two regions: hands (180 channels), and everything else (153 channels)."""
+
+NORMALISATION_GROUPS: dict[str, list[int]] = {
+    "hands": HAND_CHANNELS,
+    "upper body": joint_channels(UPPER_BODY),
+    "lower body": joint_channels(LOWER_BODY),
+    "face joints": joint_channels(FACE),
+    "root velocity": [ROOT_CHANNELS[0], ROOT_CHANNELS[2]],
+    "root height": [ROOT_CHANNELS[1]],
+}
+"""Channels that share one standard deviation. One for each channel would blow up channels that
+hardly move; none at all leaves the network with channels that are far smaller than the noise."""
+
+
+AXIS_ANGLE_GROUPS: list[list[int]] = [
+    *(
+        [3 * j + k for j in joints for k in range(3)]
+        for joints in (HANDS, UPPER_BODY, LOWER_BODY, FACE)
+    ),
+    [AXIS_ANGLE_DIM, AXIS_ANGLE_DIM + 2],
+    [AXIS_ANGLE_DIM + 1],
+]
+"""The same groups in axis-angle vectors."""
+
+
+def pack(
+    rotations: Float[Tensor, "*batch T J d"],
+    transl: Float[Tensor, "*batch T 3"],
+    kind: RootMotion = "velocity",
+) -> Float[Tensor, "*batch T C"]:
+    """Rotations and root positions as motion vectors.
+
+    Args:
+        rotations: numbers of each joint (row-6D, or axis-angle), in whichever frame the network
+            works.
+        transl: root position in metres, y up; with ``kind`` "place", from where the body is at
+            home.
+    """
+    if kind == "place":
+        return torch.cat([rotations.flatten(-2), transl], dim=-1)
+    velocity = torch.zeros_like(transl)
+    if transl.shape[-2] > 1:
+        velocity[..., 1:, :] = (transl[..., 1:, :] - transl[..., :-1, :]) * FPS
+        velocity[..., 0, :] = velocity[..., 1, :]
+    root = torch.stack([velocity[..., 0], transl[..., 1], velocity[..., 2]], dim=-1)
+    return torch.cat([rotations.flatten(-2), root], dim=-1)
+
+
+def unpack(
+    vector: Float[Tensor, "*batch T 333"], kind: RootMotion = "velocity"
+) -> tuple[Float[Tensor, "*batch T 55 6"], Float[Tensor, "*batch T 3"]]:
+    """Row-6D rotations and root positions; with velocities the first frame stands at x = z = 0."""
+    rot6d = vector[..., :ROTATION_DIM].unflatten(-1, (NUM_JOINTS, 6))
+    return rot6d, root_positions(vector[..., ROTATION_DIM:], kind)
+
+
+def root_positions(
+    root: Float[Tensor, "*batch T 3"], kind: RootMotion = "velocity"
+) -> Float[Tensor, "*batch T 3"]:
+    """Positions in metres of root channels.
+
+    Args:
+        root: (velocity x, height, velocity z), which lead away from x = z = 0, or the place itself.
+    """
+    if kind == "place":
+        return root
+    steps = root[..., [0, 2]] / FPS
+    # The velocity of a frame leads to it from the frame before, so the first one leads nowhere.
+    horizontal = torch.cumsum(steps, dim=-2) - steps[..., :1, :]
+    return torch.stack([horizontal[..., 0], root[..., 1], horizontal[..., 1]], dim=-1)
+
+
+@dataclass(frozen=True)
+class Normaliser:
+    """From motion vectors to what a network sees, and back.
+
+    Mean and standard deviation of each channel (motion shares one for each body-part group), then,
+    for systems that stand on a prior, a matrix to components that hardly depend on each other.
+    """
+
+    mean: Float[Tensor, " C"]
+    std: Float[Tensor, " C"]
+    mix: Float[Tensor, "C C"] | None = None
+    unmix: Float[Tensor, "C C"] | None = None
+
+    @staticmethod
+    def of_tensors(tensors: Mapping[str, Tensor]) -> "Normaliser":
+        """As saved with trained weights.
+
+        Raises:
+            KeyError: if there is none among them.
+        """
+        mix, unmix = (tensors.get(f"normaliser.{name}") for name in ("mix", "unmix"))
+        return Normaliser(tensors["normaliser.mean"], tensors["normaliser.std"], mix, unmix)
+
+    def tensors(self) -> dict[str, Tensor]:
+        """The inverse of `of_tensors`."""
+        parts = {"mean": self.mean, "std": self.std, "mix": self.mix, "unmix": self.unmix}
+        return {f"normaliser.{k}": part for k, part in parts.items() if part is not None}
+
+    @staticmethod
+    def fit(
+        vectors: Float[Tensor, "N C"],
+        representation: Representation = "normalised",
+        groups: Sequence[Sequence[int]] | None = None,
+    ) -> "Normaliser":
+        """Statistics of ``vectors``: a group's std is the root of its mean channel variance.
+
+        Args:
+            representation: ``raw`` leaves row-6D rotations as they are (mean 0, std 1).
+            groups: channels that share one; those of row-6D vectors if not given.
+        """
+        mean = vectors.mean(0)
+        variance = vectors.var(0)
+        std = torch.ones(vectors.shape[1])
+        for channels in groups or list(NORMALISATION_GROUPS.values()):
+            std[list(channels)] = variance[list(channels)].mean().sqrt().clamp_min(1e-4)
+        if representation == "raw":
+            mean[:ROTATION_DIM] = 0.0
+            std[:ROTATION_DIM] = 1.0
+        return Normaliser(mean, std)
+
+    def to(self, device: torch.device) -> "Normaliser":
+        """The same numbers on a device."""
+        mix, unmix = (None if m is None else m.to(device) for m in (self.mix, self.unmix))
+        return Normaliser(self.mean.to(device), self.std.to(device), mix, unmix)
+
+    def scaled(self, vector: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch C"]:
+        """Channels of mean 0 and (by group) unit variance, not mixed."""
+        return (vector - self.mean) / self.std
+
+    def normalise(self, vector: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch C"]:
+        scaled = self.scaled(vector)
+        return scaled if self.mix is None else scaled @ self.mix
+
+    def restore(self, vector: Float[Tensor, "*batch C"]) -> Float[Tensor, "*batch C"]:
+        scaled = vector if self.unmix is None else vector @ self.unmix
+        return scaled * self.std + self.mean

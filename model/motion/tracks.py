@@ -1,0 +1,82 @@
+"""Where every joint and fingertip of a motion is, frame by frame, and how it is turned."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32, Float64
+
+from model.motion.kinematics import fingertip_positions, joint_positions_from_local
+from model.motion.motion import Motion
+from model.motion.rotations import matrix_from_axis_angle
+from model.motion.skeleton import (
+    FINGERTIP_JOINTS,
+    FINGERTIP_NAMES,
+    JOINT_INDEX,
+    JOINT_NAMES,
+    NUM_JOINTS,
+    RestSkeleton,
+    chain_to_root,
+)
+
+POINT_NAMES = (*FINGERTIP_NAMES, *JOINT_NAMES)
+"""Everything that the ``tip_`` measures can follow."""
+TipTrack = Callable[[Motion], Float[np.ndarray, "T 3"]]
+
+_CHUNK_FRAMES = 512
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Positions over time in metres, in the world, and rotations."""
+
+    joints: Float64[np.ndarray, "T 55 3"]
+    fingertips: Float64[np.ndarray, "T 10 3"]
+    """In the order of `FINGERTIP_NAMES`."""
+    local_rot: Float32[np.ndarray, "T 55 3 3"]
+    """Relative to the parent. Single precision, as motion files have: half the memory."""
+    global_rot: Float32[np.ndarray, "T 55 3 3"]
+
+    def point(self, name: str) -> Float64[np.ndarray, "T 3"]:
+        """Positions of a fingertip or joint, one of `POINT_NAMES`."""
+        if name in FINGERTIP_NAMES:
+            return self.fingertips[:, FINGERTIP_NAMES.index(name)]
+        return self.joints[:, JOINT_INDEX[name]]
+
+
+def track_points(motion: Motion, skeleton: RestSkeleton) -> Tracks:
+    """Joints and rigid fingertips of every frame, in double precision."""
+    count = motion.num_frames
+    joints = np.empty((count, NUM_JOINTS, 3))
+    tips = np.empty((count, len(FINGERTIP_NAMES), 3))
+    local, world = (np.empty((count, NUM_JOINTS, 3, 3), np.float32) for _ in range(2))
+    for start in range(0, count, _CHUNK_FRAMES):
+        frames = slice(start, start + _CHUNK_FRAMES)
+        poses = torch.tensor(motion.poses[frames], dtype=torch.float64)
+        transl = torch.tensor(motion.trans[frames], dtype=torch.float64)
+        local_rot = matrix_from_axis_angle(poses.unflatten(-1, (NUM_JOINTS, 3)))
+        global_rot, positions = joint_positions_from_local(local_rot, skeleton, transl)
+        joints[frames] = positions.numpy()
+        tips[frames] = fingertip_positions(global_rot, positions, skeleton).numpy()
+        local[frames], world[frames] = local_rot.numpy(), global_rot.numpy()
+    return Tracks(joints, tips, local, world)
+
+
+def point_words(name: str) -> str:
+    """A point's name as people say it: right middle fingertip, right middle joint 1, neck."""
+    spaced = name.replace("_", " ")
+    if name in FINGERTIP_NAMES:
+        return f"{spaced} fingertip"
+    is_finger = name[:-1] in FINGERTIP_NAMES
+    return f"{spaced[:-1]} joint {spaced[-1]}" if is_finger else spaced
+
+
+def moving_chain(point: str) -> tuple[int, ...]:
+    """The joints whose rotation moves a point, from the pelvis outwards.
+
+    A fingertip is moved by all joints up to the last of its finger, a joint by its ancestors only.
+    """
+    if point in FINGERTIP_NAMES:
+        return chain_to_root(FINGERTIP_JOINTS[FINGERTIP_NAMES.index(point)])[::-1]
+    return chain_to_root(JOINT_INDEX[point])[:0:-1]

@@ -1,0 +1,152 @@
+"""Convolutional motion autoencoder with codes at several time scales.
+
+As L_m's encoder g (GlobalDiff eq. 14) it is variational and trained with masked frames; as the
+encoder of FGD it is a plain autoencoder. Fully convolutional and without normalisation over time:
+codes do not depend on the length of the clip around them, nor on the batch.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float
+from torch import Tensor, nn
+
+from model.motion.packing import MOTION_DIM, Normaliser
+from model.storage.checkpoint import load_into, load_weights
+from model.storage.settings import AutoencoderConfig, from_dict
+from model.training.parallel import CPU
+
+Codes = tuple[Float[Tensor, "B _ dim"], Float[Tensor, "B _ dim"]]
+"""Mean and log-variance of the codes at one scale."""
+
+
+class ResidualBlock(nn.Module):
+    """Two convolutions over three frames each, pre-activated."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.first = nn.Conv1d(width, width, 3, padding=1)
+        self.second = nn.Conv1d(width, width, 3, padding=1)
+        for parameter in self.second.parameters():
+            nn.init.zeros_(parameter)
+
+    def forward(self, x: Float[Tensor, "B width T"]) -> Float[Tensor, "B width T"]:
+        return x + self.second(F.silu(self.first(F.silu(x))))
+
+
+def _blocks(config: AutoencoderConfig) -> nn.Sequential:
+    return nn.Sequential(*(ResidualBlock(config.width) for _ in range(config.blocks_per_scale)))
+
+
+class MotionAutoencoder(nn.Module):
+    """Normalised motion vectors to codes at ``config.scales`` and back."""
+
+    def __init__(self, config: AutoencoderConfig) -> None:
+        super().__init__()
+        self.config = config
+        width = config.width
+        levels = max(config.scales).bit_length() - 1  # halvings of the frame rate
+        self.motion_in = nn.Conv1d(MOTION_DIM, width, 1)
+        self.hidden_frame = nn.Parameter(torch.zeros(width))
+        self.down = nn.ModuleList(
+            nn.Sequential(nn.Conv1d(width, width, 4, stride=2, padding=1), _blocks(config))
+            for _ in range(levels)
+        )
+        self.to_code = nn.ModuleDict(
+            {str(scale): nn.Conv1d(width, 2 * config.latent_dim, 1) for scale in config.scales}
+        )
+        self.from_code = nn.ModuleDict(
+            {str(scale): nn.Conv1d(config.latent_dim, width, 1) for scale in config.scales}
+        )
+        self.up = nn.ModuleList(
+            nn.Sequential(_blocks(config), nn.ConvTranspose1d(width, width, 4, stride=2, padding=1))
+            for _ in range(levels)
+        )
+        self.motion_out = nn.Conv1d(width, MOTION_DIM, 3, padding=1)
+
+    def forward(
+        self,
+        motion: Float[Tensor, "B T 333"],
+        is_hidden: Bool[Tensor, "B T"] | None,
+        noise: Sequence[Float[Tensor, "B _ dim"]] | None,
+    ) -> tuple[Float[Tensor, "B T 333"], list[Codes]]:
+        """The motion restored from its codes, and the codes.
+
+        Args:
+            noise: standard normal, one tensor for each scale; None decodes the mean codes.
+        """
+        codes = self.encode(motion, is_hidden)
+        drawn = [mean for mean, _ in codes]
+        if noise is not None:
+            drawn = [
+                mean + (log_variance / 2).exp() * draw
+                for (mean, log_variance), draw in zip(codes, noise, strict=True)
+            ]
+        return self.decode(drawn), codes
+
+    def encode(
+        self,
+        motion: Float[Tensor, "B T 333"],
+        is_hidden: Bool[Tensor, "B T"] | None = None,
+    ) -> list[Codes]:
+        """The codes at each scale, finest first.
+
+        Args:
+            motion: ``T`` a multiple of the largest scale.
+            is_hidden: frames that a learned vector replaces.
+        """
+        x = self.motion_in(motion.transpose(1, 2))
+        if is_hidden is not None:
+            x = torch.where(is_hidden[:, None], self.hidden_frame[:, None], x)
+        codes = []
+        for level, stage in enumerate(self.down, start=1):
+            x = stage(x)
+            if 2**level in self.config.scales:
+                code = self.to_code[str(2**level)](x).transpose(1, 2)
+                mean, log_variance = code.chunk(2, dim=-1)
+                codes.append((mean, log_variance.clamp(-10, 5)))
+        return codes
+
+    def decode(self, codes: Sequence[Float[Tensor, "B _ dim"]]) -> Float[Tensor, "B T 333"]:
+        """Motion from one code sequence for each scale, finest first, as `encode` orders them."""
+        scales = sorted(self.config.scales)
+        by_scale = dict(zip(scales, codes, strict=True))
+        x: Tensor | None = None
+        for level, stage in zip(range(len(self.up), 0, -1), self.up, strict=True):
+            scale = 2**level
+            if scale in by_scale:
+                added = self.from_code[str(scale)](by_scale[scale].transpose(1, 2))
+                x = added if x is None else x + added
+            x = stage(x)
+        assert x is not None  # the config has at least one scale
+        return self.motion_out(F.silu(x)).transpose(1, 2)
+
+
+@dataclass(frozen=True)
+class FrozenEncoder:
+    """A trained encoder with the statistics of its input; never changed again."""
+
+    network: MotionAutoencoder
+    normaliser: Normaliser
+    sha256: str
+
+    def codes(self, vectors: Float[Tensor, "B T 333"]) -> list[Float[Tensor, "B _ dim"]]:
+        """Mean codes at each scale of motion vectors (not normalised), with their gradients."""
+        return [mean for mean, _ in self.network.encode(self.normaliser.normalise(vectors))]
+
+
+def load_encoder(folder: Path, name: str, device: torch.device = CPU) -> FrozenEncoder:
+    """Read ``motion-vae`` or ``fgd-encoder``.
+
+    Raises:
+        CheckpointError: if its files are missing or damaged.
+    """
+    tensors, card = load_weights(folder, name)
+    network = MotionAutoencoder(from_dict(AutoencoderConfig, card["config"]["autoencoder"]))
+    load_into(network, tensors, "network.", name)
+    network.to(device).eval().requires_grad_(False)
+    normaliser = Normaliser(tensors["normaliser.mean"], tensors["normaliser.std"]).to(device)
+    return FrozenEncoder(network, normaliser, card["sha256"])

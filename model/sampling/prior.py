@@ -1,0 +1,192 @@
+"""The linear-Gaussian denoiser: what is known of x_1 from x_t and the seed pose before any network.
+
+Motion is split into components (`Normaliser.mix`) that are taken for independent Gaussian
+processes, each with the covariance that its windows show. The posterior of x_1 given x_t (and the
+seed, whose frames are known) is then Gaussian too: a linear map of x_t gives its mean, and its
+deviation is known. A network adds to that mean, in units of that deviation: the preconditioning of
+Karras et al. (2022), with a matrix in place of a number. So motion has the right amplitude,
+smoothness and spread before the network has learned anything, continues its seed, and what the
+network can spoil at high frequencies is as small there as the data's own motion.
+
+Along an eigenvector of a process with variance v, the flow of the Gaussian alone keeps
+``z = (x_t - t mean) / sqrt(t^2 v + (1 - t)^2)`` constant, and the network's number f moves it:
+``dz = f d(angle)`` with ``angle = atan(t sqrt(v) / (1 - t))``, from 0 to a right angle. `sample`
+steps along these angles, which leaves no error of discretisation but the network's.
+"""
+
+import math
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor, nn
+
+from model.sampling.flow import PredictClean
+
+SEED_NOISE = 1e-3
+"""Variance of a seed frame about its true place, as a share of the channel's variance. Smooth
+curves determine their own continuation almost exactly; without this the extrapolation explodes."""
+VARIANCE_FLOOR = 1e-7
+CHANNEL_FLOOR = 1e-6
+"""Variance, as a share of the largest, below which a direction of channels counts as still."""
+GRID_VARIANCE = 10.0
+"""Steps are even in the angle of a direction of this variance: many of them early, where the
+slow and large part of the motion is decided."""
+
+
+class GaussianPrior(nn.Module):
+    """Posterior of clean windows whose components are independent Gaussian processes.
+
+    Args:
+        covariance: of each component, between every two frames of a window.
+        seed_frames: how many first frames a seed pose gives.
+    """
+
+    def __init__(self, covariance: Float[Tensor, "C T T"], seed_frames: int) -> None:
+        super().__init__()
+        self.covariance: Tensor
+        self.gain: Tensor
+        self.variance: Tensor
+        self.vectors: Tensor
+        full = covariance.double()
+        size, axes = torch.linalg.eigh(full)  # an estimate need not be positive
+        full = (axes * size.clamp_min(VARIANCE_FLOOR)[:, None]) @ axes.mT
+        known = full[:, :, :seed_frames]
+        noise = SEED_NOISE * full.diagonal(dim1=1, dim2=2).mean(1)
+        block = known[:, :seed_frames] + noise[:, None, None] * torch.eye(seed_frames)
+        gain = torch.linalg.solve(block, known.mT).mT
+        variance, vectors = torch.linalg.eigh(torch.stack([full, full - gain @ known.mT]))
+        for name, value in {
+            "covariance": covariance,
+            "gain": gain,  # (C, T, S)
+            "variance": variance.clamp_min(VARIANCE_FLOOR),  # (2, C, T): without and with a seed
+            "vectors": vectors,  # (2, C, T, T), an eigenvector a column
+        }.items():
+            self.register_buffer(name, value.float().contiguous(), persistent=False)
+
+    def along(self, x: Float[Tensor, "B T C"], which: int) -> Float[Tensor, "C T B"]:
+        """Coordinates along the eigenvectors, without (0) or with (1) a seed."""
+        return self.vectors[which].mT @ x.permute(2, 1, 0)
+
+    def back(self, along: Float[Tensor, "C T B"], which: int) -> Float[Tensor, "B T C"]:
+        """The inverse of `along`."""
+        return (self.vectors[which] @ along).permute(2, 1, 0)
+
+    def expected(self, seed: Float[Tensor, "B S C"]) -> Float[Tensor, "B T C"]:
+        """Mean of x_1 given its seed alone."""
+        return (self.gain @ seed.permute(2, 1, 0)).permute(2, 1, 0)
+
+    def posterior(
+        self,
+        x_t: Float[Tensor, "B T C"],
+        t: Float[Tensor, " B"],
+        seed: Float[Tensor, "B S C"],
+        has_seed: Bool[Tensor, " B"],
+    ) -> Float[Tensor, "B T C"]:
+        """Mean of x_1 given ``x_t = (1 - t) x_0 + t x_1``, and the seed where there is one."""
+        noisy, expected = x_t.permute(2, 1, 0), self.gain @ seed.permute(2, 1, 0)
+        shares = t * self.variance[..., None] / self._spread(t).square()  # (2, C, T, B)
+        free = self.vectors[0] @ (shares[0] * (self.vectors[0].mT @ noisy))
+        moved = self.vectors[1].mT @ (noisy - t * expected)
+        held = expected + self.vectors[1] @ (shares[1] * moved)
+        return torch.where(has_seed, held, free).permute(2, 1, 0)
+
+    def shaped(
+        self, unit: Float[Tensor, "B T C"], t: Float[Tensor, " B"], has_seed: Bool[Tensor, " B"]
+    ) -> Float[Tensor, "B T C"]:
+        """Numbers of unit size as deviations from the posterior mean."""
+        deviation = (1 - t) * self.variance[..., None].sqrt() / self._spread(t)  # (2, C, T, B)
+        moved = self.vectors @ (deviation * (self.vectors.mT @ unit.permute(2, 1, 0)))
+        return torch.where(has_seed, moved[1], moved[0]).permute(2, 1, 0)
+
+    def _spread(self, t: Float[Tensor, " B"] | float) -> Float[Tensor, "2 C T B"]:
+        """Deviation of x_t along each eigenvector."""
+        return (t**2 * self.variance[..., None] + (1 - t) ** 2).sqrt()
+
+    def sample(
+        self,
+        predict: PredictClean,
+        x_0: Float[Tensor, "B T C"],
+        seed: Float[Tensor, "B S C"] | None,
+        *,
+        steps: int,
+        heun: bool = False,
+    ) -> Float[Tensor, "B T C"]:
+        """Carry noise to data along the angles; one evaluation a step, two with ``heun`` (but one
+        in the last step).
+
+        Args:
+            predict: x_1 of a network that stands on this prior.
+            seed: the first frames, for every sample of the batch.
+
+        Raises:
+            ValueError: if ``steps`` is below 1.
+        """
+        if steps < 1:
+            raise ValueError(f"steps is {steps}; at least 1 is needed.")
+        which = 0 if seed is None else 1
+        variance = self.variance[which][..., None]
+        expected = torch.zeros_like(x_0) if seed is None else self.expected(seed)
+
+        def angle(t: float) -> Float[Tensor, "C T 1"]:
+            return torch.atan2(t * variance.sqrt(), torch.full_like(variance, 1 - t))
+
+        def at(z: Float[Tensor, "C T B"], t: float) -> Float[Tensor, "B T C"]:
+            return t * expected + self.back(self._spread(t)[which] * z, which)
+
+        def network_says(z: Float[Tensor, "C T B"], t: float) -> Float[Tensor, "C T B"]:
+            moved = self.along(predict(at(z, t), t) - expected, which)
+            spread = self._spread(t)[which]
+            mean = t * variance / spread * z
+            return (moved - mean) * spread / (variance.sqrt() * (1 - t))
+
+        z = self.along(x_0, which)
+        times = time_grid(steps)
+        for k in range(steps):
+            turn = angle(times[k + 1]) - angle(times[k])
+            slope = network_says(z, times[k])
+            if heun and k < steps - 1:
+                slope = (slope + network_says(z + turn * slope, times[k + 1])) / 2
+            z = z + turn * slope
+        return at(z, 1.0)
+
+
+def time_grid(steps: int) -> list[float]:
+    """Flow times 0 to 1 between the steps, even in the angle at `GRID_VARIANCE`."""
+    tangents = [math.tan(math.pi / 2 * k / steps) for k in range(steps)]
+    return [tan / (tan + math.sqrt(GRID_VARIANCE)) for tan in tangents] + [1.0]
+
+
+def fit_components(
+    windows: Sequence[Float[Tensor, "N T C"]],
+) -> tuple[Float[Tensor, "C C"], Float[Tensor, "C C"]]:
+    """Matrices to and from components, for channels of mean 0: unit variance, and uncorrelated
+    both in their values and in their accelerations (as in second-order blind identification, Tong
+    et al. 1991), so that what is slow and large lends nothing of itself to what trembles.
+
+    Channels that never move get components of next to no variance.
+    """
+    values, bends = (_covariance([batch.diff(n=n, dim=1) for batch in windows]) for n in (0, 2))
+    size, axes = torch.linalg.eigh(values)
+    white = axes / size.clamp_min(CHANNEL_FLOOR * size.max()).sqrt()
+    mix = white @ torch.linalg.eigh(white.mT @ bends @ white).eigenvectors
+    return mix.float(), torch.linalg.inv(mix).float()
+
+
+def fit_prior(components: Sequence[Float[Tensor, "N T C"]], seed_frames: int) -> GaussianPrior:
+    """The covariance over time of each component of windows.
+
+    It is that about the mean of all windows, not of each: where a speaker holds the hands is part
+    of what is drawn.
+    """
+    total = sum(torch.einsum("nic,njc->cij", batch, batch).double() for batch in components)
+    assert isinstance(total, Tensor)
+    return GaussianPrior(total.float() / sum(map(len, components)), seed_frames)
+
+
+def _covariance(windows: Sequence[Float[Tensor, "N T C"]]) -> Float[Tensor, "C C"]:
+    """Second moments over all frames; float64."""
+    flat = [batch.flatten(0, 1) for batch in windows]
+    total = sum((rows.T @ rows).double() for rows in flat)
+    assert isinstance(total, Tensor)
+    return total / sum(map(len, flat))

@@ -1,0 +1,50 @@
+"""What a folder of weights offers, read from its JSON cards without importing torch."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from model.systems.globaldiff.config import SYSTEMS
+
+BUNDLED_WEIGHTS = Path(__file__).parents[1] / "weights"
+
+
+class CheckpointError(ValueError):
+    """Weights that are missing, damaged or of another shape than their card says."""
+
+
+def file_stem(system: str) -> str:
+    """The file name of a system's weights and outputs, without its ending."""
+    return system.replace("/", "-")
+
+
+def load_card(folder: Path, system: str) -> dict[str, Any]:
+    """The JSON card of a system.
+
+    Raises:
+        CheckpointError: if it is missing or no JSON object.
+    """
+    path = folder / f"{file_stem(system)}.json"
+    try:
+        card = json.loads(path.read_text())
+    except FileNotFoundError:
+        raise CheckpointError(f"{path} is missing; train {system} or pass --weights.") from None
+    except (OSError, ValueError) as error:
+        raise CheckpointError(f"{path} cannot be read: {error}") from None
+    if not isinstance(card, dict) or "sha256" not in card:
+        raise CheckpointError(f"{path} is no weights card: it has no sha256.")
+    return card
+
+
+def list_systems(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
+    """Names of the systems whose weights lie in ``folder``, in the ladder's order."""
+    return tuple(name for name in SYSTEMS if (folder / f"{file_stem(name)}.safetensors").is_file())
+
+
+def list_speakers(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
+    """Speakers that every system in ``folder`` knows, in the order of their numbers."""
+    tables = [load_card(folder, name)["speakers"] for name in list_systems(folder)]
+    if not tables:
+        return ()
+    shared = [name for name in tables[0] if all(name in table for table in tables)]
+    return tuple(sorted(shared, key=lambda name: tables[0][name]))

@@ -1,0 +1,92 @@
+"""Training terms, each a pure function of prediction and target that keeps the batch axis.
+
+All of them return one value per sample, so that the flow's time weights can be applied outside.
+"""
+
+import math
+from collections.abc import Sequence
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor
+
+from model.motion.skeleton import JOINT_INDEX
+
+FEET = [JOINT_INDEX[f"{side}_{part}"] for side in ("left", "right") for part in ("ankle", "foot")]
+STANDS_BELOW_M = 0.002
+"""A foot that moves less than this in a frame, 6 cm/s, stands."""
+SMOOTH_L1_BETA = 0.02
+"""Metres at which the position terms turn from squared to absolute error (official code)."""
+
+
+def simple_loss(x_1: Float[Tensor, "B T C"], target: Float[Tensor, "B T C"]) -> Float[Tensor, " B"]:
+    """GlobalDiff eq. 7: mean squared error of the predicted clean motion, normalised channels."""
+    return (x_1 - target).square().mean((1, 2))
+
+
+def position_loss(
+    positions: Float[Tensor, "B T P 3"], target: Float[Tensor, "B T P 3"]
+) -> Float[Tensor, " B"]:
+    """L_pos: smooth L1 error of points in metres (joints through forward kinematics)."""
+    return _smooth_l1(positions, target)
+
+
+def velocity_loss(
+    positions: Float[Tensor, "B T P 3"], target: Float[Tensor, "B T P 3"]
+) -> Float[Tensor, " B"]:
+    """Smooth L1 error of first differences, metres per frame (official code, not in the paper)."""
+    return _smooth_l1(positions.diff(dim=1), target.diff(dim=1))
+
+
+def acceleration_loss(
+    positions: Float[Tensor, "B T P 3"], target: Float[Tensor, "B T P 3"]
+) -> Float[Tensor, " B"]:
+    """Smooth L1 error of second differences, metres per frame^2 (official code, not the paper)."""
+    return _smooth_l1(positions.diff(n=2, dim=1), target.diff(n=2, dim=1))
+
+
+def contact_loss(
+    positions: Float[Tensor, "B T 55 3"], target: Float[Tensor, "B T 55 3"]
+) -> Float[Tensor, " B"]:
+    """Squared steps in the plane, in centimetres, of ankles and feet that stand in the target."""
+    still = target[:, :, FEET].diff(dim=1).norm(dim=-1) < STANDS_BELOW_M
+    steps = 100 * positions[:, :, FEET][..., [0, 2]].diff(dim=1)
+    return (steps.square().sum(-1) * still).mean((1, 2))
+
+
+def _smooth_l1(a: Tensor, b: Tensor) -> Float[Tensor, " B"]:
+    return F.smooth_l1_loss(a, b, beta=SMOOTH_L1_BETA, reduction="none").mean((1, 2, 3))
+
+
+def kl_loss(codes: Sequence[tuple[Tensor, Tensor]]) -> Float[Tensor, " B"]:
+    """Kullback-Leibler divergence of codes from a standard normal, mean over a scale's numbers.
+
+    Args:
+        codes: mean and log-variance, each (B, tokens, dim), for every scale.
+    """
+    by_scale = [
+        0.5 * (mean.square() + log_var.exp() - 1 - log_var).mean((1, 2)) for mean, log_var in codes
+    ]
+    return torch.stack(by_scale).sum(0)
+
+
+def difference_loss(
+    x_1: Float[Tensor, "B T C"], target: Float[Tensor, "B T C"]
+) -> Float[Tensor, " B"]:
+    """Mean squared error of first differences, normalised channels."""
+    return simple_loss(x_1.diff(dim=1), target.diff(dim=1))
+
+
+def finite_or_raise(numbers: dict[str, float], step: int, clips: list[str]) -> None:
+    """Stop a training whose loss or gradient is no number.
+
+    Raises:
+        FloatingPointError: with what it is, the step, and the clips of the batch.
+    """
+    for name, value in numbers.items():
+        if not math.isfinite(value):
+            clips = list(dict.fromkeys(clips))
+            raise FloatingPointError(
+                f"The {name} is {value} at step {step}; clips: {', '.join(clips)}."
+            )

@@ -1,0 +1,106 @@
+"""One training over one or several processes: which share of a batch is whose, and on which device.
+
+``torchrun`` starts the processes; they join over gloo on CPUs and over nccl on GPUs.
+"""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+import torch.distributed as dist
+from torch import Tensor, nn
+
+from model.training.rate import bf16_is_faster
+
+CPU = torch.device("cpu")
+
+
+@dataclass(frozen=True)
+class Shard:
+    """The share of every batch that one process computes."""
+
+    rank: int = 0
+    count: int = 1
+    device: torch.device = CPU
+    bf16: bool = True
+    """False keeps everything in fp32."""
+
+    @property
+    def is_first(self) -> bool:
+        """Whether this process writes the files."""
+        return self.rank == 0
+
+    @property
+    def mine(self) -> slice:
+        """This process's rows of the whole batch."""
+        return slice(self.rank, None, self.count)
+
+    def of(self, rows: Tensor) -> Tensor:
+        """This process's rows of a tensor that holds the whole batch, on its device."""
+        return rows[self.mine].to(self.device)
+
+    def autocast(self) -> torch.autocast:
+        """bf16 for the network on a GPU, and on a processor that gains by it."""
+        use = self.bf16 and (self.device.type == "cuda" or bf16_is_faster())
+        return torch.autocast(self.device.type, torch.bfloat16, enabled=use)
+
+    def wrap(self, network: nn.Module) -> nn.Module:
+        """The network with gradients averaged over all processes."""
+        if self.count == 1:
+            return network
+        ids = [self.device] if self.device.type == "cuda" else None
+        return nn.parallel.DistributedDataParallel(network, device_ids=ids, broadcast_buffers=False)
+
+    def mean(self, values: dict[str, Tensor]) -> dict[str, float]:
+        """Each value averaged over all processes."""
+        stacked = torch.stack(list(values.values())).double()
+        if self.count > 1:
+            dist.all_reduce(stacked)
+        return dict(zip(values, (stacked / self.count).tolist(), strict=True))
+
+    def gather(self, value: Any) -> list[Any]:
+        """The values of all processes, by rank."""
+        if self.count == 1:
+            return [value]
+        gathered: list[Any] = [None] * self.count
+        dist.all_gather_object(gathered, value)
+        return gathered
+
+    @contextmanager
+    def first_alone(self) -> Iterator[None]:
+        """Let the first process through the block before the others."""
+        if self.count > 1 and not self.is_first:
+            dist.barrier()
+        yield
+        if self.count > 1 and self.is_first:
+            dist.barrier()
+
+    def wait(self) -> None:
+        """Go on when all processes are here."""
+        if self.count > 1:
+            dist.barrier()
+
+
+WHOLE = Shard()
+"""One process that computes whole batches on the CPU."""
+
+
+@contextmanager
+def joined_processes() -> Iterator[Shard]:
+    """This process's shard, joined with the others that torchrun started; GPUs where there are."""
+    local_rank = int(os.environ.get("LOCAL_RANK", "0"))
+    on_gpu = torch.cuda.is_available()
+    device = torch.device("cuda", local_rank) if on_gpu else CPU
+    if on_gpu:
+        torch.cuda.set_device(device)
+    if not dist.is_torchelastic_launched():
+        yield Shard(device=device)
+        return
+    dist.init_process_group("nccl" if on_gpu else "gloo")
+    try:
+        yield Shard(dist.get_rank(), dist.get_world_size(), device)
+    finally:
+        dist.destroy_process_group()

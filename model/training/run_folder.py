@@ -1,0 +1,115 @@
+"""The folder of one training run: its settings, its log, its saved state."""
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from model.storage.files import written_atomically
+from model.storage.settings import TrainConfig, to_json
+
+STATE_FILE = "state.pt"
+
+
+class TrainingError(ValueError):
+    """A run that cannot start, resume or go on; the message says why."""
+
+
+class History:
+    """Rows of log.csv, averaged between flushes."""
+
+    def __init__(self, path: Path, keep_below: int) -> None:
+        self.path = path
+        self.pending: list[dict[str, float]] = []
+        self.rows: list[dict[str, Any]] = []
+        self.last_validation: dict[str, float] = {}
+        self.step = keep_below
+        if keep_below and path.is_file():
+            with path.open(newline="") as file:
+                self.rows = [r for r in csv.DictReader(file) if int(r["step"]) <= keep_below]
+
+    def add(self, step: int, parts: dict[str, float]) -> None:
+        self.step = step + 1
+        self.pending.append(parts)
+
+    def add_validation(self, step: int, parts: dict[str, float]) -> None:
+        self.step = step + 1
+        self.last_validation = parts
+        self.rows.append({"step": self.step, "split": "val", **parts})
+
+    def flush(self) -> None:
+        if self.pending:
+            names = self.pending[0]
+            mean = {n: float(np.mean([p[n] for p in self.pending])) for n in names}
+            self.rows.append({"step": self.step, "split": "train", **mean})
+            self.pending = []
+        columns = list(dict.fromkeys(name for row in self.rows for name in row))
+        with written_atomically(self.path) as path, path.open("w", newline="") as file:
+            writer = csv.DictWriter(file, columns)
+            writer.writeheader()
+            writer.writerows(self.rows)
+
+
+def open_run(config: TrainConfig, out: Path, resume: bool) -> None:
+    """Begin a run in ``out``, or check that the one there can be resumed with these settings.
+
+    Raises:
+        TrainingError: if ``out`` holds another run, or there is none to resume.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    config_path, state_path = out / "config.json", out / STATE_FILE
+    if not resume:
+        if state_path.exists():
+            raise TrainingError(f"{out} holds a run already; pass --resume or another --out.")
+        with written_atomically(config_path) as path:
+            path.write_text(to_json(config) + "\n")
+        return
+    if not state_path.is_file():
+        raise TrainingError(f"There is no {state_path} to resume from.")
+    differing = differing_fields(json.loads(config_path.read_text()), json.loads(to_json(config)))
+    if differing:
+        raise TrainingError(
+            f"{out} was started with other settings ({', '.join(differing)}); "
+            "resume with the same ones or choose another --out."
+        )
+
+
+def restore_state(
+    out: Path, network: nn.Module, average: nn.Module, optimizer: torch.optim.Optimizer
+) -> int:
+    """The first step to do, after the saved state was put back."""
+    state = torch.load(out / STATE_FILE, weights_only=True, map_location="cpu")
+    network.load_state_dict(state["network"])
+    average.load_state_dict(state["average"])
+    optimizer.load_state_dict(state["optimizer"])
+    return int(state["step"])
+
+
+def differing_fields(a: dict, b: dict, prefix: str = "") -> list[str]:
+    """Dotted names of the settings in which two parsed configs differ."""
+    names: list[str] = []
+    for key in sorted(set(a) | set(b)):
+        one, other = a.get(key), b.get(key)
+        if isinstance(one, dict) and isinstance(other, dict):
+            names += differing_fields(one, other, f"{prefix}{key}.")
+        elif one != other:
+            names.append(prefix + key)
+    return names
+
+
+def save_state(
+    out: Path, step: int, network: nn.Module, average: nn.Module,
+    optimizer: torch.optim.Optimizer,
+) -> None:  # fmt: skip
+    state = {
+        "step": step,
+        "network": network.state_dict(),
+        "average": average.state_dict(),
+        "optimizer": optimizer.state_dict(),
+    }
+    with written_atomically(out / STATE_FILE) as path:
+        torch.save(state, path)

@@ -1,0 +1,276 @@
+"""The body: a mesh that a motion poses.
+
+``load_body()`` gives the open body of this project, ``load_body(path)`` a licensed SMPL-X file;
+both are posed by the same code. Vertices come as a stream of chunks, so memory does not grow
+with the length of the motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int32
+
+from renderer.body import lbs
+from renderer.body.body_file import OPEN_BODY_PATH, BodyArrays, BodyError, read_body_file
+from renderer.body.joints import NUM_JOINTS
+from renderer.body.look import DEFAULT_LOOK, LOOKS, Look
+
+__all__ = ["Body", "BodyError", "BodyMotion", "load_body"]
+
+EXPRESSION_BASES = ("flame100", "arkit52")
+NUM_EXPRESSIONS = 100
+MAX_DISTANCE_M = 100.0
+MAX_BETA = 10.0
+# Frames skinned at once: large enough for matrix products, small enough for the cache.
+_BLOCK_FRAMES = 16
+
+
+@dataclass(frozen=True)
+class BodyMotion:
+    """What a body needs of a motion: T frames at 30 fps, checked on construction.
+
+    Any array of numbers is taken and kept as float32; the shapes are part of the check.
+
+    Raises:
+        BodyError: if shapes do not fit, a value is not finite, there is no frame, or the body
+            would stand more than 100 m away.
+    """
+
+    poses: np.ndarray
+    """(T, 165) local axis-angle of the 55 SMPL-X joints, radians, flat-hand mean."""
+    trans: np.ndarray
+    """(T, 3) added to the rest position of the pelvis, metres."""
+    expressions: np.ndarray
+    """(T, 100) expression coefficients."""
+    expression_basis: str
+    """``flame100`` or ``arkit52``: what the expression columns mean."""
+    betas: np.ndarray
+    """(B,) body shape, B at most 300."""
+
+    def __post_init__(self) -> None:
+        for field in ("poses", "trans", "expressions", "betas"):
+            object.__setattr__(self, field, np.asarray(getattr(self, field), np.float32))
+        num_frames = len(self.poses) if self.poses.ndim else 0
+        if num_frames == 0:
+            raise BodyError("The motion has no frame; at least one is needed.")
+        sizes = (("poses", 3 * NUM_JOINTS), ("trans", 3), ("expressions", NUM_EXPRESSIONS))
+        for field, size in sizes:
+            shape = getattr(self, field).shape
+            if shape != (num_frames, size):
+                raise BodyError(
+                    f"The motion's '{field}' has shape {shape}; ({num_frames}, {size}) is needed."
+                )
+        if self.betas.ndim != 1 or len(self.betas) > 300:
+            raise BodyError(
+                f"The motion's 'betas' has shape {self.betas.shape}; "
+                "one row of at most 300 is needed."
+            )
+        for field in ("poses", "trans", "expressions", "betas"):
+            values = getattr(self, field)
+            if not np.isfinite(values).all():
+                raise BodyError(f"The motion's '{field}' holds values that are not finite.")
+        distance = float(np.abs(self.trans).max())
+        if distance > MAX_DISTANCE_M:
+            raise BodyError(
+                f"The motion moves the body {distance:.0f} m away; "
+                f"at most {MAX_DISTANCE_M:.0f} m can be shown ('trans' is in metres)."
+            )
+        if len(self.betas) and np.abs(self.betas).max() > MAX_BETA:
+            raise BodyError(
+                f"The motion's 'betas' reach {np.abs(self.betas).max():.0f}; "
+                f"a body shape lies within {MAX_BETA:.0f}."
+            )
+        if self.expression_basis not in EXPRESSION_BASES:
+            raise BodyError(
+                f"Unknown expression basis '{self.expression_basis}'; "
+                f"known are {', '.join(EXPRESSION_BASES)}."
+            )
+
+    @property
+    def num_frames(self) -> int:
+        return len(self.poses)
+
+    @staticmethod
+    def resting(num_frames: int = 1, expression_basis: str = "arkit52") -> BodyMotion:
+        """The zero pose, standing still at the origin."""
+        return BodyMotion(
+            poses=np.zeros((num_frames, 3 * NUM_JOINTS), np.float32),
+            trans=np.zeros((num_frames, 3), np.float32),
+            expressions=np.zeros((num_frames, NUM_EXPRESSIONS), np.float32),
+            expression_basis=expression_basis,
+            betas=np.zeros(300, np.float32),
+        )
+
+
+class Body:
+    """A body model: mesh, joints and how they follow a motion. Read-only and stateless."""
+
+    def __init__(self, arrays: BodyArrays, look: Look = LOOKS[DEFAULT_LOOK]) -> None:
+        self._arrays = arrays
+        self._look = look
+
+    @property
+    def name(self) -> str:
+        return self._arrays.name
+
+    @property
+    def sha256(self) -> str:
+        """Of the body file, for the record of what a video shows."""
+        return self._arrays.sha256
+
+    @property
+    def look(self) -> str | None:
+        """Its name among ``LOOKS``, or None where the body file names no painted regions."""
+        return None if self._arrays.regions is None else self._look.name
+
+    @property
+    def expression_basis(self) -> str:
+        return self._arrays.expression_basis
+
+    @property
+    def expression_names(self) -> tuple[str, ...]:
+        return self._arrays.expression_names
+
+    @property
+    def faces(self) -> Int32[np.ndarray, "F 3"]:
+        return self._arrays.faces
+
+    @property
+    def num_vertices(self) -> int:
+        return len(self._arrays.template)
+
+    @property
+    def template(self) -> Float32[np.ndarray, "V 3"]:
+        """Vertices in the zero pose."""
+        return self._arrays.template
+
+    @property
+    def rest_joints(self) -> Float32[np.ndarray, "J 3"]:
+        return self._arrays.rest_joints
+
+    @property
+    def arrays(self) -> BodyArrays:
+        """The parts of the body, for exporters."""
+        return self._arrays
+
+    @cached_property
+    def vertex_colors(self) -> Float32[np.ndarray, "V 3"] | None:
+        """Linear RGB in 0 to 1, or None where the body file names no painted regions."""
+        regions = self._arrays.regions
+        return None if regions is None else self._look.vertex_colors(regions)
+
+    def expression_note(self, motion: BodyMotion) -> str | None:
+        """One sentence where this body cannot show the face of ``motion``, else None."""
+        if motion.expression_basis == self.expression_basis or not motion.expressions.any():
+            return None
+        return (
+            f"The face expressions are left out: the motion uses {motion.expression_basis} "
+            f"and the {self.name} needs {self.expression_basis}; jaw and eyes still move."
+        )
+
+    def betas_note(self, motion: BodyMotion) -> str | None:
+        """One sentence where this body has no use for the shape in ``motion``, else None."""
+        num_betas = self._arrays.shape_dirs.shape[2]
+        if not motion.betas[num_betas:].any():
+            return None
+        if num_betas == 0:
+            return f"The body shape (betas) is left out: the {self.name} has one shape only."
+        return f"{self.name} has {num_betas} betas; the further ones of the motion are left out."
+
+    def notes(self, motion: BodyMotion) -> tuple[str, ...]:
+        """Everything about ``motion`` that this body does not show, one sentence each."""
+        sentences = (self.expression_note(motion), self.betas_note(motion))
+        return tuple(sentence for sentence in sentences if sentence is not None)
+
+    def vertices(
+        self, motion: BodyMotion, chunk: int = 64
+    ) -> Iterator[Float32[np.ndarray, "T V 3"]]:
+        """Posed vertices in metres, ``chunk`` frames at a time, the last chunk shorter."""
+        if chunk < 1:
+            raise ValueError(f"`chunk` must be at least 1; got {chunk}.")
+        shaped = self.shaped(motion)
+        for start in range(0, motion.num_frames, chunk):
+            stop = min(start + chunk, motion.num_frames)
+            posed = np.empty((stop - start, self.num_vertices, 3), np.float32)
+            for first in range(start, stop, _BLOCK_FRAMES):
+                frames = slice(first, min(first + _BLOCK_FRAMES, stop))
+                posed[first - start : frames.stop - start] = self._pose(motion, frames, *shaped)
+            yield posed
+
+    def joint_positions(self, motion: BodyMotion) -> Float32[np.ndarray, "T J 3"]:
+        """Position of each joint, metres."""
+        _, shaped_joints = self.shaped(motion)
+        local_rot, joints = self._joints(motion, slice(0, motion.num_frames), shaped_joints)
+        _, positions = lbs.global_transforms(local_rot, joints)
+        return (positions + motion.trans[:, None]).astype(np.float32)
+
+    def shaped(
+        self, motion: BodyMotion
+    ) -> tuple[Float32[np.ndarray, "V 3"], Float64[np.ndarray, "J 3"]]:
+        """Vertices and joints of the zero pose with the betas of ``motion``, metres."""
+        arrays = self._arrays
+        count = min(arrays.shape_dirs.shape[2], len(motion.betas))
+        betas = motion.betas[:count]
+        vertices = arrays.template + arrays.shape_dirs[:, :, :count] @ betas
+        joints = arrays.rest_joints + arrays.shape_joints[:, :, :count] @ betas
+        return vertices, joints.astype(np.float64)
+
+    def _expressions(self, motion: BodyMotion, frames: slice) -> Float32[np.ndarray, "T E"]:
+        num_components = len(self._arrays.expression_dirs)
+        if motion.expression_basis != self.expression_basis:
+            return np.zeros((frames.stop - frames.start, num_components), np.float32)
+        return motion.expressions[frames, :num_components]
+
+    def _joints(
+        self, motion: BodyMotion, frames: slice, shaped_joints: Float64[np.ndarray, "J 3"]
+    ) -> tuple[Float64[np.ndarray, "T J 3 3"], Float64[np.ndarray, "T J 3"]]:
+        """Local rotations, and rest joints after the expression of each frame."""
+        local_rot = lbs.matrix_from_axis_angle(motion.poses[frames].reshape(-1, NUM_JOINTS, 3))
+        expressions = self._expressions(motion, frames)
+        shift = np.tensordot(expressions, self._arrays.expression_joints, 1)
+        return local_rot, shaped_joints + shift
+
+    def _pose(
+        self,
+        motion: BodyMotion,
+        frames: slice,
+        shaped_vertices: Float32[np.ndarray, "V 3"],
+        shaped_joints: Float64[np.ndarray, "J 3"],
+    ) -> Float32[np.ndarray, "T V 3"]:
+        arrays = self._arrays
+        local_rot, joints = self._joints(motion, frames, shaped_joints)
+        rest_vertices = np.repeat(shaped_vertices[None], len(local_rot), axis=0)
+        expressions = self._expressions(motion, frames)
+        if expressions.any():
+            rest_vertices[:, arrays.expression_vertices] += np.tensordot(
+                expressions, arrays.expression_dirs, 1
+            )
+        lbs.add_pose_correctives(rest_vertices, arrays.pose_vertices, arrays.pose_dirs, local_rot)
+        global_rot, positions = lbs.global_transforms(local_rot, joints)
+        translations = positions - (global_rot @ joints[..., None])[..., 0]
+        translations += motion.trans[frames, None]
+        return lbs.skin(rest_vertices, arrays.weights, global_rot, translations)
+
+
+def load_body(path: Path | None = None, look: str = DEFAULT_LOOK) -> Body:
+    """The open body in one of ``LOOKS``, or the SMPL-X ``.npz`` at ``path``.
+
+    Raises:
+        BodyError: with one sentence if the file is not a body that can be posed, or the look
+            is unknown or not the file's to have.
+    """
+    if look not in LOOKS:
+        raise BodyError(f"Unknown look '{look}'; known are {', '.join(LOOKS)}.")
+    if path is None:
+        return Body(read_body_file(OPEN_BODY_PATH, LOOKS[look].build), LOOKS[look])
+    if look != DEFAULT_LOOK:
+        raise BodyError(
+            f"The look '{look}' belongs to the open body; {Path(path).name} is always shown as "
+            "plain clay, so leave one of the two out."
+        )
+    return Body(read_body_file(Path(path)))

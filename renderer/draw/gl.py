@@ -1,0 +1,198 @@
+"""pyrender with OpenGL loaded. Import it only through ``offscreen.open_gl(backend)``."""
+
+from pathlib import Path
+from typing import assert_never
+
+import numpy as np
+import pyrender
+from jaxtyping import Float, UInt8
+from OpenGL import GL
+from pyrender.constants import RenderFlags
+from pyrender.shader_program import ShaderProgramCache
+
+from renderer.draw.offscreen import SUPERSAMPLE, Antialias
+
+_SHADERS = Path(__file__).with_name("shaders")
+_MSAA_SAMPLES = 4
+
+
+class FrameRenderer(pyrender.Renderer):
+    """pyrender's forward pass, drawn into a framebuffer that is made for reading colours only.
+
+    pyrender itself always multisamples, reads the depth back and converts it; a video needs none
+    of that. The context must be current when this is made and whenever it is used.
+    """
+
+    def __init__(
+        self, width: int, height: int, antialias: Antialias, *, has_alpha: bool = False
+    ) -> None:
+        match antialias:
+            case "none":
+                scale, samples = 1, 0
+            case "msaa":
+                scale, samples = 1, _MSAA_SAMPLES
+            case "supersample":
+                scale, samples = SUPERSAMPLE, 0
+            case _:
+                assert_never(antialias)
+        super().__init__(width * scale, height * scale)
+        self._program_cache = ShaderProgramCache(shader_dir=str(_SHADERS))
+        self._picture_size = (width, height)
+        self._format = GL.GL_RGBA if has_alpha else GL.GL_RGB
+        self._pixels = np.empty((height, width, 4 if has_alpha else 3), np.uint8)
+        self._canvas = _Framebuffer(width * scale, height * scale, samples, depth=True)
+        self._picture = (
+            self._canvas if antialias == "none" else _Framebuffer(width, height, 0, depth=False)
+        )
+
+    def draw(self, scene: pyrender.Scene) -> UInt8[np.ndarray, "H W C"]:
+        """The picture of the scene, upper row first. The array is reused by the next call.
+
+        A fourth channel says how much of each pixel is covered; colours are multiplied by it.
+        """
+        self.render(scene, RenderFlags.OFFSCREEN)  # ends in _read_main_framebuffer
+        return self._pixels[::-1]
+
+    def delete(self) -> None:
+        """Free everything; pyrender calls this once more when the object is collected."""
+        super().delete()
+        for framebuffer in (self._canvas, self._picture):
+            framebuffer.delete()
+
+    # pyrender calls these two around its forward pass.
+
+    def _configure_main_framebuffer(self) -> None:
+        self._main_fb_ms = self._canvas.handle
+
+    def _read_main_framebuffer(self, scene: object, flags: int) -> None:
+        width, height = self._picture_size
+        if self._picture is not self._canvas:
+            GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._canvas.handle)
+            GL.glBindFramebuffer(GL.GL_DRAW_FRAMEBUFFER, self._picture.handle)
+            # A linear blit at half size is the mean of 2 x 2 pixels.
+            GL.glBlitFramebuffer(
+                *(0, 0, self.viewport_width, self.viewport_height),
+                *(0, 0, width, height),
+                GL.GL_COLOR_BUFFER_BIT,
+                GL.GL_LINEAR if self.viewport_width != width else GL.GL_NEAREST,
+            )
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._picture.handle)
+        GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
+        GL.glReadPixels(0, 0, width, height, self._format, GL.GL_UNSIGNED_BYTE, self._pixels)
+
+    def _delete_main_framebuffer(self) -> None:
+        self._main_fb_ms = None
+
+
+class _Framebuffer:
+    """A colour buffer, with a depth buffer if asked for, and its OpenGL handles."""
+
+    def __init__(self, width: int, height: int, samples: int, *, depth: bool) -> None:
+        self.handle = GL.glGenFramebuffers(1)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self.handle)
+        attachments = [(GL.GL_COLOR_ATTACHMENT0, GL.GL_RGBA8)]
+        if depth:
+            attachments.append((GL.GL_DEPTH_ATTACHMENT, GL.GL_DEPTH_COMPONENT24))
+        self._buffers = []
+        for attachment, pixel_format in attachments:
+            buffer = GL.glGenRenderbuffers(1)
+            GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, buffer)
+            GL.glRenderbufferStorageMultisample(
+                GL.GL_RENDERBUFFER, samples, pixel_format, width, height
+            )
+            GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, attachment, GL.GL_RENDERBUFFER, buffer)
+            self._buffers.append(buffer)
+
+    def delete(self) -> None:
+        """Free the handles; a second call does nothing, since another context may own them."""
+        if self._buffers:
+            GL.glDeleteFramebuffers(1, [self.handle])
+            GL.glDeleteRenderbuffers(len(self._buffers), self._buffers)
+            self._buffers = []
+
+
+class DynamicMesh:
+    """A lit triangle mesh whose vertices move: pyrender's own buffer, rewritten in place."""
+
+    def __init__(
+        self,
+        vertices: Float[np.ndarray, "V 3"],
+        normals: Float[np.ndarray, "V 3"],
+        colors: Float[np.ndarray, "V 3"],
+        faces: np.ndarray,
+    ) -> None:
+        rgba = np.concatenate([colors, np.ones((len(colors), 1))], axis=1).astype(np.float32)
+        self._primitive = pyrender.Primitive(
+            positions=vertices,
+            normals=normals,
+            color_0=rgba,
+            # Neighbours one after the other: the driver then lights a shared vertex once.
+            indices=faces[np.argsort(faces.min(axis=1), kind="stable")],
+            # Float factors: pyrender divides integer ones by 255.
+            material=pyrender.MetallicRoughnessMaterial(
+                baseColorFactor=[1.0, 1.0, 1.0, 1.0],
+                metallicFactor=0.0,
+                roughnessFactor=0.7,
+                doubleSided=True,  # sleeves and collars are open
+            ),
+        )
+        self.mesh = pyrender.Mesh([self._primitive])
+        # The layout of pyrender's vertex buffer: position, normal, colour.
+        self._interleaved = np.concatenate([vertices, normals, rgba], axis=1).astype(np.float32)
+
+    def move(self, vertices: Float[np.ndarray, "V 3"], normals: Float[np.ndarray, "V 3"]) -> None:
+        """Put the vertices elsewhere. Before the first drawing only the next upload changes."""
+        self._interleaved[:, 0:3] = vertices
+        self._interleaved[:, 3:6] = normals
+        if not self._primitive._in_context():
+            self._primitive.positions = vertices
+            self._primitive.normals = normals
+            return
+        GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._primitive._buffers[0])
+        GL.glBufferSubData(GL.GL_ARRAY_BUFFER, 0, self._interleaved.nbytes, self._interleaved)
+        GL.glBindBuffer(GL.GL_ARRAY_BUFFER, 0)
+
+
+class TexturedQuad:
+    """A square that shows a picture as it is, unlit; the picture may change every frame."""
+
+    def __init__(
+        self, corners: Float[np.ndarray, "4 3"], pixels: UInt8[np.ndarray, "R R 3"]
+    ) -> None:
+        """
+        Args:
+            corners: at texture coordinates (0,0), (1,0), (1,1), (0,1).
+            pixels: row 0 lies at texture coordinate v = 0.
+        """
+        # pyrender puts row 0 of a texture at v = 1, OpenGL and ``show`` at v = 0.
+        self._texture = pyrender.Texture(
+            source=pixels[::-1],
+            source_channels="RGB",
+            sampler=pyrender.Sampler(
+                minFilter=GL.GL_LINEAR,
+                magFilter=GL.GL_LINEAR,
+                wrapS=GL.GL_CLAMP_TO_EDGE,
+                wrapT=GL.GL_CLAMP_TO_EDGE,
+            ),
+        )
+        primitive = pyrender.Primitive(
+            positions=corners,
+            texcoord_0=np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32),
+            indices=np.array([[0, 2, 1], [0, 3, 2]]),
+            material=pyrender.MetallicRoughnessMaterial(baseColorTexture=self._texture),
+        )
+        self.mesh = pyrender.Mesh([primitive])
+
+    def show(self, pixels: UInt8[np.ndarray, "R R 3"]) -> None:
+        """Another picture of the same size."""
+        if not self._texture._in_context():
+            self._texture.source = pixels[::-1]
+            return
+        rows, columns, _ = pixels.shape
+        GL.glActiveTexture(GL.GL_TEXTURE0)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, self._texture._texid)
+        GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
+        GL.glTexSubImage2D(
+            *(GL.GL_TEXTURE_2D, 0, 0, 0, columns, rows, GL.GL_RGB, GL.GL_UNSIGNED_BYTE, pixels)
+        )
+        GL.glBindTexture(GL.GL_TEXTURE_2D, 0)

@@ -1,0 +1,148 @@
+"""What can draw here, found out where a crash of a driver does no harm: in a child process."""
+
+import functools
+import json
+import subprocess
+import sys
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from renderer.draw.offscreen import BACKENDS, Backend, GLBackend, GLError
+
+DEBIAN_PACKAGES: dict[GLBackend, str] = {"egl": "libegl1 libgl1", "osmesa": "libosmesa6"}
+_TIMEOUT_S = 60.0
+_PROBE_SIZE_PX = 512
+_TIMED_FRAMES = 5
+
+Shown = Literal["ball", "body"]
+
+
+@dataclass(frozen=True)
+class BackendReport:
+    """What one backend can do here."""
+
+    name: Backend
+    works: bool
+    renderer_string: str
+    """The driver's own name; empty if it does not work."""
+    ms_per_frame: float | None
+    """What was shown, at 512 x 512 pixels."""
+    error: str
+    """Why it does not work, in one sentence; empty if it does."""
+
+
+@functools.cache
+def probe_backends(shown: Shown = "ball") -> tuple[BackendReport, ...]:
+    """Try every backend, the preferred one first. The answer is kept for this process."""
+    return tuple(probe_backend(name, shown=shown) for name in BACKENDS)
+
+
+@functools.cache
+def choose_backend() -> Backend:
+    """The first backend that draws: OpenGL where there is some, else compiled loops.
+
+    Raises:
+        GLError: if none does, naming the packages to install.
+    """
+    for name in BACKENDS:
+        if probe_backend(name).works:
+            return name
+    raise GLError(
+        "Neither OpenGL nor numba works on this machine, so no picture can be drawn; on Debian or "
+        f"Ubuntu install OpenGL with: apt-get install {' '.join(DEBIAN_PACKAGES.values())}"
+    )
+
+
+@functools.cache
+def probe_backend(
+    name: Backend, python: str = sys.executable, shown: Shown = "ball"
+) -> BackendReport:
+    """Draw a few frames in a child process.
+
+    Args:
+        python: the interpreter of the child.
+        shown: a ball is enough to see whether it works; the body says how fast it is.
+    """
+    command = [python, "-m", "renderer.draw.probe", name, shown]
+    try:
+        child = subprocess.run(
+            command,
+            cwd=Path(__file__).parents[2],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=_TIMEOUT_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return _broken(name, f"it did not answer within {_TIMEOUT_S:.0f} s")
+    except OSError as error:
+        return _broken(name, f"no child process can be started: {error}")
+    lines = child.stdout.decode(errors="replace").strip().splitlines()
+    if child.returncode < 0:
+        return _broken(name, f"the driver crashed (signal {-child.returncode})")
+    if child.returncode or not lines:
+        said = child.stderr.decode(errors="replace").strip().splitlines()
+        return _broken(name, said[-1] if said else f"exit status {child.returncode}")
+    return BackendReport(**json.loads(lines[-1]))
+
+
+def _broken(name: Backend, error: str) -> BackendReport:
+    return BackendReport(name, works=False, renderer_string="", ms_per_frame=None, error=error)
+
+
+def try_backend(name: Backend, shown: Shown = "ball") -> BackendReport:
+    """Draw through a backend in this process, and look whether there is something."""
+    from renderer.body.body import load_body
+    from renderer.draw.make import make_renderer
+    from renderer.stage.camera import frame_points
+    from renderer.stage.stage import Stage
+    from renderer.stage.studio import FramePreparer, Studio, Subject
+
+    if shown == "body":
+        body = load_body()
+        vertices, faces = body.template, body.faces
+    else:
+        vertices, faces = _octahedron()
+    camera = frame_points(vertices)
+    stage = Stage(camera, floor_m=-1.0, centre_xz=(0.0, 0.0), extent_m=0.0)
+    prepare = FramePreparer(faces, len(vertices), stage, Studio())
+    subject = Subject(faces, None, prepare.ground.corners())
+    frame = prepare(vertices)
+    size = (_PROBE_SIZE_PX, _PROBE_SIZE_PX)
+    try:
+        with make_renderer(subject, *size, name, "supersample") as renderer:
+            picture = renderer.draw(frame, camera)
+            started = time.perf_counter()
+            for _ in range(_TIMED_FRAMES):
+                picture = renderer.draw(frame, camera)
+            ms_per_frame = 1e3 * (time.perf_counter() - started) / _TIMED_FRAMES
+            driver = renderer.driver
+    except (GLError, ImportError) as error:
+        return _broken(name, str(error))
+    middle = picture[_PROBE_SIZE_PX // 2, _PROBE_SIZE_PX // 2].astype(int)
+    corner = picture[0, 0].astype(int)
+    if np.abs(middle - corner).max() < 16:
+        return _broken(name, f"{driver} draws an empty picture")
+    return BackendReport(name, True, driver, ms_per_frame, "")
+
+
+def _octahedron() -> tuple[np.ndarray, np.ndarray]:
+    """Six vertices on the axes, and eight faces that look outwards."""
+    vertices = np.concatenate([np.eye(3), -np.eye(3)]).astype(np.float32)
+    faces = [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]]
+    return vertices, np.array(faces)
+
+
+def _main() -> int:
+    name, shown = sys.argv[1:]
+    report = try_backend(name, shown)  # type: ignore[arg-type]  # as written by probe_backend
+    sys.stdout.write(json.dumps(asdict(report)) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(_main())

@@ -1,0 +1,187 @@
+"""Where each part of a figure goes: plain arithmetic in inches, before anything is drawn."""
+
+from dataclasses import dataclass
+
+from renderer.figures.style import FIGURE_WIDTH_IN, LABEL_PT, text_width_in, wrap_text
+
+MARGIN = 0.08
+LINE = 0.135  # one line of label type with its leading
+SMALL_LINE = 0.115
+FRAME_NUMBERS = 0.085  # the line of frame numbers above the snapshots
+TITLE = 0.19
+GUTTER = 0.22
+AXIS_LABELS = 0.25  # left of the coordinate axes: letter, ticks and gaps, without the numbers
+TIME_LABELS = 0.33  # below the lowest coordinate axis
+COORDINATE_GAP = 0.09
+CELL_GAP = 0.03
+ROW_GAP = 0.07
+SWATCH = 0.36  # line sample in front of a system's name
+SWATCH_GAP = 0.06
+KEY_GAP = 0.25
+NAME_BREAKS = "/-_. "
+
+HEADER_GAP = 0.02
+CAPTION_GAP = 0.1
+
+MIN_BODY = 3.6
+MIN_BODY_WITH_PATH = 4.4
+MAX_HEIGHT = 9.0  # of the whole figure: it goes on a page
+MIN_CELL_HEIGHT = 0.5
+MAX_ROWS_ABOVE_PATH = 4.0
+MIN_PATH = 1.8  # height of the 3-D path
+MAX_SNAPSHOTS_WIDTH = 3.65
+MIN_SNAPSHOTS_WIDTH = 2.5
+MAX_CELL_HEIGHT = 1.7
+
+
+@dataclass(frozen=True)
+class Rect:
+    """A rectangle in inches; ``top`` counts downwards from the top of the figure."""
+
+    left: float
+    top: float
+    width: float
+    height: float
+
+    @property
+    def bottom(self) -> float:
+        return self.top + self.height
+
+    @property
+    def right(self) -> float:
+        return self.left + self.width
+
+    def fraction_of(self, figure_height: float) -> tuple[float, float, float, float]:
+        """(left, bottom, width, height) as fractions of the figure, bottom counted upwards."""
+        return (
+            self.left / FIGURE_WIDTH_IN,
+            1.0 - self.bottom / figure_height,
+            self.width / FIGURE_WIDTH_IN,
+            self.height / figure_height,
+        )
+
+
+@dataclass(frozen=True)
+class Key:
+    """A line sample with the name of its system."""
+
+    name: str
+    lines: tuple[str, ...]
+    rect: Rect
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Places of the parts of Figure 6."""
+
+    height: float
+    legend: tuple[Key, ...]
+    coordinates: Rect
+    """The three stacked coordinate axes together, without their labels."""
+    path: Rect
+    cells: tuple[tuple[Rect, ...], ...]
+    """One row of snapshots per system."""
+    row_keys: tuple[Key, ...]
+    caption_top: float
+
+
+def plan_layout(
+    names: tuple[str, ...],
+    num_snapshots: int,
+    aspect: float,
+    caption_lines: int,
+    number_width: float,
+) -> Layout:
+    """Place the parts of Figure 6 without overlap.
+
+    The 3-D path stands below the snapshots when these leave room, else below the coordinates.
+
+    Args:
+        names: one per curve, and per row of snapshots.
+        num_snapshots: pictures in a row; 0 when there are none.
+        aspect: width of a snapshot over its height.
+        number_width: inches of the widest number at the coordinate axes.
+    """
+    caption_height = CAPTION_GAP + caption_lines * SMALL_LINE + MARGIN
+    legend, legend_bottom = place_legend(names)
+    body_top = legend_bottom + 0.06 + TITLE
+
+    header_width = MIN_SNAPSHOTS_WIDTH - SWATCH - SWATCH_GAP
+    headers = [_wrap_name(name, header_width) for name in names] if num_snapshots else []
+    without_pictures = FRAME_NUMBERS + sum(
+        len(lines) * LINE + HEADER_GAP + ROW_GAP for lines in headers
+    )
+    gaps = (num_snapshots - 1) * CELL_GAP
+    if headers:
+        cell_height = min(
+            (MAX_SNAPSHOTS_WIDTH - gaps) / num_snapshots / aspect,
+            max(
+                (MAX_HEIGHT - body_top - caption_height - without_pictures) / len(headers),
+                MIN_CELL_HEIGHT,
+            ),
+            MAX_CELL_HEIGHT,
+        )
+        rows_height = without_pictures + len(headers) * cell_height
+        right_width = max(num_snapshots * cell_height * aspect + gaps, MIN_SNAPSHOTS_WIDTH)
+        path_top = body_top + rows_height + TITLE
+    else:
+        cell_height, rows_height, right_width = 0.0, 0.0, MAX_SNAPSHOTS_WIDTH
+        path_top = body_top
+
+    right_left = FIGURE_WIDTH_IN - MARGIN - right_width
+    left_width = right_left - GUTTER - MARGIN
+    if rows_height <= MAX_ROWS_ABOVE_PATH:
+        body_bottom = max(body_top + MIN_BODY, path_top + MIN_PATH)
+        path = Rect(right_left, path_top, right_width, body_bottom - path_top)
+        coordinates_bottom = body_bottom - TIME_LABELS
+    else:
+        body_bottom = body_top + max(MIN_BODY_WITH_PATH, rows_height)
+        path_height = 0.36 * (body_bottom - body_top)
+        path = Rect(MARGIN, body_bottom - path_height, left_width, path_height)
+        coordinates_bottom = path.top - TITLE - TIME_LABELS
+    labels = AXIS_LABELS + number_width
+    coordinates = Rect(
+        MARGIN + labels, body_top, left_width - labels, coordinates_bottom - body_top
+    )
+
+    row_keys, cells = [], []
+    top = body_top + FRAME_NUMBERS
+    for name, lines in zip(names, headers, strict=False):
+        row_keys.append(Key(name, lines, Rect(right_left, top, right_width, len(lines) * LINE)))
+        top += len(lines) * LINE + HEADER_GAP
+        width = cell_height * aspect
+        lefts = [right_left + i * (width + CELL_GAP) for i in range(num_snapshots)]
+        cells.append(tuple(Rect(left, top, width, cell_height) for left in lefts))
+        top += cell_height + ROW_GAP
+
+    return Layout(
+        height=body_bottom + caption_height,
+        legend=legend,
+        coordinates=coordinates,
+        path=path,
+        cells=tuple(cells),
+        row_keys=tuple(row_keys),
+        caption_top=body_bottom + CAPTION_GAP,
+    )
+
+
+def place_legend(names: tuple[str, ...]) -> tuple[tuple[Key, ...], float]:
+    """Keys in equal columns across the figure, as many as fit; and where they end."""
+    usable = FIGURE_WIDTH_IN - 2 * MARGIN
+    wrapped = [_wrap_name(name, usable - SWATCH - SWATCH_GAP) for name in names]
+    widest = max(text_width_in(line, LABEL_PT) for lines in wrapped for line in lines)
+    key_width = SWATCH + SWATCH_GAP + widest
+    columns = max(1, min(len(names), int((usable + KEY_GAP) / (key_width + KEY_GAP))))
+    keys, top = [], MARGIN
+    for start in range(0, len(names), columns):
+        row = wrapped[start : start + columns]
+        height = max(len(lines) for lines in row) * LINE
+        for column, lines in enumerate(row):
+            left = MARGIN + column * (key_width + KEY_GAP)
+            keys.append(Key(names[start + column], lines, Rect(left, top, key_width, height)))
+        top += height
+    return tuple(keys), top
+
+
+def _wrap_name(name: str, width: float) -> tuple[str, ...]:
+    return tuple(wrap_text(name, LABEL_PT, width, breaks_after=NAME_BREAKS))

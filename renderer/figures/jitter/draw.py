@@ -1,0 +1,240 @@
+"""Drawing the jitter sheet: every measure as generated, and beside it behind the filter.
+
+Call it under the settings of :mod:`renderer.figures.write`, as the layout measured text under them.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from renderer.figures import style
+from renderer.figures.figure6.layout import MARGIN, Rect
+from renderer.figures.jitter.layout import SheetLayout, plan_sheet
+from renderer.figures.jitter.series import Curves, JitterSheet, Kind
+from renderer.figures.text import (
+    TITLE_GAP,
+    caption_lines,
+    draw_key,
+    write,
+    write_caption,
+    write_title,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+HEADS: dict[Kind, str] = {"raw": "As generated", "savgol": "Savitzky-Golay filter, 7 frames"}
+LIMIT_HZ = 5.0
+NO_DATA = "Not measured: too short, or nothing moved."
+_KINDS: tuple[Kind, ...] = ("raw", "savgol")
+_JERK = "jerk (m/s³)"
+_DECADES = 3.3
+"""Values lower than this below the highest are drawn at the lower edge of a logarithmic axis."""
+_FEW_DECADES = 60.0
+"""An axis of a smaller ratio of its ends has numbers between the powers of ten."""
+_MARKERS = 9
+_SHADE = "#ececec"
+
+
+def draw_sheet(sheet: JitterSheet, caption: str) -> "Figure":
+    """The figure, without a canvas; its size in inches is its size on paper."""
+    from matplotlib.figure import Figure
+
+    lines = caption_lines(caption)
+    layout = plan_sheet(tuple(sheet.measures), len(lines))
+    figure = Figure(figsize=(style.FIGURE_WIDTH_IN, layout.height), facecolor="white")
+    for key in layout.legend:
+        draw_key(figure, key, sheet.styles[key.name])
+    for kind, rect in zip(_KINDS, layout.panels["depth"], strict=True):
+        write(figure, rect.left, layout.heads_top, HEADS[kind], size=style.LABEL_PT, va="top")
+
+    _draw_depth(figure, layout, sheet)
+    _draw_joints(figure, layout, sheet)
+    _draw_spectrum(figure, layout, sheet)
+    _draw_attribution(figure, layout, sheet)
+    _draw_seams(figure, layout, sheet)
+    write_caption(figure, lines, layout.caption_top)
+    return figure
+
+
+def _draw_depth(figure: "Figure", layout: SheetLayout, sheet: JitterSheet) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    axes = _row(
+        *(figure, layout, sheet, "depth", sheet.by_depth),
+        title="a  Jerk by depth: mean of the joints so many bones from the pelvis",
+        y_label=_JERK,
+    )
+    for each in axes:
+        each.set_xlabel("bones from the pelvis", size=style.LABEL_PT, labelpad=1.0)
+        each.xaxis.set_major_locator(MaxNLocator(integer=True))
+    _share_log(axes, [sheet.by_depth(kind) for kind in _KINDS])
+
+
+def _draw_joints(figure: "Figure", layout: SheetLayout, sheet: JitterSheet) -> None:
+    (axes,) = _row(
+        *(figure, layout, sheet, "joints", sheet.by_joint),
+        title="b  Jerk of each joint, as generated",
+        y_label=_JERK,
+        is_dense=True,
+    )
+    names = [short_name(sheet.joint_names[joint]) for joint in sheet.joint_order]
+    _name_x(axes, names, size=5.2)
+    _share_log([axes], [sheet.by_joint("raw")])
+
+
+def _draw_spectrum(figure: "Figure", layout: SheetLayout, sheet: JitterSheet) -> None:
+    axes = _row(
+        *(figure, layout, sheet, "spectrum", sheet.spectrum),
+        title=f"c  Velocity spectrum: {sheet.point}",
+        y_label="power (%)",
+    )
+    for each in axes:
+        each.set_xlabel("frequency (Hz)", size=style.LABEL_PT, labelpad=1.0)
+        each.axvline(LIMIT_HZ, color=style.FAINT_INK, linewidth=0.7, zorder=0.5)
+        each.annotate(
+            *("5 Hz", (LIMIT_HZ, 1.0)),
+            xycoords=("data", "axes fraction"),
+            xytext=(2.0, -2.0),
+            textcoords="offset points",
+            **{"size": style.SMALL_PT, "color": style.FAINT_INK, "va": "top"},
+        )
+    _share_log(axes, [sheet.spectrum(kind) for kind in _KINDS], decades=5.0)
+
+
+def _draw_attribution(figure: "Figure", layout: SheetLayout, sheet: JitterSheet) -> None:
+    axes = _row(
+        *(figure, layout, sheet, "attribution", sheet.attribution),
+        title=f"d  Attribution: drop of jerk when one joint is smoothed, {sheet.point}",
+        y_label="drop (%)",
+        is_dense=True,
+    )
+    for each in axes:
+        each.axhline(0.0, color=style.FAINT_INK, linewidth=0.5, zorder=0.5)
+        _name_x(each, [short_name(name) for name in sheet.chain], size=style.SMALL_PT)
+    _share_linear(axes, [sheet.attribution(kind) for kind in _KINDS])
+
+
+def _draw_seams(figure: "Figure", layout: SheetLayout, sheet: JitterSheet) -> None:
+    axes = _row(
+        *(figure, layout, sheet, "seams", sheet.by_phase),
+        title="e  Seams: mean jerk of all joints, folded on the windows",
+        y_label=_JERK,
+    )
+    for each in axes:
+        label = f"frame of the window, one every {sheet.window_advance}; shaded: shared by two"
+        each.set_xlabel(label, size=style.LABEL_PT, labelpad=1.0)
+        each.axvspan(-0.5, sheet.window_overlap - 0.5, color=_SHADE, linewidth=0.0, zorder=0.2)
+    _share_linear(axes, [sheet.by_phase(kind) for kind in _KINDS], from_zero=True)
+
+
+def _row(
+    figure: "Figure",
+    layout: SheetLayout,
+    sheet: JitterSheet,
+    row: str,
+    curves_of: Callable[[Kind], Curves],
+    *,
+    title: str,
+    y_label: str,
+    is_dense: bool = False,
+) -> list["Axes"]:
+    """The panels of one measure; only the left one has numbers along y."""
+    rects = layout.panels[row]
+    write_title(figure, MARGIN, rects[0].top - TITLE_GAP, title)
+    drawn = []
+    for kind, rect in zip(_KINDS, rects, strict=False):
+        axes = figure.add_axes(rect.fraction_of(layout.height), label=f"{row} {kind}")
+        _draw_curves(axes, curves_of(kind), sheet, is_dense)
+        axes.grid(axis="y")
+        axes.set_axisbelow(True)
+        if rect is not rects[0]:
+            axes.tick_params(axis="y", labelleft=False)
+        drawn.append(axes)
+    _write_y_label(figure, rects[0], y_label)
+    return drawn
+
+
+def _draw_curves(axes: "Axes", curves: Curves, sheet: JitterSheet, is_dense: bool) -> None:
+    """Lines in the systems' styles, with their markers at every point or at a few."""
+    if not curves:
+        axes.text(
+            *(0.5, 0.5, NO_DATA),
+            transform=axes.transAxes,
+            **{"size": style.SMALL_PT, "color": style.FAINT_INK, "ha": "center", "va": "center"},
+        )
+        return
+    for order, (name, (x, y)) in enumerate(curves.items()):
+        every = 1 if is_dense or len(x) <= 2 * _MARKERS else max(1, len(x) // _MARKERS)
+        # Markers of the curves stand at different places, so that none hides another.
+        start = 0 if every == 1 else (order * every) // max(1, len(curves))
+        properties = sheet.styles[name].line_properties
+        if is_dense:
+            properties |= {"markersize": 0.8 * style.MARKER_PT, "linewidth": 0.6}
+        axes.plot(x, y, label=name, markevery=(start, every), **properties)
+
+
+def _share_log(axes: Sequence["Axes"], curves: Sequence[Curves], decades: float = _DECADES) -> None:
+    """One logarithmic scale for the panels of a row; what lies below it stays at its edge."""
+    from matplotlib.ticker import FuncFormatter, LogLocator
+
+    values = _all_values(curves)
+    values = values[values > 0.0]
+    if not values.size:
+        _share_linear(axes, curves, from_zero=True)
+        return
+    top = float(values.max())
+    bottom = max(float(values.min()), top / 10.0**decades)
+    low, high = bottom / 1.3, top * 1.3
+    steps = (1.0, 2.0, 5.0) if high / low < _FEW_DECADES else (1.0,)
+    for each in axes:
+        each.set_yscale("log")
+        each.set_ylim(low, high)
+        for line in each.get_lines():
+            if line.get_label() and not str(line.get_label()).startswith("_"):
+                line.set_ydata(np.maximum(np.asarray(line.get_ydata(), dtype=float), low))
+        each.yaxis.set_major_locator(LogLocator(subs=steps))
+        each.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        each.minorticks_off()
+
+
+def _share_linear(
+    axes: Sequence["Axes"], curves: Sequence[Curves], from_zero: bool = False
+) -> None:
+    """One linear scale for the panels of a row."""
+    values = _all_values(curves)
+    high = float(values.max(initial=0.0))
+    low = 0.0 if from_zero else float(values.min(initial=0.0))
+    margin = 0.08 * (high - low) or 1.0
+    for each in axes:
+        each.set_ylim(low if from_zero else low - margin, high + margin)
+
+
+def _all_values(curves: Sequence[Curves]) -> np.ndarray:
+    """Every finite value of the panels of a row."""
+    parts = [y[np.isfinite(y)] for panel in curves for _, y in panel.values()]
+    return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def _name_x(axes: "Axes", names: Sequence[str], size: float) -> None:
+    axes.set_xticks(range(len(names)), names, rotation=90, size=size)
+    axes.tick_params(axis="x", pad=1.0)
+    axes.set_xlim(-0.6, max(len(names), 1) - 0.4)
+
+
+def short_name(joint: str) -> str:
+    """``left_middle2`` as 'L middle 2'."""
+    words = joint.replace("left_", "L ").replace("right_", "R ").replace("_", " ")
+    return f"{words[:-1]} {words[-1]}" if words[-1:].isdigit() else words
+
+
+def _write_y_label(figure: "Figure", rect: Rect, text: str) -> None:
+    write(
+        *(figure, MARGIN + 0.06, rect.top + 0.5 * rect.height, text),
+        rotation=90,
+        size=style.LABEL_PT,
+        ha="center",
+        va="center",
+    )

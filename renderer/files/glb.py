@@ -1,0 +1,303 @@
+"""GLB: body, colours and motion in one binary glTF 2.0 file that browsers and Blender play.
+
+Metres, y up, 30 frames a second. The mesh is skinned with the four strongest joints of each
+vertex, and face expressions are morph targets. The camera of the front view is in it, framed and
+following as in a video. Pose correctives have no place in glTF, so elbows, knees and shoulders fold
+a little less cleanly than in the videos.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Float32
+from scipy.spatial.transform import Rotation
+
+from renderer.body.body import Body, BodyMotion
+from renderer.body.joints import JOINT_NAMES, NUM_JOINTS, PARENTS
+from renderer.body.look import CLAY
+from renderer.body.normals import VertexNormals
+from renderer.files.written import written_whole
+from renderer.stage.camera import Z_NEAR_M, Camera
+from renderer.stage.stage import camera_track, set_stage
+from renderer.video.encoder import FPS
+
+INFLUENCES = 4
+SMALLEST_EXPRESSION = 1e-3
+"""Expressions that stay below this are left out."""
+
+_BODY_NODE, _CAMERA_NODE = NUM_JOINTS, NUM_JOINTS + 1  # after the joints
+_CAMERA_VIEW = "front"
+_ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
+_COMPONENTS = {"float32": 5126, "uint32": 5125, "uint16": 5123, "int16": 5122, "uint8": 5121}
+_TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+
+
+def write_glb(body: Body, motion: BodyMotion, out: Path) -> None:
+    """Write the moving body to ``out``.
+
+    Raises:
+        OSError: if ``out`` cannot be written; nothing half-written stays behind.
+    """
+    content = glb_bytes(body, motion)
+    with written_whole(out) as file:
+        file.write(content)
+
+
+def glb_bytes(body: Body, motion: BodyMotion) -> bytes:
+    """The file as bytes; about 0.25 MB for each 10 s on top of 1.5 MB for the body."""
+    vertices, joints = body.shaped(motion)
+    buffer = _Buffer()
+    offsets = joints - np.where(np.array(PARENTS)[:, None] >= 0, joints[list(PARENTS)], 0)
+    nodes: list[dict] = [
+        {"name": name, "translation": offsets[joint].tolist()}
+        for joint, name in enumerate(JOINT_NAMES)
+    ]
+    for joint in range(1, NUM_JOINTS):
+        nodes[PARENTS[joint]].setdefault("children", []).append(joint)
+    inverse_binds = np.tile(np.eye(4, dtype=np.float32), (NUM_JOINTS, 1, 1))
+    inverse_binds[:, 3, :3] = -joints  # glTF stores matrices column by column
+    skin = {
+        "joints": list(range(NUM_JOINTS)),
+        "skeleton": 0,
+        "inverseBindMatrices": buffer.accessor(inverse_binds.reshape(-1, 16)),
+    }
+    used = _used_expressions(body, motion)
+    mesh = _mesh(buffer, body, vertices, used)
+    stage = set_stage(body, [motion], _CAMERA_VIEW)
+    animation = _animation(buffer, motion, offsets[0], nodes, used)
+    if stage.is_following:
+        track = camera_track(body, motion, _CAMERA_VIEW, stage) + stage.camera.eye
+        animation.add(_CAMERA_NODE, "translation", buffer.accessor(track.astype(np.float32)))
+    nodes.append({"name": "body", "mesh": 0, "skin": 0})
+    nodes.append(_camera_node(stage.camera))
+    document = {
+        "asset": {"version": "2.0", "generator": "co-speech motion app"},
+        "scene": 0,
+        "scenes": [{"nodes": [0, _BODY_NODE, _CAMERA_NODE]}],
+        "nodes": nodes,
+        "cameras": [_camera(stage.camera)],
+        "skins": [skin],
+        "meshes": [mesh],
+        "materials": [
+            {
+                "pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 0.75},
+                "doubleSided": True,
+            }
+        ],
+        "animations": [animation.document()],
+        "accessors": buffer.accessors,
+        "bufferViews": buffer.views,
+        "buffers": [{"byteLength": len(buffer.content)}],
+    }
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    total = 12 + 8 + len(text) + 8 + len(buffer.content)
+    return b"".join(
+        [
+            struct.pack("<4sII", b"glTF", 2, total),
+            struct.pack("<I4s", len(text), b"JSON"),
+            text,
+            struct.pack("<I4s", len(buffer.content), b"BIN\0"),
+            bytes(buffer.content),
+        ]
+    )
+
+
+class _Buffer:
+    """The binary part of a GLB, with its views and accessors as they are added."""
+
+    def __init__(self) -> None:
+        self.content = bytearray()
+        self.views: list[dict] = []
+        self.accessors: list[dict] = []
+
+    def accessor(
+        self,
+        array: np.ndarray,
+        *,
+        target: int | None = None,
+        normalized: bool = False,
+        bounds: bool = False,
+    ) -> int:
+        """Add an array of scalars (N,) or vectors (N, C); returns its accessor's number."""
+        entry = {"bufferView": self._view(array, target), **_description(array)}
+        if normalized:
+            entry["normalized"] = True
+        if bounds:
+            entry["min"] = np.atleast_1d(array.min(0)).tolist()
+            entry["max"] = np.atleast_1d(array.max(0)).tolist()
+        self.accessors.append(entry)
+        return len(self.accessors) - 1
+
+    def sparse_accessor(
+        self, indices: np.ndarray, values: Float32[np.ndarray, "M 3"], count: int
+    ) -> int:
+        """Add ``count`` vectors that are zero but for ``values`` at ``indices``."""
+        bounds = np.concatenate([values, np.zeros((1, 3), np.float32)])
+        self.accessors.append(
+            {
+                **_description(values),
+                "count": count,
+                "min": bounds.min(0).tolist(),
+                "max": bounds.max(0).tolist(),
+                "sparse": {
+                    "count": len(indices),
+                    "indices": {
+                        "bufferView": self._view(indices, None),
+                        "componentType": _COMPONENTS[indices.dtype.name],
+                    },
+                    "values": {"bufferView": self._view(values, None)},
+                },
+            }
+        )
+        return len(self.accessors) - 1
+
+    def _view(self, array: np.ndarray, target: int | None) -> int:
+        view = {"buffer": 0, "byteOffset": len(self.content), "byteLength": array.nbytes}
+        if target is not None:
+            view["target"] = target
+        self.views.append(view)
+        self.content += np.ascontiguousarray(array).tobytes()
+        self.content += b"\0" * (-len(self.content) % 4)
+        return len(self.views) - 1
+
+
+def _description(array: np.ndarray) -> dict:
+    width = array.shape[1] if array.ndim == 2 else 1
+    return {
+        "componentType": _COMPONENTS[array.dtype.name],
+        "count": len(array),
+        "type": _TYPES[width],
+    }
+
+
+def _used_expressions(body: Body, motion: BodyMotion) -> list[int]:
+    """Expression components that this motion moves and that move this body."""
+    if motion.expression_basis != body.expression_basis:
+        return []
+    directions = body.arrays.expression_dirs
+    strongest = np.abs(motion.expressions[:, : len(directions)]).max(0)
+    moving = np.abs(directions).max((1, 2)) > 0 if len(directions) else np.zeros(0, bool)
+    return np.flatnonzero((strongest > SMALLEST_EXPRESSION) & moving).tolist()
+
+
+def _mesh(
+    buffer: _Buffer, body: Body, vertices: Float32[np.ndarray, "V 3"], used: list[int]
+) -> dict:
+    num_vertices = body.num_vertices
+    normals = VertexNormals(body.faces, num_vertices)(vertices).astype(np.float32)
+    joints, shares = _four_strongest(body)
+    colors = np.full((num_vertices, 4), 65535, np.uint16)
+    linear = body.vertex_colors if body.vertex_colors is not None else np.array([CLAY])
+    colors[:, :3] = np.round(linear * 65535)
+    index_type = np.uint16 if num_vertices <= 65535 else np.uint32
+    arrays = body.arrays
+    vertex_type = np.uint16 if num_vertices <= 65535 else np.uint32
+    moved = arrays.expression_vertices.astype(vertex_type)
+    primitive: dict = {
+        "attributes": {
+            "POSITION": buffer.accessor(vertices, target=_ARRAY_BUFFER, bounds=True),
+            "NORMAL": buffer.accessor(normals, target=_ARRAY_BUFFER),
+            "COLOR_0": buffer.accessor(colors, target=_ARRAY_BUFFER, normalized=True),
+            "JOINTS_0": buffer.accessor(joints, target=_ARRAY_BUFFER),
+            "WEIGHTS_0": buffer.accessor(shares, target=_ARRAY_BUFFER, normalized=True),
+        },
+        "indices": buffer.accessor(body.faces.astype(index_type).ravel(), target=_ELEMENT_BUFFER),
+        "material": 0,
+    }
+    mesh: dict = {"name": "body", "primitives": [primitive]}
+    if used:
+        primitive["targets"] = [
+            {"POSITION": buffer.sparse_accessor(moved, arrays.expression_dirs[k], num_vertices)}
+            for k in used
+        ]
+        mesh["weights"] = [0.0] * len(used)
+        names = body.expression_names
+        mesh["extras"] = {"targetNames": [names[k] if names else f"expression{k}" for k in used]}
+    return mesh
+
+
+def _four_strongest(body: Body) -> tuple[np.ndarray, np.ndarray]:
+    """Joint numbers (V, 4) uint8 and shares (V, 4) uint16 that sum to 65535."""
+    weights = body.arrays.weights.toarray()
+    joints = np.argsort(-weights, axis=1, kind="stable")[:, :INFLUENCES]
+    shares = np.take_along_axis(weights, joints, axis=1)
+    levels = np.round(shares / shares.sum(1, keepdims=True) * 65535).astype(np.int64)
+    levels[:, 0] += 65535 - levels.sum(1)
+    joints = np.where(levels > 0, joints, 0)  # glTF wants joint 0 where the share is 0
+    return joints.astype(np.uint8), levels.astype(np.uint16)
+
+
+class _Animation:
+    """The channels of one animation; all share its times."""
+
+    def __init__(self, times: int) -> None:
+        """
+        Args:
+            times: number of the accessor.
+        """
+        self._times = times
+        self._samplers: list[dict] = []
+        self._channels: list[dict] = []
+
+    def add(self, node: int, path: str, output: int) -> None:
+        """Let the values in an accessor move a property of a node."""
+        target = {"node": node, "path": path}
+        self._channels.append({"sampler": len(self._samplers), "target": target})
+        sampler = {"input": self._times, "output": output, "interpolation": "LINEAR"}
+        self._samplers.append(sampler)
+
+    def document(self) -> dict:
+        return {"name": "motion", "samplers": self._samplers, "channels": self._channels}
+
+
+def _animation(
+    buffer: _Buffer,
+    motion: BodyMotion,
+    pelvis: Float[np.ndarray, " 3"],
+    nodes: list[dict],
+    used: list[int],
+) -> _Animation:
+    """The moving body; a joint that never turns gets its rotation in ``nodes`` instead."""
+    times = np.arange(motion.num_frames, dtype=np.float32) / FPS
+    animation = _Animation(buffer.accessor(times, bounds=True))
+    rotvec = motion.poses.reshape(-1, 3).astype(np.float64)
+    quaternions = Rotation.from_rotvec(rotvec).as_quat().reshape(-1, NUM_JOINTS, 4)
+    # Neighbouring frames get the same sign, so that players interpolate the short way.
+    flips = np.sign((quaternions[1:] * quaternions[:-1]).sum(-1))
+    flips[flips == 0] = 1
+    quaternions[1:] *= np.cumprod(flips, axis=0)[..., None]
+    for joint in range(NUM_JOINTS):
+        of_joint = quaternions[:, joint]
+        if np.ptp(of_joint, axis=0).max() < 1e-7:
+            nodes[joint]["rotation"] = of_joint[0].tolist()
+            continue
+        levels = np.round(of_joint * 32767).astype(np.int16)
+        animation.add(joint, "rotation", buffer.accessor(levels, normalized=True))
+    positions = (pelvis + motion.trans).astype(np.float32)
+    animation.add(0, "translation", buffer.accessor(positions))
+    if used:
+        weights = np.ascontiguousarray(motion.expressions[:, used], np.float32)
+        animation.add(_BODY_NODE, "weights", buffer.accessor(weights.ravel()))
+    return animation
+
+
+def _camera(camera: Camera) -> dict:
+    """For pictures as high as wide."""
+    return {
+        "type": "perspective",
+        "perspective": {"yfov": camera.yfov_rad, "aspectRatio": 1.0, "znear": Z_NEAR_M},
+    }
+
+
+def _camera_node(camera: Camera) -> dict:
+    return {
+        "name": "camera",
+        "camera": 0,
+        "translation": list(camera.eye),
+        "rotation": Rotation.from_matrix(camera.axes().T).as_quat().tolist(),
+    }

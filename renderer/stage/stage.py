@@ -1,0 +1,147 @@
+"""Where one comparison takes place: one camera and one floor for all of its bodies."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Float32
+from scipy import ndimage
+
+from renderer.body.body import Body, BodyMotion
+from renderer.body.joints import JOINT_INDEX, JOINT_NAMES
+from renderer.stage.camera import Camera, frame_points, outermost
+
+_CLOSE_UPS = {
+    "face": [JOINT_INDEX[name] for name in ("head", "jaw", "left_eye", "right_eye")],
+    **{
+        f"{side}_hand": [
+            index
+            for index, name in enumerate(JOINT_NAMES)
+            if name == f"{side}_wrist" or (name.startswith(side) and name[-1] in "123")
+        ]
+        for side in ("left", "right")
+    },
+}
+"""Joints that the camera of a close-up follows; the other views show them all."""
+
+_CLOSE_UP_SIGMA_FRAMES, _WALK_SIGMA_FRAMES = 12.0, 30.0
+"""A camera that follows moves slowly, so that the jitter of what it shows can be seen."""
+
+FOLLOW_BEYOND_M = 1.5
+"""Where the bodies of a comparison wander farther, cameras go with them: one that stood still would
+have to show all of the way, and the bodies small."""
+
+_PIECE_FRAMES = 512
+
+_FEET = [JOINT_INDEX[f"{side}_{name}"] for side in ("left", "right") for name in ("ankle", "foot")]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A camera, and the floor under the motions it was made for. Metres, y up."""
+
+    camera: Camera
+    """Where it follows: relative to the point that it follows."""
+    floor_m: float
+    centre_xz: tuple[float, float]
+    """Middle of the ground that the joints stay above."""
+    extent_m: float
+    """Longer side of that ground."""
+    is_following: bool = False
+    """Whether the camera goes with the body: in close-ups, and where a body wanders far."""
+
+
+def set_stage(
+    body: Body, motions: Sequence[BodyMotion], view: str = "front", aspect: float = 1.0
+) -> Stage:
+    """The stage that shows all of these motions, each in turn, with equal cameras.
+
+    The joints of every frame are framed, each with the reach of the flesh around it: far cheaper
+    than posing every vertex, and the picture's margin takes up what skinning adds.
+
+    Args:
+        view: one of ``camera.VIEWS``.
+        aspect: width of the picture by its height.
+
+    Raises:
+        ValueError: if there is no motion.
+    """
+    if not motions:
+        raise ValueError("A stage needs at least one motion; none was given.")
+    reach = _reach(body)
+    shown = _CLOSE_UPS.get(view, list(range(len(JOINT_NAMES))))
+    from_afar, along, pelvises, floors, corners = [], [], [], [], []
+    for motion in motions:
+        positions = _joint_positions(body, motion)
+        from_afar.append(outermost(positions[:, shown], view, aspect=aspect))
+        relative = positions[:, shown] - _track(positions, view)[:, None]
+        along.append(outermost(relative, view, aspect=aspect))
+        pelvises += [positions[:, 0].min(axis=0), positions[:, 0].max(axis=0)]
+        floors.append(_floor(body, positions))
+        corners += [positions.min(axis=(0, 1)), positions.max(axis=(0, 1))]
+    wandered_m = float(np.ptp(pelvises, axis=0)[[0, 2]].max())
+    is_following = view in _CLOSE_UPS or wandered_m > FOLLOW_BEYOND_M
+    points = np.concatenate(along if is_following else from_afar)
+    radius = np.broadcast_to(reach[shown], points.shape[:2])
+    low, high = np.min(corners, axis=0), np.max(corners, axis=0)
+    return Stage(
+        camera=frame_points(points.reshape(-1, 3), view, aspect=aspect, radius_m=radius.ravel()),
+        floor_m=float(np.median(floors)),
+        centre_xz=(float(low[0] + high[0]) / 2.0, float(low[2] + high[2]) / 2.0),
+        extent_m=float(max(high[0] - low[0], high[2] - low[2])),
+        is_following=is_following,
+    )
+
+
+def frames_of(motion: BodyMotion, frames: slice | Sequence[int]) -> BodyMotion:
+    """Some of the frames of a motion, as a motion."""
+    chosen = frames if isinstance(frames, slice) else np.asarray(frames, dtype=np.intp)
+    return replace(
+        motion,
+        poses=motion.poses[chosen],
+        trans=motion.trans[chosen],
+        expressions=motion.expressions[chosen],
+    )
+
+
+def camera_track(
+    body: Body, motion: BodyMotion, view: str, stage: Stage
+) -> Float[np.ndarray, "T 3"]:
+    """Where the camera of a view stands in each frame, relative to ``stage.camera``, metres."""
+    if not stage.is_following:
+        return np.zeros((motion.num_frames, 3))
+    return _track(_joint_positions(body, motion), view)
+
+
+def _joint_positions(body: Body, motion: BodyMotion) -> Float32[np.ndarray, "T J 3"]:
+    """All joints of a clip, computed in pieces so that memory follows the result alone."""
+    starts = range(0, motion.num_frames, _PIECE_FRAMES)
+    pieces = [
+        body.joint_positions(frames_of(motion, slice(start, start + _PIECE_FRAMES)))
+        for start in starts
+    ]
+    return np.concatenate(pieces)
+
+
+def _track(positions: Float[np.ndarray, "T J 3"], view: str) -> Float[np.ndarray, "T 3"]:
+    """The smoothed middle of a close-up's joints; of other views, of the pelvis over the ground."""
+    if view in _CLOSE_UPS:
+        middle, sigma = positions[:, _CLOSE_UPS[view]].mean(axis=1), _CLOSE_UP_SIGMA_FRAMES
+    else:
+        middle, sigma = positions[:, 0] * np.array([1.0, 0.0, 1.0], np.float32), _WALK_SIGMA_FRAMES
+    return ndimage.gaussian_filter1d(middle, sigma, axis=0, mode="nearest")
+
+
+def _reach(body: Body) -> Float[np.ndarray, " J"]:
+    """Distance from each joint to the farthest vertex that mainly follows it, at rest."""
+    owner = np.asarray(body.arrays.weights.argmax(axis=1)).ravel()
+    distance = np.linalg.norm(body.template - body.rest_joints[owner], axis=1)
+    reach = np.zeros(len(body.rest_joints))
+    np.maximum.at(reach, owner, distance)
+    return reach
+
+
+def _floor(body: Body, positions: Float[np.ndarray, "T J 3"]) -> float:
+    """Height of the soles in the median frame: the lower foot is taken to stand."""
+    sole = body.rest_joints[_FEET, 1] - body.template[:, 1].min()
+    return float(np.median((positions[:, _FEET, 1] - sole).min(axis=1)))

@@ -1,0 +1,125 @@
+"""The studio a body is shown in: lights, background, floor and the body itself."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float, Float32, Int
+
+from renderer.body.look import CLAY
+from renderer.body.normals import VertexNormals
+from renderer.stage.camera import Z_NEAR_M, Camera
+from renderer.stage.ground import HALF_SIZE_M, ShadowGround
+from renderer.stage.stage import Stage
+
+
+@dataclass(frozen=True)
+class Light:
+    """A distant light. ``towards`` points from the body to the light; colour is linear."""
+
+    towards: tuple[float, float, float]
+    color: tuple[float, float, float]
+    intensity: float
+
+
+@dataclass(frozen=True)
+class Studio:
+    """The light: three lamps, their ambient part, and the colour behind everything."""
+
+    key: Light = Light((2.6, 2.0, 1.7), (1.0, 0.95, 0.88), 3.7)
+    fill: Light = Light((-3.0, 0.3, 2.2), (0.74, 0.86, 1.0), 0.6)
+    rim: Light = Light((-1.6, 1.4, -2.8), (1.0, 0.98, 1.0), 3.2)
+    ambient: float = 0.17
+    background: tuple[float, float, float] = (0.894, 0.902, 0.918)
+    shadow_from: tuple[float, float, float] = (0.42, 1.0, 0.22)
+    """Where the ground shadow's light stands: steeper than the key, so that it stays short."""
+
+
+@dataclass(frozen=True)
+class PosedFrame:
+    """All that changes from one picture to the next, computed without OpenGL."""
+
+    vertices: Float[np.ndarray, "V 3"]
+    normals: Float[np.ndarray, "V 3"]
+    ground: np.ndarray
+    """(R, R, 3) uint8: the floor with this frame's shadow."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What stays as it is from one picture to the next."""
+
+    faces: Int[np.ndarray, "F 3"]
+    colors: Float[np.ndarray, "V 3"] | None
+    """Linear RGB, 0 to 1; None is clay."""
+    ground_corners: Float[np.ndarray, "4 3"]
+    """As ``ShadowGround.corners``."""
+    studio: Studio = field(default_factory=Studio)
+    is_transparent: bool = False
+    """The body alone, with how much of each pixel it covers as a fourth channel."""
+
+    def colors_of(self, num_vertices: int) -> Float32[np.ndarray, "V 3"]:
+        """The colours, or as many of clay."""
+        if self.colors is None:
+            return np.tile(np.array(CLAY, np.float32), (num_vertices, 1))
+        return self.colors
+
+
+class FramePreparer:
+    """Turns vertices into ``PosedFrame``. Holds no OpenGL state: any thread may run it."""
+
+    def __init__(
+        self,
+        faces: Int[np.ndarray, "F 3"],
+        num_vertices: int,
+        stage: Stage,
+        studio: Studio,
+    ) -> None:
+        self.normals = VertexNormals(faces, num_vertices)
+        self.ground = ShadowGround(
+            centre_xz=stage.centre_xz,
+            floor_m=stage.floor_m,
+            light_from=studio.shadow_from,
+            background=studio.background,
+            half_size_m=HALF_SIZE_M + stage.extent_m / 2.0,
+        )
+
+    def __call__(self, vertices: Float[np.ndarray, "V 3"]) -> PosedFrame:
+        return PosedFrame(vertices, self.normals(vertices), self.ground.texture(vertices))
+
+
+class BodyScene:
+    """A pyrender scene of one body on the floor, moved in place from frame to frame.
+
+    ``offscreen.open_gl`` must have chosen the backend before.
+    """
+
+    def __init__(self, subject: Subject, first: PosedFrame, camera: Camera, aspect: float) -> None:
+        import pyrender
+
+        from renderer.draw.gl import DynamicMesh, TexturedQuad
+
+        studio = subject.studio
+        colors = subject.colors_of(len(first.vertices))
+        self._body = DynamicMesh(first.vertices, first.normals, colors, subject.faces)
+        self._ground = TexturedQuad(subject.ground_corners, first.ground)
+        background = (0.0,) * 4 if subject.is_transparent else (*studio.background, 1.0)
+        self.scene = pyrender.Scene(bg_color=list(background), ambient_light=[studio.ambient] * 3)
+        self.scene.add(self._body.mesh)
+        if not subject.is_transparent:
+            self.scene.add(self._ground.mesh)
+        self._camera = self.scene.add(
+            pyrender.PerspectiveCamera(yfov=camera.yfov_rad, aspectRatio=aspect, znear=Z_NEAR_M),
+            pose=camera.pose(),
+        )
+        for light in (studio.key, studio.fill, studio.rim):
+            facing = Camera(eye=light.towards, target=(0.0, 0.0, 0.0))
+            self.scene.add(
+                pyrender.DirectionalLight(color=light.color, intensity=light.intensity),
+                pose=facing.pose(),
+            )
+
+    def show(self, frame: PosedFrame, camera: Camera) -> None:
+        """Move the body, its shadow and the camera. The OpenGL context must be current."""
+        self.scene.set_pose(self._camera, camera.pose())
+        self._body.move(frame.vertices, frame.normals)
+        self._ground.show(frame.ground)

@@ -1,0 +1,179 @@
+"""Several videos side by side in lock-step, each under its name, with one sound track."""
+
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import UInt8
+from PIL import Image, ImageDraw, ImageFont
+
+from renderer.video.encoder import (
+    DEFAULT_CRF,
+    Cancelled,
+    Encoder,
+    VideoError,
+    VideoFacts,
+    check_sound,
+    encoding,
+    read_facts,
+)
+
+MAX_VIDEOS = 6
+MAX_WIDTH_PX = 1920
+"""Wider than this, a comparison gets a second row: few screens show more."""
+_SMALLEST_LABEL = 0.35
+"""Letters this high, as a share of the band, can still be read; longer labels are cut."""
+_INK, _PAPER = (38, 42, 50), (255, 255, 255)
+
+
+def compose_videos(
+    videos: Sequence[Path],
+    labels: Sequence[str],
+    out: Path,
+    speech_wav: Path | None = None,
+    crf: int = DEFAULT_CRF,
+    on_progress: Callable[[float], None] | None = None,
+    should_cancel: Callable[[], bool] | None = None,
+) -> None:
+    """Write videos beside one another, each row with a band of labels above its pictures.
+
+    There are as many rows as it takes to stay within ``MAX_WIDTH_PX``, about equally long. Frame n
+    of the result shows frame n of every video; a shorter video holds its last frame. ffmpeg decodes
+    and encodes in its own process, so memory does not grow with the length.
+
+    Args:
+        labels: one for each video; drawn smaller, or cut, if it is too long for its picture.
+        on_progress: called with the share done, 0 to 1.
+        should_cancel: asked several times a second.
+
+    Raises:
+        Cancelled: if ``should_cancel`` said so; no file is left.
+        ValueError: if there are no or too many videos, or labels do not match them.
+        VideoError: if a video cannot be read, sizes differ, or ffmpeg fails; no file is left.
+    """
+    if not 1 <= len(videos) <= MAX_VIDEOS:
+        raise ValueError(f"{len(videos)} videos were given; 1 to {MAX_VIDEOS} fit side by side.")
+    if len(labels) != len(videos):
+        raise ValueError(f"{len(labels)} labels were given for {len(videos)} videos.")
+    facts = [read_facts(video) for video in videos]
+    first = facts[0]
+    for video, other in zip(videos, facts, strict=True):
+        if (other.width, other.height) != (first.width, first.height):
+            raise VideoError(
+                f"{video.name} has {other.width} x {other.height} pixels and {videos[0].name} "
+                f"{first.width} x {first.height}; only equal sizes can stand side by side."
+            )
+    check_sound(speech_wav)
+    num_frames = max(each.num_frames for each in facts)
+    rows = rows_of(len(videos), first.width)
+    width = first.width * max(len(row) for row in rows)
+    with tempfile.TemporaryDirectory() as folder:
+        inputs = [part for video in videos for part in ("-i", str(video))]
+        for number, row in enumerate(rows):
+            band = Path(folder) / f"labels{number}.png"
+            names = [labels[i] for i in row]
+            Image.fromarray(label_band(names, first.width, first.height, width)).save(band)
+            inputs += ["-i", str(band)]
+        if speech_wav is not None:
+            inputs += ["-i", str(speech_wav)]
+        sound_input = None if speech_wav is None else len(videos) + len(rows)
+        encoder = Encoder(
+            out,
+            [
+                *inputs,
+                *("-filter_complex", _filter(facts, rows, num_frames), "-map", "[out]"),
+                *encoding(num_frames, crf, sound_input),
+            ],
+            stdin=False,
+        )
+        _run(encoder, num_frames, on_progress, should_cancel)
+
+
+def _run(
+    encoder: Encoder,
+    num_frames: int,
+    on_progress: Callable[[float], None] | None,
+    should_cancel: Callable[[], bool] | None,
+) -> None:
+    encoder.start()
+    try:
+        for num_done in encoder.progress():
+            if should_cancel is not None and should_cancel():
+                raise Cancelled(f"Composing {encoder.out.name} was cancelled.")
+            if on_progress is not None:
+                on_progress(min(num_done / num_frames, 1.0))
+    except BaseException:
+        encoder.abort()
+        raise
+    encoder.finish()
+
+
+def rows_of(count: int, picture_width: int) -> list[range]:
+    """Which videos stand in which row, from the top; the last row may be shorter."""
+    longest = max(1, MAX_WIDTH_PX // picture_width)
+    num_rows = -(-count // longest)
+    num_columns = -(-count // num_rows)
+    return [range(i, min(i + num_columns, count)) for i in range(0, count, num_columns)]
+
+
+def _filter(facts: Sequence[VideoFacts], rows: Sequence[range], num_frames: int) -> str:
+    """ffmpeg's filter graph: hold last frames, stack rows, lay each row's band above it."""
+    parts = [
+        f"[{i}:v]setpts=PTS-STARTPTS,tpad=stop={num_frames - each.num_frames}:stop_mode=clone[v{i}]"
+        for i, each in enumerate(facts)
+    ]
+    picture_width, band = facts[0].width, band_height(facts[0].height)
+    width = picture_width * len(rows[0])
+    for number, row in enumerate(rows):
+        joined = "".join(f"[v{i}]" for i in row)
+        joined += f"hstack=inputs={len(row)}" if len(row) > 1 else "null"
+        left = _left_edge(len(row), picture_width, width)
+        colours = "format=rgb24,scale=out_color_matrix=bt709:out_range=tv,format=yuv420p"
+        parts += [
+            f"{joined},pad={width}:ih+{band}:{left}:{band}:white[room{number}]",
+            f"[{len(facts) + number}:v]{colours}[band{number}]",
+            f"[room{number}][band{number}]overlay=0:0:eof_action=repeat[row{number}]",
+        ]
+    stack = "".join(f"[row{number}]" for number in range(len(rows)))
+    parts.append(stack + (f"vstack=inputs={len(rows)}" if len(rows) > 1 else "null") + "[out]")
+    return ";".join(parts)
+
+
+def _left_edge(count: int, picture_width: int, width: int) -> int:
+    """Where a row begins that stands in the middle; even, as yuv420p halves both axes."""
+    return 2 * ((width - count * picture_width) // 4)
+
+
+def band_height(picture_height: int) -> int:
+    """Height of the label band in pixels: even, and in proportion to the picture."""
+    return 2 * max(12, round(picture_height / 28))
+
+
+def label_band(
+    labels: Sequence[str], picture_width: int, picture_height: int, width: int | None = None
+) -> UInt8[np.ndarray, "B W 3"]:
+    """The band above a row of pictures, each label in one line, centred over its picture.
+
+    Args:
+        width: of the band, if it is wider than its row, which then stands in the middle.
+    """
+    height = band_height(picture_height)
+    width = width or picture_width * len(labels)
+    left = _left_edge(len(labels), picture_width, width)
+    band = Image.new("RGB", (width, height), _PAPER)
+    draw = ImageDraw.Draw(band)
+    widest = 0.94 * picture_width
+    for index, label in enumerate(" ".join(label.split()) for label in labels):
+        size = height * 0.55
+        font = ImageFont.load_default(size)
+        if draw.textlength(label, font) > widest:
+            shrunk = size * widest / draw.textlength(label, font)
+            font = ImageFont.load_default(max(shrunk, _SMALLEST_LABEL * height))
+        kept = len(label)
+        while draw.textlength(label, font) > widest:
+            kept -= 1
+            label = label[:kept] + "..."
+        middle = (left + picture_width * (index + 0.5), height / 2)
+        draw.text(middle, label, fill=_INK, font=font, anchor="mm")
+    return np.asarray(band)

@@ -1,0 +1,232 @@
+"""Sentences under the plots: the numbers choose the words, and swapped numbers turn them round."""
+
+import math
+from typing import Any
+
+import pytest
+
+from app.findings.comparison import plain
+from app.findings.samples import Ratio, ratio_of, samples_by_system
+from app.findings.sentences import sentences_of
+from app.run.followed_point import point_title
+
+PLOTS = ["trajectory", "depth", "spectrum", "attribution", "seams", "reference"]
+
+
+def measures(**changes: Any) -> dict[str, Any]:
+    raw = {
+        "tip_jerk_m_s3": 100.0,
+        "tip_velocity_power_above_5hz": 0.01,
+        "seam_jerk_ratio": 1.0,
+        "jerk_by_depth_m_s3": [10.0, 20.0, 100.0],
+        "tip_jerk_attribution": {"joints": ["pelvis", "right_elbow"], "share": [0.1, 0.3]},
+    }
+    return {"raw": {**raw, **changes}, "savgol": {**raw, **changes}}
+
+
+def numbers(reference: dict[str, Any] | None = None, **systems: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "tip": "right_middle",
+        "window_advance_frames": 52,
+        "systems": systems,
+        "reference": reference,
+    }
+
+
+def jerks(raw: float, savgol: float | None = None) -> dict[str, Any]:
+    both = measures(tip_jerk_m_s3=raw)
+    both["savgol"]["tip_jerk_m_s3"] = raw if savgol is None else savgol
+    return both
+
+
+def trajectory(**systems: dict[str, Any]) -> str:
+    return sentences_of(numbers(**systems))["trajectory"]
+
+
+def test_the_rougher_system_is_named_with_both_numbers_and_both_ratios() -> None:
+    assert trajectory(a=jerks(95.0, 50.0), b=jerks(123.5, 60.0)) == (
+        "On this clip b has 1.3 times the right middle fingertip jerk of a (124 against 95 m/s³);"
+        " after the filter 1.2 times. One sample each: an example, no comparison."
+    )
+
+
+def test_swapped_numbers_turn_every_sentence_round() -> None:
+    rough = measures(
+        tip_jerk_m_s3=200.0,
+        tip_velocity_power_above_5hz=0.2,
+        seam_jerk_ratio=3.0,
+        jerk_by_depth_m_s3=[10.0, 30.0, 300.0],
+        tip_jerk_attribution={"joints": ["pelvis", "right_elbow"], "share": [0.6, 0.3]},
+        position_error_m=[0.2, 0.3],
+    )
+    smooth = measures(position_error_m=[0.1, 0.1])
+    one = sentences_of(numbers(measures(), left=rough, right=smooth))
+    other = sentences_of(numbers(measures(), left=smooth, right=rough))
+
+    swap = {"left": "right", "right": "left"}
+    for plot in PLOTS:
+        words = [word.strip(",;.") for word in one[plot].split()]
+        assert "left" in words and "right" in words, plot
+        turned = [swap.get(word, word) for word in words]
+        # "right" is also a side of the body: its own sentence has it in fixed places
+        for index, word in enumerate(words):
+            if word == "right" and words[index + 1 : index + 2] in (["middle"], ["elbow"]):
+                turned[index] = "right"
+        assert turned == [word.strip(",;.") for word in other[plot].split()], plot
+
+
+def test_equal_numbers_are_told_as_equal() -> None:
+    found = sentences_of(numbers(measures(), a=measures(), b=measures()))
+
+    assert (
+        "the same right middle fingertip jerk within 5 % (100 against 100 m/s³)"
+        in (found["trajectory"])
+    )
+    assert "the same share of velocity power above 5 Hz" in found["spectrum"]
+    assert "stays the same within 5 %: 1.0 times at the pelvis, 1.0 times" in found["depth"]
+    assert "1.0 times the reference's" in found["reference"]
+    assert "is no nearer to it than b" in found["reference"]
+    assert "joins stand out" not in found["seams"]
+
+
+def test_a_filter_that_turns_the_order_is_told() -> None:
+    found = trajectory(a=jerks(200.0, 50.0), b=jerks(100.0, 75.0))
+    assert "a has 2.0 times the right middle fingertip jerk of b" in found
+    assert "after the filter b has 1.5 times that of a" in found
+
+    same = trajectory(a=jerks(200.0, 50.0), b=jerks(100.0, 50.0))
+    assert "after the filter the two are the same within 5 %" in same
+
+
+def test_several_samples_give_an_interval_that_holds_every_plausible_ratio() -> None:
+    found = trajectory(
+        **{f"a{end}": jerks(v) for end, v in (("", 300.0), (".s2", 200.0), (".s3", 250.0))},
+        **{f"b{end}": jerks(100.0) for end in ("", ".s2", ".s3")},
+    )
+    assert "a has 2.5 times" in found
+    assert "95 % interval 2.0 to 3.0 over 3 samples" in found
+    assert "One sample" not in found
+    assert "From only 3 samples the interval is rough." in found
+    assert "holds 1" not in found
+
+
+def test_an_interval_that_holds_1_is_said_not_to_tell_them_apart() -> None:
+    values = {"a": 300.0, "a.s2": 50.0, "b": 100.0, "b.s2": 200.0}
+    found = trajectory(**{name: jerks(value) for name, value in values.items()})
+    assert "The interval holds 1: these samples do not tell the two apart." in found
+
+
+def test_samples_are_compared_in_pairs_with_the_same_noise() -> None:
+    # Twice as rough with every noise, while the noises differ by far more than twice.
+    above, below = ({n: factor * 10.0**n for n in range(1, 6)} for factor in (2.0, 1.0))
+    ratio = ratio_of(above, below)
+    assert ratio is not None
+    assert (ratio.num_samples, ratio.is_open) == (5, False)
+    assert ratio.low == pytest.approx(2.0) and ratio.high == pytest.approx(2.0)
+
+    assert ratio_of({1: 4.0}, {1: 2.0, 2: 2.0}) == Ratio(2.0)
+    assert ratio_of({1: 4.0}, {1: 0.0}) is None
+
+
+def test_of_many_systems_the_extremes_are_compared_and_called_so() -> None:
+    found = trajectory(a=jerks(100.0), b=jerks(300.0), c=jerks(200.0))
+    assert (
+        "b has 3.0 times the right middle fingertip jerk of a, the highest and the lowest of 3"
+        in (found)
+    )
+
+
+def test_one_system_alone_is_not_compared() -> None:
+    found = trajectory(a=jerks(121.0, 54.0))
+    assert found == (
+        "On this clip a has a right middle fingertip jerk of 121 m/s³, 54 m/s³ after the filter."
+    )
+
+
+def test_depth_names_the_course_of_the_gap() -> None:
+    rough = measures(tip_jerk_m_s3=200.0, jerk_by_depth_m_s3=[10.0, 40.0, 300.0])
+    found = sentences_of(numbers(a=rough, b=measures()))["depth"]
+    assert found == (
+        "From the pelvis (depth 0) to the last finger joints (depth 2) the jerk of a relative to b"
+        " grows: 1.0 times at the pelvis, 3.0 times at the fingers (300 against 100 m/s³)."
+    )
+    rough = measures(tip_jerk_m_s3=200.0, jerk_by_depth_m_s3=[80.0, 40.0, 200.0])
+    assert "relative to b falls: 8.0 times" in sentences_of(numbers(a=rough, b=measures()))["depth"]
+
+    falling = measures(jerk_by_depth_m_s3=[30.0, 20.0, 10.0])
+    assert "falls (30 to 10 m/s³)" in sentences_of(numbers(a=falling))["depth"]
+
+
+def test_attribution_points_at_the_strongest_joint_or_at_none() -> None:
+    def told(*shares: float | None) -> str:
+        attribution = {"joints": ["pelvis", "right_elbow"], "share": list(shares)}
+        return sentences_of(numbers(a=measures(tip_jerk_attribution=attribution)))["attribution"]
+
+    assert "smoothing the right elbow alone takes most right middle fingertip jerk away (45 %)" in (
+        told(0.1, 0.45)
+    )
+    assert "smoothing the pelvis alone" in told(0.2, 0.1)
+    assert "no single joint stands out (pelvis most, 3.0 %)" in told(0.03, 0.02)
+    assert "no joint's smoothing alone takes jerk" in told(-0.1, -0.2)
+    assert "could be told apart by joint" in told(None, None)
+
+
+def test_seams_stand_out_or_do_not() -> None:
+    found = sentences_of(
+        numbers(a=measures(seam_jerk_ratio=2.1), b=measures(seam_jerk_ratio=1.02))
+    )["seams"]
+    assert "2.1 times that elsewhere with a (joins stand out, 2.1 after the filter)" in found
+    assert "1.0 times that elsewhere with b (joins do not stand out" in found
+
+    reference = measures(seam_jerk_ratio=2.2)
+    found = sentences_of(numbers(reference, a=measures(seam_jerk_ratio=2.1)))["seams"]
+    assert "joins stand out" not in found
+    assert "the reference, which has no joins, has 2.2" in found
+
+
+def test_the_nearest_to_the_reference_need_not_be_the_smoothest() -> None:
+    found = sentences_of(numbers(jerks(150.0), a=jerks(160.0), b=jerks(50.0)))["reference"]
+    assert found.startswith("a has 1.1 times the reference's right middle fingertip jerk")
+    assert "is nearest to it; b has 0.33 times it" in found
+    assert sentences_of(numbers(a=jerks(160.0)))["reference"] == ""
+
+
+def test_missing_numbers_are_told_and_never_crash() -> None:
+    empty = {"raw": {"tip_jerk_m_s3": None, "jerk_by_depth_m_s3": [None, None]}, "savgol": {}}
+    found = sentences_of(numbers(a=empty, b=empty))
+    assert list(found) == PLOTS
+    assert "too short" in found["trajectory"] and "too short" in found["depth"]
+    assert "long enough" in found["spectrum"] and "long enough" in found["seams"]
+
+    half = trajectory(a=empty, b=jerks(100.0))
+    assert half.startswith("On this clip b has a right middle fingertip jerk of 100 m/s³")
+
+    still = sentences_of(numbers(a=jerks(0.0), b=jerks(10.0)))
+    assert "highest with b and lowest with a (10 against 0 m/s³)" in still["trajectory"]
+    assert math.isfinite(len(still["depth"]))
+
+
+def test_the_followed_point_is_named() -> None:
+    elbow = {**numbers(a=jerks(10.0)), "joint": "right_elbow"}
+    assert "a right elbow jerk of 10 m/s³" in sentences_of(elbow)["trajectory"]
+    assert point_title("right_thumb") == "Right thumb tip"
+    assert point_title("left_ring") == "Left ring fingertip"
+    assert point_title("right_middle3") == "Right middle joint 3"
+
+
+def test_samples_belong_to_their_system_only_where_it_is_there() -> None:
+    assert samples_by_system(["a", "a.s2", "b.s2", "c.s1", "c"]) == {
+        "a": {1: "a", 2: "a.s2"},
+        "b.s2": {1: "b.s2"},
+        "c.s1": {1: "c.s1"},
+        "c": {1: "c"},
+    }
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0, "0"), (0.00621, "0.0062"), (0.996, "1.0"), (1.26, "1.3"), (9.96, "10"), (123.4, "123"),
+     (123456.0, "123456"), (-0.034, "-0.034")],
+)  # fmt: skip
+def test_numbers_are_plain(value: float, text: str) -> None:
+    assert plain(value) == text

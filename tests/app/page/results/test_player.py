@@ -1,0 +1,100 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from app.page.results.player import Showing, write_sound
+from app.page.results.timeline import point_curves
+from app.page.serving.media import MediaDesk
+from app.run.followed_point import choose_tip_source
+from app.run.request import Artefact, GenerateRequest
+from model.motion.motion import first_frames, load_motion, save_motion
+from model.speech.transcript import Word
+from renderer.body.body import load_body
+from tests.app.fakes import made_motion
+from tests.helpers import smooth_motion_example
+from tests.renderer.body.test_body import expanded_to_smplx
+
+NAMES = ("globaldiff/local", "globaldiff/global", "reference")
+
+
+@pytest.fixture
+def request_with_reference(speech: Path, tmp_path: Path) -> GenerateRequest:
+    reference = tmp_path / "recorded.npz"
+    save_motion(made_motion(60), reference)
+    return GenerateRequest(
+        speech=speech, out=tmp_path / "out", weights=tmp_path, reference=reference
+    )
+
+
+@pytest.fixture
+def showing(request_with_reference: GenerateRequest, tmp_path: Path) -> Showing:
+    words = (Word(0.25, 0.5, "hello"),)
+    return Showing(
+        request_with_reference, NAMES, tmp_path, desk=MediaDesk(), visitor="", words=words
+    )
+
+
+def told(showing: Showing, kind, name: str, folder: Path) -> None:
+    path = folder / f"{name.replace('/', '-')}.{'npz' if kind == 'motion' else 'mp4'}"
+    if kind == "motion":
+        save_motion(made_motion(37), path)
+    else:
+        path.touch()
+    showing.take(Artefact(kind, name, path))
+
+
+def test_rows_are_there_at_once_and_their_files_come_one_by_one(
+    showing: Showing, tmp_path: Path
+) -> None:
+    assert [row["name"] for row in showing.value()["rows"]] == list(NAMES)
+    assert [row["is_reference"] for row in showing.value()["rows"]] == [False, False, True]
+    told(showing, "video", NAMES[1], tmp_path)
+    assert ["video" in row for row in showing.value()["rows"]] == [False, True, False]
+    told(showing, "video", "of another run", tmp_path)
+    assert len(showing.value()["rows"]) == 3
+
+
+def test_an_address_stays_the_same_for_as_long_as_a_run_is_shown(
+    showing: Showing, tmp_path: Path
+) -> None:
+    told(showing, "video", NAMES[0], tmp_path)
+    assert showing.value()["rows"][0]["video"] == showing.value()["rows"][0]["video"]
+
+
+def test_the_time_line_follows_the_last_motion_and_holds_the_reference(
+    showing: Showing, tmp_path: Path
+) -> None:
+    told(showing, "motion", NAMES[0], tmp_path)
+    assert "timeline" not in showing.value(is_over=True)
+    told(showing, "motion", NAMES[1], tmp_path)
+    value = showing.value(is_over=True)
+    assert value["audio"] != value["timeline"]
+    timeline = json.loads((tmp_path / "timeline.json").read_text())
+    assert timeline["duration_s"] == pytest.approx(37 / 30, abs=1e-3)
+    assert timeline["words"] == [[0.25, 0.5, "hello"]]
+    lengths = {
+        name: len(curves["raw"]["jerk_m_s3"]["values"])
+        for name, curves in timeline["curves"].items()
+    }
+    assert lengths == {name: 37 - 3 for name in NAMES}  # the reference is cut to the speech
+
+
+def test_with_a_licensed_body_the_time_line_follows_its_vertex_as_the_numbers_do(
+    request_with_reference: GenerateRequest, tmp_path: Path
+) -> None:
+    path, body_path = tmp_path / "a.npz", tmp_path / "SMPLX_NEUTRAL.npz"
+    save_motion(smooth_motion_example(37), path)
+    expanded_to_smplx(load_body(), body_path)
+    asked = replace(request_with_reference, body=body_path)
+    _, timeline = write_sound(asked, {"a": path}, tmp_path)
+    curves = json.loads(timeline.read_text())["curves"]
+
+    vertex = choose_tip_source(load_body(body_path), body_path, asked.joint)
+    rigid = choose_tip_source(load_body(), None, asked.joint)
+    motion = load_motion(path)
+    assert curves["a"]["raw"] == point_curves(vertex.track(motion))
+    assert curves["a"]["raw"] != point_curves(rigid.track(motion))
+    recorded = first_frames(load_motion(asked.reference), 37)
+    assert curves["reference"]["raw"] == point_curves(vertex.track(recorded))

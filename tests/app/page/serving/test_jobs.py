@@ -1,0 +1,103 @@
+import os
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from app.errors import CancelledRun, RunError
+from app.page.serving.jobs import JobBook
+
+
+def test_each_job_has_a_folder_of_its_own_that_others_cannot_enter(tmp_path: Path) -> None:
+    jobs = JobBook(tmp_path / "jobs")
+    one, two = jobs.open("one", "study"), jobs.open("two", "study")
+    assert one.folder != two.folder
+    assert one.folder.stat().st_mode & 0o777 == 0o700
+
+
+def test_cancelling_stops_the_runs_of_one_tab_of_one_visitor(tmp_path: Path) -> None:
+    jobs = JobBook(tmp_path)
+    first, second = jobs.open("one", "generate"), jobs.open("one", "generate")
+    others = [jobs.open("one", "study"), jobs.open("two", "generate")]
+    assert not first.is_cancelled()
+    assert jobs.cancel("one", "generate") and first.is_cancelled() and second.is_cancelled()
+    assert not any(other.is_cancelled() for other in others)
+    assert not jobs.cancel("one", "own_motion") and not jobs.cancel("nobody", "generate")
+    jobs.cancel_all()
+    assert all(other.is_cancelled() for other in others)
+
+
+def test_runs_go_one_at_a_time_in_order_of_arrival_and_are_told_their_place(
+    tmp_path: Path,
+) -> None:
+    jobs = JobBook(tmp_path)
+    order: list[str] = []
+    places: dict[str, list[int]] = {}
+    release = threading.Event()
+    at_work = threading.Event()
+
+    def work(name: str) -> None:
+        with jobs.slot(jobs.open(name, "generate")) as turn:
+            places[name] = list(turn)
+            order.append(name)
+            at_work.set()
+            release.wait(10)
+
+    threads = []
+    for name in ("first", "second", "third"):
+        threads.append(threading.Thread(target=work, args=(name,)))
+        threads[-1].start()
+        at_work.wait(10)
+        time.sleep(0.05)  # so that it stands in the queue before the next one comes
+    assert order == ["first"]
+    release.set()
+    for thread in threads:
+        thread.join(10)
+    assert order == ["first", "second", "third"]
+    assert places["first"] == []
+    assert places["second"][0] == 1
+    assert places["third"][0] == 2
+
+
+def test_a_waiting_run_can_be_cancelled_and_leaves_its_place(tmp_path: Path) -> None:
+    jobs = JobBook(tmp_path)
+    with jobs.slot(jobs.open("first", "generate")) as turn:
+        assert list(turn) == []
+        with jobs.slot(jobs.open("second", "generate")) as waiting:
+            assert next(waiting) == 1
+            jobs.cancel("second", "generate")
+            with pytest.raises(CancelledRun):
+                next(waiting)
+    with jobs.slot(jobs.open("third", "generate")) as turn:
+        assert list(turn) == []
+
+
+def test_more_than_the_limit_are_turned_away(tmp_path: Path) -> None:
+    jobs = JobBook(tmp_path, max_waiting=1)
+    with jobs.slot(jobs.open("working", "generate")) as turn:
+        list(turn)
+        waiting = jobs.open("waiting", "generate")
+        with jobs.slot(waiting), pytest.raises(RunError, match="1 runs waiting"):
+            jobs.open("too many", "generate")
+
+
+def test_old_folders_are_deleted_and_those_in_use_kept(tmp_path: Path) -> None:
+    jobs = JobBook(tmp_path)
+    ended, running = jobs.open("ended", "generate"), jobs.open("running", "generate")
+    jobs.close(ended)
+    for job in (ended, running):
+        os.utime(job.folder, (0, 0))
+    fresh = jobs.open("fresh", "generate")
+    jobs.close(fresh)
+    assert jobs.sweep(max_age_s=60) == 1
+    assert not ended.folder.exists() and running.folder.exists() and fresh.folder.exists()
+
+
+def test_a_closed_run_is_forgotten_and_the_visitors_other_run_is_not(tmp_path: Path) -> None:
+    jobs = JobBook(tmp_path)
+    old, new = jobs.open("one", "study"), jobs.open("one", "study")
+    jobs.close(old)
+    assert jobs.cancel("one", "study") and new.is_cancelled() and not old.is_cancelled()
+    jobs.close(new)
+    assert not jobs.cancel("one", "study")

@@ -1,0 +1,34 @@
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+
+from app.page.tabs.generate import default_systems
+from app.page.tabs.systems import NOT_HERE, RUNGS, ladder
+from model.systems.globaldiff.config import BEST, LADDER, SYSTEMS
+
+
+def test_the_rungs_are_those_of_the_trainings_in_their_order() -> None:
+    assert [rung.system for rung in RUNGS] == list(LADDER)
+    assert BEST in ladder([BEST])
+
+
+def test_systems_without_weights_are_told_apart() -> None:
+    html = ladder(["globaldiff/local", "globaldiff/global"])
+    assert html.count("class=absent") == 3 and html.count(NOT_HERE) == 4
+    assert "absent" not in ladder(list(SYSTEMS)) and NOT_HERE not in ladder(list(SYSTEMS))
+
+
+@pytest.mark.parametrize("rung", RUNGS, ids=lambda rung: rung.system)
+def test_equations_are_whole(rung) -> None:
+    """Every fraction, index and accent has as many parts as MathML wants."""
+    parts = {"mfrac": 2, "msub": 2, "msup": 2, "msubsup": 3, "mover": 2, "munder": 2}
+    for element in ElementTree.fromstring(rung.equation).iter():
+        assert len(element) == parts.get(element.tag, len(element))
+        assert len(element) or (element.text or "").strip()
+
+
+def test_at_first_a_few_systems_are_ticked_that_show_most() -> None:
+    first = [BEST, "globaldiff/local", "globaldiff/global"]
+    assert default_systems(list(SYSTEMS)) == first
+    assert default_systems(first[:2]) == first[:2]
+    assert default_systems(["a", "globaldiff/global", "b", "c"]) == ["a", "globaldiff/global", "b"]

@@ -1,0 +1,61 @@
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from app.errors import RunError
+from app.run.result_folder import ResultFolder, require_free_space
+
+
+def test_results_appear_together_and_only_at_the_end(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with ResultFolder(out) as folder:
+        folder.path("a.txt").write_text("a")
+        folder.scratch("speech.wav").write_text("only for the run")
+        assert [path for path in out.iterdir() if not path.name.startswith(".")] == []
+        files = folder.publish()
+    assert files == (out / "a.txt",)
+    assert [path.name for path in out.iterdir()] == ["a.txt"]
+
+
+def test_a_failed_run_leaves_an_earlier_result_as_it_was(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("earlier")
+    with pytest.raises(KeyError), ResultFolder(tmp_path) as folder:
+        folder.path("a.txt").write_text("half")
+        raise KeyError
+    assert (tmp_path / "a.txt").read_text() == "earlier"
+    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_a_failed_run_removes_the_folder_that_it_made(tmp_path: Path) -> None:
+    with pytest.raises(KeyError), ResultFolder(tmp_path / "new"):
+        raise KeyError
+    assert not (tmp_path / "new").exists()
+
+
+def test_what_a_killed_run_left_is_removed_but_not_what_a_living_one_writes(tmp_path: Path) -> None:
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    (tmp_path / f".unfinished-{dead.pid}-abc").mkdir()
+    (tmp_path / f".unfinished-{os.getppid()}-abc").mkdir()
+    with ResultFolder(tmp_path) as folder:
+        folder.publish()
+    assert [path.name for path in tmp_path.iterdir()] == [f".unfinished-{os.getppid()}-abc"]
+
+
+@pytest.mark.parametrize("place", ["file", "file/below", "/proc/nowhere"])
+def test_a_place_that_cannot_be_written_to_is_named_in_one_sentence(
+    tmp_path: Path, place: str
+) -> None:
+    (tmp_path / "file").write_text("")
+    out = tmp_path / place
+    with pytest.raises(RunError, match=str(out)), ResultFolder(out):
+        pass
+
+
+def test_too_little_free_space_is_refused_with_both_numbers(tmp_path: Path) -> None:
+    with pytest.raises(RunError, match=r"\d+ MB free .* needs about 1000000000 MB"):
+        require_free_space(tmp_path, 10**15)
+    require_free_space(tmp_path, 1)

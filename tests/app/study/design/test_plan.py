@@ -1,0 +1,104 @@
+"""Plans: what is read, and one clear sentence for everything that cannot be."""
+
+from pathlib import Path
+
+import pytest
+
+from app.errors import RunError
+from app.study.design.plan import Generator, read_plan
+from tests.app.study.made_study import write_plan
+
+MINIMAL = """
+title = "T"
+protocol = "pairwise"
+participants = 28
+[[clips]]
+name = "one"
+speech = "one.wav"
+[[systems]]
+name = "globaldiff/local"
+[[systems]]
+name = "theirs"
+motion = "theirs/{clip}.npz"
+"""
+
+
+def read(folder: Path, text: str):
+    path = folder / "plan.toml"
+    path.write_text(text)
+    return read_plan(path)
+
+
+def test_a_minimal_plan_has_sensible_defaults(tmp_path: Path) -> None:
+    plan = read(tmp_path, MINIMAL)
+    assert (plan.views, plan.length_s, plan.size, plan.face) == (("front",), None, 512, "still")
+    assert (plan.attention_checks, plan.max_failed, plan.has_sound) == (2, 1, False)
+    assert plan.clips[0].speech == tmp_path / "one.wav"
+    assert plan.systems[0].generator == Generator("globaldiff/local")
+    assert plan.systems[1].motions == {"one": tmp_path / "theirs" / "one.npz"}
+
+
+def test_one_system_can_take_part_with_several_settings(tmp_path: Path) -> None:
+    text = MINIMAL + '[[systems]]\nname = "smoothed"\nsystem = "globaldiff/local"\n'
+    plan = read(tmp_path, text + 'post_filter = "savgol"\nseed = 3\n')
+    expected = Generator("globaldiff/local", seed=3, post_filter="savgol")
+    assert plan.systems[2].generator == expected
+    with pytest.raises(RunError, match=r"'globaldiff/local' and 'smoothed' are the same"):
+        read(tmp_path, text)
+
+
+def test_motion_can_be_a_table_by_clip(tmp_path: Path) -> None:
+    text = MINIMAL.replace('motion = "theirs/{clip}.npz"', 'motion = { one = "a b.npz" }')
+    assert read(tmp_path, text).systems[1].motions == {"one": tmp_path / "a b.npz"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('title = "T"', "", "`title`"),
+        ('title = "T"', 'titel = "T"', "no key `titel`"),
+        ('"pairwise"', '"beauty"', "`protocol` must be one of pairwise, matched"),
+        ("participants = 28", "participants = 0", "`participants` must be a whole number from 1"),
+        ("participants = 28", "participants = 28\nlength_s = nan", "`length_s` must be a number"),
+        ("participants = 28", 'participants = 28\nviews = ["top"]', "`views` must be a list"),
+        ("participants = 28", 'participants = 28\nface = "hidden"', "`face` must be one of still"),
+        (
+            "participants = 28",
+            'participants = 28\npost_to = "ftp://x"',
+            "`post_to` must be an http",
+        ),
+        (
+            "participants = 28",
+            'participants = 28\npost_to = "https://x.org/;script-src *"',
+            "`post_to` must be an http",
+        ),
+        ("participants = 28", "participants = 28\nreasons = 1", "`reasons` must be true or false"),
+        ('name = "theirs"', 'name = "globaldiff/local"', "Two systems of the plan have the name"),
+        ('speech = "one.wav"', "", "has no `speech`"),
+        ('name = "theirs"', 'name = "a, b"', "no comma or =; 'a, b' is none"),
+        ('speech = "one.wav"', 'speech = "one.wav"\nstart_s = -1', "`start_s` must be a number"),
+        ("theirs/{clip}.npz", "theirs/one.npz", "must hold {clip}"),
+        ('"theirs/{clip}.npz"', '{ two = "x.npz" }', "has no motion for the clip 'one'"),
+        ('"theirs/{clip}.npz"', '{ one = "x", two = "y" }', "'two', which is no clip"),
+        ('{clip}.npz"', '{clip}.npz"\nseed = 1', "has `motion`, so it cannot have `seed`"),
+        ('[[systems]]\nname = "globaldiff/local"\n', "", "compares at least 2 systems"),
+        ("[[clips]]", "[[clips", "is no TOML file"),
+    ],
+)
+def test_a_bad_plan_gives_one_sentence(tmp_path: Path, old: str, new: str, words: str) -> None:
+    assert old in MINIMAL
+    with pytest.raises(RunError) as caught:
+        read(tmp_path, MINIMAL.replace(old, new, 1))
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_plan_gives_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(RunError, match="There is no plan at"):
+        read_plan(tmp_path / "plan.toml")
+
+
+def test_matched_speech_needs_a_second_clip(tmp_path: Path) -> None:
+    path = write_plan(tmp_path, ["one"], ["only"], 'protocol = "matched"')
+    with pytest.raises(RunError, match="at least 2 clips"):
+        read_plan(path)

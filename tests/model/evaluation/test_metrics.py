@@ -1,0 +1,132 @@
+import numpy as np
+import pytest
+import torch
+from scipy.linalg import sqrtm
+
+from model.evaluation import frechet
+from model.evaluation.clip_measures import face_error, l1_to_mean, mean_pairwise_l1
+from model.evaluation.speech_response import coupling, frame_loudness, speech_tracks
+from model.measures import beats
+from model.motion.packing import MOTION_DIM, Normaliser
+from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
+from model.systems.globaldiff.config import FGD_ENCODER
+from tests.helpers import smooth_motion_example
+
+
+def moving_at(stops_s: list[float], seconds: float = 12.0) -> np.ndarray:
+    """Joints (T, 55, 3) that slow down at the given times and move at 1 m/s between them."""
+    time = np.arange(round(30 * seconds)) / 30
+    nearest = np.abs(time[:, None] - np.array(stops_s)).min(1)
+    speed = np.clip(0.4 + 3 * nearest, None, 1.0) + 0.001 * time
+    return np.repeat(np.cumsum(speed / 30)[:, None, None], 55, 1) * np.array([1.0, 0, 0])
+
+
+STOPS = [2.5, 4.1, 5.3, 7.0, 8.2, 9.6]
+ONES = np.ones(13)
+
+
+def test_beats_are_found_at_the_stops():
+    found = beats.motion_beats(beats.joint_speeds(moving_at(STOPS)[:, beats.BEAT_JOINTS]), ONES)
+    assert len(found) == 13
+    np.testing.assert_allclose(found[0], STOPS, atol=0.05)
+
+
+def test_stops_that_are_too_slow_for_a_beat_are_none():
+    speeds = beats.joint_speeds(moving_at(STOPS)[:, beats.BEAT_JOINTS])
+    assert all(len(joint) == 0 for joint in beats.motion_beats(speeds, 10 * ONES))
+    assert beats.audio_to_motion(np.array([3.0]), [np.array([])] * 13) == 0
+
+
+def test_alignment_is_one_in_time_and_at_chance_level_out_of_time():
+    positions = moving_at(STOPS)
+    right = beats.beat_scores(positions, np.array(STOPS), ONES)
+    late = beats.beat_scores(positions, np.array(STOPS) + 0.3, ONES)
+    for direction in ("audio_to_motion", "motion_to_audio"):
+        name = f"beat_align_{direction}"
+        assert right[name] > 0.9
+        assert right[f"{name}_chance"] < right[name] - 0.2
+        assert late[name] < right[name] - 0.3
+
+
+def test_the_directions_differ_where_one_side_has_more_beats():
+    few, many = np.array([3.0, 6.0]), [np.arange(2.0, 10.0, 0.5)]
+    assert beats.audio_to_motion(few, many) == 1.0
+    assert beats.motion_to_audio(few, many) == pytest.approx(2 / 16, abs=1e-3)
+    # one sigma away: exp(-1/2)
+    assert beats.audio_to_motion(few + 0.3, [few]) == pytest.approx(np.exp(-0.5))
+
+
+def test_onsets_near_the_ends_do_not_count():
+    positions = moving_at(STOPS)
+    inside = beats.beat_scores(positions, np.array(STOPS), ONES)
+    more = np.array([0.4, 1.2, *STOPS, 11.3])
+    assert beats.beat_scores(positions, more, ONES) == inside
+
+
+def test_frechet_distance_agrees_with_the_textbook():
+    rng = np.random.default_rng(0)
+    a = rng.standard_normal((400, 5)) @ rng.standard_normal((5, 5))
+    b = rng.standard_normal((300, 5)) @ rng.standard_normal((5, 5)) + 0.5
+    cov_a, cov_b = np.cov(a.T), np.cov(b.T)
+    expected = np.square(a.mean(0) - b.mean(0)).sum() + np.trace(
+        cov_a + cov_b - 2 * sqrtm(cov_a @ cov_b).real
+    )
+    assert frechet.frechet_distance(a, b) == pytest.approx(expected, rel=1e-6)
+    assert frechet.frechet_distance(a, a) == pytest.approx(0, abs=1e-8)
+    assert frechet.frechet_distance(a, a + 2) == pytest.approx(20)  # 5 axes, 2 apart
+
+
+def test_split_half_floor_is_above_zero_and_below_another_distribution():
+    rng = np.random.default_rng(0)
+    clips = [rng.standard_normal((50, 4)) for _ in range(10)]
+    others = [rng.standard_normal((50, 4)) + 1 for _ in range(10)]
+    floor, distance = frechet.split_half_floor(clips), frechet.fgd(clips, others)
+    assert 0 < floor.mean < 0.2 < distance.low <= distance.mean <= distance.high
+    assert distance.mean == pytest.approx(4, rel=0.2)
+
+
+def test_features_are_one_for_every_eight_frames_and_the_same_for_any_cut():
+    torch.manual_seed(0)
+    statistics = Normaliser(torch.zeros(MOTION_DIM), torch.ones(MOTION_DIM))
+    encoder = FrozenEncoder(MotionAutoencoder(FGD_ENCODER).eval(), statistics, "")
+    motion = smooth_motion_example(210)
+    features = frechet.motion_features(encoder, motion)
+    assert features.shape == (26, 32)
+    shorter = frechet.motion_features(encoder, smooth_motion_example(210, seed=1))
+    assert np.abs(features - shorter).max() > 1e-3
+
+
+def test_diversities_are_sums_over_coordinates():
+    still, swaying = np.zeros((4, 55, 3)), np.zeros((4, 55, 3))
+    swaying[::2, :, 0], swaying[1::2, :, 0] = 0.1, -0.1
+    assert l1_to_mean(still) == 0
+    assert l1_to_mean(swaying) == pytest.approx(5.5)
+    distances = mean_pairwise_l1([still, swaying, swaying[:2]])
+    assert distances[0, 1] == distances[1, 0] == pytest.approx(5.5)
+    assert distances[1, 2] == 0 and (np.diag(distances) == 0).all()
+
+
+def test_face_error_looks_at_the_columns_in_use():
+    motion = smooth_motion_example(30)
+    other = smooth_motion_example(30)
+    other.expressions[:, :52] += 0.5
+    assert face_error(other, motion) == pytest.approx(0.25, rel=1e-5)
+
+
+def test_coupling_is_high_for_wrists_that_move_when_it_is_loud():
+    rng = np.random.default_rng(0)
+    loudness = np.convolve(rng.standard_normal(900), np.ones(15) / 15, "same")
+    step = np.clip(1 + 2 * loudness, 0, None)[6:, None, None] / 30  # the motion leads by 0.2 s
+    positions = np.cumsum(np.repeat(step, 55, 1) * np.array([1.0, 0, 0]), 0)
+    tracks = speech_tracks(loudness[:, None], rng.standard_normal((100, 1)))
+    scores = {kind: coupling(positions, track[:, 0]) for kind, track in tracks.items()}
+    assert scores["right"] > 0.95
+    assert max(scores["shifted"], scores["foreign"]) < 0.5
+    assert coupling(np.zeros((90, 55, 3)), loudness) == 0  # what does not move follows nothing
+
+
+def test_loudness_is_in_decibels_by_frame_and_silent_after_the_end():
+    tone = np.concatenate([np.ones(16_000), 0.1 * np.ones(16_000)]).astype(np.float32)
+    loudness = frame_loudness(tone, 70)
+    np.testing.assert_allclose(loudness[[0, 29, 30, 59]], [0, 0, -20, -20], atol=0.1)
+    np.testing.assert_allclose(loudness[60:], -60)

@@ -1,0 +1,76 @@
+from dataclasses import replace
+
+import pytest
+import torch
+
+from model.networks.autoencoder import MotionAutoencoder
+from model.storage.settings import AutoencoderConfig
+from model.systems.globaldiff.config import FGD_ENCODER, named_config
+
+TINY = AutoencoderConfig(width=8, blocks_per_scale=1, latent_dim=4)
+
+
+def shaken(config: AutoencoderConfig) -> MotionAutoencoder:
+    network = MotionAutoencoder(config)
+    with torch.no_grad():
+        for parameter in network.parameters():
+            parameter += 0.1 * torch.randn_like(parameter)
+    return network.eval()
+
+
+def test_codes_lie_at_their_scales_and_decode_to_every_frame():
+    network = shaken(replace(TINY, scales=(2, 8)))
+    restored, codes = network(torch.randn(3, 64, 333), None, None)
+    assert [mean.shape for mean, _ in codes] == [(3, 32, 4), (3, 8, 4)]
+    assert restored.shape == (3, 64, 333)
+    coarse, fine = ([c + (k == i) for k, (c, _) in enumerate(codes)] for i in (0, 1))
+    for changed in (coarse, fine):  # both scales reach the motion
+        assert (network.decode(changed) - restored).abs().max() > 1e-3
+
+
+def test_codes_of_a_frame_do_not_depend_on_batch_or_distant_frames():
+    network = shaken(TINY)
+    motion = torch.randn(4, 240, 333)
+    whole = network.encode(motion)[-1][0]
+    alone = network.encode(motion[1:2, :120])[-1][0]
+    torch.testing.assert_close(whole[1:2, :20], alone[:, :20], atol=1e-5, rtol=1e-4)
+
+
+def test_hidden_frames_do_not_reach_the_codes():
+    network = shaken(TINY)
+    motion, hidden = torch.randn(2, 60, 333), torch.zeros(2, 60, dtype=torch.bool)
+    hidden[:, 20:40] = True
+    other = motion.clone()
+    other[:, 20:40] += 1.0
+    for (a, _), (b, _) in zip(
+        network.encode(motion, hidden), network.encode(other, hidden), strict=True
+    ):
+        torch.testing.assert_close(a, b)
+    assert (network.encode(motion)[0][0] - network.encode(other)[0][0]).abs().max() > 1e-3
+
+
+def test_noise_is_scaled_by_the_codes_own_spread():
+    network = shaken(TINY)
+    motion = torch.randn(2, 60, 333)
+    codes = network.encode(motion)
+    noise = [torch.ones_like(mean) for mean, _ in codes]
+    expected = network.decode([mean + (log_var / 2).exp() for mean, log_var in codes])
+    torch.testing.assert_close(network(motion, None, noise)[0], expected)
+
+
+@pytest.mark.parametrize("system", ["motion-vae", "fgd-encoder"])
+def test_bundled_sizes_stay_below_a_million_parameters(system):
+    network = MotionAutoencoder(named_config("demo", system).autoencoder)
+    assert sum(p.numel() for p in network.parameters()) < 1e6
+
+
+def test_the_judge_of_fgd_is_not_the_teacher_of_l_m():
+    teacher = named_config("demo", "motion-vae").autoencoder
+    assert FGD_ENCODER.rotation_space != teacher.rotation_space
+    assert set(FGD_ENCODER.scales).isdisjoint(teacher.scales)
+
+
+@pytest.mark.parametrize("changes", [{"scales": (3,)}, {"scales": ()}, {"mask_share": 1.0}])
+def test_shapes_that_cannot_be_are_refused(changes):
+    with pytest.raises(ValueError, match=next(iter(changes))):
+        AutoencoderConfig(**changes)

@@ -1,0 +1,121 @@
+import json
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+import torch
+
+from model.motion.packing import HAND_CHANNELS, TORSO_CHANNELS
+from model.storage.settings import NetworkConfig, TrainConfig, from_dict, to_json
+from model.systems.globaldiff.config import CONFIGS, LADDER, named_config
+from model.systems.globaldiff.network import MotionNetwork
+from model.training.run_folder import differing_fields
+from tests.model.made import TINY_NETWORK
+
+
+def inputs(size: int = 2, config: NetworkConfig = TINY_NETWORK) -> dict:
+    generator = torch.Generator().manual_seed(0)
+    frames, seed = config.window_frames, config.seed_frames
+    heard = frames + 2 * config.speech_context
+    return {
+        "x_t": torch.randn(size, frames, 333, generator=generator),
+        "t": torch.rand(size, generator=generator),
+        "speech": torch.randn(size, heard, config.speech_dim, generator=generator),
+        "expression": torch.rand(size, frames, config.expression_dim, generator=generator),
+        "seed": torch.randn(size, seed, 333, generator=generator),
+        "speaker": torch.ones(size, dtype=torch.long),
+        "has_seed": torch.ones(size, dtype=torch.bool),
+        "has_speech": torch.ones(size, dtype=torch.bool),
+    }
+
+
+@pytest.fixture
+def network() -> MotionNetwork:
+    torch.manual_seed(0)
+    network = MotionNetwork(TINY_NETWORK)
+    with torch.no_grad():
+        for parameter in network.parameters():  # outputs and FiLM layers start at zero
+            parameter += 0.1 * torch.randn_like(parameter)
+    return network
+
+
+def test_an_untrained_network_predicts_the_mean_pose():
+    assert (MotionNetwork(TINY_NETWORK)(**inputs()) == 0).all()
+
+
+@pytest.mark.parametrize("changed", ["x_t", "t", "speech", "expression", "seed", "speaker"])
+def test_every_condition_reaches_both_regions(network, changed):
+    given = inputs()
+    other = dict(given)
+    other[changed] = given[changed] * 0 + 2 if changed == "speaker" else given[changed] + 0.3
+    difference = (network(**given) - network(**other)).abs()
+    assert difference[..., HAND_CHANNELS].max() > 1e-4
+    assert difference[..., TORSO_CHANNELS].max() > 1e-4
+
+
+def test_hidden_speech_and_seed_have_no_influence(network):
+    given = inputs()
+    for flag, hidden in (("has_speech", ("speech", "expression")), ("has_seed", ("seed",))):
+        blind = {**given, flag: torch.zeros(2, dtype=torch.bool)}
+        other = {**blind, **{name: given[name] + 1 for name in hidden}}
+        torch.testing.assert_close(network(**blind), network(**other))
+        assert (network(**blind) - network(**given)).abs().max() > 1e-4
+
+
+def test_samples_of_a_batch_do_not_mix(network):
+    given = inputs(3)
+    alone = network(**{name: value[1:2] for name, value in given.items()})
+    torch.testing.assert_close(network(**given)[1:2], alone, atol=1e-5, rtol=1e-5)
+
+
+def test_the_bundled_size_stays_below_seven_and_a_half_million_parameters():
+    network = MotionNetwork(named_config("demo", "globaldiff/global").network)
+    assert sum(p.numel() for p in network.parameters()) < 7.5e6
+
+
+def test_config_survives_json_and_refuses_unknown_fields():
+    config = named_config("smoke", "globaldiff/local")
+    assert from_dict(TrainConfig, json.loads(to_json(config))) == config
+    with pytest.raises(ValueError, match="NetworkConfig has no field depth"):
+        from_dict(NetworkConfig, {"depth": 3})
+    with pytest.raises(ValueError, match="choose one of demo, demo-small, paper-regime"):
+        named_config("huge", "globaldiff/local")
+    with pytest.raises(ValueError, match="globaldiff/local, globaldiff/global"):
+        named_config("demo", "emage")
+    with pytest.raises(ValueError, match="prior is True with global rotations"):
+        replace(TINY_NETWORK, prior=True)
+    with pytest.raises(ValueError, match="no multiple"):
+        replace(TINY_NETWORK, num_heads=3)
+
+
+@pytest.mark.parametrize("regime", [name for name in CONFIGS if name != "smoke"])
+def test_each_rung_differs_from_the_one_before_in_one_thing(regime):
+    rungs = [json.loads(to_json(named_config(regime, name))) for name in LADDER]
+    changes = [
+        [name for name in differing_fields(a, b) if name != "system"] for a, b in pairwise(rungs)
+    ]
+    assert changes == [
+        ["network.rotation_space"], ["loss.joint"], ["loss.skeleton"], ["loss.motion"],
+    ]  # fmt: skip
+    first, last = rungs[0]["loss"], rungs[-1]["loss"]
+    assert first["joint"] == first["skeleton"] == first["motion"] == 0
+    assert min(last[name] for name in ("simple", "position", "joint", "skeleton", "motion")) > 0
+    assert first["simple"] > 0 and first["position"] > 0
+
+
+def test_the_papers_regime_has_the_papers_losses_on_raw_rotations():
+    for name in LADDER:
+        config = named_config("paper-regime", name)
+        assert config.representation == "raw" and config.flow_time_power == 1
+        assert config.loss.velocity == config.loss.acceleration == 0
+        assert config.loss.time_weight_floor is None
+
+
+@pytest.mark.parametrize("name", LADDER)
+def test_an_untrained_network_can_start_at_a_pose(name):
+    config = named_config("smoke", name).network
+    network = MotionNetwork(config)
+    pose = torch.randn(333)
+    network.start_at(pose)
+    found = network(**inputs(config=config))
+    torch.testing.assert_close(found, pose.expand_as(found))

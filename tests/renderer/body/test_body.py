@@ -1,0 +1,628 @@
+"""The body: zero pose, looks, agreement with ``smplx``, made SMPL-X files, and bad input."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from model.motion import skeleton
+from renderer.body.body import Body, BodyError, BodyMotion, load_body
+from renderer.body.body_file import OPEN_BODY_PATH
+from renderer.body.body_npz import MAX_FACES, MAX_VERTICES
+from renderer.body.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS, TIP_VERTICES
+from renderer.body.look import BUILDS, CLAY, DEFAULT_LOOK, LOOKS, REGION_INDEX, REGION_NAMES, TONES
+
+NUM_FRAMES = 7
+MADE_VERTICES = 10
+SMPLX_VERTICES = 10_475
+COMPARED_VERTICES = 9930  # the smplx package takes landmarks by vertex numbers up to here
+
+
+@pytest.fixture(scope="module")
+def body() -> Body:
+    return load_body()
+
+
+def random_motion(
+    seed: int = 0, num_frames: int = NUM_FRAMES, basis: str = "arkit52", num_expressions: int = 52
+) -> BodyMotion:
+    rng = np.random.default_rng(seed)
+    poses = rng.normal(size=(num_frames, 165)) * 0.3
+    trans = rng.normal(size=(num_frames, 3))
+    expressions = np.zeros((num_frames, 100))
+    expressions[:, :num_expressions] = rng.uniform(0, 0.5, (num_frames, num_expressions))
+    return BodyMotion(poses, trans, expressions, basis, betas=np.zeros(300))
+
+
+def all_vertices(body: Body, motion: BodyMotion, chunk: int = 64) -> np.ndarray:
+    return np.concatenate(list(body.vertices(motion, chunk)))
+
+
+def max_distance_mm(a: np.ndarray, b: np.ndarray) -> float:
+    return 1e3 * float(np.linalg.norm(np.asarray(a) - np.asarray(b), axis=-1).max())
+
+
+def smplx_file(path: Path, **changes: object) -> Path:
+    """A random body in the licensed file format, ten vertices; ``None`` removes a key."""
+    rng = np.random.default_rng(3)
+    weights = rng.random((MADE_VERTICES, NUM_JOINTS)) ** 8
+    regressor = rng.random((NUM_JOINTS, MADE_VERTICES))
+    kintree = np.stack([np.array(PARENTS), np.arange(NUM_JOINTS)])
+    arrays: dict[str, object] = {
+        "v_template": rng.normal(size=(MADE_VERTICES, 3)),
+        "f": rng.integers(0, MADE_VERTICES, (12, 3)).astype(np.uint32),
+        "weights": weights / weights.sum(1, keepdims=True),
+        "J_regressor": regressor / regressor.sum(1, keepdims=True),
+        "kintree_table": kintree.astype(np.uint32),
+        "shapedirs": rng.normal(size=(MADE_VERTICES, 3, 20)) * 0.01,
+        "posedirs": rng.normal(size=(MADE_VERTICES, 3, 486)) * 0.01,
+        "part2num": np.array({"head": 1}, dtype=object),
+    }
+    arrays.update(changes)
+    np.savez(path, **{key: array for key, array in arrays.items() if array is not None})
+    return path
+
+
+def test_joint_table_is_that_of_the_model() -> None:
+    assert skeleton.JOINT_NAMES == JOINT_NAMES
+    assert tuple(skeleton.PARENTS) == PARENTS
+
+
+def test_zero_pose_is_the_template(body: Body) -> None:
+    (posed,) = body.vertices(BodyMotion.resting())
+    np.testing.assert_allclose(posed[0], body.template, atol=1e-6)
+
+
+def test_translation_moves_every_vertex(body: Body) -> None:
+    motion = random_motion()
+    still = BodyMotion(
+        motion.poses, np.zeros_like(motion.trans), motion.expressions, "arkit52", motion.betas
+    )
+    moved = all_vertices(body, motion) - motion.trans[:, None]
+    assert max_distance_mm(moved, all_vertices(body, still)) < 1e-3
+
+
+@pytest.mark.parametrize("chunk", [1, 3, 7, 64])
+def test_chunk_size_does_not_change_the_result(body: Body, chunk: int) -> None:
+    motion = random_motion(num_frames=13)
+    chunks = list(body.vertices(motion, chunk))
+    assert [len(part) for part in chunks[:-1]] == [chunk] * (len(chunks) - 1)
+    assert max_distance_mm(np.concatenate(chunks), all_vertices(body, motion, 13)) < 1e-3
+
+
+def test_joints_are_those_of_forward_kinematics(body: Body) -> None:
+    torch = pytest.importorskip("torch")
+    from model.motion.kinematics import joint_positions_from_local
+    from model.motion.rotations import matrix_from_axis_angle
+
+    motion = random_motion()
+    local_rot = matrix_from_axis_angle(torch.from_numpy(motion.poses).reshape(-1, 55, 3))
+    _, positions = joint_positions_from_local(
+        local_rot, skeleton.open_body_skeleton(), torch.from_numpy(motion.trans)
+    )
+    assert max_distance_mm(body.joint_positions(motion), positions.numpy()) < 0.02
+
+
+def test_vertices_of_one_joint_move_rigidly_with_it(body: Body) -> None:
+    """The eyeballs hang on one joint each, so their middle follows it exactly."""
+    motion = random_motion()
+    joints = body.joint_positions(motion)
+    posed = all_vertices(body, motion)
+    for name in ("left_eye", "right_eye"):
+        joint = JOINT_INDEX[name]
+        eyeball = body.arrays.weights[:, [joint]].toarray()[:, 0] == 1
+        white = eyeball & (body.arrays.regions == REGION_INDEX["eye_white"])
+        assert white.sum() > 50
+        at_rest = np.linalg.norm(body.template[white] - body.rest_joints[joint], axis=-1)
+        moved = np.linalg.norm(posed[:, white] - joints[:, [joint]], axis=-1)
+        np.testing.assert_allclose(moved, np.tile(at_rest, (NUM_FRAMES, 1)), atol=1e-5)
+
+
+def test_fingertip_vertices_are_fingertips(body: Body) -> None:
+    for name, vertex in TIP_VERTICES.items():
+        last, middle = (body.rest_joints[JOINT_INDEX[f"{name}{k}"]] for k in (3, 2))
+        tip = body.template[vertex]
+        along = (tip - last) @ (last - middle) / np.linalg.norm(last - middle)
+        assert 0.010 < along < 0.035, name
+
+
+def test_skeleton_of_the_model_is_that_of_the_body(body: Body) -> None:
+    rig = skeleton.open_body_skeleton()
+    assert max_distance_mm(rig.rest_joints.numpy(), body.rest_joints) < 0.02
+    for k, name in enumerate(skeleton.FINGERTIP_NAMES):
+        joint = body.rest_joints[JOINT_INDEX[f"{name}3"]]
+        offset = body.template[TIP_VERTICES[name]] - joint
+        assert max_distance_mm(rig.tip_offsets[k].numpy(), offset) < 0.02
+
+
+def expanded_to_smplx(body: Body, path: Path) -> Path:
+    """The open body's first vertices as an SMPL-X file: dense weights, a joint regressor."""
+    arrays = body.arrays
+    num_vertices = COMPARED_VERTICES
+    columns = slice(300, 300 + len(arrays.expression_dirs))
+    moved = arrays.expression_vertices < num_vertices
+    shapedirs = np.zeros((num_vertices, 3, 400), np.float32)
+    shapedirs[arrays.expression_vertices[moved], :, columns] = arrays.expression_dirs[
+        :, moved
+    ].transpose(1, 2, 0)
+    corrected = arrays.pose_vertices[arrays.pose_vertices < num_vertices]
+    posedirs = np.zeros((num_vertices, 3, 486), np.float32)
+    posedirs[corrected] = arrays.pose_dirs[: 3 * len(corrected)].toarray().reshape(-1, 3, 486)
+    faces = body.faces[(body.faces < num_vertices).all(1)]
+    # A regressor that gives the rest joints from vertices that no expression moves.
+    still = np.setdiff1d(np.arange(num_vertices), arrays.expression_vertices)
+    points = np.c_[body.template[still].astype(np.float64), np.ones(len(still))]
+    regressor = np.zeros((NUM_JOINTS, num_vertices))
+    regressor[:, still] = np.c_[body.rest_joints, np.ones(NUM_JOINTS)] @ np.linalg.pinv(points)
+    none = np.zeros(45, np.float32)
+    np.savez(
+        path,
+        v_template=body.template[:num_vertices],
+        f=faces.astype(np.uint32),
+        weights=arrays.weights[:num_vertices].toarray(),
+        J_regressor=regressor,
+        kintree_table=np.stack([np.array(PARENTS), np.arange(NUM_JOINTS)]).astype(np.uint32),
+        shapedirs=shapedirs,
+        posedirs=posedirs,
+        hands_meanl=none,
+        hands_meanr=none,
+        hands_componentsl=np.eye(45),
+        hands_componentsr=np.eye(45),
+        lmk_faces_idx=np.zeros(51, np.int64),
+        lmk_bary_coords=np.zeros((51, 3)),
+    )
+    return path
+
+
+@pytest.fixture(scope="module")
+def smplx_path(body: Body, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return expanded_to_smplx(body, tmp_path_factory.mktemp("smplx") / "SMPLX_NEUTRAL.npz")
+
+
+def smplx_result(
+    path: Path, motion: BodyMotion, num_betas: int = 300, num_expressions: int = 100
+) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and the 55 joints from the independent ``smplx`` package."""
+    smplx = pytest.importorskip("smplx")
+    torch = pytest.importorskip("torch")
+    model = smplx.SMPLX(
+        str(path),
+        ext="npz",
+        batch_size=motion.num_frames,
+        use_pca=False,
+        flat_hand_mean=True,
+        use_face_contour=False,
+        num_betas=num_betas,
+        num_expression_coeffs=num_expressions,
+    )
+    poses = torch.from_numpy(motion.poses).reshape(-1, 55, 3)
+    with torch.no_grad():
+        result = model(
+            betas=torch.from_numpy(np.tile(motion.betas, (motion.num_frames, 1))),
+            expression=torch.from_numpy(motion.expressions[:, :num_expressions]),
+            global_orient=poses[:, 0],
+            body_pose=poses[:, 1:22].flatten(1),
+            jaw_pose=poses[:, 22],
+            leye_pose=poses[:, 23],
+            reye_pose=poses[:, 24],
+            left_hand_pose=poses[:, 25:40].flatten(1),
+            right_hand_pose=poses[:, 40:].flatten(1),
+            transl=torch.from_numpy(motion.trans),
+        )
+    return result.vertices.numpy(), result.joints.numpy()
+
+
+def test_agrees_with_the_smplx_package(body: Body, smplx_path: Path) -> None:
+    motion = random_motion()
+    vertices, joints = smplx_result(smplx_path, motion)
+    assert max_distance_mm(all_vertices(body, motion)[:, :COMPARED_VERTICES], vertices) < 0.01
+    assert max_distance_mm(body.joint_positions(motion), joints[:, :55]) < 0.01
+    tip = joints[:, 73]  # the package's right middle fingertip
+    ours = all_vertices(body, motion)[:, TIP_VERTICES["right_middle"]]
+    assert max_distance_mm(ours, tip) < 0.01
+
+
+def test_a_full_smplx_file_is_posed_like_the_open_body(body: Body, smplx_path: Path) -> None:
+    """The same numbers through the licensed format and through the compact one."""
+    licensed = load_body(smplx_path)
+    assert licensed.expression_basis == "flame100"
+    open_motion, flame_motion = random_motion(), random_motion(basis="flame100")
+    ours = all_vertices(body, open_motion)[:, :COMPARED_VERTICES]
+    assert max_distance_mm(all_vertices(licensed, flame_motion), ours) < 0.01
+
+
+def test_joints_follow_betas_and_expressions_as_in_smplx(tmp_path: Path) -> None:
+    """On a random body of the 2019 format even the joints move with expressions."""
+    rng = np.random.default_rng(5)
+    num_vertices = COMPARED_VERTICES
+    weights = rng.random((num_vertices, NUM_JOINTS)) ** 8
+    regressor = rng.random((NUM_JOINTS, num_vertices)) ** 20
+    made = smplx_file(
+        tmp_path / "SMPLX_NEUTRAL.npz",
+        v_template=rng.normal(size=(num_vertices, 3)),
+        weights=weights / weights.sum(1, keepdims=True),
+        J_regressor=regressor / regressor.sum(1, keepdims=True),
+        shapedirs=rng.normal(size=(num_vertices, 3, 20)) * 0.03,
+        posedirs=np.zeros((num_vertices, 3, 486), np.float32),
+        part2num=None,
+        **dict.fromkeys(("hands_meanl", "hands_meanr"), np.zeros(45)),
+        **dict.fromkeys(("hands_componentsl", "hands_componentsr"), np.eye(45)),
+        lmk_faces_idx=np.zeros(51, np.int64),
+        lmk_bary_coords=np.zeros((51, 3)),
+    )
+    plain = random_motion(num_frames=2, basis="flame100", num_expressions=10)
+    motion = BodyMotion(
+        plain.poses, plain.trans, plain.expressions, "flame100", rng.normal(size=10)
+    )
+    vertices, joints = smplx_result(made, motion, num_betas=10, num_expressions=10)
+    licensed = load_body(made)
+    assert max_distance_mm(all_vertices(licensed, motion), vertices) < 0.02
+    assert max_distance_mm(licensed.joint_positions(motion), joints[:, :55]) < 0.02
+
+
+@pytest.mark.parametrize("finger", ["thumb", "index", "middle", "ring", "pinky"])
+def test_the_right_hand_is_the_mirror_of_the_left(body: Body, finger: str) -> None:
+    """Whatever is bent on one side: neither hand has a mean pose of its own."""
+    rng = np.random.default_rng(2)
+    bent = rng.normal(size=(3, 3)) * 0.4
+    mirror = np.array([1, -1, -1])  # of a turn, in the plane x = 0
+    tips = {}
+    for side, turns in (("left", bent), ("right", bent * mirror)):
+        poses = np.zeros((1, 55, 3))
+        for k, turn in enumerate(turns, start=1):
+            poses[0, JOINT_INDEX[f"{side}_{finger}{k}"]] = turn
+        motion = BodyMotion(
+            poses.reshape(1, 165), np.zeros((1, 3)), np.zeros((1, 100)), "arkit52", np.zeros(300)
+        )
+        (posed,) = all_vertices(body, motion)
+        tips[side] = posed[TIP_VERTICES[f"{side}_{finger}"]] - wrist_of(body, side)
+    at_rest = body.template[TIP_VERTICES[f"left_{finger}"]] - wrist_of(body, "left")
+    assert max_distance_mm(tips["left"], at_rest) > 10
+    assert max_distance_mm(tips["right"] * [-1, 1, 1], tips["left"]) < 1
+
+
+def wrist_of(body: Body, side: str) -> np.ndarray:
+    return body.rest_joints[JOINT_INDEX[f"{side}_wrist"]]
+
+
+def test_mean_hands_of_a_licensed_file_are_left_out(tmp_path: Path) -> None:
+    """BEAT2 stores whole turns of the fingers, not differences from the file's mean hands."""
+    motion = random_motion(basis="flame100", num_expressions=10)
+    means = np.full(45, 0.3), np.full(45, -0.2)
+    with_means = dict(zip(("hands_meanl", "hands_meanr"), means, strict=True))
+    bodies = [
+        load_body(smplx_file(tmp_path / f"{number}.npz", **changes))
+        for number, changes in enumerate(({}, with_means))
+    ]
+    one, other = (all_vertices(each, motion) for each in bodies)
+    np.testing.assert_array_equal(one, other)
+
+
+def rodrigues(rotvec: np.ndarray) -> np.ndarray:
+    return Rotation.from_rotvec(rotvec).as_matrix()
+
+
+def posed_as_published(
+    file: dict[str, np.ndarray], motion: BodyMotion, frame: int, vertices: list[int], num_betas: int
+) -> np.ndarray:
+    """Some vertices by equations 2 to 6 of SMPL (Loper et al. 2015) with SMPL-X's expressions.
+
+    One loop per joint and vertex over the arrays of the file: nothing shared with the renderer.
+    """
+    num_expressions = min(file["shapedirs"].shape[2] - num_betas, 100)
+    blend = np.zeros(file["shapedirs"].shape[2])
+    blend[:num_betas] = motion.betas[:num_betas]
+    blend[num_betas : num_betas + num_expressions] = motion.expressions[frame, :num_expressions]
+    shaped = file["v_template"] + file["shapedirs"] @ blend
+    joints = file["J_regressor"] @ shaped
+    rotations = [rodrigues(rotvec) for rotvec in motion.poses[frame].reshape(55, 3)]
+    world = [np.eye(4) for _ in range(NUM_JOINTS)]
+    for joint in range(NUM_JOINTS):
+        local = np.eye(4)
+        local[:3, :3], local[:3, 3] = rotations[joint], joints[joint]
+        if joint:
+            parent = int(file["kintree_table"][0, joint])
+            local[:3, 3] -= joints[parent]
+            local = world[parent] @ local
+        world[joint] = local
+    feature = np.concatenate([(rotation - np.eye(3)).ravel() for rotation in rotations[1:]])
+    posed = []
+    for vertex in vertices:
+        corrected = shaped[vertex] + file["posedirs"][vertex] @ feature
+        point = np.zeros(3)
+        for joint in range(NUM_JOINTS):
+            from_joint = np.append(corrected - joints[joint], 1.0)
+            point += file["weights"][vertex, joint] * (world[joint] @ from_joint)[:3]
+        posed.append(point + motion.trans[frame])
+    return np.array(posed)
+
+
+@pytest.mark.parametrize(("columns", "num_betas"), [(20, 10), (400, 300)])
+def test_a_file_of_full_size_is_posed_as_published(
+    tmp_path: Path, columns: int, num_betas: int
+) -> None:
+    """Files of 2019 have 10 betas and 10 expressions, those of 2020 have 300 and 100."""
+    rng = np.random.default_rng(11)
+    shape = (SMPLX_VERTICES, 3)
+    weights = rng.random((SMPLX_VERTICES, NUM_JOINTS)) ** 20
+    regressor = rng.random((NUM_JOINTS, SMPLX_VERTICES)) ** 60
+    made = smplx_file(
+        tmp_path / "SMPLX_NEUTRAL.npz",
+        v_template=rng.uniform(-1, 1, shape),
+        f=rng.integers(0, SMPLX_VERTICES, (20_908, 3)).astype(np.uint32),
+        weights=weights / weights.sum(1, keepdims=True),
+        J_regressor=regressor / regressor.sum(1, keepdims=True),
+        shapedirs=0.01 * rng.standard_normal((*shape, columns), np.float32),
+        posedirs=0.01 * rng.standard_normal((*shape, 486), np.float32),
+    )
+    plain = random_motion(num_frames=3, basis="flame100", num_expressions=100)
+    motion = BodyMotion(
+        plain.poses, plain.trans, plain.expressions, "flame100", rng.normal(size=300)
+    )
+    licensed = load_body(made)
+    assert licensed.arrays.shape_dirs.shape[2] == num_betas
+    chosen = [*TIP_VERTICES.values(), 0, SMPLX_VERTICES - 1]
+    with np.load(made, allow_pickle=False) as file:
+        held = {key: file[key] for key in file.files if key != "part2num"}
+    for frame in (0, 2):
+        expected = posed_as_published(held, motion, frame, chosen, num_betas)
+        assert max_distance_mm(all_vertices(licensed, motion)[frame, chosen], expected) < 0.05
+
+
+def test_a_licensed_file_agrees_with_the_smplx_package() -> None:
+    path = Path(os.environ.get("SMPLX_MODEL", ""))
+    if path.suffix != ".npz" or not path.is_file():
+        pytest.skip("SMPLX_MODEL names no licensed SMPL-X .npz.")
+    licensed = load_body(path)
+    num_betas = licensed.arrays.shape_dirs.shape[2]
+    num_expressions = len(licensed.arrays.expression_dirs)
+    plain = random_motion(basis="flame100", num_expressions=num_expressions)
+    betas = np.random.default_rng(1).normal(size=num_betas)
+    motion = BodyMotion(plain.poses, plain.trans, plain.expressions, "flame100", betas)
+    vertices, joints = smplx_result(path, motion, num_betas, num_expressions)
+    ours = all_vertices(licensed, motion)
+    assert max_distance_mm(ours, vertices) < 0.05
+    assert max_distance_mm(ours[:, TIP_VERTICES["right_middle"]], joints[:, 73]) < 0.05
+
+
+@pytest.mark.parametrize("columns", [20, 110, 400])
+def test_small_made_smplx_body_works(tmp_path: Path, columns: int) -> None:
+    shapedirs = np.full((MADE_VERTICES, 3, columns), 0.001)
+    licensed = load_body(smplx_file(tmp_path / "body.npz", shapedirs=shapedirs))
+    motion = random_motion(basis="flame100", num_expressions=100)
+    assert all_vertices(licensed, motion).shape == (NUM_FRAMES, MADE_VERTICES, 3)
+    assert licensed.vertex_colors is None
+    (posed,) = licensed.vertices(BodyMotion.resting(expression_basis="flame100"))
+    np.testing.assert_allclose(posed[0], licensed.template, atol=1e-6)
+
+
+def test_other_expression_basis_is_left_out_and_said(body: Body) -> None:
+    flame, plain = random_motion(basis="flame100"), random_motion(num_expressions=0)
+    assert max_distance_mm(all_vertices(body, flame), all_vertices(body, plain)) == 0
+    note = body.expression_note(flame)
+    assert note is not None and "flame100" in note and "arkit52" in note
+    assert body.expression_note(random_motion()) is None
+    assert body.expression_note(random_motion(basis="flame100", num_expressions=0)) is None
+
+
+def test_betas_mean_nothing_on_the_open_body_and_that_is_said(body: Body) -> None:
+    plain = random_motion()
+    shaped = BodyMotion(plain.poses, plain.trans, plain.expressions, "arkit52", np.full(300, 2.0))
+    assert max_distance_mm(all_vertices(body, shaped), all_vertices(body, plain)) == 0
+    assert body.notes(plain) == ()
+    assert "betas" in body.notes(shaped)[0]
+
+
+def test_every_look_stands_on_the_same_skeleton(body: Body) -> None:
+    """So the motion, its joints and its fingertips are the same whatever the look."""
+    tips = list(TIP_VERTICES.values())
+    for build in BUILDS[1:]:
+        other = load_body(look=f"{build}-light")
+        np.testing.assert_array_equal(other.rest_joints, body.rest_joints)
+        np.testing.assert_array_equal(other.faces, body.faces)
+        assert max_distance_mm(other.template[tips], body.template[tips]) < 2.0
+        assert abs(other.template[:, 1].min() - body.template[:, 1].min()) < 1e-3, "soles"
+        difference = np.linalg.norm(other.template - body.template, axis=1)
+        assert difference.mean() > 0.005 and difference.max() < 0.1
+
+
+def test_builds_differ_in_girth(body: Body) -> None:
+    def waist(look: str) -> float:
+        vertices = load_body(look=look).template
+        near = (np.abs(vertices[:, 1] + 0.2) < 0.02) & (np.abs(vertices[:, 0]) < 0.3)
+        return float(np.ptp(vertices[near, 0]) + np.ptp(vertices[near, 2]))
+
+    slender, average, broad = (waist(f"{b}-light") for b in ("slender", "average", "broad"))
+    assert slender < 0.97 * average and average < 0.97 * broad
+
+
+def test_eyes_turn_in_place_in_every_build() -> None:
+    for build in BUILDS:
+        arrays = load_body(look=f"{build}-light").arrays
+        for name in ("left_eye", "right_eye"):
+            joint = JOINT_INDEX[name]
+            eyeball = arrays.template[arrays.weights[:, [joint]].toarray()[:, 0] == 1]
+            middle = (eyeball.min(0) + eyeball.max(0)) / 2
+            assert max_distance_mm(middle, arrays.rest_joints[joint]) < 1.0
+
+
+def test_looks_are_every_build_in_every_tone() -> None:
+    assert set(LOOKS) == {f"{build}-{tone}" for build in BUILDS for tone in TONES}
+    assert DEFAULT_LOOK in LOOKS
+    for colors in TONES.values():
+        assert tuple(colors) == REGION_NAMES
+        assert all(0 <= channel <= 1 for color in colors.values() for channel in color)
+
+
+def test_clay_has_one_hue_and_a_readable_mouth() -> None:
+    body = load_body(look="broad-clay")
+    colors, regions = body.vertex_colors, body.arrays.regions
+    assert colors is not None
+    np.testing.assert_allclose(
+        colors / colors[:, :1], np.tile(CLAY, (len(colors), 1)) / CLAY[0], rtol=1e-5
+    )
+    lips, mouth = (colors[regions == REGION_INDEX[name], 0].mean() for name in ("lips", "mouth"))
+    assert lips == pytest.approx(CLAY[0]) and mouth < 0.5 * lips
+
+
+def test_a_look_that_cannot_be_had_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BodyError, match="Unknown look 'tall'; known are average-light"):
+        load_body(look="tall")
+    with pytest.raises(BodyError, match=r"body\.npz is always shown as plain clay"):
+        load_body(smplx_file(tmp_path / "body.npz"), look="slender-dark")
+
+
+def test_vertex_colors_cover_the_body(body: Body) -> None:
+    colors = body.vertex_colors
+    assert colors is not None
+    assert colors.shape == (body.num_vertices, 3)
+    assert colors.min() >= 0 and colors.max() <= 1
+    assert len(np.unique(colors, axis=0)) >= 10
+
+
+def test_memory_is_that_of_one_chunk(body: Body) -> None:
+    """A longer motion does not make the stream hold more."""
+    import tracemalloc
+
+    def peak(num_frames: int) -> int:
+        motion = random_motion(num_frames=num_frames)
+        tracemalloc.start()
+        for _ in body.vertices(motion, chunk=8):
+            pass
+        top = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return top
+
+    assert peak(160) < 1.1 * peak(32)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"v_template": None}, "no array 'v_template'"),
+        ({"J_regressor": np.array([{"sparse": 1}], dtype=object)}, "pickled object"),
+        ({"v_template": np.zeros((MAX_VERTICES + 1, 3), np.int8)}, "has 100001 vertices"),
+        ({"v_template": np.zeros((0, 3))}, "has 0 vertices"),
+        ({"f": np.zeros((MAX_FACES + 1, 3), np.int8)}, "has 200001 faces"),
+        ({"f": np.full((4, 3), 2**32, np.int64)}, "names number 4294967296"),
+        ({"f": np.full((4, 3), -1)}, "names number -1"),
+        ({"shapedirs": np.full((MADE_VERTICES, 3, 20), np.inf)}, "'shapedirs' holds values"),
+        ({"kintree_table": np.zeros((2, 52), np.uint32)}, "52 joints"),
+        ({"kintree_table": np.zeros((2, 55), np.uint32)}, "not the joint tree"),
+        ({"f": np.full((4, 3), MADE_VERTICES, np.uint32)}, "names number 10, but only 0 to 9"),
+        ({"f": np.zeros((0, 3), np.uint32)}, "has 0 faces"),
+        ({"weights": np.zeros((MADE_VERTICES, 55))}, "do not sum to one"),
+        ({"posedirs": np.zeros((MADE_VERTICES, 3, 207))}, "posedirs"),
+        ({"v_template": np.full((MADE_VERTICES, 3), np.nan)}, "not finite"),
+        ({"v_template": np.array([["a", "b", "c"]] * MADE_VERTICES)}, "not numbers"),
+    ],
+)
+def test_bad_body_files(tmp_path: Path, changes: dict[str, object], words: str) -> None:
+    path = smplx_file(tmp_path / "body.npz", **changes)
+    with pytest.raises(BodyError, match=words) as caught:
+        load_body(path)
+    assert "body.npz" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_array_larger_than_its_file_takes_no_memory(tmp_path: Path) -> None:
+    """A header may claim terabytes; nothing is laid out for it."""
+    path = smplx_file(tmp_path / "body.npz", v_template=None)
+    header = tmp_path / "header.npy"
+    with header.open("wb") as file:
+        claimed = {"descr": "<f8", "fortran_order": False, "shape": (2**40, 3)}
+        np.lib.format.write_array_header_1_0(file, claimed)
+        file.write(bytes(100))
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.write(header, "v_template.npy")
+    with pytest.raises(BodyError, match="'v_template' is cut short"):
+        load_body(path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"open_body_format": np.array(1)}, "format 1"),
+        ({"open_body_format": np.array("2")}, "not integers"),
+        ({"regions": None}, "no array 'regions'"),
+        ({"regions": 200}, "'regions' names number 200"),
+        ({"pose_joints": 55}, "'pose_joints' names number 55"),
+        ({"weight_shares": 0}, "do not sum to one"),
+        ({"build_levels": np.zeros((2, 5, 3), np.int16)}, "'build_levels' has shape"),
+        ({"pose_vertices": np.zeros(7, np.uint16)}, "'pose_joints' has shape"),
+        ({"build_names": np.array(["tall", "broad"])}, "has no build 'slender'; it has average"),
+        ({"expression_vertices": np.full(3, 65_535, np.uint16)}, "names number 65535"),
+    ],
+)
+def test_bad_open_body_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict[str, object], words: str
+) -> None:
+    with np.load(OPEN_BODY_PATH, allow_pickle=False) as file:
+        arrays = {key: file[key] for key in file.files}
+    for key, change in changes.items():
+        arrays[key] = np.full_like(arrays[key], change) if isinstance(change, int) else change
+    made = tmp_path / "open_body.npz"
+    np.savez(made, **{key: array for key, array in arrays.items() if array is not None})
+    monkeypatch.setattr("renderer.body.body.OPEN_BODY_PATH", made)
+    with pytest.raises(BodyError, match=words) as caught:
+        load_body(look="slender-light")
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_are_no_body(tmp_path: Path) -> None:
+    missing = tmp_path / "nothing.npz"
+    text = tmp_path / "text.npz"
+    text.write_text("not a body")
+    other = tmp_path / "motion.npz"
+    np.savez(other, poses=np.zeros((3, 165)))
+    array = tmp_path / "array.npy"
+    np.save(array, np.zeros(3))
+    cut_short = tmp_path / "cut.npz"
+    cut_short.write_bytes(OPEN_BODY_PATH.read_bytes()[:100_000])
+    for path in (missing, text, other, array, cut_short, tmp_path):
+        with pytest.raises(BodyError) as caught:
+            load_body(path)
+        assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("from_end", [30, 400, 900, 1500, 2500, 3400])
+def test_damaged_bytes_are_refused(tmp_path: Path, from_end: int) -> None:
+    """In the middle of the arrays, and all over the archive's directory."""
+    content = bytearray(OPEN_BODY_PATH.read_bytes())
+    for place in (len(content) // 2, len(content) - from_end):
+        content[place] ^= 0xFF
+    damaged = tmp_path / "open_body.npz"
+    damaged.write_bytes(content)
+    with pytest.raises(BodyError):
+        load_body(damaged)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"poses": np.zeros((0, 165)), "trans": np.zeros((0, 3))}, "no frame"),
+        ({"poses": np.zeros((4, 156))}, "poses"),
+        ({"trans": np.zeros((3, 3))}, "trans"),
+        ({"expressions": np.zeros((4, 50))}, "expressions"),
+        ({"poses": np.full((4, 165), np.nan)}, "not finite"),
+        ({"trans": np.full((4, 3), 250.0)}, "250 m away"),
+        ({"betas": np.full(300, 1e6)}, "betas"),
+        ({"betas": np.zeros((4, 300))}, "betas"),
+        ({"expression_basis": "arkit"}, "flame100, arkit52"),
+    ],
+)
+def test_bad_motions(changes: dict[str, object], words: str) -> None:
+    fields: dict[str, object] = {
+        "poses": np.zeros((4, 165)),
+        "trans": np.zeros((4, 3)),
+        "expressions": np.zeros((4, 100)),
+        "expression_basis": "arkit52",
+        "betas": np.zeros(300),
+    }
+    with pytest.raises(BodyError, match=words):
+        BodyMotion(**(fields | changes))  # pyright: ignore[reportArgumentType]

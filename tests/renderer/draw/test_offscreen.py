@@ -1,0 +1,237 @@
+"""Pictures show what the arrays say: place, side, colour, and nothing of the frame before."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from renderer.body.normals import VertexNormals
+from renderer.draw.offscreen import GLBackend, GLError, OffscreenRenderer, open_gl
+from renderer.draw.probe import choose_backend
+from renderer.draw.software import SoftwareRenderer
+from renderer.stage.camera import Camera
+from renderer.stage.ground import ShadowGround
+from renderer.stage.stage import Stage
+from renderer.stage.studio import FramePreparer, PosedFrame, Studio, Subject
+from renderer.video.render import RenderSettings, draw_vertices
+from tests.helpers import ROOT
+
+pytestmark = pytest.mark.gl
+
+SIZE = (160, 120)
+RED = (0.9, 0.02, 0.02)
+CAMERA = Camera(eye=(0.0, 1.0, 4.0), target=(0.0, 1.0, 0.0), yfov_rad=0.8)
+STAGE = Stage(CAMERA, floor_m=0.0, centre_xz=(0.0, 0.0), extent_m=0.0)
+
+
+def box(low, high) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and outward faces of an axis-parallel box."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float32)
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [corner for a, b, c, d in sides for corner in ((a, b, c), (a, c, d))]
+    low, high = np.asarray(low, np.float32), np.asarray(high, np.float32)
+    return low + corners * (high - low), np.array(faces)
+
+
+def gl_backend() -> GLBackend:
+    """The OpenGL of this machine; the calling test is skipped where there is none."""
+    backend = choose_backend()
+    if backend == "software":
+        pytest.skip("there is no OpenGL here")
+    return backend
+
+
+@pytest.fixture(params=["OpenGL", "software"])
+def draw(request) -> Callable[..., list[np.ndarray]]:
+    """One picture for each set of vertices, painted red, by one renderer."""
+    backend = gl_backend() if request.param == "OpenGL" else "software"
+
+    def draw(vertices: list[np.ndarray], faces: np.ndarray, antialias=True) -> list[np.ndarray]:
+        settings = RenderSettings(*SIZE, antialias=antialias, backend=backend)
+        colors = np.tile(np.array(RED, np.float32), (len(vertices[0]), 1))
+        chunks = [np.stack(vertices)]
+        pictures = draw_vertices(chunks, faces, colors, settings=settings, stage=STAGE)
+        return [picture.copy() for picture in pictures]
+
+    return draw
+
+
+def red_pixels(picture: np.ndarray) -> np.ndarray:
+    return picture[..., 0].astype(int) - picture[..., 1] > 60
+
+
+@pytest.mark.parametrize("antialias", [True, False])
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [
+        ((0.4, 1.3, 0.0), (0.8, 1.6, 0.1)),  # upper right of the picture: the body's left
+        ((-0.9, 0.6, 0.0), (-0.6, 0.7, 0.4)),
+    ],
+)
+def test_a_box_covers_the_pixels_it_projects_to(draw, low, high, antialias):
+    vertices, faces = box(low, high)
+    (picture,) = draw([vertices], faces, antialias)
+    rows, columns = np.nonzero(red_pixels(picture))
+    expected = CAMERA.project(vertices, *SIZE)
+    measured = [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
+    np.testing.assert_allclose(
+        measured, [*expected.min(axis=0), *expected.max(axis=0)], rtol=0.0, atol=1.5
+    )
+
+
+def test_antialiasing_softens_edges_without_moving_them(draw):
+    vertices, faces = box((-0.5, 0.5, 0.0), (0.43, 1.6, 0.2))
+    (soft,), (hard,) = draw([vertices], faces), draw([vertices], faces, antialias=False)
+    assert red_pixels(soft).mean() == pytest.approx(red_pixels(hard).mean(), rel=0.03)
+    assert len(np.unique(soft.reshape(-1, 3), axis=0)) > len(np.unique(hard.reshape(-1, 3), axis=0))
+
+
+def test_moving_in_place_equals_drawing_anew(draw):
+    first, faces = box((-0.5, 0.5, 0.0), (0.0, 1.0, 0.3))
+    second = first @ np.array([[0.8, 0.6, 0], [-0.6, 0.8, 0], [0, 0, 1]], np.float32) + (0.5, 0, 0)
+    moved = draw([first, second.astype(np.float32), first], faces)
+    (anew,) = draw([second.astype(np.float32)], faces)
+    np.testing.assert_array_equal(moved[1], anew)
+    np.testing.assert_array_equal(moved[0], moved[2])
+    assert (moved[0] != moved[1]).any()
+
+
+def test_light_comes_from_the_upper_left_front(draw):
+    vertices, faces = box((-0.4, 0.6, -0.4), (0.4, 1.4, 0.4))
+    angle = np.pi / 4
+    turn = np.array(
+        [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+    )
+    vertices = ((vertices - (0, 1, 0)) @ turn.T + (0, 1, 0)).astype(np.float32)
+    corners = vertices[faces].reshape(-1, 3)  # flat faces: no vertex is shared
+    (picture,) = draw([corners], np.arange(len(corners)).reshape(-1, 3))
+    left, right = picture[60, 65].astype(int), picture[60, 95].astype(int)
+    assert right[0] > left[0] + 15  # the key light stands at +x, which is the picture's right
+
+
+def test_the_shadow_falls_on_the_floor_where_the_body_stands(draw):
+    rng = np.random.default_rng(5)
+    spot = np.array([0.45, 0.0, 0.7])
+    plate, faces = box((-0.6, 0.0, 0.2), (-0.5, 0.1, 0.3))
+    # Vertices without faces: they cast the shadow and are not drawn themselves.
+    touching = (spot + rng.uniform(-0.06, 0.06, (400, 3)) * (1, 0, 1)).astype(np.float32)
+    away = touching + np.array([0.0, 90.0, 0.0], np.float32)
+    with_shadow, without = draw([np.concatenate([plate, x]) for x in (touching, away)], faces)
+    darkened = without.astype(int).sum(axis=2) - with_shadow.astype(int).sum(axis=2)
+    row, column = np.unravel_index(darkened.argmax(), darkened.shape)
+    assert darkened.max() > 100
+    np.testing.assert_allclose((column, row), CAMERA.project(spot, *SIZE), atol=4)
+    assert (darkened > 30).mean() < 0.1
+
+
+def test_the_floor_fades_into_the_background():
+    ground = ShadowGround((0.0, 0.0), 0.0, (0.4, 1.0, 0.2), (0.8, 0.8, 0.8))
+    texture = ground.texture(np.array([[0.0, 0.5, 0.0]])).astype(int)
+    rim = np.concatenate([texture[0], texture[-1], texture[:, 0], texture[:, -1]])
+    assert np.abs(rim - 204).max() <= 1
+    assert texture.max() > 210
+
+
+def test_normals_equal_the_slow_sum():
+    rng = np.random.default_rng(3)
+    vertices = rng.normal(size=(20, 3)).astype(np.float32)
+    faces = rng.integers(0, 18, size=(40, 3))  # vertices 18 and 19 have no face
+    expected = np.zeros((20, 3))
+    for a, b, c in faces:
+        cross = np.cross(vertices[b] - vertices[a], vertices[c] - vertices[a])
+        for corner in (a, b, c):
+            expected[corner] += cross
+    length = np.linalg.norm(expected, axis=1, keepdims=True)
+    expected = np.divide(expected, length, out=np.zeros_like(expected), where=length > 0)
+    np.testing.assert_allclose(VertexNormals(faces, 20)(vertices), expected, atol=1e-5)
+
+
+def test_faces_out_of_range_are_refused():
+    with pytest.raises(ValueError, match="vertices 0 to 4; the body has 4"):
+        VertexNormals(np.array([[0, 1, 4]]), 4)
+
+
+def test_a_second_backend_needs_a_process_of_its_own():
+    backend = gl_backend()
+    open_gl(backend)
+    with pytest.raises(GLError, match="needs a process of its own"):
+        open_gl("osmesa" if backend == "egl" else "egl")
+
+
+def make_subject() -> tuple[Subject, PosedFrame]:
+    vertices, faces = box((-0.5, 0.5, 0.0), (0.0, 1.0, 0.3))
+    prepare = FramePreparer(faces, len(vertices), STAGE, Studio())
+    return Subject(faces, None, prepare.ground.corners()), prepare(vertices)
+
+
+def test_a_process_that_draws_starts_without_what_no_picture_needs():
+    """And a later import of trimesh gives all of it."""
+    script = f"""
+import sys
+from renderer.draw.offscreen import open_gl
+open_gl({gl_backend()!r})
+assert "trimesh.base" not in sys.modules
+import pyrender, trimesh
+print(len(pyrender.Mesh.from_trimesh(trimesh.creation.box()).primitives))
+"""
+    command = [sys.executable, "-c", script]
+    said = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert said.stdout.strip() == "1", said.stderr
+
+
+def test_a_second_opengl_renderer_is_refused_in_any_thread_until_the_first_has_ended():
+    backend, (subject, frame) = gl_backend(), make_subject()
+
+    def attempt() -> np.ndarray:
+        with OffscreenRenderer(subject, *SIZE, backend, "none") as renderer:
+            return renderer.draw(frame, CAMERA).copy()
+
+    with ThreadPoolExecutor(1) as thread:
+        with OffscreenRenderer(subject, *SIZE, backend, "none") as first:
+            before = first.draw(frame, CAMERA).copy()
+            for refused in (attempt, thread.submit(attempt).result):
+                with pytest.raises(GLError, match=r"one at a time.*processes of their own"):
+                    refused()
+            np.testing.assert_array_equal(first.draw(frame, CAMERA), before)
+        np.testing.assert_array_equal(thread.submit(attempt).result(), before)
+
+
+def test_software_renderers_draw_side_by_side_in_threads():
+    subject, frame = make_subject()
+    with (
+        SoftwareRenderer(subject, *SIZE) as first,
+        SoftwareRenderer(subject, *SIZE) as second,
+        ThreadPoolExecutor(2) as threads,
+    ):
+        pictures = threads.map(lambda each: each.draw(frame, CAMERA), (first, second))
+        np.testing.assert_array_equal(*pictures)
+
+
+def test_a_context_that_cannot_be_had_gives_one_sentence(monkeypatch):
+    backend, (subject, frame) = gl_backend(), make_subject()
+
+    def fail(*args: object) -> None:
+        raise OSError("the driver says no\nand much more")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("renderer.draw.offscreen._new_platform", fail)
+        with pytest.raises(GLError, match=r"160 x 120 pixels \(OSError the driver says no\)"):
+            OffscreenRenderer(subject, *SIZE, backend).__enter__()
+    with OffscreenRenderer(subject, *SIZE, backend) as renderer:  # nothing stays claimed
+        assert renderer.draw(frame, CAMERA).shape == (120, 160, 3)
+
+
+def test_renderers_follow_one_another_in_one_process(draw):
+    vertices, faces = box((-0.5, 0.5, 0.0), (0.0, 1.0, 0.3))
+    pictures = [draw([vertices], faces)[0] for _ in range(3)]
+    np.testing.assert_array_equal(pictures[0], pictures[2])
+
+
+def test_impossible_sizes_are_refused():
+    with pytest.raises(ValueError, match="0 x 10"):
+        OffscreenRenderer(make_subject()[0], 0, 10, "egl")
+    with pytest.raises(ValueError, match="0 x 10"):
+        SoftwareRenderer(make_subject()[0], 0, 10)

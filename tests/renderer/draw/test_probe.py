@@ -1,0 +1,101 @@
+"""The choice of backend survives whatever a driver does."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from renderer.draw.offscreen import BACKENDS
+from renderer.draw.probe import choose_backend, probe_backend, probe_backends
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.mark.gl
+def test_every_backend_is_reported():
+    reports = probe_backends()
+    assert tuple(report.name for report in reports) == BACKENDS
+    for report in reports:
+        if report.works:
+            assert report.renderer_string and report.error == ""
+            assert report.ms_per_frame is not None and 0 < report.ms_per_frame < 1000
+        else:
+            assert report.error and report.ms_per_frame is None
+    assert choose_backend() == next(report.name for report in reports if report.works)
+
+
+def fake_python(folder: Path, script: str) -> str:
+    path = folder / "python"
+    path.write_text("#!/bin/sh\n" + script)
+    path.chmod(0o755)
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("script", "error"),
+    [
+        ("kill -SEGV $$\n", "the driver crashed (signal 11)"),
+        ("echo 'no such library' >&2\nexit 1\n", "no such library"),
+        ("exit 3\n", "exit status 3"),
+    ],
+)
+def test_a_child_that_dies_is_a_backend_that_does_not_work(tmp_path, script, error):
+    report = probe_backend("egl", fake_python(tmp_path, script))
+    assert (report.works, report.error) == (False, error)
+
+
+def run_python(code: str, **environment: str) -> str:
+    child = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return child.stdout + child.stderr
+
+
+@pytest.mark.gl
+def test_osmesa_steps_in_where_egl_has_no_driver():
+    if not probe_backend("osmesa").works:
+        pytest.skip("OSMesa is not installed here")
+    code = "from renderer.probe import choose_backend; print(choose_backend())"
+    assert run_python(code, __EGL_VENDOR_LIBRARY_DIRS="/nonexistent").strip() == "osmesa"
+
+
+def test_nothing_that_draws_gives_one_sentence_with_the_packages(tmp_path):
+    for library in ("libEGL.so", "libGL.so", "libOSMesa.so"):
+        for version in ("", ".1", ".6", ".8"):
+            (tmp_path / f"{library}{version}").write_text("not a library")
+    (tmp_path / "numba.py").write_text("raise ImportError('numba is broken here')\n")
+    code = "from renderer.probe import choose_backend; choose_backend()"
+    environment = {"LD_LIBRARY_PATH": str(tmp_path), "PYTHONPATH": str(tmp_path)}
+    last_line = run_python(code, **environment).strip().splitlines()[-1]
+    assert "GLError: Neither OpenGL nor numba works on this machine" in last_line
+    assert last_line.endswith("apt-get install libegl1 libgl1 libosmesa6")
+
+
+def test_importing_the_renderer_loads_no_opengl():
+    modules = "camera compose drawing software offscreen probe render stage video worker"
+    modules += " worker_child naive bench"
+    code = (
+        "import sys, os\n"
+        f"for name in {modules.split()}: __import__('renderer.' + name)\n"
+        "heavy = {'OpenGL', 'pyrender', 'trimesh', 'torch', 'gradio', 'numba'}\n"
+        "loaded = heavy & set(sys.modules)\n"
+        "print(sorted(loaded), 'PYOPENGL_PLATFORM' in os.environ)"
+    )
+    environment = dict(os.environ)
+    environment.pop("PYOPENGL_PLATFORM", None)
+    child = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert child.stdout.strip() == "[] False", child.stderr

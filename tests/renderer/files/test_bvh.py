@@ -1,0 +1,124 @@
+"""BVH files, read back by a small parser that shares no code with the writer."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from renderer.body.body import Body, BodyMotion, load_body
+from renderer.body.joints import JOINT_NAMES, TIP_VERTICES
+from renderer.files.bvh import write_bvh
+from tests.renderer.body.test_body import random_motion
+
+
+@pytest.fixture(scope="module")
+def body() -> Body:
+    return load_body()
+
+
+def turn(axis: str, degrees: float) -> np.ndarray:
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return {
+        "X": np.array([[1, 0, 0], [0, c, -s], [0, s, c]]),
+        "Y": np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]),
+        "Z": np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]),
+    }[axis]
+
+
+def read_bvh(path: Path) -> tuple[float, dict[str, np.ndarray]]:
+    """Frame time, and the world positions (T, 3) of each joint and of ``<joint> end``."""
+    words = iter(path.read_text().split())
+    assert next(words) == "HIERARCHY"
+    joints: list[tuple[str, int, np.ndarray, list[str]]] = []
+    stack: list[int] = []
+    for word in words:
+        if word in ("ROOT", "JOINT", "End"):
+            label = next(words)
+            name = f"{joints[stack[-1]][0]} end" if word == "End" else label
+            joints.append((name, stack[-1] if stack else -1, np.zeros(3), []))
+            assert next(words) == "{"
+            stack.append(len(joints) - 1)
+        elif word == "OFFSET":
+            joints[stack[-1]][2][:] = [float(next(words)) for _ in range(3)]
+        elif word == "CHANNELS":
+            joints[stack[-1]][3].extend(next(words) for _ in range(int(next(words))))
+        elif word == "}":
+            stack.pop()
+        elif word == "MOTION":
+            break
+    assert next(words) == "Frames:"
+    num_frames = int(next(words))
+    assert (next(words), next(words)) == ("Frame", "Time:")
+    frame_time = float(next(words))
+    values = np.array([float(word) for word in words]).reshape(num_frames, -1)
+    positions = {name: np.zeros((num_frames, 3)) for name, *_ in joints}
+    for frame, row in enumerate(values):
+        numbers = iter(row)
+        placed: list[tuple[np.ndarray, np.ndarray]] = []
+        for name, parent, offset, channels in joints:
+            rotation, origin = placed[parent] if parent >= 0 else (np.eye(3), np.zeros(3))
+            origin = origin + rotation @ offset
+            for channel in channels:
+                if channel.endswith("position"):
+                    origin = origin + next(numbers) * np.eye(3)["XYZ".index(channel[0])]
+                else:
+                    rotation = rotation @ turn(channel[0], next(numbers))
+            placed.append((rotation, origin))
+            positions[name][frame] = origin
+        assert next(numbers, None) is None, "values are left over"
+    return frame_time, positions
+
+
+def test_positions_read_back_are_those_of_the_motion(body: Body, tmp_path: Path) -> None:
+    motion = random_motion(num_frames=9)
+    write_bvh(body, motion, tmp_path / "motion.bvh")
+    frame_time, positions = read_bvh(tmp_path / "motion.bvh")
+    assert frame_time == pytest.approx(1 / 30, abs=1e-8)
+    wanted = body.joint_positions(motion)
+    assert wanted.shape[0] == 9
+    for joint, name in enumerate(JOINT_NAMES):
+        np.testing.assert_allclose(positions[name], wanted[:, joint], atol=1e-4, err_msg=name)
+
+
+def test_ends_of_fingers_are_the_fingertips(body: Body, tmp_path: Path) -> None:
+    write_bvh(body, BodyMotion.resting(2), tmp_path / "rest.bvh")
+    _, positions = read_bvh(tmp_path / "rest.bvh")
+    for finger, vertex in TIP_VERTICES.items():
+        end = positions[f"{finger}3 end"][1]
+        np.testing.assert_allclose(end, body.template[vertex], atol=1e-5)
+
+
+@pytest.mark.parametrize("degrees", [90.0, -90.0, 180.0])
+def test_right_angles_lose_nothing(body: Body, tmp_path: Path, degrees: float) -> None:
+    """At 90 degrees about X two Euler angles fall together; the rotation must survive."""
+    resting = BodyMotion.resting(1)
+    poses = resting.poses.copy()
+    poses[:, 48] = np.radians(degrees)  # left shoulder about X
+    poses[:, 54] = 0.7  # left elbow
+    motion = BodyMotion(poses, resting.trans, resting.expressions, "arkit52", resting.betas)
+    write_bvh(body, motion, tmp_path / "angle.bvh")
+    _, positions = read_bvh(tmp_path / "angle.bvh")
+    wanted = body.joint_positions(motion)[:, JOINT_NAMES.index("left_middle3")]
+    np.testing.assert_allclose(positions["left_middle3"], wanted, atol=1e-4)
+
+
+def test_long_motion_keeps_every_frame(body: Body, tmp_path: Path) -> None:
+    write_bvh(body, BodyMotion.resting(1030), tmp_path / "long.bvh")
+    text = (tmp_path / "long.bvh").read_text()
+    assert "Frames: 1030\n" in text
+    rows = text.split("Frame Time:")[1].strip().splitlines()[1:]
+    assert len(rows) == 1030
+    assert {len(row.split()) for row in rows} == {168}
+
+
+def test_failure_leaves_no_file(body: Body, tmp_path: Path) -> None:
+    with pytest.raises(OSError):
+        write_bvh(body, BodyMotion.resting(), tmp_path / "missing" / "motion.bvh")
+    folder = tmp_path / "motion.bvh"
+    folder.mkdir()
+    with pytest.raises(OSError):
+        write_bvh(body, BodyMotion.resting(), folder)
+    assert list(tmp_path.iterdir()) == [folder]

@@ -1,0 +1,347 @@
+"""Videos, read back by another library than the one that wrote them."""
+
+import os
+import subprocess
+import wave
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from renderer.video.compose import band_height, compose_videos, label_band, rows_of
+from renderer.video.encoder import Cancelled, VideoError, VideoWriter, read_facts
+
+SIZE = (96, 64)
+SAMPLE_RATE = 16_000
+
+
+def write_wav(path: Path, waveform: np.ndarray) -> Path:
+    with wave.open(str(path), "wb") as file:
+        file.setnchannels(1)
+        file.setsampwidth(2)
+        file.setframerate(SAMPLE_RATE)
+        file.writeframes((32_000 * np.clip(waveform, -1, 1)).astype("<i2").tobytes())
+    return path
+
+
+def tone(duration_s: float) -> np.ndarray:
+    return 0.3 * np.sin(2 * np.pi * 220 * np.arange(int(duration_s * SAMPLE_RATE)) / SAMPLE_RATE)
+
+
+def write_video(
+    out: Path, levels: np.ndarray, speech_wav: Path | None = None, size=SIZE, tint=(1, 1, 1)
+) -> Path:
+    """One plain frame for each brightness in ``levels`` (0 to 255)."""
+    with VideoWriter(out, *size, len(levels), speech_wav) as video:
+        for level in levels:
+            frame = np.full((size[1], size[0], 3), level) * np.asarray(tint)
+            video.write(frame.astype(np.uint8))
+    return out
+
+
+def decoded_frames(path: Path) -> np.ndarray:
+    with av.open(str(path)) as file:
+        return np.stack([frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)])
+
+
+def decoded_sound(path: Path) -> tuple[np.ndarray, int]:
+    """Samples as a player plays them: what the edit list cuts off is cut off."""
+    with av.open(str(path)) as file:
+        stream = file.streams.audio[0]
+        blocks, rate = [], stream.rate
+        for frame in file.decode(stream):
+            block = frame.to_ndarray()[0]
+            start = round(float(frame.pts * frame.time_base) * rate)
+            blocks.append(block[max(0, -start) :])
+        return np.concatenate(blocks), rate
+
+
+@pytest.mark.parametrize("num_frames", [1, 7, 45])
+@pytest.mark.parametrize("sound_s", [None, 0.1, 4.0])
+def test_frames_rate_format_and_sound(tmp_path, num_frames, sound_s):
+    wav = None if sound_s is None else write_wav(tmp_path / "s.wav", tone(sound_s))
+    path = write_video(tmp_path / "v.mp4", np.full(num_frames, 120), wav)
+    with av.open(str(path)) as file:
+        video = file.streams.video[0]
+        assert video.frames == num_frames
+        assert video.average_rate == 30
+        assert video.codec_context.name == "h264"
+        assert video.codec_context.pix_fmt == "yuv420p"
+        assert (video.width, video.height) == SIZE
+        assert float(video.duration * video.time_base) == pytest.approx(num_frames / 30, abs=1e-3)
+        assert len(file.streams.audio) == (0 if sound_s is None else 1)
+        if sound_s is not None:
+            audio = file.streams.audio[0]
+            assert audio.codec_context.name == "aac"
+            duration_s = float(audio.duration * audio.time_base)
+            assert duration_s == pytest.approx(num_frames / 30, abs=1 / 30)
+    assert len(decoded_frames(path)) == num_frames
+    assert list(tmp_path.glob(".*")) == []
+
+
+def test_the_index_stands_before_the_data(tmp_path):
+    data = write_video(tmp_path / "v.mp4", np.arange(30)).read_bytes()
+    assert 0 < data.find(b"moov") < data.find(b"mdat")
+
+
+def test_colours_and_order_survive(tmp_path):
+    path = tmp_path / "v.mp4"
+    colors = [(200, 40, 40), (40, 190, 60), (50, 60, 200), (228, 230, 234)]
+    with VideoWriter(path, *SIZE, 4, crf=8) as video:
+        for color in colors:
+            video.write(np.tile(np.array(color, np.uint8), (SIZE[1], SIZE[0], 1)))
+    frames = decoded_frames(path).astype(int)
+    np.testing.assert_allclose(frames.mean(axis=(1, 2)), colors, atol=4)
+
+
+def test_upper_row_first(tmp_path):
+    frame = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+    frame[: SIZE[1] // 2] = 220
+    with VideoWriter(tmp_path / "v.mp4", *SIZE, 1) as video:
+        video.write(frame)
+    (decoded,) = decoded_frames(tmp_path / "v.mp4").astype(int)
+    assert decoded[5].mean() > 200 and decoded[-5].mean() < 20
+
+
+@pytest.mark.parametrize("flash_frame", [0, 31, 59])
+def test_a_flash_and_a_click_coincide(tmp_path, flash_frame):
+    levels = np.zeros(60)
+    levels[flash_frame] = 255
+    waveform = np.zeros(2 * SAMPLE_RATE)
+    click = round(flash_frame / 30 * SAMPLE_RATE)
+    waveform[click : click + 80] = 0.9 * (-1.0) ** np.arange(80)
+    path = write_video(tmp_path / "v.mp4", levels, write_wav(tmp_path / "s.wav", waveform))
+    flash = int(decoded_frames(path).mean(axis=(1, 2, 3)).argmax())
+    sound, rate = decoded_sound(path)
+    assert flash == flash_frame
+    assert abs(np.abs(sound).argmax() / rate - flash / 30) < 1 / 30
+
+
+@pytest.mark.parametrize("size", [(95, 64), (96, 63), (0, 64)])
+def test_sizes_that_cannot_be_halved_are_refused(tmp_path, size):
+    with pytest.raises(ValueError, match=f"{size[0]} x {size[1]} .*even"):
+        VideoWriter(tmp_path / "v.mp4", *size, 1)
+
+
+def test_an_exception_leaves_no_file_and_no_process(tmp_path):
+    with pytest.raises(KeyboardInterrupt), VideoWriter(tmp_path / "v.mp4", *SIZE, 90) as video:
+        video.write(np.zeros((SIZE[1], SIZE[0], 3), np.uint8))
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []
+    assert processes_that_mention(tmp_path) == []
+
+
+def test_too_few_frames_leave_no_file(tmp_path):
+    message = r"2 frames came for v.mp4; 3 were promised"
+    with pytest.raises(VideoError, match=message), VideoWriter(tmp_path / "v.mp4", *SIZE, 3) as v:
+        v.write(np.zeros((SIZE[1], SIZE[0], 3), np.uint8))
+        v.write(np.zeros((SIZE[1], SIZE[0], 3), np.uint8))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_older_file_stays_when_the_new_one_fails(tmp_path):
+    path = write_video(tmp_path / "v.mp4", np.arange(3))
+    before = path.read_bytes()
+    with pytest.raises(ZeroDivisionError), VideoWriter(path, *SIZE, 3):
+        raise ZeroDivisionError
+    assert path.read_bytes() == before
+
+
+def test_a_missing_folder_or_sound_is_named(tmp_path):
+    with pytest.raises(VideoError, match=r"nowhere is not a folder"):
+        write_video(tmp_path / "nowhere" / "v.mp4", np.arange(3))
+    with pytest.raises(VideoError, match=r"gone\.wav"):
+        write_video(tmp_path / "v.mp4", np.arange(300), tmp_path / "gone.wav")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_gives_one_sentence(tmp_path):
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if os.geteuid() != 0:
+        pytest.skip("mounting a small disk needs root")
+    command = ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(disk)]
+    if subprocess.run(command, capture_output=True, check=False).returncode:
+        pytest.skip("this machine lets nobody mount a small disk")
+    rng = np.random.default_rng(0)
+    try:
+        with (
+            pytest.raises(VideoError, match=r"^v\.mp4 cannot be written: there is no space left"),
+            VideoWriter(disk / "v.mp4", *SIZE, 200, crf=0) as video,
+        ):
+            for _ in range(200):
+                video.write(rng.integers(0, 255, (SIZE[1], SIZE[0], 3)).astype(np.uint8))
+        assert list(disk.iterdir()) == []
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
+
+
+@pytest.mark.parametrize(
+    ("said", "sentence"),
+    [
+        ("Unknown encoder 'libx264'", "has no H.264 encoder; install imageio-ffmpeg"),
+        ("something unheard of", "ffmpeg said: something unheard of"),
+    ],
+)
+def test_an_ffmpeg_that_fails_is_quoted(tmp_path, monkeypatch, said, sentence):
+    fake = tmp_path / "ffmpeg"
+    fake.write_text(f'#!/bin/sh\necho "{said}" >&2\nexit 1\n')
+    fake.chmod(0o755)
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(fake))
+    with pytest.raises(VideoError, match=sentence):
+        write_video(tmp_path / "v.mp4", np.arange(300))
+    assert [path.name for path in tmp_path.iterdir()] == ["ffmpeg"]
+
+
+def test_a_missing_ffmpeg_is_named(tmp_path, monkeypatch):
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(tmp_path / "gone"))
+    with pytest.raises(VideoError, match=r"gone is no ffmpeg.*unset IMAGEIO_FFMPEG_EXE"):
+        write_video(tmp_path / "v.mp4", np.arange(3))
+    with pytest.raises(VideoError, match="is no ffmpeg"):
+        read_facts(tmp_path / "v.mp4")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_facts_of_a_file(tmp_path):
+    path = write_video(tmp_path / "v.mp4", np.arange(37))
+    facts = read_facts(path)
+    assert (facts.width, facts.height, facts.num_frames) == (*SIZE, 37)
+    (tmp_path / "no.mp4").write_text("no video")
+    with pytest.raises(VideoError, match=r"no\.mp4 cannot be read as a video"):
+        read_facts(tmp_path / "no.mp4")
+
+
+TINTS = ((1, 0.2, 0.2), (0.2, 1, 0.2), (0.2, 0.2, 1), (1, 1, 0.2), (0.2, 1, 1), (1, 0.2, 1))
+
+
+def test_a_folder_under_the_final_name_is_refused_and_nothing_stays(tmp_path):
+    (tmp_path / "v.mp4").mkdir()
+    with pytest.raises(VideoError, match=r"v\.mp4 cannot be written"):
+        write_video(tmp_path / "v.mp4", [10, 20])
+    assert [p.name for p in tmp_path.iterdir()] == ["v.mp4"]
+
+
+@pytest.mark.parametrize("count", [1, 2, 6])
+def test_videos_run_in_lock_step_under_their_labels(tmp_path, count):
+    levels = np.linspace(40, 220, 20)
+    videos = [
+        write_video(tmp_path / f"{i}.mp4", levels, tint=TINTS[i], size=(128, 96))
+        for i in range(count)
+    ]
+    wav = write_wav(tmp_path / "s.wav", tone(3.0))
+    shares: list[float] = []
+    out = tmp_path / "all.mp4"
+    compose_videos(videos, [f"name/{i}" for i in range(count)], out, wav, on_progress=shares.append)
+    frames = decoded_frames(out).astype(float)
+    band = band_height(96)
+    assert frames.shape == (20, 96 + band, 128 * count, 3)
+    for i in range(count):
+        picture = frames[:, band + 8 : -8, 128 * i + 8 : 128 * (i + 1) - 8].mean(axis=(1, 2))
+        np.testing.assert_allclose(picture, levels[:, None] * TINTS[i], atol=14)
+        label = frames[:, : band - 2, 128 * i : 128 * (i + 1)]
+        assert label.max() > 240 and label.min() < 110
+    with av.open(str(out)) as file:
+        audio = file.streams.audio[0]
+        assert float(audio.duration * audio.time_base) == pytest.approx(20 / 30, abs=1 / 30)
+    assert shares == sorted(shares) and shares[-1] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("count", "width", "lengths"),
+    [
+        (1, 512, [1]),
+        (3, 512, [3]),
+        (3, 640, [3]),
+        (3, 642, [2, 1]),
+        (4, 512, [2, 2]),
+        (5, 512, [3, 2]),
+        (6, 512, [3, 3]),
+        (6, 320, [6]),
+        (5, 1080, [1, 1, 1, 1, 1]),
+        (2, 2160, [1, 1]),
+    ],
+)
+def test_a_comparison_wider_than_a_screen_gets_rows(count, width, lengths):
+    rows = rows_of(count, width)
+    assert [len(row) for row in rows] == lengths
+    assert [i for row in rows for i in row] == list(range(count))
+
+
+def test_rows_stand_below_one_another_each_under_its_labels(tmp_path, monkeypatch):
+    monkeypatch.setattr("renderer.video.compose.MAX_WIDTH_PX", 400)
+    levels, size = np.linspace(40, 220, 8), (126, 96)
+    videos = [
+        write_video(tmp_path / f"{i}.mp4", levels, tint=TINTS[i], size=size) for i in range(5)
+    ]
+    out = tmp_path / "all.mp4"
+    compose_videos(videos, [f"name {i}" for i in range(5)], out)
+    frames = decoded_frames(out).astype(float)
+    band = band_height(96)
+    assert frames.shape == (8, 2 * (96 + band), 3 * 126, 3)
+    places = [(0, 0), (0, 126), (0, 252), (1, 62), (1, 188)]  # the short row in the middle
+    for tint, (row, left) in zip(TINTS, places, strict=False):
+        top = row * (96 + band) + band
+        picture = frames[:, top + 8 : top + 88, left + 8 : left + 118].mean(axis=(1, 2))
+        np.testing.assert_allclose(picture, levels[:, None] * tint, atol=14)
+        label = frames[:, top - band : top - 2, left : left + 126]
+        assert label.max() > 240 and label.min() < 110
+    assert frames[:, -50:, :50].min() > 240, "beside the short row nothing is drawn"
+
+
+def test_a_label_of_several_lines_becomes_one(tmp_path):
+    one, several = (label_band([text], 300, 400) for text in ("a b c", "a\n b\r\n\tc"))
+    np.testing.assert_array_equal(one, several)
+    assert label_band(["\n"], 300, 400).min() == 255
+
+
+def test_a_shorter_video_holds_its_last_frame(tmp_path):
+    long = write_video(tmp_path / "a.mp4", np.linspace(20, 200, 12))
+    short = write_video(tmp_path / "b.mp4", np.linspace(20, 200, 12)[:5])
+    compose_videos([long, short], ["a", "b"], tmp_path / "all.mp4")
+    right = decoded_frames(tmp_path / "all.mp4")[:, 40:, SIZE[0] + 8 :].mean(axis=(1, 2, 3))
+    assert len(right) == 12
+    np.testing.assert_allclose(right[5:], right[4], atol=3)
+    assert right[4] > right[3] + 5
+
+
+def test_labels_stay_within_their_picture():
+    band = label_band(["short", "a label that is far too long for its picture " * 3], 200, 200)
+    assert band.shape == (band_height(200), 400, 3)
+    dark = (band.astype(int).sum(axis=2) < 380).any(axis=0)
+    assert dark[:200].any() and dark[200:].any()
+    assert not dark[196:203].any() and not dark[-3:].any()
+
+
+def test_what_cannot_be_composed_is_refused(tmp_path):
+    a = write_video(tmp_path / "a.mp4", np.arange(3))
+    b = write_video(tmp_path / "b.mp4", np.arange(3), size=(64, 64))
+    out = tmp_path / "all.mp4"
+    with pytest.raises(ValueError, match="0 videos were given; 1 to 6"):
+        compose_videos([], [], out)
+    with pytest.raises(ValueError, match="1 labels were given for 2 videos"):
+        compose_videos([a, b], ["a"], out)
+    with pytest.raises(VideoError, match=r"b.mp4 has 64 x 64 pixels and a.mp4 96 x 64"):
+        compose_videos([a, b], ["a", "b"], out)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mp4", "b.mp4"]
+
+
+def test_composing_can_be_cancelled(tmp_path):
+    videos = [write_video(tmp_path / f"{i}.mp4", np.arange(200)) for i in range(2)]
+    with pytest.raises(Cancelled):
+        compose_videos(videos, ["a", "b"], tmp_path / "all.mp4", should_cancel=lambda: True)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["0.mp4", "1.mp4"]
+    assert processes_that_mention(tmp_path) == []
+
+
+def processes_that_mention(folder: Path) -> list[str]:
+    """Command lines of running processes that name the folder."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            command = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+        except OSError:  # it has just ended
+            continue
+        if str(folder) in command and "pytest" not in command:
+            found.append(command)
+    return found

@@ -1,0 +1,184 @@
+"""From a body's motion to pictures and videos."""
+
+from dataclasses import replace
+
+import av
+import numpy as np
+import pytest
+
+from renderer.body.body import BodyMotion, load_body
+from renderer.draw.probe import choose_backend
+from renderer.stage.camera import frame_points
+from renderer.stage.stage import Stage, set_stage
+from renderer.video.render import (
+    Cancelled,
+    RenderSettings,
+    draw_vertices,
+    render_stills,
+    render_video,
+)
+from tests.renderer.stage.test_camera import waving_motion
+from tests.renderer.video.test_encoder import (
+    SAMPLE_RATE,
+    decoded_sound,
+    processes_that_mention,
+    write_wav,
+)
+
+pytestmark = pytest.mark.gl
+
+
+def small(**changes) -> RenderSettings:
+    return replace(RenderSettings(width=128, height=128, backend=choose_backend()), **changes)
+
+
+def body_pixels(picture: np.ndarray) -> np.ndarray:
+    """Where the dark suit is: everything else in the studio is light."""
+    return picture.astype(int).sum(axis=2) < 400
+
+
+def test_the_video_shows_every_frame_once_and_in_order(tmp_path):
+    body, motion = load_body(), waving_motion(20)
+    shares: list[float] = []
+    stills = render_video(
+        *(body, motion, tmp_path / "v.mp4", None, small(crf=8), shares.append),
+        still_frames=(0, 5, 19),
+    )
+    with av.open(str(tmp_path / "v.mp4")) as file:
+        frames = np.stack([frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)])
+    assert frames.shape == (20, 128, 128, 3)
+    np.testing.assert_allclose(shares, np.arange(1, 21) / 20)
+    expected = render_stills(body, motion, range(20), small())
+    # Each decoded frame is nearer to its own picture than to any other.
+    coarse = [pictures[:, ::3, ::3].astype(np.int16) for pictures in (frames, expected)]
+    distance = np.abs(coarse[0][:, None] - coarse[1][None]).mean(axis=(2, 3, 4))
+    np.testing.assert_array_equal(distance.argmin(axis=1), np.arange(20))
+    np.testing.assert_array_equal(stills, expected[[0, 5, 19]])
+
+
+def test_sound_and_motion_stay_together_for_a_minute(tmp_path):
+    """A body that jumps aside for one frame in the first, the middle and the last second, with a
+    clap at the same moments."""
+    num_frames, jumps = 1800, (11, 903, 1787)
+    corners = np.array([[-0.3, 0, 0], [0, 0, 0], [0, 1, 0], [-0.3, 1, 0]], np.float32)
+    aside = corners + np.array([0.5, 0, 0], np.float32)
+    frames = (aside if frame in jumps else corners for frame in range(num_frames))
+    waveform = np.zeros(num_frames * SAMPLE_RATE // 30)
+    for frame in jumps:
+        start = round(frame / 30 * SAMPLE_RATE)
+        waveform[start : start + 60] = 0.9 * (-1.0) ** np.arange(60)
+    stage = Stage(frame_points(np.concatenate([corners, aside])), 0.0, (0.0, 0.0), 0.0)
+    settings = RenderSettings(64, 64, antialias=False, backend="software")
+    pictures = draw_vertices(
+        ([frame] for frame in frames),
+        *(np.array([[0, 1, 2], [0, 2, 3]]), np.zeros((4, 3), np.float32)),
+        settings=settings,
+        stage=stage,
+    )
+    out = tmp_path / "v.mp4"
+    wav = write_wav(tmp_path / "s.wav", waveform)
+    motion = BodyMotion.resting(num_frames)
+    render_video(load_body(), motion, out, wav, settings, stage=stage, pictures=pictures)
+    with av.open(str(out)) as file:
+        left = [
+            frame.to_ndarray(format="gray")[20:44, 34:].mean() for frame in file.decode(video=0)
+        ]
+    sound, rate = decoded_sound(out)
+    assert len(left) == num_frames
+    for frame in jumps:
+        around = slice(frame - 10, frame + 10)
+        seen = frame - 10 + int(np.argmin(left[around]))
+        samples = slice(round((frame - 10) / 30 * rate), round((frame + 10) / 30 * rate))
+        heard_s = (samples.start + int(np.abs(sound[samples]).argmax())) / rate
+        assert seen == frame
+        assert abs(heard_s - seen / 30) < 1 / 30
+
+
+def test_stills_come_in_the_order_asked_for():
+    body, motion = load_body(), waving_motion(10)
+    stills = render_stills(body, motion, [7, 2, 7], small())
+    np.testing.assert_array_equal(stills[0], stills[2])
+    assert (stills[0] != stills[1]).any()
+    assert render_stills(body, motion, [], small()).shape == (0, 128, 128, 3)
+
+
+@pytest.mark.parametrize("frame", [-1, 10])
+def test_a_still_outside_the_motion_is_refused(frame):
+    with pytest.raises(ValueError, match=f"Frame {frame} was asked for; the motion has 10"):
+        render_stills(load_body(), waving_motion(10), [frame], small())
+
+
+@pytest.mark.parametrize("view", ["front", "three_quarter", "side"])
+def test_the_body_stands_whole_in_the_picture(view):
+    (picture,) = render_stills(load_body(), BodyMotion.resting(), [0], small(view=view))
+    rows, columns = np.nonzero(body_pixels(picture))
+    assert np.ptp(rows) > 64 if view == "side" else np.ptp(columns) > 64
+    assert rows.min() > 3 and rows.max() < 124 and columns.min() > 3 and columns.max() < 124
+
+
+def test_a_close_up_is_the_same_in_the_video_and_in_stills(tmp_path):
+    body, motion = load_body(), waving_motion(8, walk_m=1.0)
+    settings = small(view="right_hand")
+    out = tmp_path / "v.mp4"
+    shown = render_video(body, motion, out, settings=settings, still_frames=(0, 7))
+    stills = render_stills(body, motion, [0, 7], settings)
+    # Vertices of more frames at once are rounded otherwise: a grey level in a pixel.
+    np.testing.assert_allclose(shown.astype(int), stills.astype(int), rtol=0, atol=1)
+    assert (shown[0] != shown[1]).any()
+
+
+def test_right_and_left_are_not_swapped():
+    motion = BodyMotion.resting()
+    poses = motion.poses.copy().reshape(1, 55, 3)
+    poses[0, 17, 2] = 1.3  # the right arm hangs, the left one stays out
+    posed = replace(motion, poses=poses.reshape(1, 165))
+    body = load_body()
+    stage = set_stage(body, [motion])
+    (picture,) = render_stills(body, posed, [0], small(), stage=stage)
+    (rest,) = render_stills(body, motion, [0], small(), stage=stage)
+    # Seen from the front, the body's right arm is on the left of the picture.
+    assert body_pixels(rest)[:, :40].sum() > 50
+    assert body_pixels(picture)[:, :40].sum() < 15
+    np.testing.assert_array_equal(body_pixels(picture)[:, 90:], body_pixels(rest)[:, 90:])
+
+
+def test_equal_stages_show_equal_poses_equally():
+    body = load_body()
+    motions = [waving_motion(12), BodyMotion.resting(3)]
+    stage = set_stage(body, motions)
+    alone = render_stills(body, motions[1], [1], small(), stage=stage)
+    again = render_stills(body, BodyMotion.resting(1), [0], small(), stage=stage)
+    # blocks of other sizes round vertices differently, by one grey level here and there
+    np.testing.assert_allclose(alone.astype(int), again.astype(int), rtol=0, atol=1)
+
+
+def test_a_cancelled_video_leaves_no_file_and_no_process(tmp_path):
+    asked = []
+
+    def cancel_at_the_fourth() -> bool:
+        asked.append(True)
+        return len(asked) == 4
+
+    with pytest.raises(Cancelled, match=r"v\.mp4 was cancelled"):
+        render_video(
+            *(load_body(), waving_motion(30), tmp_path / "v.mp4", None, small()),
+            should_cancel=cancel_at_the_fourth,
+        )
+    assert len(asked) == 4
+    assert list(tmp_path.iterdir()) == []
+    assert processes_that_mention(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"width": 511}, "511 x 512 .*even"),
+        ({"width": 32}, "32 x 512 pixels is outside the limits"),
+        ({"height": 9000}, "64 to 2160"),
+        ({"view": "above"}, "'above' is unknown; choose one of front, three_quarter, side, face"),
+        ({"crf": 99}, "`crf` is 99"),
+    ],
+)
+def test_impossible_settings_are_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        RenderSettings(**changes)
