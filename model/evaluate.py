@@ -24,21 +24,23 @@ from model.data.recordings import DataError, read_files, read_split, speaker_of
 from model.evaluation import tables
 from model.evaluation.clip_measures import rooted_positions
 from model.evaluation.clips import RECORDED, ClipContext, ClipRow, as_table
-from model.evaluation.speech_response import predict_with, speech_tracks
+from model.evaluation.speech_response import speech_tracks
 from model.measures import beats
 from model.motion.motion import Motion, MotionError, first_frames
 from model.networks.autoencoder import FrozenEncoder, load_encoder
 from model.speech.audio import Speech, SpeechError
 from model.speech.encoder import SpeechEncoder
-from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, list_systems
+from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from model.storage.files import written_atomically
-from model.systems.base import System, UnknownNameError, load_system
+from model.systems.autoencoders.config import FGD_ENCODER
+from model.systems.base import System
+from model.systems.family import UnknownNameError
+from model.systems.registry import list_systems, load_system
 from model.systems.windows import GenerateOptions, generate_motion
 from model.training.parallel import WHOLE, Shard, joined_processes
 
 log = logging.getLogger(__name__)
 
-FGD_ENCODER = "fgd-encoder"
 BATCH_WINDOWS = 64
 
 
@@ -143,18 +145,19 @@ def evaluate(
         )
         rows = {RECORDED: context.row([motion])}
         for system in systems:
-            options = GenerateOptions(speaker=_speaker(name), samples=seeds, guidance=guidance)
-            prediction = predict_with(
-                system,
+            options = GenerateOptions(
+                speaker=_speaker(name),
+                samples=seeds,
+                guidance=guidance if system.takes_guidance else 1.0,
+            )
+            prediction = system.predict_with(
                 motion,
                 speech_tracks(mine.features(system.encoder), foreign.features(system.encoder)),
                 system.speaker_index(_speaker(name)),
                 batch_windows,
             )
             rows[system.name] = context.row(
-                generate_motion(system, mine.speech, options),
-                prediction.errors,
-                prediction.position_error_by_depth_m,
+                generate_motion(system, mine.speech, options), prediction
             )
         found[name] = rows
     gathered = {name: rows for part in shard.gather(found) for name, rows in part.items()}
@@ -184,7 +187,7 @@ class Recording:
 def _read(folder: Path, clips: Sequence[str], systems: Sequence[System]) -> dict[str, Recording]:
     """Recordings by name; what cannot be used is named in the log and counted."""
     recordings = {}
-    window = max(system.config.window_frames for system in systems)
+    window = max(system.windowing.frames for system in systems)
     for name in clips:
         try:
             motion, speech = read_files(folder, name)

@@ -132,7 +132,7 @@ def time_motion(clip: Path, weights: Path) -> list[Figure]:
     """Features, generation of each system at the default number of steps, and five samples."""
     from model.bench import generation_ms
     from model.speech.audio import load_speech
-    from model.storage.cards import list_systems
+    from model.systems.registry import list_systems
 
     speech: Speech = load_speech(clip)
     systems = [get_system(name, weights) for name in list_systems(weights)]
@@ -208,7 +208,7 @@ def time_measures(motion_file: Path) -> list[Figure]:
 def time_rendering(weights: Path, folder: Path) -> list[Figure]:
     """Videos of the first system's motion, the stages of drawing it, and the usual loop beside."""
     from model.motion.motion import load_motion
-    from model.storage.cards import list_systems
+    from model.systems.registry import list_systems
 
     path = folder / "run" / f"{file_stem(list_systems(weights)[0])}.npz"
     motion = body_motion(load_motion(path))
@@ -287,7 +287,7 @@ def _rate(title: str, cost: Cost, aim: str = "") -> Figure:
 
 def measure_memory(speech: Path, weights: Path, folder: Path) -> list[Figure]:
     """Peak memory of any process of a run of one system, for a long clip against a short one."""
-    from model.storage.cards import list_systems
+    from model.systems.registry import list_systems
 
     system = list_systems(weights)[-1]
     imports = "import app.pipeline, librosa, model.diagnostics, model.generate, renderer.figures"

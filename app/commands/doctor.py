@@ -101,8 +101,7 @@ def _body(path: Path | None) -> Finding:
 
 
 def _weights(folder: Path) -> Finding:
-    from model.storage.cards import list_systems
-    from model.systems.base import load_system
+    from model.systems.registry import list_systems, load_system
 
     try:
         names = list_systems(folder)

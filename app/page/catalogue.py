@@ -8,7 +8,8 @@ from typing import Any
 
 from app import text
 from app.errors import RunError
-from model.storage.cards import list_speakers, list_systems, load_card
+from model.storage.cards import load_card
+from model.systems.registry import list_speakers, list_systems
 
 
 @dataclass(frozen=True)

@@ -123,7 +123,7 @@ def read_inputs(
 
 
 def _load_systems(request: GenerateRequest) -> tuple[System, ...]:
-    from model.storage.cards import list_systems
+    from model.systems.registry import list_systems
 
     names = request.systems or list_systems(request.weights)
     if not names:

@@ -22,7 +22,7 @@ def get_system(name: str, weights: Path) -> System:
     """A system by name, read at its first use.
 
     Raises:
-        UnknownNameError, CheckpointError: see `model.systems.base.load_system`.
+        UnknownNameError, CheckpointError: see `model.systems.registry.load_system`.
     """
     with _LOADING:
         return _load_system(name, weights)
@@ -41,7 +41,7 @@ def get_body(path: Path | None, look: str = LOOKS[0]) -> Body:
 
 @functools.lru_cache(maxsize=16)
 def _load_system(name: str, weights: Path) -> System:
-    from model.systems.base import load_system
+    from model.systems.registry import load_system
 
     return load_system(name, weights)
 
@@ -62,7 +62,7 @@ def warm_up(weights: Path, body: Path | None) -> None:
     import numpy as np
 
     from model.speech.audio import SAMPLE_RATE, Speech
-    from model.storage.cards import list_systems
+    from model.systems.registry import list_systems
     from model.systems.windows import GenerateOptions, generate_motion
     from renderer.draw.offscreen import GLError
     from renderer.draw.probe import choose_backend

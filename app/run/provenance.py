@@ -28,8 +28,12 @@ def describe_systems(systems: Sequence[Any]) -> dict[str, dict[str, Any]]:
     """Weights and card of each system (`model.systems.base.System`)."""
     return {
         system.name: {
-            "sha256": system.sha256,
-            "expression_sha256": system.face.sha256,
+            "sha256": system.sha256s[system.name],
+            **{
+                f"{other}_sha256": sha256
+                for other, sha256 in system.sha256s.items()
+                if other != system.name
+            },
             "trained_on": system.card.get("training_data"),
             "training_hours": system.card.get("training_hours"),
             "training_steps": system.card.get("steps"),

@@ -101,7 +101,7 @@ def _fingerprint(plan: Plan, sources: tuple[Source, ...], options: ExportOptions
             system = get_system(planned.generator.system, options.weights)
             if planned.generator.speaker is not None:
                 system.speaker_index(planned.generator.speaker)
-            weights[system.name] = [system.sha256, system.face.sha256]
+            weights[system.name] = list(system.sha256s.values())
     facts = {
         "plan": asdict(plan),
         "files": {source.clip.name: dict(source.files) for source in sources},

@@ -22,6 +22,7 @@ from model.measures.face_measures import face_measures
 from model.motion.motion import Motion
 from model.motion.skeleton import open_body_skeleton
 from model.networks.autoencoder import FrozenEncoder
+from model.systems.base import DEPTH_FLOW_TIME, FLOW_TIMES, Prediction
 
 RECORDED = "recorded"
 KINDS = ("right", "shifted", "foreign")
@@ -80,9 +81,13 @@ class ClipContext:
     def row(
         self,
         motions: Sequence[Motion],
-        errors: dict[str, float] | None = None,
-        position_errors: list[float] | None = None,
+        prediction: Prediction | None = None,
     ) -> ClipRow:
+        """One row's numbers.
+
+        Args:
+            prediction: for a system that can tell x_1 of this clip.
+        """
         measured = [clip_measures(m, self.recorded, open_body_skeleton()) for m in motions]
         positions = [rooted_positions(motion) for motion in motions]
         numbers = [
@@ -92,8 +97,8 @@ class ClipContext:
             for one, joints, motion in zip(measured, positions, motions, strict=True)
         ]
         by_depth = {"jerk_m_s3": np.mean([one.jerk_by_depth for one in measured], 0).tolist()}
-        if position_errors is not None:
-            by_depth["position_error_m"] = position_errors
+        if prediction is not None:
+            by_depth["position_error_m"] = prediction.position_error_by_depth_m
         judged = [motion_features(self.judge, m) for m in motions] if self.judge else []
         return ClipRow(
             measures=_mean_of(numbers),
@@ -104,7 +109,7 @@ class ClipContext:
             },
             features=np.concatenate(judged) if judged else None,
             positions=[joints[:PAIRWISE_FRAMES] for joints in positions],
-            errors=errors or {},
+            errors=prediction.errors if prediction else {},
         )
 
 
@@ -178,8 +183,8 @@ def settings() -> dict[str, float | list[float]]:
         "beat_neighbours_frames": beats.NEIGHBOURS,
         "beat_margin_s": beats.MARGIN_S,
         "wrong_speech_shift_s": speech_response.SHIFT_S,
-        "wrong_speech_flow_times": list(speech_response.FLOW_TIMES),
-        "position_error_flow_time": speech_response.DEPTH_FLOW_TIME,
+        "wrong_speech_flow_times": list(FLOW_TIMES),
+        "position_error_flow_time": DEPTH_FLOW_TIME,
         "coupling_max_lag_s": speech_response.MAX_LAG_S,
     }
 

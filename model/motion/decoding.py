@@ -1,4 +1,4 @@
-"""Between motion vectors and what they mean in the world, and the training terms on the latter."""
+"""Between motion vectors and what they mean in the world."""
 
 from dataclasses import dataclass
 
@@ -10,10 +10,7 @@ from model.motion.kinematics import global_from_local, joint_positions_from_glob
 from model.motion.packing import AXIS_ANGLE_DIM, ROOT_DIM, ROTATION_DIM, pack, root_positions
 from model.motion.rotations import matrix_from_axis_angle, matrix_from_rot6d, rot6d_from_matrix
 from model.motion.skeleton import NUM_JOINTS, RestSkeleton
-from model.networks.autoencoder import FrozenEncoder
-from model.storage.settings import LossConfig, RootMotion, RotationSpace
-from model.systems.globaldiff import constraints
-from model.training import losses
+from model.motion.spaces import RootMotion, RotationSpace
 
 
 def to_vectors(
@@ -89,49 +86,3 @@ def decode(
             [rot6d_from_matrix(global_rot).flatten(-2), vectors[..., -ROOT_DIM:]], dim=-1
         ),
     )
-
-
-def geometric_terms(
-    weights: LossConfig, predicted: Decoded, target: Decoded, encoder: FrozenEncoder | None
-) -> dict[str, Float[Tensor, " B"]]:
-    """The weighted terms on decoded motion, one value per sample; those of weight 0 are left out.
-
-    Raises:
-        ValueError: if L_m has a weight but there is no encoder.
-    """
-    world = predicted.positions, target.positions
-    positions = (predicted.rooted, target.rooted) if weights.rooted else world
-    terms = {
-        "position": lambda: losses.position_loss(*positions),
-        "velocity": lambda: losses.velocity_loss(*positions),
-        "acceleration": lambda: losses.acceleration_loss(*positions),
-        "joint": lambda: _joint_term(predicted, target),
-        "skeleton": lambda: constraints.skeleton_structure_loss(*positions),
-        "motion": lambda: _motion_term(predicted, target, encoder),
-        "contact": lambda: losses.contact_loss(*world),
-    }
-    return {
-        name: getattr(weights, name) * term()
-        for name, term in terms.items()
-        if getattr(weights, name) > 0
-    }
-
-
-def _joint_term(predicted: Decoded, target: Decoded) -> Float[Tensor, " B"]:
-    if predicted.global_rot is None or target.global_rot is None:
-        raise ValueError("L_j has a weight, but rotations were left out.")
-    return constraints.joint_structure_loss(
-        predicted.global_rot, target.global_rot, constraints.octahedron_anchors()
-    )
-
-
-def _motion_term(
-    predicted: Decoded, target: Decoded, encoder: FrozenEncoder | None
-) -> Float[Tensor, " B"]:
-    if encoder is None:
-        raise ValueError("L_m has a weight, but no motion encoder was given.")
-    if predicted.global_vectors is None or target.global_vectors is None:
-        raise ValueError("L_m has a weight, but rotations were left out.")
-    with torch.no_grad():
-        wanted = encoder.codes(target.global_vectors)
-    return constraints.temporal_structure_loss(encoder.codes(predicted.global_vectors), wanted)

@@ -14,8 +14,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from model.motion.skeleton import FACE, HANDS, LOWER_BODY, NUM_JOINTS, UPPER_BODY
+from model.motion.spaces import Representation, RootMotion
 from model.motion.timing import FPS
-from model.storage.settings import Representation, RootMotion
 
 ROTATION_DIM = NUM_JOINTS * 6
 ROOT_DIM = 3

@@ -15,10 +15,11 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from model.motion.packing import MOTION_DIM, Normaliser
+from model.networks.config import AutoencoderConfig
 from model.storage.checkpoint import load_into, load_weights
-from model.storage.settings import AutoencoderConfig, from_dict
-from model.training.parallel import CPU
+from model.storage.settings import from_dict
 
+CPU = torch.device("cpu")
 Codes = tuple[Float[Tensor, "B _ dim"], Float[Tensor, "B _ dim"]]
 """Mean and log-variance of the codes at one scale."""
 

@@ -2,15 +2,14 @@
 
 import torch
 from jaxtyping import Bool, Float, Int
-from torch import Tensor, nn
+from torch import Tensor
 
-from model.networks.layers import sinusoidal_positions
+from model.networks.branch import ConditionedNetwork, MotionBranch, shown
+from model.networks.config import BranchConfig
 from model.sampling.prior import GaussianPrior
-from model.storage.settings import ExpressionConfig, NetworkConfig
-from model.systems.globaldiff.network import Condition, MotionBranch, SpeechTokens
 
 
-class PriorNetwork(nn.Module):
+class PriorNetwork(ConditionedNetwork):
     """Predicts x_1 (components of motion, or of a face) from x_t, time, speech, seed and speaker.
 
     Args:
@@ -20,24 +19,17 @@ class PriorNetwork(nn.Module):
 
     def __init__(
         self,
-        config: NetworkConfig | ExpressionConfig,
+        config: BranchConfig,
         prior: GaussianPrior,
         *,
         channels: int,
         expression_dim: int,
     ) -> None:
-        super().__init__()
+        super().__init__(config)
         self.config = config
         self.prior = prior
-        width = config.width
-        self.condition = Condition(config.num_speakers, width)
-        self.speech = SpeechTokens(config.speech_dim, width, config.speech_context)
-        self.no_speech = nn.Parameter(torch.zeros(config.speech_dim))
         self.branch = MotionBranch(
             config, inputs=channels, body_inputs=channels + expression_dim, channels=channels
-        )
-        self.register_buffer(
-            "positions", sinusoidal_positions(config.window_frames, width), persistent=False
         )
 
     def forward(
@@ -52,14 +44,12 @@ class PriorNetwork(nn.Module):
         has_speech: Bool[Tensor, " B"],
         expression: Float[Tensor, "B T expression_dim"] | None = None,
     ) -> Float[Tensor, "B T C"]:
-        """Clean components x_1; see `MotionNetwork.forward`."""
-        visible = has_speech[:, None, None]
-        tokens = self.speech(torch.where(visible, speech, self.no_speech))
+        """Clean components x_1; see `model.systems.globaldiff.network`."""
+        tokens = self.hear(speech, has_speech)
         known = self.prior.posterior(x_t, t, seed, has_seed)
         body = known
         if expression is not None:
-            seen = torch.where(visible, expression, torch.zeros_like(expression))
-            body = torch.cat([known, seen], dim=-1)
+            body = torch.cat([known, shown(expression, has_speech)], dim=-1)
         unit = self.branch(
             x_t, body, tokens, seed, has_seed, self.condition(t, speaker), self.positions
         )

@@ -7,15 +7,14 @@ Noise ``x_0 ~ N(0, I)`` lies at t = 0, data ``x_1`` at t = 1, and ``x_t = (1 - t
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Literal, assert_never
+from typing import assert_never
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-Sampler = Literal["euler", "heun", "reinterpolate"]
-SAMPLERS: tuple[Sampler, ...] = ("euler", "heun", "reinterpolate")
+from model.sampling.names import FlowSampler
 
 PredictClean = Callable[[Float[Tensor, "B ..."], float], Float[Tensor, "B ..."]]
 """x_1 predicted from x_t at one time t."""
@@ -52,7 +51,7 @@ def sample(
     x_0: Float[Tensor, "B ..."],
     *,
     steps: int,
-    sampler: Sampler = "euler",
+    sampler: FlowSampler = "euler",
 ) -> Float[Tensor, "B ..."]:
     """Carry noise to data in ``steps`` equal steps.
 
@@ -91,7 +90,7 @@ def sample(
     return x
 
 
-def num_evaluations(steps: int, sampler: Sampler) -> int:
+def num_evaluations(steps: int, sampler: FlowSampler) -> int:
     """Network evaluations that `sample` needs for one window."""
     match sampler:
         case "euler":

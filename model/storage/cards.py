@@ -4,8 +4,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-from model.systems.globaldiff.config import SYSTEMS
-
 BUNDLED_WEIGHTS = Path(__file__).parents[1] / "weights"
 
 
@@ -34,17 +32,3 @@ def load_card(folder: Path, system: str) -> dict[str, Any]:
     if not isinstance(card, dict) or "sha256" not in card:
         raise CheckpointError(f"{path} is no weights card: it has no sha256.")
     return card
-
-
-def list_systems(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
-    """Names of the systems whose weights lie in ``folder``, in the ladder's order."""
-    return tuple(name for name in SYSTEMS if (folder / f"{file_stem(name)}.safetensors").is_file())
-
-
-def list_speakers(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
-    """Speakers that every system in ``folder`` knows, in the order of their numbers."""
-    tables = [load_card(folder, name)["speakers"] for name in list_systems(folder)]
-    if not tables:
-        return ()
-    shared = [name for name in tables[0] if all(name in table for table in tables)]
-    return tuple(sorted(shared, key=lambda name: tables[0][name]))

@@ -1,48 +1,119 @@
-"""A system: a trained generator with a name, its weights, its card and its expression network."""
+"""What every system is, whatever family it belongs to: a maker of windows that join to motion."""
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
+import numpy as np
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
-from model.motion.packing import Normaliser
-from model.networks.expression import Face
-from model.networks.prior_network import PriorNetwork
-from model.sampling.prior import GaussianPrior
+from model.motion.motion import ExpressionBasis, Motion
+from model.motion.spaces import RootMotion
+from model.sampling.flow import seeded_noise
 from model.speech.encoder import SpeechEncoder
-from model.speech.encoders import make_encoder
-from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, list_systems
-from model.storage.checkpoint import load_into, load_weights
-from model.storage.settings import ExpressionConfig, NetworkConfig, from_dict
-from model.systems.globaldiff.network import MotionNetwork
+from model.systems.family import Sampler, UnknownNameError, choose_sampler
+from model.systems.speech_stream import SpeechWindow
+from model.systems.stitching import cross_fade, fade
 
-EXPRESSION_BASIS = "arkit52"
-EXPRESSION = "expression"
-
-
-class UnknownNameError(ValueError):
-    """A system or speaker that does not exist; the message lists those that do."""
+Features = Float[np.ndarray, "_ dim"]
+FLOW_TIMES = (0.0, 0.2, 0.4)
+"""Of `Prediction.errors`: early, where speech matters more than x_t."""
+DEPTH_FLOW_TIME = 0.5
+"""Of its position error by depth."""
 
 
 @dataclass(frozen=True)
-class System:
-    """Everything needed to generate motion with one trained generator."""
+class Windowing:
+    """How a system cuts time, in frames."""
 
-    name: str
-    card: dict[str, Any]
-    sha256: str
-    speakers: dict[str, int]
-    """Speaker name -> index in the network's table."""
-    network: MotionNetwork | PriorNetwork
-    normaliser: Normaliser
-    face: Face
-    encoder: SpeechEncoder
+    frames: int
+    overlap: int
+    """Frames that a window shares with the one before."""
+    context: int
+    """Frames of speech that must be known before and after a window."""
 
     @property
-    def config(self) -> NetworkConfig:
-        assert isinstance(self.network.config, NetworkConfig)
-        return self.network.config
+    def advance(self) -> int:
+        """From the start of one window to the start of the next."""
+        return self.frames - self.overlap
+
+
+@dataclass(frozen=True)
+class Draw:
+    """What decides a window beside its speech and the window before it."""
+
+    speaker: int
+    seed: int
+    samples: int
+    index: int
+    """Of the window."""
+    sampler: str
+    steps: int
+    guidance: float
+
+    def noise(self, shape: tuple[int, ...]) -> Float[Tensor, "samples ..."]:
+        """Standard normal: the same for every system that asks for this shape, and for however
+        many samples share a batch."""
+        keys = [[self.seed, sample, self.index] for sample in range(self.samples)]
+        return torch.stack([seeded_noise(key, shape) for key in keys])
+
+
+@dataclass(frozen=True)
+class Window:
+    """Motion of one window, before it is joined to the others. A family may add to it what its
+    next window needs to know."""
+
+    rotmat: Float[Tensor, "B n 55 3 3"]
+    """In the system's `frame`."""
+    root: Float[Tensor, "B n 3"]
+    """As the system's `root_motion` has them."""
+    expression: Float[Tensor, "B n E"]
+    """Face units, 0 to 1."""
+
+    def part(self, frames: slice) -> "Window":
+        """Some of its frames."""
+        return replace(
+            self,
+            rotmat=self.rotmat[:, frames],
+            root=self.root[:, frames],
+            expression=self.expression[:, frames],
+        )
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Errors of x_1 on one clip, without a seed pose, which would give most of the answer away."""
+
+    errors: dict[str, float]
+    """Mean squared error over `FLOW_TIMES` by kind of speech; normalised channels."""
+    position_error_by_depth_m: list[float]
+    """With the right speech at `DEPTH_FLOW_TIME`, the pelvis in place; entry d is of the joints d
+    bones from it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class System(ABC):
+    """A trained generator with a name, its card, and what it can be asked for."""
+
+    name: str
+    card: Mapping[str, Any]
+    sha256s: Mapping[str, str]
+    """Of every file of weights that it moves with: its own first."""
+    speakers: Mapping[str, int]
+    """Speaker name -> index in the network's table."""
+    encoder: SpeechEncoder
+    windowing: Windowing
+    samplers: tuple[Sampler, ...]
+    """The first is the usual one."""
+    frame: Literal["parent", "world"]
+    """In which the rotations of its windows are told, and joined."""
+    root_motion: RootMotion
+    expression_basis: ExpressionBasis = "arkit52"
+    takes_guidance: bool = False
+    """Whether the strength of the speech can be chosen."""
 
     def speaker_index(self, speaker: str) -> int:
         """Index of a speaker by name.
@@ -56,81 +127,43 @@ class System:
             )
         return self.speakers[speaker]
 
+    def sampler(self, name: str | None) -> Sampler:
+        """The sampler called ``name``, or the usual one.
 
-def load_system(name: str, folder: Path = BUNDLED_WEIGHTS) -> System:
-    """Read a system and the expression network beside it.
+        Raises:
+            UnknownNameError: if the system has no such sampler.
+        """
+        return choose_sampler(self.samplers, name, self.name)
 
-    Raises:
-        UnknownNameError: if there is no such system; the message lists those that are there.
-        CheckpointError: if its files are missing or damaged.
-    """
-    available = list_systems(folder)
-    if name not in available:
-        found = ", ".join(available) if available else f"none in {folder}"
-        raise UnknownNameError(f"There is no system {name!r}; available: {found}.")
-    tensors, card = load_weights(folder, name)
-    try:
-        config = from_dict(NetworkConfig, card["config"]["network"])
-        speakers = {str(k): int(v) for k, v in card["speakers"].items()}
-        encoder = make_encoder(card["config"]["encoder"])
-        normaliser = Normaliser.of_tensors(tensors)
-        if config.prior:
-            network: MotionNetwork | PriorNetwork = PriorNetwork(
-                config,
-                GaussianPrior(tensors["prior.covariance"], config.seed_frames),
-                channels=config.motion_dim,
-                expression_dim=config.expression_dim,
-            )
-        else:
-            network = MotionNetwork(config)
-    except (KeyError, TypeError, AttributeError) as error:
-        raise CheckpointError(f"The card of {name} lacks or misstates {error}.") from None
-    load_into(network, tensors, "network.", name)
-    network.eval().requires_grad_(False)
-    return System(
-        name=name,
-        card=card,
-        sha256=card["sha256"],
-        speakers=speakers,
-        network=network,
-        normaliser=normaliser,
-        face=load_face(folder),
-        encoder=encoder,
-    )
+    @abstractmethod
+    def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> Window:
+        """One window of motion for each sample.
 
+        Args:
+            before: what this returned for the window before; None where a clip begins.
+        """
 
-def load_face(folder: Path = BUNDLED_WEIGHTS) -> Face:
-    """Read the expression network.
+    def join(self, older: Window, newer: Window) -> Window:
+        """``newer`` with its first frames joined to the end of the motion so far.
 
-    Raises:
-        CheckpointError: if its files are missing or damaged.
-    """
-    tensors, card = load_weights(folder, EXPRESSION)
-    try:
-        config = from_dict(ExpressionConfig, card["config"]["expression"])
-        normaliser = Normaliser.of_tensors(tensors)
-        prior = GaussianPrior(tensors["prior.covariance"], config.seed_frames)
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise CheckpointError(f"The card of {EXPRESSION} lacks or misstates {error}.") from None
-    network = PriorNetwork(config, prior, channels=config.expression_dim, expression_dim=0)
-    load_into(network, tensors, "network.", EXPRESSION)
-    network.eval().requires_grad_(False)
-    return Face(network, normaliser, card["sha256"])
-
-
-def warm_up(system: System) -> None:
-    """One evaluation, so that the first visitor waits no longer than the second."""
-    config = system.config
-    with torch.inference_mode():
-        system.network(
-            torch.zeros(1, config.window_frames, config.motion_dim),
-            torch.zeros(1),
-            speech=torch.zeros(
-                1, config.window_frames + 2 * config.speech_context, config.speech_dim
-            ),
-            expression=torch.zeros(1, config.window_frames, config.expression_dim),
-            seed=torch.zeros(1, config.seed_frames, config.motion_dim),
-            speaker=torch.zeros(1, dtype=torch.long),
-            has_seed=torch.zeros(1, dtype=torch.bool),
-            has_speech=torch.ones(1, dtype=torch.bool),
+        Args:
+            older: exactly the frames that both have.
+        """
+        shared = slice(older.root.shape[1])
+        rest = slice(shared.stop, None)
+        first = newer.part(shared)
+        rotmat, root = cross_fade((older.rotmat, older.root), (first.rotmat, first.root))
+        expression = fade(older.expression, first.expression)
+        return replace(
+            newer,
+            rotmat=torch.cat([rotmat, newer.rotmat[:, rest]], dim=1),
+            root=torch.cat([root, newer.root[:, rest]], dim=1),
+            expression=torch.cat([expression, newer.expression[:, rest]], dim=1),
         )
+
+    def predict_with(
+        self, motion: Motion, tracks: Mapping[str, Features], speaker: int, batch_size: int
+    ) -> Prediction | None:
+        """How well x_1 of a recorded clip is told with each kind of speech; None for a system that
+        cannot be asked that."""
+        return None

@@ -8,7 +8,8 @@ from typing import Any
 
 from model.data.prepared import PreparedData
 from model.storage.cards import load_card
-from model.storage.settings import TrainConfig, to_json
+from model.storage.settings import to_json
+from model.training.config import TrainConfig
 from model.training.task import Start
 
 

@@ -1,6 +1,6 @@
-"""Training terms, each a pure function of prediction and target that keeps the batch axis.
+"""Training terms, pure functions of prediction and target, and the check that they are numbers.
 
-All of them return one value per sample, so that the flow's time weights can be applied outside.
+Terms return one value per sample, so that the flow's time weights can be applied outside.
 """
 
 import math

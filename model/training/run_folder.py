@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import nn
 
 from model.storage.files import written_atomically
-from model.storage.settings import TrainConfig, to_json
+from model.storage.settings import to_json
+from model.training.config import TrainConfig
+from model.training.task import Task
 
 STATE_FILE = "state.pt"
 
@@ -78,14 +79,10 @@ def open_run(config: TrainConfig, out: Path, resume: bool) -> None:
         )
 
 
-def restore_state(
-    out: Path, network: nn.Module, average: nn.Module, optimizer: torch.optim.Optimizer
-) -> int:
+def restore_state(out: Path, task: Task) -> int:
     """The first step to do, after the saved state was put back."""
     state = torch.load(out / STATE_FILE, weights_only=True, map_location="cpu")
-    network.load_state_dict(state["network"])
-    average.load_state_dict(state["average"])
-    optimizer.load_state_dict(state["optimizer"])
+    task.restore(state)
     return int(state["step"])
 
 
@@ -101,15 +98,7 @@ def differing_fields(a: dict, b: dict, prefix: str = "") -> list[str]:
     return names
 
 
-def save_state(
-    out: Path, step: int, network: nn.Module, average: nn.Module,
-    optimizer: torch.optim.Optimizer,
-) -> None:  # fmt: skip
-    state = {
-        "step": step,
-        "network": network.state_dict(),
-        "average": average.state_dict(),
-        "optimizer": optimizer.state_dict(),
-    }
+def save_state(out: Path, step: int, task: Task) -> None:
+    """What `restore_state` reads, whole or not at all."""
     with written_atomically(out / STATE_FILE) as path:
-        torch.save(state, path)
+        torch.save({"step": step, **task.state()}, path)

@@ -18,8 +18,8 @@ from model.motion.decoding import Decoded, decode, to_vectors
 from model.motion.decoding import rotations as rotations_of
 from model.motion.packing import AXIS_ANGLE_MOTION_DIM, MOTION_DIM, ROOT_DIM, root_positions
 from model.motion.skeleton import NUM_JOINTS, RestSkeleton
+from model.motion.spaces import RootMotion, RotationSpace
 from model.storage.files import written_atomically
-from model.storage.settings import RootMotion, RotationSpace
 
 BLOCK_FRAMES = 2000
 TARGETS_FORMAT = 2

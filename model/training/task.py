@@ -1,35 +1,22 @@
-"""What there is to train, by name: a network, the loss of a step, and the input's statistics."""
+"""What there is to train: a task owns its networks, their optimizers, its state and its export."""
 
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
-from model.data.prepared import DataError, PreparedData
+from model.data.prepared import Batch, DataError, PreparedData
 from model.motion.packing import Normaliser
-from model.motion.skeleton import open_body_skeleton
-from model.networks.autoencoder import MotionAutoencoder, load_encoder
-from model.networks.prior_network import PriorNetwork
-from model.sampling.prior import GaussianPrior
 from model.storage.cards import CheckpointError
-from model.storage.checkpoint import load_into, load_weights
-from model.storage.settings import TrainConfig
-from model.systems.globaldiff.config import SYSTEMS
-from model.systems.globaldiff.network import MotionNetwork
-from model.training.parallel import CPU
-from model.training.steps import (
-    StepFunction,
-    autoencoder_step,
-    expression_step,
-    fit_face,
-    fit_motion_prior,
-    fit_normaliser,
-    fit_vector_normaliser,
-    mean_vector,
-    motion_step,
-)
-from model.training.targets import prepare_targets
+from model.storage.checkpoint import load_weights
+from model.training import losses
+from model.training.config import TrainConfig
+from model.training.parallel import WHOLE, Shard
 
 
 @dataclass(frozen=True)
@@ -40,103 +27,180 @@ class Start:
     system: str
     """Whose weights; every rung of the ladder can begin with those of any other."""
 
+    def read(self) -> dict[str, Tensor]:
+        """The tensors, which bring the statistics of their input along: other statistics would
+        change what the weights mean.
+
+        Raises:
+            CheckpointError: if they are missing or damaged, or have no statistics.
+        """
+        tensors, _ = load_weights(self.folder, self.system)
+        if "normaliser.mean" not in tensors:
+            raise CheckpointError(f"The weights of {self.system} have no statistics.")
+        return tensors
+
 
 @dataclass(frozen=True)
-class Task:
-    """A network with fresh or given weights, on the CPU or a GPU, and the loss of one step."""
+class Workshop:
+    """Where a task is made: what it may lean on, on which device, how fast."""
 
+    helpers: Path
+    """Folder with the weights of networks that a task needs and does not train."""
+    start: Start | None = None
+    shard: Shard = WHOLE
+    may_compile: bool = False
+    """Compile networks and losses where that is worth it (`model.training.rate`)."""
+
+
+@runtime_checkable
+class Task(Protocol):
+    """What the training loop needs of a family. Every random number of a step follows from the
+    generator it is given, so that a resumed run equals one that was not stopped."""
+
+    window_frames: int
+    context: int
+    """Frames of speech before and after each window."""
+
+    def step(self, number: int, batch: Batch, generator: torch.Generator) -> dict[str, float]:
+        """Change the weights once; what to log.
+
+        Raises:
+            FloatingPointError: if a loss is no number; the weights are as before then.
+        """
+        ...
+
+    def validate(self, batch: Batch, generator: torch.Generator) -> dict[str, Tensor]:
+        """Losses of the weights that would be exported, ``total`` among them."""
+        ...
+
+    def export(self) -> dict[str, Tensor]:
+        """What to save as weights."""
+        ...
+
+    def state(self) -> dict[str, Any]:
+        """Everything that a resumed run needs, as `torch.save` writes it."""
+        ...
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """The inverse of `state`."""
+        ...
+
+
+@dataclass(frozen=True)
+class StepLoss:
+    """The loss to descend, and its parts for the log."""
+
+    total: Float[Tensor, ""]
+    parts: dict[str, Float[Tensor, ""]]
+    """Detached, with ``total`` among them."""
+
+    @staticmethod
+    def of(means: Mapping[str, Float[Tensor, ""]]) -> "StepLoss":
+        """The sum of weighted terms."""
+        total = torch.stack(list(means.values())).sum()
+        parts = {name: mean.detach() for name, mean in means.items()}
+        return StepLoss(total, parts | {"total": total.detach()})
+
+
+StepFunction = Callable[[nn.Module, Batch, torch.Generator, Shard], StepLoss]
+"""It draws its random numbers for the whole batch and computes its shard of it, so that several
+processes together do what one does alone."""
+
+
+@dataclass
+class DescentTask:
+    """One network that descends one loss with AdamW, and a moving average of its weights."""
+
+    config: TrainConfig
     network: nn.Module
     step_loss: StepFunction
     normaliser: Normaliser
     """Statistics of the input, saved with the weights."""
+    window_frames: int
     context: int = 0
-    """Frames of speech before and after each window."""
+    shard: Shard = WHOLE
+    compiles: bool = False
+    statistics: dict[str, Tensor] = field(default_factory=dict)
+    """What else is saved with the weights."""
 
-    def tensors(self, average: nn.Module) -> dict[str, Tensor]:
-        """What to save: the averaged weights and the statistics."""
-        found = {f"network.{name}": t for name, t in average.state_dict().items()}
-        found |= self.normaliser.tensors()
-        if isinstance(self.network, PriorNetwork):
-            found["prior.covariance"] = self.network.prior.covariance
+    def __post_init__(self) -> None:
+        config = self.config
+        self.network = self.network.to(self.shard.device)
+        self.average = torch.optim.swa_utils.AveragedModel(
+            self.network, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(config.ema_decay)
+        )
+        self.optimizer = torch.optim.AdamW(
+            self.network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay,
+            fused=True,
+        )  # fmt: skip
+        if self.compiles:
+            self.network.compile(dynamic=False)
+        self.parallel = self.shard.wrap(self.network)
+
+    def step(self, number: int, batch: Batch, generator: torch.Generator) -> dict[str, float]:
+        """See `Task`."""
+        config = self.config
+        for group in self.optimizer.param_groups:
+            group["lr"] = config.learning_rate * learning_rate_factor(number, config)
+        self.network.train()
+        loss = self.step_loss(self.parallel, batch, generator, self.shard)
+        self.optimizer.zero_grad(set_to_none=True)
+        loss.total.backward()
+        norm = nn.utils.clip_grad_norm_(self.network.parameters(), config.clip_norm)
+        numbers = self.shard.mean(loss.parts | {"gradient_norm": norm})
+        losses.finite_or_raise(numbers, number, batch.clips)
+        self.optimizer.step()
+        if number < 2 * config.warmup_steps:  # average only what has left the start behind
+            self.average.module.load_state_dict(self.network.state_dict())
+        else:
+            self.average.update_parameters(self.network)
+        return numbers
+
+    @torch.no_grad()
+    def validate(self, batch: Batch, generator: torch.Generator) -> dict[str, Tensor]:
+        """See `Task`."""
+        network = self.average.module.eval()
+        return self.step_loss(network, batch, generator, self.shard).parts
+
+    def export(self) -> dict[str, Tensor]:
+        """The averaged weights and the statistics."""
+        found = {f"network.{name}": t for name, t in self.average.module.state_dict().items()}
+        found |= self.normaliser.tensors() | self.statistics
         return {name: tensor.cpu() for name, tensor in found.items()}
 
+    def state(self) -> dict[str, Any]:
+        """See `Task`."""
+        return {
+            "network": self.network.state_dict(),
+            "average": self.average.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+        }
 
-def _check_speakers(config: TrainConfig, data: PreparedData) -> None:
-    """The table holds speaker numbers below its size; 0 is "no speaker"."""
-    size = min(config.network.num_speakers, config.expression.num_speakers)
-    outside = [f"{number} ({name})" for number, name in data.speakers.items()
-               if not 0 < number < size]  # fmt: skip
-    if outside:
-        raise DataError(
-            f"The speakers {', '.join(outside)} do not fit the table of {size}; number them from 1 "
-            f"to {size - 1}."
-        )
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """See `Task`."""
+        self.network.load_state_dict(state["network"])
+        self.average.load_state_dict(state["average"])
+        self.optimizer.load_state_dict(state["optimizer"])
 
 
-def make_task(
-    config: TrainConfig,
-    data: PreparedData,
-    helpers: Path,
-    start: Start | None = None,
-    device: torch.device = CPU,
-    compile_step: bool = False,
-) -> Task:
-    """The task of ``config.system``.
+def learning_rate_factor(step: int, config: TrainConfig) -> float:
+    """Linear warm-up, then a cosine from 1 down to 0.02."""
+    if step < config.warmup_steps:
+        return (step + 1) / config.warmup_steps
+    done = (step - config.warmup_steps) / max(1, config.steps - config.warmup_steps)
+    return 0.02 + 0.98 * (1 + math.cos(math.pi * done)) / 2
 
-    Args:
-        helpers: folder with L_m's frozen encoder, needed where L_m has a weight.
-        compile_step: compile the network and the loss of motion systems.
-        start: weights to begin with, and with them their input statistics: other statistics would
-            change what the weights mean.
+
+def check_speakers(data: PreparedData, table_size: int) -> None:
+    """A table holds speaker numbers below its size; 0 is "no speaker".
 
     Raises:
-        CheckpointError: if weights are missing, damaged or of another shape.
-        DataError: if a speaker's number does not fit the network's table.
+        DataError: with the speakers that do not fit.
     """
-    _check_speakers(config, data)
-    torch.manual_seed(config.random_seed)
-    given = None if start is None else load_weights(start.folder, start.system)[0]
-
-    if given is not None and "normaliser.mean" not in given:
-        raise CheckpointError(f"The weights of {start and start.system} have no statistics.")
-    known = None if given is None else Normaliser.of_tensors(given)
-    context = 0
-    if config.system == "expression":
-        shape = config.expression
-        context = shape.speech_context
-        if known is None or given is None:
-            known, prior = fit_face(config, data)
-        else:
-            prior = GaussianPrior(given["prior.covariance"], shape.seed_frames)
-        normaliser = known.to(device)
-        network: nn.Module = PriorNetwork(
-            shape, prior, channels=shape.expression_dim, expression_dim=0
+    outside = [f"{number} ({name})" for number, name in data.speakers.items()
+               if not 0 < number < table_size]  # fmt: skip
+    if outside:
+        raise DataError(
+            f"The speakers {', '.join(outside)} do not fit the table of {table_size}; number them "
+            f"from 1 to {table_size - 1}."
         )
-        step_loss = expression_step(config, normaliser)
-    elif config.system in SYSTEMS:
-        shape = config.network
-        context = shape.speech_context
-        encoder = load_encoder(helpers, "motion-vae", device) if config.loss.motion > 0 else None
-        targets = prepare_targets(data, shape.rotation_space, shape.root, open_body_skeleton())
-        if shape.prior:
-            if known is None or given is None:
-                known, prior = fit_motion_prior(config, data, targets)
-            else:
-                prior = GaussianPrior(given["prior.covariance"], shape.seed_frames)
-            normaliser = known.to(device)
-            network = PriorNetwork(
-                shape, prior, channels=shape.motion_dim, expression_dim=shape.expression_dim
-            )
-        else:
-            normaliser = (known or fit_normaliser(config, data, targets)).to(device)
-            network = MotionNetwork(shape)
-            network.start_at(mean_vector(normaliser, targets))
-        step_loss = motion_step(config, normaliser, targets, encoder, compile_step)
-    else:
-        space = config.autoencoder.rotation_space
-        normaliser = (known or fit_vector_normaliser(config, space, data)).to(device)
-        network = MotionAutoencoder(config.autoencoder)
-        step_loss = autoencoder_step(config, normaliser)
-    if given is not None and start is not None:
-        load_into(network, given, "network.", start.system)
-    return Task(network.to(device), step_loss, normaliser, context)

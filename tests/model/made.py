@@ -13,7 +13,9 @@ from model.networks.prior_network import PriorNetwork
 from model.sampling.prior import GaussianPrior
 from model.speech.audio import Speech, write_wav
 from model.storage.checkpoint import save_weights
-from model.storage.settings import ExpressionConfig, NetworkConfig, TrainConfig, to_json
+from model.storage.settings import to_json
+from model.systems.face.config import ExpressionConfig, FaceTrainConfig
+from model.systems.globaldiff.config import GlobalDiffConfig, NetworkConfig
 from model.systems.globaldiff.network import MotionNetwork
 from tests.helpers import smooth_motion_example
 
@@ -78,7 +80,7 @@ def make_weights(folder: Path, systems: dict[str, NetworkConfig] = TINY_SYSTEMS)
     common = {"speakers": {"ann": 1, "bob": 2}, "steps": 0, "training_data": "none", "date": "-"}
     prior = made_prior(52)
     expression = PriorNetwork(TINY_EXPRESSION, prior, channels=52, expression_dim=0)
-    config = TrainConfig(system="expression", expression=TINY_EXPRESSION, network=TINY_NETWORK)
+    config = FaceTrainConfig(system="expression", expression=TINY_EXPRESSION)
     tensors = {f"network.{k}": v for k, v in expression.state_dict().items()}
     tensors |= made_components(torch.full((52,), 0.2), 0.1).tensors()
     tensors |= {"prior.covariance": prior.covariance}
@@ -104,6 +106,6 @@ def make_weights(folder: Path, systems: dict[str, NetworkConfig] = TINY_SYSTEMS)
                 parameter += 0.05 * torch.randn_like(parameter)
         tensors = {f"network.{k}": v for k, v in network.state_dict().items()}
         tensors |= normaliser.tensors() | more
-        config = TrainConfig(system=system, network=network_config, expression=TINY_EXPRESSION)
+        config = GlobalDiffConfig(system=system, network=network_config)
         save_weights(folder, system, tensors, {"config": json.loads(to_json(config)), **common})
     return folder

@@ -2,7 +2,7 @@ import pytest
 
 from model import bench
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
-from model.systems.base import load_system
+from model.systems.registry import load_system
 from tests.model.made import made_speech, make_weights
 
 

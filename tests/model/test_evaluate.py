@@ -12,8 +12,8 @@ from model.evaluation.clips import ClipRow, as_table
 from model.evaluation.intervals import bootstrap, bootstrap_difference, bootstrap_ratio
 from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
 from model.speech.features import MelEncoder
-from model.systems.base import load_system
-from model.systems.globaldiff.config import FGD_ENCODER
+from model.systems.autoencoders.config import JUDGE
+from model.systems.registry import load_system
 from model.training.parallel import Shard
 from tests.model.made import make_data_folder, make_weights
 
@@ -42,7 +42,7 @@ def system(folders):
 
 
 def untrained_judge(system) -> FrozenEncoder:
-    network = MotionAutoencoder(FGD_ENCODER).eval()
+    network = MotionAutoencoder(JUDGE).eval()
     return FrozenEncoder(network, system.normaliser, "")
 
 

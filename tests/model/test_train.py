@@ -11,22 +11,29 @@ import torch
 from model.data.prepared import DataError, prepare, read_split
 from model.motion.decoding import to_vectors
 from model.speech.features import MelEncoder
-from model.storage.cards import CheckpointError
+from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from model.storage.checkpoint import load_weights, save_weights
-from model.storage.settings import TrainConfig, to_json
-from model.systems.base import load_system
-from model.systems.globaldiff.config import BEST, named_config
-from model.train import learning_rate_factor, main, train
+from model.storage.settings import to_json
+from model.systems.globaldiff.config import BEST
+from model.systems.registry import family_of, load_system
+from model.train import main
+from model.training.config import TrainConfig
+from model.training.loop import train as train_task
 from model.training.parallel import WHOLE
 from model.training.run_folder import TrainingError
-from model.training.task import Start, make_task
+from model.training.task import Start, Workshop, learning_rate_factor
 from tests.model.made import make_data_folder
 
 QUICK = {"steps": 6, "save_every": 3, "validate_every": 6, "warmup_steps": 2, "batch_size": 2}
 
 
 def quick(system: str, **changes) -> TrainConfig:
-    return replace(named_config("smoke", system), **{**QUICK, **changes})
+    return replace(family_of(system).config("smoke", system), **{**QUICK, **changes})
+
+
+def train(config: TrainConfig, data, out, *, helpers=BUNDLED_WEIGHTS, **options) -> None:
+    make_task = family_of(config.system).make_task
+    train_task(config, make_task, data, out, helpers=helpers, **options)
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +79,7 @@ def test_a_killed_and_resumed_run_equals_one_that_was_not(root, system):
     class Killed(Exception):
         pass
 
-    import model.train as module
+    import model.training.task as module
 
     real = module.losses.finite_or_raise
 
@@ -136,7 +143,8 @@ def test_vectors_are_in_the_systems_rotation_space(root):
 def test_flow_times_are_early_as_often_as_the_config_says(root, power, median):
     config = quick("globaldiff/global", flow_time_power=power)
     data = prepare(root / "data", root / "prepared-mel64", MelEncoder())
-    task = make_task(config, data, root / "expression" / "weights")
+    make_task = family_of(config.system).make_task
+    task = make_task(config, data, Workshop(root / "expression" / "weights"))
     batch = data.window_batch(data.of_split("train"), 60, 8, np.random.default_rng(0))
     times = []
     task.network.register_forward_pre_hook(lambda module, args: times.append(args[1]))
@@ -197,7 +205,7 @@ def test_encoders_train_and_the_missing_one_is_named(root, tmp_path):
 
 
 def test_a_loss_that_is_no_number_stops_and_keeps_the_last_good_state(root, monkeypatch):
-    import model.training.steps as module
+    import model.systems.autoencoders.task as module
 
     real, calls = module.losses.simple_loss, []
 
@@ -244,7 +252,7 @@ def test_the_papers_encoder_is_asked_for_by_name(root, monkeypatch, capsys):
 
 
 def test_learning_rate_warms_up_and_decays():
-    config = TrainConfig(steps=1000, warmup_steps=100)
+    config = TrainConfig("any", steps=1000, warmup_steps=100)
     factors = [learning_rate_factor(step, config) for step in range(1000)]
     assert factors[0] == 0.01 and factors[99] == 1.0 and max(factors) == 1.0
     assert factors[-1] < 0.03 and all(np.diff(factors[99:]) <= 0)

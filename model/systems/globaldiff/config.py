@@ -1,8 +1,76 @@
-"""The systems of the paper's Table 2 as data, and the named settings of every training."""
+"""The systems of the paper's Table 2 as data, their settings, and our own system's."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import get_args
 
-from model.storage.settings import AutoencoderConfig, RotationSpace, TrainConfig
+from model.motion.spaces import Representation, RootMotion, RotationSpace
+from model.networks.config import BranchConfig
+from model.training.config import TrainConfig
+from model.training.geometric import GeometricWeights
+
+PRESETS = ("demo", "demo-small", "paper-regime", "paper-regime-small", "paper", "smoke")
+"""What `named_config` knows."""
+
+
+@dataclass(frozen=True)
+class NetworkConfig(BranchConfig):
+    """Shape of the two-branch motion network (GlobalDiff, "Overall Structure")."""
+
+    rotation_space: RotationSpace = "global"
+    """Global is GlobalDiff's; axis-angle is nearest to Gaussian."""
+    prior: bool = False
+    """Stand on the linear-Gaussian denoiser (`model.sampling.prior`); the network adds to it."""
+    root: RootMotion = "velocity"
+    """A body with a place returns to where it is at home."""
+
+    def __post_init__(self) -> None:
+        if self.rotation_space not in get_args(RotationSpace):
+            raise ValueError(
+                f"rotation_space is {self.rotation_space!r}; use local, global or axis-angle."
+            )
+        if self.prior != (self.rotation_space == "axis-angle"):
+            raise ValueError(
+                f"prior is {self.prior} with {self.rotation_space} rotations; a prior stands on "
+                "axis-angle, and nothing else does."
+            )
+        if self.root not in get_args(RootMotion):
+            raise ValueError(f"root is {self.root!r}; use velocity or place.")
+        super().__post_init__()
+
+    @property
+    def motion_dim(self) -> int:
+        """Channels of a motion vector: 55 rotations and the root."""
+        return 55 * (3 if self.rotation_space == "axis-angle" else 6) + 3
+
+
+@dataclass(frozen=True)
+class LossConfig(GeometricWeights):
+    """Weights of the training terms; a term of weight 0 is not computed."""
+
+    seed: float = 1.0
+    """Extra weight of eq. 7 on the frames that repeat the seed pose."""
+    joint: float = 0.0
+    """L_j: anchors turned with each joint (GlobalDiff eqs. 8 to 10), metres squared."""
+    skeleton: float = 0.0
+    """L_s: cosines between bones (GlobalDiff eqs. 11 to 13)."""
+    motion: float = 0.0
+    """L_m: codes of the frozen variational encoder (GlobalDiff eqs. 14 and 15)."""
+    time_weight_floor: float | None = 0.5
+    """Weigh a sample by 1 / ((1 - t)^2 + floor), scaled to mean 1, so that late steps of the flow,
+    which decide how smooth the motion is, count enough. None: equal weights."""
+
+
+@dataclass(frozen=True)
+class GlobalDiffConfig(TrainConfig):
+    """One training of a rung of the ladder, or of our own system."""
+
+    system: str = "globaldiff/global"
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+    representation: Representation = "normalised"
+    loss: LossConfig = field(default_factory=LossConfig)
+    flow_time_power: float = 2.0
+    """Flow times are u ** power with u uniform: above 1 there are more early ones, where x_t says
+    little and speech has to decide."""
 
 
 @dataclass(frozen=True)
@@ -37,22 +105,9 @@ none; eq. 10 is in metres squared at 5 cm, hence its large factor."""
 PAPER_REGIME_WEIGHTS: dict[str, float] = {"joint": 900.0, "skeleton": 3.0, "motion": 0.045}
 """The same rule in the paper's regime, measured there."""
 
-CONFIGS = ("demo", "demo-small", "paper-regime", "paper-regime-small", "paper", "smoke")
-"""What `named_config` knows."""
 
-HELPERS = ("expression", "motion-vae", "fgd-encoder")
-"""Networks that are trained beside the systems and serve all of them."""
-
-
-FGD_ENCODER = AutoencoderConfig(
-    rotation_space="local", blocks_per_scale=1, scales=(8,), mask_share=0.0, kl_weight=0.0
-)
-"""Local rotations as EMAGE's; unlike L_m's encoder in space, scale and weights, so that the system
-trained with L_m is not judged by its own teacher."""
-
-
-def named_config(name: str, system: str) -> TrainConfig:
-    """The settings called ``name`` for one system of the ladder or one of `HELPERS`.
+def named_config(name: str, system: str) -> GlobalDiffConfig:
+    """The settings called ``name`` for one system.
 
     Args:
         name: ``paper-regime`` is how the bundled ladder was trained, ``demo`` the regime with
@@ -60,15 +115,12 @@ def named_config(name: str, system: str) -> TrainConfig:
             the paper's size, ``smoke`` trains for a minute.
 
     Raises:
-        ValueError: if either name is unknown; the message lists the valid ones.
+        ValueError: if the name is unknown; the message lists the valid ones.
     """
-    if system not in SYSTEMS and system not in HELPERS:
-        valid = ", ".join((*SYSTEMS, *HELPERS))
-        raise ValueError(f"There is no system {system!r}; choose one of {valid}.")
-    config = TrainConfig(system=system, augmented_copies=1)
+    config = GlobalDiffConfig(system=system)
     if system == BEST:
         config = _best(config)
-    elif system in LADDER:
+    else:
         rung = LADDER[system]
         weights = {constraint: CONSTRAINT_WEIGHTS[constraint] for constraint in rung.constraints}
         config = replace(
@@ -76,34 +128,28 @@ def named_config(name: str, system: str) -> TrainConfig:
             network=replace(config.network, rotation_space=rung.rotation_space),
             loss=replace(config.loss, **weights),
         )
-    elif system == "expression":
-        config = replace(config, steps=4000, batch_size=64, learning_rate=1e-3)
-    else:
-        config = replace(config, steps=3000, batch_size=32, learning_rate=1e-3)
-        if system == "fgd-encoder":
-            config = replace(config, autoencoder=FGD_ENCODER)
     match name:
         case "demo":
             return config
         case "demo-small":
             return _small(config)
-        case "paper-regime":
+        case "paper-regime" if system in LADDER:
             return _paper_regime(config)
-        case "paper-regime-small":
+        case "paper-regime-small" if system in LADDER:
             return _small(_paper_regime(config))
         case "paper":
             return _paper_size(config)
         case "smoke":
             return _smoke_size(config)
-    raise ValueError(f"There is no config {name!r}; choose one of {', '.join(CONFIGS)}.")
+    raise ValueError(
+        f"There is no config {name!r} for {system}; choose one of {', '.join(PRESETS)}."
+    )
 
 
-def _paper_regime(config: TrainConfig) -> TrainConfig:
+def _paper_regime(config: GlobalDiffConfig) -> GlobalDiffConfig:
     """The paper's losses and the official code's representation: raw 6D under unit noise, L_simple
     and L_pos, flow times uniform and equal in weight. At a size and length that a processor trains
     from nothing in half an hour: 600,000 windows."""
-    if config.system not in LADDER:
-        return config
     rung = LADDER[config.system]
     weights = {name: PAPER_REGIME_WEIGHTS[name] for name in rung.constraints}
     return replace(
@@ -122,7 +168,7 @@ def _paper_regime(config: TrainConfig) -> TrainConfig:
     )
 
 
-def _small(config: TrainConfig) -> TrainConfig:
+def _small(config: GlobalDiffConfig) -> GlobalDiffConfig:
     """A size and length of which several training seeds are affordable: 48,000 windows."""
     return replace(
         config,
@@ -136,7 +182,7 @@ def _small(config: TrainConfig) -> TrainConfig:
     )
 
 
-def _best(config: TrainConfig) -> TrainConfig:
+def _best(config: GlobalDiffConfig) -> GlobalDiffConfig:
     """Everything that was found to help; see the model card."""
     return replace(
         config,
@@ -157,15 +203,12 @@ def _best(config: TrainConfig) -> TrainConfig:
     )  # fmt: skip
 
 
-def _paper_size(config: TrainConfig) -> TrainConfig:
+def _paper_size(config: GlobalDiffConfig) -> GlobalDiffConfig:
     """Sizes of the paper and the official code: width 384, 6 blocks, WavLM, batches of 128."""
     return replace(
         config,
         network=replace(
             config.network, width=384, num_blocks=6, num_heads=8, conv_kernel=0, speech_dim=1024
-        ),
-        expression=replace(
-            config.expression, width=384, num_blocks=4, num_heads=8, speech_dim=1024
         ),
         encoder="wavlm",
         augment_speech=False,
@@ -179,12 +222,10 @@ def _paper_size(config: TrainConfig) -> TrainConfig:
     )
 
 
-def _smoke_size(config: TrainConfig) -> TrainConfig:
+def _smoke_size(config: GlobalDiffConfig) -> GlobalDiffConfig:
     return replace(
         config,
         network=replace(config.network, width=48, num_blocks=1, num_heads=2),
-        expression=replace(config.expression, width=32, num_blocks=1, num_heads=2),
-        autoencoder=replace(config.autoencoder, width=16, blocks_per_scale=1),
         augmented_copies=0,
         steps=40,
         batch_size=4,

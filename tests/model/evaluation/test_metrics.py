@@ -9,7 +9,7 @@ from model.evaluation.speech_response import coupling, frame_loudness, speech_tr
 from model.measures import beats
 from model.motion.packing import MOTION_DIM, Normaliser
 from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
-from model.systems.globaldiff.config import FGD_ENCODER
+from model.systems.autoencoders.config import JUDGE
 from tests.helpers import smooth_motion_example
 
 
@@ -88,7 +88,7 @@ def test_split_half_floor_is_above_zero_and_below_another_distribution():
 def test_features_are_one_for_every_eight_frames_and_the_same_for_any_cut():
     torch.manual_seed(0)
     statistics = Normaliser(torch.zeros(MOTION_DIM), torch.ones(MOTION_DIM))
-    encoder = FrozenEncoder(MotionAutoencoder(FGD_ENCODER).eval(), statistics, "")
+    encoder = FrozenEncoder(MotionAutoencoder(JUDGE).eval(), statistics, "")
     motion = smooth_motion_example(210)
     features = frechet.motion_features(encoder, motion)
     assert features.shape == (26, 32)

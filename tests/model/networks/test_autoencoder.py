@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from model.networks.autoencoder import MotionAutoencoder
-from model.storage.settings import AutoencoderConfig
-from model.systems.globaldiff.config import FGD_ENCODER, named_config
+from model.networks.config import AutoencoderConfig
+from model.systems.autoencoders.config import JUDGE, named_config
 
 TINY = AutoencoderConfig(width=8, blocks_per_scale=1, latent_dim=4)
 
@@ -66,8 +66,8 @@ def test_bundled_sizes_stay_below_a_million_parameters(system):
 
 def test_the_judge_of_fgd_is_not_the_teacher_of_l_m():
     teacher = named_config("demo", "motion-vae").autoencoder
-    assert FGD_ENCODER.rotation_space != teacher.rotation_space
-    assert set(FGD_ENCODER.scales).isdisjoint(teacher.scales)
+    assert JUDGE.rotation_space != teacher.rotation_space
+    assert set(JUDGE.scales).isdisjoint(teacher.scales)
 
 
 @pytest.mark.parametrize("changes", [{"scales": (3,)}, {"scales": ()}, {"mask_share": 1.0}])

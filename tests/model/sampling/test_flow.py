@@ -3,7 +3,8 @@ import math
 import pytest
 import torch
 
-from model.sampling.flow import SAMPLERS, interpolate, num_evaluations, sample, time_weight
+from model.sampling.flow import interpolate, num_evaluations, sample, time_weight
+from model.sampling.names import FLOW_SAMPLERS
 
 
 def test_path_starts_in_noise_and_ends_in_data():
@@ -14,7 +15,7 @@ def test_path_starts_in_noise_and_ends_in_data():
     torch.testing.assert_close(x_t[0], 0.75 * x_0[0] + 0.25 * x_1[0])
 
 
-@pytest.mark.parametrize("sampler", SAMPLERS)
+@pytest.mark.parametrize("sampler", FLOW_SAMPLERS)
 @pytest.mark.parametrize("steps", [1, 2, 7])
 def test_every_sampler_ends_on_a_known_target(sampler, steps):
     target = torch.randn(2, 4)

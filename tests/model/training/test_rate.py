@@ -13,9 +13,10 @@ from model.data.prepared import prepare
 from model.networks.layers import Attention
 from model.speech.features import MelEncoder
 from model.systems.globaldiff.config import named_config
+from model.systems.globaldiff.task import make_task
 from model.training import rate
 from model.training.parallel import WHOLE
-from model.training.task import make_task
+from model.training.task import Workshop
 from tests.helpers import ROOT
 from tests.model.made import make_data_folder
 
@@ -36,19 +37,12 @@ def test_attention_written_out_is_torchs_own():
 
 def losses_of(data, folder, steps: int, shard) -> list[float]:
     config = named_config("smoke", "globaldiff/global")
-    config = replace(config, batch_size=8, learning_rate=1e-3, warmup_steps=20)
-    task = make_task(config, data, folder)
-    network = task.network.train()
-    optimizer = torch.optim.AdamW(network.parameters(), lr=config.learning_rate, fused=True)
+    config = replace(config, batch_size=8, learning_rate=1e-3, warmup_steps=0, steps=10**6)
+    task = make_task(config, data, Workshop(folder, shard=shard))
     clips, found = data.of_split("train"), []
     for step in range(steps):
         batch = data.window_batch(clips, 60, 8, np.random.default_rng(step))
-        loss = task.step_loss(network, batch, torch.Generator().manual_seed(step), shard)
-        optimizer.zero_grad(set_to_none=True)
-        loss.total.backward()
-        torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
-        optimizer.step()
-        found.append(loss.total.item())
+        found.append(task.step(step, batch, torch.Generator().manual_seed(step))["total"])
     return found
 
 

@@ -6,9 +6,17 @@ import pytest
 import torch
 
 from model.motion.packing import HAND_CHANNELS, TORSO_CHANNELS
-from model.storage.settings import NetworkConfig, TrainConfig, from_dict, to_json
-from model.systems.globaldiff.config import CONFIGS, LADDER, named_config
+from model.storage.settings import from_dict, to_json
+from model.systems.family import UnknownNameError
+from model.systems.globaldiff.config import (
+    LADDER,
+    PRESETS,
+    GlobalDiffConfig,
+    NetworkConfig,
+    named_config,
+)
 from model.systems.globaldiff.network import MotionNetwork
+from model.systems.registry import family_of
 from model.training.run_folder import differing_fields
 from tests.model.made import TINY_NETWORK
 
@@ -75,20 +83,20 @@ def test_the_bundled_size_stays_below_seven_and_a_half_million_parameters():
 
 def test_config_survives_json_and_refuses_unknown_fields():
     config = named_config("smoke", "globaldiff/local")
-    assert from_dict(TrainConfig, json.loads(to_json(config))) == config
+    assert from_dict(GlobalDiffConfig, json.loads(to_json(config))) == config
     with pytest.raises(ValueError, match="NetworkConfig has no field depth"):
         from_dict(NetworkConfig, {"depth": 3})
     with pytest.raises(ValueError, match="choose one of demo, demo-small, paper-regime"):
         named_config("huge", "globaldiff/local")
-    with pytest.raises(ValueError, match="globaldiff/local, globaldiff/global"):
-        named_config("demo", "emage")
+    with pytest.raises(UnknownNameError, match="globaldiff/local, globaldiff/global"):
+        family_of("emage")
     with pytest.raises(ValueError, match="prior is True with global rotations"):
         replace(TINY_NETWORK, prior=True)
     with pytest.raises(ValueError, match="no multiple"):
         replace(TINY_NETWORK, num_heads=3)
 
 
-@pytest.mark.parametrize("regime", [name for name in CONFIGS if name != "smoke"])
+@pytest.mark.parametrize("regime", [name for name in PRESETS if name != "smoke"])
 def test_each_rung_differs_from_the_one_before_in_one_thing(regime):
     rungs = [json.loads(to_json(named_config(regime, name))) for name in LADDER]
     changes = [

@@ -1,10 +1,4 @@
-"""The expression network: speech and speaker to face units, drawn and not averaged.
-
-GlobalDiff estimates expressions "directly" from audio, because lips follow phonemes almost one to
-one. Lids and brows do not: the best estimate of a blink is a face that never blinks. So the face is
-drawn by flow matching like the body, in the same windows, on a linear-Gaussian prior of its own.
-One network serves every system, so that all of them show the same face.
-"""
+"""Speech that arrives in blocks, cut into the windows that systems hear."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -12,63 +6,6 @@ from dataclasses import dataclass
 import torch
 from jaxtyping import Float
 from torch import Tensor
-
-from model.motion.packing import Normaliser
-from model.networks.prior_network import PriorNetwork
-from model.sampling.flow import seeded_noise
-from model.storage.settings import ExpressionConfig
-
-FACE_STEPS = 12
-
-
-@dataclass(frozen=True)
-class Face:
-    """A trained expression network with the statistics of its units."""
-
-    network: PriorNetwork
-    normaliser: Normaliser
-    sha256: str
-
-    @property
-    def config(self) -> ExpressionConfig:
-        assert isinstance(self.network.config, ExpressionConfig)
-        return self.network.config
-
-    @torch.inference_mode()
-    def draw(
-        self,
-        speech: Float[Tensor, "B heard speech_dim"],
-        speaker: int,
-        seed: Float[Tensor, "B S E"] | None,
-        noise: Float[Tensor, "B T E"],
-    ) -> tuple[Float[Tensor, "B T E"], Float[Tensor, "B S E"]]:
-        """Windows of face units, and the seeds of the windows that follow them.
-
-        Args:
-            seed: normalised last frames of the windows before, as this returned them; None where
-                a face begins.
-        """
-        size = len(speech)
-        known = torch.zeros_like(noise[:, : self.config.seed_frames]) if seed is None else seed
-        conditions = {
-            "speech": speech,
-            "seed": known,
-            "speaker": torch.full((size,), speaker),
-            "has_seed": torch.full((size,), seed is not None),
-            "has_speech": torch.ones(size, dtype=torch.bool),
-        }
-
-        def predict(x_t: Tensor, t: float) -> Tensor:
-            return self.network(x_t, torch.full((size,), t), **conditions)
-
-        x_1 = self.network.prior.sample(predict, noise, seed, steps=FACE_STEPS)
-        units = self.normaliser.restore(x_1).clamp(0, 1)
-        return units, self.normaliser.normalise(units[:, -self.config.seed_frames :])
-
-    def noise(self, seed: int, window: int) -> Float[Tensor, "1 T E"]:
-        """The same for every system and length."""
-        shape = 1, self.config.window_frames, self.config.expression_dim
-        return seeded_noise([seed, 1, window], shape)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,130 @@
+"""What networks over windows of frames are made of: speech tokens, the condition, one branch."""
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float, Int
+from torch import Tensor, nn
+
+from model.networks.config import BranchConfig
+from model.networks.layers import MotionBlock, TimeEmbedding, sinusoidal_positions
+
+SPEAKER_WIDTH = 64
+
+
+class SpeechTokens(nn.Module):
+    """Speech features to one token a frame; with context, dilated convolutions bring in what is
+    said before and after the window."""
+
+    def __init__(self, speech_dim: int, width: int, context: int) -> None:
+        super().__init__()
+        self.context = context
+        self.frames = nn.Sequential(
+            nn.Linear(speech_dim, width), nn.SiLU(), nn.Linear(width, width)
+        )
+        self.around = nn.ModuleList(
+            nn.Conv1d(width, width, 5, padding=2 * dilation, dilation=dilation)
+            for dilation in ((1, 3, 9) if context else ())
+        )
+
+    def forward(self, speech: Float[Tensor, "B heard dim"]) -> Float[Tensor, "B T width"]:
+        x = self.frames(speech)
+        for convolution in self.around:
+            x = x + convolution(F.silu(x).transpose(1, 2)).transpose(1, 2)
+        return x[:, self.context : x.shape[1] - self.context]
+
+
+class Condition(nn.Module):
+    """The vector that modulates every block: flow time and speaker."""
+
+    def __init__(self, num_speakers: int, width: int) -> None:
+        super().__init__()
+        self.time = TimeEmbedding(width)
+        self.speaker = nn.Embedding(num_speakers, SPEAKER_WIDTH)
+        self.mix = nn.Sequential(
+            nn.Linear(width + SPEAKER_WIDTH, width), nn.SiLU(), nn.Linear(width, width)
+        )
+
+    def forward(
+        self, t: Float[Tensor, " B"], speaker: Int[Tensor, " B"]
+    ) -> Float[Tensor, "B width"]:
+        return self.mix(torch.cat([self.time(t), self.speaker(speaker)], dim=-1))
+
+
+class MotionBranch(nn.Module):
+    """One region's stack of motion generation blocks.
+
+    Its input fuses x_t of the region, x_t of the whole body with the expression, and speech
+    (GlobalDiff eq. 6; each is projected first, as in the official code).
+    """
+
+    def __init__(
+        self,
+        config: BranchConfig,
+        *,
+        inputs: int,
+        body_inputs: int,
+        channels: int,
+    ) -> None:
+        super().__init__()
+        width = config.width
+        self.region_in = nn.Linear(inputs, width)
+        self.body_in = nn.Linear(body_inputs, width)
+        self.fuse = nn.Linear(3 * width, width)
+        self.seed_in = nn.Linear(channels, width)
+        self.no_seed = nn.Parameter(0.02 * torch.randn(config.seed_frames, width))
+        self.seed_to_condition = nn.Linear(width, width)
+        self.blocks = nn.ModuleList(
+            MotionBlock(width, config.num_heads, config.feedforward_ratio, config.conv_kernel)
+            for _ in range(config.num_blocks)
+        )
+        self.norm_out = nn.LayerNorm(width)
+        self.out = nn.Linear(width, channels)
+        nn.init.zeros_(self.out.weight)  # start at the mean pose, which normalisation puts at zero
+        nn.init.zeros_(self.out.bias)
+
+    def forward(
+        self,
+        region: Float[Tensor, "B T inputs"],
+        body: Float[Tensor, "B T body_inputs"],
+        speech: Float[Tensor, "B T width"],
+        seed: Float[Tensor, "B S channels"],
+        has_seed: Bool[Tensor, " B"],
+        condition: Float[Tensor, "B width"],
+        positions: Float[Tensor, "T width"],
+    ) -> Float[Tensor, "B T channels"]:
+        x = self.fuse(torch.cat([self.region_in(region), self.body_in(body), speech], dim=-1))
+        x = x + positions
+        seed_tokens = torch.where(has_seed[:, None, None], self.seed_in(seed), self.no_seed)
+        seed_tokens = seed_tokens + positions[: seed.shape[1]]
+        condition = condition + self.seed_to_condition(seed_tokens.mean(1))
+        for block in self.blocks:
+            x = block(x, seed_tokens, condition)
+        return self.out(self.norm_out(x))
+
+
+class ConditionedNetwork(nn.Module):
+    """What every network that hears speech begins with; the branches are its own."""
+
+    positions: Tensor
+
+    def __init__(self, config: BranchConfig) -> None:
+        super().__init__()
+        width = config.width
+        self.condition = Condition(config.num_speakers, width)
+        self.speech = SpeechTokens(config.speech_dim, width, config.speech_context)
+        self.no_speech = nn.Parameter(torch.zeros(config.speech_dim))
+        positions = sinusoidal_positions(config.window_frames, width)
+        self.register_buffer("positions", positions, persistent=False)
+
+    def hear(
+        self, speech: Float[Tensor, "B heard speech_dim"], has_speech: Bool[Tensor, " B"]
+    ) -> Float[Tensor, "B T width"]:
+        """Tokens of the speech, or of none where ``has_speech`` is false."""
+        return self.speech(torch.where(has_speech[:, None, None], speech, self.no_speech))
+
+
+def shown(
+    expression: Float[Tensor, "B T E"], has_speech: Bool[Tensor, " B"]
+) -> Float[Tensor, "B T E"]:
+    """The face that a body is shown; none where it hears nothing, or the face would tell."""
+    return torch.where(has_speech[:, None, None], expression, torch.zeros_like(expression))

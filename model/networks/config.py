@@ -1,0 +1,58 @@
+"""Shapes of networks that several families build on: frozen and validated."""
+
+from dataclasses import dataclass
+
+from model.motion.spaces import RotationSpace
+
+
+@dataclass(frozen=True)
+class BranchConfig:
+    """Shape of a stack of motion blocks, and what it is told."""
+
+    width: int = 192
+    num_blocks: int = 3
+    num_heads: int = 6
+    feedforward_ratio: int = 2
+    conv_kernel: int = 7
+    """Frames seen by the depthwise temporal convolution of each block; 0 leaves it out, as in the
+    paper. It lets a small network learn smooth motion in few steps."""
+    speech_dim: int = 68
+    expression_dim: int = 52
+    num_speakers: int = 31
+    """Size of the speaker table; 0 stands for "no speaker"."""
+    window_frames: int = 60
+    seed_frames: int = 8
+    speech_context: int = 0
+    """Frames of speech heard before and after the window; 0 as in the paper."""
+
+    def __post_init__(self) -> None:
+        if self.width % self.num_heads:
+            raise ValueError(f"width {self.width} is no multiple of num_heads {self.num_heads}.")
+        if not 0 < self.seed_frames < self.window_frames:
+            raise ValueError(
+                f"seed_frames is {self.seed_frames}; it must lie between 1 and window_frames - 1."
+            )
+
+
+@dataclass(frozen=True)
+class AutoencoderConfig:
+    """Shape of the motion autoencoders: the variational one of L_m, and the encoder of FGD."""
+
+    rotation_space: RotationSpace = "global"
+    width: int = 96
+    blocks_per_scale: int = 2
+    latent_dim: int = 32
+    """Numbers for each code vector."""
+    scales: tuple[int, ...] = (2, 4)
+    """Frames under each code vector, one entry for each level of codes; powers of two."""
+    mask_share: float = 0.3
+    """Share of frames hidden from the encoder in training, so that it learns how motion goes on."""
+    kl_weight: float = 1e-4
+    """Pull of the codes to a standard normal; 0 makes a plain autoencoder without noise."""
+
+    def __post_init__(self) -> None:
+        powers = {2**k for k in range(1, 7)}
+        if not self.scales or not set(self.scales) <= powers:
+            raise ValueError(f"scales is {self.scales}; use powers of two from 2 to 64.")
+        if not 0 <= self.mask_share < 1:
+            raise ValueError(f"mask_share is {self.mask_share}; it must lie in [0, 1).")

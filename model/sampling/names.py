@@ -1,0 +1,7 @@
+"""Names of samplers, known without torch."""
+
+from typing import Literal, get_args
+
+FlowSampler = Literal["euler", "heun", "reinterpolate"]
+FLOW_SAMPLERS: tuple[FlowSampler, ...] = get_args(FlowSampler)
+"""As `model.sampling.flow.sample` defines them."""

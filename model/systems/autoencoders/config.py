@@ -1,0 +1,45 @@
+"""Settings of the motion autoencoders: L_m's teacher and the judge of FGD."""
+
+from dataclasses import dataclass, field, replace
+
+from model.motion.spaces import Representation
+from model.networks.config import AutoencoderConfig
+from model.training.config import TrainConfig
+from model.training.geometric import GeometricWeights
+
+PRESETS = ("demo", "smoke")
+MOTION_VAE, FGD_ENCODER = "motion-vae", "fgd-encoder"
+JUDGE = AutoencoderConfig(
+    rotation_space="local", blocks_per_scale=1, scales=(8,), mask_share=0.0, kl_weight=0.0
+)
+"""Local rotations as EMAGE's; unlike L_m's encoder in space, scale and weights, so that the system
+trained with L_m is not judged by its own teacher."""
+
+
+@dataclass(frozen=True)
+class AutoencoderTrainConfig(TrainConfig):
+    """One training of an autoencoder."""
+
+    autoencoder: AutoencoderConfig = field(default_factory=AutoencoderConfig)
+    representation: Representation = "normalised"
+    loss: GeometricWeights = field(default_factory=GeometricWeights)
+    window_frames: int = 60
+
+
+def named_config(preset: str, system: str) -> AutoencoderTrainConfig:
+    """The settings called ``preset`` for the teacher or the judge.
+
+    Raises:
+        ValueError: if there are none.
+    """
+    config = AutoencoderTrainConfig(system=system, steps=3000, batch_size=32, learning_rate=1e-3)
+    if system == FGD_ENCODER:
+        config = replace(config, autoencoder=JUDGE)
+    match preset:
+        case "demo":
+            return config
+        case "smoke":
+            shape = replace(config.autoencoder, width=16, blocks_per_scale=1)
+            return replace(config, autoencoder=shape, augmented_copies=0, steps=40, batch_size=4,
+                           warmup_steps=5, save_every=20, validate_every=20)  # fmt: skip
+    raise ValueError(f"There is no config {preset!r}; choose one of {', '.join(PRESETS)}.")

@@ -1,0 +1,53 @@
+"""Settings of the expression network and of its training."""
+
+from dataclasses import dataclass, field, replace
+
+from model.networks.config import BranchConfig
+from model.training.config import TrainConfig
+
+EXPRESSION = "expression"
+PRESETS = ("demo", "paper", "smoke")
+
+
+@dataclass(frozen=True)
+class ExpressionConfig(BranchConfig):
+    """Shape of the expression network: one branch of motion blocks over face units."""
+
+    width: int = 96
+    num_blocks: int = 2
+    num_heads: int = 3
+    speech_context: int = 20
+
+
+@dataclass(frozen=True)
+class FaceTrainConfig(TrainConfig):
+    """One training of the expression network."""
+
+    expression: ExpressionConfig = field(default_factory=ExpressionConfig)
+    flow_time_power: float = 2.0
+    """Flow times are u ** power with u uniform."""
+    time_weight_floor: float | None = 0.5
+    """See `model.sampling.flow.time_weight`."""
+
+
+def named_config(preset: str, system: str) -> FaceTrainConfig:
+    """The settings called ``preset``.
+
+    Raises:
+        ValueError: if there are none.
+    """
+    config = FaceTrainConfig(system=system, steps=4000, batch_size=64, learning_rate=1e-3)
+    match preset:
+        case "demo":
+            return config
+        case "paper":
+            shape = replace(config.expression, width=384, num_blocks=4, num_heads=8,
+                            speech_dim=1024)  # fmt: skip
+            return replace(config, expression=shape, encoder="wavlm", augment_speech=False,
+                           augmented_copies=0, steps=200_000, batch_size=128, learning_rate=1e-4,
+                           warmup_steps=1000, save_every=1000, validate_every=5000)  # fmt: skip
+        case "smoke":
+            shape = replace(config.expression, width=32, num_blocks=1, num_heads=2)
+            return replace(config, expression=shape, augmented_copies=0, steps=40, batch_size=4,
+                           warmup_steps=5, save_every=20, validate_every=20)  # fmt: skip
+    raise ValueError(f"There is no config {preset!r}; choose one of {', '.join(PRESETS)}.")

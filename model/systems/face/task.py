@@ -1,0 +1,100 @@
+"""Training of the expression network."""
+
+import torch
+from torch import nn
+
+from model.data.prepared import Batch, PreparedData
+from model.motion.packing import Normaliser
+from model.networks.prior_network import PriorNetwork
+from model.sampling.flow import interpolate, time_weight
+from model.sampling.prior import GaussianPrior
+from model.storage.checkpoint import load_into
+from model.systems.face.config import FaceTrainConfig
+from model.training import losses
+from model.training.hearing import heard
+from model.training.parallel import WHOLE, Shard
+from model.training.statistics import prior_batches, with_components
+from model.training.task import (
+    DescentTask,
+    StepFunction,
+    StepLoss,
+    Workshop,
+    check_speakers,
+)
+
+STD_FLOOR = 0.02
+"""Face units that hardly ever move are not blown up to unit variance."""
+
+
+def make_task(config: FaceTrainConfig, data: PreparedData, workshop: Workshop) -> DescentTask:
+    """The task of the expression network.
+
+    Raises:
+        CheckpointError: if the weights to start from are missing, damaged or of another shape.
+        DataError: if a speaker's number does not fit the network's table.
+    """
+    shape = config.expression
+    check_speakers(data, shape.num_speakers)
+    torch.manual_seed(config.random_seed)
+    given = None if workshop.start is None else workshop.start.read()
+    if given is None:
+        statistics, prior = fit_face(config, data)
+    else:
+        statistics = Normaliser.of_tensors(given)
+        prior = GaussianPrior(given["prior.covariance"], shape.seed_frames)
+    normaliser = statistics.to(workshop.shard.device)
+    network = PriorNetwork(shape, prior, channels=shape.expression_dim, expression_dim=0)
+    if given is not None and workshop.start is not None:
+        load_into(network, given, "network.", workshop.start.system)
+    return DescentTask(
+        config, network, expression_step(config, normaliser), normaliser, shape.window_frames,
+        shape.speech_context, workshop.shard,
+        statistics={"prior.covariance": prior.covariance},
+    )  # fmt: skip
+
+
+def fit_face(config: FaceTrainConfig, data: PreparedData) -> tuple[Normaliser, GaussianPrior]:
+    """Components of face units and their linear-Gaussian prior, from the training split."""
+    shape = config.expression
+    batches = [batch.expression for batch in prior_batches(data, shape.window_frames)]
+    flat = torch.cat([batch.flatten(0, 1) for batch in batches])
+    normaliser = Normaliser(flat.mean(0), flat.std(0).clamp_min(STD_FLOOR))
+    return with_components(normaliser, batches, shape.seed_frames)
+
+
+def expression_step(config: FaceTrainConfig, normaliser: Normaliser) -> StepFunction:
+    """The loss of the expression network on one batch."""
+    seed_frames = config.expression.seed_frames
+
+    def step(
+        network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard = WHOLE
+    ) -> StepLoss:
+        size = len(batch.clips)
+        with torch.no_grad():
+            units = shard.of(batch.expression)
+            x_1 = normaliser.normalise(units)
+            x_0 = shard.of(torch.randn(size, *x_1.shape[1:], generator=generator))
+            t = shard.of(torch.rand(size, generator=generator) ** config.flow_time_power)
+            has_seed = shard.of(torch.rand(size, generator=generator) >= config.seed_dropout)
+            kept = shard.of(torch.rand(size, generator=generator) >= config.speaker_dropout)
+            speech = shard.of(heard(config, network, batch, generator))
+        with shard.autocast():
+            predicted = network(
+                interpolate(x_0, x_1, t),
+                t,
+                speech=speech,
+                seed=x_1[:, :seed_frames],
+                speaker=shard.of(batch.speaker) * kept,
+                has_seed=has_seed,
+                has_speech=torch.ones_like(has_seed),
+            )
+        scaled = normaliser.scaled(normaliser.restore(predicted.float()))
+        wanted = normaliser.scaled(units)
+        terms = {
+            "simple": losses.simple_loss(scaled, wanted),
+            "difference": losses.difference_loss(scaled, wanted),
+        }
+        by_sample = time_weight(t, config.time_weight_floor)
+        return StepLoss.of({name: (by_sample * term).mean() for name, term in terms.items()})
+
+    return step

@@ -1,0 +1,102 @@
+"""A family of systems: one paper's (or one idea's) generators under one name.
+
+Only what can be told without torch is here; the rest is imported when it is asked for.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from model.data.prepared import PreparedData
+    from model.systems.base import System
+    from model.training.config import TrainConfig
+    from model.training.task import Task, Workshop
+
+
+@dataclass(frozen=True)
+class Sampler:
+    """A way from noise to motion that a person may choose."""
+
+    name: str
+    steps: int
+    """Where nothing else is asked for."""
+
+
+class UnknownNameError(ValueError):
+    """A system, speaker or sampler that does not exist; the message lists those that do."""
+
+
+@dataclass(frozen=True)
+class Family:
+    """What training, evaluation, the page and the command line ask of a family.
+
+    A new one is a folder beside the others that makes one of these and registers it
+    (`model.systems.registry.register`); nothing else needs to know of it.
+    """
+
+    name: str
+    systems: tuple[str, ...]
+    """Its generators, in the order in which they are shown."""
+    about: dict[str, str]
+    """One sentence for a person on each generator."""
+    samplers: tuple[Sampler, ...]
+    """The first is the usual one."""
+    presets: tuple[str, ...]
+    """Names of settings that `config` knows."""
+    config: "Callable[[str, str], TrainConfig]"
+    """Preset and name of what is trained -> settings. Raises ValueError for an unknown preset."""
+    package: str
+    """Its folder as Python imports it: ``package.task.make_task(config, data, workshop)`` makes
+    what is trained, ``package.system.load(name, folder)`` reads a generator."""
+    helpers: tuple[str, ...] = ()
+    """Networks that are trained like systems and serve them."""
+
+    @property
+    def trained(self) -> tuple[str, ...]:
+        """Everything that can be trained."""
+        return (*self.systems, *self.helpers)
+
+    def make_task(
+        self, config: "TrainConfig", data: "PreparedData", workshop: "Workshop"
+    ) -> "Task":
+        """What there is to train under ``config``.
+
+        Raises:
+            CheckpointError: if weights that it needs are missing, damaged or of another shape.
+            DataError: if the data does not suit its networks.
+        """
+        return import_module(f"{self.package}.task").make_task(config, data, workshop)
+
+    def load(self, name: str, folder: Path) -> "System":
+        """Read a generator.
+
+        Raises:
+            CheckpointError: if its files are missing or damaged.
+        """
+        return import_module(f"{self.package}.system").load(name, folder)
+
+    def sampler(self, name: str | None) -> Sampler:
+        """The sampler called ``name``, or the usual one.
+
+        Raises:
+            UnknownNameError: if the family has no such sampler.
+        """
+        return choose_sampler(self.samplers, name, self.name)
+
+
+def choose_sampler(samplers: Sequence[Sampler], name: str | None, whose: str) -> Sampler:
+    """The sampler called ``name``; the first for None.
+
+    Raises:
+        UnknownNameError: with the names there are.
+    """
+    if name is None:
+        return samplers[0]
+    for sampler in samplers:
+        if sampler.name == name:
+            return sampler
+    names = ", ".join(sampler.name for sampler in samplers)
+    raise UnknownNameError(f"{whose} has no sampler {name!r}; it has {names}.")

@@ -1,0 +1,181 @@
+"""A trained rung of the ladder, or our own system: speech and the window before to a window."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from model.motion.decoding import rotations
+from model.motion.motion import Motion
+from model.motion.packing import ROOT_DIM, Normaliser, pack
+from model.motion.rotations import rot6d_from_matrix
+from model.networks.prior_network import PriorNetwork
+from model.sampling.flow import sample
+from model.sampling.names import FLOW_SAMPLERS
+from model.sampling.prior import GaussianPrior
+from model.speech.encoders import make_encoder
+from model.storage.cards import CheckpointError
+from model.storage.checkpoint import load_into, load_weights
+from model.storage.settings import from_dict
+from model.systems.base import Draw, Features, Prediction, System, Window, Windowing
+from model.systems.face.config import EXPRESSION
+from model.systems.face.face import Face, FaceWindow, load_face
+from model.systems.globaldiff import FAMILY
+from model.systems.globaldiff.config import NetworkConfig
+from model.systems.globaldiff.network import MotionNetwork
+from model.systems.globaldiff.prediction import predict_with
+from model.systems.speech_stream import SpeechWindow
+
+INPAINT_UNTIL = 0.7
+"""Flow time up to which the seed frames are held. With 10 Euler steps, the jerk of a wrist at joins
+was 1.2 times the inside's (worst frame of the join 1.6); held to the end 1.3 (2.7)."""
+
+
+@dataclass(frozen=True)
+class MotionWindow(Window):
+    """A window, and what the next one starts from."""
+
+    seed: Float[Tensor, "B S C"]
+    """Normalised motion of its last frames, before they are joined."""
+    face: FaceWindow
+
+
+@dataclass(frozen=True, kw_only=True)
+class GlobalDiffSystem(System):
+    """A motion network with its statistics, and the face that it is shown."""
+
+    config: NetworkConfig
+    network: MotionNetwork | PriorNetwork
+    normaliser: Normaliser
+    face: Face
+
+    def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> MotionWindow:
+        """See `System.window`; the face is drawn first, and the body sees it."""
+        assert before is None or isinstance(before, MotionWindow)
+        config, shown = self.config, self.face.config
+        overlap = config.seed_frames
+        face = self.face.window(
+            speech.around(shown.speech_context, config.window_frames),
+            draw.speaker,
+            before and before.face,
+            draw.seed,
+            draw.index,
+        )
+        heard = speech.around(config.speech_context, config.window_frames)
+        x_1 = self._clean(heard, face.units, before and before.seed, draw)
+        vectors = self.normaliser.restore(x_1)
+        rotmat, root = rotations(vectors, config.rotation_space), vectors[..., -ROOT_DIM:]
+        if config.rotation_space != "axis-angle":  # rows of any length become those of a rotation
+            vectors = pack(rot6d_from_matrix(rotmat), root, "place")
+        return MotionWindow(
+            rotmat=rotmat,
+            root=root,
+            expression=face.units.expand(draw.samples, -1, -1),
+            seed=self.normaliser.normalise(vectors[:, -overlap:]),
+            face=face,
+        )
+
+    def join(self, older: Window, newer: Window) -> Window:
+        """Bodies are faded into each other; faces have met already."""
+        return replace(super().join(older, newer), expression=newer.expression)
+
+    @torch.inference_mode()
+    def _clean(
+        self,
+        speech: Float[Tensor, "heard dim"],
+        expression: Float[Tensor, "T E"],
+        seed: Float[Tensor, "B S C"] | None,
+        draw: Draw,
+    ) -> Float[Tensor, "B T C"]:
+        """One normalised window. Early in the flow the seed frames of x_1 are held at the seed
+        (in-painting); later the network may reconcile them with what follows, which halves the pop
+        that holding them to the end leaves behind the seed. A system that stands on a prior knows
+        its seed and needs no holding. The join is faded afterwards."""
+        config, prior = self.config, self.network.prior
+        size = draw.samples
+        x_0 = draw.noise((config.window_frames, config.motion_dim))
+        known = torch.zeros(size, config.seed_frames, x_0.shape[-1]) if seed is None else seed
+        last: dict[str, Tensor] = {}
+        guided = draw.guidance != 1
+        copies = 2 * size if guided else size
+        conditions = {
+            "speech": speech.expand(copies, -1, -1),
+            "expression": expression.expand(copies, -1, -1),
+            "seed": torch.cat([known, known]) if guided else known,
+            "speaker": torch.full((copies,), draw.speaker),
+            "has_seed": torch.full((copies,), seed is not None),
+            "has_speech": torch.arange(copies) < size,
+        }
+
+        def predict(x_t: Tensor, t: float) -> Tensor:
+            twice = torch.cat([x_t, x_t]) if guided else x_t
+            x_1 = self.network(twice, torch.full((copies,), t), **conditions)
+            if guided:
+                with_speech, without = x_1.chunk(2)
+                x_1 = without + draw.guidance * (with_speech - without)
+            last["x_1"] = x_1
+            if seed is None or prior is not None or t >= INPAINT_UNTIL:
+                return x_1
+            return torch.cat([seed, x_1[:, config.seed_frames :]], dim=1)
+
+        sampler = FLOW_SAMPLERS[FLOW_SAMPLERS.index(draw.sampler)]
+        if prior is not None and sampler != "reinterpolate":
+            return prior.sample(predict, x_0, seed, steps=draw.steps, heun=sampler == "heun")
+        sample(predict, x_0, steps=draw.steps, sampler=sampler)
+        return last["x_1"]  # every sampler ends on its last prediction
+
+    def predict_with(
+        self, motion: Motion, tracks: Mapping[str, Features], speaker: int, batch_size: int
+    ) -> Prediction:
+        """See `System.predict_with`."""
+        return predict_with(self, motion, tracks, speaker, batch_size)
+
+
+def load(name: str, folder: Path) -> GlobalDiffSystem:
+    """Read a system and the expression network beside it.
+
+    Raises:
+        CheckpointError: if its files are missing or damaged, or its windows are not the face's.
+    """
+    tensors, card = load_weights(folder, name)
+    try:
+        config = from_dict(NetworkConfig, card["config"]["network"])
+        speakers = {str(k): int(v) for k, v in card["speakers"].items()}
+        encoder = make_encoder(card["config"]["encoder"])
+        normaliser = Normaliser.of_tensors(tensors)
+        if config.prior:
+            network: MotionNetwork | PriorNetwork = PriorNetwork(
+                config,
+                GaussianPrior(tensors["prior.covariance"], config.seed_frames),
+                channels=config.motion_dim,
+                expression_dim=config.expression_dim,
+            )
+        else:
+            network = MotionNetwork(config)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise CheckpointError(f"The card of {name} lacks or misstates {error}.") from None
+    load_into(network, tensors, "network.", name)
+    network.eval().requires_grad_(False)
+    face = load_face(folder)
+    windows = config.window_frames, config.seed_frames
+    if windows != (face.config.window_frames, face.config.seed_frames):
+        raise CheckpointError(f"The windows of {name} and of the expression network differ.")
+    return GlobalDiffSystem(
+        name=name,
+        card=card,
+        sha256s={name: card["sha256"], EXPRESSION: face.sha256},
+        speakers=speakers,
+        encoder=encoder,
+        windowing=Windowing(*windows, max(config.speech_context, face.config.speech_context)),
+        samplers=FAMILY.samplers,
+        frame="world" if config.rotation_space == "global" else "parent",
+        root_motion=config.root,
+        takes_guidance=True,
+        config=config,
+        network=network,
+        normaliser=normaliser,
+        face=face,
+    )

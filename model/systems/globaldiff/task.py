@@ -1,0 +1,221 @@
+"""Training of GlobalDiff's ladder and of our own system."""
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor, nn
+
+from model.data.prepared import Batch, PreparedData
+from model.motion.decoding import Decoded, decode
+from model.motion.packing import AXIS_ANGLE_GROUPS, Normaliser
+from model.motion.skeleton import open_body_skeleton
+from model.networks.autoencoder import FrozenEncoder, load_encoder
+from model.networks.prior_network import PriorNetwork
+from model.sampling.flow import interpolate, time_weight
+from model.sampling.prior import GaussianPrior
+from model.storage.checkpoint import load_into
+from model.systems.globaldiff import constraints
+from model.systems.globaldiff.config import GlobalDiffConfig, LossConfig
+from model.systems.globaldiff.network import MotionNetwork
+from model.training import losses
+from model.training.geometric import geometric_terms
+from model.training.hearing import heard
+from model.training.parallel import WHOLE, Shard
+from model.training.rate import can_compile, compiled
+from model.training.statistics import prior_batches, statistics_batch, with_components
+from model.training.targets import Targets, prepare_targets
+from model.training.task import (
+    DescentTask,
+    StepFunction,
+    StepLoss,
+    Workshop,
+    check_speakers,
+)
+
+ENCODER = "motion-vae"
+
+
+def make_task(config: GlobalDiffConfig, data: PreparedData, workshop: Workshop) -> DescentTask:
+    """The task of ``config.system``.
+
+    Raises:
+        CheckpointError: if weights are missing, damaged or of another shape.
+        DataError: if a speaker's number does not fit the network's table.
+    """
+    shape, device = config.network, workshop.shard.device
+    check_speakers(data, shape.num_speakers)
+    torch.manual_seed(config.random_seed)
+    given = None if workshop.start is None else workshop.start.read()
+    known = None if given is None else Normaliser.of_tensors(given)
+    encoder = None
+    if config.loss.motion > 0:
+        encoder = load_encoder(workshop.helpers, ENCODER, device)
+    targets = prepare_targets(data, shape.rotation_space, shape.root, open_body_skeleton())
+    statistics: dict[str, Tensor] = {}
+    if shape.prior:
+        if known is None or given is None:
+            known, prior = fit_motion_prior(config, data, targets)
+        else:
+            prior = GaussianPrior(given["prior.covariance"], shape.seed_frames)
+        statistics["prior.covariance"] = prior.covariance
+        normaliser = known.to(device)
+        network: nn.Module = PriorNetwork(
+            shape, prior, channels=shape.motion_dim, expression_dim=shape.expression_dim
+        )
+    else:
+        normaliser = (known or fit_normaliser(config, data, targets)).to(device)
+        network = MotionNetwork(shape)
+        network.start_at(mean_vector(normaliser, targets))
+    compiles = workshop.may_compile and can_compile()
+    if given is not None and workshop.start is not None:
+        load_into(network, given, "network.", workshop.start.system)
+    return DescentTask(
+        config, network, motion_step(config, normaliser, targets, encoder, compiles), normaliser,
+        shape.window_frames, shape.speech_context, workshop.shard, compiles, statistics,
+    )  # fmt: skip
+
+
+def fit_normaliser(config: GlobalDiffConfig, data: PreparedData, targets: Targets) -> Normaliser:
+    """Statistics of the motion vectors that the network aims at."""
+    batch = statistics_batch(data, config.network.window_frames, config.mirror)
+    vectors, _ = targets.of(batch, rotations=False)
+    groups = AXIS_ANGLE_GROUPS if targets.space == "axis-angle" else None
+    return Normaliser.fit(vectors.flatten(0, 1), config.representation, groups)
+
+
+def fit_motion_prior(
+    config: GlobalDiffConfig, data: PreparedData, targets: Targets
+) -> tuple[Normaliser, GaussianPrior]:
+    """Components of motion and their linear-Gaussian prior, from windows of the training split."""
+    shape = config.network
+    batches = [targets.windows(batch) for batch in prior_batches(data, shape.window_frames)]
+    return with_components(fit_normaliser(config, data, targets), batches, shape.seed_frames)
+
+
+def mean_vector(normaliser: Normaliser, targets: Targets) -> Float[Tensor, "333"]:
+    """The mean normalised motion vector, from every hundredth frame."""
+    vectors = torch.from_numpy(np.array(targets.vectors[::100]))
+    return normaliser.normalise(vectors).mean(0)
+
+
+def motion_step(
+    config: GlobalDiffConfig,
+    normaliser: Normaliser,
+    targets: Targets,
+    encoder: FrozenEncoder | None = None,
+    compile_step: bool = False,
+) -> StepFunction:
+    """The loss of a motion network on one batch.
+
+    The network hears the recorded face: at generation it gets one that was drawn to look like it.
+
+    Args:
+        encoder: L_m's encoder, if L_m has a weight.
+        compile_step: compile the terms of training steps; the network compiles itself.
+    """
+    constraints.check_anchors(constraints.octahedron_anchors())
+    weights = config.loss
+    seed_frames = config.network.seed_frames
+    needs_rotations = weights.joint > 0 or weights.motion > 0
+    skeleton = targets.skeleton
+
+    def terms_of(
+        predicted: Float[Tensor, "B T C"],
+        vectors: Float[Tensor, "B T C"],
+        target: Decoded,
+        t: Float[Tensor, " B"],
+        has_seed: Bool[Tensor, " B"],
+    ) -> dict[str, Float[Tensor, ""]]:
+        restored = normaliser.restore(predicted)
+        scaled, wanted = normaliser.scaled(restored), normaliser.scaled(vectors)
+        seed_error = losses.simple_loss(scaled[:, :seed_frames], wanted[:, :seed_frames])
+        terms = {
+            "simple": weights.simple * losses.simple_loss(scaled, wanted),
+            "seed": weights.seed * seed_frames / vectors.shape[1] * seed_error * has_seed,
+        }
+        decoded = decode(restored, targets.space, skeleton, targets.root)
+        terms |= geometric_terms(weights, decoded, target)
+        terms |= constraint_terms(weights, decoded, target, encoder)
+        by_sample = time_weight(t, weights.time_weight_floor)
+        return {name: (by_sample * term).mean() for name, term in terms.items()}
+
+    compiled_terms = compiled(terms_of) if compile_step else terms_of
+
+    def step(
+        network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard = WHOLE
+    ) -> StepLoss:
+        size = len(batch.clips)
+
+        def keep(dropout: float) -> Bool[Tensor, " B"]:
+            return shard.of(torch.rand(size, generator=generator) >= dropout)
+
+        with torch.no_grad():
+            vectors, target = targets.of(batch.rows(shard.mine), rotations=needs_rotations)
+            target = target.to(shard.device)
+            vectors = vectors.to(shard.device)
+            x_1 = normaliser.normalise(vectors)
+            x_0 = shard.of(torch.randn(size, *x_1.shape[1:], generator=generator))
+            t = shard.of(torch.rand(size, generator=generator) ** config.flow_time_power)
+            has_seed = keep(config.seed_dropout)
+            speaker = shard.of(batch.speaker) * keep(config.speaker_dropout)
+            has_speech = keep(config.speech_dropout)
+            speech = shard.of(heard(config, network, batch, generator))
+        with shard.autocast():
+            predicted = network(
+                interpolate(x_0, x_1, t),
+                t,
+                speech=speech,
+                expression=shard.of(batch.expression),
+                seed=x_1[:, :seed_frames],
+                speaker=speaker,
+                has_seed=has_seed,
+                has_speech=has_speech,
+            )
+        measured = compiled_terms if network.training else terms_of
+        return StepLoss.of(measured(predicted.float(), vectors, target, t, has_seed))
+
+    return step
+
+
+def constraint_terms(
+    weights: LossConfig, predicted: Decoded, target: Decoded, encoder: FrozenEncoder | None
+) -> dict[str, Float[Tensor, " B"]]:
+    """The paper's three constraints, weighted, one value per sample; those of weight 0 are left
+    out.
+
+    Raises:
+        ValueError: if L_m has a weight but there is no encoder.
+    """
+    positions = predicted.positions, target.positions
+    if weights.rooted:
+        positions = predicted.rooted, target.rooted
+    terms = {
+        "joint": lambda: _joint_term(predicted, target),
+        "skeleton": lambda: constraints.skeleton_structure_loss(*positions),
+        "motion": lambda: _motion_term(predicted, target, encoder),
+    }
+    return {
+        name: getattr(weights, name) * term()
+        for name, term in terms.items()
+        if getattr(weights, name) > 0
+    }
+
+
+def _joint_term(predicted: Decoded, target: Decoded) -> Float[Tensor, " B"]:
+    if predicted.global_rot is None or target.global_rot is None:
+        raise ValueError("L_j has a weight, but rotations were left out.")
+    return constraints.joint_structure_loss(
+        predicted.global_rot, target.global_rot, constraints.octahedron_anchors()
+    )
+
+
+def _motion_term(
+    predicted: Decoded, target: Decoded, encoder: FrozenEncoder | None
+) -> Float[Tensor, " B"]:
+    if encoder is None:
+        raise ValueError("L_m has a weight, but no motion encoder was given.")
+    if predicted.global_vectors is None or target.global_vectors is None:
+        raise ValueError("L_m has a weight, but rotations were left out.")
+    with torch.no_grad():
+        wanted = encoder.codes(target.global_vectors)
+    return constraints.temporal_structure_loss(encoder.codes(predicted.global_vectors), wanted)

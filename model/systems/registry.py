@@ -1,0 +1,82 @@
+"""Which families there are, and by them every system by its name. Does not import torch."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from model.storage.cards import BUNDLED_WEIGHTS, file_stem, load_card
+from model.systems import autoencoders, face, globaldiff
+from model.systems.family import Family, UnknownNameError
+
+if TYPE_CHECKING:
+    from model.systems.base import System
+
+_FAMILIES: list[Family] = [globaldiff.FAMILY, face.FAMILY, autoencoders.FAMILY]
+
+
+def families() -> tuple[Family, ...]:
+    """All families, in the order in which their systems are shown."""
+    return tuple(_FAMILIES)
+
+
+def register(family: Family) -> None:
+    """Add a family.
+
+    Raises:
+        ValueError: if one of its names is taken.
+    """
+    taken = {name for known in _FAMILIES for name in (known.name, *known.trained)}
+    doubles = [name for name in (family.name, *family.trained) if name in taken]
+    if doubles:
+        raise ValueError(f"The name {doubles[0]!r} is taken.")
+    _FAMILIES.append(family)
+
+
+def unregister(name: str) -> None:
+    """Forget a family."""
+    _FAMILIES[:] = [family for family in _FAMILIES if family.name != name]
+
+
+def family_of(name: str) -> Family:
+    """The family that a system or a helper belongs to.
+
+    Raises:
+        UnknownNameError: with everything there is.
+    """
+    for family in _FAMILIES:
+        if name in family.trained:
+            return family
+    valid = ", ".join(name for family in _FAMILIES for name in family.trained)
+    raise UnknownNameError(f"There is no system {name!r}; choose one of {valid}.")
+
+
+def list_systems(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
+    """Names of the systems whose weights lie in ``folder``, in the order of the families."""
+    return tuple(
+        name
+        for family in _FAMILIES
+        for name in family.systems
+        if (folder / f"{file_stem(name)}.safetensors").is_file()
+    )
+
+
+def list_speakers(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
+    """Speakers that every system in ``folder`` knows, in the order of their numbers."""
+    tables = [load_card(folder, name)["speakers"] for name in list_systems(folder)]
+    if not tables:
+        return ()
+    shared = [name for name in tables[0] if all(name in table for table in tables)]
+    return tuple(sorted(shared, key=lambda name: tables[0][name]))
+
+
+def load_system(name: str, folder: Path = BUNDLED_WEIGHTS) -> "System":
+    """Read a system.
+
+    Raises:
+        UnknownNameError: if there is no such system; the message lists those that are there.
+        CheckpointError: if its files are missing or damaged.
+    """
+    available = list_systems(folder)
+    if name not in available:
+        found = ", ".join(available) if available else f"none in {folder}"
+        raise UnknownNameError(f"There is no system {name!r}; available: {found}.")
+    return family_of(name).load(name, folder)

@@ -1,0 +1,41 @@
+"""What is measured on the training split before the first step: means, scales, priors."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from model.data.prepared import Batch, PreparedData
+from model.motion.packing import Normaliser
+from model.sampling.prior import GaussianPrior, fit_components, fit_prior
+
+WINDOWS = 400
+PRIOR_BATCHES, PRIOR_BATCH_SIZE = 12, 256
+
+
+def statistics_batch(data: PreparedData, window_frames: int, mirror: float) -> Batch:
+    """At most 400 windows, always the same."""
+    rng = np.random.default_rng(0)
+    return data.window_batch(data.of_split("train"), window_frames, WINDOWS, rng, mirror)
+
+
+def prior_batches(data: PreparedData, window_frames: int) -> Iterator[Batch]:
+    """The windows that a linear-Gaussian prior is fitted to."""
+    clips = data.of_split("train")
+    for k in range(PRIOR_BATCHES):
+        rng = np.random.default_rng([k, 17])
+        yield data.window_batch(clips, window_frames, PRIOR_BATCH_SIZE, rng)
+
+
+def with_components(
+    normaliser: Normaliser, windows: Sequence[Float[Tensor, "N T C"]], seed_frames: int
+) -> tuple[Normaliser, GaussianPrior]:
+    """The statistics with components that hardly depend on each other, and their prior."""
+    mean = torch.cat([batch.flatten(0, 1) for batch in windows]).mean(0)
+    centred = Normaliser(mean, normaliser.std)
+    mix, unmix = fit_components([centred.scaled(batch) for batch in windows])
+    mixing = replace(centred, mix=mix, unmix=unmix)
+    return mixing, fit_prior([mixing.normalise(batch) for batch in windows], seed_frames)

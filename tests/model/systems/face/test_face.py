@@ -1,0 +1,67 @@
+import pytest
+import torch
+
+from model.systems.face.face import Face, load_face
+from tests.model.made import TINY_EXPRESSION, make_weights
+
+HEARD = 60 + 2 * TINY_EXPRESSION.speech_context
+
+
+@pytest.fixture(scope="module")
+def face(tmp_path_factory) -> Face:
+    return load_face(make_weights(tmp_path_factory.mktemp("weights")))
+
+
+def test_a_face_is_drawn_anew_from_other_noise_and_stays_in_range(face):
+    speech = torch.randn(1, HEARD, 68)
+    one, other = (face.draw(speech, 1, None, face.noise(seed, 0))[0] for seed in (0, 1))
+    assert one.shape == (1, 60, 52)
+    assert one.min() >= 0 and one.max() <= 1
+    assert (one - other).abs().max() > 0.05
+    torch.testing.assert_close(one, face.draw(speech, 1, None, face.noise(0, 0))[0])
+
+
+def test_a_window_goes_on_from_the_one_before(face):
+    speech = torch.randn(1, HEARD, 68)
+    first, seed = face.draw(speech, 1, None, face.noise(0, 0))
+    after, _ = face.draw(speech, 1, seed, face.noise(0, 1))
+    assert (after[:, :8] - first[:, -8:]).abs().mean() < 0.2 * first.std()
+
+
+def test_windows_of_a_batch_do_not_mix(face):
+    speech = torch.randn(3, HEARD, 68)
+    noise = torch.cat([face.noise(0, k) for k in range(3)])
+    together, _ = face.draw(speech, 1, None, noise)
+    alone, _ = face.draw(speech[1:2], 1, None, noise[1:2])
+    torch.testing.assert_close(together[1:2], alone, atol=1e-4, rtol=1e-4)
+
+
+def test_a_face_that_was_drawn_is_remembered_and_no_other_taken_for_it(face, monkeypatch):
+    speech = torch.randn(HEARD, 68)
+    first = face.window(speech, 1, None, 0, 0)
+    after = face.window(speech, 1, first, 0, 1)
+    drawn = []
+    real = type(face).draw
+    monkeypatch.setattr(
+        type(face), "draw", lambda self, *asked: drawn.append(1) or real(self, *asked)
+    )
+    again = face.window(speech.clone(), 1, face.window(speech, 1, None, 0, 0), 0, 1)
+    assert again is after and not drawn
+    assert face.window(speech, 2, None, 0, 0) is not first  # another speaker
+    assert face.window(speech, 1, None, 1, 0) is not first  # other noise
+    assert face.window(speech + 1e-3, 1, None, 0, 0) is not first  # other speech
+    assert face.window(speech, 1, face.window(speech, 1, None, 1, 0), 0, 1) is not after
+    assert len(drawn) == 4
+    alone, _ = real(face, speech[None], 1, None, face.noise(1, 0))
+    torch.testing.assert_close(face.window(speech, 1, None, 1, 0).units, alone[0])
+
+
+def test_windows_are_faded_into_each_other(face):
+    speech = torch.randn(HEARD, 68)
+    first = face.window(speech, 1, None, 5, 0)
+    after = face.window(speech, 1, first, 5, 1)
+    alone, _ = face.draw(speech[None], 1, first.seed, face.noise(5, 1))
+    torch.testing.assert_close(after.units[8:], alone[0, 8:])
+    assert (after.units[0] - first.units[-8]).abs().max() < 0.02 + 0.1 * (
+        alone[0, 0] - first.units[-8]
+    ).abs().max()
