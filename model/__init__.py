@@ -1,1 +1,3 @@
-"""Speech in, motion out: rotations, skeleton, networks, training and measures."""
+"""Speech features, motion, networks, training, systems, measures, evaluation and the corpus;
+imports neither ``app`` nor ``renderer``.
+"""

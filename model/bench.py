@@ -10,10 +10,10 @@ import torch
 
 from model.data.prepared import Clip, PreparedData
 from model.data.recordings import NUM_FACE_UNITS
+from model.generation.base import System
+from model.generation.windows import GenerateOptions, generate_motion
 from model.speech.audio import Speech
-from model.systems.base import System
 from model.systems.registry import family_of
-from model.systems.windows import GenerateOptions, generate_motion
 from model.training.parallel import WHOLE
 from model.training.task import Workshop
 

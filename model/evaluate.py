@@ -25,6 +25,9 @@ from model.evaluation import tables
 from model.evaluation.clip_measures import rooted_positions
 from model.evaluation.clips import RECORDED, ClipContext, ClipRow, as_table
 from model.evaluation.speech_response import speech_tracks
+from model.generation.base import System
+from model.generation.family import UnknownNameError
+from model.generation.windows import GenerateOptions, generate_motion
 from model.measures import beats
 from model.motion.motion import Motion, MotionError, first_frames
 from model.networks.autoencoder import FrozenEncoder, load_encoder
@@ -33,10 +36,7 @@ from model.speech.encoder import SpeechEncoder
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from model.storage.files import written_atomically
 from model.systems.autoencoders.config import FGD_ENCODER
-from model.systems.base import System
-from model.systems.family import UnknownNameError
 from model.systems.registry import list_systems, load_system
-from model.systems.windows import GenerateOptions, generate_motion
 from model.training.parallel import WHOLE, Shard, joined_processes
 
 log = logging.getLogger(__name__)

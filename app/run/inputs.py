@@ -21,9 +21,9 @@ from app.run.result_folder import require_free_space
 from app.run.telling import Reporter
 
 if TYPE_CHECKING:
+    from model.generation.base import System
     from model.motion.motion import Motion
     from model.speech.audio import Speech
-    from model.systems.base import System
     from renderer.body.body import Body
 
 MAX_GUIDANCE = 10

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from app.run.request import LOOKS
 
 if TYPE_CHECKING:
-    from model.systems.base import System
+    from model.generation.base import System
     from renderer.body.body import Body
 
 log = logging.getLogger(__name__)
@@ -61,9 +61,9 @@ def warm_up(weights: Path, body: Path | None) -> None:
     """
     import numpy as np
 
+    from model.generation.windows import GenerateOptions, generate_motion
     from model.speech.audio import SAMPLE_RATE, Speech
     from model.systems.registry import list_systems
-    from model.systems.windows import GenerateOptions, generate_motion
     from renderer.draw.offscreen import GLError
     from renderer.draw.probe import choose_backend
 

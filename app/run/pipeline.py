@@ -39,9 +39,9 @@ from app.run.telling import Reporter
 if TYPE_CHECKING:
     import numpy as np
 
+    from model.generation.windows import GenerateOptions
     from model.speech.audio import Speech
     from model.speech.transcript import Word
-    from model.systems.windows import GenerateOptions
 
 DEFAULT_SAMPLER: Sampler = "euler"
 
@@ -117,9 +117,9 @@ def _generate(
     reporter: Reporter,
 ) -> list[Row]:
     """Motion of one system after the other from the same noise; the reference is the last row."""
+    from model.generation.windows import generate_motion
     from model.measures.diagnostics import smooth_motion
     from model.motion.motion import save_motion
-    from model.systems.windows import generate_motion
 
     is_smoothed = request.post_filter == "savgol"
     rows = []
@@ -149,7 +149,7 @@ def _generate(
 
 
 def _options(request: GenerateRequest, speaker: str, system: str) -> GenerateOptions:
-    from model.systems.windows import GenerateOptions
+    from model.generation.windows import GenerateOptions
 
     return GenerateOptions(
         speaker=speaker,
@@ -234,7 +234,7 @@ def _write_provenance(
 
 
 def _is_cancellation(error: Exception) -> bool:
-    from model.systems.windows import Cancelled as GenerationCancelled
+    from model.generation.windows import Cancelled as GenerationCancelled
     from renderer.video.encoder import Cancelled as RenderCancelled
 
     return isinstance(error, GenerationCancelled | RenderCancelled)

@@ -25,7 +25,7 @@ def versions() -> dict[str, str]:
 
 
 def describe_systems(systems: Sequence[Any]) -> dict[str, dict[str, Any]]:
-    """Weights and card of each system (`model.systems.base.System`)."""
+    """Weights and card of each system (`model.generation.base.System`)."""
     return {
         system.name: {
             "sha256": system.sha256s[system.name],

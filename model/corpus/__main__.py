@@ -8,7 +8,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from model.corpus.build import CorpusError, build_corpus
-from model.corpus.words.voice import VoiceError
+from model.corpus.people.voice import VoiceError
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -9,12 +9,12 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 
-from model.corpus.body.rig import open_body_rig
 from model.corpus.clip import make_clip
 from model.corpus.layout import SPLIT_TABLE, clip_paths, split_table, write_bytes, write_clip
-from model.corpus.speakers import SPEAKERS, Speaker
+from model.corpus.people.rig import open_body_rig
+from model.corpus.people.speakers import SPEAKERS, Speaker
+from model.corpus.people.voice import require_flite
 from model.corpus.words.texts import Split
-from model.corpus.words.voice import require_flite
 from model.storage.files import WriteError
 
 FORMAT = 2  # raised whenever the same seed gives other bytes

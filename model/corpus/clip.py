@@ -9,10 +9,10 @@ from model.corpus.body.arms import follow_plan, move_arms
 from model.corpus.body.contact import hips_of
 from model.corpus.body.face import move_face
 from model.corpus.body.legs import move_legs
-from model.corpus.body.rig import JOINT, NUM_JOINTS, SIDE_SIGN, SIDES, Rig, axis_angles
 from model.corpus.body.trunk import move_trunk
 from model.corpus.gesture.plan import Plan, make_plan
-from model.corpus.speakers import Speaker
+from model.corpus.people.rig import JOINT, NUM_JOINTS, SIDE_SIGN, SIDES, Rig, axis_angles
+from model.corpus.people.speakers import Speaker
 from model.corpus.words.prosody import Utterance, speak
 from model.corpus.words.texts import Split
 from model.motion.timing import FPS

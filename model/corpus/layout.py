@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from model.corpus.body.rig import SIDES
 from model.corpus.clip import Clip
 from model.corpus.gesture.plan import Key
+from model.corpus.people.rig import SIDES
 from model.motion.timing import FPS, SAMPLE_RATE
 from model.storage.files import write_error, written_atomically
 

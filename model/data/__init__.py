@@ -1,0 +1,3 @@
+"""Recordings in BEAT2's layout, and their windows for training; may import storage, motion and
+speech.
+"""

@@ -98,6 +98,12 @@ class Batch:
         )
 
 
+def home_of(transl: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, "3"]:
+    """Where a body stands in the mean, on the floor (y = 0); metres."""
+    place = transl.mean(0)
+    return np.array([place[0], 0.0, place[2]], np.float32)
+
+
 @dataclass(frozen=True)
 class PreparedData:
     """All clips of a data folder as arrays of frames."""
@@ -113,8 +119,7 @@ class PreparedData:
 
     def home(self, clip: Clip) -> Float[np.ndarray, "3"]:
         """Where a clip's body stands in the mean, on the floor (y = 0); metres."""
-        place = self.transl[clip.start : clip.stop].mean(0)
-        return np.array([place[0], 0.0, place[2]], np.float32)
+        return home_of(self.transl[clip.start : clip.stop])
 
     def of_split(self, split: str) -> tuple[Clip, ...]:
         """The clips of ``train``, ``val``, ``test`` or ``additional``.

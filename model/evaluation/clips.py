@@ -17,12 +17,12 @@ from model.evaluation.intervals import (
     bootstrap_ratio,
 )
 from model.evaluation.speech_response import coupling, frame_loudness, speech_tracks
+from model.generation.base import DEPTH_FLOW_TIME, FLOW_TIMES, Prediction
 from model.measures import beats
 from model.measures.face_measures import face_measures
 from model.motion.motion import Motion
 from model.motion.skeleton import open_body_skeleton
 from model.networks.autoencoder import FrozenEncoder
-from model.systems.base import DEPTH_FLOW_TIME, FLOW_TIMES, Prediction
 
 RECORDED = "recorded"
 KINDS = ("right", "shifted", "foreign")

@@ -3,9 +3,9 @@
 import numpy as np
 from jaxtyping import Float
 
+from model.generation.base import Features
 from model.motion.skeleton import JOINT_INDEX
 from model.motion.timing import FPS, SAMPLE_RATE
-from model.systems.base import Features
 
 SHIFT_S = 4.0
 MAX_LAG_S = 0.5

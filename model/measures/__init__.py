@@ -1,0 +1,3 @@
+"""Numbers of a motion, with or without a reference, and what they tell; may import motion and
+storage.
+"""

@@ -83,14 +83,6 @@ def pack(
     return torch.cat([rotations.flatten(-2), root], dim=-1)
 
 
-def unpack(
-    vector: Float[Tensor, "*batch T 333"], kind: RootMotion = "velocity"
-) -> tuple[Float[Tensor, "*batch T 55 6"], Float[Tensor, "*batch T 3"]]:
-    """Row-6D rotations and root positions; with velocities the first frame stands at x = z = 0."""
-    rot6d = vector[..., :ROTATION_DIM].unflatten(-1, (NUM_JOINTS, 6))
-    return rot6d, root_positions(vector[..., ROTATION_DIM:], kind)
-
-
 def root_positions(
     root: Float[Tensor, "*batch T 3"], kind: RootMotion = "velocity"
 ) -> Float[Tensor, "*batch T 3"]:

@@ -1,0 +1,1 @@
+"""Layers and networks that several families build on; may import storage, motion and sampling."""

@@ -1,1 +1,3 @@
-"""Speech in: decoding any sound file, and features at the motion's frame rate."""
+"""Sound files and transcripts to features at the motion's frame rate; may import storage and
+motion.
+"""

@@ -1,0 +1,3 @@
+"""The families of systems, a folder for each, and the registry that knows them; may import
+generation and everything below.
+"""

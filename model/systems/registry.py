@@ -3,12 +3,12 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from model.generation.family import Family, UnknownNameError
 from model.storage.cards import BUNDLED_WEIGHTS, file_stem, load_card
 from model.systems import autoencoders, face, globaldiff
-from model.systems.family import Family, UnknownNameError
 
 if TYPE_CHECKING:
-    from model.systems.base import System
+    from model.generation.base import System
 
 _FAMILIES: list[Family] = [globaldiff.FAMILY, face.FAMILY, autoencoders.FAMILY]
 

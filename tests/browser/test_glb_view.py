@@ -15,8 +15,8 @@ from playwright.sync_api import Browser, Page
 
 from app.run.export import body_motion
 from app.run.models import get_system
+from model.generation.windows import GenerateOptions, generate_motion
 from model.speech.audio import load_speech
-from model.systems.windows import GenerateOptions, generate_motion
 from renderer.body.body import Body, BodyMotion, load_body
 from renderer.draw.probe import choose_backend
 from renderer.files.glb import glb_bytes

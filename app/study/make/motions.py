@@ -192,8 +192,8 @@ def _generate(
     generator: Generator, source: Source, weights: Path, should_cancel: Callable[[], bool]
 ) -> Motion:
     """From the excerpt alone: the system hears what the participants hear."""
+    from model.generation.windows import Cancelled, GenerateOptions, generate_motion
     from model.measures.diagnostics import smooth_motion
-    from model.systems.windows import Cancelled, GenerateOptions, generate_motion
 
     assert source.speech is not None
     system = get_system(generator.system, weights)

@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from model.corpus.body.channels import DEVIATION, PRONATION, WRIST_FLEX
 from model.corpus.body.ik import bone_rotations, hinge_frame, two_bone_ik
-from model.corpus.body.rig import (
+from model.corpus.body.signals import low_pass
+from model.corpus.people.rig import (
     JOINT,
     SIDE_SIGN,
     Rig,
@@ -17,7 +18,6 @@ from model.corpus.body.rig import (
     transposed,
     unit,
 )
-from model.corpus.body.signals import low_pass
 
 UPPER_ARM_LAG_S = 0.08
 

@@ -25,11 +25,11 @@ from model.corpus.body.channels import (
 from model.corpus.body.contact import Hips, hand_balls, push_apart, push_off_trunk
 from model.corpus.body.hand_life import add_life, trailing
 from model.corpus.body.reach import within_reach
-from model.corpus.body.rig import JOINT, SIDES, Rig, transposed, unit
 from model.corpus.body.signals import bump, frame_times, minimum_jerk, smooth_noise
 from model.corpus.gesture.hand_shapes import finger_rotations
 from model.corpus.gesture.plan import CycleSpan, Key, Plan
-from model.corpus.speakers import Speaker
+from model.corpus.people.rig import JOINT, SIDES, Rig, transposed, unit
+from model.corpus.people.speakers import Speaker
 
 SHOULDER_TWIST_SHARE = 0.3  # of the humeral twist; the elbow joint takes the rest
 _CONTACT_ROUNDS = 2

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
-from model.corpus.body.rig import JOINT, PARENTS, SIDE_SIGN, Rig, transposed
 from model.corpus.body.signals import low_pass, minimum_jerk
+from model.corpus.people.rig import JOINT, PARENTS, SIDE_SIGN, Rig, transposed
 from model.motion.timing import FPS
 
 _MARGIN_M = 0.006

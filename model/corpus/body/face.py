@@ -6,9 +6,9 @@ from scipy.ndimage import gaussian_filter1d
 
 from model.corpus.body.signals import frame_times, gaussian_bump, smooth_line
 from model.corpus.body.trunk import Trunk
-from model.corpus.speakers import Speaker
+from model.corpus.people.speakers import Speaker
+from model.corpus.people.voice import PAUSE
 from model.corpus.words.prosody import Utterance
-from model.corpus.words.voice import PAUSE
 from model.motion.timing import FPS
 
 FINE = 4  # the mouth is computed at 120 frames a second

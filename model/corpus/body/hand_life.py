@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from model.corpus.body.arm import Arm
 from model.corpus.body.channels import DEVIATION, FINGERS, POSITION, PRONATION, WRIST_FLEX
-from model.corpus.body.rig import SIDES
 from model.corpus.body.signals import low_pass, smooth_line, smooth_noise
 from model.corpus.gesture.hand_shapes import ABDUCTION, FLEX, SHAPE_SIZE, THUMB
-from model.corpus.speakers import Speaker
+from model.corpus.people.rig import SIDES
+from model.corpus.people.speakers import Speaker
 from model.motion.timing import FPS
 
 

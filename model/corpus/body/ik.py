@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from model.corpus.body.rig import about_axis, transposed, unit
+from model.corpus.people.rig import about_axis, transposed, unit
 
 
 def hinge_frame(

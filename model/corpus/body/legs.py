@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float
 
 from model.corpus.body.ik import HingedLimb
-from model.corpus.body.rig import JOINT, SIDE_SIGN, SIDES, Rig, euler_matrices, transposed
 from model.corpus.body.signals import (
     bump,
     frame_times,
@@ -17,7 +16,8 @@ from model.corpus.body.signals import (
     sway,
 )
 from model.corpus.body.trunk import Trunk
-from model.corpus.speakers import Speaker
+from model.corpus.people.rig import JOINT, SIDE_SIGN, SIDES, Rig, euler_matrices, transposed
+from model.corpus.people.speakers import Speaker
 
 STANCE_HALF_WIDTH_M = 0.125
 STANDING_BEND_DEG = 6.0  # of the leg that carries the weight

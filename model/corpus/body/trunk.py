@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from model.corpus.body.rig import JOINT, euler_matrices
 from model.corpus.body.signals import (
     frame_times,
     gaussian_bump,
@@ -14,7 +13,8 @@ from model.corpus.body.signals import (
     smooth_line,
     sway_line,
 )
-from model.corpus.speakers import Speaker
+from model.corpus.people.rig import JOINT, euler_matrices
+from model.corpus.people.speakers import Speaker
 from model.corpus.words.prosody import Utterance
 
 PELVIS_TILT_DEG = -11.0

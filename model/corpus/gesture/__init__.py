@@ -1,0 +1,1 @@
+"""Which gestures go with the words, when and where; may import words and people."""

@@ -4,9 +4,9 @@ from collections import deque
 
 import numpy as np
 
-from model.corpus.body.rig import SIDES
 from model.corpus.gesture.gestures import GENERIC, KEYWORDS, ONLY_WHEN_STRESSED, Gesture
-from model.corpus.speaker import Speaker
+from model.corpus.people.rig import SIDES
+from model.corpus.people.speaker import Speaker
 from model.corpus.words.prosody import Word
 
 FAVOURITE = 4.0  # times as often

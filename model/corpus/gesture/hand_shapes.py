@@ -8,7 +8,7 @@ the pinky), and the thumb's flexion, opposition and tip bend (3).
 import numpy as np
 from jaxtyping import Float
 
-from model.corpus.body.rig import JOINT, SIDE_SIGN, euler_matrices, matrices
+from model.corpus.people.rig import JOINT, SIDE_SIGN, euler_matrices, matrices
 
 LONG_FINGERS = ("index", "middle", "ring", "pinky")
 SHAPE_SIZE = 19

@@ -8,7 +8,7 @@ import numpy as np
 
 from model.corpus.gesture.gestures import NEUTRAL, REST, Gesture, HandPose
 from model.corpus.gesture.hand_shapes import ABDUCTION, FLEX, SHAPES, THUMB
-from model.corpus.speaker import Speaker
+from model.corpus.people.speaker import Speaker
 
 IDLE_SHAPES = ("relaxed", "lazy", "half_open", "bowl", "soft_pinch")
 BEAT_SHAPES = ("relaxed", "half_open", "bowl", "soft_pinch", "cage", "lazy", "flat", "wave_out")

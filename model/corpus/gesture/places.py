@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from model.corpus.body.rig import SIDE_SIGN
-from model.corpus.speaker import Speaker
+from model.corpus.people.rig import SIDE_SIGN
+from model.corpus.people.speaker import Speaker
 from model.corpus.words.prosody import Word
 
 ASIDE_M = 0.065

@@ -10,13 +10,13 @@ from typing import Literal
 
 import numpy as np
 
-from model.corpus.body.rig import SIDE_SIGN, SIDES
 from model.corpus.gesture.choice import Choice
 from model.corpus.gesture.gestures import GESTURES, HandPose
 from model.corpus.gesture.hand_shapes import FLEX
 from model.corpus.gesture.manner import Manner, distance_from_neutral
 from model.corpus.gesture.places import Places
-from model.corpus.speaker import Speaker
+from model.corpus.people.rig import SIDE_SIGN, SIDES
+from model.corpus.people.speaker import Speaker
 from model.corpus.words.prosody import Phrase, Utterance
 
 GESTURE_FROM_ACCENT = 0.62  # prominence of the strongest word of a chunk, for a rate of 1

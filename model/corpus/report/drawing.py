@@ -8,7 +8,10 @@ from jaxtyping import Float
 
 from model.corpus.body.arms import follow_plan, move_arms
 from model.corpus.body.contact import hips_of
-from model.corpus.body.rig import (
+from model.corpus.body.trunk import PELVIS_TILT_DEG, SPINE
+from model.corpus.gesture.gestures import GESTURES, REST, HandPose
+from model.corpus.gesture.plan import Key, Plan
+from model.corpus.people.rig import (
     FINGERS,
     JOINT,
     NUM_JOINTS,
@@ -18,10 +21,7 @@ from model.corpus.body.rig import (
     euler_matrices,
     forward_kinematics,
 )
-from model.corpus.body.trunk import PELVIS_TILT_DEG, SPINE
-from model.corpus.gesture.gestures import GESTURES, REST, HandPose
-from model.corpus.gesture.plan import Key, Plan
-from model.corpus.speakers import SPEAKERS
+from model.corpus.people.speakers import SPEAKERS
 
 SIDE_COLOURS = {"left": "#0072B2", "right": "#D55E00"}
 BODY_COLOUR = "#555555"

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from model.corpus.body.rig import JOINT, Rig
+from model.corpus.people.rig import JOINT, Rig
 from model.corpus.report.statistics import PosedClip
 
 

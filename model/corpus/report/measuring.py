@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 from tqdm import tqdm
 
-from model.corpus.body.rig import Rig
 from model.corpus.layout import MOTION, SOUND, SPLIT_TABLE, ClipPaths, clip_paths
+from model.corpus.people.rig import Rig
 from model.corpus.report.inside import hand_inside_share
 from model.corpus.report.judging import hand_speed, sound_features
 from model.corpus.report.realism import Figures, realism_windows

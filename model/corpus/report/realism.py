@@ -12,7 +12,7 @@ from jaxtyping import Float
 from scipy.optimize import minimize
 from scipy.special import expit
 
-from model.corpus.body.rig import JOINT, axis_angles
+from model.corpus.people.rig import JOINT, axis_angles
 from model.corpus.report.judging import area_under_curve
 from model.corpus.report.statistics import (
     LEFT_WRIST,

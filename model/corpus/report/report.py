@@ -10,8 +10,8 @@ import logging
 import sys
 from pathlib import Path
 
-from model.corpus.body.rig import open_body_rig
 from model.corpus.build import MANIFEST, CorpusError, read_manifest
+from model.corpus.people.rig import open_body_rig
 from model.corpus.report.drawing import draw_filmstrips, draw_gestures
 from model.corpus.report.measuring import (
     ClipFile,

@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import find_peaks, welch
 from scipy.spatial.transform import Rotation
 
-from model.corpus.body.rig import JOINT, Rig, forward_kinematics, matrices
+from model.corpus.people.rig import JOINT, Rig, forward_kinematics, matrices
 from model.motion.motion import load_motion
 from model.motion.timing import FPS
 

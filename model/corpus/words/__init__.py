@@ -1,0 +1,1 @@
+"""What is said and how: topics, grammar and prosody; may import people."""

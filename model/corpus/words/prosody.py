@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import map_coordinates
 
-from model.corpus.speaker import Speaker
+from model.corpus.people.speaker import Speaker
+from model.corpus.people.voice import PAUSE, Phone, say, words_of
 from model.corpus.words.texts import Split, talk
-from model.corpus.words.voice import PAUSE, Phone, say, words_of
 from model.motion.timing import SAMPLE_RATE
 
 FUNCTION_WORDS = frozenset(

@@ -1,7 +1,7 @@
 """The motion autoencoders, L_m's teacher and the judge of FGD: may import what systems may."""
 
+from model.generation.family import Family
 from model.systems.autoencoders.config import FGD_ENCODER, MOTION_VAE, PRESETS, named_config
-from model.systems.family import Family
 
 FAMILY = Family(
     name="autoencoders",

@@ -1,7 +1,7 @@
 """The expression network, which every system of GlobalDiff shows: may import what systems may."""
 
+from model.generation.family import Family
 from model.systems.face.config import EXPRESSION, PRESETS, named_config
-from model.systems.family import Family
 
 FAMILY = Family(
     name="face",

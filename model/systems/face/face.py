@@ -16,6 +16,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from model.generation.stitching import fade
 from model.motion.packing import Normaliser
 from model.networks.prior_network import PriorNetwork
 from model.sampling.flow import seeded_noise
@@ -24,7 +25,6 @@ from model.storage.cards import CheckpointError, load_card
 from model.storage.checkpoint import load_into, load_weights
 from model.storage.settings import from_dict
 from model.systems.face.config import EXPRESSION, ExpressionConfig
-from model.systems.stitching import fade
 
 FACE_STEPS = 12
 REMEMBERED_WINDOWS = 512

@@ -1,7 +1,7 @@
-"""GlobalDiff's ladder and our own system on a prior: may import what systems may."""
+"""GlobalDiff's ladder and our own system on a prior; may import the face and what systems may."""
 
+from model.generation.family import Family, Sampler
 from model.sampling.names import FLOW_SAMPLERS
-from model.systems.family import Family, Sampler
 from model.systems.globaldiff.config import BEST, PRESETS, SYSTEMS, named_config
 
 STEPS = 10

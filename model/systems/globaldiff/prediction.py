@@ -8,11 +8,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from model.data.prepared import home_of
+from model.generation.base import DEPTH_FLOW_TIME, FLOW_TIMES, Features, Prediction
 from model.motion.decoding import decode, to_vectors
 from model.motion.motion import Motion
 from model.motion.skeleton import JOINT_DEPTH, open_body_skeleton
 from model.sampling.flow import interpolate
-from model.systems.base import DEPTH_FLOW_TIME, FLOW_TIMES, Features, Prediction
 
 if TYPE_CHECKING:
     from model.systems.globaldiff.system import GlobalDiffSystem
@@ -93,9 +94,10 @@ def predict_with(
 
 def _vectors(system: "GlobalDiffSystem", motion: Motion) -> Float[Tensor, "T C"]:
     config = system.config
-    transl = torch.from_numpy(motion.trans.astype(np.float32))
+    trans = motion.trans.astype(np.float32)
     if config.root == "place":
-        transl = transl - transl.mean(0) * torch.tensor([1.0, 0.0, 1.0])
+        trans = trans - home_of(trans)
+    transl = torch.from_numpy(trans)
     poses = torch.from_numpy(motion.poses.astype(np.float32))
     return to_vectors(config.rotation_space, poses[None], transl[None], config.root)[0]
 

@@ -8,6 +8,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from model.generation.base import Draw, Features, Prediction, System, Window, Windowing
+from model.generation.speech_stream import SpeechWindow
 from model.motion.decoding import rotations
 from model.motion.motion import Motion
 from model.motion.packing import ROOT_DIM, Normaliser, pack
@@ -20,14 +22,12 @@ from model.speech.encoders import make_encoder
 from model.storage.cards import CheckpointError
 from model.storage.checkpoint import load_into, load_weights
 from model.storage.settings import from_dict
-from model.systems.base import Draw, Features, Prediction, System, Window, Windowing
 from model.systems.face.config import EXPRESSION
 from model.systems.face.face import Face, FaceWindow, load_face
 from model.systems.globaldiff import FAMILY
 from model.systems.globaldiff.config import NetworkConfig
 from model.systems.globaldiff.network import MotionNetwork
 from model.systems.globaldiff.prediction import predict_with
-from model.systems.speech_stream import SpeechWindow
 
 INPAINT_UNTIL = 0.7
 """Flow time up to which the seed frames are held. With 10 Euler steps, the jerk of a wrist at joins

@@ -4,9 +4,9 @@ import shutil
 
 import pytest
 
-from model.corpus.body.rig import open_body_rig
 from model.corpus.clip import Clip, make_clip
-from model.corpus.speakers import SPEAKERS
+from model.corpus.people.rig import open_body_rig
+from model.corpus.people.speakers import SPEAKERS
 
 LIVELY, CALM = "ewan", "hana"
 

@@ -14,7 +14,7 @@ import pytest
 from model.corpus import __main__ as command
 from model.corpus import build
 from model.corpus.build import CorpusError, build_corpus, plan_jobs
-from model.corpus.speakers import SPEAKERS
+from model.corpus.people.speakers import SPEAKERS
 
 TWO_CLIPS_H = 2 / 60
 

@@ -8,11 +8,11 @@ from scipy.spatial.transform import Rotation
 
 from model.corpus.body.arms import follow_plan, move_arms
 from model.corpus.body.contact import Hips
-from model.corpus.body.rig import JOINT, forward_kinematics, matrices, open_body_rig
 from model.corpus.clip import Clip
 from model.corpus.gesture.gestures import REST
 from model.corpus.gesture.plan import Key, Plan
-from model.corpus.speakers import SPEAKERS
+from model.corpus.people.rig import JOINT, forward_kinematics, matrices, open_body_rig
+from model.corpus.people.speakers import SPEAKERS
 from model.motion.timing import FPS
 
 from .conftest import CALM, LIVELY

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model.corpus.words.voice import VoiceError, require_flite, words_of
+from model.corpus.people.voice import VoiceError, require_flite, words_of
 from model.speech.audio import load_speech
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"

@@ -5,7 +5,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from model.corpus.body.rig import open_body_rig
+from model.corpus.people.rig import open_body_rig
 from model.motion.kinematics import joint_positions_from_local, mirror_skeleton, mirror_transl
 from model.motion.mirror import mirror_face_units, mirror_poses
 from model.motion.rotations import matrix_from_axis_angle

@@ -2,8 +2,8 @@ import json
 
 import pytest
 
+from model.generation.family import UnknownNameError
 from model.storage.cards import CheckpointError, file_stem, load_card
-from model.systems.family import UnknownNameError
 from model.systems.registry import list_speakers, list_systems, load_system
 from tests.model.made import make_weights
 

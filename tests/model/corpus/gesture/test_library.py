@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from model.corpus.body.rig import JOINT, SIDES
 from model.corpus.gesture.gestures import (
     GENERIC,
     GESTURES,
@@ -14,7 +13,8 @@ from model.corpus.gesture.gestures import (
 )
 from model.corpus.gesture.hand_shapes import FLEX, SHAPES, finger_rotations
 from model.corpus.gesture.manner import BEAT_SHAPES, IDLE_SHAPES
-from model.corpus.speakers import SPEAKERS
+from model.corpus.people.rig import JOINT, SIDES
+from model.corpus.people.speakers import SPEAKERS
 
 
 def test_there_are_at_least_25_hand_shapes_apart_from_each_other() -> None:

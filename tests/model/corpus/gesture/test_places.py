@@ -5,9 +5,9 @@ import numpy as np
 from model.corpus.gesture.choice import STALE, Choice
 from model.corpus.gesture.gestures import GESTURES, KEYWORDS
 from model.corpus.gesture.places import Places, contrast_halves
-from model.corpus.speakers import SPEAKERS
+from model.corpus.people.speakers import SPEAKERS
+from model.corpus.people.voice import words_of
 from model.corpus.words.prosody import Word
-from model.corpus.words.voice import words_of
 
 ANNA = SPEAKERS[0]  # right-handed
 CONTRAST = "Some people bake fresh bread, others would rather taste the sauce."

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from model.corpus.body.rig import SIDES
 from model.corpus.gesture.plan import Plan, make_plan
-from model.corpus.speakers import SPEAKERS
+from model.corpus.people.rig import SIDES
+from model.corpus.people.speakers import SPEAKERS
 from model.corpus.words.prosody import Phrase, Utterance, Word
 from model.motion.timing import SAMPLE_RATE
 

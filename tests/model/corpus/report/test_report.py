@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from model.corpus.body.rig import JOINT, open_body_rig
 from model.corpus.build import build_corpus
 from model.corpus.layout import wav_bytes
+from model.corpus.people.rig import JOINT, open_body_rig
 from model.corpus.report import report
 from model.corpus.report.inside import STACKS, hand_inside_share
 from model.corpus.report.judging import (

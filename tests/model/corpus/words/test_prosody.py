@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from model.corpus.clip import Clip
-from model.corpus.speakers import SPEAKERS
+from model.corpus.people.speakers import SPEAKERS
+from model.corpus.people.voice import PAUSE
 from model.corpus.words.prosody import LEAD_S, MIN_ACCENT_GAP_S, speak_text
-from model.corpus.words.voice import PAUSE
 from model.motion.timing import SAMPLE_RATE
 
 

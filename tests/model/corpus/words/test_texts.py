@@ -6,10 +6,10 @@ from itertools import islice, pairwise
 import numpy as np
 import pytest
 
+from model.corpus.people.voice import words_of
 from model.corpus.words.grammar import AFTER_A_QUESTION, END_MARKS, GRAMMAR, KINDS
 from model.corpus.words.texts import SPLITS, draw_sentence, split_of, talk
 from model.corpus.words.topics import TOPICS
-from model.corpus.words.voice import words_of
 
 
 def sentences(count: int, split: str, seed: int = 0) -> list[str]:

@@ -9,8 +9,8 @@ import pytest
 from model.corpus.gesture.gestures import GENERIC, REST
 from model.corpus.gesture.hand_shapes import FLEX, SHAPES
 from model.corpus.gesture.manner import Manner
-from model.corpus.speaker import Speaker
-from model.corpus.speakers import SPEAKERS
+from model.corpus.people.speaker import Speaker
+from model.corpus.people.speakers import SPEAKERS
 
 PEOPLE = {s.name: s for s in SPEAKERS}
 

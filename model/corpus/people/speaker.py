@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from model.corpus.body.rig import SIDES
-from model.corpus.words.voice import Voice
+from model.corpus.people.rig import SIDES
+from model.corpus.people.voice import Voice
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 import pytest
 import torch
 
+from model.generation.stitching import cross_fade, fade_weights, num_windows
 from model.motion.rotations import geodesic_angle, matrix_from_axis_angle
-from model.systems.stitching import cross_fade, fade_weights, num_windows
 
 
 @pytest.mark.parametrize("num_frames", [1, 7, 8, 9, 59, 60, 61, 111, 112, 113, 164, 165, 1710])

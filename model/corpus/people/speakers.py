@@ -1,7 +1,7 @@
 """The speakers: each with numbers that a BEAT2 speaker table holds, a voice and a style."""
 
-from model.corpus.speaker import Speaker
-from model.corpus.words.voice import Voice
+from model.corpus.people.speaker import Speaker
+from model.corpus.people.voice import Voice
 
 SPEAKERS: tuple[Speaker, ...] = (
     # Warm and close: both hands offer from the belly, elbows in.

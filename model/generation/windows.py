@@ -11,14 +11,14 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from model.generation.base import Draw, System, Window
+from model.generation.speech_stream import SpeechStream
+from model.generation.stitching import num_windows
 from model.motion.kinematics import local_from_global
 from model.motion.motion import ExpressionBasis, Motion
 from model.motion.packing import root_positions
 from model.motion.rotations import axis_angle_from_matrix
 from model.speech.audio import Speech
-from model.systems.base import Draw, System, Window
-from model.systems.speech_stream import SpeechStream
-from model.systems.stitching import num_windows
 
 _HORIZONTAL = torch.tensor([1.0, 0.0, 1.0])
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from model.corpus.words.voice import (
+from model.corpus.people.voice import (
     PAUSE,
     Phone,
     Voice,

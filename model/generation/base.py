@@ -10,13 +10,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from model.generation.family import Sampler, UnknownNameError, choose_sampler
+from model.generation.speech_stream import SpeechWindow
+from model.generation.stitching import cross_fade, fade
 from model.motion.motion import ExpressionBasis, Motion
 from model.motion.spaces import RootMotion
 from model.sampling.flow import seeded_noise
 from model.speech.encoder import SpeechEncoder
-from model.systems.family import Sampler, UnknownNameError, choose_sampler
-from model.systems.speech_stream import SpeechWindow
-from model.systems.stitching import cross_fade, fade
 
 Features = Float[np.ndarray, "_ dim"]
 FLOW_TIMES = (0.0, 0.2, 0.4)

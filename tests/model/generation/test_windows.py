@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 import torch
 
+from model.generation.windows import Cancelled, GenerateOptions, generate_motion, stream_motion
 from model.motion.kinematics import joint_positions_from_local
 from model.motion.skeleton import JOINT_INDEX, open_body_skeleton
 from model.systems.globaldiff.config import BEST
 from model.systems.registry import load_system
-from model.systems.windows import Cancelled, GenerateOptions, generate_motion, stream_motion
 from tests.model.made import TINY_BEST, TINY_SYSTEMS, made_speech, make_weights
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from model.data.prepared import PreparedData
-    from model.systems.base import System
+    from model.generation.base import System
     from model.training.config import TrainConfig
     from model.training.task import Task, Workshop
 

@@ -1,0 +1,1 @@
+"""Who speaks: bones, voice and temperament; may import motion."""

@@ -1,0 +1,3 @@
+"""What a system is, and how its windows become motion of any length; may import training's names,
+sampling, speech, motion and storage.
+"""

@@ -1,0 +1,101 @@
+"""A family that nothing in the project knows of trains, generates, is measured and shown."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from app.page.catalogue import read_catalogue
+from app.run.pipeline import generate_all
+from app.run.request import GenerateRequest
+from model import evaluate as measuring
+from model.generation.family import UnknownNameError
+from model.generation.windows import GenerateOptions, generate_motion
+from model.speech.audio import write_wav
+from model.systems.registry import families, load_system, register, unregister
+from model.train import main
+from tests.model.made import made_speech, made_waveform, make_data_folder
+from tests.toy_family import FAMILY, NAME
+
+
+@pytest.fixture(scope="module", autouse=True)
+def known():
+    register(FAMILY)
+    yield
+    unregister(FAMILY.name)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory, known) -> tuple[Path, Path]:
+    """Folders of data and of the weights that the project's own command leaves."""
+    root = tmp_path_factory.mktemp("toy")
+    data = make_data_folder(root / "data")
+    command = ["tiny", "--system", NAME, "--data", str(data), "--out", str(root / "run")]
+    assert main(command) == 0
+    return data, root / "run" / "weights"
+
+
+def test_its_name_is_taken_once():
+    with pytest.raises(ValueError, match="'toy' is taken"):
+        register(FAMILY)
+    assert families()[-1] is FAMILY
+
+
+def test_it_trains_and_resumes_with_both_optimizers(trained, tmp_path):
+    data, _ = trained
+    for steps in (["--steps", "6"], ["--steps", "6", "--resume"]):
+        command = ["tiny", "--system", NAME, "--data", str(data), "--out", str(tmp_path / "run")]
+        assert main([*command, *steps]) == 0
+    state = torch.load(tmp_path / "run" / "state.pt", weights_only=True)
+    assert state["step"] == 6 and len(state["optimizers"]) == 2
+    assert all(optimizer["state"] for optimizer in state["optimizers"])
+
+
+def test_it_moves_for_as_long_as_it_is_spoken(trained):
+    system = load_system(NAME, trained[1])
+    speech = made_speech(16_000 * 5)
+    options = GenerateOptions(speaker="ann", samples=2)
+    motions = generate_motion(system, speech, options)
+    assert [motion.num_frames for motion in motions] == [150, 150]
+    assert np.abs(motions[0].poses - motions[1].poses).max() > 1e-3
+    assert (motions[0].expressions[:, :52] > 0).all()  # its own face
+    (often,) = generate_motion(system, speech, GenerateOptions(speaker="ann", sampler="often"))
+    assert often.poses.std(0).mean() > motions[0].poses.std(0).mean()  # three steps, not one
+
+
+def test_what_it_cannot_do_is_told(trained):
+    system, speech = load_system(NAME, trained[1]), made_speech(16_000)
+    with pytest.raises(UnknownNameError, match="no sampler 'euler'; it has once, often"):
+        generate_motion(system, speech, GenerateOptions(speaker="ann", sampler="euler"))
+    with pytest.raises(ValueError, match="takes no guidance"):
+        generate_motion(system, speech, GenerateOptions(speaker="ann", guidance=2.0))
+
+
+def test_it_is_measured_without_the_abilities_that_it_lacks(trained):
+    data, weights = trained
+    split = data / "train_test_split.csv"
+    rows = split.read_text().replace(",val", ",test").replace("3_eve_0_3_3,test", "3_eve_0_3_3,val")
+    split.write_text(rows.replace("2_bob_0_1_1,train", "2_bob_0_1_1,test"))
+    system = load_system(NAME, weights)
+    clips = measuring.test_clips(data, [system])
+    table = measuring.evaluate(data, clips, [system], seeds=2)
+    assert table["motion"][NAME]["tip_jerk_m_s3"]["mean"] > 0
+    assert NAME not in table["wrong_speech"]
+    assert "position_error_m" not in table["by_depth"][NAME]
+
+
+def test_the_page_offers_it_and_a_run_holds_it(trained, tmp_path):
+    _, weights = trained
+    catalogue = read_catalogue(weights)
+    assert catalogue.systems == (NAME,) and catalogue.speakers == ("ann", "bob")
+    write_wav(tmp_path / "speech.wav", made_waveform(32_000))
+    request = GenerateRequest(
+        speech=tmp_path / "speech.wav", out=tmp_path / "out", weights=weights, has_video=False
+    )
+    result = generate_all(request, lambda event: None, lambda: False)
+    assert result.names == (NAME,) and (tmp_path / "out" / "toy-puppet.npz").is_file()
+    record = json.loads((tmp_path / "out" / "provenance.json").read_text())
+    assert record["weights"][NAME]["sha256"]
+    assert record["options"]["steps"] == {NAME: 1} and record["options"]["sampler"] == "once"
