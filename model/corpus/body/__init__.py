@@ -1,1 +1,1 @@
-"""How arms, hands, trunk, legs and face carry gestures out; may import gesture, words and people."""
+"""How the parts of a body carry gestures out; may import gesture, words and people."""
