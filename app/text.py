@@ -1,4 +1,4 @@
-"""Every sentence a visitor of the page reads that is not made from a run's own numbers."""
+"""What the page says in more than one place or around a run: headings, labels, stages, refusals."""
 
 from dataclasses import dataclass
 

@@ -7,15 +7,14 @@ import gradio as gr
 
 from app import text
 from app.config import AppConfig
-from app.page import markup as view
-from app.page.catalogue import Catalogue
-from app.page.serving.follow import Generate
+from app.page.parts import markup
+from app.page.parts.catalogue import Catalogue
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.researcher_part import Handover
 from app.page.tabs import own_motion as own_motion_tab
 from app.page.tabs.generate import FormParts, ResultParts, build_form, build_results
-from app.page.tabs.generate_run import Runner
+from app.page.tabs.generate_run import Generate, Runner
 from app.page.tabs.study import build_study_tab
 from app.page.tabs.systems import ladder
 
@@ -35,7 +34,7 @@ def build_app(
         fill_width=True,
         delete_cache=(600, int(config.keep_results_s)),
     ) as page:
-        gr.HTML(view.header(catalogue.trained_on))
+        gr.HTML(markup.header(catalogue.trained_on))
         with gr.Tabs(overflow_behavior="wrap"):  # a phone would hide some in a menu
             with gr.Tab(text.MOTION_TAB), gr.Row(elem_classes="columns"):
                 with gr.Column(scale=4, min_width=320, elem_classes="sheet"):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from app.errors import RunError
+from app.findings.points import point_title
 from app.run.export import body_motion
 from renderer.body.joints import TIP_VERTICES
 
@@ -77,14 +77,6 @@ def choose_tip_source(body: Body, body_path: Path | None, point: str = TIP) -> T
         return TipSource("rigid", lambda motion: rigid_tip(motion, point), point)
     vertex = TIP_VERTICES[point]
     return TipSource(f"vertex {vertex}", lambda motion: vertex_tip(body, motion, vertex), point)
-
-
-def point_title(point: str) -> str:
-    """A point's name for a person: ``right_middle`` is the 'Right middle fingertip'."""
-    words = re.sub(r"(\d)$", r" joint \1", point).replace("_", " ").capitalize()
-    if point not in TIP_VERTICES:
-        return words
-    return f"{words} tip" if point.endswith("thumb") else f"{words} fingertip"
 
 
 def rigid_tip(motion: Motion, tip: str = TIP) -> Iterator[np.ndarray]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
@@ -10,30 +10,24 @@ import gradio as gr
 
 from app import text
 from app.config import AppConfig
-from app.page import markup as view
-from app.page.catalogue import Catalogue
+from app.page.parts import markup
+from app.page.parts.catalogue import Catalogue
+from app.page.parts.html_parts import shown
 from app.page.results.figures_shown import FiguresShown
 from app.page.results.measures_table import measures_table
 from app.page.results.player import Showing
-from app.page.serving.follow import (
-    Form,
-    Generate,
-    RunView,
-    follow_run,
-    request_from_form,
-    row_names,
-    visitor_sentence,
-    waiting_line,
-)
+from app.page.serving.follow import RunView, follow_run, visitor_sentence, waiting_line
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.researcher_part import COOKIE
-from app.page.serving.visitors import shown, visitor_of
+from app.page.serving.visitors import visitor_of
 from app.page.tabs.generate import FormParts, ResultParts
+from app.page.tabs.generate_form import Form, request_from_form, row_names
 from app.run.bundle import zip_files
-from app.run.request import Artefact, GenerateResult
+from app.run.request import Artefact, GenerateRequest, GenerateResult, OnEvent, ShouldCancel
 from model.speech.transcript import read_words
 
+Generate = Callable[[GenerateRequest, OnEvent, ShouldCancel], GenerateResult]
 Updates = dict[Any, Any]
 NOTHING: dict[str, Any] = {}
 """What a player shows before there is anything."""
@@ -75,7 +69,7 @@ class Runner:
             yield self._blank()
             with self._jobs.slot(job) as turn:
                 for ahead in turn:
-                    yield {self._results.status: view.sentence_status(waiting_line(ahead))}
+                    yield {self._results.status: markup.sentence_status(waiting_line(ahead))}
                 run = RunView()
                 showing = Showing(asked, row_names(asked), job.folder, self._desk, cookie, words)
                 figures = FiguresShown(self._desk, cookie)
@@ -107,7 +101,7 @@ class Runner:
         parts = self._results
         return {
             parts.message: shown(""),
-            parts.status: view.status(text.STARTING, {}, {}),
+            parts.status: markup.status(text.STARTING, {}, {}),
             parts.empty: gr.update(visible=False),
             **self._without_results(),
             parts.files: None,
@@ -131,7 +125,7 @@ class Runner:
 
     def _progress(self, run: RunView, showing: Showing, figures: FiguresShown) -> Updates:
         parts = self._results
-        updates: Updates = {parts.status: view.status(run.line, run.fractions, run.details)}
+        updates: Updates = {parts.status: markup.status(run.line, run.fractions, run.details)}
         if run.artefacts:
             updates[parts.player] = showing.value()
             updates[parts.figures] = shown(figures.html())
@@ -150,8 +144,8 @@ class Runner:
         rows = f"{len(result.names)} {'motion' if len(result.names) == 1 else 'motions'}"
         line = text.DONE.format(seconds=run.seconds, rows=rows, frames=result.num_frames)
         return {
-            parts.status: view.status(line, dict.fromkeys(run.fractions, 1.0), {}),
-            parts.message: shown(view.notes_message(result.notes)),
+            parts.status: markup.status(line, dict.fromkeys(run.fractions, 1.0), {}),
+            parts.message: shown(markup.notes_message(result.notes)),
             parts.player: showing.value(is_over=True),
             parts.figures: shown(figures.html(result.diagnostics)),
             parts.numbers: shown(measures_table(result.diagnostics)),
@@ -165,8 +159,8 @@ class Runner:
         parts = self._results
         is_cancelled = sentence == text.CANCELLED
         return {
-            parts.message: shown("" if is_cancelled else view.error_message(sentence)),
-            parts.status: view.sentence_status(text.CANCELLED if is_cancelled else text.STOPPED),
+            parts.message: shown("" if is_cancelled else markup.error_message(sentence)),
+            parts.status: markup.sentence_status(text.CANCELLED if is_cancelled else text.STOPPED),
             parts.empty: gr.update(visible=True),
             **self._without_results(),
             **self._buttons(is_running=False),

@@ -12,14 +12,15 @@ import gradio as gr
 from app import text
 from app.config import AppConfig
 from app.errors import CancelledRun, RunError
-from app.page import markup as view
+from app.page.parts import markup
+from app.page.parts.html_parts import shown
 from app.page.results.figures_shown import FiguresShown
 from app.page.results.measures_table import measures_table
 from app.page.serving.follow import follow_run, last_share, visitor_sentence, waiting_line
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.researcher_part import COOKIE
-from app.page.serving.visitors import shown, visitor_of
+from app.page.serving.visitors import visitor_of
 from app.run.bundle import zip_files
 from app.run.request import MAX_COMPARED, Artefact, OnEvent, Progress, ShouldCancel
 
@@ -139,15 +140,15 @@ class OwnMotionRunner:
             yield {**self._without_results(), self._parts.message: shown("")}
             with self._jobs.slot(job) as turn:
                 for ahead in turn:
-                    yield {self._parts.status: view.sentence_status(waiting_line(ahead))}
+                    yield {self._parts.status: markup.sentence_status(waiting_line(ahead))}
                 for news in follow_run(self._as_run(asked), job):
                     if not isinstance(news, list):
                         yield self._finished(news, job, cookie)
                     elif job.is_cancelled():
-                        yield {self._parts.status: view.sentence_status(text.STOPPING)}
+                        yield {self._parts.status: markup.sentence_status(text.STOPPING)}
                     elif (share := last_share(news)) is not None:
                         line = MEASURING.format(share=share)
-                        yield {self._parts.status: view.sentence_status(line)}
+                        yield {self._parts.status: markup.sentence_status(line)}
         except Exception as error:
             sentence = visitor_sentence(error)
             yield self._failed(sentence)
@@ -184,8 +185,8 @@ class OwnMotionRunner:
         count = len(found.diagnostics["systems"])
         line = MEASURED.format(motions=f"{count} motion{'s' if count > 1 else ''}")
         return {
-            parts.status: view.sentence_status(line),
-            parts.message: shown(view.notes_message(found.notes)),
+            parts.status: markup.sentence_status(line),
+            parts.message: shown(markup.notes_message(found.notes)),
             parts.figures: shown(figures.html(found.diagnostics)),
             parts.numbers: shown(measures_table(found.diagnostics)),
             parts.downloads: gr.update(visible=True),
@@ -197,13 +198,13 @@ class OwnMotionRunner:
         is_cancelled = sentence == text.CANCELLED
         return {
             **self._without_results(),
-            self._parts.status: view.sentence_status(sentence if is_cancelled else text.STOPPED),
-            self._parts.message: shown("" if is_cancelled else view.error_message(sentence)),
+            self._parts.status: markup.sentence_status(sentence if is_cancelled else text.STOPPED),
+            self._parts.message: shown("" if is_cancelled else markup.error_message(sentence)),
         }
 
     def _without_results(self) -> Updates:
         return {
-            self._parts.status: view.sentence_status(text.STARTING),
+            self._parts.status: markup.sentence_status(text.STARTING),
             self._parts.figures: shown(""),
             self._parts.numbers: shown(""),
             self._parts.downloads: gr.update(visible=False),

@@ -14,8 +14,8 @@ import gradio as gr
 from app import text
 from app.config import AppConfig
 from app.errors import RunError
-from app.page import markup as view
-from app.page.catalogue import Catalogue
+from app.page.parts import markup
+from app.page.parts.catalogue import Catalogue
 from app.page.serving.follow import follow_run, last_share, visitor_sentence, waiting_line
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.researcher_part import (
@@ -132,7 +132,7 @@ def _build_settings() -> list[Any]:
 
 def _build_results() -> _Results:
     return _Results(
-        status=gr.HTML(view.sentence_status(text.READY), elem_id="study-status"),
+        status=gr.HTML(markup.sentence_status(text.READY), elem_id="study-status"),
         plan=gr.DownloadButton("The plan (TOML)", visible=False, elem_id="study-plan"),
         participants=gr.DownloadButton(
             "For participants: the page and its videos (zip)",
@@ -170,7 +170,7 @@ class _Maker:
         finally:
             self._jobs.close(job)
         return {
-            self._results.status: view.sentence_status("The plan is written."),
+            self._results.status: markup.sentence_status("The plan is written."),
             self._results.plan: gr.update(value=str(path), visible=True),
         }
 
@@ -193,15 +193,15 @@ class _Maker:
             yield self._blank()
             with self._jobs.slot(job) as turn:
                 for ahead in turn:
-                    yield {status: view.sentence_status(waiting_line(ahead))}
+                    yield {status: markup.sentence_status(waiting_line(ahead))}
                 for news in follow_run(self._export(plan_path, private), job):
                     if not isinstance(news, list):
                         yield self._made(news, job, cookie)
                     elif (share := last_share(news)) is not None:
-                        yield {status: view.sentence_status(f"Making the videos: {share:.0%}")}
+                        yield {status: markup.sentence_status(f"Making the videos: {share:.0%}")}
         except Exception as error:
             sentence = visitor_sentence(error)
-            yield {status: view.error_message(sentence)}
+            yield {status: markup.error_message(sentence)}
             raise gr.Error(sentence, print_exception=False) from error
         finally:
             if private is not None:
@@ -247,7 +247,7 @@ class _Maker:
         archive = zip_folder(study.private, self._handover.private_folder() / FILE_NAME)
         token = self._handover.offer(cookie, archive)
         return {
-            self._results.status: view.sentence_status(MADE),
+            self._results.status: markup.sentence_status(MADE),
             self._results.plan: gr.update(value=str(plan), visible=True),
             self._results.participants: gr.update(value=str(bundle), visible=True),
             self._results.researcher: gr.update(value=_fetch_button(token), visible=True),
@@ -256,7 +256,7 @@ class _Maker:
     def _blank(self) -> dict[Any, Any]:
         hidden = gr.update(visible=False)
         return {
-            self._results.status: view.sentence_status("Starting."),
+            self._results.status: markup.sentence_status("Starting."),
             self._results.plan: hidden,
             self._results.participants: hidden,
             self._results.researcher: gr.update(value="", visible=False),

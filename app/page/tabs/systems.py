@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
-from app.page.mathml import (
+from app.page.parts.mathml import (
     BONES,
     LOSS,
     MINUS,

@@ -2,7 +2,6 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 
-from app.page.tabs.generate import default_systems
 from app.page.tabs.systems import NOT_HERE, RUNGS, ladder
 from model.systems.globaldiff.config import BEST, LADDER, SYSTEMS
 
@@ -25,10 +24,3 @@ def test_equations_are_whole(rung) -> None:
     for element in ElementTree.fromstring(rung.equation).iter():
         assert len(element) == parts.get(element.tag, len(element))
         assert len(element) or (element.text or "").strip()
-
-
-def test_at_first_a_few_systems_are_ticked_that_show_most() -> None:
-    first = [BEST, "globaldiff/local", "globaldiff/global"]
-    assert default_systems(list(SYSTEMS)) == first
-    assert default_systems(first[:2]) == first[:2]
-    assert default_systems(["a", "globaldiff/global", "b", "c"]) == ["a", "globaldiff/global", "b"]
