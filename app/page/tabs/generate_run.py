@@ -19,8 +19,7 @@ from app.page.results.player import Showing
 from app.page.serving.follow import RunView, follow_run, visitor_sentence, waiting_line
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
-from app.page.serving.researcher_part import COOKIE
-from app.page.serving.visitors import visitor_of
+from app.page.serving.visitors import cookie_of, visitor_of
 from app.page.tabs.generate import FormParts, ResultParts
 from app.page.tabs.generate_form import Form, request_from_form, row_names
 from app.run.bundle import zip_files
@@ -60,7 +59,7 @@ class Runner:
         Raises:
             gr.Error: with the sentence that the page shows too, when the run fails.
         """
-        cookie = request.cookies.get(COOKIE, "")
+        cookie = cookie_of(request)
         job: Job | None = None
         try:
             job = self._jobs.open(visitor_of(request), "generate")

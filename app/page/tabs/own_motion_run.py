@@ -19,8 +19,7 @@ from app.page.results.measures_table import measures_table
 from app.page.serving.follow import follow_run, last_share, visitor_sentence, waiting_line
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
-from app.page.serving.researcher_part import COOKIE
-from app.page.serving.visitors import visitor_of
+from app.page.serving.visitors import cookie_of, visitor_of
 from app.run.bundle import zip_files
 from app.run.request import MAX_COMPARED, Artefact, OnEvent, Progress, ShouldCancel
 
@@ -132,7 +131,7 @@ class OwnMotionRunner:
         Raises:
             gr.Error: with the sentence that the tab shows too.
         """
-        cookie = request.cookies.get(COOKIE, "")
+        cookie = cookie_of(request)
         job: Job | None = None
         try:
             job = self._jobs.open(visitor_of(request), "own_motion")

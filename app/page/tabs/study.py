@@ -18,14 +18,8 @@ from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
 from app.page.serving.follow import follow_run, last_share, visitor_sentence, waiting_line
 from app.page.serving.jobs import Job, JobBook
-from app.page.serving.researcher_part import (
-    COOKIE,
-    FILE_NAME,
-    RESEARCHER_ROUTE,
-    VISITOR_ROUTE,
-    Handover,
-)
-from app.page.serving.visitors import visitor_of
+from app.page.serving.researcher_part import FILE_NAME, RESEARCHER_ROUTE, Handover
+from app.page.serving.visitors import VISITOR_ROUTE, cookie_of, visitor_of
 from app.page.tabs.study_form import SEPARATOR, StudyForm, collect_files, plan_text
 from app.run.request import VIEWS, OnEvent, Progress, ShouldCancel
 from app.study.design.plan import read_plan
@@ -184,7 +178,7 @@ class _Maker:
         job: Job | None = None
         private: Path | None = None
         try:
-            cookie = request.cookies.get(COOKIE, "")
+            cookie = cookie_of(request)
             if not cookie:
                 raise RunError(NO_COOKIE)
             job = self._jobs.open(visitor_of(request), "study")

@@ -12,7 +12,8 @@ from app.config import AppConfig
 from app.page.page import build_app
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
-from app.page.serving.researcher_part import COOKIE, Handover
+from app.page.serving.researcher_part import Handover
+from app.page.serving.visitors import COOKIE
 from tests.app import fakes
 
 VISITOR = SimpleNamespace(session_hash="visitor", cookies={COOKIE: "cookie"})
