@@ -14,7 +14,7 @@ from app.page.serving.media import MediaDesk
 from app.page.serving.researcher_part import Handover
 from app.page.tabs import own_motion as own_motion_tab
 from app.page.tabs.generate import FormParts, ResultParts, build_form, build_results
-from app.page.tabs.generate_run import Generate, Runner
+from app.page.tabs.generate_run import Generate, GenerateRunner
 from app.page.tabs.study import build_study_tab
 from app.page.tabs.systems import ladder
 
@@ -47,12 +47,12 @@ def build_app(
                 gr.HTML(ladder(catalogue.systems), apply_default_css=False)
             with gr.Tab(text.STUDY_TAB):
                 build_study_tab(page, catalogue, config, jobs, handover)
-        runner = Runner(generate, catalogue, config, jobs, desk, form, results)
+        runner = GenerateRunner(generate, catalogue, config, jobs, desk, form, results)
         _wire(page, form, results, runner)
     return page
 
 
-def _wire(page: gr.Blocks, form: FormParts, results: ResultParts, runner: Runner) -> None:
+def _wire(page: gr.Blocks, form: FormParts, results: ResultParts, runner: GenerateRunner) -> None:
     form.generate.click(
         runner.run,
         inputs=list(form.fields),

@@ -9,46 +9,18 @@ import secrets
 import threading
 import time
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any, TypeVar
 
 from app import text
-from app.errors import CancelledRun, sentence_of
+from app.errors import sentence_of
 from app.page.serving.jobs import Job
-from app.run.request import Artefact, Event, OnEvent, Progress, ShouldCancel, Stage
+from app.run.request import Artefact, Event, OnEvent, Progress, ShouldCancel
 
 log = logging.getLogger(__name__)
 
 Result = TypeVar("Result")
 _REFRESH_S = 0.25
-
-
-@dataclass
-class RunView:
-    """What the page knows of a run so far."""
-
-    started: float = field(default_factory=time.monotonic)
-    fractions: dict[Stage, float] = field(default_factory=dict)
-    details: dict[Stage, str] = field(default_factory=dict)
-    artefacts: list[Artefact] = field(default_factory=list)
-
-    def take(self, event: Event) -> None:
-        if isinstance(event, Artefact):
-            self.artefacts.append(event)
-        else:
-            self.fractions[event.stage] = event.fraction
-            self.details[event.stage] = event.detail
-
-    @property
-    def seconds(self) -> float:
-        return time.monotonic() - self.started
-
-    @property
-    def line(self) -> str:
-        doing = [stage for stage, fraction in self.fractions.items() if fraction < 1]
-        if not doing:
-            return text.STARTING
-        return f"{text.STAGE_NAMES[doing[-1]]} ({self.seconds:.0f} s so far)"
 
 
 def follow_run(
@@ -118,8 +90,6 @@ def last_share(events: Sequence[Event]) -> float | None:
 
 def visitor_sentence(error: BaseException) -> str:
     """What a visitor is told of an error; faults of the program are logged under a number."""
-    if isinstance(error, CancelledRun):
-        return text.CANCELLED
     sentence = sentence_of(error)
     if sentence is not None:
         return sentence

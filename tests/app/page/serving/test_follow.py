@@ -4,9 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from app import text
-from app.errors import CancelledRun, RunError
-from app.page.serving.follow import RunView, follow_run, visitor_sentence
+from app.errors import RunError
+from app.page.serving.follow import follow_run, visitor_sentence
 from app.page.serving.jobs import Job, JobBook
 from app.run.request import Artefact, GenerateRequest, GenerateResult, Progress
 from tests.app import fakes
@@ -38,10 +37,8 @@ def test_events_come_in_order_then_the_result_and_files_outlive_the_run(tmp_path
     for event in events:
         if isinstance(event, Artefact):
             assert event.path.is_file()
-    view = RunView()
-    for event in events:
-        view.take(event)
-    assert set(view.fractions.values()) == {1.0}
+    last = {event.stage: event.fraction for event in events if isinstance(event, Progress)}
+    assert set(last.values()) == {1.0}
 
 
 def test_a_failure_inside_the_run_reaches_the_caller(tmp_path: Path) -> None:
@@ -66,7 +63,6 @@ def test_known_errors_keep_their_sentence_and_faults_get_a_number(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     assert visitor_sentence(RunError("Say this.")) == "Say this."
-    assert visitor_sentence(CancelledRun()) == text.CANCELLED
     shown = visitor_sentence(KeyError("secret /path"))
     assert "secret" not in shown
     number = shown.rsplit(" ", 1)[1].rstrip(".")
@@ -78,11 +74,3 @@ def test_a_full_disk_is_told_as_such() -> None:
     assert visitor_sentence(error) == (
         "The disk at /results is full; free some space or write to another folder."
     )
-
-
-def test_the_line_names_the_stage_at_work() -> None:
-    view = RunView()
-    assert view.line == text.STARTING
-    view.take(Progress("speech", 1.0))
-    view.take(Progress("motion", 0.5, "globaldiff/local"))
-    assert view.line.startswith(text.STAGE_NAMES["motion"])
