@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -37,18 +38,34 @@ class TipSource:
     """Motion -> positions (T, 3) in metres, some frames after the other."""
     point: str = TIP
     """A fingertip or a joint of SMPL-X."""
+    _known: WeakKeyDictionary[Motion, np.ndarray] = field(
+        default_factory=WeakKeyDictionary, repr=False, compare=False
+    )
 
-    def track(self, motion: Motion, on_piece: Callable[[], None] = lambda: None) -> np.ndarray:
-        """Positions (T, 3) in metres.
+    def track(
+        self,
+        motion: Motion,
+        num_frames: int | None = None,
+        on_piece: Callable[[], None] = lambda: None,
+    ) -> np.ndarray:
+        """Positions (T, 3) in metres; those of a whole motion are found once.
 
         Args:
+            num_frames: so many of the first frames are enough.
             on_piece: called now and then in a long motion; what it raises ends the work.
         """
+        if motion in self._known:
+            on_piece()
+            return self._known[motion][:num_frames]
+        part = motion if num_frames is None else _motion_part(motion, slice(num_frames))
         found = []
-        for piece in self.pieces(motion):
+        for piece in self.pieces(part):
             found.append(piece)
             on_piece()
-        return np.concatenate(found)
+        track = np.concatenate(found)
+        if len(track) == motion.num_frames:
+            self._known[motion] = track
+        return track
 
     @property
     def title(self) -> str:
@@ -114,10 +131,13 @@ def _open_tracks(motion: Motion) -> Iterator[Tracks]:
 
 def _motion_pieces(motion: Motion) -> Iterator[Motion]:
     for start in range(0, motion.num_frames, _PIECE_FRAMES):
-        frames = slice(start, start + _PIECE_FRAMES)
-        yield replace(
-            motion,
-            poses=motion.poses[frames],
-            trans=motion.trans[frames],
-            expressions=motion.expressions[frames],
-        )
+        yield _motion_part(motion, slice(start, start + _PIECE_FRAMES))
+
+
+def _motion_part(motion: Motion, frames: slice) -> Motion:
+    return replace(
+        motion,
+        poses=motion.poses[frames],
+        trans=motion.trans[frames],
+        expressions=motion.expressions[frames],
+    )

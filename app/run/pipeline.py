@@ -5,23 +5,23 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from app.errors import CancelledRun
-from app.run.diagnostics_files import write_diagnostics
+from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
 from app.run.export import body_motion
-from app.run.figures import (
-    Row,
-    check_start,
-    draw_all,
-    draw_figures,
-    join_side_by_side,
-    show_preview,
-)
+from app.run.figures import check_start, draw_figure6, draw_jitter
 from app.run.followed_point import TipSource, choose_tip_source
 from app.run.inputs import Inputs, check_request, read_inputs
 from app.run.memory import return_large_blocks
+from app.run.pictures import (
+    Row,
+    Snapshots,
+    draw_all,
+    join_side_by_side,
+    rows_that_fit,
+    show_preview,
+)
 from app.run.provenance import make_provenance
 from app.run.request import (
     REFERENCE_NAME,
@@ -75,7 +75,6 @@ def generate_all(
 
 
 def _run(request: GenerateRequest, folder: ResultFolder, reporter: Reporter) -> GenerateResult:
-    from model.measures.beats import speech_onsets
     from model.speech.transcript import read_words
 
     reporter.progress("speech", 0.0)
@@ -87,17 +86,17 @@ def _run(request: GenerateRequest, folder: ResultFolder, reporter: Reporter) -> 
     words = read_words(request.transcript) if request.transcript else None
 
     rows = _generate(request, inputs, speech, folder, reporter)
-    onsets_s = speech_onsets(speech.waveform)
+    onsets_s = onsets_of(speech)
     del speech
     for row in rows:
         notes = inputs.body.notes(body_motion(row.shown))
         reporter.note(*(f"{row.name}: {note}" for note in notes))
-    diagnostics = _measure(request, rows, onsets_s, words, tip, folder, reporter)
-    snapshots = None
+    diagnostics = _measure(rows, onsets_s, words, tip, folder, reporter)
+    snapshots = Snapshots()
     if request.has_video:
         snapshots = draw_all(request, inputs, rows, folder, reporter)
         join_side_by_side(rows, inputs, folder, reporter)
-    draw_figures(request, rows, snapshots, tip, diagnostics, folder, reporter)
+    _draw_figures(request, rows, snapshots, tip, diagnostics, folder, reporter)
     _write_provenance(request, inputs, folder, reporter)
     return GenerateResult(
         out=request.out,
@@ -162,7 +161,6 @@ def _options(request: GenerateRequest, speaker: str, system: str) -> GenerateOpt
 
 
 def _measure(
-    request: GenerateRequest,
     rows: Sequence[Row],
     onsets_s: np.ndarray,
     words: Sequence[Word] | None,
@@ -170,29 +168,53 @@ def _measure(
     folder: ResultFolder,
     reporter: Reporter,
 ) -> dict[str, Any]:
-    from model.measures.diagnostics import diagnose
-    from model.motion.skeleton import open_body_skeleton
+    def on_share(part: float) -> None:
+        reporter.stop_if_asked()
+        reporter.progress("numbers", part)
 
-    reporter.progress("numbers", 0.0)
-    reporter.stop_if_asked()
-    diagnostics = diagnose(
-        {row.name: row.raw for row in rows if row.name != REFERENCE_NAME},
-        open_body_skeleton(),
-        reference=next((row.raw for row in rows if row.name == REFERENCE_NAME), None),
-        tip_track=None if request.body is None else tip.track,
-        tip_source=tip.name,
-        joint=tip.point,
-        onsets_s=onsets_s,
+    on_share(0.0)
+    diagnostics = measure_motions(
+        {row.name: row.raw for row in rows}, tip, onsets_s, words, on_share
     )
-    if words is not None:
-        diagnostics["words"] = [asdict(word) for word in words]
     reporter.note(*diagnostics["notes"])
-    json_path, csv_path = folder.path("diagnostics.json"), folder.path("diagnostics.csv")
-    write_diagnostics(diagnostics, json_path, csv_path)
-    for path in (json_path, csv_path):
+    for path in write_diagnostics(diagnostics, folder):
         reporter.file("diagnostics", "diagnostics", path)
     reporter.progress("numbers", 1.0)
     return diagnostics
+
+
+def _draw_figures(
+    request: GenerateRequest,
+    rows: Sequence[Row],
+    snapshots: Snapshots,
+    tip: TipSource,
+    diagnostics: dict[str, Any],
+    folder: ResultFolder,
+    reporter: Reporter,
+) -> None:
+    """Figure 6, of trajectories only where no video was drawn, and the jitter sheet."""
+    reporter.progress("figure", 0.0)
+    reporter.stop_if_asked()
+    shown = {row.name: row.shown for row in rows_that_fit(rows, reporter)}
+    clip = request.speech.stem
+    for path in draw_figure6(
+        shown,
+        snapshots,
+        tip,
+        folder,
+        request.start_frame,
+        is_generated=True,
+        post_filter=request.post_filter,
+        clip=clip,
+        on_piece=reporter.stop_if_asked,
+    ):
+        reporter.file("figure", "figure6", path)
+    reporter.progress("figure", 0.5)
+    reporter.stop_if_asked()
+    systems = [name for name in shown if name != REFERENCE_NAME]
+    for path in draw_jitter(diagnostics, tip, folder, systems, clip):
+        reporter.file("figure", "jitter", path)
+    reporter.progress("figure", 1.0)
 
 
 def _write_provenance(

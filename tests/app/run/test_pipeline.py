@@ -279,3 +279,17 @@ def test_cancelling_before_the_first_window_stops_generation(ask: Ask) -> None:
     with pytest.raises(CancelledRun):
         generate_all(request, should_cancel=lambda: True)
     assert not request.out.exists()
+
+
+def test_cancel_is_heard_while_motions_are_measured(ask: Ask) -> None:
+    request = ask()
+    shares: list[float] = []
+
+    def watch(event) -> None:
+        if isinstance(event, Progress) and event.stage == "numbers":
+            shares.append(event.fraction)
+
+    with pytest.raises(CancelledRun):
+        generate_all(request, watch, lambda: len(set(shares)) > 1)
+    assert 0.0 < max(shares) < 1.0
+    assert not request.out.exists()
