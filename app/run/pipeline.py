@@ -12,7 +12,7 @@ from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
 from app.run.export import body_motion
 from app.run.figures import check_start, draw_figure6, draw_jitter
 from app.run.followed_point import TipSource, choose_tip_source
-from app.run.inputs import Inputs, check_request, read_inputs
+from app.run.inputs import Inputs, read_inputs
 from app.run.memory import return_large_blocks
 from app.run.pictures import (
     Row,
@@ -30,6 +30,7 @@ from app.run.request import (
     OnEvent,
     Sampler,
     ShouldCancel,
+    check_request,
     file_stem,
     sample_name,
 )

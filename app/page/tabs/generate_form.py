@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 from app import text
 from app.config import AppConfig
@@ -12,9 +13,9 @@ from app.page.parts.catalogue import Catalogue
 from app.run.request import (
     POST_FILTERS,
     REFERENCE_NAME,
-    SAMPLERS,
     GenerateRequest,
     Sampler,
+    check_request,
     sample_name,
 )
 
@@ -61,15 +62,10 @@ def request_from_form(
         )
     if form.seed is None or form.seed != int(form.seed) or not 0 <= form.seed <= SEED_LIMIT:
         raise RunError(text.BAD_SEED.format(limit=SEED_LIMIT, value=form.seed))
-    known: dict[str, Sampler] = {name: name for name in SAMPLERS}
-    if form.sampler not in known:
-        raise RunError(f"There is no sampler {form.sampler!r}; there are {', '.join(SAMPLERS)}.")
     start_frame = form.start_frame or 0
     if start_frame != int(start_frame) or start_frame < 0:
         raise RunError(text.BAD_START.format(value=form.start_frame))
     samples, steps = int(form.samples), int(form.steps)
-    if samples < 1 or steps < 1:
-        raise RunError(f"Samples and steps must be at least 1; got {samples} and {steps}.")
     count = len(systems) * samples + bool(form.reference)
     if count > PAGE_VIDEOS:
         raise RunError(
@@ -77,7 +73,7 @@ def request_from_form(
                 systems=len(systems), samples=samples, count=count, limit=PAGE_VIDEOS
             )
         )
-    return GenerateRequest(
+    request = GenerateRequest(
         speech=Path(form.speech),
         out=folder / "results",
         weights=config.weights,
@@ -86,7 +82,7 @@ def request_from_form(
         seed=int(form.seed),
         samples=samples,
         steps=steps,
-        sampler=known[form.sampler],
+        sampler=cast("Sampler", form.sampler),
         post_filter=POST_FILTERS[bool(form.is_smoothed)],
         reference=Path(form.reference) if form.reference else None,
         transcript=Path(form.transcript) if form.transcript else None,
@@ -97,6 +93,8 @@ def request_from_form(
         has_previews=config.body is None,
         max_speech_s=config.max_speech_s,
     )
+    check_request(request)
+    return request
 
 
 def row_names(request: GenerateRequest) -> tuple[str, ...]:
