@@ -16,7 +16,7 @@ from app.page.tabs import own_motion as own_motion_tab
 from app.page.tabs.generate import FormParts, ResultParts, build_form, build_results
 from app.page.tabs.generate_run import Generate, GenerateRunner
 from app.page.tabs.study import build_study_tab
-from app.page.tabs.systems import ladder
+from app.page.tabs.systems import build_systems_tab
 
 
 def build_app(
@@ -44,7 +44,7 @@ def build_app(
             with gr.Tab(own_motion_tab.TAB):
                 own_motion_tab.build_own_motion_tab(page, config, jobs, desk)
             with gr.Tab(text.LADDER_TAB):
-                gr.HTML(ladder(catalogue.systems), apply_default_css=False)
+                build_systems_tab(catalogue.systems)
             with gr.Tab(text.STUDY_TAB):
                 build_study_tab(page, catalogue, config, jobs, handover)
         runner = GenerateRunner(generate, catalogue, config, jobs, desk, form, results)
