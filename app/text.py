@@ -1,4 +1,5 @@
-"""What the page says in more than one place or around a run: headings, labels, stages, refusals."""
+"""Words of the page and of its runs: titles, labels, stages, refusals. What one tab alone says of
+itself, and sentences made from numbers, lie in their own modules."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""All results of a run in one zip."""
+"""Files of a run in one zip."""
 
 from __future__ import annotations
 

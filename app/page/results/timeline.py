@@ -1,5 +1,5 @@
-"""What the page draws under the videos: the speech, its onsets, and each motion's fingertip over
-time. Pure functions of sound and motion; the result is small and goes to the browser as JSON.
+"""What the page draws under the videos: the speech, its onsets, and each motion's followed point
+over time. Pure functions of sound and motion; the result is small and goes to the browser as JSON.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The parts of the page: what the visitor fills in, and where results appear."""
+"""The parts of the tab "Motion": what the visitor fills in, and where results appear."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motion that a visitor brings: from the form to the measures of `app.run.diagnose`, and back."""
+"""The runs of the tab "Your motion": from the form to `app.run.diagnose`, and back as updates."""
 
 from __future__ import annotations
 
