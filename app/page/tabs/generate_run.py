@@ -23,7 +23,6 @@ from app.page.serving.media import MediaDesk
 from app.page.serving.runner import TabRunner, Updates
 from app.page.tabs.generate import FormParts, ResultParts
 from app.page.tabs.generate_form import Form, request_from_form, row_names
-from app.run.bundle import zip_files
 from app.run.request import (
     Artefact,
     Event,
@@ -33,6 +32,7 @@ from app.run.request import (
     ShouldCancel,
     Stage,
 )
+from app.run.result_folder import zip_files
 from model.speech.transcript import read_words
 
 Generate = Callable[[GenerateRequest, OnEvent, ShouldCancel], GenerateResult]

@@ -21,8 +21,8 @@ from app.page.serving.follow import last_share
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.runner import TabRunner, Updates
-from app.run.bundle import zip_files
 from app.run.request import MAX_COMPARED, Artefact, Event, OnEvent, Progress, ShouldCancel
+from app.run.result_folder import zip_files
 
 if TYPE_CHECKING:
     from app.run.diagnose import DiagnoseRequest, Diagnosis
