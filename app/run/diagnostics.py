@@ -45,8 +45,8 @@ def measure_motions(
         tip: what the ``tip_`` measures follow.
         onsets_s: of their speech, for BeatAlign.
         words: of their speech, which are only handed on.
-        on_share: told the share done, 0 to 1, before each motion as it is and filtered, and now and
-            then inside a long one; what it raises ends the work.
+        on_share: told the share done, 0 to 1, of each motion as it is and filtered, more than once
+            in a long one; what it raises ends the work.
     """
     from model.measures.diagnostics import diagnose
     from model.motion.skeleton import open_body_skeleton
