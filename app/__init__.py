@@ -1,1 +1,1 @@
-"""The page, the command line and the pipeline under both."""
+"""The page, the command line, user studies, and the runs under all of them."""

@@ -1,4 +1,5 @@
-"""Every sentence a visitor of the page reads that is not made from a run's own numbers."""
+"""Words of the page and of its runs: titles, labels, stages, refusals. What one tab alone says of
+itself, and sentences made from numbers, lie in their own modules."""
 
 from dataclasses import dataclass
 

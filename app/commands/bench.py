@@ -290,7 +290,10 @@ def measure_memory(speech: Path, weights: Path, folder: Path) -> list[Figure]:
     from model.systems.registry import list_systems
 
     system = list_systems(weights)[-1]
-    imports = "import app.pipeline, librosa, model.diagnostics, model.generate, renderer.figures"
+    imports = (
+        "import app.run.pipeline, librosa, model.measures.diagnostics, model.generation.windows, "
+        "renderer.figures.write"
+    )
     imports_mb = _peak_mb("-c", imports)
     peaks_mb = []
     for duration_s in (SHORT_S, LONG_S):

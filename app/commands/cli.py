@@ -23,10 +23,10 @@ from app.run.request import (
     LOOKS,
     POST_FILTERS,
     SAMPLERS,
-    SIZES_PX,
     VIEWS,
     GenerateRequest,
     View,
+    check_size,
 )
 
 Command = Callable[[argparse.Namespace], None]
@@ -326,12 +326,11 @@ def _views(value: str) -> tuple[View, ...]:
 
 
 def _size(value: str) -> int:
-    smallest, largest = SIZES_PX
     size = int(value)
-    if not smallest <= size <= largest or size % 2:
-        raise argparse.ArgumentTypeError(
-            f"{size} pixels; pictures have {smallest} to {largest} on each side, an even number"
-        )
+    try:
+        check_size(size)
+    except RunError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
     return size
 
 

@@ -11,6 +11,7 @@ from math import log
 from typing import Any
 
 from app.findings.comparison import comparison, plain, times, word
+from app.findings.points import point_title
 from app.findings.samples import (
     ALIKE,
     Samples,
@@ -21,7 +22,6 @@ from app.findings.samples import (
     samples_by_system,
     values_by_system,
 )
-from app.run.followed_point import point_title
 
 SEAM_STANDS_OUT = 1.5
 """From this ratio on, and above the reference's, joins are told to stand out. A clip has few joins,

@@ -25,7 +25,7 @@ from app.errors import sentence_of
 if TYPE_CHECKING:
     from gradio import Blocks
 
-    from app.page.serving.follow import Generate
+    from app.page.tabs.generate_run import Generate
 
 log = logging.getLogger(__name__)
 
@@ -87,8 +87,8 @@ def launch(
     os.environ["GRADIO_TEMP_DIR"] = str(config.cache_folder)
     os.environ["GRADIO_ANALYTICS_ENABLED"] = "False"
 
-    from app.page.catalogue import find_examples, read_catalogue
     from app.page.page import build_app
+    from app.page.parts.catalogue import find_examples, read_catalogue
     from app.page.serving.jobs import JobBook
     from app.page.serving.media import MediaDesk, media_routes
     from app.page.serving.researcher_part import Handover, study_routes

@@ -7,17 +7,16 @@ import gradio as gr
 
 from app import text
 from app.config import AppConfig
-from app.page import markup as view
-from app.page.catalogue import Catalogue
-from app.page.serving.follow import Generate
+from app.page.parts import markup
+from app.page.parts.catalogue import Catalogue
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.researcher_part import Handover
 from app.page.tabs import own_motion as own_motion_tab
 from app.page.tabs.generate import FormParts, ResultParts, build_form, build_results
-from app.page.tabs.generate_run import Runner
+from app.page.tabs.generate_run import Generate, GenerateRunner
 from app.page.tabs.study import build_study_tab
-from app.page.tabs.systems import ladder
+from app.page.tabs.systems import build_systems_tab
 
 
 def build_app(
@@ -35,7 +34,7 @@ def build_app(
         fill_width=True,
         delete_cache=(600, int(config.keep_results_s)),
     ) as page:
-        gr.HTML(view.header(catalogue.trained_on))
+        gr.HTML(markup.header(catalogue.trained_on))
         with gr.Tabs(overflow_behavior="wrap"):  # a phone would hide some in a menu
             with gr.Tab(text.MOTION_TAB), gr.Row(elem_classes="columns"):
                 with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
@@ -45,15 +44,15 @@ def build_app(
             with gr.Tab(own_motion_tab.TAB):
                 own_motion_tab.build_own_motion_tab(page, config, jobs, desk)
             with gr.Tab(text.LADDER_TAB):
-                gr.HTML(ladder(catalogue.systems), apply_default_css=False)
+                build_systems_tab(catalogue.systems)
             with gr.Tab(text.STUDY_TAB):
                 build_study_tab(page, catalogue, config, jobs, handover)
-        runner = Runner(generate, catalogue, config, jobs, desk, form, results)
+        runner = GenerateRunner(generate, catalogue, config, jobs, desk, form, results)
         _wire(page, form, results, runner)
     return page
 
 
-def _wire(page: gr.Blocks, form: FormParts, results: ResultParts, runner: Runner) -> None:
+def _wire(page: gr.Blocks, form: FormParts, results: ResultParts, runner: GenerateRunner) -> None:
     form.generate.click(
         runner.run,
         inputs=list(form.fields),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,26 +9,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.errors import RunError
-from app.run.diagnostics_files import write_diagnostics
+from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
 from app.run.export import body_motion
-from app.run.figures import Snapshots, check_start, draw_error_growth, draw_jitter
+from app.run.figures import check_start, draw_error_growth, draw_figure6, draw_jitter
 from app.run.followed_point import TIP, TipSource, choose_tip_source
-from app.run.jerk_marks import jerk_marks
 from app.run.models import get_body
+from app.run.pictures import Snapshots, draw_poses
 from app.run.request import MAX_COMPARED, REFERENCE_NAME
 from app.run.result_folder import ResultFolder
-from app.run.videos import draw_videos
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-    import numpy as np
 
     from model.motion.motion import Motion
 
 OnShare = Callable[[float], None]
 
-STILL_SIZE_PX = 512
 _READ, _MEASURED, _GROWN, _GROWTH_DRAWN, _SHEET_DRAWN, _POSES_DRAWN = 0.1, 0.5, 0.55, 0.6, 0.7, 0.9
 """Shares of the whole that are done after each part of it."""
 LENGTHS_APART_S = 1.0
@@ -105,9 +100,7 @@ def diagnose_files(
     check_start(request.start_frame, min(motion.num_frames for motion in read.all.values()))
     with ResultFolder(request.out) as folder:
         diagnostics = _measure(request, read, tip, on_progress)
-        write_diagnostics(
-            diagnostics, folder.path("diagnostics.json"), folder.path("diagnostics.csv")
-        )
+        write_diagnostics(diagnostics, folder)
         growth = _grow_errors(read.all, request.joint, on_progress)
         if growth is not None:
             text = json.dumps(growth, indent=1, allow_nan=False) + "\n"
@@ -184,9 +177,6 @@ def _read_motions(request: DiagnoseRequest, on_progress: OnShare) -> _Read:
 def _measure(
     request: DiagnoseRequest, read: _Read, tip: TipSource, on_progress: OnShare
 ) -> dict[str, Any]:
-    from model.measures.beats import speech_onsets
-    from model.measures.diagnostics import diagnose
-    from model.motion.skeleton import open_body_skeleton
     from model.speech.audio import load_speech
     from model.speech.transcript import read_words
 
@@ -197,28 +187,14 @@ def _measure(
         read.notes.extend(speech.notes)
         read.notes.extend(_lengths_apart(speech.duration_s, read.all))
         on_progress(_READ)
-        onsets_s = speech_onsets(speech.waveform)
-    done, count = 0, 2 * len(read.all)
-
-    def follow(version: Motion) -> np.ndarray:
-        """Each motion comes as it is and filtered, just before it is measured."""
-        nonlocal done
-        share = _READ + (_MEASURED - _READ) * done / count
-        done += 1
-        return tip.track(version, on_piece=lambda: on_progress(share))
-
-    diagnostics = diagnose(
-        read.motions,
-        open_body_skeleton(),
-        reference=read.reference,
-        tip_track=follow,
-        tip_source=tip.name,
-        joint=request.joint,
-        onsets_s=onsets_s,
+        onsets_s = onsets_of(speech)
+    return measure_motions(
+        read.all,
+        tip,
+        onsets_s,
+        words,
+        on_share=lambda part: on_progress(_READ + (_MEASURED - _READ) * part),
     )
-    if words is not None:
-        diagnostics["words"] = [dataclasses.asdict(word) for word in words]
-    return diagnostics
 
 
 def _lengths_apart(speech_s: float, motions: Mapping[str, Motion]) -> list[str]:
@@ -268,65 +244,22 @@ def _draw_figure6(
     folder: ResultFolder,
     on_progress: OnShare,
 ) -> None:
-    from model.measures.diagnostics import first_frames
-    from renderer.figures.write import WINDOW_FRAMES, choose_snapshot_frames, figure6
+    from renderer.figures.write import choose_snapshot_frames
 
     shortest = min(motion.num_frames for motion in motions.values())
     frames = choose_snapshot_frames(shortest, request.start_frame)
-    snapshots = None
+    snapshots = Snapshots(frames)
     if request.has_pictures:
-        snapshots = _draw_snapshots(request, motions, frames, on_progress)
-    end = request.start_frame + WINDOW_FRAMES
-    tracks = {
-        name: tip.track(first_frames(motion, end), on_piece=lambda: on_progress(_POSES_DRAWN))
-        for name, motion in motions.items()
-    }
-    files = figure6(
-        tracks,
-        snapshots.pictures if snapshots else {},
-        frames,
-        30.0,
-        folder.path("figure6.png").with_suffix(""),
-        reference=REFERENCE_NAME if REFERENCE_NAME in motions else None,
-        start_frame=request.start_frame,
-        point=tip.title,
-        tip_source=tip.name,
-        caveat="",
-        marks=snapshots.marks if snapshots else None,
-    )
-    for path in files:
-        folder.path(path.name)
-
-
-def _draw_snapshots(
-    request: DiagnoseRequest,
-    motions: dict[str, Motion],
-    frames: tuple[int, ...],
-    on_progress: OnShare,
-) -> Snapshots:
-    """Pictures of each motion, all from one camera, and the jerk of their joints."""
-    from renderer.stage.stage import set_stage
-    from renderer.video.pool import RenderJob
-    from renderer.video.render import RenderSettings
-
-    body = get_body(request.body)
-    posed = {name: body_motion(motion) for name, motion in motions.items()}
-    settings = RenderSettings(width=STILL_SIZE_PX, height=STILL_SIZE_PX)
-    stage = set_stage(body, list(posed.values()))
-    jobs = {
-        name: RenderJob(
-            motion, settings=settings, body_path=request.body, stage=stage, still_frames=frames
+        share = _POSES_DRAWN - _SHEET_DRAWN
+        snapshots = draw_poses(
+            motions, request.body, frames, lambda part: on_progress(_SHEET_DRAWN + share * part)
         )
-        for name, motion in posed.items()
-    }
-    results = draw_videos(
-        jobs,
-        on_progress=lambda share: on_progress(_SHEET_DRAWN + (_POSES_DRAWN - _SHEET_DRAWN) * share),
-        on_done=lambda name: None,
-        should_cancel=lambda: False,  # on_progress ends it
-    )
-    return Snapshots(
-        frames,
-        {name: result.stills for name, result in results.items()},
-        jerk_marks(body, posed, frames, settings, stage),
+    draw_figure6(
+        motions,
+        snapshots,
+        tip,
+        folder,
+        request.start_frame,
+        is_generated=False,
+        on_piece=lambda: on_progress(_POSES_DRAWN),
     )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 from app.errors import RunError
 from app.run.models import get_body
-from app.run.request import LOOKS, View
+from app.run.request import LOOKS, View, check_size
 
 if TYPE_CHECKING:
     import numpy as np
@@ -82,6 +82,7 @@ def render_motion(
 
 def _check(request: RenderRequest) -> None:
     has_pictures = request.ending in (".mp4", ".png")
+    check_size(request.size)
     if not request.out.parent.is_dir():
         raise RunError(f"The folder {request.out.parent} does not exist; create it first.")
     if request.num_stills is not None and not 1 <= request.num_stills <= MAX_STILLS:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from app.errors import RunError
+from app.findings.points import point_title
 from app.run.export import body_motion
 from renderer.body.joints import TIP_VERTICES
 
@@ -37,18 +38,34 @@ class TipSource:
     """Motion -> positions (T, 3) in metres, some frames after the other."""
     point: str = TIP
     """A fingertip or a joint of SMPL-X."""
+    _known: WeakKeyDictionary[Motion, np.ndarray] = field(
+        default_factory=WeakKeyDictionary, repr=False, compare=False
+    )
 
-    def track(self, motion: Motion, on_piece: Callable[[], None] = lambda: None) -> np.ndarray:
-        """Positions (T, 3) in metres.
+    def track(
+        self,
+        motion: Motion,
+        num_frames: int | None = None,
+        on_piece: Callable[[], None] = lambda: None,
+    ) -> np.ndarray:
+        """Positions (T, 3) in metres; those of a whole motion are found once.
 
         Args:
+            num_frames: so many of the first frames are enough.
             on_piece: called now and then in a long motion; what it raises ends the work.
         """
+        if motion in self._known:
+            on_piece()
+            return self._known[motion][:num_frames]
+        part = motion if num_frames is None else _motion_part(motion, slice(num_frames))
         found = []
-        for piece in self.pieces(motion):
+        for piece in self.pieces(part):
             found.append(piece)
             on_piece()
-        return np.concatenate(found)
+        track = np.concatenate(found)
+        if len(track) == motion.num_frames:
+            self._known[motion] = track
+        return track
 
     @property
     def title(self) -> str:
@@ -77,14 +94,6 @@ def choose_tip_source(body: Body, body_path: Path | None, point: str = TIP) -> T
         return TipSource("rigid", lambda motion: rigid_tip(motion, point), point)
     vertex = TIP_VERTICES[point]
     return TipSource(f"vertex {vertex}", lambda motion: vertex_tip(body, motion, vertex), point)
-
-
-def point_title(point: str) -> str:
-    """A point's name for a person: ``right_middle`` is the 'Right middle fingertip'."""
-    words = re.sub(r"(\d)$", r" joint \1", point).replace("_", " ").capitalize()
-    if point not in TIP_VERTICES:
-        return words
-    return f"{words} tip" if point.endswith("thumb") else f"{words} fingertip"
 
 
 def rigid_tip(motion: Motion, tip: str = TIP) -> Iterator[np.ndarray]:
@@ -122,10 +131,13 @@ def _open_tracks(motion: Motion) -> Iterator[Tracks]:
 
 def _motion_pieces(motion: Motion) -> Iterator[Motion]:
     for start in range(0, motion.num_frames, _PIECE_FRAMES):
-        frames = slice(start, start + _PIECE_FRAMES)
-        yield replace(
-            motion,
-            poses=motion.poses[frames],
-            trans=motion.trans[frames],
-            expressions=motion.expressions[frames],
-        )
+        yield _motion_part(motion, slice(start, start + _PIECE_FRAMES))
+
+
+def _motion_part(motion: Motion, frames: slice) -> Motion:
+    return replace(
+        motion,
+        poses=motion.poses[frames],
+        trans=motion.trans[frames],
+        expressions=motion.expressions[frames],
+    )

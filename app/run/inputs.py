@@ -8,15 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.errors import RunError
-from app.run.export import render_settings
 from app.run.models import get_body, get_system
-from app.run.request import (
-    MAX_SAMPLES,
-    POST_FILTERS,
-    SAMPLERS,
-    VIEWS,
-    GenerateRequest,
-)
+from app.run.request import GenerateRequest
 from app.run.result_folder import require_free_space
 from app.run.telling import Reporter
 
@@ -25,9 +18,6 @@ if TYPE_CHECKING:
     from model.motion.motion import Motion
     from model.speech.audio import Speech
     from renderer.body.body import Body
-
-MAX_GUIDANCE = 10
-MAX_STEPS = 1000
 
 
 @dataclass(frozen=True)
@@ -45,37 +35,6 @@ class Inputs:
     reference: Motion | None
     backend: str | None
     """OpenGL backend; None when nothing is drawn."""
-
-
-def check_request(request: GenerateRequest) -> None:
-    """Refuse what needs no file to be seen as wrong.
-
-    Raises:
-        RunError: with one sentence.
-    """
-    for value, allowed, what in (
-        (request.post_filter, POST_FILTERS, "post-filter"),
-        (request.sampler, (None, *SAMPLERS), "sampler"),
-        *((view, VIEWS, "view") for view in request.views),
-    ):
-        if value not in allowed:
-            names = ", ".join(str(name) for name in allowed if name)
-            raise RunError(f"There is no {what} {value!r}; choose one of {names}.")
-    if not request.views:
-        raise RunError(f"No view is named; choose some of {', '.join(VIEWS)}.")
-    if not 1 <= request.samples <= MAX_SAMPLES:
-        raise RunError(f"Samples must be 1 to {MAX_SAMPLES}; got {request.samples}.")
-    steps = request.steps if isinstance(request.steps, Mapping) else {"": request.steps}
-    for system, count in steps.items():
-        if not 1 <= count <= MAX_STEPS:
-            whose = f"Steps of {system}" if system else "Steps"
-            raise RunError(f"{whose} must be 1 to {MAX_STEPS}; got {count}.")
-    if not 0 <= request.guidance <= MAX_GUIDANCE:
-        raise RunError(f"Guidance must be 0 to {MAX_GUIDANCE}; got {request.guidance:g}.")
-    if request.seed < 0:
-        raise RunError(f"The seed must not be negative; got {request.seed}.")
-    if request.has_video:
-        render_settings(request.views[0], request.size)
 
 
 def read_inputs(

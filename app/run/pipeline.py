@@ -3,25 +3,26 @@ benchmark all call `generate_all`; it knows nothing of Gradio."""
 
 from __future__ import annotations
 
+import ctypes
 import json
+import sys
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from app.errors import CancelledRun
-from app.run.diagnostics_files import write_diagnostics
+from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
 from app.run.export import body_motion
-from app.run.figures import (
+from app.run.figures import check_start, draw_figure6, draw_jitter
+from app.run.followed_point import TipSource, choose_tip_source
+from app.run.inputs import Inputs, read_inputs
+from app.run.pictures import (
     Row,
-    check_start,
+    Snapshots,
     draw_all,
-    draw_figures,
     join_side_by_side,
+    rows_that_fit,
     show_preview,
 )
-from app.run.followed_point import TipSource, choose_tip_source
-from app.run.inputs import Inputs, check_request, read_inputs
-from app.run.memory import return_large_blocks
 from app.run.provenance import make_provenance
 from app.run.request import (
     REFERENCE_NAME,
@@ -30,6 +31,7 @@ from app.run.request import (
     OnEvent,
     Sampler,
     ShouldCancel,
+    check_request,
     file_stem,
     sample_name,
 )
@@ -44,6 +46,8 @@ if TYPE_CHECKING:
     from model.speech.transcript import Word
 
 DEFAULT_SAMPLER: Sampler = "euler"
+_M_MMAP_THRESHOLD = -3  # malloc.h
+_LARGE_BYTES = 1 << 20
 
 
 def generate_all(
@@ -63,7 +67,7 @@ def generate_all(
         VideoError, WriteError: each with one sentence for the person who asked.
     """
     check_request(request)
-    return_large_blocks()
+    _return_large_blocks()
     reporter = Reporter(on_event, should_cancel)
     with ResultFolder(request.out) as folder:
         try:
@@ -75,7 +79,6 @@ def generate_all(
 
 
 def _run(request: GenerateRequest, folder: ResultFolder, reporter: Reporter) -> GenerateResult:
-    from model.measures.beats import speech_onsets
     from model.speech.transcript import read_words
 
     reporter.progress("speech", 0.0)
@@ -87,17 +90,17 @@ def _run(request: GenerateRequest, folder: ResultFolder, reporter: Reporter) -> 
     words = read_words(request.transcript) if request.transcript else None
 
     rows = _generate(request, inputs, speech, folder, reporter)
-    onsets_s = speech_onsets(speech.waveform)
+    onsets_s = onsets_of(speech)
     del speech
     for row in rows:
         notes = inputs.body.notes(body_motion(row.shown))
         reporter.note(*(f"{row.name}: {note}" for note in notes))
-    diagnostics = _measure(request, rows, onsets_s, words, tip, folder, reporter)
-    snapshots = None
+    diagnostics = _measure(rows, onsets_s, words, tip, folder, reporter)
+    snapshots = Snapshots()
     if request.has_video:
         snapshots = draw_all(request, inputs, rows, folder, reporter)
         join_side_by_side(rows, inputs, folder, reporter)
-    draw_figures(request, rows, snapshots, tip, diagnostics, folder, reporter)
+    _draw_figures(request, rows, snapshots, tip, diagnostics, folder, reporter)
     _write_provenance(request, inputs, folder, reporter)
     return GenerateResult(
         out=request.out,
@@ -162,7 +165,6 @@ def _options(request: GenerateRequest, speaker: str, system: str) -> GenerateOpt
 
 
 def _measure(
-    request: GenerateRequest,
     rows: Sequence[Row],
     onsets_s: np.ndarray,
     words: Sequence[Word] | None,
@@ -170,29 +172,53 @@ def _measure(
     folder: ResultFolder,
     reporter: Reporter,
 ) -> dict[str, Any]:
-    from model.measures.diagnostics import diagnose
-    from model.motion.skeleton import open_body_skeleton
+    def on_share(part: float) -> None:
+        reporter.stop_if_asked()
+        reporter.progress("numbers", part)
 
-    reporter.progress("numbers", 0.0)
-    reporter.stop_if_asked()
-    diagnostics = diagnose(
-        {row.name: row.raw for row in rows if row.name != REFERENCE_NAME},
-        open_body_skeleton(),
-        reference=next((row.raw for row in rows if row.name == REFERENCE_NAME), None),
-        tip_track=None if request.body is None else tip.track,
-        tip_source=tip.name,
-        joint=tip.point,
-        onsets_s=onsets_s,
+    on_share(0.0)
+    diagnostics = measure_motions(
+        {row.name: row.raw for row in rows}, tip, onsets_s, words, on_share
     )
-    if words is not None:
-        diagnostics["words"] = [asdict(word) for word in words]
     reporter.note(*diagnostics["notes"])
-    json_path, csv_path = folder.path("diagnostics.json"), folder.path("diagnostics.csv")
-    write_diagnostics(diagnostics, json_path, csv_path)
-    for path in (json_path, csv_path):
+    for path in write_diagnostics(diagnostics, folder):
         reporter.file("diagnostics", "diagnostics", path)
     reporter.progress("numbers", 1.0)
     return diagnostics
+
+
+def _draw_figures(
+    request: GenerateRequest,
+    rows: Sequence[Row],
+    snapshots: Snapshots,
+    tip: TipSource,
+    diagnostics: dict[str, Any],
+    folder: ResultFolder,
+    reporter: Reporter,
+) -> None:
+    """Figure 6, of trajectories only where no video was drawn, and the jitter sheet."""
+    reporter.progress("figure", 0.0)
+    reporter.stop_if_asked()
+    shown = {row.name: row.shown for row in rows_that_fit(rows, reporter)}
+    clip = request.speech.stem
+    for path in draw_figure6(
+        shown,
+        snapshots,
+        tip,
+        folder,
+        request.start_frame,
+        is_generated=True,
+        post_filter=request.post_filter,
+        clip=clip,
+        on_piece=reporter.stop_if_asked,
+    ):
+        reporter.file("figure", "figure6", path)
+    reporter.progress("figure", 0.5)
+    reporter.stop_if_asked()
+    systems = [name for name in shown if name != REFERENCE_NAME]
+    for path in draw_jitter(diagnostics, tip, folder, systems, clip):
+        reporter.file("figure", "jitter", path)
+    reporter.progress("figure", 1.0)
 
 
 def _write_provenance(
@@ -238,3 +264,18 @@ def _is_cancellation(error: Exception) -> bool:
     from renderer.video.encoder import Cancelled as RenderCancelled
 
     return isinstance(error, GenerationCancelled | RenderCancelled)
+
+
+def _return_large_blocks() -> None:
+    """Make glibc map each block of a megabyte and more by itself, and return it when it is freed.
+
+    By default it raises that limit to 32 MB as a program goes on, and what a long clip needs for a
+    moment then stays in the heap: the peak of a ten-minute clip grows by a tenth. Elsewhere than on
+    glibc this does nothing.
+    """
+    if not sys.platform.startswith("linux"):
+        return
+    try:
+        ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
+    except (OSError, AttributeError):  # another C library
+        return

@@ -1,4 +1,4 @@
-"""What a run is asked for, what it tells while it goes, and what it leaves behind."""
+"""What a run is asked for and its limits, what it tells while it goes, what it leaves behind."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
+
+from app.errors import RunError
 
 PostFilter = Literal["none", "savgol"]
 POST_FILTERS: tuple[PostFilter, ...] = get_args(PostFilter)
@@ -22,6 +24,8 @@ LOOKS = tuple(
 SIZES_PX = (256, 1080)
 """Smallest and largest width and height of a picture that a person may ask for."""
 MAX_SAMPLES = 8
+MAX_STEPS = 1000
+MAX_GUIDANCE = 10
 DEFAULT_STEPS = 10
 """Of the sampler, where nothing else is asked for."""
 MAX_COMPARED = 6
@@ -87,6 +91,50 @@ class GenerateRequest:
         if isinstance(self.steps, Mapping):
             return self.steps.get(system, DEFAULT_STEPS)
         return self.steps
+
+
+def check_request(request: GenerateRequest) -> None:
+    """Refuse what needs no file to be seen as wrong.
+
+    Raises:
+        RunError: with one sentence.
+    """
+    for value, allowed, what in (
+        (request.post_filter, POST_FILTERS, "post-filter"),
+        (request.sampler, (None, *SAMPLERS), "sampler"),
+        *((view, VIEWS, "view") for view in request.views),
+    ):
+        if value not in allowed:
+            names = ", ".join(str(name) for name in allowed if name)
+            raise RunError(f"There is no {what} {value!r}; choose one of {names}.")
+    if not request.views:
+        raise RunError(f"No view is named; choose some of {', '.join(VIEWS)}.")
+    if not 1 <= request.samples <= MAX_SAMPLES:
+        raise RunError(f"Samples must be 1 to {MAX_SAMPLES}; got {request.samples}.")
+    steps = request.steps if isinstance(request.steps, Mapping) else {"": request.steps}
+    for system, count in steps.items():
+        if not 1 <= count <= MAX_STEPS:
+            whose = f"Steps of {system}" if system else "Steps"
+            raise RunError(f"{whose} must be 1 to {MAX_STEPS}; got {count}.")
+    if not 0 <= request.guidance <= MAX_GUIDANCE:
+        raise RunError(f"Guidance must be 0 to {MAX_GUIDANCE}; got {request.guidance:g}.")
+    if request.seed < 0:
+        raise RunError(f"The seed must not be negative; got {request.seed}.")
+    if request.has_video:
+        check_size(request.size)
+
+
+def check_size(size_px: int) -> None:
+    """Refuse a width and height that pictures cannot have.
+
+    Raises:
+        RunError: with one sentence.
+    """
+    smallest, largest = SIZES_PX
+    if not smallest <= size_px <= largest or size_px % 2:
+        raise RunError(
+            f"{size_px} pixels; pictures have {smallest} to {largest} on each side, an even number."
+        )
 
 
 @dataclass(frozen=True)

@@ -1,16 +1,19 @@
-"""A folder of results that appears whole or not at all."""
+"""A folder of results, or a zip of them, that appears whole or not at all."""
 
 from __future__ import annotations
 
 import os
 import secrets
 import shutil
+import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 
 from app.errors import RunError, disk_full_sentence, is_disk_full
 
 _PREFIX = ".unfinished-"
+_ALREADY_SMALL = {".mp4", ".png", ".npz", ".pdf", ".glb"}
 
 
 class ResultFolder:
@@ -70,6 +73,24 @@ class ResultFolder:
             _remove_if_empty(self.out)
         if is_disk_full(error):
             raise RunError(disk_full_sentence(self.out)) from error
+
+
+def zip_files(files: Sequence[Path], out: Path) -> Path:
+    """Write ``files`` flat into the zip ``out``, whole or not at all."""
+    partial = out.with_name(f".{out.name}.partial")
+    try:
+        with zipfile.ZipFile(partial, "w") as bundle:
+            for file in files:
+                small = file.suffix in _ALREADY_SMALL
+                bundle.write(
+                    file,
+                    f"{out.stem}/{file.name}",
+                    zipfile.ZIP_STORED if small else zipfile.ZIP_DEFLATED,
+                )
+        os.replace(partial, out)
+    finally:
+        partial.unlink(missing_ok=True)
+    return out
 
 
 def require_free_space(folder: Path, needed_bytes: int) -> None:

@@ -10,8 +10,8 @@ import numpy as np
 from PIL import Image
 
 from app.errors import CancelledRun
-from app.page.catalogue import Catalogue
-from app.page.serving.follow import row_names
+from app.page.parts.catalogue import Catalogue
+from app.page.tabs.generate_form import row_names
 from app.run.request import (
     REFERENCE_NAME,
     Artefact,

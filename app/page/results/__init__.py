@@ -1,0 +1,1 @@
+"""How a run looks on the page: player, time line, figures, table; may import serving and parts."""

@@ -7,7 +7,7 @@ from html import escape
 from typing import Any
 
 from app import text
-from app.page import markup as view
+from app.page.parts import markup
 from app.page.serving.media import MediaDesk
 from app.run.request import Artefact
 
@@ -52,7 +52,7 @@ def _figure(stem: str, urls: Mapping[str, str], sentences: Mapping[str, str]) ->
     )
     said = "".join(f"<p>{escape(sentences[key])}</p>" for key in about.says if sentences.get(key))
     return (
-        f"{view.heading(about.title, about.help)}"
+        f"{markup.heading(about.title, about.help)}"
         f'<figure class="plot"><button type="button" class="zoom" '
         f'aria-label="{text.ENLARGE_FIGURE.format(title=escape(about.title))}">'
         f'<img src="{escape(urls["png"])}" alt="{escape(about.title)}"></button>'

@@ -12,7 +12,8 @@ from typing import Any
 
 from app import text
 from app.findings.measure_rows import MEASURES, Measure, nearest, written
-from app.page import markup as view
+from app.findings.points import point_title
+from app.page.parts import markup
 from app.run.request import REFERENCE_NAME
 
 _KINDS = ("raw", "savgol")
@@ -33,7 +34,7 @@ def measures_table(diagnostics: Mapping[str, Any]) -> str:
     )
     return (
         '<div class="measures" data-filter="raw">'
-        f"{view.heading(text.NUMBERS_HEADING, _explanation(diagnostics))}"
+        f"{markup.heading(text.NUMBERS_HEADING, _explanation(diagnostics))}"
         f"{_findings(diagnostics.get('findings') or {})}"
         f"{_bar(has_reference=bool(reference))}"
         f'<div class="scroll" role="region" aria-label="{escape(text.NUMBERS_HEADING)}" '
@@ -44,8 +45,6 @@ def measures_table(diagnostics: Mapping[str, Any]) -> str:
 
 
 def _explanation(diagnostics: Mapping[str, Any]) -> str:
-    from app.run.followed_point import point_title
-
     point = point_title(diagnostics.get("joint") or diagnostics.get("tip", "right_middle"))
     return text.NUMBERS_HELP.format(point=point.lower())
 

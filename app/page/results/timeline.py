@@ -1,5 +1,5 @@
-"""What the page draws under the videos: the speech, its onsets, and each motion's fingertip over
-time. Pure functions of sound and motion; the result is small and goes to the browser as JSON.
+"""What the page draws under the videos: the speech, its onsets, and each motion's followed point
+over time. Pure functions of sound and motion; the result is small and goes to the browser as JSON.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from app.run.diagnostics import onsets_of
 from app.run.followed_point import TipSource
 from app.run.request import REFERENCE_NAME
 
@@ -81,7 +82,7 @@ def make_timeline(
         "duration_s": round(duration_s, 4),
         "fps": FPS,
         "peaks": [] if speech is None else waveform_peaks(speech.waveform),
-        "onsets_s": [] if speech is None else onset_times(speech.waveform),
+        "onsets_s": [] if speech is None else onset_times(speech),
         "point": tip.title,
         "curves": curves,
     }
@@ -101,11 +102,9 @@ def waveform_peaks(waveform: np.ndarray, num_peaks: int = NUM_PEAKS) -> list[int
     return np.rint(100 * peaks / (loudest if loudest > 0 else 1.0)).astype(int).tolist()
 
 
-def onset_times(waveform: np.ndarray) -> list[float]:
+def onset_times(speech: Speech) -> list[float]:
     """Seconds at which sounds begin, as BeatAlign counts them."""
-    from model.measures.beats import speech_onsets
-
-    return np.round(speech_onsets(waveform), 3).tolist()
+    return np.round(onsets_of(speech), 3).tolist()
 
 
 def point_curves(track: np.ndarray) -> dict[str, Curve]:

@@ -1,0 +1,1 @@
+"""Visitors, their runs and files for them alone; of the page it may import parts."""

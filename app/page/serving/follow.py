@@ -1,4 +1,4 @@
-"""Between the page's values and a run: a form is checked, a run is followed while it goes."""
+"""A run followed while it goes: its events in batches, and its errors as sentences."""
 
 from __future__ import annotations
 
@@ -9,153 +9,18 @@ import secrets
 import threading
 import time
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import Any, TypeVar
 
 from app import text
-from app.config import AppConfig
-from app.errors import CancelledRun, RunError, sentence_of
-from app.page.catalogue import Catalogue
+from app.errors import sentence_of
 from app.page.serving.jobs import Job
-from app.run.request import (
-    POST_FILTERS,
-    REFERENCE_NAME,
-    SAMPLERS,
-    Artefact,
-    Event,
-    GenerateRequest,
-    GenerateResult,
-    OnEvent,
-    Progress,
-    Sampler,
-    ShouldCancel,
-    Stage,
-    sample_name,
-)
+from app.run.request import Artefact, Event, OnEvent, Progress, ShouldCancel
 
 log = logging.getLogger(__name__)
 
-Generate = Callable[[GenerateRequest, OnEvent, ShouldCancel], GenerateResult]
 Result = TypeVar("Result")
-SEED_LIMIT = 2**31 - 1
-PAGE_VIDEOS = 12
 _REFRESH_S = 0.25
-
-
-@dataclass(frozen=True)
-class Form:
-    """What the visitor has filled in, as Gradio hands it over."""
-
-    speech: str | None
-    systems: list[str]
-    speaker: str | None
-    seed: float | None
-    samples: float
-    steps: float
-    sampler: str
-    is_smoothed: bool
-    reference: str | None
-    point: str
-    start_frame: float | None
-    transcript: str | None
-
-
-def request_from_form(
-    form: Form, folder: Path, catalogue: Catalogue, config: AppConfig
-) -> GenerateRequest:
-    """The run that a form asks for.
-
-    Raises:
-        RunError: a sentence for the visitor when the form asks for something that cannot be.
-    """
-    if not form.speech:
-        raise RunError(text.NO_SPEECH)
-    if not form.systems:
-        raise RunError(text.NO_SYSTEM)
-    # Kept in the catalogue's order, so that rows stand the same way in every run.
-    systems = tuple(name for name in catalogue.systems if name in form.systems)
-    unknown = sorted(set(form.systems) - set(systems))
-    if unknown:
-        raise RunError(
-            f"There is no system {unknown[0]!r}; the systems are {', '.join(catalogue.systems)}."
-        )
-    if form.seed is None or form.seed != int(form.seed) or not 0 <= form.seed <= SEED_LIMIT:
-        raise RunError(text.BAD_SEED.format(limit=SEED_LIMIT, value=form.seed))
-    known: dict[str, Sampler] = {name: name for name in SAMPLERS}
-    if form.sampler not in known:
-        raise RunError(f"There is no sampler {form.sampler!r}; there are {', '.join(SAMPLERS)}.")
-    start_frame = form.start_frame or 0
-    if start_frame != int(start_frame) or start_frame < 0:
-        raise RunError(text.BAD_START.format(value=form.start_frame))
-    samples, steps = int(form.samples), int(form.steps)
-    if samples < 1 or steps < 1:
-        raise RunError(f"Samples and steps must be at least 1; got {samples} and {steps}.")
-    count = len(systems) * samples + bool(form.reference)
-    if count > PAGE_VIDEOS:
-        raise RunError(
-            text.TOO_MANY_VIDEOS.format(
-                systems=len(systems), samples=samples, count=count, limit=PAGE_VIDEOS
-            )
-        )
-    return GenerateRequest(
-        speech=Path(form.speech),
-        out=folder / "results",
-        weights=config.weights,
-        systems=systems,
-        speaker=form.speaker,
-        seed=int(form.seed),
-        samples=samples,
-        steps=steps,
-        sampler=known[form.sampler],
-        post_filter=POST_FILTERS[bool(form.is_smoothed)],
-        reference=Path(form.reference) if form.reference else None,
-        transcript=Path(form.transcript) if form.transcript else None,
-        joint=form.point,
-        start_frame=int(start_frame),
-        body=config.body,
-        # A licensed body may be looked at in videos; its mesh is not handed to visitors.
-        has_previews=config.body is None,
-        max_speech_s=config.max_speech_s,
-    )
-
-
-def row_names(request: GenerateRequest) -> tuple[str, ...]:
-    """The videos of a run in the order in which they stand on the page."""
-    names = [
-        sample_name(system, sample)
-        for system in request.systems
-        for sample in range(1, request.samples + 1)
-    ]
-    return (*names, REFERENCE_NAME) if request.reference else tuple(names)
-
-
-@dataclass
-class RunView:
-    """What the page knows of a run so far."""
-
-    started: float = field(default_factory=time.monotonic)
-    fractions: dict[Stage, float] = field(default_factory=dict)
-    details: dict[Stage, str] = field(default_factory=dict)
-    artefacts: list[Artefact] = field(default_factory=list)
-
-    def take(self, event: Event) -> None:
-        if isinstance(event, Artefact):
-            self.artefacts.append(event)
-        else:
-            self.fractions[event.stage] = event.fraction
-            self.details[event.stage] = event.detail
-
-    @property
-    def seconds(self) -> float:
-        return time.monotonic() - self.started
-
-    @property
-    def line(self) -> str:
-        doing = [stage for stage, fraction in self.fractions.items() if fraction < 1]
-        if not doing:
-            return text.STARTING
-        return f"{text.STAGE_NAMES[doing[-1]]} ({self.seconds:.0f} s so far)"
 
 
 def follow_run(
@@ -225,8 +90,6 @@ def last_share(events: Sequence[Event]) -> float | None:
 
 def visitor_sentence(error: BaseException) -> str:
     """What a visitor is told of an error; faults of the program are logged under a number."""
-    if isinstance(error, CancelledRun):
-        return text.CANCELLED
     sentence = sentence_of(error)
     if sentence is not None:
         return sentence

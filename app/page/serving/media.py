@@ -7,16 +7,14 @@ keeps the page's cookie, the cookie is asked for as well. It dies with the run's
 
 from __future__ import annotations
 
-import secrets
-import threading
-from dataclasses import dataclass
 from pathlib import Path
 
 from fastapi import Request, Response
 from fastapi.responses import FileResponse, PlainTextResponse
 from fastapi.routing import APIRoute
 
-from app.page.serving.researcher_part import COOKIE
+from app.page.serving.offers import Offers
+from app.page.serving.visitors import cookie_of
 
 MEDIA_ROUTE = "/media"
 WEB_ROUTE = "/web"
@@ -33,42 +31,24 @@ _SHOWN_TYPES = {
 _WEB_TYPES = {".js": "text/javascript", ".css": "text/css"}
 
 
-@dataclass(frozen=True)
-class _Offer:
-    visitor: str
-    path: Path
-
-
 class MediaDesk:
-    """Which file lies behind which address."""
+    """Gives a run's files their addresses."""
 
     def __init__(self) -> None:
-        self._offers: dict[str, _Offer] = {}
-        self._lock = threading.Lock()
+        self._offers = Offers()
 
-    def offer(self, path: Path, visitor: str) -> str:
-        """The address, relative to the page, of a file for one visitor.
+    def offer(self, path: Path, cookie: str) -> str:
+        """The address, relative to the page, of a file for one browser.
 
         Args:
-            visitor: the browser's cookie; empty for one that keeps none.
+            cookie: empty for a browser that keeps none; the address alone is asked of it.
         """
-        token = secrets.token_urlsafe(32)
-        with self._lock:
-            gone = [old for old, offer in self._offers.items() if not offer.path.is_file()]
-            for old in gone:
-                del self._offers[old]
-            self._offers[token] = _Offer(visitor, path)
-        return f"{MEDIA_ROUTE.lstrip('/')}/{token}"
+        self._offers.forget_ended()
+        return f"{MEDIA_ROUTE.lstrip('/')}/{self._offers.add(path, cookie or None)}"
 
-    def find(self, token: str, visitor: str) -> Path | None:
-        """The file, or None when there is none for this visitor."""
-        with self._lock:
-            offer = self._offers.get(token)
-        if offer is None or not offer.path.is_file():
-            return None
-        if offer.visitor and not secrets.compare_digest(offer.visitor.encode(), visitor.encode()):
-            return None
-        return offer.path
+    def find(self, token: str, cookie: str) -> Path | None:
+        """The file, or None when there is none for this browser."""
+        return self._offers.find(token, cookie)
 
 
 def media_routes(desk: MediaDesk) -> list[APIRoute]:
@@ -76,7 +56,7 @@ def media_routes(desk: MediaDesk) -> list[APIRoute]:
     modules = {path.name: path for path in WEB_FOLDER.iterdir() if path.suffix in _WEB_TYPES}
 
     def media(token: str, request: Request) -> Response:
-        path = desk.find(token, request.cookies.get(COOKIE, ""))
+        path = desk.find(token, cookie_of(request))
         if path is None:
             return PlainTextResponse(GONE, status_code=404)
         media_type = _SHOWN_TYPES.get(path.suffix)

@@ -13,7 +13,6 @@ import shutil
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 from urllib.parse import parse_qs
@@ -22,25 +21,18 @@ from fastapi import Request, Response
 from fastapi.responses import PlainTextResponse, StreamingResponse
 from fastapi.routing import APIRoute
 
-COOKIE = "study_visitor"
-VISITOR_ROUTE = "/study/visitor"
+from app.page.serving.offers import Offers
+from app.page.serving.visitors import cookie_of, visitor_route
+
 RESEARCHER_ROUTE = "/study/researcher"
 FILE_NAME = "researcher_only.zip"
 REFUSED = (
     "There is nothing to fetch here: each study's researcher part can be fetched once, in the "
     "browser that made it."
 )
-_COOKIE_BYTES = 32
 _ABANDONED_S = 86_400.0
 _MAX_FORM_BYTES = 1000
 _BLOCK_BYTES = 1 << 16
-
-
-@dataclass(frozen=True)
-class _Offer:
-    visitor: str
-    archive: Path
-    until: float
 
 
 class Handover:
@@ -53,8 +45,7 @@ class Handover:
         """
         self.root = root
         self._keep_s = keep_s
-        self._offers: dict[str, _Offer] = {}
-        self._lock = threading.Lock()
+        self._offers = Offers()
         self._remove_abandoned()
 
     def private_folder(self) -> Path:
@@ -64,30 +55,26 @@ class Handover:
         self.root.chmod(0o700)
         return folder
 
-    def offer(self, visitor: str, archive: Path) -> str:
-        """Let a visitor fetch a file of a private folder; returns the token."""
-        self._forget_old()
-        token = secrets.token_urlsafe(32)
-        with self._lock:
-            self._offers[token] = _Offer(visitor, archive, time.monotonic() + self._keep_s)
-        timer = threading.Timer(self._keep_s + 1.0, self._forget_old)
+    def offer(self, cookie: str, archive: Path) -> str:
+        """Let a browser fetch a file of a private folder; returns the token."""
+        self._remove_ended()
+        token = self._offers.add(archive, cookie, self._keep_s)
+        timer = threading.Timer(self._keep_s + 1.0, self._remove_ended)
         timer.daemon = True
         timer.start()
         return token
 
-    def take(self, visitor: str, token: str) -> IO[bytes] | None:
-        """The file, already deleted, or None when this visitor may not have it.
+    def take(self, cookie: str, token: str) -> IO[bytes] | None:
+        """The file, already deleted, or None when this browser may not have it.
 
-        A token that another visitor tries stays good for the one who has it.
+        A token that another browser tries stays good for the one who has it.
         """
-        self._forget_old()
-        with self._lock:
-            offer = self._offers.get(token)
-            if offer is None or not _is_same(offer.visitor, visitor):
-                return None
-            del self._offers[token]
-        file = offer.archive.open("rb")
-        shutil.rmtree(offer.archive.parent, ignore_errors=True)
+        self._remove_ended()
+        archive = self._offers.take(token, cookie)
+        if archive is None:
+            return None
+        file = archive.open("rb")
+        shutil.rmtree(archive.parent, ignore_errors=True)
         return file
 
     def _remove_abandoned(self) -> None:
@@ -96,34 +83,18 @@ class Handover:
             if time.time() - folder.stat().st_mtime > _ABANDONED_S:
                 shutil.rmtree(folder, ignore_errors=True)
 
-    def _forget_old(self) -> None:
-        now = time.monotonic()
-        with self._lock:
-            old = [token for token, offer in self._offers.items() if offer.until < now]
-            folders = [self._offers.pop(token).archive.parent for token in old]
-        for folder in folders:
-            shutil.rmtree(folder, ignore_errors=True)
+    def _remove_ended(self) -> None:
+        for archive in self._offers.forget_ended():
+            shutil.rmtree(archive.parent, ignore_errors=True)
 
 
 def study_routes(handover: Handover) -> list[APIRoute]:
     """Serve the cookie and the researcher's parts."""
 
-    def visitor(request: Request) -> Response:
-        response = Response(status_code=204, headers={"Cache-Control": "no-store"})
-        if not request.cookies.get(COOKIE):
-            response.set_cookie(
-                COOKIE,
-                secrets.token_urlsafe(_COOKIE_BYTES),
-                httponly=True,
-                samesite="strict",
-                secure=request.url.scheme == "https",
-            )
-        return response
-
     async def researcher(request: Request) -> Response:
         form = parse_qs((await _body(request)).decode("ascii", "replace"))
         token = form.get("token", [""])[0]
-        file = handover.take(request.cookies.get(COOKIE, ""), token)
+        file = handover.take(cookie_of(request), token)
         if file is None:
             return PlainTextResponse(REFUSED, status_code=404)
         return StreamingResponse(
@@ -137,14 +108,9 @@ def study_routes(handover: Handover) -> list[APIRoute]:
         )
 
     return [
-        APIRoute(VISITOR_ROUTE, visitor, methods=["POST"], include_in_schema=False),
+        visitor_route(),
         APIRoute(RESEARCHER_ROUTE, researcher, methods=["POST"], include_in_schema=False),
     ]
-
-
-def _is_same(first: str, second: str) -> bool:
-    """Whether two cookies are equal, in a time that does not tell how much of them is."""
-    return bool(first) and secrets.compare_digest(first.encode(), second.encode())
 
 
 async def _body(request: Request) -> bytes:

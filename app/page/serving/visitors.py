@@ -1,11 +1,16 @@
-"""What the page's handlers share: who is asking, and how a part without content takes no room."""
+"""Who is asking: one open page by Gradio's name for it, one browser by a cookie of ours."""
 
 from __future__ import annotations
 
 import secrets
-from typing import Any
 
+import fastapi
 import gradio as gr
+from fastapi.routing import APIRoute
+
+COOKIE = "study_visitor"
+VISITOR_ROUTE = "/study/visitor"
+_COOKIE_BYTES = 32
 
 
 def visitor_of(request: gr.Request) -> str:
@@ -13,6 +18,24 @@ def visitor_of(request: gr.Request) -> str:
     return request.session_hash or secrets.token_hex(8)
 
 
-def shown(html: str) -> Any:
-    """An update of an HTML part that is hidden while it is empty."""
-    return gr.update(value=html, visible=bool(html))
+def cookie_of(request: gr.Request | fastapi.Request) -> str:
+    """What tells one browser from all others; empty for one that keeps no cookie."""
+    return request.cookies.get(COOKIE, "")
+
+
+def visitor_route() -> APIRoute:
+    """Serve the cookie to a browser that has none yet."""
+
+    def visitor(request: fastapi.Request) -> fastapi.Response:
+        response = fastapi.Response(status_code=204, headers={"Cache-Control": "no-store"})
+        if not cookie_of(request):
+            response.set_cookie(
+                COOKIE,
+                secrets.token_urlsafe(_COOKIE_BYTES),
+                httponly=True,
+                samesite="strict",
+                secure=request.url.scheme == "https",
+            )
+        return response
+
+    return APIRoute(VISITOR_ROUTE, visitor, methods=["POST"], include_in_schema=False)

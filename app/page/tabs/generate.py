@@ -1,4 +1,4 @@
-"""The parts of the page: what the visitor fills in, and where results appear."""
+"""The parts of the tab "Motion": what the visitor fills in, and where results appear."""
 
 from __future__ import annotations
 
@@ -10,25 +10,17 @@ import gradio as gr
 
 from app import text
 from app.config import AppConfig
-from app.page import markup as view
-from app.page.catalogue import Catalogue
-from app.page.serving.follow import SEED_LIMIT
-from app.run.followed_point import TIP, point_title
+from app.page.parts import markup
+from app.page.parts.catalogue import Catalogue, point_choices
+from app.page.parts.html_parts import mount
+from app.page.tabs.generate_form import SEED_LIMIT
+from app.run.followed_point import TIP
 from app.run.request import DEFAULT_STEPS
 from model.systems.globaldiff.config import BEST
-from renderer.body.joints import JOINT_NAMES, TIP_VERTICES
 
 MAX_DEFAULT_SYSTEMS = 3
 _PREFERRED = (BEST, "globaldiff/local", "globaldiff/global")
 """What is ticked at first where there are more: what moves best, and the paper's first question."""
-
-
-def mount(module: str, function: str) -> str:
-    """JavaScript for `gr.HTML` that hands its element to a module of app/web."""
-    return (
-        f'import(new URL("web/{module}", document.baseURI))'
-        f".then(({{ {function} }}) => {function}(element, props, watch));"
-    )
 
 
 @dataclass(frozen=True)
@@ -73,7 +65,7 @@ class ResultParts:
 
 def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
     """The left column: speech, systems, settings, and the buttons."""
-    gr.HTML(view.step(1, text.STEP_SPEECH))
+    gr.HTML(markup.step(1, text.STEP_SPEECH))
     speech = gr.Audio(
         label=text.SPEECH_LABEL,
         sources=["upload", "microphone"],
@@ -97,7 +89,7 @@ def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
             elem_id="examples",
             api_visibility="private",
         )
-    gr.HTML(view.step(2, text.STEP_SYSTEMS))
+    gr.HTML(markup.step(2, text.STEP_SYSTEMS))
     systems = gr.CheckboxGroup(
         choices=list(catalogue.systems),
         value=default_systems(catalogue.systems),
@@ -105,7 +97,7 @@ def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
         info=text.SYSTEMS_HELP,
         elem_id="systems",
     )
-    gr.HTML(view.step(3, text.STEP_SETTINGS))
+    gr.HTML(markup.step(3, text.STEP_SETTINGS))
     with gr.Row(elem_classes="pair"):
         speaker = gr.Dropdown(
             choices=list(catalogue.speakers),
@@ -161,8 +153,8 @@ def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
 def build_results() -> ResultParts:
     """The right column; what has nothing to show yet is hidden."""
     message = gr.HTML("", visible=False, elem_id="message")
-    status = gr.HTML(view.sentence_status(text.READY), elem_id="status")
-    empty = gr.HTML(view.empty_state(), elem_id="empty")
+    status = gr.HTML(markup.sentence_status(text.READY), elem_id="status")
+    empty = gr.HTML(markup.empty_state(), elem_id="empty")
     player = gr.HTML(
         {},
         html_template='<div class="lockstep" hidden></div>',
@@ -185,7 +177,7 @@ def build_results() -> ResultParts:
         elem_id="numbers",
     )
     with gr.Column(visible=False) as downloads_part:
-        gr.HTML(view.heading(text.DOWNLOADS_HEADING))
+        gr.HTML(markup.heading(text.DOWNLOADS_HEADING))
         bundle = gr.DownloadButton(text.ZIP_LABEL, variant="primary", elem_id="bundle")
         files = gr.File(
             label=text.FILES_LABEL, file_count="multiple", interactive=False, elem_id="files"
@@ -193,11 +185,6 @@ def build_results() -> ResultParts:
     return ResultParts(
         message, status, empty, player, figures, numbers, downloads_part, bundle, files
     )
-
-
-def point_choices() -> list[tuple[str, str]]:
-    """Fingertips, then joints, each by the name a person reads."""
-    return [(point_title(point), point) for point in (*TIP_VERTICES, *JOINT_NAMES)]
 
 
 def default_systems(systems: Sequence[str]) -> list[str]:

@@ -1,46 +1,77 @@
-"""From a visitor's click to a run, and from the run's events to updates of the page."""
+"""The runs of the tab "Motion": their events and results as updates of the page."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import partial
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import Any
 
 import gradio as gr
 
 from app import text
 from app.config import AppConfig
-from app.page import markup as view
-from app.page.catalogue import Catalogue
+from app.page.parts import markup
+from app.page.parts.catalogue import Catalogue
+from app.page.parts.html_parts import shown
 from app.page.results.figures_shown import FiguresShown
 from app.page.results.measures_table import measures_table
 from app.page.results.player import Showing
-from app.page.serving.follow import (
-    Form,
-    Generate,
-    RunView,
-    follow_run,
-    request_from_form,
-    row_names,
-    visitor_sentence,
-    waiting_line,
-)
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
-from app.page.serving.researcher_part import COOKIE
-from app.page.serving.visitors import shown, visitor_of
+from app.page.serving.runner import TabRunner, Updates
 from app.page.tabs.generate import FormParts, ResultParts
-from app.run.bundle import zip_files
-from app.run.request import Artefact, GenerateResult
+from app.page.tabs.generate_form import Form, request_from_form, row_names
+from app.run.request import (
+    Artefact,
+    Event,
+    GenerateRequest,
+    GenerateResult,
+    OnEvent,
+    ShouldCancel,
+    Stage,
+)
+from app.run.result_folder import zip_files
 from model.speech.transcript import read_words
 
-Updates = dict[Any, Any]
+Generate = Callable[[GenerateRequest, OnEvent, ShouldCancel], GenerateResult]
 NOTHING: dict[str, Any] = {}
 """What a player shows before there is anything."""
 
 
-class Runner:
-    """Turns a visitor's click into a run and the run's events into updates of the page."""
+@dataclass
+class RunView:
+    """What the page knows of a run so far."""
+
+    started: float = field(default_factory=time.monotonic)
+    fractions: dict[Stage, float] = field(default_factory=dict)
+    details: dict[Stage, str] = field(default_factory=dict)
+    artefacts: list[Artefact] = field(default_factory=list)
+
+    def take(self, event: Event) -> None:
+        if isinstance(event, Artefact):
+            self.artefacts.append(event)
+        else:
+            self.fractions[event.stage] = event.fraction
+            self.details[event.stage] = event.detail
+
+    @property
+    def seconds(self) -> float:
+        return time.monotonic() - self.started
+
+    @property
+    def line(self) -> str:
+        doing = [stage for stage, fraction in self.fractions.items() if fraction < 1]
+        if not doing:
+            return text.STARTING
+        return f"{text.STAGE_NAMES[doing[-1]]} ({self.seconds:.0f} s so far)"
+
+
+class GenerateRunner(TabRunner[GenerateResult]):
+    """Generates motion for a visitor's speech."""
+
+    tab = "generate"
 
     def __init__(
         self,
@@ -52,66 +83,47 @@ class Runner:
         form: FormParts,
         results: ResultParts,
     ) -> None:
+        super().__init__(jobs, results.status)
         self._generate = generate
         self._catalogue = catalogue
         self._config = config
-        self._jobs = jobs
         self._desk = desk
         self._form = form
         self._results = results
 
-    def run(self, request: gr.Request, *values: Any) -> Iterator[Updates]:
-        """Updates of the page while a run goes on, for one visitor.
+    @contextmanager
+    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
+        asked = request_from_form(Form(*values), job.folder, self._catalogue, self._config)
+        words = read_words(asked.transcript) if asked.transcript else ()
+        yield _Work(
+            generate=self._generate,
+            asked=asked,
+            job=job,
+            showing=Showing(asked, row_names(asked), job.folder, self._desk, cookie, words),
+            figures=FiguresShown(self._desk, cookie),
+            parts=self._results,
+            at_the_end=self._buttons(is_running=False),
+        )
 
-        Raises:
-            gr.Error: with the sentence that the page shows too, when the run fails.
-        """
-        cookie = request.cookies.get(COOKIE, "")
-        job: Job | None = None
-        try:
-            job = self._jobs.open(visitor_of(request), "generate")
-            asked = request_from_form(Form(*values), job.folder, self._catalogue, self._config)
-            words = read_words(asked.transcript) if asked.transcript else ()
-            yield self._blank()
-            with self._jobs.slot(job) as turn:
-                for ahead in turn:
-                    yield {self._results.status: view.sentence_status(waiting_line(ahead))}
-                run = RunView()
-                showing = Showing(asked, row_names(asked), job.folder, self._desk, cookie, words)
-                figures = FiguresShown(self._desk, cookie)
-                for news in follow_run(partial(self._generate, asked), job):
-                    if isinstance(news, GenerateResult):
-                        yield self._finished(run, news, job, showing, figures)
-                        continue
-                    for event in news:
-                        run.take(event)
-                        if isinstance(event, Artefact):
-                            showing.take(event)
-                            figures.take(event)
-                    yield self._progress(run, showing, figures)
-        except Exception as error:
-            sentence = visitor_sentence(error)
-            yield self._failed(sentence)
-            if sentence != text.CANCELLED:
-                raise gr.Error(sentence, print_exception=False) from error
-        finally:
-            if job is not None:
-                self._jobs.close(job)
-
-    def cancel(self, request: gr.Request) -> None:
-        """The visitor has pressed the button, or closed the page."""
-        self._jobs.cancel(visitor_of(request), "generate")
-
-    def _blank(self) -> Updates:
-        """Everything of an earlier run away, buttons as they are during a run."""
+    def blank(self) -> Updates:
         parts = self._results
         return {
             parts.message: shown(""),
-            parts.status: view.status(text.STARTING, {}, {}),
+            parts.status: markup.status(text.STARTING, {}, {}),
             parts.empty: gr.update(visible=False),
             **self._without_results(),
             parts.files: None,
             **self._buttons(is_running=True),
+        }
+
+    def stopped(self, status: str, message: str) -> Updates:
+        parts = self._results
+        return {
+            parts.message: shown(message),
+            parts.status: status,
+            parts.empty: gr.update(visible=True),
+            **self._without_results(),
+            **self._buttons(is_running=False),
         }
 
     def _without_results(self) -> Updates:
@@ -129,45 +141,50 @@ class Runner:
             self._form.cancel: gr.update(visible=is_running),
         }
 
-    def _progress(self, run: RunView, showing: Showing, figures: FiguresShown) -> Updates:
-        parts = self._results
-        updates: Updates = {parts.status: view.status(run.line, run.fractions, run.details)}
+
+@dataclass
+class _Work:
+    """One run, and what the page has been shown of it."""
+
+    generate: Generate
+    asked: GenerateRequest
+    job: Job
+    showing: Showing
+    figures: FiguresShown
+    parts: ResultParts
+    at_the_end: Updates
+    view: RunView = field(default_factory=RunView)
+
+    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> GenerateResult:
+        self.view.started = time.monotonic()  # now, after the waiting
+        return self.generate(self.asked, on_event, should_cancel)
+
+    def progress(self, events: list[Event]) -> Updates:
+        for event in events:
+            self.view.take(event)
+            if isinstance(event, Artefact):
+                self.showing.take(event)
+                self.figures.take(event)
+        parts, run = self.parts, self.view
+        updates: Updates = {parts.status: markup.status(run.line, run.fractions, run.details)}
         if run.artefacts:
-            updates[parts.player] = showing.value()
-            updates[parts.figures] = shown(figures.html())
+            updates[parts.player] = self.showing.value()
+            updates[parts.figures] = shown(self.figures.html())
         return updates
 
-    def _finished(
-        self,
-        run: RunView,
-        result: GenerateResult,
-        job: Job,
-        showing: Showing,
-        figures: FiguresShown,
-    ) -> Updates:
-        parts = self._results
-        bundle = zip_files(result.files, job.folder / "co-speech-motion.zip")
+    def finished(self, result: GenerateResult) -> Updates:
+        parts, run = self.parts, self.view
+        bundle = zip_files(result.files, self.job.folder / "co-speech-motion.zip")
         rows = f"{len(result.names)} {'motion' if len(result.names) == 1 else 'motions'}"
         line = text.DONE.format(seconds=run.seconds, rows=rows, frames=result.num_frames)
         return {
-            parts.status: view.status(line, dict.fromkeys(run.fractions, 1.0), {}),
-            parts.message: shown(view.notes_message(result.notes)),
-            parts.player: showing.value(is_over=True),
-            parts.figures: shown(figures.html(result.diagnostics)),
+            parts.status: markup.status(line, dict.fromkeys(run.fractions, 1.0), {}),
+            parts.message: shown(markup.notes_message(result.notes)),
+            parts.player: self.showing.value(is_over=True),
+            parts.figures: shown(self.figures.html(result.diagnostics)),
             parts.numbers: shown(measures_table(result.diagnostics)),
             parts.downloads_part: gr.update(visible=True),
             parts.bundle: gr.update(value=str(bundle)),
             parts.files: [str(file) for file in result.files],
-            **self._buttons(is_running=False),
-        }
-
-    def _failed(self, sentence: str) -> Updates:
-        parts = self._results
-        is_cancelled = sentence == text.CANCELLED
-        return {
-            parts.message: shown("" if is_cancelled else view.error_message(sentence)),
-            parts.status: view.sentence_status(text.CANCELLED if is_cancelled else text.STOPPED),
-            parts.empty: gr.update(visible=True),
-            **self._without_results(),
-            **self._buttons(is_running=False),
+            **self.at_the_end,
         }

@@ -8,10 +8,11 @@ import gradio as gr
 
 from app import text
 from app.config import AppConfig
-from app.page import markup as view
+from app.page.parts import markup
+from app.page.parts.catalogue import point_choices
+from app.page.parts.html_parts import mount
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
-from app.page.tabs.generate import mount, point_choices
 from app.page.tabs.own_motion_run import Diagnose, OwnMotionParts, OwnMotionRunner
 from app.run.followed_point import TIP
 
@@ -91,7 +92,7 @@ def _build_form() -> tuple[list[Any], gr.Button, gr.Button]:
 
 def build_results() -> OwnMotionParts:
     """What is measured, drawn and said; all but the status is hidden until there is something."""
-    status = gr.HTML(view.sentence_status(text.READY), elem_id="own-status")
+    status = gr.HTML(markup.sentence_status(text.READY), elem_id="own-status")
     message = gr.HTML("", visible=False, elem_id="own-message")
     figures = gr.HTML(
         "",
@@ -108,7 +109,7 @@ def build_results() -> OwnMotionParts:
         elem_id="own-numbers",
     )
     with gr.Column(visible=False) as downloads:
-        gr.HTML(view.heading(text.DOWNLOADS_HEADING))
+        gr.HTML(markup.heading(text.DOWNLOADS_HEADING))
         bundle = gr.DownloadButton(text.ZIP_LABEL, variant="primary", elem_id="own-bundle")
         files = gr.File(
             label=text.FILES_LABEL, file_count="multiple", interactive=False, elem_id="own-files"

@@ -1,8 +1,9 @@
-"""Motion that a visitor brings: from the form to the measures of `app.run.diagnose`, and back."""
+"""The runs of the tab "Your motion": from the form to `app.run.diagnose`, and back as updates."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,16 +13,16 @@ import gradio as gr
 from app import text
 from app.config import AppConfig
 from app.errors import CancelledRun, RunError
-from app.page import markup as view
+from app.page.parts import markup
+from app.page.parts.html_parts import shown
 from app.page.results.figures_shown import FiguresShown
 from app.page.results.measures_table import measures_table
-from app.page.serving.follow import follow_run, last_share, visitor_sentence, waiting_line
+from app.page.serving.follow import last_share
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
-from app.page.serving.researcher_part import COOKIE
-from app.page.serving.visitors import shown, visitor_of
-from app.run.bundle import zip_files
-from app.run.request import MAX_COMPARED, Artefact, OnEvent, Progress, ShouldCancel
+from app.page.serving.runner import TabRunner, Updates
+from app.run.request import MAX_COMPARED, Artefact, Event, OnEvent, Progress, ShouldCancel
+from app.run.result_folder import zip_files
 
 if TYPE_CHECKING:
     from app.run.diagnose import DiagnoseRequest, Diagnosis
@@ -35,7 +36,6 @@ MAX_NAME = 60
 """Characters of a file's name that figures and tables show."""
 
 Diagnose = Callable[["DiagnoseRequest", Callable[[float], None]], "Diagnosis"]
-Updates = dict[Any, Any]
 
 
 @dataclass(frozen=True)
@@ -108,8 +108,10 @@ def display_names(stems: Sequence[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
-class OwnMotionRunner:
-    """Turns a click into a run of the measuring, and the run into updates of the tab."""
+class OwnMotionRunner(TabRunner["Diagnosis"]):
+    """Measures motion files that a visitor brings."""
+
+    tab = "own_motion"
 
     def __init__(
         self,
@@ -119,92 +121,77 @@ class OwnMotionRunner:
         desk: MediaDesk,
         parts: OwnMotionParts,
     ) -> None:
+        super().__init__(jobs, parts.status)
         self._diagnose = diagnose
         self._config = config
-        self._jobs = jobs
         self._desk = desk
         self._parts = parts
 
-    def run(self, request: gr.Request, *values: Any) -> Iterator[Updates]:
-        """Updates of the tab while motions are measured, for one visitor.
+    @contextmanager
+    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
+        asked = OwnMotionForm(*values).to_request(job.folder / "results", self._config)
+        yield _Work(self._diagnose, asked, job, FiguresShown(self._desk, cookie), self._parts)
 
-        Raises:
-            gr.Error: with the sentence that the tab shows too.
-        """
-        cookie = request.cookies.get(COOKIE, "")
-        job: Job | None = None
-        try:
-            job = self._jobs.open(visitor_of(request), "own_motion")
-            asked = OwnMotionForm(*values).to_request(job.folder / "results", self._config)
-            yield {**self._without_results(), self._parts.message: shown("")}
-            with self._jobs.slot(job) as turn:
-                for ahead in turn:
-                    yield {self._parts.status: view.sentence_status(waiting_line(ahead))}
-                for news in follow_run(self._as_run(asked), job):
-                    if not isinstance(news, list):
-                        yield self._finished(news, job, cookie)
-                    elif job.is_cancelled():
-                        yield {self._parts.status: view.sentence_status(text.STOPPING)}
-                    elif (share := last_share(news)) is not None:
-                        line = MEASURING.format(share=share)
-                        yield {self._parts.status: view.sentence_status(line)}
-        except Exception as error:
-            sentence = visitor_sentence(error)
-            yield self._failed(sentence)
-            if sentence != text.CANCELLED:
-                raise gr.Error(sentence, print_exception=False) from error
-        finally:
-            if job is not None:
-                self._jobs.close(job)
-
-    def cancel(self, request: gr.Request) -> None:
-        """The visitor has pressed the button, or closed the page."""
-        self._jobs.cancel(visitor_of(request), "own_motion")
-
-    def _as_run(self, asked: DiagnoseRequest) -> Callable[[OnEvent, ShouldCancel], Diagnosis]:
-        """The measuring in the form of a run, so that it can be followed and stopped like one."""
-
-        def run(on_event: OnEvent, should_cancel: ShouldCancel) -> Diagnosis:
-            def on_progress(share: float) -> None:
-                if should_cancel():
-                    raise CancelledRun
-                on_event(Progress("numbers", share))
-
-            return self._diagnose(asked, on_progress)
-
-        return run
-
-    def _finished(self, found: Diagnosis, job: Job, cookie: str) -> Updates:
-        parts = self._parts
-        figures = FiguresShown(self._desk, cookie)
-        for path in found.files:
-            if path.suffix in (".png", ".svg", ".pdf"):
-                figures.take(Artefact("figure", path.stem, path))
-        bundle = zip_files(found.files, job.folder / "own-motion.zip")
-        count = len(found.diagnostics["systems"])
-        line = MEASURED.format(motions=f"{count} motion{'s' if count > 1 else ''}")
-        return {
-            parts.status: view.sentence_status(line),
-            parts.message: shown(view.notes_message(found.notes)),
-            parts.figures: shown(figures.html(found.diagnostics)),
-            parts.numbers: shown(measures_table(found.diagnostics)),
-            parts.downloads: gr.update(visible=True),
-            parts.bundle: gr.update(value=str(bundle)),
-            parts.files: [str(path) for path in found.files],
-        }
-
-    def _failed(self, sentence: str) -> Updates:
-        is_cancelled = sentence == text.CANCELLED
+    def blank(self) -> Updates:
         return {
             **self._without_results(),
-            self._parts.status: view.sentence_status(sentence if is_cancelled else text.STOPPED),
-            self._parts.message: shown("" if is_cancelled else view.error_message(sentence)),
+            self._parts.status: markup.sentence_status(text.STARTING),
+            self._parts.message: shown(""),
+        }
+
+    def stopped(self, status: str, message: str) -> Updates:
+        return {
+            **self._without_results(),
+            self._parts.status: status,
+            self._parts.message: shown(message),
         }
 
     def _without_results(self) -> Updates:
         return {
-            self._parts.status: view.sentence_status(text.STARTING),
             self._parts.figures: shown(""),
             self._parts.numbers: shown(""),
             self._parts.downloads: gr.update(visible=False),
+        }
+
+
+@dataclass(frozen=True)
+class _Work:
+    """One run of the measuring."""
+
+    diagnose: Diagnose
+    asked: DiagnoseRequest
+    job: Job
+    figures: FiguresShown
+    parts: OwnMotionParts
+
+    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Diagnosis:
+        def on_progress(share: float) -> None:
+            if should_cancel():
+                raise CancelledRun
+            on_event(Progress("numbers", share))
+
+        return self.diagnose(self.asked, on_progress)
+
+    def progress(self, events: list[Event]) -> Updates:
+        share = last_share(events)
+        if share is None:
+            return {}
+        return {self.parts.status: markup.sentence_status(MEASURING.format(share=share))}
+
+    def finished(self, result: Diagnosis) -> Updates:
+        parts = self.parts
+        for path in result.files:
+            if path.suffix in (".png", ".svg", ".pdf"):
+                self.figures.take(Artefact("figure", path.stem, path))
+        bundle = zip_files(result.files, self.job.folder / "own-motion.zip")
+        count = len(result.diagnostics["systems"])
+        line = MEASURED.format(motions=f"{count} motion{'s' if count > 1 else ''}")
+        return {
+            parts.status: markup.sentence_status(line),
+            parts.message: shown(markup.notes_message(result.notes)),
+            parts.figures: shown(self.figures.html(result.diagnostics)),
+            parts.numbers: shown(measures_table(result.diagnostics)),
+            parts.downloads: gr.update(visible=True),
+            parts.bundle: gr.update(value=str(bundle)),
+            parts.files: [str(path) for path in result.files],
         }

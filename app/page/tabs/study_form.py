@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from app.errors import RunError
 
 SEPARATOR = "--"
+PROTOCOLS = {
+    "Pairs, which is more real? (silent)": "pairwise",
+    "Right or wrong speech? (one system at a time)": "matched",
+    "Rank all systems on three questions": "ranking",
+    "Rate all systems with sliders": "rating",
+}
 MAX_FILES = 60
 MAX_VIDEO_S = 1800.0
 """Of all videos of a study that the page makes."""
@@ -30,6 +38,12 @@ class StudyForm:
     seed: float
     views: list[str]
     post_to: str
+
+    @classmethod
+    def of(cls, values: Sequence[Any]) -> StudyForm:
+        """From the values of the fields; the page has its own words for the protocols."""
+        title, protocol, *rest = values
+        return cls(str(title or ""), PROTOCOLS.get(protocol, str(protocol)), *rest)
 
 
 def plan_text(form: StudyForm) -> str:

@@ -9,26 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
-from app.page.mathml import (
-    BONES,
-    LOSS,
-    MINUS,
-    PRIME,
-    frac,
-    hat,
-    math,
-    num,
-    op,
-    row,
-    squared_norm,
-    sub,
-    subsup,
-    sup,
-    tilde,
-    total,
-    var,
-    word,
-)
+import gradio as gr
+
 from model.systems.globaldiff.config import BEST
 
 TITLE = "Five systems, each adding one thing to the one before"
@@ -49,6 +31,9 @@ OWN_MEANING = (
 )
 
 
+_DELIMITERS = {"left": "$$", "right": "$$", "display": True}
+
+
 @dataclass(frozen=True)
 class Rung:
     """One row of the paper's Table 2."""
@@ -57,44 +42,22 @@ class Rung:
     adds: str
     meaning: str
     equation: str
+    """In TeX, without the signs of HTML."""
     source: str
     look_for: str
 
 
-_LOCAL = math(
-    subsup(var("R"), var("k"), word("global")), op("="),
-    subsup(var("R"), num("1"), word("local")), subsup(var("R"), num("2"), word("local")),
-    op("⋯"), subsup(var("R"), var("k"), word("local")),
-)  # fmt: skip
-_GLOBAL = math(
-    sub(var("q"), var("k")), op("="), sub(var("q"), word("root")), op("+"),
-    total(row(op("("), var("i"), op("→"), var("j"), op(")"), op("∈"), var("π"), op("("), var("k"),
-              op(")"))),
-    subsup(var("R"), var("i"), word("global")),
-    row(op("("), sub(var("t"), var("j")), op(MINUS), sub(var("t"), var("i")), op(")")),
-)  # fmt: skip
-_JOINT = math(
-    sub(var(LOSS), var("j")), op("="), frac(num("1"), row(var("K"), var("N"))),
-    total(row(var("k"), op(","), var("n"))),
-    squared_norm(row(
-        subsup(var("R"), var("k"), word("global")), subsup(var("v"), var("k"), var("n")), op(MINUS),
-        subsup(var("R"), var("k"), word("gt")), subsup(var("v"), var("k"), var("n")),
-    )),
-)  # fmt: skip
-_OTHER_BONE = row(var("b"), op(PRIME))
-_SKELETON = math(
-    sub(var(LOSS), var("s")), op("="), frac(num("1"), row(op("|"), var(BONES), op("|"))),
-    total(row(var("b"), op(","), _OTHER_BONE, op("∈"), var(BONES))),
-    sup(row(
-        op("("), sup(var("b"), word("T")), _OTHER_BONE, op(MINUS),
-        sup(tilde(var("b")), word("T")), row(tilde(var("b")), op(PRIME)), op(")"),
-    ), num("2")),
-)  # fmt: skip
-_MOTION = math(
-    sub(var(LOSS), var("m")), op("="),
-    squared_norm(row(var("g"), op("("), hat(var("X")), op(")"), op(MINUS), var("g"), op("("),
-                     var("X"), op(")"))),
-)  # fmt: skip
+_LOCAL = r"R_k^{\text{global}} = R_1^{\text{local}} R_2^{\text{local}} \cdots R_k^{\text{local}}"
+_GLOBAL = r"q_k = q_{\text{root}} + \sum_{(i \to j) \in \pi(k)} R_i^{\text{global}} (t_j - t_i)"
+_JOINT = (
+    r"\mathcal{L}_j = \frac{1}{KN} \sum_{k,n}"
+    r" \|R_k^{\text{global}} v_k^n - R_k^{\text{gt}} v_k^n\|^2"
+)
+_SKELETON = (
+    r"\mathcal{L}_s = \frac{1}{|\mathcal{B}|} \sum_{b,b' \in \mathcal{B}}"
+    r" (b^{\text{T}} b' - \tilde{b}^{\text{T}} \tilde{b}')^2"
+)
+_MOTION = r"\mathcal{L}_m = \|g(\hat{X}) - g(X)\|^2"
 
 RUNGS = (
     Rung(
@@ -135,6 +98,18 @@ RUNGS = (
 )  # fmt: skip
 
 
+def build_systems_tab(systems: Sequence[str]) -> None:
+    """Lay out the tab inside the current context.
+
+    Args:
+        systems: of which there are weights.
+    """
+    # Markdown, because Gradio sets formulas in it; the text is our own, so nothing is taken out.
+    gr.Markdown(
+        ladder(systems), sanitize_html=False, latex_delimiters=[_DELIMITERS], elem_id="ladder"
+    )
+
+
 def ladder(systems: Sequence[str]) -> str:
     """The rungs as cards from left to right, with what cannot be run here marked as such."""
     cards = "".join(_card(number, rung, systems) for number, rung in enumerate(RUNGS, start=1))
@@ -159,6 +134,6 @@ def _card(number: int, rung: Rung, systems: Sequence[str]) -> str:
         f'<li{"" if is_here else " class=absent"}><h3><i aria-hidden="true">{number}</i>'
         f"{escape(rung.adds)}</h3>"
         f"<code>{escape(rung.system)}</code>{missing}<p>{escape(rung.meaning)}</p>"
-        f'<div class="equation">{rung.equation}<small>{escape(rung.source)}</small></div>'
+        f'<div class="equation">$${rung.equation}$$<small>{escape(rung.source)}</small></div>'
         f"<p><b>Look for</b> {escape(rung.look_for)}</p></li>"
     )

@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 from app.findings.comparison import plain
+from app.findings.points import point_title
 from app.findings.samples import Ratio, ratio_of, samples_by_system
 from app.findings.sentences import sentences_of
-from app.run.followed_point import point_title
 
 PLOTS = ["trajectory", "depth", "spectrum", "attribution", "seams", "reference"]
 

@@ -1,182 +1,92 @@
-"""The page without a browser: through Gradio's own client, as any program may use it."""
+"""The tabs of one page beside each other: the same visitor may have a run in each."""
 
-import urllib.error
-import urllib.parse
-import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
-import httpx
+import gradio as gr
 import pytest
-from gradio import http_server
-from gradio_client import Client, handle_file
-from gradio_client.exceptions import AppError
 
-from app import text
 from app.config import AppConfig
-from app.errors import RunError
-from app.page.launch import launch, parse_config
-from app.page.serving.media import GONE
-from tests.helpers import ROOT
+from app.page.page import build_app
+from app.page.serving.jobs import Job, JobBook
+from app.page.serving.media import MediaDesk
+from app.page.serving.researcher_part import Handover
+from app.page.serving.visitors import COOKIE
+from tests.app import fakes
 
-FORM = {
-    "systems": ["globaldiff/global"],
-    "speaker": "ann",
-    "seed": 0,
-    "samples": 1,
-    "steps": 1,
-    "sampler": "euler",
-    "is_smoothed": False,
-    "reference": None,
-    "point": "right_middle",
-    "start_frame": 0,
-    "transcript": None,
-}
+VISITOR = SimpleNamespace(session_hash="visitor", cookies={COOKIE: "cookie"})
+TABS = {"generate": "cancel", "own-start": "own-cancel", "study-make": "study-cancel"}
+"""Of each tab the button that starts a run and the one that stops it."""
 
 
-@pytest.fixture(scope="module")
-def address(weights: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """The real page with tiny weights."""
-    temp = tmp_path_factory.mktemp("page")
-    page = launch(AppConfig(port=0, weights=weights, temp=temp), is_warmed_up=False)
-    yield page.local_url
-    page.close()
+class WatchedJobs(JobBook):
+    """Keeps every job in sight of the test, in order."""
 
+    def __init__(self, root: Path) -> None:
+        super().__init__(root)
+        self.opened: list[Job] = []
 
-def test_every_route_is_there_as_soon_as_the_server_listens(
-    weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("GRADIO_TEMP_DIR", "")  # launching sets it for the whole process
-    answers: list[int] = []
-    start_server = http_server.start_server
-
-    def start_and_ask(*args, **options):
-        """What a browser meets that asks before anything else has happened."""
-        started = start_server(*args, **options)
-        with httpx.Client(base_url=started[2], timeout=10) as client:
-            answers.append(client.get("web/player.js").status_code)
-            answers.append(client.post("study/visitor").status_code)
-            answers.append(client.get("media/none").status_code)
-            assert client.get("media/none").text == GONE
-        return started
-
-    monkeypatch.setattr(http_server, "start_server", start_and_ask)
-    page = launch(AppConfig(port=0, weights=weights, temp=tmp_path), is_warmed_up=False)
-    page.close()
-    assert answers == [200, 204, 404]
+    def open(self, *names: Any) -> Job:
+        self.opened.append(super().open(*names))
+        return self.opened[-1]
 
 
 @pytest.fixture
-def client(address: str, tmp_path: Path) -> Client:
-    return Client(address, verbose=False, download_files=str(tmp_path), analytics_enabled=False)
+def jobs(tmp_path: Path) -> WatchedJobs:
+    return WatchedJobs(tmp_path / "jobs")
 
 
-def submit(client: Client, speech: Path | None, **changes):
-    values = {**FORM, **changes}
-    sound = handle_file(str(speech)) if speech else None
-    return client.submit(sound, *values.values(), api_name="/generate")
+@pytest.fixture
+def page(jobs: WatchedJobs, tmp_path: Path) -> gr.Blocks:
+    handover = Handover(tmp_path / "private")
+    generate = fakes.make_generate()
+    return build_app(generate, fakes.CATALOGUE, AppConfig(), jobs, handover, MediaDesk())
 
 
-def test_bad_speech_gives_its_sentence(client: Client, bad_speech: tuple[Path, str]) -> None:
-    speech, words = bad_speech
-    with pytest.raises(AppError) as caught:
-        submit(client, speech).result(timeout=60)
-    assert words in str(caught.value)
+def handler(page: gr.Blocks, button: str) -> Callable[..., Any]:
+    """What a click on a button calls."""
+    (found,) = (
+        each.fn
+        for each in page.fns.values()
+        for target, event in each.targets
+        if event == "click" and page.blocks[target].elem_id == button
+    )
+    return found
 
 
-def test_a_bad_reference_gives_its_sentence(
-    client: Client, speech: Path, bad_motion: tuple[Path, str]
+@pytest.fixture
+def runs(page: gr.Blocks, speech: Path) -> list[Any]:
+    """A run in each tab, which has begun and goes no further."""
+    systems = list(fakes.CATALOGUE.systems)
+    protocol = "Rank all systems on three questions"
+    forms = (
+        (str(speech), systems, "ann", 0, 1, 1, "euler", False, None, "right_middle", 0, None),
+        (["/up/a.npz"], None, None, "right_middle", 0),
+        ("A study", protocol, [str(speech)], systems, None, 1, 4, 0, ["front"], ""),
+    )
+    started = []
+    for button, form in zip(TABS, forms, strict=True):
+        started.append(handler(page, button)(VISITOR, *form))
+        next(started[-1])
+    return started
+
+
+@pytest.mark.usefixtures("runs")
+@pytest.mark.parametrize("tab", range(3))
+def test_a_tabs_cancel_stops_its_own_run_alone(
+    page: gr.Blocks, jobs: WatchedJobs, tab: int
 ) -> None:
-    motion, words = bad_motion
-    with pytest.raises(AppError) as caught:
-        submit(client, speech, reference=handle_file(str(motion))).result(timeout=60)
-    assert words in str(caught.value)
+    handler(page, list(TABS.values())[tab])(VISITOR)
+    assert [job.is_cancelled() for job in jobs.opened] == [number == tab for number in range(3)]
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"systems": []}, text.NO_SYSTEM),
-        ({"seed": -5}, "-5"),
-        ({"speaker": "nobody"}, "nobody"),
-        ({"start_frame": 5000}, "got 5000"),
-    ],
-)
-def test_a_form_that_cannot_be_done_gives_a_sentence(
-    client: Client, speech: Path, changes: dict, words: str
+@pytest.mark.usefixtures("runs")
+def test_a_page_that_is_closed_stops_the_runs_of_all_tabs(
+    page: gr.Blocks, jobs: WatchedJobs
 ) -> None:
-    with pytest.raises(AppError) as caught:
-        submit(client, speech, **changes).result(timeout=60)
-    assert words in str(caught.value)
-
-
-def test_without_speech_the_page_asks_for_it(client: Client) -> None:
-    with pytest.raises(AppError) as caught:
-        submit(client, None).result(timeout=60)
-    assert text.NO_SPEECH in str(caught.value)
-
-
-@pytest.mark.gl
-def test_a_run_ends_with_every_file(client: Client, speech: Path) -> None:
-    result = submit(client, speech).result(timeout=180)
-    status = next(part for part in result if isinstance(part, str) and "Done in" in part)
-    assert "37 frames" in status
-    files = next(part for part in result if isinstance(part, list) and len(part) > 5)
-    names = {Path(str(file)).name for file in files}
-    assert {"globaldiff-global.npz", "comparison.mp4", "figure6.png"} <= names
-
-
-@pytest.mark.parametrize(
-    "path",
-    [
-        "pyproject.toml",
-        "requirements.txt",
-        "renderer/assets/open_body.npz",
-        "app/text.py",
-        ".git/HEAD",
-    ],
-)
-def test_files_of_the_program_are_not_served(address: str, path: str) -> None:
-    assert (ROOT / path).exists()
-    for written in (str(ROOT / path), path, f"../{path}"):
-        url = f"{address}gradio_api/file={urllib.parse.quote(written)}"
-        with pytest.raises(urllib.error.HTTPError) as caught:
-            urllib.request.urlopen(url, timeout=10)
-        assert caught.value.code in (403, 404)
-
-
-def test_weights_are_not_served(address: str, weights: Path) -> None:
-    url = f"{address}gradio_api/file={weights / 'globaldiff-local.safetensors'}"
-    with pytest.raises(urllib.error.HTTPError) as caught:
-        urllib.request.urlopen(url, timeout=10)
-    assert caught.value.code in (403, 404)
-
-
-def test_the_page_tells_no_one_and_loads_nothing_from_elsewhere(address: str) -> None:
-    html = urllib.request.urlopen(address, timeout=10).read().decode()
-    assert '"analytics_enabled":false' in html.replace(" ", "")
-    for elsewhere in ("fonts.googleapis.com", "fonts.gstatic.com", "cdn.jsdelivr"):
-        assert f'href="https://{elsewhere}' not in html
-
-
-def test_the_host_and_port_come_from_flags_then_environment(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.delenv("GRADIO_SERVER_NAME", raising=False)
-    monkeypatch.delenv("GRADIO_SERVER_PORT", raising=False)
-    assert (parse_config([]).host, parse_config([]).port) == ("127.0.0.1", 7860)
-    monkeypatch.setenv("GRADIO_SERVER_NAME", "0.0.0.0")
-    monkeypatch.setenv("GRADIO_SERVER_PORT", "7999")
-    assert (parse_config([]).host, parse_config([]).port) == ("0.0.0.0", 7999)
-    assert parse_config(["--port", "8000"]).port == 8000
-    monkeypatch.setenv("GRADIO_SERVER_PORT", "many")
-    with pytest.raises(RunError, match="many"):
-        parse_config([])
-    monkeypatch.delenv("GRADIO_SERVER_PORT")
-    with pytest.raises(RunError, match="body"):
-        parse_config(["--port", "1", "--body", "/nowhere.npz"])
-
-
-def test_no_weights_gives_a_sentence(tmp_path: Path) -> None:
-    with pytest.raises(RunError, match="No trained systems"):
-        launch(AppConfig(port=0, weights=tmp_path, temp=tmp_path / "t"), is_warmed_up=False)
+    for each in page.fns.values():
+        if any(event == "unload" for _, event in each.targets):
+            each.fn(VISITOR)
+    assert [job.is_cancelled() for job in jobs.opened] == [True] * 3

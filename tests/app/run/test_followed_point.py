@@ -72,7 +72,7 @@ def test_a_long_motion_is_followed_in_pieces_between_which_it_can_be_ended(
     motion = smooth_motion_example(num_frames)
     source = choose_tip_source(load_body(), body, point)
     told: list[None] = []
-    track = source.track(motion, lambda: told.append(None))
+    track = source.track(motion, on_piece=lambda: told.append(None))
     assert (track.shape, len(told)) == ((num_frames, 3), pieces)
     end = np.s_[num_frames - 10 :]
     np.testing.assert_allclose(track[end], source.track(piece_of(motion, end)), atol=1e-6)
@@ -81,7 +81,18 @@ def test_a_long_motion_is_followed_in_pieces_between_which_it_can_be_ended(
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        source.track(motion, stop)
+        source.track(motion, on_piece=stop)
+
+
+def test_a_motion_is_followed_once_and_its_start_alone_where_that_is_enough() -> None:
+    source = choose_tip_source(load_body(), None)
+    start = source.track(MOTION, num_frames=5)
+    assert start.shape == (5, 3)
+    whole = source.track(MOTION)
+    np.testing.assert_array_equal(whole[:5], start)
+    assert np.shares_memory(source.track(MOTION), whole)
+    assert np.shares_memory(source.track(MOTION, num_frames=5), whole)
+    assert not np.array_equal(source.track(piece_of(MOTION, np.s_[1:])), whole[:-1])
 
 
 def test_another_point_is_refused_with_the_choice() -> None:

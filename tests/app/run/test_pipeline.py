@@ -38,7 +38,7 @@ WITHOUT_VIDEO = {
 @pytest.mark.gl
 def test_a_whole_run_leaves_every_file_with_exactly_the_frames_of_the_speech(ask: Ask) -> None:
     reference = smooth_motion_example(50)
-    request = ask(has_video=True, size=96, views=("front", "side"))
+    request = ask(has_video=True, size=256, views=("front", "side"))
     path = request.speech.with_name("reference.npz")
     save_motion(reference, path)
     events = []
@@ -179,7 +179,8 @@ def test_samples_are_named_and_the_first_does_not_depend_on_how_many_there_are(a
         ({"joint": "nose"}, "no point 'nose' to follow; choose a fingertip"),
         ({"start_frame": 37}, "start at frame 0 to 36; got 37"),
         ({"start_frame": -1}, "start at frame 0 to 36; got -1"),
-        ({"size": 33, "has_video": True}, "33 x 33"),
+        ({"size": 254, "has_video": True}, "254 pixels; pictures have 256 to 1080"),
+        ({"size": 333, "has_video": True}, "333 pixels"),
         ({"weights": Path("/nowhere")}, "No trained systems were found in /nowhere"),
         ({"speech": Path("/nowhere/speech.wav")}, "speech.wav does not exist"),
         ({"reference": Path("/nowhere/m.npz")}, "m.npz does not exist"),
@@ -278,4 +279,18 @@ def test_cancelling_before_the_first_window_stops_generation(ask: Ask) -> None:
     request = ask()
     with pytest.raises(CancelledRun):
         generate_all(request, should_cancel=lambda: True)
+    assert not request.out.exists()
+
+
+def test_cancel_is_heard_while_motions_are_measured(ask: Ask) -> None:
+    request = ask()
+    shares: list[float] = []
+
+    def watch(event) -> None:
+        if isinstance(event, Progress) and event.stage == "numbers":
+            shares.append(event.fraction)
+
+    with pytest.raises(CancelledRun):
+        generate_all(request, watch, lambda: len(set(shares)) > 1)
+    assert 0.0 < max(shares) < 1.0
     assert not request.out.exists()

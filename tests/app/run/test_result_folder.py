@@ -1,12 +1,13 @@
 import os
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
 
 from app.errors import RunError
-from app.run.result_folder import ResultFolder, require_free_space
+from app.run.result_folder import ResultFolder, require_free_space, zip_files
 
 
 def test_results_appear_together_and_only_at_the_end(tmp_path: Path) -> None:
@@ -59,3 +60,18 @@ def test_too_little_free_space_is_refused_with_both_numbers(tmp_path: Path) -> N
     with pytest.raises(RunError, match=r"\d+ MB free .* needs about 1000000000 MB"):
         require_free_space(tmp_path, 10**15)
     require_free_space(tmp_path, 1)
+
+
+def test_a_zip_holds_the_files_under_its_own_name_and_none_is_left_half_written(
+    tmp_path: Path,
+) -> None:
+    files = [tmp_path / "a.json", tmp_path / "b.mp4"]
+    for file in files:
+        file.write_bytes(b"0" * 1000)
+    with zipfile.ZipFile(zip_files(files, tmp_path / "run.zip")) as archive:
+        assert archive.namelist() == ["run/a.json", "run/b.mp4"]
+        assert archive.read("run/b.mp4") == b"0" * 1000
+        assert archive.getinfo("run/a.json").compress_size < 100
+    with pytest.raises(FileNotFoundError):
+        zip_files([tmp_path / "absent"], tmp_path / "half.zip")
+    assert {path.name for path in tmp_path.iterdir()} == {"a.json", "b.mp4", "run.zip"}

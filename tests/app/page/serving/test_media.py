@@ -6,7 +6,7 @@ from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
 from app.page.serving.media import WEB_FOLDER, MediaDesk, media_routes
-from app.page.serving.researcher_part import COOKIE
+from app.page.serving.visitors import COOKIE
 
 
 @pytest.fixture

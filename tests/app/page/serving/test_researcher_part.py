@@ -11,7 +11,8 @@ import gradio as gr
 import httpx
 import pytest
 
-from app.page.serving.researcher_part import COOKIE, FILE_NAME, Handover, study_routes
+from app.page.serving.researcher_part import FILE_NAME, Handover, study_routes
+from app.page.serving.visitors import COOKIE
 from app.study.make.packing import zip_folder
 
 SECRET = b"which video is whose"

@@ -1,4 +1,4 @@
-"""What the page can offer, read without loading a model: systems, speakers, example speech."""
+"""What the page can offer, read without loading a model: systems, speakers, examples, points."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from typing import Any
 
 from app import text
 from app.errors import RunError
+from app.findings.points import point_title
 from model.storage.cards import load_card
 from model.systems.registry import list_speakers, list_systems
+from renderer.body.joints import JOINT_NAMES, TIP_VERTICES
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,11 @@ def find_examples(folder: Path) -> tuple[Example, ...]:
         Example(path.stem.replace("_", " ").capitalize(), path)
         for path in sorted(folder.glob("*.wav"))
     )
+
+
+def point_choices() -> list[tuple[str, str]]:
+    """Fingertips, then joints, each by the name a person reads."""
+    return [(point_title(point), point) for point in (*TIP_VERTICES, *JOINT_NAMES)]
 
 
 def _trained_on(cards: list[dict[str, Any]]) -> str:

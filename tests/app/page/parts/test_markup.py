@@ -1,20 +1,20 @@
-from app.page import markup as view
+from app.page.parts import markup
 
 
 def test_names_from_outside_cannot_bring_markup() -> None:
     evil = "<script>alert(1)</script>"
     pieces = [
-        view.header(evil),
-        view.status(evil, {"motion": 0.5}, {"motion": evil}),
-        view.error_message(evil),
-        view.notes_message([evil]),
+        markup.header(evil),
+        markup.status(evil, {"motion": 0.5}, {"motion": evil}),
+        markup.error_message(evil),
+        markup.notes_message([evil]),
     ]
     for piece in pieces:
         assert "<script" not in piece and "&lt;script" in piece
 
 
 def test_stages_are_done_doing_or_still_to_do() -> None:
-    html = view.status("line", {"speech": 1.0, "motion": 0.4}, {"motion": "globaldiff/local"})
+    html = markup.status("line", {"speech": 1.0, "motion": 0.4}, {"motion": "globaldiff/local"})
     assert html.count('class="done"') == 1
     assert html.count('class="doing"') == 1
     assert html.count('class="todo"') == 4
@@ -22,4 +22,4 @@ def test_stages_are_done_doing_or_still_to_do() -> None:
 
 
 def test_nothing_to_say_takes_no_room() -> None:
-    assert view.notes_message([]) == ""
+    assert markup.notes_message([]) == ""

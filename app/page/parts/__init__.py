@@ -1,0 +1,1 @@
+"""What pieces of the page are made of; imports nothing else of the page."""

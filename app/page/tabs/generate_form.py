@@ -1,0 +1,107 @@
+"""From the fields of the tab "Motion" to the run that they ask for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+from app import text
+from app.config import AppConfig
+from app.errors import RunError
+from app.page.parts.catalogue import Catalogue
+from app.run.request import (
+    POST_FILTERS,
+    REFERENCE_NAME,
+    GenerateRequest,
+    Sampler,
+    check_request,
+    sample_name,
+)
+
+SEED_LIMIT = 2**31 - 1
+PAGE_VIDEOS = 12
+
+
+@dataclass(frozen=True)
+class Form:
+    """What the visitor has filled in, as Gradio hands it over."""
+
+    speech: str | None
+    systems: list[str]
+    speaker: str | None
+    seed: float | None
+    samples: float
+    steps: float
+    sampler: str
+    is_smoothed: bool
+    reference: str | None
+    point: str
+    start_frame: float | None
+    transcript: str | None
+
+
+def request_from_form(
+    form: Form, folder: Path, catalogue: Catalogue, config: AppConfig
+) -> GenerateRequest:
+    """The run that a form asks for.
+
+    Raises:
+        RunError: a sentence for the visitor when the form asks for something that cannot be.
+    """
+    if not form.speech:
+        raise RunError(text.NO_SPEECH)
+    if not form.systems:
+        raise RunError(text.NO_SYSTEM)
+    # Kept in the catalogue's order, so that rows stand the same way in every run.
+    systems = tuple(name for name in catalogue.systems if name in form.systems)
+    unknown = sorted(set(form.systems) - set(systems))
+    if unknown:
+        raise RunError(
+            f"There is no system {unknown[0]!r}; the systems are {', '.join(catalogue.systems)}."
+        )
+    if form.seed is None or form.seed != int(form.seed) or not 0 <= form.seed <= SEED_LIMIT:
+        raise RunError(text.BAD_SEED.format(limit=SEED_LIMIT, value=form.seed))
+    start_frame = form.start_frame or 0
+    if start_frame != int(start_frame) or start_frame < 0:
+        raise RunError(text.BAD_START.format(value=form.start_frame))
+    samples, steps = int(form.samples), int(form.steps)
+    count = len(systems) * samples + bool(form.reference)
+    if count > PAGE_VIDEOS:
+        raise RunError(
+            text.TOO_MANY_VIDEOS.format(
+                systems=len(systems), samples=samples, count=count, limit=PAGE_VIDEOS
+            )
+        )
+    request = GenerateRequest(
+        speech=Path(form.speech),
+        out=folder / "results",
+        weights=config.weights,
+        systems=systems,
+        speaker=form.speaker,
+        seed=int(form.seed),
+        samples=samples,
+        steps=steps,
+        sampler=cast("Sampler", form.sampler),
+        post_filter=POST_FILTERS[bool(form.is_smoothed)],
+        reference=Path(form.reference) if form.reference else None,
+        transcript=Path(form.transcript) if form.transcript else None,
+        joint=form.point,
+        start_frame=int(start_frame),
+        body=config.body,
+        # A licensed body may be looked at in videos; its mesh is not handed to visitors.
+        has_previews=config.body is None,
+        max_speech_s=config.max_speech_s,
+    )
+    check_request(request)
+    return request
+
+
+def row_names(request: GenerateRequest) -> tuple[str, ...]:
+    """The videos of a run in the order in which they stand on the page."""
+    names = [
+        sample_name(system, sample)
+        for system in request.systems
+        for sample in range(1, request.samples + 1)
+    ]
+    return (*names, REFERENCE_NAME) if request.reference else tuple(names)

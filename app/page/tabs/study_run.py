@@ -1,0 +1,174 @@
+"""The runs of the tab "User study": a plan written, or a study made and kept for its maker."""
+
+from __future__ import annotations
+
+import html
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import gradio as gr
+
+from app import text
+from app.config import AppConfig
+from app.errors import RunError
+from app.page.parts import markup
+from app.page.serving.follow import last_share, visitor_sentence
+from app.page.serving.jobs import Job, JobBook
+from app.page.serving.researcher_part import FILE_NAME, RESEARCHER_ROUTE, Handover
+from app.page.serving.runner import TabRunner, Updates
+from app.page.serving.visitors import visitor_of
+from app.page.tabs.study_form import StudyForm, collect_files, plan_text
+from app.run.request import Event, OnEvent, Progress, ShouldCancel
+from app.study.design.plan import read_plan
+from app.study.make.packing import zip_folder
+from app.study.make.workspace import Workspace
+
+if TYPE_CHECKING:
+    from app.study.export import ExportOptions
+
+NO_COOKIE = (
+    "Your browser keeps no cookie of this page, without which the researcher's part cannot be "
+    "kept for you alone; allow cookies and reload the page."
+)
+MADE = (
+    "No leak was found. Host the first download on any web server. The second holds the key: fetch "
+    "it now, it is deleted as it is sent, and nobody else can get it."
+)
+
+
+@dataclass(frozen=True)
+class StudyParts:
+    """Where the tab shows what comes of it."""
+
+    status: gr.HTML
+    plan: gr.DownloadButton
+    participants: gr.DownloadButton
+    researcher: gr.HTML
+
+    @property
+    def all(self) -> list[Any]:
+        return [self.status, self.plan, self.participants, self.researcher]
+
+
+class StudyRunner(TabRunner[Workspace]):
+    """Writes plans and makes studies."""
+
+    tab = "study"
+
+    def __init__(
+        self, config: AppConfig, jobs: JobBook, handover: Handover, parts: StudyParts
+    ) -> None:
+        super().__init__(jobs, parts.status)
+        self._config = config
+        self._handover = handover
+        self._parts = parts
+
+    def write_plan(self, request: gr.Request, *values: Any) -> Updates:
+        """The plan as a file, without making anything.
+
+        Raises:
+            gr.Error: with one sentence.
+        """
+        job = self._jobs.open(visitor_of(request), self.tab)
+        try:
+            path = _write_plan(StudyForm.of(values), job.folder)
+            read_plan(path)
+        except Exception as error:
+            raise gr.Error(visitor_sentence(error), print_exception=False) from error
+        finally:
+            self._jobs.close(job)
+        return {
+            self._parts.status: markup.sentence_status("The plan is written."),
+            self._parts.plan: gr.update(value=str(path), visible=True),
+        }
+
+    @contextmanager
+    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
+        from app.study.export import ExportOptions  # brings torch: only once it is needed
+
+        if not cookie:
+            raise RunError(NO_COOKIE)
+        private = self._handover.private_folder()
+        try:
+            plan_path = _write_plan(StudyForm.of(values), private)
+            options = ExportOptions(self._config.weights, self._config.body)
+            yield _Work(plan_path, options, job, cookie, self._handover, self._parts)
+        finally:
+            shutil.rmtree(private, ignore_errors=True)
+
+    def blank(self) -> Updates:
+        hidden = gr.update(visible=False)
+        return {
+            self._parts.status: markup.sentence_status(text.STARTING),
+            self._parts.plan: hidden,
+            self._parts.participants: hidden,
+            self._parts.researcher: gr.update(value="", visible=False),
+        }
+
+    def stopped(self, status: str, message: str) -> Updates:
+        return {self._parts.status: message or status}
+
+
+@dataclass(frozen=True)
+class _Work:
+    """One study that is made, in a folder that is removed at the end."""
+
+    plan_path: Path
+    """In that folder."""
+    options: ExportOptions
+    job: Job
+    cookie: str
+    handover: Handover
+    parts: StudyParts
+
+    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Workspace:
+        from app.study.export import export_study
+
+        return export_study(
+            read_plan(self.plan_path),
+            self.plan_path.parent / "study",
+            self.options,
+            on_progress=lambda share: on_event(Progress("video", share)),
+            should_cancel=should_cancel,
+        )
+
+    def progress(self, events: list[Event]) -> Updates:
+        share = last_share(events)
+        if share is None:
+            return {}
+        return {self.parts.status: markup.sentence_status(f"Making the videos: {share:.0%}")}
+
+    def finished(self, result: Workspace) -> Updates:
+        """The participants' part goes to Gradio, the researcher's waits in a folder of its own."""
+        folder = self.job.folder
+        bundle = zip_folder(result.bundle, folder / "participant_bundle.zip")
+        plan = Path(shutil.copyfile(self.plan_path, folder / "plan.toml"))
+        shutil.copyfile(plan, result.private / "plan.toml")
+        archive = zip_folder(result.private, self.handover.private_folder() / FILE_NAME)
+        token = self.handover.offer(self.cookie, archive)
+        return {
+            self.parts.status: markup.sentence_status(MADE),
+            self.parts.plan: gr.update(value=str(plan), visible=True),
+            self.parts.participants: gr.update(value=str(bundle), visible=True),
+            self.parts.researcher: gr.update(value=_fetch_button(token), visible=True),
+        }
+
+
+def _write_plan(form: StudyForm, folder: Path) -> Path:
+    path = folder / "plan.toml"
+    path.write_text(plan_text(form), "utf-8")
+    collect_files(form, folder)
+    return path
+
+
+def _fetch_button(token: str) -> str:
+    return (
+        f'<form method="post" action=".{RESEARCHER_ROUTE}">'
+        f'<input type="hidden" name="token" value="{html.escape(token)}">'
+        '<button type="submit" class="lg secondary">For you alone: key and records (zip, once)'
+        "</button></form>"
+    )

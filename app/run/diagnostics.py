@@ -1,0 +1,124 @@
+"""The numbers of motions beside each other: measured, told in ``diagnostics.json`` and a table.
+
+Generated motion and anyone else's go this one way.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from app.run.followed_point import TipSource
+from app.run.request import REFERENCE_NAME
+from app.run.result_folder import ResultFolder
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from model.motion.motion import Motion
+    from model.speech.audio import Speech
+    from model.speech.transcript import Word
+
+CSV_HEADER = ("name", "post_filter", "measure", "index", "value")
+_KEPT_CLIPS = 8
+_ONSETS: dict[str, np.ndarray] = {}
+"""Of the last clips, by the sha256 of their files."""
+_FINDING = threading.Lock()
+
+
+def measure_motions(
+    motions: Mapping[str, Motion],
+    tip: TipSource,
+    onsets_s: np.ndarray | None = None,
+    words: Sequence[Word] | None = None,
+    on_share: Callable[[float], None] = lambda share: None,
+) -> dict[str, Any]:
+    """The content of ``diagnostics.json``, with what stands out in each motion.
+
+    Args:
+        motions: by name; the recorded one, if there is one, as `REFERENCE_NAME`.
+        tip: what the ``tip_`` measures follow.
+        onsets_s: of their speech, for BeatAlign.
+        words: of their speech, which are only handed on.
+        on_share: told the share done, 0 to 1, of each motion as it is and filtered, more than once
+            in a long one; what it raises ends the work.
+    """
+    from model.measures.diagnostics import diagnose
+    from model.motion.skeleton import open_body_skeleton
+
+    done, count = 0, 2 * len(motions)
+
+    def follow(version: Motion) -> np.ndarray:
+        """Each motion comes as it is and filtered, just before it is measured."""
+        nonlocal done
+        share = done / count
+        done += 1
+        return tip.track(version, on_piece=lambda: on_share(share))
+
+    diagnostics = diagnose(
+        {name: motion for name, motion in motions.items() if name != REFERENCE_NAME},
+        open_body_skeleton(),
+        reference=motions.get(REFERENCE_NAME),
+        tip_track=follow,
+        tip_source=tip.name,
+        joint=tip.point,
+        onsets_s=onsets_s,
+    )
+    if words is not None:
+        diagnostics["words"] = [asdict(word) for word in words]
+    return diagnostics
+
+
+def onsets_of(speech: Speech) -> np.ndarray:
+    """Times in seconds at which sounds begin; found once for a run and all that is shown of it."""
+    from model.measures.beats import speech_onsets
+
+    with _FINDING:
+        if speech.sha256 not in _ONSETS:
+            while len(_ONSETS) >= _KEPT_CLIPS:
+                del _ONSETS[next(iter(_ONSETS))]
+            _ONSETS[speech.sha256] = speech_onsets(speech.waveform)
+        return _ONSETS[speech.sha256]
+
+
+def write_diagnostics(diagnostics: Mapping[str, Any], folder: ResultFolder) -> tuple[Path, Path]:
+    """Write diagnostics.json and .csv. The table has one row for each number; arrays are told apart
+    by ``index``."""
+    json_path, csv_path = folder.path("diagnostics.json"), folder.path("diagnostics.csv")
+    json_path.write_text(json.dumps(diagnostics, indent=1, allow_nan=False) + "\n")
+    with csv_path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(CSV_HEADER)
+        writer.writerows(_rows(diagnostics))
+    return json_path, csv_path
+
+
+def _rows(diagnostics: Mapping[str, Any]) -> Iterator[tuple[str, str, str, str, float]]:
+    motions = dict(diagnostics["systems"])
+    if diagnostics["reference"] is not None:
+        motions[REFERENCE_NAME] = diagnostics["reference"]
+    for name, measures in motions.items():
+        for post_filter, values in measures.items():
+            for measure, value in values.items():
+                for index, number in _numbers(value):
+                    yield name, post_filter, measure, index, number
+
+
+def _numbers(value: Any, index: str = "") -> Iterator[tuple[str, float]]:
+    """Every number inside nested lists and mappings, with the way to it as ``a/b``."""
+    if isinstance(value, Mapping):
+        items = value.items()
+    elif isinstance(value, list | tuple):
+        items = enumerate(value)
+    elif isinstance(value, bool) or not isinstance(value, int | float):
+        return
+    else:
+        yield index, value
+        return
+    for key, inner in items:
+        yield from _numbers(inner, f"{index}/{key}" if index else str(key))

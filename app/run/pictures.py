@@ -1,0 +1,189 @@
+"""Pictures of motions: a video of each, all of them side by side, and the poses of Figure 6."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app.run.export import body_motion, render_settings
+from app.run.jerk_marks import jerk_marks
+from app.run.models import get_body
+from app.run.request import MAX_COMPARED, REFERENCE_NAME, GenerateRequest, file_stem
+from app.run.result_folder import ResultFolder
+from app.run.telling import Reporter
+from app.run.videos import draw_videos
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from app.run.inputs import Inputs
+    from model.motion.motion import Motion
+    from renderer.figures.write import JointMarks
+
+STILL_SIZE_PX = 512
+
+
+@dataclass(frozen=True)
+class Row:
+    """One motion of the comparison, as generated or as recorded."""
+
+    name: str
+    raw: Motion
+    shown: Motion
+    """After the post-filter, if one was asked for: what files and pictures hold."""
+    is_first_sample: bool = True
+
+
+@dataclass(frozen=True)
+class Snapshots:
+    """Poses for Figure 6: the frames, and by name the pictures (N, H, W, 3)."""
+
+    frames: tuple[int, ...] = ()
+    pictures: dict[str, np.ndarray] = field(default_factory=dict)
+    marks: JointMarks | None = None
+    """How much each joint jerks around each of the frames; None without pictures."""
+
+
+def show_preview(row: Row, inputs: Inputs, folder: ResultFolder, reporter: Reporter) -> None:
+    """The motion as a GLB that a browser plays at once; it is no result of the run."""
+    from renderer.files.glb import write_glb
+
+    previews = folder.scratch("previews")
+    previews.mkdir(exist_ok=True)
+    path = previews / f"{file_stem(row.name)}.glb"
+    write_glb(inputs.body, body_motion(row.shown), path)
+    reporter.file("preview", row.name, path)
+
+
+def draw_all(
+    request: GenerateRequest,
+    inputs: Inputs,
+    rows: Sequence[Row],
+    folder: ResultFolder,
+    reporter: Reporter,
+) -> Snapshots:
+    """A video for each row and view; the poses for Figure 6 are taken on the way, with the first
+    view's camera.
+
+    Raises:
+        CancelledRun, BodyError, GLError, VideoError: see `app.run.videos.draw_videos`.
+    """
+    from renderer.figures.write import choose_snapshot_frames
+    from renderer.stage.stage import set_stage
+    from renderer.video.pool import RenderJob
+
+    reporter.progress("video", 0.0)
+    motions = {row.name: body_motion(row.shown) for row in rows}
+    shortest = min(motion.num_frames for motion in motions.values())
+    frames = choose_snapshot_frames(shortest, request.start_frame)
+    marks = None
+    jobs: dict[str, RenderJob] = {}
+    drawn: dict[str, str] = {}
+    for view in request.views:
+        settings = render_settings(view, request.size)
+        stage = set_stage(inputs.body, list(motions.values()), view, settings.aspect)
+        marks = marks or jerk_marks(inputs.body, motions, frames, settings, stage)
+        for name, motion in motions.items():
+            is_main = view == request.views[0]
+            file_name = file_stem(name) + ("" if is_main else f".{view}") + ".mp4"
+            drawn[file_name] = name
+            jobs[file_name] = RenderJob(
+                motion=motion,
+                out=folder.path(file_name),
+                speech_wav=inputs.wav,
+                settings=settings,
+                body_path=request.body,
+                look=request.look,
+                stage=stage,
+                still_frames=frames if is_main else (),
+            )
+    results = draw_videos(
+        jobs,
+        on_progress=lambda part: reporter.progress("video", part),
+        on_done=lambda file: reporter.file("video", drawn[file], folder.path(file)),
+        should_cancel=reporter.should_cancel,
+    )
+    reporter.progress("video", 1.0)
+    pictures = {row.name: results[f"{file_stem(row.name)}.mp4"].stills for row in rows}
+    return Snapshots(frames, pictures, marks)
+
+
+def join_side_by_side(
+    rows: Sequence[Row], inputs: Inputs, folder: ResultFolder, reporter: Reporter
+) -> None:
+    """All videos in lock-step under one sound track.
+
+    Raises:
+        Cancelled, VideoError: see `renderer.video.compose.compose_videos`.
+    """
+    from renderer.video.compose import compose_videos
+
+    reporter.progress("comparison", 0.0)
+    names = [row.name for row in rows_that_fit(rows, reporter)]
+    out = folder.path("comparison.mp4")
+    compose_videos(
+        [folder.path(f"{file_stem(name)}.mp4") for name in names],
+        names,
+        out,
+        inputs.wav,
+        on_progress=lambda part: reporter.progress("comparison", part),
+        should_cancel=reporter.should_cancel,
+    )
+    reporter.file("comparison", "comparison", out)
+    reporter.progress("comparison", 1.0)
+
+
+def draw_poses(
+    motions: Mapping[str, Motion],
+    body_path: Path | None,
+    frames: tuple[int, ...],
+    on_share: Callable[[float], None],
+) -> Snapshots:
+    """Poses for Figure 6 without videos, all from one camera.
+
+    Args:
+        on_share: told the share of all pictures done; what it raises ends the work.
+
+    Raises:
+        BodyError, GLError: see `app.run.videos.draw_videos`.
+    """
+    from renderer.stage.stage import set_stage
+    from renderer.video.pool import RenderJob
+
+    body = get_body(body_path)
+    posed = {name: body_motion(motion) for name, motion in motions.items()}
+    settings = render_settings("front", STILL_SIZE_PX)
+    stage = set_stage(body, list(posed.values()))
+    jobs = {
+        name: RenderJob(
+            motion, settings=settings, body_path=body_path, stage=stage, still_frames=frames
+        )
+        for name, motion in posed.items()
+    }
+    results = draw_videos(
+        jobs,
+        on_progress=on_share,
+        on_done=lambda name: None,
+        should_cancel=lambda: False,  # on_share ends it
+    )
+    return Snapshots(
+        frames,
+        {name: result.stills for name, result in results.items()},
+        jerk_marks(body, posed, frames, settings, stage),
+    )
+
+
+def rows_that_fit(rows: Sequence[Row], reporter: Reporter) -> list[Row]:
+    """All rows, or where they are too many the first sample of each system and the reference."""
+    if len(rows) <= MAX_COMPARED:
+        return list(rows)
+    first = [row for row in rows if row.is_first_sample and row.name != REFERENCE_NAME]
+    reference = [row for row in rows if row.name == REFERENCE_NAME]
+    fitting = [*first[: MAX_COMPARED - len(reference)], *reference]
+    reporter.note(
+        f"Comparison and figure hold at most {MAX_COMPARED} motions; they show "
+        f"{', '.join(row.name for row in fitting)}."
+    )
+    return fitting

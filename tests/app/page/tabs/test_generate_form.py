@@ -1,0 +1,85 @@
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from app.config import AppConfig
+from app.errors import RunError
+from app.page.tabs.generate_form import Form, request_from_form, row_names
+from app.run.request import GenerateRequest
+from tests.app import fakes
+
+FORM = Form(
+    speech="/speech.wav",
+    systems=["globaldiff/global", "globaldiff/local"],
+    speaker="scott",
+    seed=3,
+    samples=2,
+    steps=7,
+    sampler="heun",
+    is_smoothed=True,
+    reference="/reference.npz",
+    point="left_index",
+    start_frame=12,
+    transcript=None,
+)
+CONFIG = AppConfig(weights=Path("/weights"))
+
+
+def read(form: Form) -> GenerateRequest:
+    return request_from_form(form, Path("/job"), fakes.CATALOGUE, CONFIG)
+
+
+def test_every_field_of_the_form_reaches_the_run() -> None:
+    request = read(FORM)
+    assert request == GenerateRequest(
+        speech=Path("/speech.wav"),
+        out=Path("/job/results"),
+        weights=Path("/weights"),
+        systems=("globaldiff/local", "globaldiff/global"),  # in the catalogue's order
+        speaker="scott",
+        seed=3,
+        samples=2,
+        steps=7,
+        sampler="heun",
+        post_filter="savgol",
+        reference=Path("/reference.npz"),
+        joint="left_index",
+        start_frame=12,
+        has_previews=True,
+    )
+    assert row_names(request) == (
+        *("globaldiff/local", "globaldiff/local.s2"),
+        *("globaldiff/global", "globaldiff/global.s2"),
+        "reference",
+    )
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"speech": None}, "no speech yet"),
+        ({"systems": []}, "No system is chosen"),
+        ({"systems": ["nonsense"]}, "no system 'nonsense'; the systems are globaldiff/local"),
+        ({"seed": None}, "seed must be a whole number"),
+        ({"seed": -1}, "got -1"),
+        ({"seed": 1.5}, "got 1.5"),
+        ({"seed": 2**31}, "got 2147483648"),
+        ({"samples": 0}, "must be 1 to 8; got 0"),
+        ({"samples": 7}, "15 videos"),
+        ({"steps": 0}, "must be 1 to 1000; got 0"),
+        ({"start_frame": -1}, "got -1"),
+        ({"start_frame": 0.5}, "got 0.5"),
+        ({"sampler": "magic"}, "no sampler 'magic'"),
+    ],
+)
+def test_a_form_that_cannot_be_done_gives_a_sentence(changes: dict, words: str) -> None:
+    with pytest.raises(RunError, match=words):
+        read(replace(FORM, **changes))
+
+
+def test_the_mesh_of_a_licensed_body_is_not_handed_out(tmp_path: Path) -> None:
+    body = tmp_path / "SMPLX_NEUTRAL.npz"
+    body.touch()
+    licensed = AppConfig(weights=Path("/weights"), body=body)
+    assert not request_from_form(FORM, Path("/job"), fakes.CATALOGUE, licensed).has_previews

@@ -1,0 +1,54 @@
+"""The tab of the user study without a browser: what is left of runs that are stopped or refused."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import gradio as gr
+import pytest
+
+from app import text
+from app.config import AppConfig
+from app.page.serving.jobs import JobBook
+from app.page.serving.researcher_part import Handover
+from app.page.serving.visitors import COOKIE
+from app.page.tabs.study_run import NO_COOKIE, StudyParts, StudyRunner
+
+VISITOR = SimpleNamespace(session_hash="visitor", cookies={COOKIE: "cookie"})
+
+
+@pytest.fixture
+def runner(tmp_path: Path) -> StudyRunner:
+    with gr.Blocks():
+        parts = StudyParts(gr.HTML(), gr.DownloadButton(), gr.DownloadButton(), gr.HTML())
+    handover = Handover(tmp_path / "private")
+    return StudyRunner(AppConfig(), JobBook(tmp_path / "jobs"), handover, parts)
+
+
+def click(runner: StudyRunner, speech: Path, visitor: Any = VISITOR) -> Iterator[str]:
+    """What the tab says, update by update."""
+    protocol = "Rank all systems on three questions"
+    form = ("A study", protocol, [str(speech)], ["globaldiff/local"], None, 1, 4, 0, ["front"], "")
+    for updates in runner.run(visitor, *form):
+        (status,) = [value for part, value in updates.items() if part is runner._parts.status]
+        yield status
+
+
+def test_a_study_that_is_cancelled_says_so_and_leaves_nothing(
+    runner: StudyRunner, speech: Path, tmp_path: Path
+) -> None:
+    clicked = click(runner, speech)
+    assert text.STARTING in next(clicked)
+    runner.cancel(VISITOR)  # type: ignore[arg-type]
+    *_, last = clicked
+    assert text.CANCELLED in last and "error" not in last
+    assert list((tmp_path / "private").iterdir()) == []
+
+
+def test_without_a_cookie_no_study_is_made(runner: StudyRunner, speech: Path) -> None:
+    stranger = SimpleNamespace(session_hash="visitor", cookies={})
+    clicked = click(runner, speech, stranger)
+    assert NO_COOKIE.split(",")[0] in next(clicked)
+    with pytest.raises(gr.Error, match="cookie"):
+        next(clicked)

@@ -1,0 +1,71 @@
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.errors import CancelledRun
+from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
+from app.run.followed_point import choose_tip_source
+from app.run.result_folder import ResultFolder
+from model.measures.beats import speech_onsets
+from model.measures.diagnostics import diagnose
+from model.motion.skeleton import open_body_skeleton
+from model.speech.audio import Speech
+from renderer.body.body import load_body
+from tests.helpers import smooth_motion_example
+from tests.model.made import made_waveform
+
+DIAGNOSTICS = {
+    "fps": 30,
+    "systems": {"a/b": {"raw": {"tip": 1.5, "by_joint": [1.0, 2.0], "none": None, "yes": True}}},
+    "reference": {"savgol": {"nested": {"x": {"y": 3}}}},
+}
+
+
+def test_the_json_is_what_was_measured_and_the_csv_has_each_number_once(tmp_path: Path) -> None:
+    with ResultFolder(tmp_path) as folder:
+        write_diagnostics(DIAGNOSTICS, folder)
+        folder.publish()
+    assert json.loads((tmp_path / "diagnostics.json").read_text()) == DIAGNOSTICS
+    with (tmp_path / "diagnostics.csv").open() as file:
+        assert list(csv.reader(file)) == [
+            ["name", "post_filter", "measure", "index", "value"],
+            ["a/b", "raw", "tip", "", "1.5"],
+            ["a/b", "raw", "by_joint", "0", "1.0"],
+            ["a/b", "raw", "by_joint", "1", "2.0"],
+            ["reference", "savgol", "nested", "x/y", "3"],
+        ]
+
+
+def test_each_motion_can_be_stopped_at_as_it_is_and_filtered() -> None:
+    motions = {"a": smooth_motion_example(40), "reference": smooth_motion_example(40, seed=1)}
+    tip = choose_tip_source(load_body(), None)
+    told: list[float] = []
+    found = measure_motions(motions, tip, on_share=told.append)
+    assert told == [0.0, 0.25, 0.5, 0.75]
+    assert list(found["systems"]) == ["a"] and found["reference"] is not None
+
+    def stop(share: float) -> None:
+        if share >= 0.5:
+            raise CancelledRun
+
+    with pytest.raises(CancelledRun):
+        measure_motions(motions, tip, on_share=stop)
+
+
+def test_the_point_is_the_one_that_the_measures_follow_of_themselves() -> None:
+    motions = {"a": smooth_motion_example(40)}
+    for point in ("left_index", "right_wrist"):
+        found = measure_motions(motions, choose_tip_source(load_body(), None, point))
+        assert found == diagnose(motions, open_body_skeleton(), joint=point)
+
+
+def test_onsets_are_those_of_the_clip() -> None:
+    first, second = (
+        Speech(made_waveform(32_000), "first"),
+        Speech(np.roll(made_waveform(32_000), 4_000), "second"),
+    )
+    for speech in (first, second, first):
+        np.testing.assert_array_equal(onsets_of(speech), speech_onsets(speech.waveform))
