@@ -10,7 +10,7 @@ from OpenGL import GL
 from pyrender.constants import RenderFlags
 from pyrender.shader_program import ShaderProgramCache
 
-from renderer.draw.offscreen import SUPERSAMPLE, Antialias
+from renderer.draw.antialias import SUPERSAMPLE, Antialias
 
 _SHADERS = Path(__file__).with_name("shaders")
 _MSAA_SAMPLES = 4

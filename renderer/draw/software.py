@@ -7,7 +7,7 @@ as fast: the picture is the same body, lights, floor and shadow.
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from renderer.draw.offscreen import SUPERSAMPLE, Antialias, check_picture_size
+from renderer.draw.antialias import SUPERSAMPLE, Antialias, check_picture_size
 from renderer.stage.camera import Z_NEAR_M, Camera
 from renderer.stage.studio import PosedFrame, Subject
 
