@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-Antialias = Literal["none", "msaa", "supersample"]
+Antialias = Literal["none", "supersample"]
 SUPERSAMPLE = 2
 """Samples along each side of a pixel."""
 

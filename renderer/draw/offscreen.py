@@ -106,7 +106,7 @@ class OffscreenRenderer:
         width: int,
         height: int,
         backend: GLBackend,
-        antialias: Antialias = "msaa",
+        antialias: Antialias = "supersample",
     ) -> None:
         check_picture_size(width, height)
         self.width, self.height = width, height

@@ -21,9 +21,6 @@ class SoftwareRenderer:
         self, subject: Subject, width: int, height: int, antialias: Antialias = "supersample"
     ) -> None:
         """
-        Args:
-            antialias: ``msaa`` is drawn as ``supersample``.
-
         Raises:
             ValueError: if the picture has no pixel.
         """
