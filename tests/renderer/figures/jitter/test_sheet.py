@@ -17,7 +17,7 @@ from renderer.figures.jitter.series import read_sheet
 from renderer.figures.jitter.sheet import jitter_sheet
 from renderer.figures.style import FIGURE_WIDTH_IN
 from tests.renderer.figures.figure_checks import drawn_texts, overlap
-from tests.renderer.figures.jitter_example import NAMES, example_diagnostics
+from tests.renderer.figures.jitter.jitter_example import NAMES, example_diagnostics
 
 
 @pytest.fixture
