@@ -36,6 +36,8 @@ SAMPLES_LABEL = "Samples per system"
 SAMPLES_HELP = "More than one shows how much chance decides."
 ADVANCED_LABEL = "Advanced"
 STEPS_LABEL = "Sampler steps"
+STEPS_HELP = "Empty: what each system usually takes. A number for all, or globaldiff/full=20, …"
+USUAL_SAMPLER = "each system's usual one"
 SAMPLER_LABEL = "Sampler"
 SAMPLER_NAMES = {
     "heun": "Heun (second order)",

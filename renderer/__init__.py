@@ -1,1 +1,1 @@
-"""Bodies, cameras, offscreen pictures, videos and figures."""
+"""Bodies, pictures, videos and figures from plain arrays; imports nothing of `app` or `model`."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from app.page.catalogue import read_catalogue
+from app.page.parts.catalogue import read_catalogue
 from app.run.pipeline import generate_all
 from app.run.request import GenerateRequest
 from model import evaluate as measuring
@@ -98,4 +98,6 @@ def test_the_page_offers_it_and_a_run_holds_it(trained, tmp_path):
     assert result.names == (NAME,) and (tmp_path / "out" / "toy-puppet.npz").is_file()
     record = json.loads((tmp_path / "out" / "provenance.json").read_text())
     assert record["weights"][NAME]["sha256"]
-    assert record["options"]["steps"] == {NAME: 1} and record["options"]["sampler"] == "once"
+    assert record["options"]["steps"] == {NAME: 1} and record["options"]["sampler"] == {
+        NAME: "once"
+    }

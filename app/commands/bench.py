@@ -24,7 +24,7 @@ from app.run.export import body_motion
 from app.run.models import get_body, get_system, warm_up
 from app.run.pipeline import generate_all
 from app.run.provenance import versions
-from app.run.request import DEFAULT_STEPS, SIZES_PX, Event, GenerateRequest, Progress, file_stem
+from app.run.request import SIZES_PX, Event, GenerateRequest, Progress, file_stem
 
 if TYPE_CHECKING:
     from model.speech.audio import Speech
@@ -141,10 +141,11 @@ def time_motion(clip: Path, weights: Path) -> list[Figure]:
     features_ms = _ms_per_frame(started, speech.num_frames)
     figures = [Figure("speech features", features_ms, "ms/frame")]
     for system in systems:
-        each = generation_ms(system, speech, DEFAULT_STEPS) - features_ms
-        title = f"generation, {system.name}, {DEFAULT_STEPS} steps"
+        steps = system.samplers[0].steps
+        each = generation_ms(system, speech, steps) - features_ms
+        title = f"generation, {system.name}, {steps} steps"
         figures.append(Figure(title, each, "ms/frame", "at most 4"))
-    each = generation_ms(systems[-1], speech, DEFAULT_STEPS, SAMPLES)
+    each = generation_ms(systems[-1], speech, systems[-1].samplers[0].steps, SAMPLES)
     title = f"one of {SAMPLES} samples, {systems[-1].name}"
     return [*figures, Figure(title, each, "ms/frame", "at most 2")]
 
@@ -292,7 +293,7 @@ def measure_memory(speech: Path, weights: Path, folder: Path) -> list[Figure]:
     system = list_systems(weights)[-1]
     imports = (
         "import app.run.pipeline, librosa, model.measures.diagnostics, model.generation.windows, "
-        "renderer.figures.write"
+        "renderer.figures.figure6.figure6"
     )
     imports_mb = _peak_mb("-c", imports)
     peaks_mb = []

@@ -19,14 +19,13 @@ from app.errors import CancelledRun, RunError, sentence_of
 from app.run.export import BACKGROUNDS, ENDINGS, SHEET_POSES, RenderRequest, render_motion
 from app.run.followed_point import TIP
 from app.run.request import (
-    DEFAULT_STEPS,
     LOOKS,
     POST_FILTERS,
-    SAMPLERS,
     VIEWS,
     GenerateRequest,
     View,
     check_size,
+    parse_steps,
 )
 
 Command = Callable[[argparse.Namespace], None]
@@ -86,10 +85,14 @@ def _add_generate(commands) -> None:
         "--samples", type=int, default=1, metavar="N", help="motions per system (default: 1)"
     )
     parser.add_argument(
-        "--steps", type=int, default=DEFAULT_STEPS, metavar="N",
-        help="sampler steps (default: %(default)s)",
+        "--steps", type=_steps, metavar="N|A=N,...",
+        help="sampler steps, of all systems or by name (default: what each usually takes)",
     )  # fmt: skip
-    parser.add_argument("--sampler", choices=SAMPLERS, help="default: euler")
+    parser.add_argument(
+        "--sampler",
+        metavar="NAME",
+        help="of systems that have it (default: each its usual one)",
+    )
     parser.add_argument(
         "--guidance", type=float, default=1.0, metavar="N",
         help="strength of the speech, 0 to 10; other values than 1 take twice as long (default: 1)",
@@ -315,6 +318,13 @@ def _names(value: str) -> tuple[str, ...]:
     if not names:
         raise argparse.ArgumentTypeError("name at least one")
     return () if names == ("all",) else names
+
+
+def _steps(value: str) -> int | dict[str, int] | None:
+    try:
+        return parse_steps(value)
+    except RunError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _views(value: str) -> tuple[View, ...]:

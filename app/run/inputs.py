@@ -15,6 +15,7 @@ from app.run.telling import Reporter
 
 if TYPE_CHECKING:
     from model.generation.base import System
+    from model.generation.windows import GenerateOptions
     from model.motion.motion import Motion
     from model.speech.audio import Speech
     from renderer.body.body import Body
@@ -31,6 +32,8 @@ class Inputs:
     num_frames: int
     systems: tuple[System, ...]
     speaker: str
+    options: Mapping[str, GenerateOptions]
+    """What each system is asked for, by its name."""
     body: Body
     reference: Motion | None
     backend: str | None
@@ -74,6 +77,7 @@ def read_inputs(
         num_frames=speech.num_frames,
         systems=systems,
         speaker=speaker,
+        options=_options(request, systems, speaker, reporter),
         body=body,
         reference=reference,
         backend=backend,
@@ -98,6 +102,51 @@ def _load_systems(request: GenerateRequest) -> tuple[System, ...]:
             f"are {', '.join(names)}."
         )
     return tuple(get_system(name, request.weights) for name in dict.fromkeys(names))
+
+
+def _options(
+    request: GenerateRequest, systems: tuple[System, ...], speaker: str, reporter: Reporter
+) -> dict[str, GenerateOptions]:
+    """A wish goes to the systems that know it; of the others the person is told.
+
+    Raises:
+        RunError: if no system has the sampler, or none takes guidance.
+    """
+    from model.generation.windows import GenerateOptions
+
+    with_sampler = [
+        system.name
+        for system in systems
+        if request.sampler in (None, *(sampler.name for sampler in system.samplers))
+    ]
+    if not with_sampler:
+        names = dict.fromkeys(sampler.name for each in systems for sampler in each.samplers)
+        raise RunError(
+            f"There is no sampler {request.sampler!r}; choose one of {', '.join(names)}."
+        )
+    guided = [system.name for system in systems if system.takes_guidance]
+    if request.guidance != 1 and not guided:
+        raise RunError("None of these systems takes guidance; leave it at 1.")
+    options = {}
+    for system in systems:
+        chosen = request.sampler if system.name in with_sampler else None
+        sampler = system.sampler(chosen)
+        if chosen != request.sampler:
+            reporter.note(
+                f"{system.name} has no sampler {request.sampler}; it took {sampler.name}."
+            )
+        guidance = request.guidance if system.takes_guidance else 1.0
+        if guidance != request.guidance:
+            reporter.note(f"{system.name} takes no guidance.")
+        options[system.name] = GenerateOptions(
+            speaker=speaker,
+            seed=request.seed,
+            samples=request.samples,
+            steps=request.steps_of(system.name) or sampler.steps,
+            sampler=sampler.name,
+            guidance=guidance,
+        )
+    return options
 
 
 def _read_reference(request: GenerateRequest, speech: Speech, reporter: Reporter) -> Motion | None:

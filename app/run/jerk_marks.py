@@ -9,7 +9,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from renderer.body.body import Body, BodyMotion
-    from renderer.figures.write import JointMarks
+    from renderer.figures.figure6.figure6 import JointMarks
     from renderer.stage.stage import Stage
     from renderer.video.render import RenderSettings
 
@@ -32,7 +32,7 @@ def jerk_marks(
 
     The full scale is a round number that nearly all values stay under.
     """
-    from renderer.figures.write import JointMarks
+    from renderer.figures.figure6.figure6 import JointMarks
     from renderer.video.projection import projected_joints
 
     values = {name: _jerk_around(body, motion, frames) for name, motion in motions.items()}

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from app.run.inputs import Inputs
     from model.motion.motion import Motion
-    from renderer.figures.write import JointMarks
+    from renderer.figures.figure6.figure6 import JointMarks
 
 STILL_SIZE_PX = 512
 
@@ -70,7 +70,7 @@ def draw_all(
     Raises:
         CancelledRun, BodyError, GLError, VideoError: see `app.run.videos.draw_videos`.
     """
-    from renderer.figures.write import choose_snapshot_frames
+    from renderer.figures.figure6.figure6 import choose_snapshot_frames
     from renderer.stage.stage import set_stage
     from renderer.video.pool import RenderJob
 

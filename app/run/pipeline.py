@@ -29,7 +29,6 @@ from app.run.request import (
     GenerateRequest,
     GenerateResult,
     OnEvent,
-    Sampler,
     ShouldCancel,
     check_request,
     file_stem,
@@ -41,11 +40,9 @@ from app.run.telling import Reporter
 if TYPE_CHECKING:
     import numpy as np
 
-    from model.generation.windows import GenerateOptions
     from model.speech.audio import Speech
     from model.speech.transcript import Word
 
-DEFAULT_SAMPLER: Sampler = "euler"
 _M_MMAP_THRESHOLD = -3  # malloc.h
 _LARGE_BYTES = 1 << 20
 
@@ -130,7 +127,7 @@ def _generate(
         motions = generate_motion(
             system,
             speech,
-            _options(request, inputs.speaker, system.name),
+            inputs.options[system.name],
             on_progress=lambda part, done=done, name=system.name: reporter.progress(
                 "motion", (done + part) / len(inputs.systems), name
             ),
@@ -149,19 +146,6 @@ def _generate(
         raw = inputs.reference
         rows.append(Row(REFERENCE_NAME, raw, smooth_motion(raw) if is_smoothed else raw))
     return rows
-
-
-def _options(request: GenerateRequest, speaker: str, system: str) -> GenerateOptions:
-    from model.generation.windows import GenerateOptions
-
-    return GenerateOptions(
-        speaker=speaker,
-        seed=request.seed,
-        samples=request.samples,
-        steps=request.steps_of(system),
-        sampler=request.sampler or DEFAULT_SAMPLER,
-        guidance=request.guidance,
-    )
 
 
 def _measure(
@@ -236,9 +220,9 @@ def _write_provenance(
             "speaker": inputs.speaker,
             "seed": request.seed,
             "samples": request.samples,
-            "steps": {system.name: request.steps_of(system.name) for system in inputs.systems},
-            "sampler": request.sampler or DEFAULT_SAMPLER,
-            "guidance": request.guidance,
+            "steps": {name: asked.steps for name, asked in inputs.options.items()},
+            "sampler": {name: asked.sampler for name, asked in inputs.options.items()},
+            "guidance": {name: asked.guidance for name, asked in inputs.options.items()},
             "post_filter": request.post_filter,
             "joint": request.joint,
             "start_frame": request.start_frame,

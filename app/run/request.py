@@ -11,8 +11,6 @@ from app.errors import RunError
 
 PostFilter = Literal["none", "savgol"]
 POST_FILTERS: tuple[PostFilter, ...] = get_args(PostFilter)
-Sampler = Literal["euler", "heun", "reinterpolate"]
-SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)
 View = Literal["front", "three_quarter", "side", "face", "left_hand", "right_hand"]
 VIEWS: tuple[View, ...] = get_args(View)
 LOOKS = tuple(
@@ -26,8 +24,6 @@ SIZES_PX = (256, 1080)
 MAX_SAMPLES = 8
 MAX_STEPS = 1000
 MAX_GUIDANCE = 10
-DEFAULT_STEPS = 10
-"""Of the sampler, where nothing else is asked for."""
 MAX_COMPARED = 6
 """More motions than these do not fit into one comparison or figure."""
 
@@ -60,11 +56,13 @@ class GenerateRequest:
     """None is the first speaker that the systems know."""
     seed: int = 0
     samples: int = 1
-    steps: int | Mapping[str, int] = DEFAULT_STEPS
-    """Sampler steps, of all systems or by name; a system that is not named has the usual ones."""
-    sampler: Sampler | None = None
+    steps: int | Mapping[str, int] | None = None
+    """Sampler steps, of all systems or by name; a system that is not named has its usual ones."""
+    sampler: str | None = None
+    """Of the systems that have it; the others, and all for None, take their usual one."""
     guidance: float = 1.0
-    """Strength of the speech, 0 (deaf) to 10 (classifier-free guidance); 1 is as trained."""
+    """Strength of the speech, 0 (deaf) to 10 (classifier-free guidance), of the systems whose it
+    can be chosen; 1 is as trained."""
     post_filter: PostFilter = "none"
     transcript: Path | None = None
     """A TextGrid of the speech; its words go to the numbers."""
@@ -86,11 +84,32 @@ class GenerateRequest:
     """Whether each motion is told of as a GLB too, to be shown while its video is drawn."""
     max_speech_s: float = 600.0
 
-    def steps_of(self, system: str) -> int:
-        """Sampler steps of one system."""
+    def steps_of(self, system: str) -> int | None:
+        """Sampler steps that are asked of one system; None is its usual number."""
         if isinstance(self.steps, Mapping):
-            return self.steps.get(system, DEFAULT_STEPS)
+            return self.steps.get(system)
         return self.steps
+
+
+def parse_steps(written: str) -> int | dict[str, int] | None:
+    """Steps as a person writes them: ``20``, or ``globaldiff/full=20,globaldiff/local=5``; None of
+    nothing.
+
+    Raises:
+        RunError: with one sentence.
+    """
+    parts = [part.strip() for part in written.split(",") if part.strip()]
+    if not parts:
+        return None
+    try:
+        if len(parts) == 1 and "=" not in parts[0]:
+            return int(parts[0])
+        pairs = [part.rsplit("=", 1) for part in parts]
+        return {name.strip(): int(count) for name, count in pairs}
+    except ValueError:
+        raise RunError(
+            f"Steps are a number, or numbers by system such as globaldiff/full=20; got {written!r}."
+        ) from None
 
 
 def check_request(request: GenerateRequest) -> None:
@@ -101,7 +120,6 @@ def check_request(request: GenerateRequest) -> None:
     """
     for value, allowed, what in (
         (request.post_filter, POST_FILTERS, "post-filter"),
-        (request.sampler, (None, *SAMPLERS), "sampler"),
         *((view, VIEWS, "view") for view in request.views),
     ):
         if value not in allowed:
@@ -113,6 +131,8 @@ def check_request(request: GenerateRequest) -> None:
         raise RunError(f"Samples must be 1 to {MAX_SAMPLES}; got {request.samples}.")
     steps = request.steps if isinstance(request.steps, Mapping) else {"": request.steps}
     for system, count in steps.items():
+        if count is None:
+            continue
         if not 1 <= count <= MAX_STEPS:
             whose = f"Steps of {system}" if system else "Steps"
             raise RunError(f"{whose} must be 1 to {MAX_STEPS}; got {count}.")

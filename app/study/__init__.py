@@ -1,1 +1,1 @@
-"""A blind user study: plan, export, leak test, answers and their statistics."""
+"""Blind user studies, from plan to report; may import `app.run`, not the page or commands."""

@@ -5,13 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
-from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
 from app.run.models import get_system
-from app.run.videos import PARALLEL_VIDEOS, draw_videos
+from app.run.videos import draw_videos
 from app.study.design.blinding import Blinding, blinding_of, draw_blinding, make_key
 from app.study.design.key import read_key, write_key
 from app.study.design.plan import Plan
@@ -19,27 +18,17 @@ from app.study.design.trials import Design, make_design
 from app.study.leaks.check import check_study
 from app.study.make.adapters import write_adapters
 from app.study.make.motions import Source, read_sources
+from app.study.make.options import ExportOptions
 from app.study.make.participant_page import write_page
 from app.study.make.records import write_records
 from app.study.make.scenes import Draw, Maker
 from app.study.make.workspace import Workspace, sha256
 
 
-@dataclass(frozen=True)
-class ExportOptions:
-    """What does not change what the study is."""
-
-    weights: Path = BUNDLED_WEIGHTS
-    body: Path | None = None
-    """A licensed SMPL-X npz; None is the open body."""
-    parallel: int = PARALLEL_VIDEOS
-    """Videos drawn at once."""
-
-
 def export_study(
     plan: Plan,
     out: Path,
-    options: ExportOptions = ExportOptions(),
+    options: ExportOptions | None = None,
     *,
     on_progress: Callable[[float], None] = lambda fraction: None,
     should_cancel: Callable[[], bool] = lambda: False,
@@ -58,6 +47,7 @@ def export_study(
         RunError, SpeechError, MotionError, UnknownNameError, CheckpointError, BodyError, GLError,
         VideoError, WriteError: each with one sentence.
     """
+    options = options or ExportOptions()
     design = make_design(plan)
     sources = read_sources(plan)
     workspace = Workspace(out)

@@ -1,7 +1,6 @@
 """pyrender with OpenGL loaded. Import it only through ``offscreen.open_gl(backend)``."""
 
 from pathlib import Path
-from typing import assert_never
 
 import numpy as np
 import pyrender
@@ -10,10 +9,9 @@ from OpenGL import GL
 from pyrender.constants import RenderFlags
 from pyrender.shader_program import ShaderProgramCache
 
-from renderer.draw.offscreen import SUPERSAMPLE, Antialias
+from renderer.draw.antialias import SUPERSAMPLE, Antialias
 
 _SHADERS = Path(__file__).with_name("shaders")
-_MSAA_SAMPLES = 4
 
 
 class FrameRenderer(pyrender.Renderer):
@@ -26,23 +24,15 @@ class FrameRenderer(pyrender.Renderer):
     def __init__(
         self, width: int, height: int, antialias: Antialias, *, has_alpha: bool = False
     ) -> None:
-        match antialias:
-            case "none":
-                scale, samples = 1, 0
-            case "msaa":
-                scale, samples = 1, _MSAA_SAMPLES
-            case "supersample":
-                scale, samples = SUPERSAMPLE, 0
-            case _:
-                assert_never(antialias)
+        scale = 1 if antialias == "none" else SUPERSAMPLE
         super().__init__(width * scale, height * scale)
         self._program_cache = ShaderProgramCache(shader_dir=str(_SHADERS))
         self._picture_size = (width, height)
         self._format = GL.GL_RGBA if has_alpha else GL.GL_RGB
         self._pixels = np.empty((height, width, 4 if has_alpha else 3), np.uint8)
-        self._canvas = _Framebuffer(width * scale, height * scale, samples, depth=True)
+        self._canvas = _Framebuffer(width * scale, height * scale, depth=True)
         self._picture = (
-            self._canvas if antialias == "none" else _Framebuffer(width, height, 0, depth=False)
+            self._canvas if antialias == "none" else _Framebuffer(width, height, depth=False)
         )
 
     def draw(self, scene: pyrender.Scene) -> UInt8[np.ndarray, "H W C"]:
@@ -74,7 +64,7 @@ class FrameRenderer(pyrender.Renderer):
                 *(0, 0, self.viewport_width, self.viewport_height),
                 *(0, 0, width, height),
                 GL.GL_COLOR_BUFFER_BIT,
-                GL.GL_LINEAR if self.viewport_width != width else GL.GL_NEAREST,
+                GL.GL_LINEAR,
             )
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._picture.handle)
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
@@ -87,7 +77,7 @@ class FrameRenderer(pyrender.Renderer):
 class _Framebuffer:
     """A colour buffer, with a depth buffer if asked for, and its OpenGL handles."""
 
-    def __init__(self, width: int, height: int, samples: int, *, depth: bool) -> None:
+    def __init__(self, width: int, height: int, *, depth: bool) -> None:
         self.handle = GL.glGenFramebuffers(1)
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self.handle)
         attachments = [(GL.GL_COLOR_ATTACHMENT0, GL.GL_RGBA8)]
@@ -97,9 +87,7 @@ class _Framebuffer:
         for attachment, pixel_format in attachments:
             buffer = GL.glGenRenderbuffers(1)
             GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, buffer)
-            GL.glRenderbufferStorageMultisample(
-                GL.GL_RENDERBUFFER, samples, pixel_format, width, height
-            )
+            GL.glRenderbufferStorage(GL.GL_RENDERBUFFER, pixel_format, width, height)
             GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, attachment, GL.GL_RENDERBUFFER, buffer)
             self._buffers.append(buffer)
 

@@ -1,6 +1,7 @@
 """One way to draw, whatever the machine has: OpenGL, or compiled loops where there is none."""
 
-from renderer.draw.offscreen import Antialias, Backend, OffscreenRenderer
+from renderer.draw.antialias import Antialias
+from renderer.draw.offscreen import Backend, OffscreenRenderer
 from renderer.draw.software import SoftwareRenderer
 from renderer.stage.studio import Subject
 

@@ -16,21 +16,22 @@ import threading
 import types
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from jaxtyping import UInt8
 
+from renderer.draw.antialias import Antialias, check_picture_size
 from renderer.stage.camera import Camera
-from renderer.stage.studio import BodyScene, PosedFrame, Subject
+from renderer.stage.studio import PosedFrame, Subject
 
-Antialias = Literal["none", "msaa", "supersample"]
+if TYPE_CHECKING:
+    from renderer.draw.gl_scene import BodyScene
+
 GLBackend = Literal["egl", "osmesa"]
 Backend = Literal["egl", "osmesa", "software"]
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
 """In the order in which they are tried."""
-SUPERSAMPLE = 2
-"""Samples along each side of a pixel."""
 
 _in_use = threading.Lock()
 """Held while a context lives: pyrender ends the driver's display with the first context that is
@@ -91,15 +92,6 @@ def _trimesh_later() -> Iterator[None]:
         del sys.modules["trimesh"]
 
 
-def check_picture_size(width: int, height: int) -> None:
-    """
-    Raises:
-        ValueError: if there is no pixel.
-    """
-    if width < 1 or height < 1:
-        raise ValueError(f"A picture of {width} x {height} pixels cannot be drawn.")
-
-
 class OffscreenRenderer:
     """One OpenGL context and framebuffer, kept for a whole job. Use it in ``with``, in one thread.
 
@@ -114,7 +106,7 @@ class OffscreenRenderer:
         width: int,
         height: int,
         backend: GLBackend,
-        antialias: Antialias = "msaa",
+        antialias: Antialias = "supersample",
     ) -> None:
         check_picture_size(width, height)
         self.width, self.height = width, height
@@ -128,7 +120,7 @@ class OffscreenRenderer:
         if not _in_use.acquire(blocking=False):
             raise GLError(
                 "Another picture is being drawn in this process, and OpenGL serves one at a time "
-                "here; let that end first, or draw in processes of their own (renderer.worker)."
+                "here; let that end first, or draw in processes of their own (renderer.video.pool)."
             )
         try:
             self._open()
@@ -161,6 +153,8 @@ class OffscreenRenderer:
     def draw(self, frame: PosedFrame, camera: Camera) -> UInt8[np.ndarray, "H W C"]:
         """The picture, upper row first; overwritten by the next call."""
         if self._scene is None:
+            from renderer.draw.gl_scene import BodyScene
+
             aspect = self.width / self.height
             self._scene = BodyScene(self._subject, frame, camera, aspect)
         self._scene.show(frame, camera)

@@ -7,7 +7,7 @@ as fast: the picture is the same body, lights, floor and shadow.
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from renderer.draw.offscreen import SUPERSAMPLE, Antialias, check_picture_size
+from renderer.draw.antialias import SUPERSAMPLE, Antialias, check_picture_size
 from renderer.stage.camera import Z_NEAR_M, Camera
 from renderer.stage.studio import PosedFrame, Subject
 
@@ -21,9 +21,6 @@ class SoftwareRenderer:
         self, subject: Subject, width: int, height: int, antialias: Antialias = "supersample"
     ) -> None:
         """
-        Args:
-            antialias: ``msaa`` is drawn as ``supersample``.
-
         Raises:
             ValueError: if the picture has no pixel.
         """

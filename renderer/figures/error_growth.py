@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from renderer.figures import style
-from renderer.figures.figure6.layout import MARGIN, SMALL_LINE, Rect
-from renderer.figures.jitter.draw import short_name
-from renderer.figures.text import write
-from renderer.figures.write import FigureError, FigureFiles, matplotlib_settings, write_figure
+from renderer.figures.files import FigureError, FigureFiles, matplotlib_settings, write_figure
+from renderer.figures.page import MARGIN, SMALL_LINE, Rect
+from renderer.figures.text import short_name, write
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -107,6 +107,7 @@ SYSTEM_STYLES = (  # the first few differ most in lightness
     SeriesStyle("#009E73", (4.0, 1.3, 1.3, 1.3, 1.3, 1.3), "P", 0.9),
     SeriesStyle("#CC79A7", (9.0, 1.5, 3.0, 1.5), "X", 0.9),
 )
+MAX_SYSTEMS = len(SYSTEM_STYLES)
 
 
 def styles_of(names: Iterable[str], reference: str | None) -> dict[str, SeriesStyle]:

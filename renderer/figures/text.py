@@ -6,12 +6,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from renderer.figures import style
-from renderer.figures.figure6.layout import LINE, MARGIN, SMALL_LINE, SWATCH, SWATCH_GAP, Key
+from renderer.figures.page import LINE, MARGIN, SMALL_LINE, SWATCH, SWATCH_GAP, Key
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-TITLE_GAP = 0.06
 
 
 def write(figure: "Figure", left: float, top: float, text: str, **properties: Any) -> None:
@@ -60,3 +58,9 @@ def draw_key(figure: "Figure", key: Key, series: style.SeriesStyle) -> None:
             size=style.LABEL_PT,
             va="center_baseline",
         )
+
+
+def short_name(joint: str) -> str:
+    """``left_middle2`` as 'L middle 2'."""
+    words = joint.replace("left_", "L ").replace("right_", "R ").replace("_", " ")
+    return f"{words[:-1]} {words[-1]}" if words[-1:].isdigit() else words

@@ -1,0 +1,1 @@
+"""A motion as BVH, glTF or Blender script; may import `video`, `stage` and `body`."""

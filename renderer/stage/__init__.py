@@ -1,0 +1,1 @@
+"""Camera, floor and light around a posed body, without OpenGL; may import `body`."""

@@ -6,7 +6,7 @@ World frame: y up, metres, the body faces +z. A camera looks along its own -z, a
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 Z_NEAR_M = 0.1
 MARGIN = 0.06
@@ -68,15 +68,6 @@ class Camera:
         x = 0.5 * width + focal_px * in_camera[..., 0] / depth
         y = 0.5 * height - focal_px * in_camera[..., 1] / depth
         return np.stack([x, y], axis=-1)
-
-    def sees(
-        self, points: Float[np.ndarray, "*batch 3"], width: int, height: int
-    ) -> Bool[np.ndarray, "*batch"]:
-        """Which points fall inside the picture."""
-        pixels = self.project(points, width, height)
-        with np.errstate(invalid="ignore"):
-            inside = (pixels >= 0.0) & (pixels <= (width, height))
-        return np.asarray(inside[..., 0] & inside[..., 1])
 
 
 def view_axes(view: str) -> Float[np.ndarray, "3 3"]:

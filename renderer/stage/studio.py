@@ -7,7 +7,6 @@ from jaxtyping import Float, Float32, Int
 
 from renderer.body.look import CLAY
 from renderer.body.normals import VertexNormals
-from renderer.stage.camera import Z_NEAR_M, Camera
 from renderer.stage.ground import HALF_SIZE_M, ShadowGround
 from renderer.stage.stage import Stage
 
@@ -85,41 +84,3 @@ class FramePreparer:
 
     def __call__(self, vertices: Float[np.ndarray, "V 3"]) -> PosedFrame:
         return PosedFrame(vertices, self.normals(vertices), self.ground.texture(vertices))
-
-
-class BodyScene:
-    """A pyrender scene of one body on the floor, moved in place from frame to frame.
-
-    ``offscreen.open_gl`` must have chosen the backend before.
-    """
-
-    def __init__(self, subject: Subject, first: PosedFrame, camera: Camera, aspect: float) -> None:
-        import pyrender
-
-        from renderer.draw.gl import DynamicMesh, TexturedQuad
-
-        studio = subject.studio
-        colors = subject.colors_of(len(first.vertices))
-        self._body = DynamicMesh(first.vertices, first.normals, colors, subject.faces)
-        self._ground = TexturedQuad(subject.ground_corners, first.ground)
-        background = (0.0,) * 4 if subject.is_transparent else (*studio.background, 1.0)
-        self.scene = pyrender.Scene(bg_color=list(background), ambient_light=[studio.ambient] * 3)
-        self.scene.add(self._body.mesh)
-        if not subject.is_transparent:
-            self.scene.add(self._ground.mesh)
-        self._camera = self.scene.add(
-            pyrender.PerspectiveCamera(yfov=camera.yfov_rad, aspectRatio=aspect, znear=Z_NEAR_M),
-            pose=camera.pose(),
-        )
-        for light in (studio.key, studio.fill, studio.rim):
-            facing = Camera(eye=light.towards, target=(0.0, 0.0, 0.0))
-            self.scene.add(
-                pyrender.DirectionalLight(color=light.color, intensity=light.intensity),
-                pose=facing.pose(),
-            )
-
-    def show(self, frame: PosedFrame, camera: Camera) -> None:
-        """Move the body, its shadow and the camera. The OpenGL context must be current."""
-        self.scene.set_pose(self._camera, camera.pose())
-        self._body.move(frame.vertices, frame.normals)
-        self._ground.show(frame.ground)

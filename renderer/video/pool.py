@@ -20,7 +20,7 @@ from renderer.video.parallel import processes_worth
 from renderer.video.render import Cancelled
 from renderer.video.worker_process import WorkerProcess
 
-__all__ = ["RenderJob", "RenderPool", "RenderResult", "RenderTask", "run_job"]
+__all__ = ["RenderJob", "RenderPool", "RenderResult", "RenderTask"]
 
 
 class RenderTask:
@@ -111,17 +111,6 @@ class RenderPool:
             if worker is None or (worker.is_idle and worker.backend == backend):
                 return worker
             worker.close()
-
-
-def run_job(job: RenderJob, on_progress: Callable[[float], None] | None = None) -> RenderResult:
-    """Run one job in a child process and wait for it.
-
-    Raises:
-        BodyError, GLError, ValueError, VideoError: as ``render_video``; GLError also if the
-            child process died.
-    """
-    with RenderPool(max_workers=1) as pool:
-        return pool.submit(job, on_progress).result()
 
 
 def num_cores() -> int:

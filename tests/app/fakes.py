@@ -30,6 +30,7 @@ CATALOGUE = Catalogue(
     systems=("globaldiff/local", "globaldiff/global"),
     speakers=("wayne", "scott"),
     trained_on="0.0 hours of nothing (a test)",
+    samplers=("euler", "heun", "reinterpolate"),
 )
 
 

@@ -10,7 +10,7 @@ from app import text
 from app.errors import RunError
 from app.findings.points import point_title
 from model.storage.cards import load_card
-from model.systems.registry import list_speakers, list_systems
+from model.systems.registry import family_of, list_speakers, list_systems
 from renderer.body.joints import JOINT_NAMES, TIP_VERTICES
 
 
@@ -31,6 +31,10 @@ class Catalogue:
     trained_on: str
     """How much of what, for a sentence; empty for random weights."""
     examples: tuple[Example, ...] = ()
+    samplers: tuple[str, ...] = ()
+    """Of all its systems."""
+    usual_steps: str = ""
+    """How many steps systems take where nothing is asked for, for a person."""
 
 
 def read_catalogue(weights: Path, examples: tuple[Example, ...] = ()) -> Catalogue:
@@ -44,7 +48,17 @@ def read_catalogue(weights: Path, examples: tuple[Example, ...] = ()) -> Catalog
     if not names:
         raise RunError(text.NO_SYSTEMS_INSTALLED.format(folder=weights))
     cards = [load_card(weights, name) for name in names]
-    return Catalogue(names, list_speakers(weights), _trained_on(cards), examples)
+    families = list({family_of(name).name: family_of(name) for name in names}.values())
+    samplers = [sampler for family in families for sampler in family.samplers]
+    usual = [f"{family.name} {family.samplers[0].steps}" for family in families]
+    return Catalogue(
+        names,
+        list_speakers(weights),
+        _trained_on(cards),
+        examples,
+        tuple(dict.fromkeys(sampler.name for sampler in samplers)),
+        ", ".join(usual),
+    )
 
 
 def find_examples(folder: Path) -> tuple[Example, ...]:

@@ -15,7 +15,6 @@ from app.page.parts.catalogue import Catalogue, point_choices
 from app.page.parts.html_parts import mount
 from app.page.tabs.generate_form import SEED_LIMIT
 from app.run.followed_point import TIP
-from app.run.request import DEFAULT_STEPS
 from model.systems.globaldiff.config import BEST
 
 MAX_DEFAULT_SYSTEMS = 3
@@ -114,10 +113,16 @@ def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
     )
     is_smoothed = gr.Checkbox(False, label=text.FILTER_LABEL, info=text.FILTER_HELP)
     with gr.Accordion(text.ADVANCED_LABEL, open=False):
-        steps = gr.Slider(1, 50, value=DEFAULT_STEPS, step=1, label=text.STEPS_LABEL, buttons=[])
+        steps = gr.Textbox(
+            "", label=text.STEPS_LABEL, info=text.STEPS_HELP, placeholder=catalogue.usual_steps,
+            max_lines=1, elem_id="steps",
+        )  # fmt: skip
         sampler = gr.Dropdown(
-            choices=[(shown, name) for name, shown in text.SAMPLER_NAMES.items()],
-            value="euler",
+            choices=[
+                (text.USUAL_SAMPLER, ""),
+                *((text.SAMPLER_NAMES.get(name, name), name) for name in catalogue.samplers),
+            ],
+            value="",
             label=text.SAMPLER_LABEL,
         )
         reference = gr.File(

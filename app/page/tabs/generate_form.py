@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
 
 from app import text
 from app.config import AppConfig
@@ -14,8 +13,8 @@ from app.run.request import (
     POST_FILTERS,
     REFERENCE_NAME,
     GenerateRequest,
-    Sampler,
     check_request,
+    parse_steps,
     sample_name,
 )
 
@@ -32,7 +31,7 @@ class Form:
     speaker: str | None
     seed: float | None
     samples: float
-    steps: float
+    steps: str
     sampler: str
     is_smoothed: bool
     reference: str | None
@@ -65,7 +64,10 @@ def request_from_form(
     start_frame = form.start_frame or 0
     if start_frame != int(start_frame) or start_frame < 0:
         raise RunError(text.BAD_START.format(value=form.start_frame))
-    samples, steps = int(form.samples), int(form.steps)
+    if form.sampler and form.sampler not in catalogue.samplers:
+        known = ", ".join(catalogue.samplers)
+        raise RunError(f"There is no sampler {form.sampler!r}; there are {known}.")
+    samples = int(form.samples)
     count = len(systems) * samples + bool(form.reference)
     if count > PAGE_VIDEOS:
         raise RunError(
@@ -81,8 +83,8 @@ def request_from_form(
         speaker=form.speaker,
         seed=int(form.seed),
         samples=samples,
-        steps=steps,
-        sampler=cast("Sampler", form.sampler),
+        steps=parse_steps(form.steps),
+        sampler=form.sampler or None,
         post_filter=POST_FILTERS[bool(form.is_smoothed)],
         reference=Path(form.reference) if form.reference else None,
         transcript=Path(form.transcript) if form.transcript else None,

@@ -12,9 +12,10 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from app.errors import RunError
-from app.run.request import POST_FILTERS, SAMPLERS, VIEWS, PostFilter, Sampler, View
+from app.run.request import POST_FILTERS, VIEWS, PostFilter, View
 from app.study.design.fields import FieldError, Fields
 from app.study.design.key import MAX_SYSTEMS, PROTOCOLS
+from model.systems.registry import families
 
 FORMAT = 1
 MAX_PLAN_BYTES = 1 << 20
@@ -47,7 +48,8 @@ class Generator:
     speaker: str | None = None
     """None is the first speaker that the system knows."""
     steps: int = 10
-    sampler: Sampler = "euler"
+    sampler: str = "euler"
+    """One of the system's own."""
     post_filter: PostFilter = "none"
 
 
@@ -217,17 +219,29 @@ def _system_of(item: Fields, folder: Path, clips: list[str]) -> PlannedSystem:
         if extra:
             raise FieldError(f"the system {name!r} has `motion`, so it cannot have `{extra[0]}`")
         return PlannedSystem(name, motions=_motions_of(item, name, folder, clips))
+    system = item.text_or_none("system") or name
+    samplers = _samplers_of(system)
+    sampler = _choice(item, "sampler", tuple(samplers), next(iter(samplers)))
     return PlannedSystem(
         name,
         generator=Generator(
-            system=item.text_or_none("system") or name,
+            system=system,
             seed=_whole(item, "seed", 0, 2**31 - 1, 0),
             speaker=item.text_or_none("speaker"),
-            steps=_whole(item, "steps", 1, 1000, 10),
-            sampler=_choice(item, "sampler", SAMPLERS, "euler"),
+            steps=_whole(item, "steps", 1, 1000, samplers[sampler]),
+            sampler=sampler,
             post_filter=_choice(item, "post_filter", POST_FILTERS, "none"),
         ),
     )
+
+
+def _samplers_of(system: str) -> dict[str, int]:
+    """The samplers of a system with their usual steps; the first is the usual one."""
+    for family in families():
+        if system in family.systems:
+            return {sampler.name: sampler.steps for sampler in family.samplers}
+    known = ", ".join(name for family in families() for name in family.systems)
+    raise FieldError(f"there is no system {system!r}; the systems are {known}")
 
 
 def _motions_of(item: Fields, name: str, folder: Path, clips: list[str]) -> dict[str, Path]:

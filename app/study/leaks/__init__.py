@@ -1,0 +1,1 @@
+"""What would tell participants the systems; may import `make` and `design`."""

@@ -1,0 +1,1 @@
+"""The files of a study: videos, page, adapters and records; may import `design`."""

@@ -6,7 +6,7 @@ import datetime
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from app.run.models import get_body, get_system
 from app.run.provenance import describe_systems, versions
@@ -16,11 +16,9 @@ from app.study.design.plan import Plan
 from app.study.design.trials import Design
 from app.study.design.wording import questions_of
 from app.study.make import media
+from app.study.make.motions import Source
+from app.study.make.options import ExportOptions
 from app.study.make.workspace import Workspace
-
-if TYPE_CHECKING:
-    from app.study.export import ExportOptions
-    from app.study.make.motions import Source
 
 
 def write_records(

@@ -1,0 +1,1 @@
+"""Raters of known taste, to try a study on; may import `statistics` and `design`."""

@@ -1,0 +1,1 @@
+"""From answers to numbers: screening, votes and tests; may import `design`."""

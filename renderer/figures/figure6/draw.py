@@ -1,6 +1,6 @@
 """Drawing Figure 6 with matplotlib's objects: axes, curves, snapshots, keys and caption.
 
-Call it under the settings of :mod:`renderer.figures.write`; without these the type sizes that
+Call it under the settings of :mod:`renderer.figures.files`; without these the type sizes that
 the layout measured are not the ones that are drawn.
 """
 
@@ -13,17 +13,15 @@ from renderer.figures.figure6.crop import crop_alike
 from renderer.figures.figure6.layout import (
     COORDINATE_GAP,
     FRAME_NUMBERS,
-    MARGIN,
     Layout,
-    Rect,
     plan_layout,
 )
 from renderer.figures.figure6.marks import JointMarks, mark_joints
 from renderer.figures.figure6.path import draw_path
 from renderer.figures.figure6.spec import COORDINATES, MIN_SPAN_M, Figure6
+from renderer.figures.page import MARGIN, TITLE_GAP, Rect
 from renderer.figures.style import ROUND_NUMBERS
 from renderer.figures.text import (
-    TITLE_GAP,
     caption_lines,
     draw_key,
     write,

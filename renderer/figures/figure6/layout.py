@@ -1,27 +1,31 @@
-"""Where each part of a figure goes: plain arithmetic in inches, before anything is drawn."""
+"""Where each part of Figure 6 goes: plain arithmetic in inches, before anything is drawn."""
 
 from dataclasses import dataclass
 
-from renderer.figures.style import FIGURE_WIDTH_IN, LABEL_PT, text_width_in, wrap_text
+from renderer.figures.page import (
+    CAPTION_GAP,
+    LINE,
+    MARGIN,
+    SMALL_LINE,
+    SWATCH,
+    SWATCH_GAP,
+    TITLE,
+    Key,
+    Rect,
+    place_legend,
+    wrap_name,
+)
+from renderer.figures.style import FIGURE_WIDTH_IN
 
-MARGIN = 0.08
-LINE = 0.135  # one line of label type with its leading
-SMALL_LINE = 0.115
 FRAME_NUMBERS = 0.085  # the line of frame numbers above the snapshots
-TITLE = 0.19
 GUTTER = 0.22
 AXIS_LABELS = 0.25  # left of the coordinate axes: letter, ticks and gaps, without the numbers
 TIME_LABELS = 0.33  # below the lowest coordinate axis
 COORDINATE_GAP = 0.09
 CELL_GAP = 0.03
 ROW_GAP = 0.07
-SWATCH = 0.36  # line sample in front of a system's name
-SWATCH_GAP = 0.06
-KEY_GAP = 0.25
-NAME_BREAKS = "/-_. "
 
 HEADER_GAP = 0.02
-CAPTION_GAP = 0.1
 
 MIN_BODY = 3.6
 MIN_BODY_WITH_PATH = 4.4
@@ -32,42 +36,6 @@ MIN_PATH = 1.8  # height of the 3-D path
 MAX_SNAPSHOTS_WIDTH = 3.65
 MIN_SNAPSHOTS_WIDTH = 2.5
 MAX_CELL_HEIGHT = 1.7
-
-
-@dataclass(frozen=True)
-class Rect:
-    """A rectangle in inches; ``top`` counts downwards from the top of the figure."""
-
-    left: float
-    top: float
-    width: float
-    height: float
-
-    @property
-    def bottom(self) -> float:
-        return self.top + self.height
-
-    @property
-    def right(self) -> float:
-        return self.left + self.width
-
-    def fraction_of(self, figure_height: float) -> tuple[float, float, float, float]:
-        """(left, bottom, width, height) as fractions of the figure, bottom counted upwards."""
-        return (
-            self.left / FIGURE_WIDTH_IN,
-            1.0 - self.bottom / figure_height,
-            self.width / FIGURE_WIDTH_IN,
-            self.height / figure_height,
-        )
-
-
-@dataclass(frozen=True)
-class Key:
-    """A line sample with the name of its system."""
-
-    name: str
-    lines: tuple[str, ...]
-    rect: Rect
 
 
 @dataclass(frozen=True)
@@ -107,7 +75,7 @@ def plan_layout(
     body_top = legend_bottom + 0.06 + TITLE
 
     header_width = MIN_SNAPSHOTS_WIDTH - SWATCH - SWATCH_GAP
-    headers = [_wrap_name(name, header_width) for name in names] if num_snapshots else []
+    headers = [wrap_name(name, header_width) for name in names] if num_snapshots else []
     without_pictures = FRAME_NUMBERS + sum(
         len(lines) * LINE + HEADER_GAP + ROW_GAP for lines in headers
     )
@@ -163,25 +131,3 @@ def plan_layout(
         row_keys=tuple(row_keys),
         caption_top=body_bottom + CAPTION_GAP,
     )
-
-
-def place_legend(names: tuple[str, ...]) -> tuple[tuple[Key, ...], float]:
-    """Keys in equal columns across the figure, as many as fit; and where they end."""
-    usable = FIGURE_WIDTH_IN - 2 * MARGIN
-    wrapped = [_wrap_name(name, usable - SWATCH - SWATCH_GAP) for name in names]
-    widest = max(text_width_in(line, LABEL_PT) for lines in wrapped for line in lines)
-    key_width = SWATCH + SWATCH_GAP + widest
-    columns = max(1, min(len(names), int((usable + KEY_GAP) / (key_width + KEY_GAP))))
-    keys, top = [], MARGIN
-    for start in range(0, len(names), columns):
-        row = wrapped[start : start + columns]
-        height = max(len(lines) for lines in row) * LINE
-        for column, lines in enumerate(row):
-            left = MARGIN + column * (key_width + KEY_GAP)
-            keys.append(Key(names[start + column], lines, Rect(left, top, key_width, height)))
-        top += height
-    return tuple(keys), top
-
-
-def _wrap_name(name: str, width: float) -> tuple[str, ...]:
-    return tuple(wrap_text(name, LABEL_PT, width, breaks_after=NAME_BREAKS))

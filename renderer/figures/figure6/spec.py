@@ -7,11 +7,11 @@ from typing import Literal
 import numpy as np
 
 from renderer.figures.figure6.marks import JointMarks
-from renderer.figures.style import SYSTEM_STYLES, SeriesStyle, styles_of
+from renderer.figures.files import FigureError
+from renderer.figures.style import MAX_SYSTEMS, SeriesStyle, styles_of
 
 WINDOW_FRAMES = 300
 SNAPSHOT_EVERY = 50
-MAX_SYSTEMS = len(SYSTEM_STYLES)
 MAX_SNAPSHOTS = 7
 COORDINATES = ("x", "y", "z")
 MIN_SPAN_M = 0.02
@@ -24,10 +24,6 @@ _FILTER_SENTENCES: dict[PostFilter, str] = {
     "none": "Raw motion, no filter.",
     "savgol": "Filtered motion (Savitzky-Golay, 7 frames, order 2, on every curve alike).",
 }
-
-
-class FigureError(ValueError):
-    """A figure cannot be made from what was given; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +121,7 @@ def check_figure6(
 ) -> Figure6:
     """Cut the trajectories to the window, put the reference first, refuse what cannot be drawn.
 
-    Arguments are those of :func:`renderer.figures.write.figure6`.
+    Arguments are those of :func:`renderer.figures.figure6.figure6.figure6`.
 
     Raises:
         FigureError: with one sentence that names the limit and what was found.

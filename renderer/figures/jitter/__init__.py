@@ -1,0 +1,1 @@
+"""The sheet that shows where the jitter sits; may import `figures`, not `figure6`."""

@@ -1,6 +1,6 @@
 """Drawing the jitter sheet: every measure as generated, and beside it behind the filter.
 
-Call it under the settings of :mod:`renderer.figures.write`, as the layout measured text under them.
+Call it under the settings of :mod:`renderer.figures.files`, as the layout measured text under them.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from renderer.figures import style
-from renderer.figures.figure6.layout import MARGIN, Rect
 from renderer.figures.jitter.layout import SheetLayout, plan_sheet
 from renderer.figures.jitter.series import Curves, JitterSheet, Kind
+from renderer.figures.page import MARGIN, TITLE_GAP, Rect
 from renderer.figures.text import (
-    TITLE_GAP,
     caption_lines,
     draw_key,
+    short_name,
     write,
     write_caption,
     write_title,
@@ -222,12 +222,6 @@ def _name_x(axes: "Axes", names: Sequence[str], size: float) -> None:
     axes.set_xticks(range(len(names)), names, rotation=90, size=size)
     axes.tick_params(axis="x", pad=1.0)
     axes.set_xlim(-0.6, max(len(names), 1) - 0.4)
-
-
-def short_name(joint: str) -> str:
-    """``left_middle2`` as 'L middle 2'."""
-    words = joint.replace("left_", "L ").replace("right_", "R ").replace("_", " ")
-    return f"{words[:-1]} {words[-1]}" if words[-1:].isdigit() else words
 
 
 def _write_y_label(figure: "Figure", rect: Rect, text: str) -> None:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from renderer.figures.figure6.layout import (
+from renderer.figures.page import (
     CAPTION_GAP,
     MARGIN,
     SMALL_LINE,

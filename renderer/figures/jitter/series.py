@@ -11,8 +11,8 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
-from renderer.figures.figure6.spec import MAX_SYSTEMS, FigureError
-from renderer.figures.style import SeriesStyle, styles_of
+from renderer.figures.files import FigureError
+from renderer.figures.style import MAX_SYSTEMS, SeriesStyle, styles_of
 
 Kind = Literal["raw", "savgol"]
 Curves = dict[str, tuple[np.ndarray, np.ndarray]]

@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from renderer.figures.files import FigureFiles, matplotlib_settings, write_figure
 from renderer.figures.jitter.draw import draw_sheet
 from renderer.figures.jitter.series import REFERENCE, JitterSheet, read_sheet
-from renderer.figures.write import FigureFiles, matplotlib_settings, write_figure
 
 __all__ = ["jitter_sheet"]
 

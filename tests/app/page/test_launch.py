@@ -24,7 +24,7 @@ FORM = {
     "speaker": "ann",
     "seed": 0,
     "samples": 1,
-    "steps": 1,
+    "steps": "1",
     "sampler": "euler",
     "is_smoothed": False,
     "reference": None,

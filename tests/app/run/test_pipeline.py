@@ -15,7 +15,7 @@ from PIL import Image
 from app.errors import CancelledRun, RunError, sentence_of
 from app.run import inputs
 from app.run.pipeline import generate_all
-from app.run.request import DEFAULT_STEPS, Artefact, GenerateRequest, Progress
+from app.run.request import Artefact, GenerateRequest, Progress
 from model.motion.motion import load_motion, save_motion
 from renderer.draw import probe
 from renderer.draw.offscreen import GLError
@@ -110,7 +110,7 @@ def test_guidance_changes_the_motion_and_is_recorded(ask: Ask) -> None:
     poses = [load_motion(r.out / "globaldiff-global.npz").poses for r in (plain, guided)]
     assert np.abs(poses[0] - poses[1]).max() > 1e-3
     record = json.loads((guided.out / "provenance.json").read_text())
-    assert record["options"]["guidance"] == 3.0
+    assert record["options"]["guidance"] == {"globaldiff/global": 3.0}
 
 
 def test_each_system_takes_the_steps_it_was_given_and_the_record_says_so(ask: Ask) -> None:
@@ -128,7 +128,7 @@ def test_each_system_takes_the_steps_it_was_given_and_the_record_says_so(ask: As
     both, recorded = run("both", 2)
     assert recorded == {local: 2, world: 2}
     mixed, recorded = run("mixed", {world: 2})
-    assert recorded == {local: DEFAULT_STEPS, world: 2}
+    assert recorded == {local: 10, world: 2}
     np.testing.assert_array_equal(mixed[world], both[world])
     assert np.abs(mixed[local] - both[local]).max() > 1e-3
 

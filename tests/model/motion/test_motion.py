@@ -248,8 +248,8 @@ def test_a_full_disk_gives_one_sentence_and_no_file(tmp_path):
     """A real failing write: the operating system refuses to let the file grow over 4 KiB."""
     script = (
         "import resource, sys\n"
-        "from model.files import WriteError\n"
-        "from model.motion import save_motion\n"
+        "from model.storage.files import WriteError\n"
+        "from model.motion.motion import save_motion\n"
         "from tests.helpers import smooth_motion_example\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))\n"
         "try:\n"

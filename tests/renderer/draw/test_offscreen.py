@@ -167,6 +167,16 @@ def make_subject() -> tuple[Subject, PosedFrame]:
     return Subject(faces, None, prepare.ground.corners()), prepare(vertices)
 
 
+def test_lights_are_added_up_in_one_order_wherever_they_lie_in_memory():
+    """Else some pixels would differ by a grey level from process to process."""
+    open_gl(gl_backend())
+    from renderer.draw.gl_scene import BodyScene
+
+    scenes = [BodyScene(*make_subject(), CAMERA, 4 / 3).scene for _ in range(20)]
+    orders = {tuple(node.light.intensity for node in scene.light_nodes) for scene in scenes}
+    assert len(orders) == 1 and len(orders.pop()) == 3
+
+
 def test_a_process_that_draws_starts_without_what_no_picture_needs():
     """And a later import of trimesh gives all of it."""
     script = f"""

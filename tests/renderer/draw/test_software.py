@@ -160,7 +160,7 @@ def test_the_floor_hides_what_stands_below_it():
 
 
 def test_it_steps_in_where_there_is_no_opengl(tmp_path):
-    code = "from renderer.probe import choose_backend; print(choose_backend())"
+    code = "from renderer.draw.probe import choose_backend; print(choose_backend())"
     assert run_without_opengl(tmp_path, code).strip() == "software"
 
 

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from renderer.figures.error_growth import draw_error_growth, error_growth_figure
-from renderer.figures.write import FigureError, matplotlib_settings
+from renderer.figures.files import FigureError, matplotlib_settings
 from tests.renderer.figures.figure_checks import drawn_texts, overlap
 
 POINTS = (

@@ -4,6 +4,7 @@ import os
 import signal
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from renderer.draw.probe import choose_backend
 from renderer.stage.stage import set_stage
 from renderer.video.encoder import Cancelled, VideoError, read_facts
 from renderer.video.parallel import processes_worth
-from renderer.video.pool import RenderJob, RenderPool, run_job
+from renderer.video.pool import RenderJob, RenderPool, RenderResult
 from renderer.video.render import PIECE_FRAMES, RenderSettings, render_stills
 from tests.renderer.stage.test_camera import waving_motion
 from tests.renderer.video.test_encoder import processes_that_mention, tone, write_wav
@@ -26,6 +27,11 @@ pytestmark = pytest.mark.gl
 ROOT = Path(__file__).resolve().parents[3]
 PATIENCE_S = 300.0
 """A busy machine may be slow to start a process; a test that hangs still ends."""
+
+
+def run_job(job: RenderJob, on_progress: Callable[[float], None] | None = None) -> RenderResult:
+    with RenderPool(max_workers=1) as pool:
+        return pool.submit(job, on_progress).result()
 
 
 def settings() -> RenderSettings:

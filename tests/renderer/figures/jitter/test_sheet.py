@@ -10,14 +10,14 @@ import pytest
 from PIL import Image
 
 from renderer.body.joints import JOINT_INDEX
+from renderer.figures.files import FigureError, matplotlib_settings
 from renderer.figures.jitter.draw import NO_DATA, draw_sheet
 from renderer.figures.jitter.layout import ROWS
 from renderer.figures.jitter.series import read_sheet
 from renderer.figures.jitter.sheet import jitter_sheet
 from renderer.figures.style import FIGURE_WIDTH_IN
-from renderer.figures.write import FigureError, matplotlib_settings
 from tests.renderer.figures.figure_checks import drawn_texts, overlap
-from tests.renderer.figures.jitter_example import NAMES, example_diagnostics
+from tests.renderer.figures.jitter.jitter_example import NAMES, example_diagnostics
 
 
 @pytest.fixture

@@ -14,17 +14,17 @@ from PIL import Image
 
 from renderer.figures.figure6.crop import crop_alike
 from renderer.figures.figure6.draw import draw_figure6
-from renderer.figures.figure6.spec import Figure6, check_figure6
-from renderer.figures.style import FIGURE_WIDTH_IN, REFERENCE_STYLE, SYSTEM_STYLES, wrap_text
-from renderer.figures.write import (
+from renderer.figures.figure6.figure6 import figure6
+from renderer.figures.figure6.marks import JointMarks
+from renderer.figures.figure6.spec import (
     ONE_SEED_CAVEAT,
-    FigureError,
-    FigureFiles,
-    JointMarks,
+    Figure6,
+    check_figure6,
     choose_snapshot_frames,
-    figure6,
-    matplotlib_settings,
 )
+from renderer.figures.files import FigureError, FigureFiles, matplotlib_settings
+from renderer.figures.style import FIGURE_WIDTH_IN
+from tests.helpers import ROOT
 from tests.renderer.figures.figure_checks import drawn_texts, overlap
 
 NAMES = (
@@ -172,14 +172,12 @@ def test_same_input_gives_the_same_bytes_in_another_process(
     written: FigureFiles, tmp_path: Path
 ) -> None:
     program = (
-        "import sys; sys.path[:0] = sys.argv[2:]\n"
-        "from pathlib import Path; import test_figures as t\n"
+        "import sys; from pathlib import Path\n"
+        "import tests.renderer.figures.figure6.test_figure6 as t\n"
         "t.figure6(**t.make_inputs(2), out_stem=Path(sys.argv[1]))\n"
     )
-    paths = [str(Path(__file__).parent), str(Path(__file__).parents[3])]
-    subprocess.run(
-        [sys.executable, "-c", program, str(tmp_path / "other"), *paths], check=True, timeout=300
-    )
+    command = [sys.executable, "-c", program, str(tmp_path / "other")]
+    subprocess.run(command, check=True, cwd=ROOT, timeout=300)
 
     for path in written:
         assert path.read_bytes() == (tmp_path / f"other{path.suffix}").read_bytes(), path.suffix
@@ -197,18 +195,17 @@ def test_figures_of_several_threads_are_those_of_one(tmp_path: Path) -> None:
 
 def test_importing_is_cheap_and_pyplot_is_never_loaded(tmp_path: Path) -> None:
     program = (
-        "import sys, numpy; import renderer.figures as f\n"
+        "import sys, numpy; from renderer.figures.figure6.figure6 import figure6\n"
         "assert 'matplotlib' not in sys.modules\n"
         "t = {'a': numpy.random.default_rng(0).random((5, 3))}\n"
-        "f.figure6(t, {}, (), 30.0, sys.argv[1])\n"
+        "figure6(t, {}, (), 30.0, sys.argv[1])\n"
         "assert 'matplotlib.pyplot' not in sys.modules\n"
         "import matplotlib; assert matplotlib.rcParams['pdf.fonttype'] == 3\n"
     )
-    root = Path(__file__).parents[3]
     subprocess.run(
         [sys.executable, "-c", program, str(tmp_path / "figure6")],
         check=True,
-        cwd=root,
+        cwd=ROOT,
         timeout=300,
     )
 
@@ -455,20 +452,13 @@ def test_far_and_large_frame_numbers_do_not_overlap(
     check_legible(check(**inputs, start_frame=start), monkeypatch)
 
 
-def test_styles_differ_without_colour() -> None:
-    styles = [REFERENCE_STYLE, *SYSTEM_STYLES]
-
-    assert len({style.dashes for style in styles}) == len(styles)
-    assert len({style.marker for style in styles}) == len(styles)
-    assert [style for style in styles if not style.dashes] == [REFERENCE_STYLE]
-
-
 def test_keys_differ_in_a_greyscale_print(tmp_path: Path) -> None:
     figure6(**make_inputs(6, num_snapshots=0), out_stem=tmp_path / "figure6")
     grey = np.asarray(Image.open(tmp_path / "figure6.png").convert("L")).astype(float)
 
     scale = 2016 / FIGURE_WIDTH_IN
-    from renderer.figures.figure6.layout import LINE, SWATCH, plan_layout
+    from renderer.figures.figure6.layout import plan_layout
+    from renderer.figures.page import LINE, SWATCH
 
     layout = plan_layout(("reference", *NAMES), 0, 1.0, 1, 0.3)
     samples = []
@@ -482,54 +472,7 @@ def test_keys_differ_in_a_greyscale_print(tmp_path: Path) -> None:
         assert (np.abs(a - b) > 40).sum() > 40
 
 
-def test_wrapped_text_loses_nothing() -> None:
-    text = "a/" + "b" * 90 + "-c_d " + "e" * 5
-    for width in (0.05, 0.5, 2.0, 50.0):
-        lines = wrap_text(text, 7.0, width, breaks_after="/-_ ")
-        assert "".join(lines).replace(" ", "") == text.replace(" ", "")
-
-
 # ---------------------------------------------------------------------------- cropping
-
-
-def test_crop_keeps_all_content_at_one_size() -> None:
-    pictures = np.full((3, 60, 80, 3), 200, dtype=np.uint8)
-    pictures += np.arange(60, dtype=np.uint8)[None, :, None, None] // 2  # a vertical gradient
-    for i, picture in enumerate(pictures):
-        picture[20:50, 10 + 20 * i : 18 + 20 * i] = 30  # walks to the right
-    other = pictures.copy()
-    other[1, 15:20, 34:36] = 60  # one row's raised hand
-
-    cropped = crop_alike({"a": pictures, "b": other})
-
-    shapes = {stack.shape for stack in cropped.values()}
-    assert len(shapes) == 1
-    _, height, width, _ = shapes.pop()
-    assert 35 <= height <= 42 and 8 <= width <= 14
-    for name, original in (("a", pictures), ("b", other)):
-        for before, after in zip(original, cropped[name], strict=True):
-            assert (after < 100).sum() == (before < 100).sum()
-    background_a, background_b = (cropped[name][1] >= 100 for name in "ab")
-    assert (background_a != background_b).any(-1).sum() == 10  # the same place in both rows
-
-
-def test_crop_keeps_empty_and_full_pictures_whole() -> None:
-    empty = {"a": np.full((2, 30, 40, 3), 255, dtype=np.uint8)}
-    np.testing.assert_array_equal(crop_alike(empty)["a"], empty["a"])
-
-    rng = np.random.default_rng(0)
-    full = {"a": rng.integers(0, 255, (2, 30, 40, 3), dtype=np.uint8)}
-    np.testing.assert_array_equal(crop_alike(full)["a"], full["a"])
-
-
-def test_crop_keeps_an_arm_that_leaves_the_picture() -> None:
-    pictures = np.full((5, 30, 40, 3), 255, dtype=np.uint8)
-    pictures[:, 5:25, 18:22] = 50
-    pictures[2, 10:12, :18] = 50
-
-    cropped = crop_alike({"a": pictures})["a"]
-
-    assert (cropped[2] == 50).sum() == (pictures[2] == 50).sum()
 
 
 # ---------------------------------------------------------------------------- refusals

@@ -1,66 +1,27 @@
 """Figure 6 of the GlobalDiff paper for any motions: a fingertip's path beside snapshots.
 
 Left, the trajectory of one point, one axis per coordinate, and its path in space; right, one row of
-snapshots per system, all from the same camera. Written as PNG, SVG and PDF. Nothing here knows
-where the positions or the pictures come from.
-
-matplotlib is imported at the first figure, and without pyplot: no windows, no global list of
-figures. Figures are made one at a time, because matplotlib's settings belong to the process. The
-same input gives the same bytes: no dates, a fixed salt for the names inside the SVG.
+snapshots per system, all from the same camera. Nothing here knows where the positions or the
+pictures come from.
 """
 
-import os
-import threading
-import uuid
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from renderer.figures.figure6.draw import draw_figure6
 from renderer.figures.figure6.marks import JointMarks
 from renderer.figures.figure6.spec import (
-    MAX_SNAPSHOTS,
-    MAX_SYSTEMS,
     ONE_SEED_CAVEAT,
-    SNAPSHOT_EVERY,
     WINDOW_FRAMES,
-    FigureError,
     PostFilter,
     check_figure6,
     choose_snapshot_frames,
 )
-from renderer.figures.style import PNG_DPI, RC_PARAMS, VECTOR_DPI
+from renderer.figures.files import FigureFiles, matplotlib_settings, write_figure
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-__all__ = [
-    "MAX_SNAPSHOTS",
-    "MAX_SYSTEMS",
-    "ONE_SEED_CAVEAT",
-    "SNAPSHOT_EVERY",
-    "WINDOW_FRAMES",
-    "FigureError",
-    "FigureFiles",
-    "JointMarks",
-    "choose_snapshot_frames",
-    "figure6",
-    "matplotlib_settings",
-    "write_figure",
-]
-
-_MATPLOTLIB_LOCK = threading.RLock()
-
-
-class FigureFiles(NamedTuple):
-    """Where a figure was written."""
-
-    png: Path
-    svg: Path
-    pdf: Path
+__all__ = ["WINDOW_FRAMES", "JointMarks", "choose_snapshot_frames", "figure6"]
 
 
 def figure6(
@@ -123,45 +84,3 @@ def figure6(
     )
     with matplotlib_settings():
         return write_figure(draw_figure6(contents), out_stem, description=contents.caption)
-
-
-@contextmanager
-def matplotlib_settings() -> Iterator[None]:
-    """matplotlib with its defaults and the figures' settings, for one thread at a time."""
-    from matplotlib import style
-
-    with _MATPLOTLIB_LOCK, style.context(["default", RC_PARAMS]):
-        yield
-
-
-def write_figure(figure: "Figure", out_stem: Path, description: str) -> FigureFiles:
-    """Write a figure in all three formats, without dates; call under ``matplotlib_settings``."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.backends.backend_pdf import FigureCanvasPdf
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-
-    out_stem = Path(out_stem)
-    out_stem.parent.mkdir(parents=True, exist_ok=True)
-    files = FigureFiles(*(out_stem.with_name(f"{out_stem.name}.{e}") for e in FigureFiles._fields))
-    unfinished = FigureFiles(*(_temporary_name(path) for path in files))
-    try:
-        FigureCanvasAgg(figure).print_figure(
-            unfinished.png, dpi=PNG_DPI, metadata={"Description": description}
-        )
-        FigureCanvasSVG(figure).print_figure(
-            unfinished.svg, dpi=VECTOR_DPI, metadata={"Date": None, "Description": description}
-        )
-        FigureCanvasPdf(figure).print_figure(
-            unfinished.pdf, dpi=VECTOR_DPI, metadata={"CreationDate": None, "Subject": description}
-        )
-        for source, target in zip(unfinished, files, strict=True):
-            os.replace(source, target)
-    finally:
-        for path in unfinished:
-            path.unlink(missing_ok=True)
-    return files
-
-
-def _temporary_name(path: Path) -> Path:
-    """A free name in the same folder that keeps the extension."""
-    return path.with_name(f".{path.stem}.{uuid.uuid4().hex}{path.suffix}")
