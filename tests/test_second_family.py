@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from app.page.parts.catalogue import read_catalogue
+from app.page.tabs.systems import ladder
 from app.run.pipeline import generate_all
 from app.run.request import GenerateRequest
 from model import evaluate as measuring
@@ -89,6 +90,7 @@ def test_it_is_measured_without_the_abilities_that_it_lacks(trained):
 def test_the_page_offers_it_and_a_run_holds_it(trained, tmp_path):
     _, weights = trained
     catalogue = read_catalogue(weights)
+    assert FAMILY.about[NAME] in ladder(catalogue.systems)
     assert catalogue.systems == (NAME,) and catalogue.speakers == ("ann", "bob")
     write_wav(tmp_path / "speech.wav", made_waveform(32_000))
     request = GenerateRequest(

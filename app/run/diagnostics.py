@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from model.motion.motion import Motion
+    from model.motion.tracks import Tracks
     from model.speech.audio import Speech
     from model.speech.transcript import Word
 
@@ -53,12 +54,12 @@ def measure_motions(
 
     done, count = 0, 2 * len(motions)
 
-    def follow(version: Motion) -> np.ndarray:
+    def follow(version: Motion, tracks: Tracks) -> np.ndarray:
         """Each motion comes as it is and filtered, just before it is measured."""
         nonlocal done
         share = done / count
         done += 1
-        return tip.track(version, on_piece=lambda: on_share(share))
+        return tip.track(version, on_piece=lambda: on_share(share), tracks=tracks)
 
     diagnostics = diagnose(
         {name: motion for name, motion in motions.items() if name != REFERENCE_NAME},

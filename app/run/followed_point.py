@@ -38,6 +38,8 @@ class TipSource:
     """Motion -> positions (T, 3) in metres, some frames after the other."""
     point: str = TIP
     """A fingertip or a joint of SMPL-X."""
+    is_of_body: bool = False
+    """Whether a posed body is needed; other points are among the tracks of the open skeleton."""
     _known: WeakKeyDictionary[Motion, np.ndarray] = field(
         default_factory=WeakKeyDictionary, repr=False, compare=False
     )
@@ -47,15 +49,21 @@ class TipSource:
         motion: Motion,
         num_frames: int | None = None,
         on_piece: Callable[[], None] = lambda: None,
+        tracks: Tracks | None = None,
     ) -> np.ndarray:
         """Positions (T, 3) in metres; those of a whole motion are found once.
 
         Args:
             num_frames: so many of the first frames are enough.
+            tracks: of the motion, where somebody has posed it already.
             on_piece: called now and then in a long motion; what it raises ends the work.
         """
         if motion in self._known:
             on_piece()
+            return self._known[motion][:num_frames]
+        if tracks is not None and not self.is_of_body:
+            on_piece()
+            self._known[motion] = tracks.point(self.point).copy()
             return self._known[motion][:num_frames]
         part = motion if num_frames is None else _motion_part(motion, slice(num_frames))
         found = []
@@ -84,7 +92,12 @@ def choose_tip_source(body: Body, body_path: Path | None, point: str = TIP) -> T
         joint = JOINT_INDEX[point]
         if body_path is None:
             return TipSource("joint", lambda motion: open_joint(motion, joint), point)
-        return TipSource("joint of the body", lambda motion: body_joint(body, motion, joint), point)
+        return TipSource(
+            "joint of the body",
+            lambda motion: body_joint(body, motion, joint),
+            point,
+            is_of_body=True,
+        )
     if point not in TIP_VERTICES:
         raise RunError(
             f"There is no point {point!r} to follow; choose a fingertip ({', '.join(TIP_VERTICES)})"
@@ -93,7 +106,9 @@ def choose_tip_source(body: Body, body_path: Path | None, point: str = TIP) -> T
     if body_path is None:
         return TipSource("rigid", lambda motion: rigid_tip(motion, point), point)
     vertex = TIP_VERTICES[point]
-    return TipSource(f"vertex {vertex}", lambda motion: vertex_tip(body, motion, vertex), point)
+    return TipSource(
+        f"vertex {vertex}", lambda motion: vertex_tip(body, motion, vertex), point, is_of_body=True
+    )
 
 
 def rigid_tip(motion: Motion, tip: str = TIP) -> Iterator[np.ndarray]:

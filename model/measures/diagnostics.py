@@ -63,7 +63,7 @@ def diagnose(
     Args:
         motions: by the name that the file shall give them.
         tip: the fingertip that the ``tip_`` measures follow.
-        tip_track: gives its positions in place of the rigid fingertip.
+        tip_track: gives its positions in place of the rigid fingertip, of a motion and its tracks.
         tip_source: what ``tip_track`` follows, such as 'vertex 7794'; without it 'rigid' for a
             fingertip and 'joint' for a joint.
         joint: a fingertip or joint to follow in place of ``tip``.
@@ -141,7 +141,7 @@ def _versions(motion: Motion, settings: _Settings) -> Iterator[tuple[str, _Versi
         if settings.tip_track is None:
             point = tracks.point(settings.point)
         else:
-            point = np.asarray(settings.tip_track(version), dtype=np.float64)
+            point = np.asarray(settings.tip_track(version, tracks), dtype=np.float64)
         yield name, _Version(tracks, point)
         del tracks, point
 

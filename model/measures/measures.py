@@ -33,7 +33,7 @@ from model.measures.spectrum import HIGH_FREQUENCY_HZ, velocity_spectrum
 from model.motion.motion import Motion
 from model.motion.skeleton import JOINT_DEPTH, LEFT_HAND, RIGHT_HAND, RestSkeleton
 from model.motion.timing import FPS
-from model.motion.tracks import TipTrack, Tracks, moving_chain, track_points
+from model.motion.tracks import Tracks, moving_chain, track_points
 
 WINDOW_ADVANCE = 52
 """Frames from one generated window to the next: 60 less the 8 they share."""
@@ -54,7 +54,6 @@ def measures(
     tip: str = TIP,
     window_advance: int = WINDOW_ADVANCE,
     window_overlap: int = WINDOW_OVERLAP,
-    tip_track: TipTrack | None = None,
 ) -> Measures:
     """The numbers of one motion as it is; None where the clip is too short to have one.
 
@@ -62,12 +61,11 @@ def measures(
         tip: the fingertip or joint to follow, one of `model.motion.tracks.POINT_NAMES`.
         window_advance: frames from one generated window to the next, for the seams.
         window_overlap: frames that two windows share.
-        tip_track: gives the tip's positions in metres, for example of a body's tip vertex, in
-            place of the rigid fingertip.
     """
     tracks = track_points(motion, skeleton)
-    point = tracks.point(tip) if tip_track is None else tip_track(motion).astype(np.float64)
-    return measures_of_tracks(tracks, point, tip, skeleton, window_advance, window_overlap)
+    return measures_of_tracks(
+        tracks, tracks.point(tip), tip, skeleton, window_advance, window_overlap
+    )
 
 
 def measures_of_tracks(
@@ -164,11 +162,12 @@ def _spectrum_of_point(point: Float[np.ndarray, "T 3"]) -> dict[str, Any]:
     spectrum = velocity_spectrum(np.diff(point, axis=0) * FPS)
     if spectrum is None or not spectrum.power.any():
         return {"tip_velocity_power_above_5hz": None, "tip_spectrum": None}
-    share = spectrum.share()
-    is_high = spectrum.frequency_hz > HIGH_FREQUENCY_HZ
     return {
-        "tip_velocity_power_above_5hz": float(share[is_high].sum()),
-        "tip_spectrum": {"frequency_hz": spectrum.frequency_hz, "velocity_power": share},
+        "tip_velocity_power_above_5hz": float(spectrum.share_above(HIGH_FREQUENCY_HZ)),
+        "tip_spectrum": {
+            "frequency_hz": spectrum.frequency_hz,
+            "velocity_power": spectrum.share(),
+        },
     }
 
 

@@ -26,6 +26,10 @@ class VelocitySpectrum:
         """Mean square of what lies above a frequency."""
         return self.power[..., self.frequency_hz > hertz].sum(-1)
 
+    def share_above(self, hertz: float) -> Float[np.ndarray, " *points"]:
+        """Part, 0 to 1, of the power that lies above a frequency; NaN for what does not move."""
+        return np.asarray(self.share()[..., self.frequency_hz > hertz].sum(-1))
+
     def share(self) -> Float[np.ndarray, " *points bins"]:
         """Each bin's part of the whole, which is 1; NaN for what does not move."""
         total = self.power.sum(-1, keepdims=True)
@@ -42,11 +46,3 @@ def velocity_spectrum(velocity: Float[np.ndarray, "T *points 3"]) -> VelocitySpe
     frequency, density = welch(velocity, fs=FPS, nperseg=min(WELCH_FRAMES, len(velocity)), axis=0)
     power = np.moveaxis(density.sum(-1), 0, -1) * (frequency[1] - frequency[0])
     return VelocitySpectrum(frequency, power)
-
-
-def velocity_power_above(positions: Float[np.ndarray, "T 3"], hertz: float) -> float:
-    """Share, 0 to 1, of a point's velocity power that lies above ``hertz``; NaN if it has none."""
-    spectrum = velocity_spectrum(np.diff(positions.astype(np.float64), axis=0) * FPS)
-    if spectrum is None:
-        return float("nan")
-    return float(spectrum.share()[spectrum.frequency_hz > hertz].sum())

@@ -22,8 +22,6 @@ from model.motion.skeleton import (
 
 POINT_NAMES = (*FINGERTIP_NAMES, *JOINT_NAMES)
 """Everything that the ``tip_`` measures can follow."""
-TipTrack = Callable[[Motion], Float[np.ndarray, "T 3"]]
-
 _CHUNK_FRAMES = 512
 
 
@@ -43,6 +41,10 @@ class Tracks:
         if name in FINGERTIP_NAMES:
             return self.fingertips[:, FINGERTIP_NAMES.index(name)]
         return self.joints[:, JOINT_INDEX[name]]
+
+
+TipTrack = Callable[[Motion, Tracks], Float[np.ndarray, "T 3"]]
+"""Positions of a point in metres, of a motion and its tracks."""
 
 
 def track_points(motion: Motion, skeleton: RestSkeleton) -> Tracks:

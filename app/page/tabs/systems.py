@@ -12,6 +12,7 @@ from html import escape
 import gradio as gr
 
 from model.systems.globaldiff.config import BEST
+from model.systems.registry import family_of
 
 TITLE = "Five systems, each adding one thing to the one before"
 INTRODUCTION = (
@@ -115,7 +116,7 @@ def ladder(systems: Sequence[str]) -> str:
     cards = "".join(_card(number, rung, systems) for number, rung in enumerate(RUNGS, start=1))
     return (
         f'<section class="ladder"><h2>{escape(TITLE)}</h2><p>{escape(INTRODUCTION)}</p>'
-        f"<ol>{cards}</ol>{_own(systems)}</section>"
+        f"<ol>{cards}</ol>{_own(systems)}{_others(systems)}</section>"
     )
 
 
@@ -124,6 +125,17 @@ def _own(systems: Sequence[str]) -> str:
     return (
         f'<div class="own"><h3>{escape(OWN_TITLE)}</h3><code>{escape(BEST)}</code>{missing}'
         f"<p>{escape(OWN_MEANING)}</p></div>"
+    )
+
+
+def _others(systems: Sequence[str]) -> str:
+    """Systems of other families, each with what its family says of it."""
+    told = (BEST, *(rung.system for rung in RUNGS))
+    return "".join(
+        f'<div class="own"><code>{escape(name)}</code>'
+        f"<p>{escape(family_of(name).about.get(name, ''))}</p></div>"
+        for name in systems
+        if name not in told
     )
 
 

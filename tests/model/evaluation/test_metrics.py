@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -7,6 +9,7 @@ from model.evaluation import frechet
 from model.evaluation.clip_measures import face_error, l1_to_mean, mean_pairwise_l1
 from model.evaluation.speech_response import coupling, frame_loudness, speech_tracks
 from model.measures import beats
+from model.motion.motion import first_frames
 from model.motion.packing import MOTION_DIM, Normaliser
 from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
 from model.systems.autoencoders.config import JUDGE
@@ -87,13 +90,26 @@ def test_split_half_floor_is_above_zero_and_below_another_distribution():
 
 def test_features_are_one_for_every_eight_frames_and_the_same_for_any_cut():
     torch.manual_seed(0)
+    network = MotionAutoencoder(JUDGE).eval().requires_grad_(False)
+    for parameter in network.parameters():  # residual blocks begin as nothing
+        parameter += 0.05 * torch.randn_like(parameter)
     statistics = Normaliser(torch.zeros(MOTION_DIM), torch.ones(MOTION_DIM))
-    encoder = FrozenEncoder(MotionAutoencoder(JUDGE).eval(), statistics, "")
-    motion = smooth_motion_example(210)
+    encoder = FrozenEncoder(network, statistics, "")
+    motion = smooth_motion_example(400)
     features = frechet.motion_features(encoder, motion)
-    assert features.shape == (26, 32)
-    shorter = frechet.motion_features(encoder, smooth_motion_example(210, seed=1))
-    assert np.abs(features - shorter).max() > 1e-3
+    assert features.shape == (50, 32)
+    start = frechet.motion_features(encoder, first_frames(motion, 213))
+    assert start.shape == (26, 32)
+    np.testing.assert_allclose(start[:20], features[:20], atol=1e-4)
+    assert np.abs(start[-1] - features[25]).max() > 1e-3  # its end is another
+    later = replace(
+        motion,
+        poses=motion.poses[80:],
+        trans=motion.trans[80:],
+        expressions=motion.expressions[80:],
+    )
+    rest = frechet.motion_features(encoder, later)
+    np.testing.assert_allclose(rest[6:], features[16:], atol=1e-4)
 
 
 def test_diversities_are_sums_over_coordinates():

@@ -13,7 +13,7 @@ from model.measures import smoothness
 from model.measures.diagnostics import diagnose, measures, smooth_motion, track_points
 from model.measures.posture import foot_slide
 from model.measures.seams import jerk_by_window_phase, seam_jerk_ratio
-from model.measures.spectrum import velocity_power_above
+from model.measures.spectrum import velocity_spectrum
 from model.motion import tracks
 from model.motion.motion import Motion, first_frames, load_motion
 from model.motion.skeleton import FINGERTIP_NAMES, chain_to_root, open_body_skeleton
@@ -42,6 +42,12 @@ def along_x(x: np.ndarray) -> np.ndarray:
     return np.stack([x, np.zeros_like(x), np.zeros_like(x)], axis=1)
 
 
+def power_above_5hz(path: np.ndarray) -> float:
+    spectrum = velocity_spectrum(np.diff(path, axis=0) * 30)
+    assert spectrum is not None
+    return float(spectrum.share_above(5.0))
+
+
 def rough_points(num_frames: int, level: float = 1e-3, seed: int = 0) -> np.ndarray:
     """Five points on slow paths with a little white noise: (T, 5, 3)."""
     rng = np.random.default_rng(seed)
@@ -63,7 +69,7 @@ def test_derivatives_of_a_cubic_are_its_own():
 
 @pytest.mark.parametrize(("hertz", "above"), [(2.0, 0.0), (4.0, 0.0), (6.5, 1.0), (10.0, 1.0)])
 def test_power_of_one_sine_lies_on_its_side_of_5_hz(hertz, above):
-    share = velocity_power_above(along_x(np.sin(2 * np.pi * hertz * seconds(300))), 5.0)
+    share = power_above_5hz(along_x(np.sin(2 * np.pi * hertz * seconds(300))))
     assert abs(share - above) < 0.01
 
 
@@ -73,19 +79,19 @@ def test_power_of_two_sines_divides_as_their_velocities():
     path = along_x(np.sin(2 * np.pi * low * t) + 0.1 * np.sin(2 * np.pi * high * t))
     # Differencing over one frame weighs a frequency with sin(pi f / 30), not with f.
     weights = [np.sin(np.pi * low / 30) ** 2, (0.1 * np.sin(np.pi * high / 30)) ** 2]
-    assert abs(velocity_power_above(path, 5.0) - weights[1] / sum(weights)) < 0.003
+    assert abs(power_above_5hz(path) - weights[1] / sum(weights)) < 0.003
 
 
 def test_white_velocity_has_two_thirds_of_its_power_above_5_of_15_hz():
     path = np.cumsum(np.random.default_rng(0).standard_normal((6000, 3)), axis=0)
-    assert abs(velocity_power_above(path, 5.0) - 2 / 3) < 0.02
+    assert abs(power_above_5hz(path) - 2 / 3) < 0.02
 
 
 def test_power_has_no_meaning_when_still_or_short():
-    assert math.isnan(velocity_power_above(np.ones((100, 3)), 5.0))
+    assert math.isnan(power_above_5hz(np.ones((100, 3))))
     path = np.random.default_rng(0).standard_normal((33, 3))
-    assert math.isnan(velocity_power_above(path[:32], 5.0))
-    assert not math.isnan(velocity_power_above(path, 5.0))
+    assert velocity_spectrum(np.diff(path[:32], axis=0)) is None
+    assert 0 < power_above_5hz(path) < 1
 
 
 def test_seams_of_a_motion_without_any_are_like_the_rest():
@@ -203,7 +209,8 @@ def test_another_tip_and_a_given_track():
     expected = smoothness.derivative_magnitudes(tips[:, FINGERTIP_NAMES.index("left_thumb")], 3)
     assert left["tip_jerk_m_s3"] == pytest.approx(expected.mean())
     t = seconds(motion.num_frames)
-    given = measures(motion, SKELETON, tip_track=lambda m: along_x(t**3))
+    report = diagnose({"a": motion}, SKELETON, tip_track=lambda *_: along_x(t**3))
+    given = report["systems"]["a"]["raw"]
     assert given["tip_jerk_m_s3"] == pytest.approx(6, rel=1e-6)
     assert given["joint_jerk_m_s3"] == left["joint_jerk_m_s3"]
 
