@@ -279,8 +279,8 @@ def test_a_look_is_drawn_and_exported(motion: Path, tmp_path: Path) -> None:
 
 
 def test_looks_on_the_command_line_are_those_of_the_renderer() -> None:
-    assert tuple(renderer.look.LOOKS) == LOOKS
-    assert renderer.look.DEFAULT_LOOK == LOOKS[0]
+    assert tuple(renderer.body.look.LOOKS) == LOOKS
+    assert renderer.body.look.DEFAULT_LOOK == LOOKS[0]
 
 
 @pytest.mark.gl
