@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -135,7 +136,12 @@ class DescentTask:
         )  # fmt: skip
         if self.compiles:
             self.network.compile(dynamic=False)
-        self.parallel = self.shard.wrap(self.network)
+
+    @cached_property
+    def parallel(self) -> nn.Module:
+        """The network with gradients averaged over all processes; made at the first step, when all
+        of them are there: tasks are made by one after the other."""
+        return self.shard.wrap(self.network)
 
     def step(self, number: int, batch: Batch, generator: torch.Generator) -> dict[str, float]:
         """See `Task`."""

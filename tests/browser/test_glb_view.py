@@ -57,7 +57,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the server shows."""
     folder = tmp_path_factory.mktemp("viewer")
     (folder / "index.html").write_text(PAGE)
-    (folder / "glb_view.js").write_bytes((ROOT / "app" / "page" / "web" / "glb_view.js").read_bytes())
+    (folder / "glb_view.js").write_bytes(
+        (ROOT / "app" / "page" / "web" / "glb_view.js").read_bytes()
+    )
     return folder
 
 

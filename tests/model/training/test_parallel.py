@@ -8,8 +8,9 @@ import pytest
 import torch
 
 from model.storage.checkpoint import load_weights
-from model.systems.globaldiff.config import named_config
-from model.train import train
+from model.systems.autoencoders.config import named_config
+from model.systems.autoencoders.task import make_task
+from model.training.loop import train
 from model.training.parallel import WHOLE, Shard
 from model.training.run_folder import TrainingError
 from tests.helpers import ROOT
@@ -31,7 +32,14 @@ def test_shards_share_a_batch_without_overlap():
 
 def test_a_batch_that_cannot_be_shared_is_refused(tmp_path):
     with pytest.raises(TrainingError, match="batch_size is 4; it must be a multiple of the 3"):
-        train(named_config("smoke", "motion-vae"), tmp_path, tmp_path / "out", shard=Shard(0, 3))
+        train(
+            named_config("smoke", "motion-vae"),
+            make_task,
+            tmp_path,
+            tmp_path / "out",
+            helpers=tmp_path,
+            shard=Shard(0, 3),
+        )
 
 
 def test_two_processes_train_as_one_does(tmp_path):
