@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from model.generation.family import Sampler, UnknownNameError, choose_sampler
+from model.generation.family import Sampler, UnknownNameError
 from model.generation.speech_stream import SpeechWindow
 from model.generation.stitching import cross_fade, fade
 from model.motion.motion import ExpressionBasis, Motion
@@ -133,7 +133,13 @@ class System(ABC):
         Raises:
             UnknownNameError: if the system has no such sampler.
         """
-        return choose_sampler(self.samplers, name, self.name)
+        if name is None:
+            return self.samplers[0]
+        for sampler in self.samplers:
+            if sampler.name == name:
+                return sampler
+        names = ", ".join(sampler.name for sampler in self.samplers)
+        raise UnknownNameError(f"{self.name} has no sampler {name!r}; it has {names}.")
 
     @abstractmethod
     def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> Window:

@@ -3,7 +3,7 @@
 Only what can be told without torch is here; the rest is imported when it is asked for.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -77,26 +77,3 @@ class Family:
             CheckpointError: if its files are missing or damaged.
         """
         return import_module(f"{self.package}.system").load(name, folder)
-
-    def sampler(self, name: str | None) -> Sampler:
-        """The sampler called ``name``, or the usual one.
-
-        Raises:
-            UnknownNameError: if the family has no such sampler.
-        """
-        return choose_sampler(self.samplers, name, self.name)
-
-
-def choose_sampler(samplers: Sequence[Sampler], name: str | None, whose: str) -> Sampler:
-    """The sampler called ``name``; the first for None.
-
-    Raises:
-        UnknownNameError: with the names there are.
-    """
-    if name is None:
-        return samplers[0]
-    for sampler in samplers:
-        if sampler.name == name:
-            return sampler
-    names = ", ".join(sampler.name for sampler in samplers)
-    raise UnknownNameError(f"{whose} has no sampler {name!r}; it has {names}.")

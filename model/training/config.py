@@ -1,6 +1,7 @@
 """What every training run is told; a family's config adds its networks and losses."""
 
 from dataclasses import dataclass
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -31,3 +32,26 @@ class TrainConfig:
     random_seed: int = 0
     save_every: int = 250
     validate_every: int = 500
+
+
+SMOKE: dict[str, Any] = {
+    "augmented_copies": 0,
+    "steps": 40,
+    "batch_size": 4,
+    "warmup_steps": 5,
+    "save_every": 20,
+    "validate_every": 20,
+}
+"""Fields of a training that takes a minute, whatever is trained."""
+PAPER: dict[str, Any] = {
+    "encoder": "wavlm",
+    "augment_speech": False,
+    "augmented_copies": 0,
+    "steps": 200_000,
+    "batch_size": 128,
+    "learning_rate": 1e-4,
+    "warmup_steps": 1000,
+    "save_every": 1000,
+    "validate_every": 5000,
+}
+"""Fields of a training as long as the paper's."""

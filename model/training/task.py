@@ -13,8 +13,9 @@ from torch import Tensor, nn
 
 from model.data.prepared import Batch, DataError, PreparedData
 from model.motion.packing import Normaliser
+from model.sampling.prior import GaussianPrior
 from model.storage.cards import CheckpointError
-from model.storage.checkpoint import load_weights
+from model.storage.checkpoint import load_into, load_weights
 from model.training import losses
 from model.training.config import TrainConfig
 from model.training.parallel import WHOLE, Shard
@@ -28,8 +29,8 @@ class Start:
     system: str
     """Whose weights; every rung of the ladder can begin with those of any other."""
 
-    def read(self) -> dict[str, Tensor]:
-        """The tensors, which bring the statistics of their input along: other statistics would
+    def read(self) -> "Given":
+        """The weights, which bring the statistics of their input along: other statistics would
         change what the weights mean.
 
         Raises:
@@ -38,7 +39,32 @@ class Start:
         tensors, _ = load_weights(self.folder, self.system)
         if "normaliser.mean" not in tensors:
             raise CheckpointError(f"The weights of {self.system} have no statistics.")
-        return tensors
+        return Given(self.system, tensors)
+
+
+@dataclass(frozen=True)
+class Given:
+    """What a training begins with."""
+
+    system: str
+    tensors: dict[str, Tensor]
+
+    @property
+    def normaliser(self) -> Normaliser:
+        """Statistics of the input that the weights learned with."""
+        return Normaliser.of_tensors(self.tensors)
+
+    def prior(self, seed_frames: int) -> GaussianPrior:
+        """The linear-Gaussian prior that the network stands on."""
+        return GaussianPrior(self.tensors["prior.covariance"], seed_frames)
+
+    def load_into(self, network: nn.Module) -> None:
+        """Put the weights into a network.
+
+        Raises:
+            CheckpointError: if they are of another shape.
+        """
+        load_into(network, self.tensors, "network.", self.system)
 
 
 @dataclass(frozen=True)
@@ -51,6 +77,14 @@ class Workshop:
     shard: Shard = WHOLE
     may_compile: bool = False
     """Compile networks and losses where that is worth it (`model.training.rate`)."""
+
+    def given(self) -> Given | None:
+        """The weights to begin with; None for a training from nothing.
+
+        Raises:
+            CheckpointError: see `Start.read`.
+        """
+        return None if self.start is None else self.start.read()
 
 
 @runtime_checkable

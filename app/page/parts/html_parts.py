@@ -6,6 +6,9 @@ from typing import Any
 
 import gradio as gr
 
+from app import text
+from app.page.parts import markup
+
 
 def mount(module: str, function: str) -> str:
     """JavaScript for `gr.HTML` that hands its element to a module of app/page/web."""
@@ -13,6 +16,39 @@ def mount(module: str, function: str) -> str:
         f'import(new URL("web/{module}", document.baseURI))'
         f".then(({{ {function} }}) => {function}(element, props, watch));"
     )
+
+
+def results_parts(
+    prefix: str,
+) -> tuple[gr.HTML, gr.HTML, gr.Column, gr.DownloadButton, gr.File]:
+    """Figures, numbers and downloads of a run, hidden until there are any.
+
+    Args:
+        prefix: of their ids on the page, with its hyphen.
+    """
+    figures, numbers = (
+        gr.HTML(
+            "",
+            visible=False,
+            js_on_load=mount(module, function),
+            apply_default_css=False,
+            elem_id=prefix + name,
+        )
+        for name, module, function in (
+            ("figures", "figures.js", "mountFigures"),
+            ("numbers", "measures.js", "mountMeasures"),
+        )
+    )
+    with gr.Column(visible=False) as downloads:
+        gr.HTML(markup.heading(text.DOWNLOADS_HEADING))
+        bundle = gr.DownloadButton(text.ZIP_LABEL, variant="primary", elem_id=prefix + "bundle")
+        files = gr.File(
+            label=text.FILES_LABEL,
+            file_count="multiple",
+            interactive=False,
+            elem_id=prefix + "files",
+        )
+    return figures, numbers, downloads, bundle, files
 
 
 def shown(html: str) -> Any:

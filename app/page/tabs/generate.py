@@ -12,7 +12,7 @@ from app import text
 from app.config import AppConfig
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue, point_choices
-from app.page.parts.html_parts import mount
+from app.page.parts.html_parts import mount, results_parts
 from app.page.tabs.generate_form import SEED_LIMIT
 from app.run.followed_point import TIP
 from model.systems.globaldiff.config import BEST
@@ -167,26 +167,7 @@ def build_results() -> ResultParts:
         apply_default_css=False,
         elem_id="player",
     )
-    figures = gr.HTML(
-        "",
-        visible=False,
-        js_on_load=mount("figures.js", "mountFigures"),
-        apply_default_css=False,
-        elem_id="figures",
-    )
-    numbers = gr.HTML(
-        "",
-        visible=False,
-        js_on_load=mount("measures.js", "mountMeasures"),
-        apply_default_css=False,
-        elem_id="numbers",
-    )
-    with gr.Column(visible=False) as downloads_part:
-        gr.HTML(markup.heading(text.DOWNLOADS_HEADING))
-        bundle = gr.DownloadButton(text.ZIP_LABEL, variant="primary", elem_id="bundle")
-        files = gr.File(
-            label=text.FILES_LABEL, file_count="multiple", interactive=False, elem_id="files"
-        )
+    figures, numbers, downloads_part, bundle, files = results_parts("")
     return ResultParts(
         message, status, empty, player, figures, numbers, downloads_part, bundle, files
     )

@@ -10,7 +10,7 @@ from app import text
 from app.config import AppConfig
 from app.page.parts import markup
 from app.page.parts.catalogue import point_choices
-from app.page.parts.html_parts import mount
+from app.page.parts.html_parts import results_parts
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.page.tabs.own_motion_run import Diagnose, OwnMotionParts, OwnMotionRunner
@@ -94,24 +94,4 @@ def build_results() -> OwnMotionParts:
     """What is measured, drawn and said; all but the status is hidden until there is something."""
     status = gr.HTML(markup.sentence_status(text.READY), elem_id="own-status")
     message = gr.HTML("", visible=False, elem_id="own-message")
-    figures = gr.HTML(
-        "",
-        visible=False,
-        js_on_load=mount("figures.js", "mountFigures"),
-        apply_default_css=False,
-        elem_id="own-figures",
-    )
-    numbers = gr.HTML(
-        "",
-        visible=False,
-        js_on_load=mount("measures.js", "mountMeasures"),
-        apply_default_css=False,
-        elem_id="own-numbers",
-    )
-    with gr.Column(visible=False) as downloads:
-        gr.HTML(markup.heading(text.DOWNLOADS_HEADING))
-        bundle = gr.DownloadButton(text.ZIP_LABEL, variant="primary", elem_id="own-bundle")
-        files = gr.File(
-            label=text.FILES_LABEL, file_count="multiple", interactive=False, elem_id="own-files"
-        )
-    return OwnMotionParts(status, message, figures, numbers, downloads, bundle, files)
+    return OwnMotionParts(status, message, *results_parts("own-"))

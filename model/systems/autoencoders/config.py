@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 from model.motion.spaces import Representation
 from model.networks.config import AutoencoderConfig
-from model.training.config import TrainConfig
+from model.training.config import SMOKE, TrainConfig
 from model.training.geometric import GeometricWeights
 
 PRESETS = ("demo", "smoke")
@@ -40,6 +40,5 @@ def named_config(preset: str, system: str) -> AutoencoderTrainConfig:
             return config
         case "smoke":
             shape = replace(config.autoencoder, width=16, blocks_per_scale=1)
-            return replace(config, autoencoder=shape, augmented_copies=0, steps=40, batch_size=4,
-                           warmup_steps=5, save_every=20, validate_every=20)  # fmt: skip
+            return replace(config, autoencoder=shape, **SMOKE)
     raise ValueError(f"There is no config {preset!r}; choose one of {', '.join(PRESETS)}.")

@@ -8,7 +8,6 @@ from model.motion.decoding import decode, to_vectors
 from model.motion.packing import Normaliser
 from model.motion.skeleton import open_body_skeleton
 from model.networks.autoencoder import MotionAutoencoder
-from model.storage.checkpoint import load_into
 from model.systems.autoencoders.config import AutoencoderTrainConfig
 from model.training import losses
 from model.training.geometric import geometric_terms
@@ -26,17 +25,17 @@ def make_task(
         CheckpointError: if the weights to start from are missing, damaged or of another shape.
     """
     torch.manual_seed(config.random_seed)
-    given = None if workshop.start is None else workshop.start.read()
+    given = workshop.given()
     if given is None:
         batch = statistics_batch(data, config.window_frames, config.mirror)
         vectors = to_vectors(config.autoencoder.rotation_space, batch.poses, batch.transl)
         statistics = Normaliser.fit(vectors.flatten(0, 1), config.representation)
     else:
-        statistics = Normaliser.of_tensors(given)
+        statistics = given.normaliser
     normaliser = statistics.to(workshop.shard.device)
     network = MotionAutoencoder(config.autoencoder)
-    if given is not None and workshop.start is not None:
-        load_into(network, given, "network.", workshop.start.system)
+    if given is not None:
+        given.load_into(network)
     return DescentTask(
         config, network, autoencoder_step(config, normaliser), normaliser, config.window_frames,
         shard=workshop.shard,

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 from model.networks.config import BranchConfig
-from model.training.config import TrainConfig
+from model.training.config import PAPER, SMOKE, TrainConfig
 
 EXPRESSION = "expression"
 PRESETS = ("demo", "paper", "smoke")
@@ -43,11 +43,8 @@ def named_config(preset: str, system: str) -> FaceTrainConfig:
         case "paper":
             shape = replace(config.expression, width=384, num_blocks=4, num_heads=8,
                             speech_dim=1024)  # fmt: skip
-            return replace(config, expression=shape, encoder="wavlm", augment_speech=False,
-                           augmented_copies=0, steps=200_000, batch_size=128, learning_rate=1e-4,
-                           warmup_steps=1000, save_every=1000, validate_every=5000)  # fmt: skip
+            return replace(config, expression=shape, **PAPER)
         case "smoke":
             shape = replace(config.expression, width=32, num_blocks=1, num_heads=2)
-            return replace(config, expression=shape, augmented_copies=0, steps=40, batch_size=4,
-                           warmup_steps=5, save_every=20, validate_every=20)  # fmt: skip
+            return replace(config, expression=shape, **SMOKE)
     raise ValueError(f"There is no config {preset!r}; choose one of {', '.join(PRESETS)}.")

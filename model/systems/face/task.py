@@ -8,7 +8,6 @@ from model.motion.packing import Normaliser
 from model.networks.prior_network import PriorNetwork
 from model.sampling.flow import interpolate, time_weight
 from model.sampling.prior import GaussianPrior
-from model.storage.checkpoint import load_into
 from model.systems.face.config import FaceTrainConfig
 from model.training import losses
 from model.training.hearing import heard
@@ -36,16 +35,15 @@ def make_task(config: FaceTrainConfig, data: PreparedData, workshop: Workshop) -
     shape = config.expression
     check_speakers(data, shape.num_speakers)
     torch.manual_seed(config.random_seed)
-    given = None if workshop.start is None else workshop.start.read()
+    given = workshop.given()
     if given is None:
         statistics, prior = fit_face(config, data)
     else:
-        statistics = Normaliser.of_tensors(given)
-        prior = GaussianPrior(given["prior.covariance"], shape.seed_frames)
+        statistics, prior = given.normaliser, given.prior(shape.seed_frames)
     normaliser = statistics.to(workshop.shard.device)
     network = PriorNetwork(shape, prior, channels=shape.expression_dim, expression_dim=0)
-    if given is not None and workshop.start is not None:
-        load_into(network, given, "network.", workshop.start.system)
+    if given is not None:
+        given.load_into(network)
     return DescentTask(
         config, network, expression_step(config, normaliser), normaliser, shape.window_frames,
         shape.speech_context, workshop.shard,

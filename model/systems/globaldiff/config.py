@@ -5,7 +5,7 @@ from typing import get_args
 
 from model.motion.spaces import Representation, RootMotion, RotationSpace
 from model.networks.config import BranchConfig
-from model.training.config import TrainConfig
+from model.training.config import PAPER, SMOKE, TrainConfig
 from model.training.geometric import GeometricWeights
 
 PRESETS = ("demo", "demo-small", "paper-regime", "paper-regime-small", "paper", "smoke")
@@ -210,15 +210,7 @@ def _paper_size(config: GlobalDiffConfig) -> GlobalDiffConfig:
         network=replace(
             config.network, width=384, num_blocks=6, num_heads=8, conv_kernel=0, speech_dim=1024
         ),
-        encoder="wavlm",
-        augment_speech=False,
-        augmented_copies=0,
-        steps=200_000,
-        batch_size=128,
-        learning_rate=1e-4,
-        warmup_steps=1000,
-        save_every=1000,
-        validate_every=5000,
+        **PAPER,
     )
 
 
@@ -226,10 +218,5 @@ def _smoke_size(config: GlobalDiffConfig) -> GlobalDiffConfig:
     return replace(
         config,
         network=replace(config.network, width=48, num_blocks=1, num_heads=2),
-        augmented_copies=0,
-        steps=40,
-        batch_size=4,
-        warmup_steps=5,
-        save_every=20,
-        validate_every=20,
+        **SMOKE,
     )

@@ -13,12 +13,11 @@ from model.networks.autoencoder import FrozenEncoder, load_encoder
 from model.networks.prior_network import PriorNetwork
 from model.sampling.flow import interpolate, time_weight
 from model.sampling.prior import GaussianPrior
-from model.storage.checkpoint import load_into
 from model.systems.globaldiff import constraints
 from model.systems.globaldiff.config import GlobalDiffConfig, LossConfig
 from model.systems.globaldiff.network import MotionNetwork
 from model.training import losses
-from model.training.geometric import geometric_terms
+from model.training.geometric import geometric_terms, positions_of, weighted
 from model.training.hearing import heard
 from model.training.parallel import WHOLE, Shard
 from model.training.rate import can_compile, compiled
@@ -45,30 +44,29 @@ def make_task(config: GlobalDiffConfig, data: PreparedData, workshop: Workshop) 
     shape, device = config.network, workshop.shard.device
     check_speakers(data, shape.num_speakers)
     torch.manual_seed(config.random_seed)
-    given = None if workshop.start is None else workshop.start.read()
-    known = None if given is None else Normaliser.of_tensors(given)
+    given = workshop.given()
     encoder = None
     if config.loss.motion > 0:
         encoder = load_encoder(workshop.helpers, ENCODER, device)
     targets = prepare_targets(data, shape.rotation_space, shape.root, open_body_skeleton())
     statistics: dict[str, Tensor] = {}
     if shape.prior:
-        if known is None or given is None:
+        if given is None:
             known, prior = fit_motion_prior(config, data, targets)
         else:
-            prior = GaussianPrior(given["prior.covariance"], shape.seed_frames)
+            known, prior = given.normaliser, given.prior(shape.seed_frames)
         statistics["prior.covariance"] = prior.covariance
-        normaliser = known.to(device)
         network: nn.Module = PriorNetwork(
             shape, prior, channels=shape.motion_dim, expression_dim=shape.expression_dim
         )
     else:
-        normaliser = (known or fit_normaliser(config, data, targets)).to(device)
+        known = given.normaliser if given else fit_normaliser(config, data, targets)
         network = MotionNetwork(shape)
-        network.start_at(mean_vector(normaliser, targets))
+        network.start_at(mean_vector(known, targets))
+    normaliser = known.to(device)
     compiles = workshop.may_compile and can_compile()
-    if given is not None and workshop.start is not None:
-        load_into(network, given, "network.", workshop.start.system)
+    if given is not None:
+        given.load_into(network)
     return DescentTask(
         config, network, motion_step(config, normaliser, targets, encoder, compiles), normaliser,
         shape.window_frames, shape.speech_context, workshop.shard, compiles, statistics,
@@ -186,19 +184,13 @@ def constraint_terms(
     Raises:
         ValueError: if L_m has a weight but there is no encoder.
     """
-    positions = predicted.positions, target.positions
-    if weights.rooted:
-        positions = predicted.rooted, target.rooted
+    positions = positions_of(weights, predicted, target)
     terms = {
         "joint": lambda: _joint_term(predicted, target),
         "skeleton": lambda: constraints.skeleton_structure_loss(*positions),
         "motion": lambda: _motion_term(predicted, target, encoder),
     }
-    return {
-        name: getattr(weights, name) * term()
-        for name, term in terms.items()
-        if getattr(weights, name) > 0
-    }
+    return weighted(weights, terms)
 
 
 def _joint_term(predicted: Decoded, target: Decoded) -> Float[Tensor, " B"]:
