@@ -15,10 +15,17 @@ from model import evaluate as measuring
 from model.generation.family import UnknownNameError
 from model.generation.windows import GenerateOptions, generate_motion
 from model.speech.audio import write_wav
-from model.systems.registry import families, load_system, register, unregister
+from model.systems.registry import (
+    families,
+    list_systems,
+    load_system,
+    read_card,
+    register,
+    unregister,
+)
 from model.train import main
 from tests.model.made import made_speech, made_waveform, make_data_folder
-from tests.toy_family import FAMILY, NAME
+from tests.toy_family import FAMILY, LIVELY, NAME
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -52,6 +59,16 @@ def test_it_trains_and_resumes_with_both_optimizers(trained, tmp_path):
     state = torch.load(tmp_path / "run" / "state.pt", weights_only=True)
     assert state["step"] == 6 and len(state["optimizers"]) == 2
     assert all(optimizer["state"] for optimizer in state["optimizers"])
+
+
+def test_two_systems_move_with_one_file_of_weights(trained):
+    _, weights = trained
+    assert list_systems(weights) == (NAME, LIVELY) and LIVELY not in FAMILY.trained
+    assert read_card(LIVELY, weights) == read_card(NAME, weights)
+    slow, lively = load_system(NAME, weights), load_system(LIVELY, weights)
+    assert slow.sha256s == lively.sha256s and lively.samplers[0].steps == 3
+    with pytest.raises(UnknownNameError, match="toy/lively has no sampler 'once'; it has often"):
+        lively.sampler("once")
 
 
 def test_it_moves_for_as_long_as_it_is_spoken(trained):
@@ -91,15 +108,14 @@ def test_the_page_offers_it_and_a_run_holds_it(trained, tmp_path):
     _, weights = trained
     catalogue = read_catalogue(weights)
     assert FAMILY.about[NAME] in ladder(catalogue.systems)
-    assert catalogue.systems == (NAME,) and catalogue.speakers == ("ann", "bob")
+    assert catalogue.systems == (NAME, LIVELY) and catalogue.speakers == ("ann", "bob")
     write_wav(tmp_path / "speech.wav", made_waveform(32_000))
     request = GenerateRequest(
         speech=tmp_path / "speech.wav", out=tmp_path / "out", weights=weights, has_video=False
     )
     result = generate_all(request, lambda event: None, lambda: False)
-    assert result.names == (NAME,) and (tmp_path / "out" / "toy-puppet.npz").is_file()
+    assert result.names == (NAME, LIVELY) and (tmp_path / "out" / "toy-puppet.npz").is_file()
     record = json.loads((tmp_path / "out" / "provenance.json").read_text())
-    assert record["weights"][NAME]["sha256"]
-    assert record["options"]["steps"] == {NAME: 1} and record["options"]["sampler"] == {
-        NAME: "once"
-    }
+    assert record["weights"][NAME]["sha256"] == record["weights"][LIVELY]["sha256"]
+    assert record["options"]["steps"] == {NAME: 1, LIVELY: 3}
+    assert record["options"]["sampler"] == {NAME: "once", LIVELY: "often"}

@@ -26,20 +26,18 @@ def versions() -> dict[str, str]:
 
 def describe_systems(systems: Sequence[Any]) -> dict[str, dict[str, Any]]:
     """Weights and card of each system (`model.generation.base.System`)."""
+    return {system.name: _describe(system) for system in systems}
+
+
+def _describe(system: Any) -> dict[str, Any]:
+    (_, own), *others = system.sha256s.items()
     return {
-        system.name: {
-            "sha256": system.sha256s[system.name],
-            **{
-                f"{other}_sha256": sha256
-                for other, sha256 in system.sha256s.items()
-                if other != system.name
-            },
-            "trained_on": system.card.get("training_data"),
-            "training_hours": system.card.get("training_hours"),
-            "training_steps": system.card.get("steps"),
-            "date": system.card.get("date"),
-        }
-        for system in systems
+        "sha256": own,
+        **{f"{name}_sha256": sha256 for name, sha256 in others},
+        "trained_on": system.card.get("training_data"),
+        "training_hours": system.card.get("training_hours"),
+        "training_steps": system.card.get("steps"),
+        "date": system.card.get("date"),
     }
 
 

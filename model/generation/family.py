@@ -3,8 +3,8 @@
 Only what can be told without torch is here; the rest is imported when it is asked for.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -43,7 +43,7 @@ class Family:
     about: dict[str, str]
     """One sentence for a person on each generator."""
     samplers: tuple[Sampler, ...]
-    """The first is the usual one."""
+    """Of the systems that are not in `own_samplers`; the first is the usual one."""
     presets: tuple[str, ...]
     """Names of settings that `config` knows."""
     config: "Callable[[str, str], TrainConfig]"
@@ -53,11 +53,28 @@ class Family:
     what is trained, ``package.system.load(name, folder)`` reads a generator."""
     helpers: tuple[str, ...] = ()
     """Networks that are trained like systems and serve them."""
+    own_samplers: Mapping[str, tuple[Sampler, ...]] = field(default_factory=dict)
+    """By generator, where they are not the family's."""
+    shared_weights: Mapping[str, str] = field(default_factory=dict)
+    """Generators that move with the weights of another, and whose."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its generators and its helpers."""
+        return (*self.systems, *self.helpers)
 
     @property
     def trained(self) -> tuple[str, ...]:
-        """Everything that can be trained."""
-        return (*self.systems, *self.helpers)
+        """Everything that has weights of its own."""
+        return tuple(name for name in self.names if name not in self.shared_weights)
+
+    def samplers_of(self, system: str) -> tuple[Sampler, ...]:
+        """The samplers of a generator; the first is the usual one."""
+        return self.own_samplers.get(system, self.samplers)
+
+    def weights_of(self, system: str) -> str:
+        """Under whose name the weights of a generator are saved."""
+        return self.shared_weights.get(system, system)
 
     def make_task(
         self, config: "TrainConfig", data: "PreparedData", workshop: "Workshop"

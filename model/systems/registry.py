@@ -1,7 +1,7 @@
 """Which families there are, and by them every system by its name. Does not import torch."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from model.generation.family import Family, UnknownNameError
 from model.storage.cards import BUNDLED_WEIGHTS, file_stem, load_card
@@ -24,8 +24,8 @@ def register(family: Family) -> None:
     Raises:
         ValueError: if one of its names is taken.
     """
-    taken = {name for known in _FAMILIES for name in (known.name, *known.trained)}
-    doubles = [name for name in (family.name, *family.trained) if name in taken]
+    taken = {name for known in _FAMILIES for name in (known.name, *known.names)}
+    doubles = [name for name in (family.name, *family.names) if name in taken]
     if doubles:
         raise ValueError(f"The name {doubles[0]!r} is taken.")
     _FAMILIES.append(family)
@@ -43,9 +43,9 @@ def family_of(name: str) -> Family:
         UnknownNameError: with everything there is.
     """
     for family in _FAMILIES:
-        if name in family.trained:
+        if name in family.names:
             return family
-    valid = ", ".join(name for family in _FAMILIES for name in family.trained)
+    valid = ", ".join(name for family in _FAMILIES for name in family.names)
     raise UnknownNameError(f"There is no system {name!r}; choose one of {valid}.")
 
 
@@ -55,13 +55,23 @@ def list_systems(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
         name
         for family in _FAMILIES
         for name in family.systems
-        if (folder / f"{file_stem(name)}.safetensors").is_file()
+        if (folder / f"{file_stem(family.weights_of(name))}.safetensors").is_file()
     )
+
+
+def read_card(name: str, folder: Path = BUNDLED_WEIGHTS) -> dict[str, Any]:
+    """The card of the weights that a system moves with.
+
+    Raises:
+        UnknownNameError: if there is no such system.
+        CheckpointError: if the card is missing or no JSON object.
+    """
+    return load_card(folder, family_of(name).weights_of(name))
 
 
 def list_speakers(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
     """Speakers that every system in ``folder`` knows, in the order of their numbers."""
-    tables = [load_card(folder, name)["speakers"] for name in list_systems(folder)]
+    tables = [read_card(name, folder)["speakers"] for name in list_systems(folder)]
     if not tables:
         return ()
     shared = [name for name in tables[0] if all(name in table for table in tables)]

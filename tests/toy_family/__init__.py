@@ -6,6 +6,7 @@ from model.generation.family import Family, Sampler
 from model.training.config import TrainConfig
 
 NAME = "toy/puppet"
+LIVELY = "toy/lively"
 
 
 @dataclass(frozen=True)
@@ -25,10 +26,15 @@ def named_config(preset: str, system: str) -> ToyConfig:
 
 FAMILY = Family(
     name="toy",
-    systems=(NAME,),
-    about={NAME: "A puppet that strikes the pose it was shown with each sound."},
+    systems=(NAME, LIVELY),
+    about={
+        NAME: "A puppet that strikes the pose it was shown with each sound.",
+        LIVELY: "The same puppet in livelier hands.",
+    },
     samplers=(Sampler("once", 1), Sampler("often", 3)),
     presets=("tiny",),
     config=named_config,
     package="tests.toy_family",
+    own_samplers={LIVELY: (Sampler("often", 3),)},
+    shared_weights={LIVELY: NAME},
 )

@@ -31,17 +31,18 @@ class PuppetSystem(System):
 
 
 def load(name: str, folder: Path) -> PuppetSystem:
-    tensors, card = load_weights(folder, name)
+    weights = FAMILY.weights_of(name)
+    tensors, card = load_weights(folder, weights)
     network = Puppet(card["config"]["width"])
-    load_into(network, tensors, "network.", name)
+    load_into(network, tensors, "network.", weights)
     return PuppetSystem(
         name=name,
         card=card,
-        sha256s={name: card["sha256"]},
+        sha256s={weights: card["sha256"]},
         speakers=card["speakers"],
         encoder=make_encoder(card["config"]["encoder"]),
         windowing=Windowing(frames=60, overlap=4, context=0),
-        samplers=FAMILY.samplers,
+        samplers=FAMILY.samplers_of(name),
         frame="parent",
         root_motion="place",
         network=network.eval(),

@@ -9,8 +9,7 @@ from typing import Any
 from app import text
 from app.errors import RunError
 from app.findings.points import point_title
-from model.storage.cards import load_card
-from model.systems.registry import family_of, list_speakers, list_systems
+from model.systems.registry import family_of, list_speakers, list_systems, read_card
 from renderer.body.joints import JOINT_NAMES, TIP_VERTICES
 
 
@@ -47,18 +46,23 @@ def read_catalogue(weights: Path, examples: tuple[Example, ...] = ()) -> Catalog
     names = list_systems(weights)
     if not names:
         raise RunError(text.NO_SYSTEMS_INSTALLED.format(folder=weights))
-    cards = [load_card(weights, name) for name in names]
-    families = list({family_of(name).name: family_of(name) for name in names}.values())
-    samplers = [sampler for family in families for sampler in family.samplers]
-    usual = [f"{family.name} {family.samplers[0].steps}" for family in families]
+    cards = [read_card(name, weights) for name in names]
+    samplers = [sampler for name in names for sampler in family_of(name).samplers_of(name)]
+    usual = [_usual_steps(name) for name in names]
     return Catalogue(
         names,
         list_speakers(weights),
         _trained_on(cards),
         examples,
         tuple(dict.fromkeys(sampler.name for sampler in samplers)),
-        ", ".join(usual),
+        ", ".join(dict.fromkeys(usual)),
     )
+
+
+def _usual_steps(system: str) -> str:
+    family = family_of(system)
+    whose = system if system in family.own_samplers else family.name
+    return f"{whose} {family.samplers_of(system)[0].steps}"
 
 
 def find_examples(folder: Path) -> tuple[Example, ...]:

@@ -239,7 +239,7 @@ def _samplers_of(system: str) -> dict[str, int]:
     """The samplers of a system with their usual steps; the first is the usual one."""
     for family in families():
         if system in family.systems:
-            return {sampler.name: sampler.steps for sampler in family.samplers}
+            return {sampler.name: sampler.steps for sampler in family.samplers_of(system)}
     known = ", ".join(name for family in families() for name in family.systems)
     raise FieldError(f"there is no system {system!r}; the systems are {known}")
 
