@@ -92,13 +92,32 @@ class MotionBranch(nn.Module):
         condition: Float[Tensor, "B width"],
         positions: Float[Tensor, "T width"],
     ) -> Float[Tensor, "B T channels"]:
+        x, seed_tokens, condition = self.enter(
+            region, body, speech, seed, has_seed, condition, positions
+        )
+        for block in self.blocks:
+            x = block(x, seed_tokens, condition)
+        return self.leave(x)
+
+    def enter(
+        self,
+        region: Float[Tensor, "B T inputs"],
+        body: Float[Tensor, "B T body_inputs"],
+        speech: Float[Tensor, "B T width"],
+        seed: Float[Tensor, "B S channels"],
+        has_seed: Bool[Tensor, " B"],
+        condition: Float[Tensor, "B width"],
+        positions: Float[Tensor, "T width"],
+    ) -> tuple[Float[Tensor, "B T width"], Float[Tensor, "B S width"], Float[Tensor, "B width"]]:
+        """What the blocks work on: frames, tokens of the seed, the condition."""
         x = self.fuse(torch.cat([self.region_in(region), self.body_in(body), speech], dim=-1))
         x = x + positions
         seed_tokens = torch.where(has_seed[:, None, None], self.seed_in(seed), self.no_seed)
         seed_tokens = seed_tokens + positions[: seed.shape[1]]
-        condition = condition + self.seed_to_condition(seed_tokens.mean(1))
-        for block in self.blocks:
-            x = block(x, seed_tokens, condition)
+        return x, seed_tokens, condition + self.seed_to_condition(seed_tokens.mean(1))
+
+    def leave(self, x: Float[Tensor, "B T width"]) -> Float[Tensor, "B T channels"]:
+        """What the last block's frames say of the region's channels."""
         return self.out(self.norm_out(x))
 
 

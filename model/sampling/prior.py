@@ -84,8 +84,31 @@ class GaussianPrior(nn.Module):
         has_seed: Bool[Tensor, " B"],
     ) -> Float[Tensor, "B T C"]:
         """Mean of x_1 given ``x_t = (1 - t) x_0 + t x_1``, and the seed where there is one."""
+        return self._linear(x_t, t, seed, has_seed, t * self.variance[..., None])
+
+    def carried(
+        self,
+        x_t: Float[Tensor, "B T C"],
+        t: Float[Tensor, " B"],
+        seed: Float[Tensor, "B S C"],
+        has_seed: Bool[Tensor, " B"],
+    ) -> Float[Tensor, "B T C"]:
+        """Where the flow of the Gaussian alone carries ``x_t`` by t = 1: its consistency function,
+        which is x_t itself at t = 1."""
+        spread = self._spread(t)
+        return self._linear(x_t, t, seed, has_seed, self.variance[..., None].sqrt() * spread)
+
+    def _linear(
+        self,
+        x_t: Float[Tensor, "B T C"],
+        t: Float[Tensor, " B"],
+        seed: Float[Tensor, "B S C"],
+        has_seed: Bool[Tensor, " B"],
+        gains: Float[Tensor, "2 C T B"],
+    ) -> Float[Tensor, "B T C"]:
+        """The mean, and ``gains`` over the variance of x_t times how far x_t lies from its own."""
         noisy, expected = x_t.permute(2, 1, 0), self.gain @ seed.permute(2, 1, 0)
-        shares = t * self.variance[..., None] / self._spread(t).square()  # (2, C, T, B)
+        shares = gains / self._spread(t).square()  # (2, C, T, B)
         free = self.vectors[0] @ (shares[0] * (self.vectors[0].mT @ noisy))
         moved = self.vectors[1].mT @ (noisy - t * expected)
         held = expected + self.vectors[1] @ (shares[1] * moved)

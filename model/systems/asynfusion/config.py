@@ -1,0 +1,112 @@
+"""AsynFusion's systems as data, their settings and those of their ablations."""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal, get_args
+
+from model.motion.packing import AXIS_ANGLE_MOTION_DIM
+from model.networks.config import BranchConfig
+from model.training.config import PAPER, SMOKE, TrainConfig
+
+DDIM, LCM_SYNC, LCM_ASYNC = "asynfusion/ddim", "asynfusion/lcm-sync", "asynfusion/lcm-async"
+SYSTEMS = DDIM, LCM_SYNC, LCM_ASYNC
+PRESETS = ("demo", "small", "paper", "smoke")
+
+Interaction = Literal[
+    "none",
+    "expression-to-gesture",
+    "gesture-to-expression",
+    "concatenation",
+    "gated",
+    "cross-attention",
+]
+"""How the branches hear of each other after every block (the paper's Tables 2 and 3)."""
+INTERACTIONS: tuple[Interaction, ...] = get_args(Interaction)
+
+Aim = Literal["noise", "teacher", "data"]
+"""What training aims at: the noise (eq. 12), a teacher's consistency (`distillation`), or clean
+motion without a teacher, which is the paper's eq. 7 as it is written."""
+
+
+@dataclass(frozen=True)
+class DualBranchConfig(BranchConfig):
+    """Shape of the two branches: as wide and deep as those of the bundled ladder."""
+
+    width: int = 96
+    num_blocks: int = 2
+    num_heads: int = 3
+    speech_context: int = 20
+    interaction: Interaction = "cross-attention"
+
+    def __post_init__(self) -> None:
+        if self.interaction not in INTERACTIONS:
+            raise ValueError(
+                f"interaction is {self.interaction!r}; use one of {', '.join(INTERACTIONS)}."
+            )
+        super().__post_init__()
+
+    @property
+    def gesture_dim(self) -> int:
+        """Channels of the body: 55 rotations as axis-angle, and its place."""
+        return AXIS_ANGLE_MOTION_DIM
+
+
+@dataclass(frozen=True)
+class LossConfig:
+    """Weights of eq. 15."""
+
+    noise: float = 10.0
+    velocity: float = 1.0
+    huber: float = 1.0
+    huber_delta: float = 1.0
+    """Where eq. 14 turns from squared to absolute error; normalised channels. The paper gives
+    none."""
+
+
+@dataclass(frozen=True)
+class AsynFusionConfig(TrainConfig):
+    """One training of the two branches, by noise or by distillation."""
+
+    network: DualBranchConfig = field(default_factory=DualBranchConfig)
+    aim: Aim = "noise"
+    loss: LossConfig = field(default_factory=LossConfig)
+    apart: float = 0.5
+    """Share of samples whose branches are at steps of their own, as they are when the face is
+    sampled in fewer; the paper does not say that it trains for that."""
+    solver_steps: int = 50
+    """Of the teacher from noise to motion: a student learns to agree with itself one of them
+    earlier. 1,000 / 50 is the skipping step of Luo et al. (2023)."""
+
+
+def named_config(preset: str, system: str) -> AsynFusionConfig:
+    """The settings called ``preset``; those of `LCM_SYNC` distil `DDIM`.
+
+    Raises:
+        ValueError: if there are none.
+    """
+    config = AsynFusionConfig(
+        system=system,
+        batch_size=64,
+        steps=9400,
+        learning_rate=8e-4,
+        ema_decay=0.998,
+        save_every=500,
+        validate_every=1000,
+        speech_dropout=0.0,
+    )
+    if system == LCM_SYNC:
+        config = replace(config, aim="teacher", steps=2000, learning_rate=2e-4)
+    match preset:
+        case "demo":
+            return config
+        case "small":
+            shape = replace(config.network, width=64, num_heads=2)
+            return replace(config, network=shape, steps=500, batch_size=32, save_every=500,
+                           validate_every=500)  # fmt: skip
+        case "paper":
+            shape = replace(config.network, width=512, num_blocks=8, num_heads=8, conv_kernel=0,
+                            speech_dim=1024)  # fmt: skip
+            return replace(config, network=shape, **PAPER)
+        case "smoke":
+            shape = replace(config.network, width=32, num_heads=2)
+            return replace(config, network=shape, **SMOKE)
+    raise ValueError(f"There is no config {preset!r}; choose one of {', '.join(PRESETS)}.")

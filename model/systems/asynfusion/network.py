@@ -1,0 +1,145 @@
+"""Two branches, face and body, that predict clean motion side by side and hear of each other."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor, nn
+
+from model.networks.branch import ConditionedNetwork, MotionBranch
+from model.sampling.prior import GaussianPrior
+from model.systems.asynfusion.config import DualBranchConfig
+from model.systems.asynfusion.cosync import make_exchange
+
+EXPRESSION, GESTURE = 0, 1
+BRANCHES = EXPRESSION, GESTURE
+Pair = tuple[Tensor, Tensor]
+"""Something of the expression branch and the same of the gesture branch."""
+
+
+@dataclass
+class FeatureBuffer:
+    """Each branch's latest features after every block, before it heard of the other."""
+
+    features: tuple[list[Tensor], list[Tensor]] = field(default_factory=lambda: ([], []))
+
+    def put(self, branch: int, layer: int, features: Float[Tensor, "B T width"]) -> None:
+        """Keep the features of one block in place of older ones."""
+        kept = self.features[branch]
+        if layer < len(kept):
+            kept[layer] = features
+        else:
+            kept.append(features)
+
+    def get(self, branch: int, layer: int) -> Float[Tensor, "B T width"]:
+        """The latest features of one block."""
+        return self.features[branch][layer]
+
+
+class Branch(MotionBranch):
+    """The blocks of one branch, the prior it stands on, and what it hears after each block."""
+
+    def __init__(
+        self, config: DualBranchConfig, prior: GaussianPrior, channels: int, which: int
+    ) -> None:
+        super().__init__(config, inputs=channels, body_inputs=channels, channels=channels)
+        self.prior = prior
+        self.exchanges = nn.ModuleList(
+            make_exchange(config.interaction, which, config.width, config.num_heads)
+            for _ in range(config.num_blocks)
+        )
+
+
+class DualBranchNetwork(ConditionedNetwork):
+    """Predicts x_1 of face and body, each from its own x_t at its own flow time (eq. 8).
+
+    Both stand on a linear-Gaussian prior of their own (`model.sampling.prior`), which the paper
+    does not have: a network this small, trained this short, moves well only on one.
+
+    Args:
+        priors: of the face's components and of the body's.
+        consistent: whether x_1 is where the flow leads (a consistency function), not the mean of
+            where it may come from. It decides on what part of the prior the network builds.
+    """
+
+    def __init__(
+        self, config: DualBranchConfig, priors: Sequence[GaussianPrior], *, consistent: bool
+    ) -> None:
+        super().__init__(config)
+        self.config = config
+        self.consistent = consistent
+        self.expression = Branch(config, priors[EXPRESSION], config.expression_dim, EXPRESSION)
+        self.gesture = Branch(config, priors[GESTURE], config.gesture_dim, GESTURE)
+
+    @property
+    def branches(self) -> tuple[Branch, Branch]:
+        """Expression and gesture."""
+        return self.expression, self.gesture
+
+    def forward(
+        self,
+        x_t: Pair,
+        t: Pair,
+        *,
+        speech: Float[Tensor, "B heard speech_dim"],
+        seed: Pair,
+        speaker: Int[Tensor, " B"],
+        has_seed: Bool[Tensor, " B"],
+    ) -> Pair:
+        """Clean motion of both branches at once.
+
+        Args:
+            x_t: (B, T, 52) and (B, T, 168), normalised components.
+            t: flow times, each (B,).
+            seed: the clean first frames; ignored where ``has_seed`` is false.
+        """
+        heard = self.listen(speech)
+        found = self.evaluate(
+            BRANCHES, x_t, t, FeatureBuffer(),
+            heard=heard, seed=seed, speaker=speaker, has_seed=has_seed,
+        )  # fmt: skip
+        return found[EXPRESSION], found[GESTURE]
+
+    def listen(self, speech: Float[Tensor, "B heard speech_dim"]) -> Float[Tensor, "B T width"]:
+        """Tokens of the speech, the same for both branches and for every step."""
+        return self.hear(speech, torch.ones(len(speech), dtype=torch.bool, device=speech.device))
+
+    def evaluate(
+        self,
+        active: Sequence[int],
+        x_t: Pair,
+        t: Pair,
+        buffer: FeatureBuffer,
+        *,
+        heard: Float[Tensor, "B T width"],
+        seed: Pair,
+        speaker: Int[Tensor, " B"],
+        has_seed: Bool[Tensor, " B"],
+    ) -> dict[int, Float[Tensor, "B T C"]]:
+        """Clean motion of the ``active`` branches; of a branch that is not, the others hear what
+        ``buffer`` holds."""
+        known, entered = {}, {}
+        for which in active:
+            seen = x_t[which], t[which], seed[which], has_seed
+            prior = self.branches[which].prior
+            known[which] = prior.carried(*seen) if self.consistent else prior.posterior(*seen)
+            condition = self.condition(t[which], speaker)
+            entered[which] = self.branches[which].enter(
+                x_t[which], known[which], heard, seed[which], has_seed, condition, self.positions
+            )
+        frames = {which: entered[which][0] for which in active}
+        for layer in range(self.config.num_blocks):
+            for which in active:
+                block = self.branches[which].blocks[layer]
+                frames[which] = block(frames[which], *entered[which][1:])
+                buffer.put(which, layer, frames[which])
+            for which in active:
+                exchange = self.branches[which].exchanges[layer]
+                frames[which] = exchange(frames[which], buffer.get(1 - which, layer))
+        found = {}
+        for which in active:
+            branch = self.branches[which]
+            unit = branch.leave(frames[which]).to(known[which].dtype)
+            found[which] = known[which] + branch.prior.shaped(unit, t[which], has_seed)
+        return found

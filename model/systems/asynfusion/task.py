@@ -1,0 +1,200 @@
+"""Training of the two branches: by noise, or by the teacher that was trained so."""
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from model.data.prepared import Batch, PreparedData
+from model.motion.packing import Normaliser
+from model.motion.skeleton import open_body_skeleton
+from model.sampling.flow import interpolate
+from model.storage.checkpoint import load_into, load_weights
+from model.systems.asynfusion.config import DDIM, AsynFusionConfig, LossConfig
+from model.systems.asynfusion.network import BRANCHES, DualBranchNetwork, Pair
+from model.systems.asynfusion.schedule import NUM_STEPS, flow_times, noise_of
+from model.systems.asynfusion.streams import Streams, face_tensors, fit_streams, read_streams
+from model.training import losses
+from model.training.hearing import heard
+from model.training.parallel import WHOLE, Shard
+from model.training.rate import can_compile
+from model.training.targets import Targets, prepare_targets
+from model.training.task import DescentTask, StepFunction, StepLoss, Workshop, check_speakers
+
+NAMES = "expression", "gesture"
+HUBER_C = 0.03
+
+
+def make_task(config: AsynFusionConfig, data: PreparedData, workshop: Workshop) -> DescentTask:
+    """The task of ``config.system``. A student begins as its teacher, `DDIM` among the helpers.
+
+    Raises:
+        CheckpointError: if weights are missing, damaged or of another shape.
+        DataError: if a speaker's number does not fit the network's table.
+    """
+    shape, device = config.network, workshop.shard.device
+    check_speakers(data, shape.num_speakers)
+    torch.manual_seed(config.random_seed)
+    given = workshop.given()
+    targets = prepare_targets(data, "axis-angle", "place", open_body_skeleton())
+    teacher = None
+    if config.aim == "teacher":
+        taught, _ = load_weights(workshop.helpers, DDIM)
+        streams = read_streams(taught, shape.seed_frames)
+        teacher = make_network(config, streams, consistent=False)
+        load_into(teacher, taught, "network.", DDIM)
+        teacher.to(device).eval().requires_grad_(False)
+    elif given is not None:
+        streams = read_streams(given.tensors, shape.seed_frames)
+    else:
+        streams = fit_streams(shape, data, targets)
+    network = make_network(config, streams, consistent=teacher is not None)
+    if given is not None:
+        given.load_into(network)
+    elif teacher is not None:
+        network.load_state_dict(teacher.state_dict())
+    face, body = streams
+    normalisers = face.normaliser.to(device), body.normaliser.to(device)
+    statistics = face_tensors(face) | {"prior.covariance": body.prior.covariance}
+    compiles = workshop.may_compile and can_compile()
+    if teacher is not None and compiles:
+        teacher.compile(dynamic=False)
+    return DescentTask(
+        config, network, branches_step(config, normalisers, targets, teacher), normalisers[1],
+        shape.window_frames, shape.speech_context, workshop.shard, compiles, statistics,
+    )  # fmt: skip
+
+
+def make_network(
+    config: AsynFusionConfig, streams: Streams, *, consistent: bool
+) -> DualBranchNetwork:
+    """An untrained network on the priors of its streams."""
+    priors = [stream.prior for stream in streams]
+    return DualBranchNetwork(config.network, priors, consistent=consistent)
+
+
+def branches_step(
+    config: AsynFusionConfig,
+    normalisers: tuple[Normaliser, Normaliser],
+    targets: Targets,
+    teacher: DualBranchNetwork | None,
+) -> StepFunction:
+    """The loss of both branches on one batch."""
+    seed_frames = config.network.seed_frames
+    times = flow_times()
+
+    def step(
+        network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard = WHOLE
+    ) -> StepLoss:
+        size = len(batch.clips)
+
+        def keep(dropout: float) -> Bool[Tensor, " B"]:
+            return shard.of(torch.rand(size, generator=generator) >= dropout)
+
+        with torch.no_grad():
+            vectors, _ = targets.of(batch.rows(shard.mine), rotations=False)
+            motion = shard.of(batch.expression), vectors.to(shard.device)
+            x_1 = both(lambda n, m: n.normalise(m), normalisers, motion)
+            noise = both(
+                lambda x: shard.of(torch.randn(size, *x.shape[1:], generator=generator)), x_1
+            )
+            steps = draw_steps(size, config, generator)
+            steps = shard.of(steps[0]), shard.of(steps[1])
+            t = both(lambda k: times.to(k.device)[k], steps)
+            x_t = both(interpolate, noise, x_1, t)
+            conditions = {
+                "seed": both(lambda x: x[:, :seed_frames], x_1),
+                "has_seed": keep(config.seed_dropout),
+                "speaker": shard.of(batch.speaker) * keep(config.speaker_dropout),
+                "speech": shard.of(heard(config, network, batch, generator)),
+            }
+        with shard.autocast():
+            predicted = network(x_t, t, **conditions)
+            if teacher is not None:
+                wanted = _one_solver_step(config, network, teacher, x_t, steps, conditions)
+        predicted = both(lambda x: x.float(), predicted)
+        terms: dict[str, Tensor] = {}
+        for which in BRANCHES:
+            if config.aim == "noise":
+                found = noise_terms(
+                    config.loss, normalisers[which], x_t[which], predicted[which], x_1[which],
+                    noise[which], t[which],
+                )  # fmt: skip
+            elif teacher is not None:
+                found = {"consistency": pseudo_huber(predicted[which], wanted[which].float())}
+            else:  # eq. 7
+                found = {"clean": losses.simple_loss(predicted[which], x_1[which])}
+            terms |= {f"{NAMES[which]}_{name}": term.mean() for name, term in found.items()}
+        return StepLoss.of(terms)
+
+    return step
+
+
+def both(function, *pairs: tuple) -> tuple:
+    """A function of the two branches' parts."""
+    return tuple(function(*parts) for parts in zip(*pairs, strict=True))
+
+
+def draw_steps(
+    size: int, config: AsynFusionConfig, generator: torch.Generator
+) -> tuple[Int[Tensor, " B"], Int[Tensor, " B"]]:
+    """Diffusion steps of expression and gesture: the same, or apart in a share of the samples."""
+    first = _smallest_step(config)
+    gesture = torch.randint(first, NUM_STEPS, (size,), generator=generator)
+    other = torch.randint(first, NUM_STEPS, (size,), generator=generator)
+    is_apart = torch.rand(size, generator=generator) < config.apart
+    return torch.where(is_apart, other, gesture), gesture
+
+
+def _smallest_step(config: AsynFusionConfig) -> int:
+    """A student needs one step of the solver below it."""
+    return NUM_STEPS // config.solver_steps if config.aim == "teacher" else 0
+
+
+def noise_terms(
+    weights: LossConfig,
+    normaliser: Normaliser,
+    x_t: Float[Tensor, "B T C"],
+    predicted: Float[Tensor, "B T C"],
+    x_1: Float[Tensor, "B T C"],
+    noise: Float[Tensor, "B T C"],
+    t: Float[Tensor, " B"],
+) -> dict[str, Float[Tensor, " B"]]:
+    """Weighted eqs. 12 to 14: the noise in components, velocity and clean motion in normalised
+    channels (axis-angle, face units)."""
+    told, wanted = (normaliser.scaled(normaliser.restore(x)) for x in (predicted, x_1))
+    huber = F.huber_loss(told, wanted, reduction="none", delta=weights.huber_delta)
+    return {
+        "noise": weights.noise * losses.simple_loss(noise_of(x_t, predicted, t), noise),
+        "velocity": weights.velocity * losses.difference_loss(told, wanted),
+        "huber": weights.huber * huber.mean((1, 2)),
+    }
+
+
+@torch.no_grad()
+def _one_solver_step(
+    config: AsynFusionConfig,
+    network: nn.Module,
+    teacher: DualBranchNetwork,
+    x_t: Pair,
+    steps: Pair,
+    conditions: dict,
+) -> Pair:
+    """What the student says one DDIM step of the teacher nearer to the data, which is what it
+    should have said here. The student is its own target, without a moving average (Song and
+    Dhariwal 2024); next to the data its prior leaves it no choice but x_t."""
+    times = flow_times().to(steps[0].device)
+    t = both(lambda k: times[k], steps)
+    clean = teacher(x_t, t, **conditions)
+    clean = both(lambda x: x.float(), clean)
+    noise = both(noise_of, x_t, clean, t)
+    earlier = both(lambda k: times[k - NUM_STEPS // config.solver_steps], steps)
+    return network(both(interpolate, noise, clean, earlier), earlier, **conditions)
+
+
+def pseudo_huber(
+    predicted: Float[Tensor, "B T C"], target: Float[Tensor, "B T C"]
+) -> Float[Tensor, " B"]:
+    """``sqrt(d^2 + c^2) - c`` of the root mean square difference d of a window: windows that are
+    far off count less than squared (Song and Dhariwal 2024)."""
+    return (losses.simple_loss(predicted, target) + HUBER_C**2).sqrt() - HUBER_C
