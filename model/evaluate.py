@@ -10,10 +10,11 @@ import argparse
 import json
 import logging
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import torch
@@ -21,7 +22,7 @@ from jaxtyping import Float
 from tqdm import tqdm
 
 from model.data.recordings import DataError, read_files, read_split, speaker_of
-from model.evaluation import tables
+from model.evaluation import frechet, tables
 from model.evaluation.clip_measures import rooted_positions
 from model.evaluation.clips import RECORDED, ClipContext, ClipRow, as_table
 from model.evaluation.speech_response import speech_tracks
@@ -35,7 +36,6 @@ from model.speech.audio import Speech, SpeechError
 from model.speech.encoder import SpeechEncoder
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from model.storage.files import written_atomically
-from model.systems.autoencoders.config import FGD_ENCODER
 from model.systems.registry import list_systems, load_system
 from model.training.parallel import WHOLE, Shard, joined_processes
 
@@ -60,12 +60,14 @@ def main(arguments: list[str] | None = None) -> int:
     names = list_systems(args.weights) if args.systems == "all" else args.systems.split(",")
     try:
         systems = [load_system(name, args.weights) for name in names]
-        judge = None
-        if (args.weights / f"{FGD_ENCODER}.safetensors").is_file():
-            judge = load_encoder(args.weights, FGD_ENCODER)
+        judges = {
+            measure: load_encoder(args.weights, encoder)
+            for measure, encoder in frechet.ENCODERS.items()
+            if (args.weights / f"{encoder}.safetensors").is_file()
+        }
         clips = test_clips(args.data, systems)[: args.clips]
         with joined_processes() as shard:
-            table = evaluate(args.data, clips, systems, args.seeds, judge=judge, shard=shard,
+            table = evaluate(args.data, clips, systems, args.seeds, judges=judges, shard=shard,
                              guidance=args.guidance)  # fmt: skip
             if shard.is_first:
                 write(table, args.out)
@@ -111,7 +113,7 @@ def evaluate(
     systems: Sequence[System],
     seeds: int,
     *,
-    judge: FrozenEncoder | None = None,
+    judges: Mapping[str, FrozenEncoder] = MappingProxyType({}),
     guidance: float = 1.0,
     shard: Shard = WHOLE,
     batch_windows: int = BATCH_WINDOWS,
@@ -119,7 +121,8 @@ def evaluate(
     """The table, with the row ``recorded`` for the clips' own motion; `as_table` lists its parts.
 
     Args:
-        judge: the encoder of FGD; without it there is none in the table.
+        judges: encoders by distance, see `frechet.ENCODERS`; a distance without one is left out,
+            and ``left_out`` of the table says so.
         batch_windows: windows asked at once; changes the speed and nothing else.
 
     Raises:
@@ -141,7 +144,7 @@ def evaluate(
         mine, foreign = recordings[name], recordings[other]
         motion = mine.motion
         context = ClipContext(
-            motion, mine.speech.waveform, foreign.speech.waveform, mean_speed, judge
+            motion, mine.speech.waveform, foreign.speech.waveform, mean_speed, judges
         )
         rows = {RECORDED: context.row([motion])}
         for system in systems:
@@ -162,7 +165,14 @@ def evaluate(
         found[name] = rows
     gathered = {name: rows for part in shard.gather(found) for name, rows in part.items()}
     table = as_table([gathered[name] for name in names], [_speaker(name) for name in names])
-    return {"clips": names, "noise_seeds": seeds, "guidance": guidance, **table}
+    motions = [recording.motion for recording in recordings.values()]
+    return {
+        "clips": names,
+        "noise_seeds": seeds,
+        "guidance": guidance,
+        **table,
+        "left_out": frechet.left_out(judges, motions),
+    }
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """From clips to the evaluation's table: what is measured on each, and intervals over all."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -8,7 +8,6 @@ import numpy as np
 
 from model.evaluation import frechet, speech_response
 from model.evaluation.clip_measures import clip_measures, mean_pairwise_l1, rooted_positions
-from model.evaluation.frechet import motion_features
 from model.evaluation.intervals import (
     Interval,
     bootstrap,
@@ -17,8 +16,9 @@ from model.evaluation.intervals import (
     bootstrap_ratio,
 )
 from model.evaluation.speech_response import coupling, frame_loudness, speech_tracks
+from model.evaluation.window_diversity import window_diversity
 from model.generation.base import DEPTH_FLOW_TIME, FLOW_TIMES, Prediction
-from model.measures import beats
+from model.measures import beats, diversity
 from model.measures.face_measures import face_measures
 from model.motion.motion import Motion
 from model.motion.skeleton import open_body_skeleton
@@ -47,9 +47,12 @@ class ClipRow:
     measures: dict[str, float]
     by_depth: dict[str, list[float]]
     couplings: dict[str, float]
-    features: np.ndarray | None
+    features: dict[str, frechet.Features]
+    """Codes by distance, of every judge that sees no more than the motions have."""
     positions: list[np.ndarray]
     """Rooted joints of the beginning, for the pairwise distances: one for each noise seed."""
+    windows: np.ndarray
+    """Of the first noise seed, see `diversity.windows_of`."""
     errors: dict[str, float] = field(default_factory=dict)
 
 
@@ -61,7 +64,8 @@ class ClipContext:
     sound: np.ndarray
     foreign: np.ndarray
     mean_speed: np.ndarray
-    judge: FrozenEncoder | None
+    judges: Mapping[str, FrozenEncoder]
+    """Encoders of the Fréchet distances, by distance."""
 
     @cached_property
     def onsets(self) -> np.ndarray:
@@ -99,7 +103,12 @@ class ClipContext:
         by_depth = {"jerk_m_s3": np.mean([one.jerk_by_depth for one in measured], 0).tolist()}
         if prediction is not None:
             by_depth["position_error_m"] = prediction.position_error_by_depth_m
-        judged = [motion_features(self.judge, m) for m in motions] if self.judge else []
+        features = {}
+        for name, judge in self.judges.items():
+            judged = [frechet.motion_features(judge, motion) for motion in motions]
+            found = [codes for codes in judged if codes is not None]
+            if len(found) == len(motions):
+                features[name] = np.concatenate(found)
         return ClipRow(
             measures=_mean_of(numbers),
             by_depth=by_depth,
@@ -107,20 +116,22 @@ class ClipContext:
                 kind: float(np.mean([coupling(p, track) for p in positions]))
                 for kind, track in self.loudness.items()
             },
-            features=np.concatenate(judged) if judged else None,
+            features=features,
             positions=[joints[:PAIRWISE_FRAMES] for joints in positions],
+            windows=diversity.windows_of(motions[0]),
             errors=prediction.errors if prediction else {},
         )
 
 
 def as_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> dict:
-    """Intervals over clips, in five parts.
+    """Intervals over clips, in parts.
 
     Args:
         speakers: of each clip.
 
     Returns:
-        ``motion``: measures by row; ``fgd_floor``: recorded halves against each other;
+        ``motion``: measures by row; ``fmd_floor``, ``fed_floor``, ``fgd_floor``: recorded halves
+        against each other, where there is that distance;
         ``by_depth``: means over clips, entry d for the joints d bones from the pelvis;
         ``wrong_speech``: the x_1 error with wrong speech over that with the right one;
         ``coupling``: of wrists and loudness.
@@ -129,7 +140,7 @@ def as_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> di
     by_depth: dict[str, dict[str, list[float]]] = {}
     wrong_speech, couplings = {}, {}
     recorded = [rows[RECORDED] for rows in clips]
-    judged = [row.features for row in recorded if row.features is not None]
+    judged = _judged(recorded)
     for name in clips[0]:
         rows = [clip[name] for clip in clips]
         columns: dict[str, Interval] = {}
@@ -148,9 +159,11 @@ def as_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> di
         spread = _spread_at_will(rows, speakers if name == RECORDED else None)
         if spread is not None:
             columns["spread_at_will_m"] = spread
-        generated = [row.features for row in rows if row.features is not None]
-        if generated and name != RECORDED:
-            columns["fgd"] = frechet.fgd(judged, generated)
+        columns |= window_diversity([row.windows for row in rows])
+        if name != RECORDED:
+            for measure, features in _judged(rows).items():
+                if measure in judged:
+                    columns[measure] = frechet.distance(judged[measure], features)
         motion[name] = {measure: vars(interval) for measure, interval in columns.items()}
         by_depth[name] = {
             key: np.mean([row.by_depth[key] for row in rows], axis=0).tolist()
@@ -163,10 +176,13 @@ def as_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> di
                 kind: vars(bootstrap_ratio([row.errors[kind] for row in rows], right))
                 for kind in KINDS[1:]
             }
-    floor = {"fgd_floor": vars(frechet.split_half_floor(judged))} if judged else {}
+    floors = {
+        f"{measure}_floor": vars(frechet.split_half_floor(features))
+        for measure, features in judged.items()
+    }
     return {
         "motion": motion,
-        **floor,
+        **floors,
         "by_depth": by_depth,
         "wrong_speech": wrong_speech,
         "coupling": couplings,
@@ -186,6 +202,9 @@ def settings() -> dict[str, float | list[float]]:
         "wrong_speech_flow_times": list(FLOW_TIMES),
         "position_error_flow_time": DEPTH_FLOW_TIME,
         "coupling_max_lag_s": speech_response.MAX_LAG_S,
+        "div_batch_windows": diversity.BATCH_WINDOWS,
+        "div_window_frames": diversity.WINDOW_FRAMES,
+        "div_every_frames": diversity.EVERY_FRAMES,
     }
 
 
@@ -216,6 +235,12 @@ def _pairwise(positions: Sequence[np.ndarray]) -> Interval:
         return float(chosen[different].mean()) if different.any() else 0.0
 
     return bootstrap_of(statistic, len(positions))
+
+
+def _judged(rows: Sequence[ClipRow]) -> dict[str, list[frechet.Features]]:
+    """Codes of all clips, by distance; those that a clip lacks are left out."""
+    names = [name for name in rows[0].features if all(name in row.features for row in rows)]
+    return {name: [row.features[name] for row in rows] for name in names}
 
 
 def _contrast(rows: Sequence[dict[str, float]]) -> dict[str, dict]:

@@ -1,39 +1,59 @@
-"""Fréchet gesture distance (FGD, Yoon et al. 2020) with the encoder that was trained here.
+"""Fréchet distances (AsynFusion eq. 16) with encoders that were trained here, one for each.
 
-Features are the codes of local rotations and root motion, one for every 8 frames. Numbers of
-another encoder, or of another amount of motion, cannot be compared with these.
+FGD (Yoon et al. 2020) is that of the body: codes of local rotations and root motion, one for every
+8 frames. FED is that of the face units, FMD that of both together. Numbers of another encoder, or
+of another amount of motion, cannot be compared with these.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import torch
 from jaxtyping import Float
 
+from model.data.recordings import face_units
 from model.evaluation.intervals import Interval, bootstrap_of
-from model.motion.kinematics import global_from_local
 from model.motion.motion import Motion
-from model.motion.packing import pack
-from model.motion.rotations import rot6d_from_matrix
-from model.networks.autoencoder import FrozenEncoder
+from model.networks.autoencoder import FrozenEncoder, input_vectors
+from model.systems.autoencoders.config import FED_ENCODER, FGD_ENCODER, FMD_ENCODER
 
-FGD_DRAWS = 200
+ENCODERS = {"fmd": FMD_ENCODER, "fed": FED_ENCODER, "fgd": FGD_ENCODER}
+"""Which encoder each distance needs."""
+FRECHET_DRAWS = 200
 SPLITS = 20
 
 Features = Float[np.ndarray, "_ dim"]
 
 
+def left_out(judges: Mapping[str, FrozenEncoder], recorded: Iterable[Motion]) -> list[str]:
+    """A sentence on everything that cannot be measured: without its encoder, or because recorded
+    faces are not in the units that systems draw."""
+    sentences = [
+        f"{measure.upper()} is left out: its encoder {name} is not among the weights."
+        for measure, name in ENCODERS.items()
+        if measure not in judges
+    ]
+    if any(motion.expression_basis != "arkit52" for motion in recorded):
+        sentences.append(
+            "FMD, FED and Div of body and face are left out where faces are not in ARKit's units."
+        )
+    return sentences
+
+
 @torch.inference_mode()
-def motion_features(encoder: FrozenEncoder, motion: Motion) -> Features:
-    """The coarsest codes of a whole clip, cut to whole codes."""
+def motion_features(encoder: FrozenEncoder, motion: Motion) -> Features | None:
+    """The coarsest codes of a whole clip, cut to whole codes; None if the encoder sees faces and
+    this one is not in ARKit's units."""
     config = encoder.network.config
-    scale = max(config.scales)
-    rotmat = motion.local_rotations()
-    if config.rotation_space == "global":
-        rotmat = global_from_local(rotmat)
-    vectors = pack(rot6d_from_matrix(rotmat), torch.from_numpy(motion.trans.copy()))
-    whole = len(vectors) - len(vectors) % scale
-    return encoder.codes(vectors[None, :whole])[-1][0].numpy().astype(np.float64)
+    if config.face_channels > 0 and motion.expression_basis != "arkit52":
+        return None
+    whole = motion.num_frames - motion.num_frames % max(config.scales)
+    poses, trans, face = (
+        torch.from_numpy(array[:whole].copy())[None]
+        for array in (motion.poses, motion.trans, face_units(motion))
+    )
+    codes = encoder.codes(input_vectors(config, poses, trans, face))[-1]
+    return codes[0].numpy().astype(np.float64)
 
 
 def frechet_distance(a: Features, b: Features) -> float:
@@ -46,14 +66,14 @@ def frechet_distance(a: Features, b: Features) -> float:
     return float(mean + np.trace(cov_a) + np.trace(cov_b) - 2 * cross)
 
 
-def fgd(recorded: Sequence[Features], generated: Sequence[Features]) -> Interval:
-    """Distance of all clips, with its interval over clips (drawn in pairs; biased upwards)."""
+def distance(recorded: Sequence[Features], generated: Sequence[Features]) -> Interval:
+    """Of all clips, with its interval over clips (drawn in pairs; biased upwards)."""
 
     def statistic(index: np.ndarray) -> float:
         chosen = [np.concatenate([clips[i] for i in index]) for clips in (recorded, generated)]
         return frechet_distance(*chosen)
 
-    return bootstrap_of(statistic, len(recorded), FGD_DRAWS)
+    return bootstrap_of(statistic, len(recorded), FRECHET_DRAWS)
 
 
 def split_half_floor(recorded: Sequence[Features]) -> Interval:

@@ -6,6 +6,8 @@ import io
 from model.evaluation.intervals import Interval
 
 COLUMNS = {
+    "fmd": "FMD",
+    "fed": "FED",
     "fgd": "FGD",
     "beat_align_audio_to_motion": "BeatAlign a->m",
     "beat_align_audio_to_motion_chance": "chance",
@@ -14,6 +16,8 @@ COLUMNS = {
     "l1_to_mean_m": "L1 to mean, m",
     "pairwise_l1_m": "pairwise L1, m",
     "spread_at_will_m": "of one speaker or speech, m",
+    "div": "Div",
+    "div_gesture": "Div of gestures",
     "face_mse": "face MSE",
     "blinks_per_min": "blinks a minute",
     "brow_std": "brow raise, std",
@@ -60,9 +64,12 @@ def as_markdown(table: dict) -> str:
             if any(measure in columns for columns in rows.values())
         ],
     )
-    if "fgd_floor" in table:
-        floor = Interval(**table["fgd_floor"])
-        lines += [f"FGD of recorded halves against each other: {floor}", ""]
+    for measure, heading in COLUMNS.items():
+        if f"{measure}_floor" in table:
+            floor = Interval(**table[f"{measure}_floor"])
+            lines += [f"{heading} of recorded halves against each other: {floor}", ""]
+    for sentence in table["left_out"]:
+        lines += [sentence, ""]
     lines += _markdown(
         ["x_1 error above that with right speech, %", "shifted 4 s", "foreign"],
         [
@@ -97,10 +104,12 @@ def as_csv(table: dict) -> str:
         for row, columns in table[part].items():
             for measure, value in columns.items():
                 writer.writerow([part, row, measure, value["mean"], value["low"], value["high"]])
-    if "fgd_floor" in table:
-        value = table["fgd_floor"]
-        writer.writerow(["motion", "recorded", "fgd_floor", value["mean"], value["low"],
-                         value["high"]])  # fmt: skip
+    for floor in (f"{measure}_floor" for measure in COLUMNS):
+        if floor in table:
+            value = table[floor]
+            writer.writerow(
+                ["motion", "recorded", floor, value["mean"], value["low"], value["high"]]
+            )
     for row, columns in table["by_depth"].items():
         for measure, values in columns.items():
             for depth, value in enumerate(values):

@@ -1,8 +1,9 @@
 """Convolutional motion autoencoder with codes at several time scales.
 
 As L_m's encoder g (GlobalDiff eq. 14) it is variational and trained with masked frames; as the
-encoder of FGD it is a plain autoencoder. Fully convolutional and without normalisation over time:
-codes do not depend on the length of the clip around them, nor on the batch.
+encoder of a Fréchet distance it is a plain autoencoder, of the body, the face or both. Fully
+convolutional and without normalisation over time: codes do not depend on the length of the clip
+around them, nor on the batch.
 """
 
 from collections.abc import Sequence
@@ -14,7 +15,8 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from model.motion.packing import MOTION_DIM, Normaliser
+from model.motion.decoding import to_vectors
+from model.motion.packing import Normaliser
 from model.networks.config import AutoencoderConfig
 from model.storage.checkpoint import load_into, load_weights
 from model.storage.settings import from_dict
@@ -43,14 +45,15 @@ def _blocks(config: AutoencoderConfig) -> nn.Sequential:
 
 
 class MotionAutoencoder(nn.Module):
-    """Normalised motion vectors to codes at ``config.scales`` and back."""
+    """Normalised frames (motion vectors, face units or both) to codes at ``config.scales`` and
+    back."""
 
     def __init__(self, config: AutoencoderConfig) -> None:
         super().__init__()
         self.config = config
         width = config.width
         levels = max(config.scales).bit_length() - 1  # halvings of the frame rate
-        self.motion_in = nn.Conv1d(MOTION_DIM, width, 1)
+        self.motion_in = nn.Conv1d(config.channels, width, 1)
         self.hidden_frame = nn.Parameter(torch.zeros(width))
         self.down = nn.ModuleList(
             nn.Sequential(nn.Conv1d(width, width, 4, stride=2, padding=1), _blocks(config))
@@ -66,14 +69,14 @@ class MotionAutoencoder(nn.Module):
             nn.Sequential(_blocks(config), nn.ConvTranspose1d(width, width, 4, stride=2, padding=1))
             for _ in range(levels)
         )
-        self.motion_out = nn.Conv1d(width, MOTION_DIM, 3, padding=1)
+        self.motion_out = nn.Conv1d(width, config.channels, 3, padding=1)
 
     def forward(
         self,
-        motion: Float[Tensor, "B T 333"],
+        motion: Float[Tensor, "B T channels"],
         is_hidden: Bool[Tensor, "B T"] | None,
         noise: Sequence[Float[Tensor, "B _ dim"]] | None,
-    ) -> tuple[Float[Tensor, "B T 333"], list[Codes]]:
+    ) -> tuple[Float[Tensor, "B T channels"], list[Codes]]:
         """The motion restored from its codes, and the codes.
 
         Args:
@@ -90,7 +93,7 @@ class MotionAutoencoder(nn.Module):
 
     def encode(
         self,
-        motion: Float[Tensor, "B T 333"],
+        motion: Float[Tensor, "B T channels"],
         is_hidden: Bool[Tensor, "B T"] | None = None,
     ) -> list[Codes]:
         """The codes at each scale, finest first.
@@ -111,7 +114,7 @@ class MotionAutoencoder(nn.Module):
                 codes.append((mean, log_variance.clamp(-10, 5)))
         return codes
 
-    def decode(self, codes: Sequence[Float[Tensor, "B _ dim"]]) -> Float[Tensor, "B T 333"]:
+    def decode(self, codes: Sequence[Float[Tensor, "B _ dim"]]) -> Float[Tensor, "B T channels"]:
         """Motion from one code sequence for each scale, finest first, as `encode` orders them."""
         scales = sorted(self.config.scales)
         by_scale = dict(zip(scales, codes, strict=True))
@@ -126,6 +129,27 @@ class MotionAutoencoder(nn.Module):
         return self.motion_out(F.silu(x)).transpose(1, 2)
 
 
+def input_vectors(
+    config: AutoencoderConfig,
+    poses: Float[Tensor, "B T 165"],
+    transl: Float[Tensor, "B T 3"],
+    face: Float[Tensor, "B T units"],
+) -> Float[Tensor, "B T channels"]:
+    """What a network of this shape sees of a motion, not normalised.
+
+    Args:
+        poses: local axis-angle, radians.
+        transl: root position, metres.
+        face: face units, 0 to 1.
+    """
+    parts = []
+    if config.motion_channels > 0:
+        parts.append(to_vectors(config.rotation_space, poses, transl))
+    if config.face_channels > 0:
+        parts.append(face)
+    return torch.cat(parts, dim=-1)
+
+
 @dataclass(frozen=True)
 class FrozenEncoder:
     """A trained encoder with the statistics of its input; never changed again."""
@@ -134,13 +158,13 @@ class FrozenEncoder:
     normaliser: Normaliser
     sha256: str
 
-    def codes(self, vectors: Float[Tensor, "B T 333"]) -> list[Float[Tensor, "B _ dim"]]:
-        """Mean codes at each scale of motion vectors (not normalised), with their gradients."""
+    def codes(self, vectors: Float[Tensor, "B T channels"]) -> list[Float[Tensor, "B _ dim"]]:
+        """Mean codes at each scale of `input_vectors`, with their gradients."""
         return [mean for mean, _ in self.network.encode(self.normaliser.normalise(vectors))]
 
 
 def load_encoder(folder: Path, name: str, device: torch.device = CPU) -> FrozenEncoder:
-    """Read ``motion-vae`` or ``fgd-encoder``.
+    """Read ``motion-vae`` or the encoder of a Fréchet distance.
 
     Raises:
         CheckpointError: if its files are missing or damaged.

@@ -36,8 +36,13 @@ class BranchConfig:
 
 @dataclass(frozen=True)
 class AutoencoderConfig:
-    """Shape of the motion autoencoders: the variational one of L_m, and the encoder of FGD."""
+    """Shape of the motion autoencoders: the variational one of L_m, and the encoders of Fréchet
+    distances."""
 
+    motion_channels: int = 333
+    """Numbers of each frame that tell the motion; 0 for a network that sees faces only."""
+    face_channels: int = 0
+    """Face units of each frame, after the motion."""
     rotation_space: RotationSpace = "global"
     width: int = 96
     blocks_per_scale: int = 2
@@ -51,8 +56,15 @@ class AutoencoderConfig:
     """Pull of the codes to a standard normal; 0 makes a plain autoencoder without noise."""
 
     def __post_init__(self) -> None:
+        if self.channels == 0:
+            raise ValueError("motion_channels and face_channels are 0; nothing would be seen.")
         powers = {2**k for k in range(1, 7)}
         if not self.scales or not set(self.scales) <= powers:
             raise ValueError(f"scales is {self.scales}; use powers of two from 2 to 64.")
         if not 0 <= self.mask_share < 1:
             raise ValueError(f"mask_share is {self.mask_share}; it must lie in [0, 1).")
+
+    @property
+    def channels(self) -> int:
+        """Numbers of each frame."""
+        return self.motion_channels + self.face_channels

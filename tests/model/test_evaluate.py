@@ -1,18 +1,24 @@
 import csv
 import json
 import shutil
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+import torch
 
 from model.data.prepared import DataError
 from model.evaluate import evaluate, main
 from model.evaluation.clips import ClipRow, as_table
+from model.evaluation.frechet import ENCODERS
 from model.evaluation.intervals import bootstrap, bootstrap_difference, bootstrap_ratio
+from model.evaluation.tables import as_csv, as_markdown
+from model.motion.motion import load_motion, save_motion
+from model.motion.packing import Normaliser
 from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
 from model.speech.features import MelEncoder
-from model.systems.autoencoders.config import JUDGE
+from model.storage.checkpoint import save_weights
+from model.systems.autoencoders.config import JUDGES
 from model.systems.registry import load_system
 from model.training.parallel import Shard
 from tests.model.made import make_data_folder, make_weights
@@ -21,8 +27,9 @@ ROW = ClipRow(
     measures={"tip_jerk_m_s3": 1.0},
     by_depth={},
     couplings=dict.fromkeys(("right", "shifted", "foreign"), 0.0),
-    features=None,
+    features={},
     positions=[],
+    windows=np.zeros((0, 30, 217), np.float32),
 )
 CLIPS = ["1_ann_0_0_0", "2_bob_0_1_1"]
 
@@ -41,9 +48,15 @@ def system(folders):
     return load_system("globaldiff/local", folders[1])
 
 
-def untrained_judge(system) -> FrozenEncoder:
-    network = MotionAutoencoder(JUDGE).eval()
-    return FrozenEncoder(network, system.normaliser, "")
+def untrained_judges() -> dict[str, FrozenEncoder]:
+    torch.manual_seed(0)
+    judges = {}
+    for measure, name in ENCODERS.items():
+        network = MotionAutoencoder(JUDGES[name]).eval().requires_grad_(False)
+        channels = JUDGES[name].channels
+        statistics = Normaliser(torch.zeros(channels), torch.ones(channels))
+        judges[measure] = FrozenEncoder(network, statistics, "")
+    return judges
 
 
 def test_table_has_recorded_and_generated_rows_with_intervals(folders, tmp_path, capsys):
@@ -59,9 +72,19 @@ def test_table_has_recorded_and_generated_rows_with_intervals(folders, tmp_path,
     assert table["motion"]["recorded"]["tip_jerk_m_s3_ratio"]["mean"] == 1
     assert "face_mse" not in table["motion"]["recorded"]
     assert table["motion"]["globaldiff/local"]["face_mse"]["mean"] > 0
-    assert "fgd" not in table["motion"]["globaldiff/local"]  # no encoder among these weights
+    for measure in ENCODERS:  # no encoder among these weights
+        assert measure not in table["motion"]["globaldiff/local"]
+        assert f"{measure}_floor" not in table
+    for row in table["motion"].values():
+        assert row["div"]["mean"] > 0 and row["div_gesture"]["mean"] > 0
     text = (tmp_path / "evaluation.md").read_text()
     assert text == capsys.readouterr().out and "globaldiff/global" in text
+    for sentence in (
+        "FMD is left out: its encoder fmd-encoder is not among the weights.",
+        "FED is left out: its encoder fed-encoder is not among the weights.",
+        "FGD is left out: its encoder fgd-encoder is not among the weights.",
+    ):
+        assert f"\n{sentence}\n" in text
     ratio = table["wrong_speech"]["globaldiff/local"]["shifted"]["mean"]
     assert f"| globaldiff/local | {100 * (ratio - 1):.3g} [" in text
     with (tmp_path / "evaluation.csv").open() as file:
@@ -73,10 +96,48 @@ def test_table_has_recorded_and_generated_rows_with_intervals(folders, tmp_path,
     assert "power $>$ 5 Hz" in "\n".join(latex)
 
 
-def test_recorded_motion_is_at_no_distance_from_itself_and_the_floor_is_above(folders, system):
-    table = evaluate(folders[0], CLIPS, [system], 1, judge=untrained_judge(system))
-    assert table["motion"]["globaldiff/local"]["fgd"]["mean"] > 0
-    assert table["fgd_floor"]["mean"] > 0 and "fgd" not in table["motion"]["recorded"]
+def test_each_distance_has_an_interval_and_the_floor_of_its_own_encoder(folders, system):
+    judges = untrained_judges()
+    table = evaluate(folders[0], CLIPS, [system], 1, judges=judges)
+    assert table["left_out"] == []
+    for measure in ENCODERS:
+        found = table["motion"]["globaldiff/local"][measure]
+        assert 0 < found["low"] <= found["high"] and found["mean"] > 0
+        assert table[f"{measure}_floor"]["mean"] > 0
+        assert measure not in table["motion"]["recorded"]
+        heading = f"{measure.upper()} of recorded halves against each other"
+        assert heading in as_markdown(table) and f"recorded,{measure}_floor," in as_csv(table)
+        alone = evaluate(folders[0], CLIPS, [system], 1, judges={measure: judges[measure]})
+        assert len(alone["left_out"]) == 2
+        assert alone["motion"]["globaldiff/local"][measure] == found
+        assert alone[f"{measure}_floor"] == table[f"{measure}_floor"]
+
+
+def test_encoders_are_read_from_the_folder_of_weights(folders, tmp_path, capsys):
+    data, weights = folders
+    weights = shutil.copytree(weights, tmp_path / "weights")
+    judge = untrained_judges()["fed"]
+    tensors = {f"network.{name}": t for name, t in judge.network.state_dict().items()}
+    card = {"config": {"autoencoder": asdict(judge.network.config)}, "speakers": {}}
+    save_weights(weights, "fed-encoder", tensors | judge.normaliser.tensors(), card)
+    status = main(["--data", str(data), "--weights", str(weights), "--out", str(tmp_path),
+                   "--seeds", "1", "--systems", "globaldiff/local"])  # fmt: skip
+    assert status == 0
+    text = capsys.readouterr().out
+    assert "| FED | - |" in text and "| FMD |" not in text
+    assert "FMD is left out" in text and "FED is left out" not in text
+
+
+def test_faces_in_other_units_are_left_out_of_what_sees_faces(folders, system, tmp_path):
+    data = shutil.copytree(folders[0], tmp_path / "flame")
+    for path in (data / "smplxflame_30").iterdir():
+        save_motion(replace(load_motion(path), expression_basis="flame100"), path)
+    table = evaluate(data, CLIPS, [system], 1, judges=untrained_judges())
+    row = table["motion"]["globaldiff/local"]
+    assert "fgd" in row and not {"fmd", "fed", "fmd_floor", "fed_floor"} & {*row, *table}
+    assert "div" not in table["motion"]["recorded"] and "div_gesture" in table["motion"]["recorded"]
+    (sentence,) = table["left_out"]
+    assert "ARKit" in sentence
 
 
 def test_an_untrained_network_gains_nothing_from_the_right_speech(folders, system):

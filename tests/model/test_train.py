@@ -10,6 +10,7 @@ import torch
 
 from model.data.prepared import DataError, prepare, read_split
 from model.motion.decoding import to_vectors
+from model.networks.autoencoder import load_encoder
 from model.speech.features import MelEncoder
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from model.storage.checkpoint import load_weights, save_weights
@@ -195,11 +196,33 @@ def test_a_resumed_run_keeps_the_statistics_it_began_with(root):
     assert card["started_from"]["steps"] == 9
 
 
-def test_encoders_train_and_the_missing_one_is_named(root, tmp_path):
-    train(quick("fgd-encoder", steps=60, learning_rate=3e-3), root / "data", root / "fgd")
-    with (root / "fgd" / "log.csv").open() as file:
+@pytest.mark.parametrize(
+    ("system", "dim"), [("fgd-encoder", 333), ("fmd-encoder", 385), ("fed-encoder", 52)]
+)
+def test_encoders_of_distances_train_and_load(root, system, dim):
+    train(quick(system, steps=60, learning_rate=1e-2), root / "data", root / system)
+    with (root / system / "log.csv").open() as file:
         rows = [r for r in csv.DictReader(file) if r["split"] == "train"]
-    assert float(rows[-1]["total"]) < 0.8 * float(rows[0]["total"]) and "kl" not in rows[0]
+    parts = {name for name, value in rows[0].items() if value} - {"step", "split", "total"}
+    assert ("position" in parts) == (dim > 52) and ("face" in parts) == (dim != 333)
+    assert "kl" not in parts
+    for part in {"simple", "face", "total"} & {*parts, "total"}:
+        early, late = (np.mean([float(r[part]) for r in some]) for some in (rows[:3], rows[-3:]))
+        assert late < (0.9 if part == "total" else 0.95) * early
+    encoder = load_encoder(root / system / "weights", system)
+    (codes,) = encoder.codes(torch.randn(2, 24, dim))
+    assert codes.shape == (2, 3, 32)
+
+
+def test_an_encoder_of_faces_refuses_data_without_them(root):
+    data = prepare(root / "data", root / "prepared-mel64", MelEncoder())
+    faceless = replace(data, expression=np.zeros_like(data.expression))
+    for system in ("fmd-encoder", "fed-encoder"):
+        with pytest.raises(DataError, match=f"{system} learns from faces in ARKit's units"):
+            family_of(system).make_task(quick(system), faceless, Workshop(BUNDLED_WEIGHTS))
+
+
+def test_the_missing_encoder_is_named(root, tmp_path):
     with pytest.raises(CheckpointError, match="motion-vae"):
         train(quick("globaldiff/full"), root / "data", tmp_path / "full", helpers=tmp_path)
 

@@ -1,7 +1,7 @@
-"""The motion autoencoders, L_m's teacher and the judge of FGD: may import what systems may."""
+"""The autoencoders, L_m's teacher and the judges of distances: may import what systems may."""
 
 from model.generation.family import Family
-from model.systems.autoencoders.config import FGD_ENCODER, MOTION_VAE, PRESETS, named_config
+from model.systems.autoencoders.config import JUDGES, MOTION_VAE, PRESETS, named_config
 
 FAMILY = Family(
     name="autoencoders",
@@ -11,5 +11,5 @@ FAMILY = Family(
     presets=PRESETS,
     config=named_config,
     package="model.systems.autoencoders",
-    helpers=(MOTION_VAE, FGD_ENCODER),
+    helpers=(MOTION_VAE, *JUDGES),
 )

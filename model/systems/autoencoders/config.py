@@ -1,4 +1,4 @@
-"""Settings of the motion autoencoders: L_m's teacher and the judge of FGD."""
+"""Settings of the motion autoencoders: L_m's teacher and the judges of Fréchet distances."""
 
 from dataclasses import dataclass, field, replace
 
@@ -8,12 +8,19 @@ from model.training.config import SMOKE, TrainConfig
 from model.training.geometric import GeometricWeights
 
 PRESETS = ("demo", "smoke")
-MOTION_VAE, FGD_ENCODER = "motion-vae", "fgd-encoder"
+MOTION_VAE = "motion-vae"
+FGD_ENCODER, FMD_ENCODER, FED_ENCODER = "fgd-encoder", "fmd-encoder", "fed-encoder"
 JUDGE = AutoencoderConfig(
     rotation_space="local", blocks_per_scale=1, scales=(8,), mask_share=0.0, kl_weight=0.0
 )
 """Local rotations as EMAGE's; unlike L_m's encoder in space, scale and weights, so that the system
 trained with L_m is not judged by its own teacher."""
+JUDGES = {
+    FGD_ENCODER: JUDGE,
+    FMD_ENCODER: replace(JUDGE, face_channels=52),
+    FED_ENCODER: replace(JUDGE, motion_channels=0, face_channels=52),
+}
+"""The encoders of FGD (body), FMD (body and face) and FED (face) by name."""
 
 
 @dataclass(frozen=True)
@@ -27,14 +34,14 @@ class AutoencoderTrainConfig(TrainConfig):
 
 
 def named_config(preset: str, system: str) -> AutoencoderTrainConfig:
-    """The settings called ``preset`` for the teacher or the judge.
+    """The settings called ``preset`` for the teacher or a judge.
 
     Raises:
         ValueError: if there are none.
     """
     config = AutoencoderTrainConfig(system=system, steps=3000, batch_size=32, learning_rate=1e-3)
-    if system == FGD_ENCODER:
-        config = replace(config, autoencoder=JUDGE)
+    if system in JUDGES:
+        config = replace(config, autoencoder=JUDGES[system])
     match preset:
         case "demo":
             return config

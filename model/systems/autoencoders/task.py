@@ -3,11 +3,11 @@
 import torch
 from torch import nn
 
-from model.data.prepared import Batch, PreparedData
-from model.motion.decoding import decode, to_vectors
+from model.data.prepared import Batch, DataError, PreparedData
+from model.motion.decoding import decode
 from model.motion.packing import Normaliser
 from model.motion.skeleton import open_body_skeleton
-from model.networks.autoencoder import MotionAutoencoder
+from model.networks.autoencoder import MotionAutoencoder, input_vectors
 from model.systems.autoencoders.config import AutoencoderTrainConfig
 from model.training import losses
 from model.training.geometric import geometric_terms
@@ -23,13 +23,12 @@ def make_task(
 
     Raises:
         CheckpointError: if the weights to start from are missing, damaged or of another shape.
+        DataError: if it is to see faces and they never move.
     """
     torch.manual_seed(config.random_seed)
     given = workshop.given()
     if given is None:
-        batch = statistics_batch(data, config.window_frames, config.mirror)
-        vectors = to_vectors(config.autoencoder.rotation_space, batch.poses, batch.transl)
-        statistics = Normaliser.fit(vectors.flatten(0, 1), config.representation)
+        statistics = fit_input(config, statistics_batch(data, config.window_frames, config.mirror))
     else:
         statistics = given.normaliser
     normaliser = statistics.to(workshop.shard.device)
@@ -42,20 +41,43 @@ def make_task(
     )  # fmt: skip
 
 
+def fit_input(config: AutoencoderTrainConfig, batch: Batch) -> Normaliser:
+    """Statistics of what the network sees. All face units share one standard deviation, as the
+    channels of a body part do: one for each would blow up units that hardly move.
+
+    Raises:
+        DataError: if the network is to see faces and they never move.
+    """
+    shape = config.autoencoder
+    vectors = input_vectors(shape, batch.poses, batch.transl, batch.expression).flatten(0, 1)
+    motion, face = vectors.split([shape.motion_channels, shape.face_channels], dim=-1)
+    parts = []
+    if shape.motion_channels > 0:
+        parts.append(Normaliser.fit(motion, config.representation))
+    if shape.face_channels > 0:
+        if not (face != face[0]).any():
+            raise DataError(f"{config.system} learns from faces in ARKit's units; these have none.")
+        parts.append(Normaliser.fit(face, groups=[range(shape.face_channels)]))
+    return Normaliser(torch.cat([part.mean for part in parts]),
+                      torch.cat([part.std for part in parts]))  # fmt: skip
+
+
 def autoencoder_step(config: AutoencoderTrainConfig, normaliser: Normaliser) -> StepFunction:
-    """The loss of a motion autoencoder: its input back, its geometry, and the codes' KL term."""
+    """The loss of an autoencoder: its input back, its geometry, and the codes' KL term."""
     skeleton = open_body_skeleton()
     shape = config.autoencoder
-    space = shape.rotation_space
+    space, body = shape.rotation_space, slice(shape.motion_channels)
+    face = slice(shape.motion_channels, None)
 
     def step(
         network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard = WHOLE
     ) -> StepLoss:
         size, num_frames = batch.poses.shape[:2]
         num_frames -= num_frames % max(shape.scales)
-        vectors = to_vectors(space, shard.of(batch.poses), shard.of(batch.transl))
-        vectors = vectors[:, :num_frames]
-        motion = normaliser.normalise(vectors)
+        vectors = input_vectors(
+            shape, shard.of(batch.poses), shard.of(batch.transl), shard.of(batch.expression)
+        )[:, :num_frames]
+        seen = normaliser.normalise(vectors)
         hidden, noise = None, None
         if network.training:
             draw = torch.rand(size, num_frames, generator=generator)
@@ -67,14 +89,21 @@ def autoencoder_step(config: AutoencoderTrainConfig, normaliser: Normaliser) -> 
                     for scale in sorted(shape.scales)
                 ]  # fmt: skip
         with shard.autocast():
-            restored, codes = network(motion, hidden, noise)
+            restored, codes = network(seen, hidden, noise)
         restored = restored.float()
-        terms = {"simple": config.loss.simple * losses.simple_loss(restored, motion)}
-        terms |= geometric_terms(
-            config.loss,
-            decode(normaliser.restore(restored), space, skeleton),
-            decode(vectors, space, skeleton),
-        )
+        terms = {}
+        if shape.motion_channels > 0:
+            simple = losses.simple_loss(restored[..., body], seen[..., body])
+            terms["simple"] = config.loss.simple * simple
+            terms |= geometric_terms(
+                config.loss,
+                decode(normaliser.restore(restored)[..., body], space, skeleton),
+                decode(vectors[..., body], space, skeleton),
+            )
+        if shape.face_channels > 0:
+            pair = restored[..., face], seen[..., face]
+            terms["face"] = config.loss.simple * losses.simple_loss(*pair)
+            terms["face_difference"] = config.loss.simple * losses.difference_loss(*pair)
         if shape.kl_weight > 0:
             terms["kl"] = shape.kl_weight * losses.kl_loss(codes)
         return StepLoss.of({name: term.mean() for name, term in terms.items()})

@@ -8,11 +8,12 @@ from scipy.linalg import sqrtm
 from model.evaluation import frechet
 from model.evaluation.clip_measures import face_error, l1_to_mean, mean_pairwise_l1
 from model.evaluation.speech_response import coupling, frame_loudness, speech_tracks
-from model.measures import beats
+from model.evaluation.window_diversity import window_diversity
+from model.measures import beats, diversity
 from model.motion.motion import first_frames
 from model.motion.packing import MOTION_DIM, Normaliser
 from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
-from model.systems.autoencoders.config import JUDGE
+from model.systems.autoencoders.config import JUDGE, JUDGES
 from tests.helpers import smooth_motion_example
 
 
@@ -83,7 +84,7 @@ def test_split_half_floor_is_above_zero_and_below_another_distribution():
     rng = np.random.default_rng(0)
     clips = [rng.standard_normal((50, 4)) for _ in range(10)]
     others = [rng.standard_normal((50, 4)) + 1 for _ in range(10)]
-    floor, distance = frechet.split_half_floor(clips), frechet.fgd(clips, others)
+    floor, distance = frechet.split_half_floor(clips), frechet.distance(clips, others)
     assert 0 < floor.mean < 0.2 < distance.low <= distance.mean <= distance.high
     assert distance.mean == pytest.approx(4, rel=0.2)
 
@@ -120,6 +121,92 @@ def test_diversities_are_sums_over_coordinates():
     distances = mean_pairwise_l1([still, swaying, swaying[:2]])
     assert distances[0, 1] == distances[1, 0] == pytest.approx(5.5)
     assert distances[1, 2] == 0 and (np.diag(distances) == 0).all()
+
+
+def slow_diversity(windows: np.ndarray) -> float:
+    """Eq. 17 of AsynFusion for one batch, term by term."""
+    size = len(windows)
+    total = 0.0
+    for i in range(size - 1):
+        for j in range(i + 1, size):
+            for a, b in zip(windows[i].ravel(), windows[j].ravel(), strict=True):
+                total += abs(float(a) - float(b)) / windows[i].size
+    return 2 / (size * (size - 1)) * total
+
+
+def test_div_is_the_mean_of_eq_17_over_batches():
+    rng = np.random.default_rng(0)
+    clips = [rng.normal(k, 1.0, (num, 2, 217)).astype(np.float32)
+             for k, num in enumerate((40, 35, 25))]  # fmt: skip
+    found = window_diversity(clips)
+    order = np.random.default_rng(0).permutation(100)
+    halves = [np.concatenate(clips)[batch] for batch in (order[:50], order[50:])]
+    for name, dim in (("div", 217), ("div_gesture", 165)):
+        expected = np.mean([slow_diversity(half[..., :dim]) for half in halves])
+        assert found[name].mean == pytest.approx(expected, rel=1e-5)
+        assert found[name].low < found[name].mean <= found[name].high
+    mixed = window_diversity([clips[0][..., :165], *clips[1:]])  # one clip without a face
+    assert mixed == {"div_gesture": found["div_gesture"]}
+    few = window_diversity([clip[:4] for clip in clips])  # less than a batch
+    assert few["div"].mean == pytest.approx(
+        slow_diversity(np.concatenate([clip[:4] for clip in clips])), rel=1e-5
+    )
+
+
+def test_windows_that_are_left_over_make_a_batch_of_their_own():
+    sizes = [len(batch) for batch in diversity.batches(120)]
+    assert sizes == [50, 50, 20]
+    assert sorted(np.concatenate(list(diversity.batches(120)))) == list(range(120))
+
+
+def test_a_clip_drawn_twice_is_no_pair_with_itself():
+    same = [np.full((1, 30, 217), value, np.float32) for value in (0.0, 1.0, 2.0)]
+    found = window_diversity(same)["div"]
+    assert found.mean == pytest.approx(4 / 3)  # of 1, 1 and 2
+    assert found.high == pytest.approx(2)  # two of one end and one of the other: 2 and 2
+    assert window_diversity([np.zeros((1, 30, 217), np.float32)]) == {}
+
+
+def test_windows_hold_every_second_frame_end_to_end():
+    motion = smooth_motion_example(150)
+    windows = diversity.windows_of(motion)
+    assert windows.shape == (2, 30, 217)
+    np.testing.assert_allclose(windows[1, 3, :165], motion.poses[66], atol=1e-5)
+    np.testing.assert_array_equal(windows[1, 3, 165:], motion.expressions[66, :52])
+    turned = motion.poses.copy()
+    axis = turned[:, :3] / np.linalg.norm(turned[:, :3], axis=1, keepdims=True)
+    turned[:, :3] += 2 * np.pi * axis  # the same rotation, told in another way
+    np.testing.assert_allclose(
+        diversity.windows_of(replace(motion, poses=turned)), windows, atol=1e-4
+    )
+    assert diversity.windows_of(first_frames(motion, 59)).shape == (0, 30, 217)
+    flame = replace(motion, expression_basis="flame100")
+    assert diversity.windows_of(flame).shape == (2, 30, 165)
+
+
+@pytest.mark.parametrize(
+    ("system", "sees"),
+    [
+        ("fgd-encoder", (True, False)),
+        ("fmd-encoder", (True, True)),
+        ("fed-encoder", (False, True)),
+    ],
+)
+def test_each_encoder_judges_what_it_sees(system, sees):
+    torch.manual_seed(0)
+    shape = JUDGES[system]
+    network = MotionAutoencoder(shape).eval().requires_grad_(False)
+    statistics = Normaliser(torch.zeros(shape.channels), torch.ones(shape.channels))
+    encoder = FrozenEncoder(network, statistics, "")
+    motion = smooth_motion_example(100)
+    other_face = replace(motion, expressions=motion.expressions * 0.5)
+    other_body = replace(motion, poses=motion.poses * 0.5)
+    features = frechet.motion_features(encoder, motion)
+    assert features.shape == (12, 32)
+    for other, seen in zip((other_body, other_face), sees, strict=True):
+        assert np.array_equal(frechet.motion_features(encoder, other), features) != seen
+    faceless = replace(motion, expression_basis="flame100")
+    assert (frechet.motion_features(encoder, faceless) is None) == sees[1]
 
 
 def test_face_error_looks_at_the_columns_in_use():

@@ -3,9 +3,10 @@ from dataclasses import replace
 import pytest
 import torch
 
-from model.networks.autoencoder import MotionAutoencoder
+from model.networks.autoencoder import MotionAutoencoder, input_vectors, load_encoder
 from model.networks.config import AutoencoderConfig
-from model.systems.autoencoders.config import JUDGE, named_config
+from model.storage.cards import BUNDLED_WEIGHTS
+from model.systems.autoencoders.config import JUDGE, JUDGES, MOTION_VAE, named_config
 
 TINY = AutoencoderConfig(width=8, blocks_per_scale=1, latent_dim=4)
 
@@ -58,7 +59,33 @@ def test_noise_is_scaled_by_the_codes_own_spread():
     torch.testing.assert_close(network(motion, None, noise)[0], expected)
 
 
+@pytest.mark.parametrize(
+    ("system", "body", "face"),
+    [("motion-vae", 333, 0), ("fgd-encoder", 333, 0), ("fmd-encoder", 333, 52),
+     ("fed-encoder", 0, 52)],
+)  # fmt: skip
+def test_what_each_network_sees(system, body, face):
+    shape = named_config("smoke", system).autoencoder
+    assert (shape.motion_channels, shape.face_channels) == (body, face)
+    motion = 0.3 * torch.randn(1, 16, 165), torch.randn(1, 16, 3), torch.rand(1, 16, 52)
+    seen = input_vectors(shape, *motion)
+    other_body = input_vectors(shape, motion[0] + 0.1, motion[1], motion[2])
+    other_face = input_vectors(shape, motion[0], motion[1], motion[2] + 0.1)
+    assert seen.shape == (1, 16, body + face)
+    assert (other_body != seen).any() == (body > 0)
+    changed = (other_face != seen).any(dim=(0, 1))
+    assert changed.tolist() == [False] * body + [True] * face
+    restored, _ = shaken(shape)(seen, None, None)
+    assert restored.shape == seen.shape
+
+
 @pytest.mark.parametrize("system", ["motion-vae", "fgd-encoder"])
+def test_bundled_weights_from_before_there_were_faces_load(system):
+    network = load_encoder(BUNDLED_WEIGHTS, system).network
+    assert network.config == named_config("demo", system).autoencoder
+
+
+@pytest.mark.parametrize("system", [MOTION_VAE, *JUDGES])
 def test_bundled_sizes_stay_below_a_million_parameters(system):
     network = MotionAutoencoder(named_config("demo", system).autoencoder)
     assert sum(p.numel() for p in network.parameters()) < 1e6
@@ -70,7 +97,9 @@ def test_the_judge_of_fgd_is_not_the_teacher_of_l_m():
     assert set(JUDGE.scales).isdisjoint(teacher.scales)
 
 
-@pytest.mark.parametrize("changes", [{"scales": (3,)}, {"scales": ()}, {"mask_share": 1.0}])
+@pytest.mark.parametrize(
+    "changes", [{"scales": (3,)}, {"scales": ()}, {"mask_share": 1.0}, {"motion_channels": 0}]
+)
 def test_shapes_that_cannot_be_are_refused(changes):
     with pytest.raises(ValueError, match=next(iter(changes))):
         AutoencoderConfig(**changes)
