@@ -37,9 +37,17 @@ SAMPLES_HELP = "More than one shows how much chance decides."
 ADVANCED_LABEL = "Advanced"
 STEPS_LABEL = "Sampler steps"
 STEPS_HELP = "Empty: what each system usually takes. A number for all, or globaldiff/full=20, …"
+BODY_STEPS_LABEL = "Steps of the body"
+FACE_STEPS_LABEL = "Steps of the face"
+TWO_STEPS_HELP = "Of systems that draw face and body apart; 0 is what they usually take."
 USUAL_SAMPLER = "each system's usual one"
 SAMPLER_LABEL = "Sampler"
 SAMPLER_NAMES = {
+    "ddim": "DDIM",
+    "ddim-blend": "DDIM, overlaps blended in the last steps",
+    "lcm": "LCM",
+    "lcm-recomputed": "LCM, idle branch computed anew",
+    "lcm-blend": "LCM, overlaps blended in the last steps",
     "heun": "Heun (second order)",
     "euler": "Euler (first order)",
     "reinterpolate": "Official re-interpolation",

@@ -89,6 +89,10 @@ def _add_generate(commands) -> None:
         help="sampler steps, of all systems or by name (default: what each usually takes)",
     )  # fmt: skip
     parser.add_argument(
+        "--face-steps", type=_steps, metavar="N|A=N,...",
+        help="of systems that draw the face by steps of its own (default: the usual share)",
+    )  # fmt: skip
+    parser.add_argument(
         "--sampler",
         metavar="NAME",
         help="of systems that have it (default: each its usual one)",
@@ -138,6 +142,7 @@ def _generate(options: argparse.Namespace) -> None:
         seed=options.seed,
         samples=options.samples,
         steps=options.steps,
+        face_steps=options.face_steps,
         sampler=options.sampler,
         guidance=options.guidance,
         post_filter=options.post_filter,

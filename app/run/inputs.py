@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from app.errors import RunError
 from app.run.models import get_body, get_system
-from app.run.request import GenerateRequest
+from app.run.request import GenerateRequest, steps_of
 from app.run.result_folder import require_free_space
 from app.run.telling import Reporter
 
@@ -94,8 +94,10 @@ def _load_systems(request: GenerateRequest) -> tuple[System, ...]:
             f"No trained systems were found in {request.weights}; "
             "name a folder of weights with --weights DIR."
         )
-    steps = request.steps if isinstance(request.steps, Mapping) else {}
-    unused = [name for name in steps if name not in names]
+    asked = request.steps, request.face_steps
+    unused = [
+        name for steps in asked if isinstance(steps, Mapping) for name in steps if name not in names
+    ]
     if unused:
         raise RunError(
             f"Steps are given for {unused[0]!r}, which is none of the systems of this run; these "
@@ -110,7 +112,7 @@ def _options(
     """A wish goes to the systems that know it; of the others the person is told.
 
     Raises:
-        RunError: if no system has the sampler, or none takes guidance.
+        RunError: if no system has the sampler, or none takes guidance or steps of the face.
     """
     from model.generation.windows import GenerateOptions
 
@@ -127,7 +129,7 @@ def _options(
     guided = [system.name for system in systems if system.takes_guidance]
     if request.guidance != 1 and not guided:
         raise RunError("None of these systems takes guidance; leave it at 1.")
-    options = {}
+    options: dict[str, GenerateOptions] = {}
     for system in systems:
         chosen = request.sampler if system.name in with_sampler else None
         sampler = system.sampler(chosen)
@@ -138,14 +140,22 @@ def _options(
         guidance = request.guidance if system.takes_guidance else 1.0
         if guidance != request.guidance:
             reporter.note(f"{system.name} takes no guidance.")
+        face_steps = steps_of(request.face_steps, system.name)
+        if face_steps is not None and sampler.face_steps is None:
+            reporter.note(f"{system.name} takes no steps for the face alone.")
+            face_steps = None
+        steps, face_steps = sampler.counts(steps_of(request.steps, system.name), face_steps)
         options[system.name] = GenerateOptions(
             speaker=speaker,
             seed=request.seed,
             samples=request.samples,
-            steps=request.steps_of(system.name) or sampler.steps,
+            steps=steps,
+            face_steps=face_steps,
             sampler=sampler.name,
             guidance=guidance,
         )
+    if request.face_steps is not None and all(each.face_steps is None for each in options.values()):
+        raise RunError("None of these systems takes steps for the face alone; leave them out.")
     return options
 
 

@@ -221,6 +221,11 @@ def _write_provenance(
             "seed": request.seed,
             "samples": request.samples,
             "steps": {name: asked.steps for name, asked in inputs.options.items()},
+            "face_steps": {
+                name: asked.face_steps
+                for name, asked in inputs.options.items()
+                if asked.face_steps is not None
+            },
             "sampler": {name: asked.sampler for name, asked in inputs.options.items()},
             "guidance": {name: asked.guidance for name, asked in inputs.options.items()},
             "post_filter": request.post_filter,

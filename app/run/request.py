@@ -43,6 +43,10 @@ ArtefactKind = Literal[
 ]
 
 
+Steps = int | Mapping[str, int] | None
+"""Of all systems or by name; a system that is not named has its usual ones."""
+
+
 @dataclass(frozen=True)
 class GenerateRequest:
     """One run: speech in, motion of several systems out, all with the same noise."""
@@ -56,8 +60,10 @@ class GenerateRequest:
     """None is the first speaker that the systems know."""
     seed: int = 0
     samples: int = 1
-    steps: int | Mapping[str, int] | None = None
-    """Sampler steps, of all systems or by name; a system that is not named has its usual ones."""
+    steps: Steps = None
+    """Sampler steps; the body's, where a system draws the face by steps of its own."""
+    face_steps: Steps = None
+    """Of the systems that draw the face by steps of its own; the others have none."""
     sampler: str | None = None
     """Of the systems that have it; the others, and all for None, take their usual one."""
     guidance: float = 1.0
@@ -84,11 +90,10 @@ class GenerateRequest:
     """Whether each motion is told of as a GLB too, to be shown while its video is drawn."""
     max_speech_s: float = 600.0
 
-    def steps_of(self, system: str) -> int | None:
-        """Sampler steps that are asked of one system; None is its usual number."""
-        if isinstance(self.steps, Mapping):
-            return self.steps.get(system)
-        return self.steps
+
+def steps_of(asked: Steps, system: str) -> int | None:
+    """Steps that are asked of one system; None is its usual number."""
+    return asked.get(system) if isinstance(asked, Mapping) else asked
 
 
 def parse_steps(written: str) -> int | dict[str, int] | None:
@@ -129,19 +134,21 @@ def check_request(request: GenerateRequest) -> None:
         raise RunError(f"No view is named; choose some of {', '.join(VIEWS)}.")
     if not 1 <= request.samples <= MAX_SAMPLES:
         raise RunError(f"Samples must be 1 to {MAX_SAMPLES}; got {request.samples}.")
-    steps = request.steps if isinstance(request.steps, Mapping) else {"": request.steps}
-    for system, count in steps.items():
-        if count is None:
-            continue
-        if not 1 <= count <= MAX_STEPS:
-            whose = f"Steps of {system}" if system else "Steps"
-            raise RunError(f"{whose} must be 1 to {MAX_STEPS}; got {count}.")
+    _check_steps("Steps", request.steps)
+    _check_steps("Face steps", request.face_steps)
     if not 0 <= request.guidance <= MAX_GUIDANCE:
         raise RunError(f"Guidance must be 0 to {MAX_GUIDANCE}; got {request.guidance:g}.")
     if request.seed < 0:
         raise RunError(f"The seed must not be negative; got {request.seed}.")
     if request.has_video:
         check_size(request.size)
+
+
+def _check_steps(what: str, asked: Steps) -> None:
+    for system, count in asked.items() if isinstance(asked, Mapping) else [("", asked)]:
+        if count is not None and not 1 <= count <= MAX_STEPS:
+            whose = f"{what} of {system}" if system else what
+            raise RunError(f"{whose} must be 1 to {MAX_STEPS}; got {count}.")
 
 
 def check_size(size_px: int) -> None:

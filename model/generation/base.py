@@ -52,6 +52,8 @@ class Draw:
     """Of the window."""
     sampler: str
     steps: int
+    face_steps: int | None
+    """Of the face, in systems that draw it by steps of its own."""
     guidance: float
 
     def noise(self, shape: tuple[int, ...]) -> Float[Tensor, "samples ..."]:

@@ -23,6 +23,16 @@ class Sampler:
     name: str
     steps: int
     """Where nothing else is asked for."""
+    face_steps: int | None = None
+    """Of the face, where that is drawn by steps of its own."""
+
+    def counts(self, steps: int | None, face_steps: int | None) -> tuple[int, int | None]:
+        """Steps of the body and of the face, as asked for or as usual; a face of which nothing is
+        asked takes its usual share of the body's."""
+        taken = steps or self.steps
+        if self.face_steps is None:
+            return taken, None
+        return taken, face_steps or max(1, round(taken * self.face_steps / self.steps))
 
 
 class UnknownNameError(ValueError):

@@ -36,6 +36,8 @@ class GenerateOptions:
     samples: int = 1
     steps: int | None = None
     """None is what the system's sampler usually takes."""
+    face_steps: int | None = None
+    """Of systems that draw the face by steps of its own; None is the sampler's usual share."""
     sampler: str | None = None
     """One of the system's own; None is its first."""
     guidance: float = 1.0
@@ -46,8 +48,10 @@ class GenerateOptions:
     def __post_init__(self) -> None:
         if self.samples < 1:
             raise ValueError(f"samples is {self.samples}; at least 1 is needed.")
-        if self.steps is not None and self.steps < 1:
-            raise ValueError(f"steps is {self.steps}; at least 1 is needed.")
+        for name in ("steps", "face_steps"):
+            count = getattr(self, name)
+            if count is not None and count < 1:
+                raise ValueError(f"{name} is {count}; at least 1 is needed.")
         if not 0 <= self.guidance <= 10:
             raise ValueError(f"guidance is {self.guidance}; it must lie between 0 and 10.")
         if self.seed < 0:
@@ -71,7 +75,7 @@ def generate_motion(
 
     Raises:
         UnknownNameError: if the weights do not know ``options.speaker``, or the system the sampler.
-        ValueError: if guidance is asked of a system that takes none.
+        ValueError: if guidance, or steps of the face, are asked of a system that takes none.
         Cancelled: if ``should_cancel`` said so.
     """
     cut = system.windowing
@@ -108,7 +112,8 @@ def stream_motion(
 
     Raises:
         UnknownNameError: if the weights do not know ``options.speaker``, or the system the sampler.
-        ValueError: if there is no speech, or guidance is asked of a system that takes none.
+        ValueError: if there is no speech, or guidance or steps of the face are asked of a system
+            that takes none.
     """
     travelled: Float[Tensor, "B 1 3"] | None = None
     for piece in _pieces(system, features, options):
@@ -137,13 +142,17 @@ def _pieces(
     sampler = system.sampler(options.sampler)
     if options.guidance != 1 and not system.takes_guidance:
         raise ValueError(f"{system.name} takes no guidance; leave it at 1.")
+    if options.face_steps is not None and sampler.face_steps is None:
+        raise ValueError(f"{system.name} takes no steps for the face alone; leave them out.")
+    steps, face_steps = sampler.counts(options.steps, options.face_steps)
     draw = Draw(
         speaker=system.speaker_index(options.speaker),
         seed=options.seed,
         samples=options.samples,
         index=0,
         sampler=sampler.name,
-        steps=options.steps or sampler.steps,
+        steps=steps,
+        face_steps=face_steps,
         guidance=options.guidance,
     )
     speech = SpeechStream(features, cut.context)

@@ -56,7 +56,9 @@ def same_weights(a: dict, b: dict) -> bool:
     return all(torch.equal(a["average"][k], b["average"][k]) for k in a["average"])
 
 
-@pytest.mark.parametrize("system", ["globaldiff/local", "globaldiff/global", BEST])
+@pytest.mark.parametrize(
+    "system", ["globaldiff/local", "globaldiff/global", BEST, "asynfusion/ddim"]
+)
 def test_training_leaves_weights_that_load(root, system):
     run(root, system.replace("/", "-"), quick(system))
     weights = root / system.replace("/", "-") / "weights"

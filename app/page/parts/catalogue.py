@@ -34,6 +34,8 @@ class Catalogue:
     """Of all its systems."""
     usual_steps: str = ""
     """How many steps systems take where nothing is asked for, for a person."""
+    with_face_steps: tuple[str, ...] = ()
+    """Systems that draw the face by steps of its own."""
 
 
 def read_catalogue(weights: Path, examples: tuple[Example, ...] = ()) -> Catalogue:
@@ -56,6 +58,7 @@ def read_catalogue(weights: Path, examples: tuple[Example, ...] = ()) -> Catalog
         examples,
         tuple(dict.fromkeys(sampler.name for sampler in samplers)),
         ", ".join(dict.fromkeys(usual)),
+        tuple(name for name in names if family_of(name).samplers_of(name)[0].face_steps),
     )
 
 

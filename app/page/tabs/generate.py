@@ -111,6 +111,18 @@ def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
     samples = gr.Slider(
         1, 4, value=1, step=1, label=text.SAMPLES_LABEL, info=text.SAMPLES_HELP, buttons=[]
     )
+    with gr.Row(elem_classes="pair", visible=False, elem_id="two-steps") as two_steps:
+        body_steps, face_steps = (
+            gr.Slider(
+                0, 50, value=0, step=1, label=label, info=text.TWO_STEPS_HELP, buttons=[],
+                min_width=120,
+            )
+            for label in (text.BODY_STEPS_LABEL, text.FACE_STEPS_LABEL)
+        )  # fmt: skip
+    systems.change(
+        lambda ticked: gr.update(visible=any(name in catalogue.with_face_steps for name in ticked)),
+        systems, two_steps, show_progress="hidden", api_visibility="private",
+    )  # fmt: skip
     is_smoothed = gr.Checkbox(False, label=text.FILTER_LABEL, info=text.FILTER_HELP)
     with gr.Accordion(text.ADVANCED_LABEL, open=False):
         steps = gr.Textbox(
@@ -150,7 +162,7 @@ def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
         )
     fields = (
         *(speech, systems, speaker, seed, samples, steps, sampler, is_smoothed, reference),
-        *(point, start_frame, transcript),
+        *(point, start_frame, transcript, body_steps, face_steps),
     )
     return FormParts(fields, start, cancel)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,9 +14,11 @@ from app.run.request import (
     POST_FILTERS,
     REFERENCE_NAME,
     GenerateRequest,
+    Steps,
     check_request,
     parse_steps,
     sample_name,
+    steps_of,
 )
 
 SEED_LIMIT = 2**31 - 1
@@ -38,6 +41,9 @@ class Form:
     point: str
     start_frame: float | None
     transcript: str | None
+    body_steps: float = 0
+    """Of systems that draw the face by steps of its own, as `face_steps`; 0 as usual."""
+    face_steps: float = 0
 
 
 def request_from_form(
@@ -75,6 +81,7 @@ def request_from_form(
                 systems=len(systems), samples=samples, count=count, limit=PAGE_VIDEOS
             )
         )
+    apart = [name for name in systems if name in catalogue.with_face_steps]
     request = GenerateRequest(
         speech=Path(form.speech),
         out=folder / "results",
@@ -83,7 +90,8 @@ def request_from_form(
         speaker=form.speaker,
         seed=int(form.seed),
         samples=samples,
-        steps=parse_steps(form.steps),
+        steps=_steps(form, systems, catalogue),
+        face_steps={name: int(form.face_steps) for name in apart} if form.face_steps else None,
         sampler=form.sampler or None,
         post_filter=POST_FILTERS[bool(form.is_smoothed)],
         reference=Path(form.reference) if form.reference else None,
@@ -97,6 +105,19 @@ def request_from_form(
     )
     check_request(request)
     return request
+
+
+def _steps(form: Form, systems: tuple[str, ...], catalogue: Catalogue) -> Steps:
+    """What is written by name, then the slider of the systems that it is for, then the rest."""
+    written = parse_steps(form.steps)
+    if not form.body_steps:
+        return written
+    asked = {name: steps_of(written, name) for name in systems}
+    own = written if isinstance(written, Mapping) else {}
+    for name in systems:
+        if name in catalogue.with_face_steps and name not in own:
+            asked[name] = int(form.body_steps)
+    return {name: count for name, count in asked.items() if count is not None}
 
 
 def row_names(request: GenerateRequest) -> tuple[str, ...]:

@@ -10,6 +10,12 @@ from model.systems.asynfusion.config import (
     named_config,
 )
 
+
+def _few_steps(face: int, body: int) -> tuple[Sampler, ...]:
+    names = "lcm", "lcm-recomputed", "lcm-blend"
+    return tuple(Sampler(name, body, face) for name in names)
+
+
 FAMILY = Family(
     name="asynfusion",
     systems=SYSTEMS,
@@ -23,9 +29,9 @@ FAMILY = Family(
     config=named_config,
     package="model.systems.asynfusion",
     own_samplers={
-        DDIM: (Sampler("ddim", 25),),
-        LCM_SYNC: (Sampler("lcm", 8),),
-        LCM_ASYNC: (Sampler("lcm", 8),),
+        DDIM: (Sampler("ddim", 25, 25), Sampler("ddim-blend", 25, 25)),
+        LCM_SYNC: _few_steps(8, 8),
+        LCM_ASYNC: _few_steps(4, 8),
     },
     shared_weights={LCM_ASYNC: LCM_SYNC},
 )

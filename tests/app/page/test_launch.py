@@ -31,6 +31,8 @@ FORM = {
     "point": "right_middle",
     "start_frame": 0,
     "transcript": None,
+    "body_steps": 0,
+    "face_steps": 0,
 }
 
 

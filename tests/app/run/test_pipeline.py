@@ -164,6 +164,8 @@ def test_samples_are_named_and_the_first_does_not_depend_on_how_many_there_are(a
         ({"sampler": "magic"}, "no sampler 'magic'"),
         ({"post_filter": "blur"}, "no post-filter 'blur'"),
         ({"samples": 0}, "1 to 8; got 0"),
+        ({"face_steps": 0}, "Face steps must be 1 to 1000; got 0"),
+        ({"face_steps": 4}, "None of these systems takes steps for the face alone"),
         ({"steps": 0}, "1 to 1000; got 0"),
         (
             {"steps": {"globaldiff/local": 1, "globaldiff/global": 1001}},

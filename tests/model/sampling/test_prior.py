@@ -81,6 +81,26 @@ def test_without_a_network_any_number_of_steps_gives_the_same_motion(prior, with
     torch.testing.assert_close(one, many, atol=2e-3, rtol=1e-3)
 
 
+@pytest.mark.parametrize("with_seed", [False, True])
+def test_the_flow_of_the_gaussian_ends_where_many_small_steps_end(prior, with_seed):
+    """`carried` against Euler steps along the posterior's own velocity."""
+    generator = torch.Generator().manual_seed(5)
+    x = torch.randn(1, FRAMES, CHANNELS, generator=generator)
+    seed = torch.randn(1, SEED, CHANNELS, generator=generator) * 0.3
+    has_seed = torch.tensor([with_seed])
+    start, steps = 0.2, 4000
+    found = prior.carried(x, torch.tensor([start]), seed, has_seed)
+    walked = x
+    for k in range(steps):
+        t = start + (1 - start) * k / steps
+        told = prior.posterior(walked, torch.tensor([t]), seed, has_seed)
+        walked = walked + (1 - start) / steps * (told - walked) / (1 - t)
+    torch.testing.assert_close(found, walked, atol=0.02, rtol=0.02)
+    if not with_seed:
+        now = torch.tensor([1.0])
+        torch.testing.assert_close(prior.carried(x, now, seed, has_seed), x, atol=1e-3, rtol=1e-3)
+
+
 def test_drawn_motion_has_the_spread_and_the_smoothness_of_the_process(prior):
     x_0 = torch.randn(400, FRAMES, CHANNELS, generator=torch.Generator().manual_seed(0))
 

@@ -85,3 +85,19 @@ def test_the_mesh_of_a_licensed_body_is_not_handed_out(tmp_path: Path) -> None:
     body.touch()
     licensed = AppConfig(weights=Path("/weights"), body=body)
     assert not request_from_form(FORM, Path("/job"), fakes.CATALOGUE, licensed).has_previews
+
+
+def test_steps_of_face_and_body_go_to_the_systems_that_have_them() -> None:
+    catalogue = replace(fakes.CATALOGUE, with_face_steps=("globaldiff/global",))
+
+    def asked(**fields: object) -> tuple[object, object]:
+        form = replace(FORM, **fields)
+        request = request_from_form(form, Path("/job"), catalogue, CONFIG)
+        return request.steps, request.face_steps
+
+    both = {"globaldiff/local": 7, "globaldiff/global": 9}
+    assert asked() == (7, None)
+    assert asked(body_steps=9.0, face_steps=3.0) == (both, {"globaldiff/global": 3})
+    assert asked(steps="", body_steps=9) == ({"globaldiff/global": 9}, None)
+    by_name = {"globaldiff/global": 5}
+    assert asked(steps="globaldiff/global=5", body_steps=9) == (by_name, None)

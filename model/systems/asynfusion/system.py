@@ -1,0 +1,117 @@
+"""A trained AsynFusion: speech and the window before to a window of face and body."""
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from model.generation.base import Draw, System, Window, Windowing
+from model.generation.speech_stream import SpeechWindow
+from model.motion.decoding import rotations
+from model.motion.packing import ROOT_DIM
+from model.sampling.flow import seeded_noise
+from model.speech.encoders import make_encoder
+from model.storage.cards import CheckpointError
+from model.storage.checkpoint import load_into, load_weights
+from model.storage.settings import from_dict
+from model.systems.asynfusion import FAMILY
+from model.systems.asynfusion.config import DualBranchConfig
+from model.systems.asynfusion.network import DualBranchNetwork, Pair
+from model.systems.asynfusion.sampling import WAYS, sample
+from model.systems.asynfusion.streams import Streams, read_streams
+
+
+@dataclass(frozen=True)
+class DualWindow(Window):
+    """A window, and what the next one starts from."""
+
+    seed: Pair
+    """Normalised last frames of face and body, before they are joined."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AsynFusionSystem(System):
+    """Two branches with the statistics of their streams; the face is theirs, too."""
+
+    config: DualBranchConfig
+    network: DualBranchNetwork
+    streams: Streams
+
+    @torch.inference_mode()
+    def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> DualWindow:
+        """See `System.window`."""
+        assert before is None or isinstance(before, DualWindow)
+        config, size = self.config, draw.samples
+        channels = config.expression_dim, config.gesture_dim
+        nothing = [torch.zeros(size, config.seed_frames, count) for count in channels]
+        heard = speech.around(config.speech_context, config.window_frames)
+        found = sample(
+            self.network,
+            partial(self._noise, draw),
+            (draw.face_steps or draw.steps, draw.steps),
+            WAYS[draw.sampler],
+            seed=(nothing[0], nothing[1]) if before is None else before.seed,
+            has_seed=torch.full((size,), before is not None),
+            heard=self.network.listen(heard[None]).expand(size, -1, -1),
+            speaker=torch.full((size,), draw.speaker),
+        )
+        units, vectors = (
+            stream.normaliser.restore(x) for stream, x in zip(self.streams, found, strict=True)
+        )
+        units = units.clamp(0, 1)
+        face, body = (
+            stream.normaliser.normalise(motion[:, -config.seed_frames :])
+            for stream, motion in zip(self.streams, (units, vectors), strict=True)
+        )
+        return DualWindow(
+            rotmat=rotations(vectors, "axis-angle"),
+            root=vectors[..., -ROOT_DIM:],
+            expression=units,
+            seed=(face, body),
+        )
+
+    def _noise(self, draw: Draw, which: int, step: int) -> Float[Tensor, "B T C"]:
+        """The same for a branch's step whatever the number of its steps and of the other's."""
+        config = self.config
+        shape = config.window_frames, (config.expression_dim, config.gesture_dim)[which]
+        keys = [[draw.seed, sample, draw.index, which, step] for sample in range(draw.samples)]
+        return torch.stack([seeded_noise(key, shape) for key in keys])
+
+
+def load(name: str, folder: Path) -> AsynFusionSystem:
+    """Read a system.
+
+    Raises:
+        CheckpointError: if its files are missing or damaged.
+    """
+    weights = FAMILY.weights_of(name)
+    tensors, card = load_weights(folder, weights)
+    try:
+        config = from_dict(DualBranchConfig, card["config"]["network"])
+        speakers = {str(k): int(v) for k, v in card["speakers"].items()}
+        encoder = make_encoder(card["config"]["encoder"])
+        streams = read_streams(tensors, config.seed_frames)
+        consistent = card["config"]["aim"] == "teacher"
+    except (KeyError, TypeError, AttributeError) as error:
+        raise CheckpointError(f"The card of {weights} lacks or misstates {error}.") from None
+    priors = [stream.prior for stream in streams]
+    network = DualBranchNetwork(config, priors, consistent=consistent)
+    load_into(network, tensors, "network.", weights)
+    network.eval().requires_grad_(False)
+    return AsynFusionSystem(
+        name=name,
+        card=card,
+        sha256s={weights: card["sha256"]},
+        speakers=speakers,
+        encoder=encoder,
+        windowing=Windowing(config.window_frames, config.seed_frames, config.speech_context),
+        samplers=FAMILY.samplers_of(name),
+        frame="parent",
+        root_motion="place",
+        config=config,
+        network=network,
+        streams=streams,
+    )

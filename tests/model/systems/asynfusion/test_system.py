@@ -1,0 +1,82 @@
+import numpy as np
+import pytest
+import torch
+
+from model.generation.windows import GenerateOptions, generate_motion, stream_motion
+from model.systems.registry import list_systems, load_system
+from tests.model.made import made_speech
+from tests.model.systems.asynfusion.made import make_asynfusion
+
+SPEECH = made_speech(16_000 * 5)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return make_asynfusion(tmp_path_factory.mktemp("asynfusion"))
+
+
+def moved(system, **options):
+    return generate_motion(system, SPEECH, GenerateOptions(speaker="ann", **options))
+
+
+def test_three_systems_move_by_two_files(folder):
+    assert list_systems(folder) == (
+        "asynfusion/ddim",
+        "asynfusion/lcm-sync",
+        "asynfusion/lcm-async",
+    )
+    ddim, sync, apart = (load_system(name, folder) for name in list_systems(folder))
+    assert sync.sha256s == apart.sha256s != ddim.sha256s
+    assert [(s.samplers[0].steps, s.samplers[0].face_steps) for s in (ddim, sync, apart)] == [
+        (25, 25), (8, 8), (8, 4),
+    ]  # fmt: skip
+    assert sync.network.consistent and not ddim.network.consistent
+
+
+def test_the_face_is_its_own_and_lives(folder):
+    system = load_system("asynfusion/lcm-async", folder)
+    one, two = moved(system, samples=2)
+    assert one.num_frames == SPEECH.num_frames == len(one.expressions)
+    units = one.expressions[:, :52]
+    assert (units >= 0).all() and (units <= 1).all() and units.std(0).max() > 1e-3
+    assert not one.expressions[:, 52:].any()
+    assert np.abs(one.expressions - two.expressions).max() > 1e-3
+    again = moved(system)[0]
+    np.testing.assert_allclose(again.expressions, one.expressions, atol=1e-4)
+    np.testing.assert_allclose(again.poses, one.poses, atol=1e-3)
+
+
+def test_the_systems_of_one_network_differ_by_their_steps_alone(folder):
+    sync, apart = (load_system(f"asynfusion/lcm-{kind}", folder) for kind in ("sync", "async"))
+    usual = moved(apart)[0]
+    assert np.abs(usual.poses - moved(sync)[0].poses).max() > 1e-5
+    for steps in ({"steps": 8, "face_steps": 4}, {"face_steps": 4}):
+        np.testing.assert_array_equal(usual.poses, moved(sync, **steps)[0].poses)
+    np.testing.assert_array_equal(
+        moved(apart, steps=4)[0].poses, moved(sync, steps=4, face_steps=2)[0].poses
+    )
+
+
+def test_streamed_motion_is_the_whole_motion(folder):
+    system = load_system("asynfusion/lcm-async", folder)
+    options = GenerateOptions(speaker="bob", seed=4)
+    whole = generate_motion(system, SPEECH, options)[0]
+    features = torch.from_numpy(system.encoder.encode(SPEECH.waveform, SPEECH.num_frames))
+    pieces = [piece[0] for piece in stream_motion(system, features.split(17), options)]
+    for name in ("poses", "trans", "expressions"):
+        joined = np.concatenate([getattr(piece, name) for piece in pieces])
+        tail = 60  # the whole clip knows silence after it, the stream its last frame
+        assert len(joined) == whole.num_frames
+        np.testing.assert_allclose(
+            joined[:-tail], getattr(whole, name)[:-tail], atol=2e-3, err_msg=name
+        )
+
+
+def test_what_it_cannot_do_is_said(folder, tmp_path):
+    ddim = load_system("asynfusion/ddim", folder)
+    with pytest.raises(ValueError, match="takes no guidance"):
+        moved(ddim, guidance=2.0)
+    with pytest.raises(ValueError, match="face_steps is 0"):
+        moved(ddim, face_steps=0)
+    with pytest.raises(ValueError, match="asynfusion/ddim has no sampler 'lcm'"):
+        moved(ddim, sampler="lcm")

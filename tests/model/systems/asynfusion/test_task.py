@@ -1,0 +1,129 @@
+from dataclasses import replace
+
+import pytest
+import torch
+
+from model.systems.asynfusion.config import DDIM, INTERACTIONS, LCM_SYNC, named_config
+from model.systems.asynfusion.task import draw_steps, make_task, noise_terms, pseudo_huber
+from model.systems.registry import load_system
+from model.train import main
+from model.training import losses
+from model.training.loop import train
+from tests.model.made import make_data_folder
+from tests.model.systems.asynfusion.made import BODY, made_streams
+
+
+def command(data, out, system, *more):
+    return main(["smoke", "--system", system, "--data", str(data), "--out", str(out),
+                 "--no-compile", *more])  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """Data, the teacher's run, and the student's."""
+    root = tmp_path_factory.mktemp("trained")
+    data = make_data_folder(root / "data")
+    assert command(data, root / "teacher", DDIM, "--steps", "12") == 0
+    helpers = ["--helpers", str(root / "teacher" / "weights")]
+    assert command(data, root / "student", LCM_SYNC, "--steps", "6", *helpers) == 0
+    return data, root / "teacher", root / "student"
+
+
+def test_teacher_and_student_are_systems(trained):
+    _, teacher, student = trained
+    assert not load_system(DDIM, teacher / "weights").network.consistent
+    for name in (LCM_SYNC, "asynfusion/lcm-async"):
+        assert load_system(name, student / "weights").network.consistent
+
+
+def test_the_student_begins_as_its_teacher(trained, tmp_path):
+    data, teacher, _ = trained
+    helpers = ["--helpers", str(teacher / "weights")]
+    assert command(data, tmp_path / "run", LCM_SYNC, "--steps", "1", *helpers) == 0
+    taught = load_system(DDIM, teacher / "weights").network.state_dict()
+    begun = load_system(LCM_SYNC, tmp_path / "run" / "weights").network.state_dict()
+    for name, tensor in taught.items():
+        torch.testing.assert_close(begun[name], tensor, atol=1e-3, rtol=1e-2)
+
+
+@pytest.mark.parametrize("system", [DDIM, LCM_SYNC])
+def test_a_killed_and_resumed_run_equals_one_that_was_not(trained, tmp_path, monkeypatch, system):
+    data, teacher, _ = trained
+    config = replace(named_config("smoke", system), steps=6, save_every=3, batch_size=2)
+    real = losses.finite_or_raise
+
+    class Killed(Exception):
+        pass
+
+    def die_at_five(numbers, step, clips):
+        if step == 5:
+            raise Killed
+        real(numbers, step, clips)
+
+    def run(name: str, **options) -> dict:
+        train(config, make_task, data, tmp_path / name, helpers=teacher / "weights", **options)
+        return torch.load(tmp_path / name / "state.pt", weights_only=True)
+
+    whole = run("whole")
+    with monkeypatch.context() as patch:
+        patch.setattr(losses, "finite_or_raise", die_at_five)
+        with pytest.raises(Killed):
+            run("killed")
+    resumed = run("killed", resume=True)
+    assert resumed["step"] == whole["step"] == 6
+    for name, tensor in whole["average"].items():
+        assert torch.equal(resumed["average"][name], tensor), name
+
+
+def test_a_student_without_a_teacher_is_told_what_is_missing(trained, tmp_path, capsys):
+    data, _, _ = trained
+    (tmp_path / "empty").mkdir()
+    more = ["--helpers", str(tmp_path / "empty")]
+    assert command(data, tmp_path / "run", LCM_SYNC, *more) == 1
+    assert "asynfusion-ddim.json is missing" in capsys.readouterr().err
+
+
+def test_branches_stand_at_steps_of_their_own_in_a_share_of_the_samples():
+    generator = torch.Generator().manual_seed(0)
+    config = named_config("demo", DDIM)
+    face, body = draw_steps(4000, config, generator)
+    assert 0.45 < float((face != body).float().mean()) < 0.55
+    assert int(body.min()) == 0 and int(body.max()) == 999
+    face, body = draw_steps(500, replace(config, apart=0.0), generator)
+    assert torch.equal(face, body)
+    assert int(draw_steps(4000, named_config("demo", LCM_SYNC), generator)[1].min()) == 20
+
+
+def test_the_terms_are_equations_12_to_14():
+    normaliser = made_streams()[1].normaliser
+    weights = named_config("demo", DDIM).loss
+    torch.manual_seed(0)
+    x_1, noise, told = torch.randn(3, 2, 5, BODY)
+    t = torch.tensor([0.25, 0.5])
+    x_t = (1 - t)[:, None, None] * noise + t[:, None, None] * x_1
+    terms = noise_terms(weights, normaliser, x_t, told, x_1, noise, t)
+    for k in range(2):
+        eps = (x_t[k] - t[k] * told[k]) / (1 - t[k])
+        wanted = 10 * ((noise[k] - eps) ** 2).mean()
+        torch.testing.assert_close(terms["noise"][k], wanted)
+        error = (told[k] - x_1[k]) @ normaliser.unmix
+        small = error.abs() < 1
+        huber = torch.where(small, error**2 / 2, error.abs() - 0.5).mean()
+        torch.testing.assert_close(terms["huber"][k], huber, rtol=1e-4, atol=1e-5)
+        torch.testing.assert_close(terms["velocity"][k], (error.diff(dim=0) ** 2).mean())
+    exact = noise_terms(weights, normaliser, x_t, x_1, x_1, noise, t)
+    assert all(float(term.max()) < 1e-8 for term in exact.values())
+
+
+def test_consistency_is_zero_for_equal_windows_and_grows_like_a_distance():
+    a = torch.randn(3, 5, 4)
+    assert not pseudo_huber(a, a).any()
+    torch.testing.assert_close(pseudo_huber(a, a + 2), torch.full((3,), 1.9702), atol=1e-3, rtol=0)
+
+
+def test_every_interaction_is_a_setting():
+    for interaction in INTERACTIONS:
+        config = named_config("small", DDIM)
+        assert replace(config.network, interaction=interaction).interaction == interaction
+    with pytest.raises(ValueError, match="no config 'huge'; choose one of demo, small"):
+        named_config("huge", DDIM)
