@@ -18,7 +18,8 @@ from model.evaluation.intervals import (
 from model.evaluation.speech_response import coupling, frame_loudness, speech_tracks
 from model.evaluation.window_diversity import window_diversity
 from model.generation.base import DEPTH_FLOW_TIME, FLOW_TIMES, Prediction
-from model.measures import beats, diversity
+from model.measures import beats, diversity, lagged_correlation
+from model.measures.face_and_hands import face_and_hands
 from model.measures.face_measures import face_measures
 from model.motion.motion import Motion
 from model.motion.skeleton import open_body_skeleton
@@ -98,6 +99,7 @@ class ClipContext:
             one.numbers
             | beats.beat_scores(joints, self.onsets, self.mean_speed)
             | face_measures(motion, self.loudness["right"])
+            | face_and_hands(motion, joints)
             for one, joints, motion in zip(measured, positions, motions, strict=True)
         ]
         by_depth = {"jerk_m_s3": np.mean([one.jerk_by_depth for one in measured], 0).tolist()}
@@ -201,7 +203,7 @@ def settings() -> dict[str, float | list[float]]:
         "wrong_speech_shift_s": speech_response.SHIFT_S,
         "wrong_speech_flow_times": list(FLOW_TIMES),
         "position_error_flow_time": DEPTH_FLOW_TIME,
-        "coupling_max_lag_s": speech_response.MAX_LAG_S,
+        "coupling_max_lag_s": lagged_correlation.MAX_LAG_S,
         "div_batch_windows": diversity.BATCH_WINDOWS,
         "div_window_frames": diversity.WINDOW_FRAMES,
         "div_every_frames": diversity.EVERY_FRAMES,

@@ -4,12 +4,11 @@ import numpy as np
 from jaxtyping import Float
 
 from model.generation.base import Features
+from model.measures.lagged_correlation import lagged_correlation
 from model.motion.skeleton import JOINT_INDEX
 from model.motion.timing import FPS, SAMPLE_RATE
 
 SHIFT_S = 4.0
-MAX_LAG_S = 0.5
-SMOOTHING_FRAMES = 9
 _WRISTS = [JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"]]
 
 
@@ -38,16 +37,4 @@ def coupling(positions: Float[np.ndarray, "T 55 3"], loudness: Float[np.ndarray,
     0 for any two signals: compare with shifted speech.
     """
     speed = np.linalg.norm(np.diff(positions[:, _WRISTS], axis=0), axis=-1).sum(-1) * FPS
-    frames = min(len(speed), len(loudness))
-    box = np.ones(SMOOTHING_FRAMES) / SMOOTHING_FRAMES
-    a = np.convolve(speed[:frames], box, "valid")
-    b = np.convolve(loudness[:frames], box, "valid")
-    lags = range(-round(MAX_LAG_S * FPS), round(MAX_LAG_S * FPS) + 1)
-    return max(_correlation(a, b, lag) for lag in lags)
-
-
-def _correlation(a: np.ndarray, b: np.ndarray, lag: int) -> float:
-    a, b = (a[lag:], b[: len(b) - lag]) if lag >= 0 else (a[:lag], b[-lag:])
-    if len(a) < 2 or a.std() == 0 or b.std() == 0:
-        return 0.0
-    return float(np.corrcoef(a, b)[0, 1])
+    return lagged_correlation(speed, loudness)

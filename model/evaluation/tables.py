@@ -22,6 +22,8 @@ COLUMNS = {
     "blinks_per_min": "blinks a minute",
     "brow_std": "brow raise, std",
     "jaw_loudness": "jaw with loudness",
+    "brow_with_hands": "brow with hands, beyond chance",
+    "head_with_hands": "head with hands, beyond chance",
     "tip_jerk_m_s3": "tip jerk, m/s^3",
     "tip_jerk_m_s3_ratio": "of recorded",
     "tip_path_m_s": "tip path, m/s",
