@@ -9,7 +9,9 @@ import torch
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
+from model.motion.kinematics import mirror_transl
 from model.motion.motion import ExpressionBasis, Motion
+from model.motion.skeleton import FINGERTIP_JOINTS, MIRROR_PERMUTATION, RestSkeleton
 
 ROOT = Path(__file__).resolve().parent.parent
 ROTATION_DRAWS = ("uniform", "tangent", "near_identity", "near_pi")
@@ -78,3 +80,13 @@ def beat2_folder() -> Path:
     if not (folder / "smplxflame_30").is_dir():
         pytest.skip("no real BEAT2 clips here; set BEAT2_DIR to their folder")
     return folder
+
+
+def mirror_skeleton(skeleton: RestSkeleton) -> RestSkeleton:
+    """The mirror image of a rest skeleton; left and right change places."""
+    num_left = len(FINGERTIP_JOINTS) // 2
+    tips = mirror_transl(skeleton.tip_offsets)
+    return RestSkeleton(
+        rest_joints=mirror_transl(skeleton.rest_joints)[list(MIRROR_PERMUTATION)],
+        tip_offsets=torch.cat([tips[num_left:], tips[:num_left]]),
+    )

@@ -13,7 +13,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -194,12 +194,7 @@ def time_measures(motion_file: Path) -> list[Figure]:
 
     motion = load_motion(motion_file)
     frames = np.resize(np.arange(motion.num_frames), round(SHORT_S * 30))
-    minute = replace(
-        motion,
-        poses=motion.poses[frames],
-        trans=motion.trans[frames],
-        expressions=motion.expressions[frames],
-    )
+    minute = motion.part(frames)
     started = time.perf_counter()
     diagnose({"motion": minute}, open_body_skeleton())
     seconds = time.perf_counter() - started

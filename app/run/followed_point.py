@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
@@ -65,7 +65,7 @@ class TipSource:
             on_piece()
             self._known[motion] = tracks.point(self.point).copy()
             return self._known[motion][:num_frames]
-        part = motion if num_frames is None else _motion_part(motion, slice(num_frames))
+        part = motion if num_frames is None else motion.part(slice(num_frames))
         found = []
         for piece in self.pieces(part):
             found.append(piece)
@@ -91,7 +91,7 @@ def choose_tip_source(body: Body, body_path: Path | None, point: str = TIP) -> T
     if point in JOINT_INDEX:
         joint = JOINT_INDEX[point]
         if body_path is None:
-            return TipSource("joint", lambda motion: open_joint(motion, joint), point)
+            return TipSource("joint", lambda motion: open_point(motion, point), point)
         return TipSource(
             "joint of the body",
             lambda motion: body_joint(body, motion, joint),
@@ -104,29 +104,25 @@ def choose_tip_source(body: Body, body_path: Path | None, point: str = TIP) -> T
             f" or a joint of SMPL-X, such as right_wrist or {TIP}3."
         )
     if body_path is None:
-        return TipSource("rigid", lambda motion: rigid_tip(motion, point), point)
+        return TipSource("rigid", lambda motion: open_point(motion, point), point)
     vertex = TIP_VERTICES[point]
     return TipSource(
         f"vertex {vertex}", lambda motion: vertex_tip(body, motion, vertex), point, is_of_body=True
     )
 
 
-def rigid_tip(motion: Motion, tip: str = TIP) -> Iterator[np.ndarray]:
-    """The last finger joint plus its rotated offset, (T, 3) metres, in pieces."""
-    from model.motion.skeleton import FINGERTIP_NAMES
+def open_point(motion: Motion, point: str) -> Iterator[np.ndarray]:
+    """A joint or rigid fingertip of the open skeleton, (T, 3) metres, in pieces."""
+    from model.measures.diagnostics import track_points
+    from model.motion.skeleton import open_body_skeleton
 
-    index = FINGERTIP_NAMES.index(tip)
-    return (tracks.fingertips[:, index].copy() for tracks in _open_tracks(motion))
+    skeleton = open_body_skeleton()
+    return (track_points(part, skeleton).point(point).copy() for part in _motion_pieces(motion))
 
 
 def vertex_tip(body: Body, motion: Motion, vertex: int) -> Iterator[np.ndarray]:
     """A vertex of a posed body, (T, 3) metres, in pieces."""
     return (chunk[:, vertex].copy() for chunk in body.vertices(body_motion(motion)))
-
-
-def open_joint(motion: Motion, joint: int) -> Iterator[np.ndarray]:
-    """A joint of the open skeleton, (T, 3) metres, in pieces."""
-    return (tracks.joints[:, joint].copy() for tracks in _open_tracks(motion))
 
 
 def body_joint(body: Body, motion: Motion, joint: int) -> Iterator[np.ndarray]:
@@ -136,23 +132,6 @@ def body_joint(body: Body, motion: Motion, joint: int) -> Iterator[np.ndarray]:
     )
 
 
-def _open_tracks(motion: Motion) -> Iterator[Tracks]:
-    from model.measures.diagnostics import track_points
-    from model.motion.skeleton import open_body_skeleton
-
-    skeleton = open_body_skeleton()
-    return (track_points(part, skeleton) for part in _motion_pieces(motion))
-
-
 def _motion_pieces(motion: Motion) -> Iterator[Motion]:
     for start in range(0, motion.num_frames, _PIECE_FRAMES):
-        yield _motion_part(motion, slice(start, start + _PIECE_FRAMES))
-
-
-def _motion_part(motion: Motion, frames: slice) -> Motion:
-    return replace(
-        motion,
-        poses=motion.poses[frames],
-        trans=motion.trans[frames],
-        expressions=motion.expressions[frames],
-    )
+        yield motion.part(slice(start, start + _PIECE_FRAMES))

@@ -6,7 +6,7 @@ import os
 import secrets
 import shutil
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
 
@@ -14,6 +14,7 @@ from app.errors import RunError, disk_full_sentence, is_disk_full
 
 _PREFIX = ".unfinished-"
 _ALREADY_SMALL = {".mp4", ".png", ".npz", ".pdf", ".glb"}
+_NO_TIME = (2000, 1, 1, 0, 0, 0)
 
 
 class ResultFolder:
@@ -75,22 +76,39 @@ class ResultFolder:
             raise RunError(disk_full_sentence(self.out)) from error
 
 
-def zip_files(files: Sequence[Path], out: Path) -> Path:
-    """Write ``files`` flat into the zip ``out``, whole or not at all."""
+def zip_files(
+    files: Iterable[Path], out: Path, below: Path | None = None, *, has_times: bool = True
+) -> Path:
+    """Write ``files`` into the zip ``out``, whole or not at all.
+
+    Args:
+        below: the folder that their names in the zip begin from; without it they lie flat in a
+            folder of the zip's own name.
+        has_times: False says nothing of when and by whom they were made.
+    """
     partial = out.with_name(f".{out.name}.partial")
     try:
-        with zipfile.ZipFile(partial, "w") as bundle:
+        with zipfile.ZipFile(partial, "w") as archive:
             for file in files:
-                small = file.suffix in _ALREADY_SMALL
-                bundle.write(
-                    file,
-                    f"{out.stem}/{file.name}",
-                    zipfile.ZIP_STORED if small else zipfile.ZIP_DEFLATED,
-                )
+                name = file.relative_to(below) if below else Path(out.stem, file.name)
+                info = zipfile.ZipInfo.from_file(file, name.as_posix())
+                if not has_times:
+                    info.date_time, info.external_attr = _NO_TIME, 0o644 << 16
+                is_small = file.suffix in _ALREADY_SMALL
+                info.compress_type = zipfile.ZIP_STORED if is_small else zipfile.ZIP_DEFLATED
+                with file.open("rb") as source, archive.open(info, "w", force_zip64=True) as target:
+                    shutil.copyfileobj(source, target, 1 << 20)
         os.replace(partial, out)
     finally:
         partial.unlink(missing_ok=True)
     return out
+
+
+def zip_folder(folder: Path, out: Path) -> Path:
+    """All files below ``folder``, under its name; the zip says nothing of when and in what order
+    they were made."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    return zip_files(files, out, below=folder.parent, has_times=False)
 
 
 def require_free_space(folder: Path, needed_bytes: int) -> None:

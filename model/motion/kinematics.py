@@ -122,13 +122,3 @@ def mirror_local(local_rot: Float[Tensor, "*batch 55 3 3"]) -> Float[Tensor, "*b
 def mirror_transl(transl: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
     """The mirror image of a translation or point: x changes its sign."""
     return torch.cat([-transl[..., :1], transl[..., 1:]], dim=-1)
-
-
-def mirror_skeleton(skeleton: RestSkeleton) -> RestSkeleton:
-    """The mirror image of a rest skeleton; left and right change places."""
-    num_left = len(FINGERTIP_JOINTS) // 2
-    tips = mirror_transl(skeleton.tip_offsets)
-    return RestSkeleton(
-        rest_joints=mirror_transl(skeleton.rest_joints)[list(MIRROR_PERMUTATION)],
-        tip_offsets=torch.cat([tips[num_left:], tips[:num_left]]),
-    )

@@ -82,6 +82,15 @@ class Motion:
     def duration_s(self) -> float:
         return self.num_frames / FPS
 
+    def part(self, frames: slice | np.ndarray) -> "Motion":
+        """Some of the frames, as a motion."""
+        return replace(
+            self,
+            poses=self.poses[frames],
+            trans=self.trans[frames],
+            expressions=self.expressions[frames],
+        )
+
     def local_rotations(self) -> Float[Tensor, "T 55 3 3"]:
         """Rotation of each joint relative to its parent."""
         poses = torch.tensor(self.poses)  # a copy: the arrays may be read-only
@@ -90,12 +99,7 @@ class Motion:
 
 def first_frames(motion: Motion, num_frames: int) -> Motion:
     """The start of a motion."""
-    return replace(
-        motion,
-        poses=motion.poses[:num_frames],
-        trans=motion.trans[:num_frames],
-        expressions=motion.expressions[:num_frames],
-    )
+    return motion.part(slice(num_frames))
 
 
 def save_motion(motion: Motion, path: str | Path) -> None:

@@ -92,17 +92,6 @@ def quat_wxyz_from_matrix(rotmat: Float[Tensor, "*batch 3 3"]) -> Float[Tensor, 
     return torch.where(quat[..., :1] < 0, -quat, quat)
 
 
-def matrix_from_quat_wxyz(quat_wxyz: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 3 3"]:
-    """Rotation matrix of a quaternion of any non-zero length."""
-    w, x, y, z = torch.nn.functional.normalize(quat_wxyz, dim=-1).unbind(-1)
-    entries = [
-        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
-    ]  # fmt: skip
-    return torch.stack(entries, dim=-1).unflatten(-1, (3, 3))
-
-
 def rot6d_from_matrix(rotmat: Float[Tensor, "*batch 3 3"]) -> Float[Tensor, "*batch 6"]:
     """The first two rows of the matrix, flattened (Zhou et al. 2019, in PyTorch3D's row form)."""
     return rotmat[..., :2, :].flatten(-2)

@@ -88,16 +88,3 @@ def sample(
             case _:
                 assert_never(sampler)
     return x
-
-
-def num_evaluations(steps: int, sampler: FlowSampler) -> int:
-    """Network evaluations that `sample` needs for one window."""
-    match sampler:
-        case "euler":
-            return steps
-        case "heun":
-            return 2 * steps - 1
-        case "reinterpolate":
-            return 2 * steps
-        case _:
-            assert_never(sampler)

@@ -23,8 +23,8 @@ from app.page.serving.runner import TabRunner, Updates
 from app.page.serving.visitors import visitor_of
 from app.page.tabs.study_form import StudyForm, collect_files, plan_text
 from app.run.request import Event, OnEvent, Progress, ShouldCancel
+from app.run.result_folder import zip_folder
 from app.study.design.plan import read_plan
-from app.study.make.packing import zip_folder
 from app.study.make.workspace import Workspace
 
 if TYPE_CHECKING:

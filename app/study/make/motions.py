@@ -73,12 +73,13 @@ def _read_source(plan: Plan, clip: Clip) -> Source:
     if speech is not None:
         lengths["the speech"] = round(FPS * (speech.duration_s - clip.start_s))
     num_frames = _common_length(plan, clip, lengths)
+    frames = slice(start, start + num_frames)
     return Source(
         clip=clip,
         num_frames=num_frames,
         speech=None if speech is None else _excerpt(speech, clip.start_s, num_frames),
         files=files,
-        recorded={name: _cut(motion, start, num_frames) for name, motion in motions.items()},
+        recorded={name: motion.part(frames) for name, motion in motions.items()},
     )
 
 
@@ -145,16 +146,6 @@ def _excerpt(speech: Speech, start_s: float, num_frames: int) -> Speech:
     heard = speech.waveform[start : start + len(waveform)]
     waveform[: len(heard)] = heard
     return replace(speech, waveform=waveform)
-
-
-def _cut(motion: Motion, start: int, num_frames: int) -> Motion:
-    frames = slice(start, start + num_frames)
-    return replace(
-        motion,
-        poses=motion.poses[frames],
-        trans=motion.trans[frames],
-        expressions=motion.expressions[frames],
-    )
 
 
 def shown_motions(

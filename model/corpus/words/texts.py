@@ -39,11 +39,6 @@ def talk(rng: np.random.Generator, split: Split) -> Iterator[str]:
             kind = AFTER_A_QUESTION if answers else _draw_kind(rng)
 
 
-def draw_sentence(rng: np.random.Generator, split: Split) -> str:
-    """One sentence of the split on any topic."""
-    return _sentence(rng, split, _draw_topic(rng), _draw_kind(rng))
-
-
 def _draw_topic(rng: np.random.Generator) -> Topic:
     return TOPICS[_TOPIC_NAMES[rng.integers(len(_TOPIC_NAMES))]]
 

@@ -10,6 +10,7 @@ from model.sampling.flow import interpolate, time_weight
 from model.sampling.prior import GaussianPrior
 from model.systems.face.config import FaceTrainConfig
 from model.training import losses
+from model.training.draws import Draws
 from model.training.hearing import heard
 from model.training.parallel import WHOLE, Shard
 from model.training.statistics import prior_batches, with_components
@@ -67,14 +68,14 @@ def expression_step(config: FaceTrainConfig, normaliser: Normaliser) -> StepFunc
     def step(
         network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard = WHOLE
     ) -> StepLoss:
-        size = len(batch.clips)
+        draws = Draws(len(batch.clips), generator, shard)
         with torch.no_grad():
             units = shard.of(batch.expression)
             x_1 = normaliser.normalise(units)
-            x_0 = shard.of(torch.randn(size, *x_1.shape[1:], generator=generator))
-            t = shard.of(torch.rand(size, generator=generator) ** config.flow_time_power)
-            has_seed = shard.of(torch.rand(size, generator=generator) >= config.seed_dropout)
-            kept = shard.of(torch.rand(size, generator=generator) >= config.speaker_dropout)
+            x_0 = draws.noise(x_1.shape[1:])
+            t = draws.flow_times(config.flow_time_power)
+            has_seed = draws.keep(config.seed_dropout)
+            speaker = shard.of(batch.speaker) * draws.keep(config.speaker_dropout)
             speech = shard.of(heard(config, network, batch, generator))
         with shard.autocast():
             predicted = network(
@@ -82,7 +83,7 @@ def expression_step(config: FaceTrainConfig, normaliser: Normaliser) -> StepFunc
                 t,
                 speech=speech,
                 seed=x_1[:, :seed_frames],
-                speaker=shard.of(batch.speaker) * kept,
+                speaker=speaker,
                 has_seed=has_seed,
                 has_speech=torch.ones_like(has_seed),
             )

@@ -17,6 +17,7 @@ from model.systems.globaldiff import constraints
 from model.systems.globaldiff.config import GlobalDiffConfig, LossConfig
 from model.systems.globaldiff.network import MotionNetwork
 from model.training import losses
+from model.training.draws import Draws
 from model.training.geometric import geometric_terms, positions_of, weighted
 from model.training.hearing import heard
 from model.training.parallel import WHOLE, Shard
@@ -142,21 +143,17 @@ def motion_step(
     def step(
         network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard = WHOLE
     ) -> StepLoss:
-        size = len(batch.clips)
-
-        def keep(dropout: float) -> Bool[Tensor, " B"]:
-            return shard.of(torch.rand(size, generator=generator) >= dropout)
-
+        draws = Draws(len(batch.clips), generator, shard)
         with torch.no_grad():
             vectors, target = targets.of(batch.rows(shard.mine), rotations=needs_rotations)
             target = target.to(shard.device)
             vectors = vectors.to(shard.device)
             x_1 = normaliser.normalise(vectors)
-            x_0 = shard.of(torch.randn(size, *x_1.shape[1:], generator=generator))
-            t = shard.of(torch.rand(size, generator=generator) ** config.flow_time_power)
-            has_seed = keep(config.seed_dropout)
-            speaker = shard.of(batch.speaker) * keep(config.speaker_dropout)
-            has_speech = keep(config.speech_dropout)
+            x_0 = draws.noise(x_1.shape[1:])
+            t = draws.flow_times(config.flow_time_power)
+            has_seed = draws.keep(config.seed_dropout)
+            speaker = shard.of(batch.speaker) * draws.keep(config.speaker_dropout)
+            has_speech = draws.keep(config.speech_dropout)
             speech = shard.of(heard(config, network, batch, generator))
         with shard.autocast():
             predicted = network(

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from app.errors import RunError
-from app.run.result_folder import ResultFolder, require_free_space, zip_files
+from app.run.result_folder import ResultFolder, require_free_space, zip_files, zip_folder
 
 
 def test_results_appear_together_and_only_at_the_end(tmp_path: Path) -> None:
@@ -75,3 +75,16 @@ def test_a_zip_holds_the_files_under_its_own_name_and_none_is_left_half_written(
     with pytest.raises(FileNotFoundError):
         zip_files([tmp_path / "absent"], tmp_path / "half.zip")
     assert {path.name for path in tmp_path.iterdir()} == {"a.json", "b.mp4", "run.zip"}
+
+
+def test_a_zip_says_nothing_of_when_its_files_were_made(tmp_path: Path) -> None:
+    for folder in ("a", "b"):
+        (tmp_path / folder / "study" / "media").mkdir(parents=True)
+    for folder, names in (("a", ("x", "y")), ("b", ("y", "x"))):
+        for number, name in enumerate(names):
+            path = tmp_path / folder / "study" / "media" / f"{name}.mp4"
+            path.write_bytes(name.encode())
+            os.utime(path, (1e9 + number, 1e9 + number))
+    first = zip_folder(tmp_path / "a" / "study", tmp_path / "a.zip")
+    second = zip_folder(tmp_path / "b" / "study", tmp_path / "b.zip")
+    assert first.read_bytes() == second.read_bytes()

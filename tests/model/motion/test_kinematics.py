@@ -8,7 +8,7 @@ from torch import Tensor
 from model.motion import kinematics
 from model.motion.rotations import matrix_from_axis_angle
 from model.motion.skeleton import MIRROR_PERMUTATION, PARENTS, RestSkeleton, open_body_skeleton
-from tests.helpers import random_local_rotations
+from tests.helpers import mirror_skeleton, random_local_rotations
 
 BATCHES = [(), (1,), (3, 2)]
 EXACT = {"rtol": 0, "atol": 1e-12}
@@ -108,7 +108,7 @@ def test_fingertips_are_rigid_on_the_last_finger_joint():
 
 def test_mirrored_motion_gives_exactly_the_mirrored_points():
     skeleton = double_skeleton()
-    mirrored_skeleton = kinematics.mirror_skeleton(skeleton)
+    mirrored_skeleton = mirror_skeleton(skeleton)
     local_rot = random_local_rotations((5,))
     transl = torch.randn(5, 3, dtype=torch.float64)
     rot, positions = kinematics.joint_positions_from_local(local_rot, skeleton, transl)

@@ -13,7 +13,6 @@ import pytest
 
 from app.page.serving.researcher_part import FILE_NAME, Handover, study_routes
 from app.page.serving.visitors import COOKIE
-from app.study.make.packing import zip_folder
 
 SECRET = b"which video is whose"
 
@@ -141,16 +140,3 @@ def test_what_nobody_fetches_is_deleted(tmp_path: Path) -> None:
         os.utime(tmp_path / "private" / name, (time.time() - age_s,) * 2)
     Handover(tmp_path / "private")
     assert [path.name for path in (tmp_path / "private").iterdir()] == ["of a process at work"]
-
-
-def test_a_zip_says_nothing_of_when_its_files_were_made(tmp_path: Path) -> None:
-    for folder in ("a", "b"):
-        (tmp_path / folder / "study" / "media").mkdir(parents=True)
-    for folder, names in (("a", ("x", "y")), ("b", ("y", "x"))):
-        for number, name in enumerate(names):
-            path = tmp_path / folder / "study" / "media" / f"{name}.mp4"
-            path.write_bytes(name.encode())
-            os.utime(path, (1e9 + number, 1e9 + number))
-    first = zip_folder(tmp_path / "a" / "study", tmp_path / "a.zip")
-    second = zip_folder(tmp_path / "b" / "study", tmp_path / "b.zip")
-    assert first.read_bytes() == second.read_bytes()

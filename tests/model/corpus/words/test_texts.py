@@ -8,13 +8,13 @@ import pytest
 
 from model.corpus.people.voice import words_of
 from model.corpus.words.grammar import AFTER_A_QUESTION, END_MARKS, GRAMMAR, KINDS
-from model.corpus.words.texts import SPLITS, draw_sentence, split_of, talk
+from model.corpus.words.texts import SPLITS, split_of, talk
 from model.corpus.words.topics import TOPICS
 
 
 def sentences(count: int, split: str, seed: int = 0) -> list[str]:
     rng = np.random.default_rng(seed)
-    return [draw_sentence(rng, split) for _ in range(count)]  # type: ignore[arg-type]
+    return list(islice(talk(rng, split), count))  # type: ignore[arg-type]
 
 
 def test_every_symbol_is_defined_and_every_rule_is_used() -> None:
@@ -76,7 +76,7 @@ def test_only_a_question_is_followed_by_an_answer() -> None:
 
 def test_the_shares_of_the_splits_are_eight_to_one_to_one() -> None:
     rng = np.random.default_rng(1)
-    drawn = {draw_sentence(rng, s) for s in SPLITS for _ in range(300)}
+    drawn = {text for split in SPLITS for text in islice(talk(rng, split), 300)}
     # Disjoint by construction: what a sentence is, no draw can change.
     assert not {s for s in drawn if split_of(s) == "train"} & {
         s for s in drawn if split_of(s) == "test"
