@@ -201,8 +201,8 @@ def _diagnose(options: argparse.Namespace) -> None:
     with ProgressBar("measure and draw") as bar:
         diagnosis = diagnose_files(request, bar.show)
     findings = [
-        f"{name}: {finding['sentence']}"
-        for name, found in diagnosis.diagnostics["findings"].items()
+        f"{name}: {finding.sentence}"
+        for name, found in diagnosis.diagnostics.findings.items()
         for finding in found
     ]
     _finish(diagnosis.files, [*diagnosis.notes, *findings])

@@ -5,13 +5,13 @@ The words come from the numbers, so that swapped numbers turn the sentence round
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from math import floor, log, log10
-from typing import Any
+from typing import TYPE_CHECKING
 
 from app.findings.samples import (
     ALIKE,
     Ratio,
+    Read,
     Samples,
     extremes,
     mean,
@@ -20,23 +20,26 @@ from app.findings.samples import (
     values_by_system,
 )
 
+if TYPE_CHECKING:
+    from model.measures.diagnostics import Diagnostics
+
 FEW_SAMPLES = 5
 """An interval over fewer samples is told to be rough."""
 
 
 def comparison(
-    diagnostics: Mapping[str, Any], measure: str, noun: str, unit: str, scale: float = 1.0
+    diagnostics: Diagnostics, read: Read, noun: str, unit: str, scale: float = 1.0
 ) -> str:
     """Highest against lowest system as generated, the same two after the filter, the reference."""
 
     def told(value: float) -> str:
         return f"{plain(scale * value)} {unit}"
 
-    raw = values_by_system(diagnostics, measure, "raw")
-    filtered = values_by_system(diagnostics, measure, "savgol")
+    raw = values_by_system(diagnostics, read, "raw")
+    filtered = values_by_system(diagnostics, read, "savgol")
     if not raw:
         return ""
-    reference = number_of(diagnostics.get("reference"), measure, "raw")
+    reference = number_of(diagnostics.reference, read, "raw")
     ending = "" if reference is None else f" The reference has {told(reference)}."
     if len(raw) == 1:
         (system,) = raw

@@ -5,35 +5,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING
 
-Values = Mapping[str, Any]
-"""The measures of one motion, raw or filtered, as in ``diagnostics.json``."""
+if TYPE_CHECKING:
+    import numpy as np
 
-
-def at(*path: str) -> Callable[[Values], float | None]:
-    """Reads the number that lies at a path of keys; None where there is none."""
-
-    def read(values: Values) -> float | None:
-        value: Any = values
-        for key in path:
-            value = value.get(key) if isinstance(value, Mapping) else None
-        return value if _is_number(value) else None
-
-    return read
+    from model.measures.results import Measures
 
 
-def mean_of(key: str) -> Callable[[Values], float | None]:
-    """Reads the mean of a list; None where it is missing or has a gap."""
-
-    def read(values: Values) -> float | None:
-        numbers = values.get(key)
-        if not isinstance(numbers, list) or not numbers or not all(map(_is_number, numbers)):
-            return None
-        return sum(numbers) / len(numbers)
-
-    return read
+def mean(values: np.ndarray) -> float:
+    """Over all joints; NaN where one has a gap."""
+    return sum(values.tolist()) / len(values)
 
 
 @dataclass(frozen=True)
@@ -43,7 +25,8 @@ class Measure:
     group: str
     title: str
     unit: str
-    read: Callable[[Values], float | None]
+    read: Callable[[Measures], float | None]
+    """None or NaN where there is no such number."""
     scale: float = 1.0
     """From the unit of the file to that of the table."""
     has_target: bool = True
@@ -51,35 +34,44 @@ class Measure:
 
 
 MEASURES = (
-    Measure("Followed point", "Speed", "m/s", at("tip_path_m_s")),
-    Measure("Followed point", "Acceleration", "m/s²", at("tip_acceleration_m_s2")),
-    Measure("Followed point", "Jerk", "m/s³", at("tip_jerk_m_s3")),
-    Measure("Followed point", "Power above 5 Hz", "%", at("tip_velocity_power_above_5hz"), 100),
-    Measure("Followed point", "SPARC", "", at("tip_sparc")),
-    Measure("Followed point", "Log dimensionless jerk", "", at("tip_log_dimensionless_jerk")),
-    Measure("All joints", "Mean jerk", "m/s³", mean_of("joint_jerk_m_s3")),
-    Measure("All joints", "Rotation noise", "°", mean_of("joint_rotation_noise_deg")),
-    Measure("All joints", "Peak jerk at joins", "times elsewhere", at("seam_jerk_ratio")),
-    Measure("Feet", "Slide on the ground", "cm/s", at("foot_slide_m_s"), 100),
-    Measure("Feet", "Height, left, 95 %", "cm", at("foot_height_m", "left", "p95"), 100),
-    Measure("Feet", "Height, right, 95 %", "cm", at("foot_height_m", "right", "p95"), 100),
-    Measure("Posture", "Spine tilt, mean", "°", at("spine_tilt_deg", "mean")),
-    Measure("Posture", "Spine tilt, 95 %", "°", at("spine_tilt_deg", "p95")),
-    Measure("Posture", "Drift of the pelvis", "cm", at("root_drift_m"), 100),
-    Measure("Hands", "Moving alike", "correlation", at("hand_speed_symmetry")),
-    Measure("Hands", "Fingers beyond range", "%", at("finger_angle_outside_share"), 100),
-    Measure("Hands", "Left fingers still", "%", at("fingers_still_share", "left"), 100),
-    Measure("Hands", "Right fingers still", "%", at("fingers_still_share", "right"), 100),
-    Measure("Error against the reference", "Pelvis", "cm", at("root_error_m"), 100, False),
+    Measure("Followed point", "Speed", "m/s", lambda m: m.point.tip_path_m_s),
+    Measure("Followed point", "Acceleration", "m/s²", lambda m: m.point.tip_acceleration_m_s2),
+    Measure("Followed point", "Jerk", "m/s³", lambda m: m.point.tip_jerk_m_s3),
+    Measure("Followed point", "Power above 5 Hz", "%",
+            lambda m: m.point.tip_velocity_power_above_5hz, 100),
+    Measure("Followed point", "SPARC", "", lambda m: m.point.tip_sparc),
+    Measure("Followed point", "Log dimensionless jerk", "",
+            lambda m: m.point.tip_log_dimensionless_jerk),
+    Measure("All joints", "Mean jerk", "m/s³", lambda m: mean(m.positions.joint_jerk_m_s3)),
+    Measure("All joints", "Rotation noise", "°",
+            lambda m: mean(m.rotations.joint_rotation_noise_deg)),
+    Measure("All joints", "Peak jerk at joins", "times elsewhere",
+            lambda m: m.seams.seam_jerk_ratio),
+    Measure("Feet", "Slide on the ground", "cm/s", lambda m: m.posture.foot_slide_m_s, 100),
+    Measure("Feet", "Height, left, 95 %", "cm", lambda m: m.posture.foot_height_m.left.p95, 100),
+    Measure("Feet", "Height, right, 95 %", "cm", lambda m: m.posture.foot_height_m.right.p95, 100),
+    Measure("Posture", "Spine tilt, mean", "°", lambda m: m.posture.spine_tilt_deg.mean),
+    Measure("Posture", "Spine tilt, 95 %", "°", lambda m: m.posture.spine_tilt_deg.p95),
+    Measure("Posture", "Drift of the pelvis", "cm", lambda m: m.posture.root_drift_m, 100),
+    Measure("Hands", "Moving alike", "correlation", lambda m: m.posture.hand_speed_symmetry),
+    Measure("Hands", "Fingers beyond range", "%",
+            lambda m: m.ranges.finger_angle_outside_share, 100),
+    Measure("Hands", "Left fingers still", "%",
+            lambda m: m.rotations.fingers_still_share.left, 100),
+    Measure("Hands", "Right fingers still", "%",
+            lambda m: m.rotations.fingers_still_share.right, 100),
+    Measure("Error against the reference", "Pelvis", "cm",
+            lambda m: m.errors and m.errors.root_error_m, 100, False),
     Measure("Error against the reference", "Joints about the pelvis", "cm",
-            mean_of("position_error_m"), 100, False),
+            lambda m: m.errors and mean(m.errors.position_error_m), 100, False),
     Measure("Error against the reference", "Global rotation", "°",
-            mean_of("global_rotation_error_deg"), 1, False),
+            lambda m: m.errors and mean(m.errors.global_rotation_error_deg), 1, False),
     Measure("Error against the reference", "Local rotation", "°",
-            mean_of("local_rotation_error_deg"), 1, False),
-    Measure("Beat alignment", "BeatAlign", "0 to 1", at("beat_align")),
-    Measure("Beat alignment", "BeatAlign by chance", "0 to 1", at("beat_align_chance"), 1, False),
-    Measure("Diversity", "L1 diversity", "m", at("l1_diversity_m")),
+            lambda m: m.errors and mean(m.errors.local_rotation_error_deg), 1, False),
+    Measure("Beat alignment", "BeatAlign", "0 to 1", lambda m: m.beats and m.beats.beat_align),
+    Measure("Beat alignment", "BeatAlign by chance", "0 to 1",
+            lambda m: m.beats and m.beats.beat_align_chance, 1, False),
+    Measure("Diversity", "L1 diversity", "m", lambda m: m.diversity.l1_diversity_m),
 )  # fmt: skip
 
 
@@ -105,7 +97,3 @@ def written(value: float | None) -> str:
         digits = f"{value:.3g}"
         return f"{float(digits):,.0f}" if "e" in digits else digits
     return f"{value:.1e}"
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import isfinite, log
-from typing import Any, Literal
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from model.measures.diagnostics import Diagnostics, Kind, Versions
+    from model.measures.results import Measures
 
 ALIKE = 1.05
 """Two numbers whose ratio lies within this factor of 1 are told as equal."""
 
-Kind = Literal["raw", "savgol"]
+Read = Callable[["Measures"], float]
+"""Takes one number out of the measures of a motion."""
 Samples = dict[int, float]
 """Number of a sample, from 1, to its value."""
 
@@ -50,15 +55,13 @@ def samples_by_system(names: Iterable[str]) -> dict[str, dict[int, str]]:
     return systems
 
 
-def values_by_system(
-    diagnostics: Mapping[str, Any], measure: str, kind: Kind
-) -> dict[str, Samples]:
-    """A scalar measure of each sample of each system; systems that have no such number are left
+def values_by_system(diagnostics: Diagnostics, read: Read, kind: Kind) -> dict[str, Samples]:
+    """One number of each sample of each system; systems that have no such number are left
     out."""
     found: dict[str, Samples] = {}
-    for system, samples in samples_by_system(diagnostics["systems"]).items():
+    for system, samples in samples_by_system(diagnostics.systems).items():
         values = {
-            number: number_of(diagnostics["systems"][name], measure, kind)
+            number: number_of(diagnostics.systems[name], read, kind)
             for number, name in samples.items()
         }
         known = {number: value for number, value in values.items() if value is not None}
@@ -67,19 +70,10 @@ def values_by_system(
     return found
 
 
-def number_of(
-    measures: Mapping[str, Mapping[str, Any]] | None, measure: str, kind: Kind
-) -> float | None:
-    """One scalar, or None where it was not measured or is no number."""
-    value = ((measures or {}).get(kind) or {}).get(measure)
-    if isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value):
-        return float(value)
-    return None
-
-
-def raw_of(diagnostics: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    """The measures of one sample as generated."""
-    return diagnostics["systems"][name].get("raw") or {}
+def number_of(versions: Versions | None, read: Read, kind: Kind) -> float | None:
+    """One number, or None where it was not measured."""
+    value = None if versions is None else read(versions.of(kind))
+    return value if value is not None and isfinite(value) else None
 
 
 def mean(samples: Samples) -> float:

@@ -7,8 +7,8 @@ sentence, and where they are alike it says that.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import log
-from typing import Any
+from math import isfinite, log
+from typing import TYPE_CHECKING
 
 from app.findings.comparison import comparison, plain, times, word
 from app.findings.points import point_title
@@ -18,23 +18,32 @@ from app.findings.samples import (
     extremes,
     mean,
     number_of,
-    raw_of,
     samples_by_system,
     values_by_system,
 )
+
+if TYPE_CHECKING:
+    from model.measures.diagnostics import Diagnostics
+    from model.measures.results import Measures
 
 SEAM_STANDS_OUT = 1.5
 """From this ratio on, and above the reference's, joins are told to stand out. A clip has few joins,
 so chance decides much: a recorded one of 400 frames, which has none, gave 0.7."""
 SMALL_SHARE = 0.05
 
-JERK = "tip_jerk_m_s3"
-ABOVE_5HZ = "tip_velocity_power_above_5hz"
-SEAMS = "seam_jerk_ratio"
+
+def jerk_of(measures: Measures) -> float:
+    """Of the followed point."""
+    return measures.point.tip_jerk_m_s3
 
 
-def sentences_of(diagnostics: Mapping[str, Any]) -> dict[str, str]:
-    """The sentences of a ``diagnostics.json``, by plot; empty where there is nothing to say.
+def seams_of(measures: Measures) -> float:
+    """How far the joins of windows stand out."""
+    return measures.seams.seam_jerk_ratio
+
+
+def sentences_of(diagnostics: Diagnostics) -> dict[str, str]:
+    """The sentences of a run's numbers, by plot; empty where there is nothing to say.
 
     The keys are trajectory, depth, spectrum, attribution, seams and reference. Samples of one
     system, ``<system>.s2`` and on, are taken together.
@@ -49,22 +58,24 @@ def sentences_of(diagnostics: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def _trajectory(diagnostics: Mapping[str, Any]) -> str:
+def _trajectory(diagnostics: Diagnostics) -> str:
     noun = f"{_point(diagnostics)} jerk"
-    found = comparison(diagnostics, JERK, noun, "m/s³")
+    found = comparison(diagnostics, jerk_of, noun, "m/s³")
     return found or f"The motions are too short for {noun}: it takes four frames."
 
 
-def _spectrum(diagnostics: Mapping[str, Any]) -> str:
+def _spectrum(diagnostics: Diagnostics) -> str:
     noun = "share of velocity power above 5 Hz"
-    found = comparison(diagnostics, ABOVE_5HZ, noun, "%", scale=100.0)
+    found = comparison(
+        diagnostics, lambda m: m.point.tip_velocity_power_above_5hz, noun, "%", scale=100.0
+    )
     return found or f"No motion is long enough, or moves enough, for the {noun}."
 
 
-def _depth(diagnostics: Mapping[str, Any]) -> str:
+def _depth(diagnostics: Diagnostics) -> str:
     """How the two systems of the first sentence drift apart along the chain, if they do."""
     profiles = _profiles(diagnostics)
-    jerks = values_by_system(diagnostics, JERK, "raw")
+    jerks = values_by_system(diagnostics, jerk_of, "raw")
     shown = [system for system in jerks if system in profiles]
     if not shown:
         return "The motions are too short for a profile of jerk by depth."
@@ -90,15 +101,16 @@ def _depth(diagnostics: Mapping[str, Any]) -> str:
     )
 
 
-def _profiles(diagnostics: Mapping[str, Any]) -> dict[str, list[float]]:
+def _profiles(diagnostics: Diagnostics) -> dict[str, list[float]]:
     """Mean over samples of each system's jerk by depth, where it is known at every depth."""
     profiles = {}
-    for system, samples in samples_by_system(diagnostics["systems"]).items():
+    for system, samples in samples_by_system(diagnostics.systems).items():
         curves = [
-            raw_of(diagnostics, name).get("jerk_by_depth_m_s3") or [] for name in samples.values()
+            diagnostics.systems[name].raw.positions.jerk_by_depth_m_s3.tolist()
+            for name in samples.values()
         ]
-        depths = list(zip(*curves, strict=False))
-        if depths and all(None not in depth for depth in depths):
+        depths = list(zip(*curves, strict=True))
+        if all(isfinite(value) for depth in depths for value in depth):
             profiles[system] = [sum(depth) / len(depth) for depth in depths]
     return profiles
 
@@ -110,12 +122,12 @@ def _course(root: float, tip: float) -> str:
     return f"{word(tip / root, 'grows', 'falls', 'stays the same within 5 %')} ({numbers})"
 
 
-def _attribution(diagnostics: Mapping[str, Any]) -> str:
+def _attribution(diagnostics: Diagnostics) -> str:
     """The joint of each of two systems whose smoothing takes most jerk from the point."""
     point = _point(diagnostics)
     strongest = {}
-    for system, samples in samples_by_system(diagnostics["systems"]).items():
-        shares = _mean_shares([raw_of(diagnostics, name) for name in samples.values()])
+    for system, samples in samples_by_system(diagnostics.systems).items():
+        shares = _mean_shares([diagnostics.systems[name].raw for name in samples.values()])
         if shares:
             joint = max(shares, key=lambda name: shares[name])
             strongest[system] = (joint, shares[joint])
@@ -127,14 +139,13 @@ def _attribution(diagnostics: Mapping[str, Any]) -> str:
     return f"With {parts}. Shares of single joints do not add up to the whole."
 
 
-def _mean_shares(samples: list[Mapping[str, Any]]) -> dict[str, float]:
+def _mean_shares(samples: list[Measures]) -> dict[str, float]:
     """Joint to its share, mean over the samples that have one."""
     found: dict[str, list[float]] = {}
     for raw in samples:
-        attribution = raw.get("tip_jerk_attribution") or {}
-        pairs = zip(attribution.get("joints", ()), attribution.get("share") or (), strict=False)
-        for joint, share in pairs:
-            if share is not None:
+        attribution = raw.point.tip_jerk_attribution
+        for joint, share in zip(attribution.joints, attribution.share.tolist(), strict=True):
+            if isfinite(share):
                 found.setdefault(joint, []).append(share)
     return {joint: sum(shares) / len(shares) for joint, shares in found.items()}
 
@@ -149,14 +160,14 @@ def _strongest_part(system: str, strongest: tuple[str, float], point: str) -> st
     return f"{system} smoothing the {name} alone takes most {point} jerk away ({percent})"
 
 
-def _seams(diagnostics: Mapping[str, Any]) -> str:
+def _seams(diagnostics: Diagnostics) -> str:
     """How far the joins of windows stand out, at most and at least."""
-    raw = values_by_system(diagnostics, SEAMS, "raw")
-    advance = diagnostics.get("window_advance_frames", 52)
+    raw = values_by_system(diagnostics, seams_of, "raw")
+    advance = diagnostics.window_advance
     if not raw:
         return f"No motion is long enough for joins of windows, one every {advance} frames."
-    filtered = values_by_system(diagnostics, SEAMS, "savgol")
-    reference = number_of(diagnostics.get("reference"), SEAMS, "raw")
+    filtered = values_by_system(diagnostics, seams_of, "savgol")
+    reference = number_of(diagnostics.reference, seams_of, "raw")
     limit = max(SEAM_STANDS_OUT, ALIKE * (reference or 0.0))
     high, low = extremes(raw)
     parts = [_seam_part(system, raw, filtered, limit) for system in dict.fromkeys((high, low))]
@@ -175,10 +186,10 @@ def _seam_part(
     return f"{times(ratio)} that elsewhere with {system} ({verdict}{after})"
 
 
-def _reference(diagnostics: Mapping[str, Any]) -> str:
+def _reference(diagnostics: Diagnostics) -> str:
     """Which system's jerk is nearest to the recording's, and how far its joints are off."""
-    recorded = number_of(diagnostics.get("reference"), JERK, "raw")
-    raw = values_by_system(diagnostics, JERK, "raw")
+    recorded = number_of(diagnostics.reference, jerk_of, "raw")
+    raw = values_by_system(diagnostics, jerk_of, "raw")
     if recorded is None or recorded <= 0.0 or not raw or min(map(mean, raw.values())) <= 0.0:
         return ""
     distance = {system: abs(log(mean(values) / recorded)) for system, values in raw.items()}
@@ -203,21 +214,22 @@ def _reference(diagnostics: Mapping[str, Any]) -> str:
     return f"{text}."
 
 
-def _mean_errors(diagnostics: Mapping[str, Any]) -> dict[str, float]:
+def _mean_errors(diagnostics: Diagnostics) -> dict[str, float]:
     """Mean distance of all joints from the reference's, metres, by system."""
     errors = {}
-    for system, samples in samples_by_system(diagnostics["systems"]).items():
+    for system, samples in samples_by_system(diagnostics.systems).items():
+        measured = [diagnostics.systems[name].raw.errors for name in samples.values()]
         found = [
             value
-            for name in samples.values()
-            for value in raw_of(diagnostics, name).get("position_error_m") or ()
-            if value is not None
+            for errors in measured
+            if errors is not None
+            for value in errors.position_error_m.tolist()
         ]
         if found:
             errors[system] = sum(found) / len(found)
     return errors
 
 
-def _point(diagnostics: Mapping[str, Any]) -> str:
+def _point(diagnostics: Diagnostics) -> str:
     """The followed point, inside a sentence."""
-    return point_title(diagnostics.get("joint") or diagnostics.get("tip", "right_middle")).lower()
+    return point_title(diagnostics.point).lower()

@@ -21,6 +21,7 @@ from app.run.result_folder import ResultFolder
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from model.measures.diagnostics import Diagnostics
     from model.motion.motion import Motion
 
 OnShare = Callable[[float], None]
@@ -58,7 +59,7 @@ class Diagnosis:
 
     files: tuple[Path, ...]
     notes: tuple[str, ...]
-    diagnostics: dict[str, Any]
+    diagnostics: Diagnostics
     error_growth: dict[str, Any] | None
     """None where no rotation moves the followed point."""
 
@@ -94,13 +95,16 @@ def diagnose_files(
         RunError, MotionError, SpeechError, TranscriptError, BodyError, GLError, FigureError,
         WriteError: each with one sentence.
     """
+    from model.speech.transcript import read_words
+
     body = get_body(request.body)
     tip = choose_tip_source(body, request.body, request.joint)
     read = _read_motions(request, on_progress)
     check_start(request.start_frame, min(motion.num_frames for motion in read.all.values()))
     with ResultFolder(request.out) as folder:
+        words = read_words(request.transcript) if request.transcript else None
         diagnostics = _measure(request, read, tip, on_progress)
-        write_diagnostics(diagnostics, folder)
+        write_diagnostics(diagnostics, folder, words)
         growth = _grow_errors(read.all, request.joint, on_progress)
         if growth is not None:
             text = json.dumps(growth, indent=1, allow_nan=False) + "\n"
@@ -113,7 +117,7 @@ def diagnose_files(
         on_progress(_SHEET_DRAWN)
         _draw_figure6(request, shown, tip, folder, on_progress)
         on_progress(1.0)
-        notes = [*read.notes, *diagnostics["notes"]]
+        notes = [*read.notes, *diagnostics.notes]
         for motion in shown.values():
             notes += [n for n in body.notes(body_motion(motion)) if n not in notes]
         if len(shown) < len(read.all):
@@ -176,11 +180,9 @@ def _read_motions(request: DiagnoseRequest, on_progress: OnShare) -> _Read:
 
 def _measure(
     request: DiagnoseRequest, read: _Read, tip: TipSource, on_progress: OnShare
-) -> dict[str, Any]:
+) -> Diagnostics:
     from model.speech.audio import load_speech
-    from model.speech.transcript import read_words
 
-    words = read_words(request.transcript) if request.transcript else None
     onsets_s = None
     if request.speech is not None:
         speech = load_speech(request.speech)
@@ -192,7 +194,6 @@ def _measure(
         read.all,
         tip,
         onsets_s,
-        words,
         on_share=lambda part: on_progress(_READ + (_MEASURED - _READ) * part),
     )
 
@@ -212,7 +213,7 @@ def _grow_errors(
 ) -> dict[str, Any] | None:
     """The content of error_growth.json."""
     from model.measures.error_growth import DRAWS, NOISE_RAD, growth_sentence, measure_error_growth
-    from model.measures.measures import as_json
+    from model.measures.results import as_json
     from model.motion.skeleton import open_body_skeleton
     from model.motion.tracks import moving_chain
 

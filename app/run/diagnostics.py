@@ -20,6 +20,7 @@ from app.run.result_folder import ResultFolder
 if TYPE_CHECKING:
     import numpy as np
 
+    from model.measures.diagnostics import Diagnostics
     from model.motion.motion import Motion
     from model.motion.tracks import Tracks
     from model.speech.audio import Speech
@@ -36,16 +37,14 @@ def measure_motions(
     motions: Mapping[str, Motion],
     tip: TipSource,
     onsets_s: np.ndarray | None = None,
-    words: Sequence[Word] | None = None,
     on_share: Callable[[float], None] = lambda share: None,
-) -> dict[str, Any]:
-    """The content of ``diagnostics.json``, with what stands out in each motion.
+) -> Diagnostics:
+    """All numbers of the motions, with what stands out in each.
 
     Args:
         motions: by name; the recorded one, if there is one, as `REFERENCE_NAME`.
         tip: what the ``tip_`` measures follow.
         onsets_s: of their speech, for BeatAlign.
-        words: of their speech, which are only handed on.
         on_share: told the share done, 0 to 1, of each motion as it is and filtered, more than once
             in a long one; what it raises ends the work.
     """
@@ -61,7 +60,7 @@ def measure_motions(
         done += 1
         return tip.track(version, on_piece=lambda: on_share(share), tracks=tracks)
 
-    diagnostics = diagnose(
+    return diagnose(
         {name: motion for name, motion in motions.items() if name != REFERENCE_NAME},
         open_body_skeleton(),
         reference=motions.get(REFERENCE_NAME),
@@ -70,9 +69,6 @@ def measure_motions(
         joint=tip.point,
         onsets_s=onsets_s,
     )
-    if words is not None:
-        diagnostics["words"] = [asdict(word) for word in words]
-    return diagnostics
 
 
 def onsets_of(speech: Speech) -> np.ndarray:
@@ -87,11 +83,20 @@ def onsets_of(speech: Speech) -> np.ndarray:
         return _ONSETS[speech.sha256]
 
 
-def write_diagnostics(diagnostics: Mapping[str, Any], folder: ResultFolder) -> tuple[Path, Path]:
+def write_diagnostics(
+    diagnostics: Diagnostics, folder: ResultFolder, words: Sequence[Word] | None = None
+) -> tuple[Path, Path]:
     """Write diagnostics.json and .csv. The table has one row for each number; arrays are told apart
-    by ``index``."""
+    by ``index``.
+
+    Args:
+        words: of the speech, which are only handed on.
+    """
+    content = diagnostics.as_json()
+    if words is not None:
+        content["words"] = [asdict(word) for word in words]
     json_path, csv_path = folder.path("diagnostics.json"), folder.path("diagnostics.csv")
-    json_path.write_text(json.dumps(diagnostics, indent=1, allow_nan=False) + "\n")
+    json_path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
     with csv_path.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(CSV_HEADER)
@@ -99,12 +104,12 @@ def write_diagnostics(diagnostics: Mapping[str, Any], folder: ResultFolder) -> t
     return json_path, csv_path
 
 
-def _rows(diagnostics: Mapping[str, Any]) -> Iterator[tuple[str, str, str, str, float]]:
-    motions = dict(diagnostics["systems"])
-    if diagnostics["reference"] is not None:
-        motions[REFERENCE_NAME] = diagnostics["reference"]
-    for name, measures in motions.items():
-        for post_filter, values in measures.items():
+def _rows(diagnostics: Diagnostics) -> Iterator[tuple[str, str, str, str, float]]:
+    motions = dict(diagnostics.systems)
+    if diagnostics.reference is not None:
+        motions[REFERENCE_NAME] = diagnostics.reference
+    for name, versions in motions.items():
+        for post_filter, values in versions.as_json().items():
             for measure, value in values.items():
                 for index, number in _numbers(value):
                     yield name, post_filter, measure, index, number

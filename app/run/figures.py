@@ -14,6 +14,7 @@ from app.run.request import REFERENCE_NAME, PostFilter
 from app.run.result_folder import ResultFolder
 
 if TYPE_CHECKING:
+    from model.measures.diagnostics import Diagnostics
     from model.motion.motion import Motion
 
 
@@ -70,7 +71,7 @@ def draw_figure6(
 
 
 def draw_jitter(
-    diagnostics: Mapping[str, Any],
+    diagnostics: Diagnostics,
     tip: TipSource,
     folder: ResultFolder,
     names: Sequence[str],
@@ -81,7 +82,7 @@ def draw_jitter(
 
     sentences = sentences_of(diagnostics)
     files = jitter_sheet(
-        diagnostics,
+        diagnostics.as_json(),
         folder.path("jitter.png").with_suffix(""),
         names=names,
         point=tip.title.lower(),

@@ -7,7 +7,7 @@ import ctypes
 import json
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from app.errors import CancelledRun
 from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
@@ -40,6 +40,7 @@ from app.run.telling import Reporter
 if TYPE_CHECKING:
     import numpy as np
 
+    from model.measures.diagnostics import Diagnostics
     from model.speech.audio import Speech
     from model.speech.transcript import Word
 
@@ -155,17 +156,15 @@ def _measure(
     tip: TipSource,
     folder: ResultFolder,
     reporter: Reporter,
-) -> dict[str, Any]:
+) -> Diagnostics:
     def on_share(part: float) -> None:
         reporter.stop_if_asked()
         reporter.progress("numbers", part)
 
     on_share(0.0)
-    diagnostics = measure_motions(
-        {row.name: row.raw for row in rows}, tip, onsets_s, words, on_share
-    )
-    reporter.note(*diagnostics["notes"])
-    for path in write_diagnostics(diagnostics, folder):
+    diagnostics = measure_motions({row.name: row.raw for row in rows}, tip, onsets_s, on_share)
+    reporter.note(*diagnostics.notes)
+    for path in write_diagnostics(diagnostics, folder, words):
         reporter.file("diagnostics", "diagnostics", path)
     reporter.progress("numbers", 1.0)
     return diagnostics
@@ -176,7 +175,7 @@ def _draw_figures(
     rows: Sequence[Row],
     snapshots: Snapshots,
     tip: TipSource,
-    diagnostics: dict[str, Any],
+    diagnostics: Diagnostics,
     folder: ResultFolder,
     reporter: Reporter,
 ) -> None:

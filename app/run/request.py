@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 from app.errors import RunError
+
+if TYPE_CHECKING:
+    from model.measures.diagnostics import Diagnostics
 
 PostFilter = Literal["none", "savgol"]
 POST_FILTERS: tuple[PostFilter, ...] = get_args(PostFilter)
@@ -201,7 +204,7 @@ class GenerateResult:
     names: tuple[str, ...]
     """Rows of the comparison: systems with their samples, the reference last."""
     num_frames: int
-    diagnostics: dict
+    diagnostics: Diagnostics
     notes: tuple[str, ...] = field(default=())
     """Sentences the person should read, such as what was done to the speech."""
 

@@ -1,30 +1,30 @@
-"""Where the jitter sits: the content of ``diagnostics.json`` for a set of motions.
+"""Where the jitter sits: all numbers of a set of motions, and how ``diagnostics.json`` tells them.
 
-The keys are a public format, documented in ``docs/formats.md``. Jitter is always measured raw and
+Its keys are a public format, documented in ``docs/formats.md``. Jitter is always measured raw and
 once more behind one and the same filter, the official GlobalDiff inference's
 (`model.motion.filtering`),
 here applied to the stitched sequence.
 """
 
+import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from model.measures.beats import BEAT_JOINTS, MARGIN_S, beat_scores, joint_speeds
-from model.measures.findings import find_faults
+from model.measures.findings import Finding, find_faults
 from model.measures.measures import (
     TIP,
     WINDOW_ADVANCE,
     WINDOW_OVERLAP,
-    Measures,
-    as_json,
+    measure_tracks,
     measures,
-    measures_of_tracks,
-    measures_to_reference,
 )
+from model.measures.reference_error import error_to_reference
+from model.measures.results import BeatMeasures, Measures
 from model.motion.filtering import smooth_motion
 from model.motion.motion import Motion, first_frames
 from model.motion.skeleton import (
@@ -43,6 +43,62 @@ REFERENCE = "reference"
 """What the recorded motion is called beside the systems."""
 
 
+Kind = Literal["raw", "savgol"]
+"""A motion as it is, or filtered."""
+
+
+@dataclass(frozen=True)
+class Versions:
+    """One motion's measures as it is and filtered."""
+
+    raw: Measures
+    savgol: Measures
+
+    def of(self, kind: Kind) -> Measures:
+        return self.raw if kind == "raw" else self.savgol
+
+    def as_json(self) -> dict[str, Any]:
+        return {"raw": self.raw.as_json(), "savgol": self.savgol.as_json()}
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """Each motion and the reference, raw and filtered."""
+
+    point: str
+    """The fingertip or joint that the ``tip_`` measures follow."""
+    tip_source: str
+    window_advance: int
+    window_overlap: int
+    num_frames: dict[str, int]
+    notes: list[str]
+    findings: dict[str, list[Finding]]
+    reference: Versions | None
+    systems: dict[str, Versions]
+
+    def as_json(self) -> dict[str, Any]:
+        """The content of ``diagnostics.json``."""
+        return {
+            "fps": FPS,
+            "tip": self.point if self.point in FINGERTIP_NAMES else None,
+            "joint": self.point,
+            "tip_source": self.tip_source,
+            "window_advance_frames": self.window_advance,
+            "window_overlap_frames": self.window_overlap,
+            "joint_names": list(JOINT_NAMES),
+            "depth_of_joint": list(JOINT_DEPTH),
+            "fingertip_names": list(FINGERTIP_NAMES),
+            "num_frames": self.num_frames,
+            "notes": self.notes,
+            "findings": {
+                name: [finding.as_json() for finding in found]
+                for name, found in self.findings.items()
+            },
+            "reference": None if self.reference is None else self.reference.as_json(),
+            "systems": {name: versions.as_json() for name, versions in self.systems.items()},
+        }
+
+
 def diagnose(
     motions: Mapping[str, Motion],
     skeleton: RestSkeleton,
@@ -54,8 +110,8 @@ def diagnose(
     tip_source: str | None = None,
     joint: str | None = None,
     onsets_s: Float[np.ndarray, " onsets"] | None = None,
-) -> dict[str, Any]:
-    """The content of ``diagnostics.json``: each motion and the reference, raw and filtered.
+) -> Diagnostics:
+    """Measure motions and the reference, raw and filtered.
 
     With a reference everything is measured over the same frames: all are cut to the shortest, and
     ``notes`` says so. Without one each motion is measured whole.
@@ -96,26 +152,20 @@ def diagnose(
         None if recorded is None else _measured(iter(recorded.items()), None, settings)
     )
     everything = systems | ({REFERENCE: measured_reference} if measured_reference else {})
-    is_fingertip = settings.point in FINGERTIP_NAMES
-    return {
-        "fps": FPS,
-        "tip": settings.point if is_fingertip else None,
-        "joint": settings.point,
-        "tip_source": tip_source or ("rigid" if is_fingertip else "joint"),
-        "window_advance_frames": window_advance,
-        "window_overlap_frames": window_overlap,
-        "joint_names": list(JOINT_NAMES),
-        "depth_of_joint": list(JOINT_DEPTH),
-        "fingertip_names": list(FINGERTIP_NAMES),
-        "num_frames": {name: motion.num_frames for name, motion in motions.items()},
-        "notes": notes,
-        "findings": {
-            name: find_faults(versions["raw"], settings.point, window_advance)
+    return Diagnostics(
+        point=settings.point,
+        tip_source=tip_source or ("rigid" if settings.point in FINGERTIP_NAMES else "joint"),
+        window_advance=window_advance,
+        window_overlap=window_overlap,
+        num_frames={name: motion.num_frames for name, motion in motions.items()},
+        notes=notes,
+        findings={
+            name: find_faults(versions.raw, settings.point, window_advance)
             for name, versions in everything.items()
         },
-        "reference": measured_reference,
-        "systems": systems,
-    }
+        reference=measured_reference,
+        systems=systems,
+    )
 
 
 @dataclass(frozen=True)
@@ -133,30 +183,31 @@ class _Version(NamedTuple):
     point: Float[np.ndarray, "T 3"]
 
 
-def _versions(motion: Motion, settings: _Settings) -> Iterator[tuple[str, _Version]]:
+def _versions(motion: Motion, settings: _Settings) -> Iterator[tuple[Kind, _Version]]:
     """The motion as it is and filtered, one after the other: a long clip's tracks are large."""
-    for name in ("raw", "savgol"):
-        version = motion if name == "raw" else smooth_motion(motion)
+    kinds: tuple[Kind, ...] = ("raw", "savgol")
+    for kind in kinds:
+        version = motion if kind == "raw" else smooth_motion(motion)
         tracks = track_points(version, settings.skeleton)
         if settings.tip_track is None:
             point = tracks.point(settings.point)
         else:
             point = np.asarray(settings.tip_track(version, tracks), dtype=np.float64)
-        yield name, _Version(tracks, point)
+        yield kind, _Version(tracks, point)
         del tracks, point
 
 
 def _measured(
-    versions: Iterator[tuple[str, _Version]],
-    recorded: dict[str, _Version] | None,
+    versions: Iterator[tuple[Kind, _Version]],
+    recorded: dict[Kind, _Version] | None,
     settings: _Settings,
-) -> dict[str, Measures]:
+) -> Versions:
     """Measures by version; like is compared with like, a filtered motion with the filtered
     reference."""
-    found = {}
+    found: list[Measures] = []
     usual_speed = None if recorded is None else _mean_speed(recorded["raw"].tracks)
-    for name, version in versions:
-        numbers = measures_of_tracks(
+    for kind, version in versions:
+        numbers = measure_tracks(
             version.tracks,
             version.point,
             settings.point,
@@ -164,36 +215,34 @@ def _measured(
             settings.window_advance,
             settings.window_overlap,
         )
+        errors = beats = None
         if recorded is not None:
-            numbers |= measures_to_reference(version.tracks, recorded[name].tracks)
+            errors = error_to_reference(version.tracks, recorded[kind].tracks)
         if usual_speed is None:  # raw comes first
             usual_speed = _mean_speed(version.tracks)
         if settings.onsets_s is not None:
-            numbers |= _beat_measures(version.tracks, usual_speed, settings.onsets_s)
-        found[name] = numbers
+            beats = _measure_beats(version.tracks, usual_speed, settings.onsets_s)
+        found.append(replace(numbers, errors=errors, beats=beats))
         del version  # before the next one is made
-    return found
+    return Versions(*found)
 
 
-def _beat_measures(
+def _measure_beats(
     tracks: Tracks,
     usual_speed: Float[np.ndarray, " joints"],
     onsets_s: Float[np.ndarray, " onsets"],
-) -> Measures:
-    """BeatAlign in EMAGE's direction and its chance level; None where no onset counts.
+) -> BeatMeasures:
+    """See `BeatMeasures`.
 
     Args:
         usual_speed: decides what is slow: the reference's mean, or else the motion's own.
     """
     duration_s = len(tracks.joints) / FPS
     if not np.any((onsets_s >= MARGIN_S) & (onsets_s < duration_s - MARGIN_S)):
-        return {"beat_align": None, "beat_align_chance": None}
+        return BeatMeasures(math.nan, math.nan)
     scores = beat_scores(_rooted(tracks), onsets_s, usual_speed)
-    return as_json(
-        {
-            "beat_align": scores["beat_align_audio_to_motion"],
-            "beat_align_chance": scores["beat_align_audio_to_motion_chance"],
-        }
+    return BeatMeasures(
+        scores["beat_align_audio_to_motion"], scores["beat_align_audio_to_motion_chance"]
     )
 
 

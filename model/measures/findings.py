@@ -7,16 +7,15 @@ recorded BEAT2 clips and procedural clips reach, whole and in stretches of 10 s 
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from model.measures.measures import SIDES, Measures
+from model.measures.results import Measures, as_json
 from model.motion.skeleton import JOINT_NAMES
 from model.motion.timing import FPS
 from model.motion.tracks import point_words
-
-Finding = dict[str, Any]
 
 NOISE_DEG = 0.4
 """Of `joint_rotation_noise_deg`; clean: at most 0.26. Noise of 0.01 rad shows as 0.58."""
@@ -41,11 +40,23 @@ STILL_M_S = 1e-3
 """Mean speed of the fastest joint under which nothing moves."""
 
 
-def find_faults(raw: Measures, point: str, window_advance: int) -> list[Finding]:
-    """Faults of one motion, as ``{"kind", "sentence", numbers…}``; empty for clean motion.
+@dataclass(frozen=True)
+class Finding:
+    """One fault of a motion."""
 
-    Kinds: ``still``, ``joint_noise``, ``seams``, ``foot_slide``, ``swapped_sides``,
-    ``frozen_hand``, ``finger_range``.
+    kind: str
+    """One of ``still``, ``joint_noise``, ``seams``, ``foot_slide``, ``swapped_sides``,
+    ``frozen_hand`` and ``finger_range``."""
+    sentence: str
+    numbers: dict[str, Any]
+    """What the sentence was made from, by the keys of ``diagnostics.json``."""
+
+    def as_json(self) -> dict[str, Any]:
+        return {"kind": self.kind, **as_json(self.numbers), "sentence": self.sentence}
+
+
+def find_faults(raw: Measures, point: str, window_advance: int) -> list[Finding]:
+    """Faults of one motion; none for clean motion.
 
     Left and right taken for each other are found beside a reference of the same speech. Without
     one only a swap of the joints' names shows, because then both elbows bend backwards; a whole
@@ -55,9 +66,8 @@ def find_faults(raw: Measures, point: str, window_advance: int) -> list[Finding]
         raw: measures of the unfiltered motion.
         point: what its ``tip_`` measures follow.
     """
-    speed = _finite(raw["joint_speed_m_s"])
-    if len(speed) and speed.max() < STILL_M_S:
-        return [{"kind": "still", "sentence": "Nothing moves in this motion."}]
+    if raw.positions.joint_speed_m_s.max() < STILL_M_S:
+        return [Finding("still", "Nothing moves in this motion.", {})]
     searches: tuple[Callable[[], list[Finding]], ...] = (
         lambda: _joint_noise(raw, point),
         lambda: _seams(raw, window_advance),
@@ -70,10 +80,9 @@ def find_faults(raw: Measures, point: str, window_advance: int) -> list[Finding]
 
 
 def _joint_noise(raw: Measures, point: str) -> list[Finding]:
+    measured = raw.rotations.joint_rotation_noise_deg.tolist()
     noise = {
-        name: value
-        for name, value in zip(JOINT_NAMES, raw["joint_rotation_noise_deg"], strict=True)
-        if value is not None and value > NOISE_DEG
+        name: value for name, value in zip(JOINT_NAMES, measured, strict=True) if value > NOISE_DEG
     }
     if not noise:
         return []
@@ -83,99 +92,102 @@ def _joint_noise(raw: Measures, point: str) -> list[Finding]:
         sentence = f"{len(noise)} of {len(JOINT_NAMES)} joints shake, most of all {listed}."
     else:
         sentence = f"The {listed} {'shakes' if len(noise) == 1 else 'shake'} from frame to frame."
-    finding: Finding = {"kind": "joint_noise", "noise_deg": noise}
-    attribution = raw["tip_jerk_attribution"]
-    shares = dict(zip(attribution["joints"], attribution["share"], strict=True))
-    blamed = max(shares, key=lambda name: shares[name] or 0.0, default=None)
+    numbers: dict[str, Any] = {"noise_deg": noise}
+    attribution = raw.point.tip_jerk_attribution
+    shares = dict(zip(attribution.joints, np.nan_to_num(attribution.share).tolist(), strict=True))
+    blamed = max(shares, key=lambda name: shares[name], default=None)
     if blamed in noise and shares[blamed] > 0.1:
-        finding |= {"attributed_joint": blamed, "attributed_share": shares[blamed]}
+        numbers |= {"attributed_joint": blamed, "attributed_share": shares[blamed]}
         sentence += (
             f" Smoothing the {point_words(blamed)} alone takes {shares[blamed]:.0%} of the jerk of"
             f" the {point_words(point)} away."
         )
-    return [finding | {"sentence": sentence}]
+    return [Finding("joint_noise", sentence, numbers)]
 
 
 def _seams(raw: Measures, window_advance: int) -> list[Finding]:
-    recurring = raw["recurring_jerk"]
-    ratio, phase = recurring["ratio"], recurring["phase_frame"]
-    if ratio is None or (ratio - 1) * recurring["windows"] ** 0.5 <= RECURRING_JERK_EXCESS:
+    found = raw.seams.recurring_jerk
+    if not (found.ratio - 1) * found.windows**0.5 > RECURRING_JERK_EXCESS:
         return []
     return [
-        {
-            "kind": "seams",
-            "window_advance_frames": window_advance,
-            "phase_frame": phase,
-            "jerk_ratio": ratio,
-            "sentence": f"The body jumps every {window_advance} frames ({window_advance / FPS:.2f}"
-            f" s), at frame {phase} of each window: its jerk there is {ratio:.1f} times the usual.",
-        }
+        Finding(
+            "seams",
+            f"The body jumps every {window_advance} frames ({window_advance / FPS:.2f}"
+            f" s), at frame {found.phase_frame} of each window: its jerk there is"
+            f" {found.ratio:.1f} times the usual.",
+            {
+                "window_advance_frames": window_advance,
+                "phase_frame": found.phase_frame,
+                "jerk_ratio": found.ratio,
+            },
+        )
     ]
 
 
 def _foot_slide(raw: Measures) -> list[Finding]:
-    slide = raw["foot_slide_m_s"]
-    if slide is None or slide <= FOOT_SLIDE_M_S:
+    slide = raw.posture.foot_slide_m_s
+    if not slide > FOOT_SLIDE_M_S:
         return []
     return [
-        {
-            "kind": "foot_slide",
-            "foot_slide_m_s": slide,
-            "sentence": f"Feet on the ground slide at {100 * slide:.0f} cm/s on average; recorded"
+        Finding(
+            "foot_slide",
+            f"Feet on the ground slide at {100 * slide:.0f} cm/s on average; recorded"
             f" clips stay under {100 * FOOT_SLIDE_M_S:.0f} cm/s.",
-        }
+            {"foot_slide_m_s": slide},
+        )
     ]
 
 
 def _swapped_sides(raw: Measures) -> list[Finding]:
-    errors = raw.get("rotation_error_by_sides_deg")
-    if errors is not None:
-        way = min(("mirrored", "swapped"), key=lambda name: errors[name])
-        if errors[way] >= SWAPPED_ERROR_RATIO * errors["as_is"]:
+    if raw.errors is not None:
+        errors = raw.errors.rotation_error_by_sides_deg
+        is_mirrored = errors.mirrored <= errors.swapped
+        error = errors.mirrored if is_mirrored else errors.swapped
+        if error >= SWAPPED_ERROR_RATIO * errors.as_is:
             return []
-        how = "as a mirror image" if way == "mirrored" else "joint by joint"
+        how = "as a mirror image" if is_mirrored else "joint by joint"
         return [
-            {
-                "kind": "swapped_sides",
-                "way": way,
-                "error_deg": errors["as_is"],
-                "error_swapped_deg": errors[way],
-                "sentence": f"Left and right seem swapped {how}: upper body and hands are"
-                f" {errors['as_is']:.0f}° from the reference, and {errors[way]:.0f}° once swapped"
+            Finding(
+                "swapped_sides",
+                f"Left and right seem swapped {how}: upper body and hands are"
+                f" {errors.as_is:.0f}° from the reference, and {error:.0f}° once swapped"
                 " back.",
-            }
+                {
+                    "way": "mirrored" if is_mirrored else "swapped",
+                    "error_deg": errors.as_is,
+                    "error_swapped_deg": error,
+                },
+            )
         ]
-    backwards = raw["elbow_backwards_share"]
-    share = min(backwards[side] for side in SIDES)
+    backwards = raw.ranges.elbow_backwards_share
+    share = min(backwards.left, backwards.right)
     if share <= ELBOWS_BACKWARDS:
         return []
     return [
-        {
-            "kind": "swapped_sides",
-            "way": "swapped",
-            "elbow_backwards_share": backwards,
-            "sentence": "Left and right joints seem swapped: both elbows bend backwards in at"
+        Finding(
+            "swapped_sides",
+            "Left and right joints seem swapped: both elbows bend backwards in at"
             f" least {share:.0%} of the frames.",
-        }
+            {"way": "swapped", "elbow_backwards_share": backwards},
+        )
     ]
 
 
 def _frozen_hands(raw: Measures) -> list[Finding]:
     return [
-        {
-            "kind": "frozen_hand",
-            "side": side,
-            "still_share": share,
-            "sentence": f"The fingers of the {side} hand are frozen in {share:.0%} of the frames.",
-        }
-        for side, share in raw["fingers_still_share"].items()
-        if share is not None and share > HAND_STILL
+        Finding(
+            "frozen_hand",
+            f"The fingers of the {side} hand are frozen in {share:.0%} of the frames.",
+            {"side": side, "still_share": share},
+        )
+        for side, share in vars(raw.rotations.fingers_still_share).items()
+        if share > HAND_STILL
     ]
 
 
 def _finger_range(raw: Measures) -> list[Finding]:
-    share = raw["finger_angle_outside_share"]
-    by_joint = raw["finger_angle_outside_by_joint"]
+    share = raw.ranges.finger_angle_outside_share
+    by_joint = raw.ranges.finger_angle_outside_by_joint
     worst = sorted(by_joint, key=lambda name: -by_joint[name])[:NAMED_JOINTS]
     if share <= FINGERS_OUTSIDE and by_joint[worst[0]] <= JOINT_OUTSIDE:
         return []
@@ -183,18 +195,16 @@ def _finger_range(raw: Measures) -> list[Finding]:
         [f"{point_words(name)} ({by_joint[name]:.0%})" for name in worst if by_joint[name]]
     )
     return [
-        {
-            "kind": "finger_range",
-            "outside_share": share,
-            "joints": {name: by_joint[name] for name in worst if by_joint[name]},
-            "sentence": f"Fingers bend as no human hand can in {share:.1%} of frames and joints;"
+        Finding(
+            "finger_range",
+            f"Fingers bend as no human hand can in {share:.1%} of frames and joints;"
             f" most often the {listed}.",
-        }
+            {
+                "outside_share": share,
+                "joints": {name: by_joint[name] for name in worst if by_joint[name]},
+            },
+        )
     ]
-
-
-def _finite(values: list[float | None]) -> np.ndarray:
-    return np.array([value for value in values if value is not None])
 
 
 def _listed(items: list[str]) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from model.measures.smoothness import mean_by_depth
 from model.motion.kinematics import mirror_local
 from model.motion.rotations import geodesic_angle
 from model.motion.skeleton import LEFT_HAND, MIRROR_PERMUTATION, RIGHT_HAND, UPPER_BODY
@@ -20,42 +21,59 @@ UPPER_BODY_AND_HANDS = (*UPPER_BODY, *LEFT_HAND, *RIGHT_HAND)
 _CHUNK_FRAMES = 2048
 
 
+@dataclass(frozen=True)
+class ErrorBySides:
+    """Mean local rotation error of upper body and hands, degrees."""
+
+    as_is: float
+    mirrored: float
+    """Had the motion been mirrored, left to right."""
+    swapped: float
+    """Had left and right joints changed places only."""
+
+
 @dataclass(frozen=True, eq=False)
 class ReferenceError:
-    """Means over all frames."""
+    """Means over all frames, by the names of ``diagnostics.json``."""
 
-    position_m: Float[np.ndarray, " 55"]
-    global_rotation_deg: Float[np.ndarray, " 55"]
+    position_error_m: Float[np.ndarray, " 55"]
+    global_rotation_error_deg: Float[np.ndarray, " 55"]
     """Angle between the joint's rotations in the world."""
-    local_rotation_deg: Float[np.ndarray, " 55"]
+    local_rotation_error_deg: Float[np.ndarray, " 55"]
     """The same relative to the parent joint."""
-    root_m: float
+    position_error_by_depth_m: Float[np.ndarray, " 11"]
+    global_rotation_error_by_depth_deg: Float[np.ndarray, " 11"]
+    local_rotation_error_by_depth_deg: Float[np.ndarray, " 11"]
+    root_error_m: float
     """Distance of the two pelvises in the world."""
-    by_sides_deg: dict[str, float]
-    """Mean local rotation error of upper body and hands ``as_is``; ``mirrored``: had the motion
-    been mirrored, left to right; ``swapped``: had left and right joints changed places only."""
+    rotation_error_by_sides_deg: ErrorBySides
 
 
 def error_to_reference(tracks: Tracks, reference: Tracks) -> ReferenceError:
     """Errors of a motion of as many frames as the reference has."""
     rooted, rooted_reference = (t.joints - t.joints[:, :1] for t in (tracks, reference))
-    local_rotation_deg = mean_angle_deg(tracks.local_rot, reference.local_rot)
-    by_sides = {
-        "as_is": local_rotation_deg,
-        "mirrored": mean_angle_deg(_mirrored(tracks.local_rot), reference.local_rot),
-        "swapped": mean_angle_deg(
-            tracks.local_rot[:, list(MIRROR_PERMUTATION)], reference.local_rot
-        ),
-    }
+    position_m = np.linalg.norm(rooted - rooted_reference, axis=-1).mean(axis=0)
+    global_deg = mean_angle_deg(tracks.global_rot, reference.global_rot)
+    local_deg = mean_angle_deg(tracks.local_rot, reference.local_rot)
+    swapped = tracks.local_rot[:, list(MIRROR_PERMUTATION)]
+    by_sides = (
+        local_deg,
+        mean_angle_deg(_mirrored(tracks.local_rot), reference.local_rot),
+        mean_angle_deg(swapped, reference.local_rot),
+    )
     return ReferenceError(
-        position_m=np.linalg.norm(rooted - rooted_reference, axis=-1).mean(axis=0),
-        global_rotation_deg=mean_angle_deg(tracks.global_rot, reference.global_rot),
-        local_rotation_deg=local_rotation_deg,
-        root_m=float(np.linalg.norm(tracks.joints[:, 0] - reference.joints[:, 0], axis=-1).mean()),
-        by_sides_deg={
-            name: float(error[list(UPPER_BODY_AND_HANDS)].mean())
-            for name, error in by_sides.items()
-        },
+        position_error_m=position_m,
+        global_rotation_error_deg=global_deg,
+        local_rotation_error_deg=local_deg,
+        position_error_by_depth_m=mean_by_depth(position_m),
+        global_rotation_error_by_depth_deg=mean_by_depth(global_deg),
+        local_rotation_error_by_depth_deg=mean_by_depth(local_deg),
+        root_error_m=float(
+            np.linalg.norm(tracks.joints[:, 0] - reference.joints[:, 0], axis=-1).mean()
+        ),
+        rotation_error_by_sides_deg=ErrorBySides(
+            *(float(error[list(UPPER_BODY_AND_HANDS)].mean()) for error in by_sides)
+        ),
     )
 
 

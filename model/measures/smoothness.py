@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Float
 
 from model.motion.rotations import axis_angle_from_matrix
+from model.motion.skeleton import JOINT_DEPTH
 from model.motion.timing import FPS
 
 STILL_M_S3 = 1e-6
@@ -56,6 +57,12 @@ def angular_velocity(
         turn = part[:-1].transpose(-1, -2) @ part[1:]
         steps[start : start + _ROTATION_CHUNK] = axis_angle_from_matrix(turn).numpy() * FPS
     return steps
+
+
+def mean_by_depth(by_joint: Float[np.ndarray, " 55"]) -> Float[np.ndarray, " 11"]:
+    """Entry d is the mean over the joints that are d bones away from the pelvis."""
+    depth = np.array(JOINT_DEPTH)
+    return np.array([by_joint[depth == d].mean() for d in range(max(JOINT_DEPTH) + 1)])
 
 
 def rotation_noise(

@@ -23,8 +23,10 @@ from app.run.request import (
     file_stem,
 )
 from app.run.result_folder import ResultFolder
+from model.measures.diagnostics import Versions
 from model.motion.motion import Motion, save_motion
 from model.motion.skeleton import JOINT_INDEX
+from tests.app.measured import diagnostics_of, measured
 
 CATALOGUE = Catalogue(
     systems=("globaldiff/local", "globaldiff/global"),
@@ -65,8 +67,8 @@ def made_motion(num_frames: int, tremble: float = 0.02) -> Motion:
     return Motion(poses, zeros[:, :3], zeros[:, 3:], "flame100", np.zeros(300, np.float32))
 
 
-def measures(jerk: float) -> dict:
-    """Measures of one system in the public format, as far as the page reads them."""
+def measures(jerk: float) -> Versions:
+    """Measures of one system, as far as the page is shown them."""
     raw = {
         "tip_jerk_m_s3": jerk,
         "tip_acceleration_m_s2": jerk / 20,
@@ -74,7 +76,7 @@ def measures(jerk: float) -> dict:
         "seam_jerk_ratio": 1.1,
         "foot_slide_m_s": 0.01,
     }
-    return {"raw": raw, "savgol": {key: value / 3 for key, value in raw.items()}}
+    return Versions(measured(**raw), measured(**{key: value / 3 for key, value in raw.items()}))
 
 
 def make_generate(
@@ -125,16 +127,14 @@ def make_generate(
             on_event(Progress("figure", 1.0))
             on_event(Artefact("figure", "figure6", figure))
             files = folder.publish()
-        diagnostics = {
-            "fps": 30,
-            "tip": "right_middle",
-            "reference": measures(104.0) if request.reference else None,
-            "systems": {
+        diagnostics = diagnostics_of(
+            measures(104.0) if request.reference else None,
+            **{
                 name: measures(110.0 + 10 * i)
                 for i, name in enumerate(names)
                 if name != REFERENCE_NAME
             },
-        }
+        )
         num_frames = round(30 * seconds)
         return GenerateResult(request.out, files, names, num_frames, diagnostics, ("A note.",))
 

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING
 
 from app import text
+from app.findings.sentences import sentences_of
 from app.page.parts import markup
 from app.page.serving.media import MediaDesk
 from app.run.request import Artefact
+
+if TYPE_CHECKING:
+    from model.measures.diagnostics import Diagnostics
 
 _DOWNLOADS = ("png", "svg", "pdf")
 
@@ -29,18 +33,12 @@ class FiguresShown:
             url = self._desk.offer(artefact.path, self._visitor)
             self._urls.setdefault(artefact.path.stem, {})[ending] = url
 
-    def html(self, diagnostics: Mapping[str, Any] | None = None) -> str:
+    def html(self, diagnostics: Diagnostics | None = None) -> str:
         """All figures so far; with their sentences once there are numbers."""
-        sentences = _sentences(diagnostics) if diagnostics else {}
+        sentences = sentences_of(diagnostics) if diagnostics else {}
         return "".join(
             _figure(stem, urls, sentences) for stem, urls in self._urls.items() if "png" in urls
         )
-
-
-def _sentences(diagnostics: Mapping[str, Any]) -> dict[str, str]:
-    from app.findings.sentences import sentences_of
-
-    return sentences_of(diagnostics)
 
 
 def _figure(stem: str, urls: Mapping[str, str], sentences: Mapping[str, str]) -> str:

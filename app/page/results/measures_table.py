@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from html import escape
 from itertools import groupby
-from typing import Any
+from math import isfinite
+from typing import TYPE_CHECKING
 
 from app import text
 from app.findings.measure_rows import MEASURES, Measure, nearest, written
@@ -16,16 +17,20 @@ from app.findings.points import point_title
 from app.page.parts import markup
 from app.run.request import REFERENCE_NAME
 
-_KINDS = ("raw", "savgol")
-Columns = Mapping[str, Mapping[str, Any]]
+if TYPE_CHECKING:
+    from model.measures.diagnostics import Diagnostics, Kind, Versions
+    from model.measures.findings import Finding
+
+_KINDS: tuple[Kind, ...] = ("raw", "savgol")
+Columns = Mapping[str, "Versions"]
 """By name of a motion its measures, raw and filtered."""
 
 
-def measures_table(diagnostics: Mapping[str, Any]) -> str:
+def measures_table(diagnostics: Diagnostics) -> str:
     """The reference first, then the systems; a row for each measure that any of them has."""
-    systems: Columns = diagnostics["systems"]
-    reference = diagnostics.get("reference")
-    columns = {REFERENCE_NAME: reference, **systems} if reference else dict(systems)
+    reference, columns = diagnostics.reference, diagnostics.systems
+    if reference is not None:
+        columns = {REFERENCE_NAME: reference, **columns}
     head = "".join(_column_head(name) for name in columns)
     shown = [measure for measure in MEASURES if _is_known(measure, columns)]
     body = "".join(
@@ -34,9 +39,9 @@ def measures_table(diagnostics: Mapping[str, Any]) -> str:
     )
     return (
         '<div class="measures" data-filter="raw">'
-        f"{markup.heading(text.NUMBERS_HEADING, _explanation(diagnostics))}"
-        f"{_findings(diagnostics.get('findings') or {})}"
-        f"{_bar(has_reference=bool(reference))}"
+        f"{markup.heading(text.NUMBERS_HEADING, _explanation(diagnostics.point))}"
+        f"{_findings(diagnostics.findings)}"
+        f"{_bar(has_reference=reference is not None)}"
         f'<div class="scroll" role="region" aria-label="{escape(text.NUMBERS_HEADING)}" '
         'tabindex="0"><table>'
         f'<thead><tr><th scope="col">Measure</th>{head}</tr></thead>'
@@ -44,9 +49,8 @@ def measures_table(diagnostics: Mapping[str, Any]) -> str:
     )
 
 
-def _explanation(diagnostics: Mapping[str, Any]) -> str:
-    point = point_title(diagnostics.get("joint") or diagnostics.get("tip", "right_middle"))
-    return text.NUMBERS_HELP.format(point=point.lower())
+def _explanation(point: str) -> str:
+    return text.NUMBERS_HELP.format(point=point_title(point).lower())
 
 
 def _bar(has_reference: bool) -> str:
@@ -90,7 +94,7 @@ def _row(measure: Measure, columns: Columns) -> str:
 def _cell(
     measure: Measure,
     name: str,
-    versions: Mapping[str, Any],
+    versions: Versions,
     near: Mapping[str, Sequence[str]],
 ) -> str:
     values = {kind: _value(measure, versions, kind) for kind in _KINDS}
@@ -108,7 +112,7 @@ def _cell(
 _NEAR_WORDS = f'<span class="unseen">, {text.NEAREST_LEGEND}</span>'
 
 
-def _nearest_names(measure: Measure, columns: Columns, kind: str) -> tuple[str, ...]:
+def _nearest_names(measure: Measure, columns: Columns, kind: Kind) -> tuple[str, ...]:
     if not measure.has_target or REFERENCE_NAME not in columns:
         return ()
     values = {name: _value(measure, versions, kind) for name, versions in columns.items()}
@@ -116,9 +120,9 @@ def _nearest_names(measure: Measure, columns: Columns, kind: str) -> tuple[str, 
     return nearest(values, target)
 
 
-def _value(measure: Measure, versions: Mapping[str, Any], kind: str) -> float | None:
-    value = measure.read(versions.get(kind) or {})
-    return None if value is None else measure.scale * value
+def _value(measure: Measure, versions: Versions, kind: Kind) -> float | None:
+    value = measure.read(versions.of(kind))
+    return None if value is None or not isfinite(value) else measure.scale * value
 
 
 def _is_known(measure: Measure, columns: Columns) -> bool:
@@ -129,10 +133,10 @@ def _is_known(measure: Measure, columns: Columns) -> bool:
     )
 
 
-def _findings(findings: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+def _findings(findings: Mapping[str, Sequence[Finding]]) -> str:
     """What stands out in a motion, in sentences; nothing where nothing does."""
     items = "".join(
-        f"<li><b>{escape(name)}</b>{escape(str(finding['sentence']))}</li>"
+        f"<li><b>{escape(name)}</b>{escape(finding.sentence)}</li>"
         for name, found in findings.items()
         for finding in found
     )

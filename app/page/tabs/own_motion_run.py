@@ -184,7 +184,7 @@ class _Work:
             if path.suffix in (".png", ".svg", ".pdf"):
                 self.figures.take(Artefact("figure", path.stem, path))
         bundle = zip_files(result.files, self.job.folder / "own-motion.zip")
-        count = len(result.diagnostics["systems"])
+        count = len(result.diagnostics.systems)
         line = MEASURED.format(motions=f"{count} motion{'s' if count > 1 else ''}")
         return {
             parts.status: markup.sentence_status(line),

@@ -1,46 +1,49 @@
 """Sentences under the plots: the numbers choose the words, and swapped numbers turn them round."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from app.findings.comparison import plain
 from app.findings.points import point_title
 from app.findings.samples import Ratio, ratio_of, samples_by_system
 from app.findings.sentences import sentences_of
+from model.measures.attribution import JerkAttribution
+from model.measures.diagnostics import Versions
+from tests.app.measured import both, diagnostics_of
 
 PLOTS = ["trajectory", "depth", "spectrum", "attribution", "seams", "reference"]
 
 
-def measures(**changes: Any) -> dict[str, Any]:
-    raw = {
+def by_depth(root: float, tip: float) -> np.ndarray:
+    return np.linspace(root, tip, 11)
+
+
+def shares(*values: float) -> JerkAttribution:
+    return JerkAttribution(("pelvis", "right_elbow"), np.array(values), math.nan)
+
+
+def measures(**changes: Any) -> Versions:
+    usual = {
         "tip_jerk_m_s3": 100.0,
         "tip_velocity_power_above_5hz": 0.01,
         "seam_jerk_ratio": 1.0,
-        "jerk_by_depth_m_s3": [10.0, 20.0, 100.0],
-        "tip_jerk_attribution": {"joints": ["pelvis", "right_elbow"], "share": [0.1, 0.3]},
+        "jerk_by_depth_m_s3": by_depth(10.0, 100.0),
+        "tip_jerk_attribution": shares(0.1, 0.3),
     }
-    return {"raw": {**raw, **changes}, "savgol": {**raw, **changes}}
+    return both(**{**usual, **changes})
 
 
-def numbers(reference: dict[str, Any] | None = None, **systems: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "tip": "right_middle",
-        "window_advance_frames": 52,
-        "systems": systems,
-        "reference": reference,
-    }
+def jerks(raw: float, savgol: float | None = None) -> Versions:
+    filtered = raw if savgol is None else savgol
+    return Versions(measures(tip_jerk_m_s3=raw).raw, measures(tip_jerk_m_s3=filtered).savgol)
 
 
-def jerks(raw: float, savgol: float | None = None) -> dict[str, Any]:
-    both = measures(tip_jerk_m_s3=raw)
-    both["savgol"]["tip_jerk_m_s3"] = raw if savgol is None else savgol
-    return both
-
-
-def trajectory(**systems: dict[str, Any]) -> str:
-    return sentences_of(numbers(**systems))["trajectory"]
+def trajectory(**systems: Versions) -> str:
+    return sentences_of(diagnostics_of(**systems))["trajectory"]
 
 
 def test_the_rougher_system_is_named_with_both_numbers_and_both_ratios() -> None:
@@ -55,13 +58,13 @@ def test_swapped_numbers_turn_every_sentence_round() -> None:
         tip_jerk_m_s3=200.0,
         tip_velocity_power_above_5hz=0.2,
         seam_jerk_ratio=3.0,
-        jerk_by_depth_m_s3=[10.0, 30.0, 300.0],
-        tip_jerk_attribution={"joints": ["pelvis", "right_elbow"], "share": [0.6, 0.3]},
-        position_error_m=[0.2, 0.3],
+        jerk_by_depth_m_s3=by_depth(10.0, 300.0),
+        tip_jerk_attribution=shares(0.6, 0.3),
+        position_error_m=np.full(55, 0.25),
     )
-    smooth = measures(position_error_m=[0.1, 0.1])
-    one = sentences_of(numbers(measures(), left=rough, right=smooth))
-    other = sentences_of(numbers(measures(), left=smooth, right=rough))
+    smooth = measures(position_error_m=np.full(55, 0.1))
+    one = sentences_of(diagnostics_of(measures(), left=rough, right=smooth))
+    other = sentences_of(diagnostics_of(measures(), left=smooth, right=rough))
 
     swap = {"left": "right", "right": "left"}
     for plot in PLOTS:
@@ -76,7 +79,7 @@ def test_swapped_numbers_turn_every_sentence_round() -> None:
 
 
 def test_equal_numbers_are_told_as_equal() -> None:
-    found = sentences_of(numbers(measures(), a=measures(), b=measures()))
+    found = sentences_of(diagnostics_of(measures(), a=measures(), b=measures()))
 
     assert (
         "the same right middle fingertip jerk within 5 % (100 against 100 m/s³)"
@@ -144,23 +147,25 @@ def test_one_system_alone_is_not_compared() -> None:
 
 
 def test_depth_names_the_course_of_the_gap() -> None:
-    rough = measures(tip_jerk_m_s3=200.0, jerk_by_depth_m_s3=[10.0, 40.0, 300.0])
-    found = sentences_of(numbers(a=rough, b=measures()))["depth"]
+    rough = measures(tip_jerk_m_s3=200.0, jerk_by_depth_m_s3=by_depth(10.0, 300.0))
+    found = sentences_of(diagnostics_of(a=rough, b=measures()))["depth"]
     assert found == (
-        "From the pelvis (depth 0) to the last finger joints (depth 2) the jerk of a relative to b"
+        "From the pelvis (depth 0) to the last finger joints (depth 10) the jerk of a relative to b"
         " grows: 1.0 times at the pelvis, 3.0 times at the fingers (300 against 100 m/s³)."
     )
-    rough = measures(tip_jerk_m_s3=200.0, jerk_by_depth_m_s3=[80.0, 40.0, 200.0])
-    assert "relative to b falls: 8.0 times" in sentences_of(numbers(a=rough, b=measures()))["depth"]
+    rough = measures(tip_jerk_m_s3=200.0, jerk_by_depth_m_s3=by_depth(80.0, 200.0))
+    found = sentences_of(diagnostics_of(a=rough, b=measures()))["depth"]
+    assert "relative to b falls: 8.0 times" in found
 
-    falling = measures(jerk_by_depth_m_s3=[30.0, 20.0, 10.0])
-    assert "falls (30 to 10 m/s³)" in sentences_of(numbers(a=falling))["depth"]
+    falling = measures(jerk_by_depth_m_s3=by_depth(30.0, 10.0))
+    assert "falls (30 to 10 m/s³)" in sentences_of(diagnostics_of(a=falling))["depth"]
 
 
 def test_attribution_points_at_the_strongest_joint_or_at_none() -> None:
-    def told(*shares: float | None) -> str:
-        attribution = {"joints": ["pelvis", "right_elbow"], "share": list(shares)}
-        return sentences_of(numbers(a=measures(tip_jerk_attribution=attribution)))["attribution"]
+    def told(*values: float) -> str:
+        attribution = shares(*values)
+        found = sentences_of(diagnostics_of(a=measures(tip_jerk_attribution=attribution)))
+        return found["attribution"]
 
     assert "smoothing the right elbow alone takes most right middle fingertip jerk away (45 %)" in (
         told(0.1, 0.45)
@@ -168,32 +173,32 @@ def test_attribution_points_at_the_strongest_joint_or_at_none() -> None:
     assert "smoothing the pelvis alone" in told(0.2, 0.1)
     assert "no single joint stands out (pelvis most, 3.0 %)" in told(0.03, 0.02)
     assert "no joint's smoothing alone takes jerk" in told(-0.1, -0.2)
-    assert "could be told apart by joint" in told(None, None)
+    assert "could be told apart by joint" in told(math.nan, math.nan)
 
 
 def test_seams_stand_out_or_do_not() -> None:
     found = sentences_of(
-        numbers(a=measures(seam_jerk_ratio=2.1), b=measures(seam_jerk_ratio=1.02))
+        diagnostics_of(a=measures(seam_jerk_ratio=2.1), b=measures(seam_jerk_ratio=1.02))
     )["seams"]
     assert "2.1 times that elsewhere with a (joins stand out, 2.1 after the filter)" in found
     assert "1.0 times that elsewhere with b (joins do not stand out" in found
 
     reference = measures(seam_jerk_ratio=2.2)
-    found = sentences_of(numbers(reference, a=measures(seam_jerk_ratio=2.1)))["seams"]
+    found = sentences_of(diagnostics_of(reference, a=measures(seam_jerk_ratio=2.1)))["seams"]
     assert "joins stand out" not in found
     assert "the reference, which has no joins, has 2.2" in found
 
 
 def test_the_nearest_to_the_reference_need_not_be_the_smoothest() -> None:
-    found = sentences_of(numbers(jerks(150.0), a=jerks(160.0), b=jerks(50.0)))["reference"]
+    found = sentences_of(diagnostics_of(jerks(150.0), a=jerks(160.0), b=jerks(50.0)))["reference"]
     assert found.startswith("a has 1.1 times the reference's right middle fingertip jerk")
     assert "is nearest to it; b has 0.33 times it" in found
-    assert sentences_of(numbers(a=jerks(160.0)))["reference"] == ""
+    assert sentences_of(diagnostics_of(a=jerks(160.0)))["reference"] == ""
 
 
 def test_missing_numbers_are_told_and_never_crash() -> None:
-    empty = {"raw": {"tip_jerk_m_s3": None, "jerk_by_depth_m_s3": [None, None]}, "savgol": {}}
-    found = sentences_of(numbers(a=empty, b=empty))
+    empty = both()
+    found = sentences_of(diagnostics_of(a=empty, b=empty))
     assert list(found) == PLOTS
     assert "too short" in found["trajectory"] and "too short" in found["depth"]
     assert "long enough" in found["spectrum"] and "long enough" in found["seams"]
@@ -201,13 +206,13 @@ def test_missing_numbers_are_told_and_never_crash() -> None:
     half = trajectory(a=empty, b=jerks(100.0))
     assert half.startswith("On this clip b has a right middle fingertip jerk of 100 m/s³")
 
-    still = sentences_of(numbers(a=jerks(0.0), b=jerks(10.0)))
+    still = sentences_of(diagnostics_of(a=jerks(0.0), b=jerks(10.0)))
     assert "highest with b and lowest with a (10 against 0 m/s³)" in still["trajectory"]
     assert math.isfinite(len(still["depth"]))
 
 
 def test_the_followed_point_is_named() -> None:
-    elbow = {**numbers(a=jerks(10.0)), "joint": "right_elbow"}
+    elbow = replace(diagnostics_of(a=jerks(10.0)), point="right_elbow")
     assert "a right elbow jerk of 10 m/s³" in sentences_of(elbow)["trajectory"]
     assert point_title("right_thumb") == "Right thumb tip"
     assert point_title("left_ring") == "Left ring fingertip"

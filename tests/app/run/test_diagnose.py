@@ -112,8 +112,8 @@ def test_one_frame_and_a_still_motion_are_measured_under_names_from_the_page(
         has_pictures=False,
     )
     diagnosis = diagnose_files(request)
-    assert list(diagnosis.diagnostics["systems"]) == ["one frame", "still"]
-    kinds = [finding["kind"] for finding in diagnosis.diagnostics["findings"]["still"]]
+    assert list(diagnosis.diagnostics.systems) == ["one frame", "still"]
+    kinds = [finding.kind for finding in diagnosis.diagnostics.findings["still"]]
     assert kinds == ["still"]
     assert diagnosis.error_growth is None
     assert not list((tmp_path / "out").glob("error_growth*"))

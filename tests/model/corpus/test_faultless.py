@@ -4,7 +4,7 @@ import numpy as np
 
 from model.corpus.clip import Clip
 from model.measures.findings import find_faults
-from model.measures.measures import measures
+from model.measures.measures import measure_motion
 from model.motion.motion import Motion
 from model.motion.skeleton import open_body_skeleton
 
@@ -18,4 +18,4 @@ def test_no_fault_is_found_in_any_clip(clips: dict[str, Clip]) -> None:
             expression_basis="arkit52",
             betas=np.zeros(300, np.float32),
         )
-        assert find_faults(measures(motion, open_body_skeleton()), "right_middle", 52) == []
+        assert find_faults(measure_motion(motion, open_body_skeleton()), "right_middle", 52) == []

@@ -3,6 +3,7 @@
 import json
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +21,11 @@ from model.motion.skeleton import FINGERTIP_NAMES, chain_to_root, open_body_skel
 from tests.helpers import ROOT, beat2_folder, smooth_motion_example
 
 SKELETON = open_body_skeleton()
+
+
+def told(*motions: Any, **options: Any) -> dict[str, Any]:
+    """What the file tells."""
+    return diagnose(*motions, **options).as_json()
 
 
 def seconds(num_frames: int) -> np.ndarray:
@@ -209,7 +215,7 @@ def test_another_tip_and_a_given_track():
     expected = smoothness.derivative_magnitudes(tips[:, FINGERTIP_NAMES.index("left_thumb")], 3)
     assert left["tip_jerk_m_s3"] == pytest.approx(expected.mean())
     t = seconds(motion.num_frames)
-    report = diagnose({"a": motion}, SKELETON, tip_track=lambda *_: along_x(t**3))
+    report = told({"a": motion}, SKELETON, tip_track=lambda *_: along_x(t**3))
     given = report["systems"]["a"]["raw"]
     assert given["tip_jerk_m_s3"] == pytest.approx(6, rel=1e-6)
     assert given["joint_jerk_m_s3"] == left["joint_jerk_m_s3"]
@@ -257,7 +263,7 @@ def test_filter_is_exact_on_a_parabola_and_gives_rotations():
 
 @pytest.mark.parametrize("num_frames", [1, 2, 3, 4, 5, 6, 7, 8, 15, 33, 53])
 def test_any_length_gives_valid_json(num_frames):
-    result = diagnose({"a": smooth_motion_example(num_frames)}, SKELETON)
+    result = told({"a": smooth_motion_example(num_frames)}, SKELETON)
     text = json.dumps(result, allow_nan=False)
     assert json.loads(text) == result
     raw = result["systems"]["a"]["raw"]
@@ -273,7 +279,7 @@ def test_any_length_gives_valid_json(num_frames):
 
 
 def test_a_still_body_has_no_jerk_and_no_nan():
-    result = diagnose({"a": moving_root(np.full((200, 3), 0.7))}, SKELETON)
+    result = told({"a": moving_root(np.full((200, 3), 0.7))}, SKELETON)
     json.dumps(result, allow_nan=False)
     raw = result["systems"]["a"]["raw"]
     assert raw["tip_jerk_m_s3"] < 1e-6
@@ -284,7 +290,7 @@ def test_a_still_body_has_no_jerk_and_no_nan():
 
 def test_the_public_keys():
     motions = {"globaldiff/local": smooth_motion_example(seed=1), "other": smooth_motion_example()}
-    result = diagnose(motions, SKELETON)
+    result = told(motions, SKELETON)
     assert result["fps"] == 30
     assert result["tip"] == "right_middle"
     assert result["tip_source"] == "rigid"
@@ -301,16 +307,16 @@ def test_the_public_keys():
 
 def test_a_longer_reference_is_cut_and_said_so():
     short, long = smooth_motion_example(60), smooth_motion_example(90)
-    result = diagnose({"a": short}, SKELETON, reference=long)
-    cut = diagnose({"a": short}, SKELETON, reference=first_frames(long, 60))
+    result = told({"a": short}, SKELETON, reference=long)
+    cut = told({"a": short}, SKELETON, reference=first_frames(long, 60))
     assert result["reference"] == cut["reference"]
     assert result["num_frames"] == {"a": 60}
     assert "The reference has 90 frames; the first 60 were measured" in result["notes"][0]
     assert cut["notes"] == []
-    result = diagnose({"a": long, "b": short}, SKELETON, reference=short)
+    result = told({"a": long, "b": short}, SKELETON, reference=short)
     assert result["num_frames"] == {"a": 60, "b": 60}
     assert result["notes"][0].startswith("a has 90 frames")
-    assert diagnose({"a": long, "b": short}, SKELETON)["num_frames"] == {"a": 90, "b": 60}
+    assert told({"a": long, "b": short}, SKELETON)["num_frames"] == {"a": 90, "b": 60}
 
 
 def test_an_unknown_tip_names_the_known_ones():
@@ -333,7 +339,7 @@ def test_real_motion_has_the_known_smoothness():
 def test_every_public_key_is_documented():
     documented = (ROOT / "docs" / "formats.md").read_text()
     motion = smooth_motion_example()
-    result = diagnose({"a": motion}, SKELETON, reference=motion, onsets_s=np.arange(0.5, 3, 0.5))
+    result = told({"a": motion}, SKELETON, reference=motion, onsets_s=np.arange(0.5, 3, 0.5))
     for key in result:
         assert f'"{key}":' in documented
     for key in result["systems"]["a"]["raw"]:

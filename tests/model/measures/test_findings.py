@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from model.measures.diagnostics import diagnose
-from model.measures.findings import find_faults
-from model.measures.measures import measures
+from model.measures.findings import Finding, find_faults
+from model.measures.measures import measure_motion
 from model.motion.mirror import mirror_poses
 from model.motion.motion import Motion, load_motion
 from model.motion.skeleton import JOINT_INDEX, LEFT_HAND, MIRROR_PERMUTATION, open_body_skeleton
@@ -34,11 +34,11 @@ def clean() -> Motion:
     )
 
 
-def faults(motion: Motion, reference: Motion | None = None) -> list[dict]:
-    return diagnose({"a": motion}, SKELETON, reference=reference)["findings"]["a"]
+def faults(motion: Motion, reference: Motion | None = None) -> list[Finding]:
+    return diagnose({"a": motion}, SKELETON, reference=reference).findings["a"]
 
 
-def only_fault(motion: Motion, reference: Motion | None = None) -> dict:
+def only_fault(motion: Motion, reference: Motion | None = None) -> Finding:
     (fault,) = faults(motion, reference)
     return fault
 
@@ -59,37 +59,37 @@ def test_clean_motion_is_left_alone(clean: Motion):
 def test_noise_on_one_joint_is_named(clean: Motion, joint: str):
     noise = 0.02 * np.random.default_rng(0).standard_normal((FRAMES, 3))
     fault = only_fault(with_joint(clean, joint, noise))
-    assert fault["kind"] == "joint_noise"
-    assert set(fault["noise_deg"]) == {joint}
+    assert fault.kind == "joint_noise"
+    assert set(fault.numbers["noise_deg"]) == {joint}
     # Noise of an axis-angle turns a bent joint by a tenth less across its axis.
-    assert fault["noise_deg"][joint] == pytest.approx(np.degrees(0.02), rel=0.15)
-    assert f"({fault['noise_deg'][joint]:.1f}°)" in fault["sentence"]
-    assert point_words(joint) in fault["sentence"]
+    assert fault.numbers["noise_deg"][joint] == pytest.approx(np.degrees(0.02), rel=0.15)
+    assert f"({fault.numbers['noise_deg'][joint]:.1f}°)" in fault.sentence
+    assert point_words(joint) in fault.sentence
     if joint.startswith("right"):  # the right middle fingertip is followed
-        assert fault["attributed_joint"] == joint
-        assert fault["attributed_share"] > 0.5
+        assert fault.numbers["attributed_joint"] == joint
+        assert fault.numbers["attributed_share"] > 0.5
     else:
-        assert "attributed_joint" not in fault
+        assert "attributed_joint" not in fault.numbers
 
 
 def test_noise_everywhere_is_counted(clean: Motion):
     noise = 0.02 * np.random.default_rng(0).standard_normal(clean.poses.shape)
     found = {
-        fault["kind"]: fault
+        fault.kind: fault
         for fault in faults(replace(clean, poses=(clean.poses + noise).astype(np.float32)))
     }
-    assert len(found["joint_noise"]["noise_deg"]) == 55
-    assert found["joint_noise"]["sentence"].startswith("55 of 55 joints shake")
+    assert len(found["joint_noise"].numbers["noise_deg"]) == 55
+    assert found["joint_noise"].sentence.startswith("55 of 55 joints shake")
 
 
 def test_a_jump_every_52_frames_is_a_seam(clean: Motion):
     windows = (np.arange(FRAMES) + 52 - 5) // 52
     jumps = 0.1 * (windows[:, None] % 2) * np.array([1.0, 0, 0])
     fault = only_fault(with_joint(clean, "right_shoulder", jumps))
-    assert fault["kind"] == "seams"
-    assert fault["phase_frame"] in (4, 5, 6)
-    assert "every 52 frames" in fault["sentence"]
-    raw = measures(with_joint(clean, "right_shoulder", jumps), SKELETON, window_advance=60)
+    assert fault.kind == "seams"
+    assert fault.numbers["phase_frame"] in (4, 5, 6)
+    assert "every 52 frames" in fault.sentence
+    raw = measure_motion(with_joint(clean, "right_shoulder", jumps), SKELETON, window_advance=60)
     assert find_faults(raw, "right_middle", 60) == []
 
 
@@ -102,16 +102,16 @@ def test_sliding_feet_are_found(clean: Motion):
     trans = np.zeros((FRAMES, 3))
     trans[:, 2] = 0.3 * np.arange(FRAMES) / 30
     fault = only_fault(replace(clean, trans=trans.astype(np.float32)))
-    assert fault["kind"] == "foot_slide"
-    assert fault["foot_slide_m_s"] == pytest.approx(0.3, rel=0.1)
-    assert "30 cm/s" in fault["sentence"]
+    assert fault.kind == "foot_slide"
+    assert fault.numbers["foot_slide_m_s"] == pytest.approx(0.3, rel=0.1)
+    assert "30 cm/s" in fault.sentence
 
 
 def test_a_mirror_image_shows_beside_a_reference_only(clean: Motion):
     mirrored = replace(clean, poses=mirror_poses(torch.from_numpy(clean.poses)).numpy())
     fault = only_fault(mirrored, reference=clean)
-    assert (fault["kind"], fault["way"]) == ("swapped_sides", "mirrored")
-    assert fault["error_swapped_deg"] < 0.1 < fault["error_deg"]
+    assert (fault.kind, fault.numbers["way"]) == ("swapped_sides", "mirrored")
+    assert fault.numbers["error_swapped_deg"] < 0.1 < fault.numbers["error_deg"]
     assert faults(mirrored) == []
 
 
@@ -120,29 +120,29 @@ def test_swapped_joints_show_with_and_without_a_reference(clean: Motion):
     swapped = replace(clean, poses=joints.reshape(FRAMES, 165))
     for reference in (None, clean):
         fault = only_fault(swapped, reference)
-        assert (fault["kind"], fault["way"]) == ("swapped_sides", "swapped")
-    assert "both elbows bend backwards" in only_fault(swapped)["sentence"]
+        assert (fault.kind, fault.numbers["way"]) == ("swapped_sides", "swapped")
+    assert "both elbows bend backwards" in only_fault(swapped).sentence
 
 
 def test_a_frozen_hand_is_found_on_its_side(clean: Motion):
     joints = clean.poses.copy().reshape(FRAMES, 55, 3)
     joints[:, list(LEFT_HAND)] = joints[0, list(LEFT_HAND)]
     fault = only_fault(replace(clean, poses=joints.reshape(FRAMES, 165)))
-    assert (fault["kind"], fault["side"]) == ("frozen_hand", "left")
-    assert "100%" in fault["sentence"]
+    assert (fault.kind, fault.numbers["side"]) == ("frozen_hand", "left")
+    assert "100%" in fault.sentence
 
 
 def test_a_finger_bent_backwards_is_named(clean: Motion):
     bent = with_joint(clean, "right_index2", np.array([0, 0, -1.0]))  # inwards is +z
     fault = only_fault(bent)
-    assert fault["kind"] == "finger_range"
-    assert fault["joints"] == {"right_index2": pytest.approx(1.0)}
-    assert "right index joint 2 (100%)" in fault["sentence"]
+    assert fault.kind == "finger_range"
+    assert fault.numbers["joints"] == {"right_index2": pytest.approx(1.0)}
+    assert "right index joint 2 (100%)" in fault.sentence
 
 
 def test_a_still_motion_is_said_to_be_still(clean: Motion):
     still = replace(clean, poses=np.repeat(clean.poses[:1], FRAMES, axis=0))
-    assert [fault["kind"] for fault in faults(still)] == ["still"]
+    assert [fault.kind for fault in faults(still)] == ["still"]
 
 
 @pytest.mark.parametrize("num_frames", [1, 2, 3, 4, 40])
@@ -160,7 +160,7 @@ def test_short_clips_have_no_findings(clean: Motion, num_frames: int):
 @pytest.mark.parametrize("clip", ["2_scott_0_1_1", "2_scott_0_2_2"])
 def test_recorded_clips_are_quiet(clip: str):
     motion = load_motion(beat2_folder() / "smplxflame_30" / f"{clip}.npz")
-    assert find_faults(measures(motion, SKELETON), "right_middle", 52) == []
+    assert find_faults(measure_motion(motion, SKELETON), "right_middle", 52) == []
     for start in range(0, motion.num_frames - 300, 300):
         part = slice(start, start + 300)
         stretch = replace(
@@ -169,4 +169,4 @@ def test_recorded_clips_are_quiet(clip: str):
             trans=motion.trans[part],
             expressions=motion.expressions[part],
         )
-        assert find_faults(measures(stretch, SKELETON), "right_middle", 52) == []
+        assert find_faults(measure_motion(stretch, SKELETON), "right_middle", 52) == []

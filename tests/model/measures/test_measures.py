@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,6 +32,11 @@ from model.motion.tracks import moving_chain, point_words, track_points
 from tests.helpers import smooth_motion_example
 
 SKELETON = open_body_skeleton()
+
+
+def told(*motions: Any, **options: Any) -> dict[str, Any]:
+    """What the file tells."""
+    return diagnose(*motions, **options).as_json()
 
 
 def posed(num_frames: int, **joints: np.ndarray) -> Motion:
@@ -181,12 +187,12 @@ def test_a_followed_joint_is_attributed_to_its_ancestors_only():
 
 def test_diagnose_follows_a_joint_and_says_so():
     motion = smooth_motion_example(40)
-    result = diagnose({"a": motion}, SKELETON, joint="left_wrist")
+    result = told({"a": motion}, SKELETON, joint="left_wrist")
     assert (result["tip"], result["joint"], result["tip_source"]) == (None, "left_wrist", "joint")
     raw = result["systems"]["a"]["raw"]
     wrist_jerk = raw["joint_jerk_m_s3"][JOINT_INDEX["left_wrist"]]
     assert raw["tip_jerk_m_s3"] == pytest.approx(wrist_jerk)
-    tip = diagnose({"a": motion}, SKELETON, joint="left_index")
+    tip = told({"a": motion}, SKELETON, joint="left_index")
     assert (tip["tip"], tip["joint"], tip["tip_source"]) == ("left_index", "left_index", "rigid")
 
 
@@ -275,7 +281,7 @@ def test_errors_to_a_reference_of_one_turned_joint():
         poses=axis_angle_from_matrix(turned).flatten(1).numpy(),
         trans=reference.trans + np.array([0.3, 0.0, 0.4], np.float32),
     )
-    raw = diagnose({"a": motion}, SKELETON, reference=reference)["systems"]["a"]["raw"]
+    raw = told({"a": motion}, SKELETON, reference=reference)["systems"]["a"]["raw"]
     local, world = raw["local_rotation_error_deg"], raw["global_rotation_error_deg"]
     assert local[elbow] == pytest.approx(math.degrees(0.5), abs=1e-3)
     assert max(np.delete(local, elbow)) < 1e-3
@@ -295,7 +301,7 @@ def test_errors_to_a_reference_of_one_turned_joint():
 def test_a_motion_is_no_error_to_itself_and_mirrored_is_found_so():
     motion = smooth_motion_example(30)
     mirrored = replace(motion, poses=mirror_poses(torch.from_numpy(motion.poses)).numpy())
-    result = diagnose({"same": motion, "mirrored": mirrored}, SKELETON, reference=motion)
+    result = told({"same": motion, "mirrored": mirrored}, SKELETON, reference=motion)
     same, other = (result["systems"][name]["raw"] for name in ("same", "mirrored"))
     assert max(same["position_error_m"]) == 0
     assert max(same["local_rotation_error_deg"]) < 1e-3
@@ -307,11 +313,11 @@ def test_a_motion_is_no_error_to_itself_and_mirrored_is_found_so():
 def test_beats_need_speech_and_come_with_chance():
     motion = smooth_motion_example(400)
     onsets_s = np.arange(2.5, 11, 0.4)
-    raw = diagnose({"a": motion}, SKELETON, onsets_s=onsets_s)["systems"]["a"]["raw"]
+    raw = told({"a": motion}, SKELETON, onsets_s=onsets_s)["systems"]["a"]["raw"]
     assert 0 < raw["beat_align"] <= 1 and 0 < raw["beat_align_chance"] <= 1
-    outside = diagnose({"a": motion}, SKELETON, onsets_s=np.array([0.5, 1.9]))
+    outside = told({"a": motion}, SKELETON, onsets_s=np.array([0.5, 1.9]))
     assert outside["systems"]["a"]["raw"]["beat_align"] is None
-    assert "beat_align" not in diagnose({"a": motion}, SKELETON)["systems"]["a"]["raw"]
+    assert "beat_align" not in told({"a": motion}, SKELETON)["systems"]["a"]["raw"]
 
 
 def test_a_jump_in_one_window_does_not_recur():

@@ -5,6 +5,7 @@ from app.page.serving.media import MediaDesk
 from app.run.request import Artefact
 from app.text import FIGURES
 from tests.app.fakes import measures
+from tests.app.measured import diagnostics_of
 
 
 def shown(tmp_path: Path, *files: str) -> FiguresShown:
@@ -29,7 +30,7 @@ def test_sentences_come_with_the_numbers_and_are_theirs(tmp_path: Path) -> None:
 
     def sentence(local: float, other: float) -> str:
         systems = {"local": measures(local), "global": measures(other)}
-        return figures.html({"tip": "right_middle", "reference": None, "systems": systems})
+        return figures.html(diagnostics_of(**systems))
 
     assert "figcaption><p class" in figures.html()
     assert "local has 3.0 times" in sentence(300.0, 100.0)

@@ -1,18 +1,20 @@
 import re
+from dataclasses import replace
 
 import pytest
 
 from app.findings.measure_rows import nearest, written
 from app.page.results.measures_table import measures_table
+from model.measures.diagnostics import Diagnostics
+from model.measures.findings import Finding
 from tests.app.fakes import measures
+from tests.app.measured import both, diagnostics_of
 
 
-def diagnostics(**systems: float) -> dict:
-    return {
-        "tip": "right_middle",
-        "reference": measures(104.0),
-        "systems": {name: measures(jerk) for name, jerk in systems.items()},
-    }
+def diagnostics(**systems: float) -> Diagnostics:
+    return diagnostics_of(
+        measures(104.0), **{name: measures(jerk) for name, jerk in systems.items()}
+    )
 
 
 def row(table: str, title: str) -> str:
@@ -41,13 +43,13 @@ def test_units_of_the_table_are_those_it_says() -> None:
 
 
 def test_without_a_reference_nothing_is_marked() -> None:
-    table = measures_table({**diagnostics(a=1.0, b=2.0), "reference": None})
+    table = measures_table(replace(diagnostics(a=1.0, b=2.0), reference=None))
     assert 'class="raw near"' not in table and 'class="reference"' not in table
 
 
 def test_what_no_motion_has_takes_no_row_and_what_one_lacks_is_said() -> None:
     numbers = diagnostics(a=1.0, b=2.0)
-    numbers["systems"]["a"]["raw"]["seam_jerk_ratio"] = None
+    numbers.systems["a"] = both(tip_jerk_m_s3=1.0)
     table = measures_table(numbers)
     assert "SPARC" not in table
     assert '<span class="raw">n/a</span>' in row(table, "Peak jerk at joins")
@@ -56,7 +58,7 @@ def test_what_no_motion_has_takes_no_row_and_what_one_lacks_is_said() -> None:
 def test_names_and_findings_cannot_bring_markup() -> None:
     evil = "<script>alert(1)</script>"
     numbers = diagnostics(**{evil: 1.0})
-    numbers["findings"] = {evil: [{"kind": "x", "sentence": evil}]}
+    numbers.findings[evil] = [Finding("x", evil, {})]
     assert "<script" not in measures_table(numbers)
 
 

@@ -18,6 +18,7 @@ from app.page.tabs.own_motion import build_own_motion_tab, build_results
 from app.page.tabs.own_motion_run import MAX_NAME, OwnMotionForm, OwnMotionRunner, display_names
 from app.run.diagnose import DiagnoseRequest, Diagnosis
 from tests.app.fakes import measures
+from tests.app.measured import diagnostics_of
 
 CONFIG = AppConfig()
 VISITOR = SimpleNamespace(session_hash="visitor", cookies={})
@@ -88,11 +89,7 @@ def test_numbers_figures_and_downloads_of_the_run_are_shown(runs: Runs) -> None:
         files = tuple(request.out / name for name in ("diagnostics.json", "jitter.png"))
         for file in files:
             file.write_bytes(b"0")
-        diagnostics = {
-            "tip": "right_middle",
-            "reference": None,
-            "systems": {name: measures(120.0) for name in request.names},
-        }
+        diagnostics = diagnostics_of(**{name: measures(120.0) for name in request.names})
         return Diagnosis(files, ("A <note>.",), diagnostics, None)
 
     *_, last = runs(diagnose, ["/up/<b>.npz"], None, None, "right_middle", 0)

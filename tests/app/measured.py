@@ -1,0 +1,42 @@
+"""Numbers as a test says them; the others are those of a motion of one frame, nearly all NaN."""
+
+from dataclasses import replace
+from typing import Any
+
+from model.measures.diagnostics import Diagnostics, Versions, diagnose
+from model.measures.results import Measures
+from model.motion.skeleton import open_body_skeleton
+from tests.helpers import smooth_motion_example
+
+_FRAME = smooth_motion_example(1)
+BLANK = diagnose({"a": _FRAME}, open_body_skeleton(), reference=_FRAME).systems["a"].raw
+
+
+def measured(**numbers: Any) -> Measures:
+    """Measures by their names in ``diagnostics.json``; errors only where one is given."""
+    groups: dict[str, Any] = {"errors": None}
+    for name, group in vars(BLANK).items():
+        own = {key: numbers.pop(key) for key in list(numbers) if hasattr(group, key)}
+        if own:
+            groups[name] = replace(group, **own)
+    assert not numbers
+    return replace(BLANK, **groups)
+
+
+def both(**numbers: Any) -> Versions:
+    """The same raw and filtered."""
+    return Versions(measured(**numbers), measured(**numbers))
+
+
+def diagnostics_of(reference: Versions | None = None, **systems: Versions) -> Diagnostics:
+    return Diagnostics(
+        point="right_middle",
+        tip_source="rigid",
+        window_advance=52,
+        window_overlap=8,
+        num_frames={},
+        notes=[],
+        findings={},
+        reference=reference,
+        systems=systems,
+    )
