@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Any
 
 from model.generation.family import Family, UnknownNameError
 from model.storage.cards import BUNDLED_WEIGHTS, file_stem, load_card
-from model.systems import autoencoders, face, globaldiff
+from model.systems import autoencoders, face, gan, globaldiff
 
 if TYPE_CHECKING:
     from model.generation.base import System
 
-_FAMILIES: list[Family] = [globaldiff.FAMILY, face.FAMILY, autoencoders.FAMILY]
+_FAMILIES: list[Family] = [globaldiff.FAMILY, gan.FAMILY, face.FAMILY, autoencoders.FAMILY]
 
 
 def families() -> tuple[Family, ...]:
