@@ -84,12 +84,31 @@ class Generator(ConditionedNetwork):
             seed: the clean first ``S`` frames; ignored where ``has_seed`` is false.
             has_speech: false hides speech and expression.
         """
+        tokens = self.hear(speech, has_speech)
+        face = shown(expression, has_speech)
+        return self.denoised(
+            x_t, now, before, tokens=tokens, face=face, seed=seed, speaker=speaker,
+            has_seed=has_seed,
+        )  # fmt: skip
+
+    def denoised(
+        self,
+        x_t: Float[Tensor, "B T C"],
+        now: Float[Tensor, " B"],
+        before: Float[Tensor, " B"],
+        *,
+        tokens: Float[Tensor, "B T width"],
+        face: Float[Tensor, "B T expression_dim"],
+        seed: Float[Tensor, "B S C"],
+        speaker: Int[Tensor, " B"],
+        has_seed: Bool[Tensor, " B"],
+    ) -> tuple[Float[Tensor, "B T C"], Float[Tensor, "C T B"]]:
+        """`forward` for speech that was heard before: its tokens serve all steps."""
         tau, scale = flow_time(now)
         with torch.autocast(x_t.device.type, enabled=False):  # bf16 would shake smooth motion
             known = self.prior.posterior(x_t / scale[:, None, None], tau, seed, has_seed)
-        tokens = self.hear(speech, has_speech)
         condition = self.condition(now, speaker) + self.reach(before)
-        body = torch.cat([known, shown(expression, has_speech)], dim=-1)
+        body = torch.cat([known, face], dim=-1)
         in_channels = x_t @ self.unmix
         said = [
             branch(in_channels[..., region], body, tokens, seed, has_seed, condition,

@@ -81,20 +81,21 @@ class GanSystem(System):
         from the posterior; the last step leaves x_0 itself."""
         config, size = self.config, draw.samples
         known = torch.zeros(size, config.seed_frames, config.channels) if seed is None else seed
+        has_seed = torch.full((size,), seed is not None)
+        tokens = self.network.hear(speech[None], torch.ones(1, dtype=torch.bool))
         conditions = {
-            "speech": speech.expand(size, -1, -1),
-            "expression": expression.expand(size, -1, -1),
+            "tokens": tokens.expand(size, -1, -1),
+            "face": expression.expand(size, -1, -1),
             "seed": known,
             "speaker": torch.full((size,), draw.speaker),
-            "has_seed": torch.full((size,), seed is not None),
-            "has_speech": torch.ones(size, dtype=torch.bool),
+            "has_seed": has_seed,
         }
         x = draw.noise((config.window_frames, config.channels))
         way = [torch.full((size,), t) for t in times(draw.steps)]
         for k in range(draw.steps):
             noise, latent = self.step_noise(draw, k + 1).unbind(1)
-            expected, open_ = self.network(x, way[k], way[k + 1], **conditions)
-            x_0 = self.network.drawn(expected, open_, latent, conditions["has_seed"])
+            expected, open_ = self.network.denoised(x, way[k], way[k + 1], **conditions)
+            x_0 = self.network.drawn(expected, open_, latent, has_seed)
             mean, deviation = posterior(x, x_0, way[k + 1], way[k])
             x = mean + deviation * noise
         return x

@@ -31,11 +31,11 @@ def test_untrained_it_draws_the_gaussian_process_in_any_number_of_steps(steps):
     torch.manual_seed(0)
     generator = made_generator(FEW).eval()
     with torch.no_grad():
-        x = sampled(generator, steps, 1500)
+        x = sampled(generator, steps, 600)
     found = torch.einsum("nic,njc->cij", x, x) / len(x)
     wanted = generator.prior.covariance
     scale = wanted.diagonal(dim1=1, dim2=2).mean(1)[:, None, None]
-    assert ((found - wanted) / scale).abs().max() < 0.2
+    assert ((found - wanted) / scale).abs().max() < 0.3
     bends = x.diff(n=2, dim=1).var(dim=(0, 1))
     curve = torch.zeros(58, 60)
     for k in range(58):
@@ -48,7 +48,7 @@ def test_without_a_latent_few_steps_lose_most_of_the_spread():
     torch.manual_seed(0)
     generator = made_generator(replace(FEW, latent=False)).eval()
     with torch.no_grad():
-        spread = [float(sampled(generator, steps, 500).std()) for steps in (1, 5, 50)]
+        spread = [float(sampled(generator, steps, 100).std()) for steps in (1, 5, 50)]
     assert spread[0] < 0.2 * spread[1] and spread[1] < 0.95 * spread[2]
 
 
