@@ -1,6 +1,6 @@
 """Training of generator and discriminator against each other."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -301,13 +301,13 @@ class GanTask:
             parameter.grad = gradient
         return nn.utils.clip_grad_norm_(parameters, self.config.clip_norm)
 
-    def _averaged(self, gradients: Iterable[Tensor]) -> list[Tensor]:
-        found = list(gradients)
-        if self.shard.count > 1:
-            for gradient in found:
-                dist.all_reduce(gradient)
-                gradient /= self.shard.count
-        return found
+    def _averaged(self, gradients: Sequence[Tensor]) -> Sequence[Tensor]:
+        if self.shard.count == 1:
+            return gradients
+        flat = torch.cat([gradient.flatten() for gradient in gradients])
+        dist.all_reduce(flat)
+        parts = (flat / self.shard.count).split([gradient.numel() for gradient in gradients])
+        return [part.view_as(of) for part, of in zip(parts, gradients, strict=True)]
 
 
 def _spread_of(windows: Float[Tensor, "B T C"]) -> Float[Tensor, ""]:
