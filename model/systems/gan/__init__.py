@@ -9,7 +9,7 @@ FAMILY = Family(
     name="gan",
     systems=tuple(SYSTEMS),
     about={
-        name: f"Denoised in {steps} large steps that a discriminator taught."
+        name: f"Drawn in {steps} large denoising steps, trained against a discriminator."
         for name, steps in SYSTEMS.items()
     },
     samplers=(Sampler(SAMPLER, SYSTEMS[WEIGHTS]),),
