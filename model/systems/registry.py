@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from model.generation.family import Family, UnknownNameError
 from model.storage.cards import BUNDLED_WEIGHTS, file_stem, load_card
-from model.systems import asynfusion, autoencoders, face, globaldiff
+from model.systems import asynfusion, autoencoders, face, gan, globaldiff
 
 if TYPE_CHECKING:
     from model.generation.base import System
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 _FAMILIES: list[Family] = [
     globaldiff.FAMILY,
     asynfusion.FAMILY,
+    gan.FAMILY,
     face.FAMILY,
     autoencoders.FAMILY,
 ]

@@ -1,0 +1,21 @@
+"""Conditional-GAN few-step denoising; may import the face and what systems may."""
+
+from model.generation.family import Family, Sampler
+from model.systems.gan.config import PRESETS, SYSTEMS, WEIGHTS, named_config
+
+SAMPLER = "posterior"
+
+FAMILY = Family(
+    name="gan",
+    systems=tuple(SYSTEMS),
+    about={
+        name: f"Drawn in {steps} large denoising steps, trained against a discriminator."
+        for name, steps in SYSTEMS.items()
+    },
+    samplers=(Sampler(SAMPLER, SYSTEMS[WEIGHTS]),),
+    presets=PRESETS,
+    config=named_config,
+    package="model.systems.gan",
+    own_samplers={name: (Sampler(SAMPLER, steps),) for name, steps in SYSTEMS.items()},
+    shared_weights={name: WEIGHTS for name in SYSTEMS if name != WEIGHTS},
+)

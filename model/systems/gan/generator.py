@@ -1,0 +1,159 @@
+"""The generator: clean motion x_0 from x_t, speech, seed pose and speaker."""
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor, nn
+
+from model.motion.packing import AXIS_ANGLE_GROUPS, Normaliser
+from model.networks.branch import ConditionedNetwork, MotionBranch, shown
+from model.networks.layers import TimeEmbedding
+from model.sampling.prior import GaussianPrior
+from model.systems.gan.config import GeneratorConfig
+from model.systems.gan.schedule import flow_time
+
+FINGERS = AXIS_ANGLE_GROUPS[0]
+SHARE_LIMIT = 0.05
+"""Of the balance at the start: neither branch begins silent."""
+LOG_SPREAD = (-3.0, 1.0)
+"""Limits of the logarithm of a deviation as a share of the prior's."""
+
+
+class Generator(ConditionedNetwork):
+    """Predicts components of motion, standing on their linear-Gaussian prior: the posterior mean
+    of x_0, and what two branches of a transformer add to it in units of its deviation.
+
+    One branch sees the fingers' part of x_t, the other that of the rest, and both the whole
+    besides. Each answers for every component; a learned weight for each component balances them,
+    which starts at the part that fingers have in it.
+
+    A large step leaves much of x_0 open, so x_0 is drawn: a latent adds to the mean, with the
+    posterior's deviation times a learned share for each component and each eigenvector over time.
+    Of a Gaussian process this is the exact posterior from the start, in steps of any size.
+    """
+
+    def __init__(
+        self, config: GeneratorConfig, prior: GaussianPrior, normaliser: Normaliser
+    ) -> None:
+        super().__init__(config)
+        assert normaliser.unmix is not None
+        self.config = config
+        self.prior = prior
+        self.reach = TimeEmbedding(config.width)
+        channels = config.channels
+        rest = [c for c in range(channels) if c not in set(FINGERS)]
+        self.regions = [FINGERS, rest] if config.decoupled else [[*range(channels)]]
+        self.branches = nn.ModuleList(
+            MotionBranch(
+                config,
+                inputs=len(region),
+                body_inputs=channels + config.expression_dim,
+                channels=channels,
+            )
+            for region in self.regions
+        )
+        self.unmix: Tensor
+        self.register_buffer("unmix", normaliser.unmix, persistent=False)
+        if config.decoupled:
+            energy = normaliser.unmix.square()
+            share = energy[:, FINGERS].sum(1) / energy.sum(1)
+            self.balance = nn.Parameter(torch.logit(share, eps=SHARE_LIMIT))
+        if config.latent:
+            self.spread = nn.Linear(config.width + 1, channels + config.window_frames)
+            nn.init.zeros_(self.spread.weight)
+            nn.init.zeros_(self.spread.bias)
+
+    def forward(
+        self,
+        x_t: Float[Tensor, "B T C"],
+        now: Float[Tensor, " B"],
+        before: Float[Tensor, " B"],
+        *,
+        speech: Float[Tensor, "B heard speech_dim"],
+        expression: Float[Tensor, "B T expression_dim"],
+        seed: Float[Tensor, "B S C"],
+        speaker: Int[Tensor, " B"],
+        has_seed: Bool[Tensor, " B"],
+        has_speech: Bool[Tensor, " B"],
+    ) -> tuple[Float[Tensor, "B T C"], Float[Tensor, "C T B"]]:
+        """Mean of the clean components x_0, and the deviation of what is left open along the
+        prior's eigenvectors (zeros without a latent); `drawn` makes x_0 of both.
+
+        Args:
+            now: diffusion time of ``x_t``, 1 (noise) to 0 (data).
+            before: the earlier time that this step leads to.
+            seed: the clean first ``S`` frames; ignored where ``has_seed`` is false.
+            has_speech: false hides speech and expression.
+        """
+        tokens = self.hear(speech, has_speech)
+        face = shown(expression, has_speech)
+        return self.denoised(
+            x_t, now, before, tokens=tokens, face=face, seed=seed, speaker=speaker,
+            has_seed=has_seed,
+        )  # fmt: skip
+
+    def denoised(
+        self,
+        x_t: Float[Tensor, "B T C"],
+        now: Float[Tensor, " B"],
+        before: Float[Tensor, " B"],
+        *,
+        tokens: Float[Tensor, "B T width"],
+        face: Float[Tensor, "B T expression_dim"],
+        seed: Float[Tensor, "B S C"],
+        speaker: Int[Tensor, " B"],
+        has_seed: Bool[Tensor, " B"],
+    ) -> tuple[Float[Tensor, "B T C"], Float[Tensor, "C T B"]]:
+        """`forward` for speech that was heard before: its tokens serve all steps."""
+        tau, scale = flow_time(now)
+        with torch.autocast(x_t.device.type, enabled=False):  # bf16 would shake smooth motion
+            known = self.prior.posterior(x_t / scale[:, None, None], tau, seed, has_seed)
+        condition = self.condition(now, speaker) + self.reach(before)
+        body = torch.cat([known, face], dim=-1)
+        in_channels = x_t @ self.unmix
+        said = [
+            branch(in_channels[..., region], body, tokens, seed, has_seed, condition,
+                   self.positions)
+            for branch, region in zip(self.branches, self.regions, strict=True)
+        ]  # fmt: skip
+        unit = said[0].float()
+        if len(said) == 2:
+            unit = torch.lerp(said[1].float(), unit, self.balance.sigmoid())
+        with torch.autocast(x_t.device.type, enabled=False):
+            own = self.prior_deviation(tau, has_seed)
+            mean = known + self.back(own * self.along(unit, has_seed), has_seed)
+            if not self.config.latent:
+                return mean, torch.zeros_like(own)
+            open_ = self.spread(torch.cat([condition.float(), has_seed[:, None].float()], dim=-1))
+            by_component, by_vector = open_.T.split([x_t.shape[2], x_t.shape[1]])
+            return mean, own * (by_component[:, None] + by_vector).clamp(*LOG_SPREAD).exp()
+
+    def drawn(
+        self,
+        mean: Float[Tensor, "B T C"],
+        deviation: Float[Tensor, "C T B"],
+        latent: Float[Tensor, "B T C"],
+        has_seed: Bool[Tensor, " B"],
+    ) -> Float[Tensor, "B T C"]:
+        """x_0 from what `forward` says of it and standard normal numbers."""
+        return mean + self.back(deviation * latent.permute(2, 1, 0), has_seed)
+
+    def along(
+        self, x: Float[Tensor, "B T C"], has_seed: Bool[Tensor, " B"]
+    ) -> Float[Tensor, "C T B"]:
+        """Coordinates along the prior's eigenvectors, with or without a seed."""
+        both = self.prior.vectors.mT @ x.permute(2, 1, 0)
+        return torch.where(has_seed, both[1], both[0])
+
+    def back(
+        self, along: Float[Tensor, "C T B"], has_seed: Bool[Tensor, " B"]
+    ) -> Float[Tensor, "B T C"]:
+        """The inverse of `along`."""
+        both = self.prior.vectors @ along
+        return torch.where(has_seed, both[1], both[0]).permute(2, 1, 0)
+
+    def prior_deviation(
+        self, tau: Float[Tensor, " B"], has_seed: Bool[Tensor, " B"]
+    ) -> Float[Tensor, "C T B"]:
+        """The prior's, of x_0 along its eigenvectors given x at flow time ``tau``."""
+        variance = torch.where(has_seed, *self.prior.variance[..., None].flip(0))
+        return (1 - tau) * (variance / (tau**2 * variance + (1 - tau) ** 2)).sqrt()

@@ -1,0 +1,148 @@
+"""A trained generator with a number of steps: speech and the window before to a window."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from model.generation.base import Draw, System, Window, Windowing
+from model.generation.speech_stream import SpeechWindow
+from model.motion.decoding import rotations
+from model.motion.packing import ROOT_DIM, Normaliser
+from model.sampling.flow import seeded_noise
+from model.sampling.prior import GaussianPrior
+from model.speech.encoders import make_encoder
+from model.storage.cards import CheckpointError
+from model.storage.checkpoint import load_into, load_weights
+from model.storage.settings import from_dict
+from model.systems.face.config import EXPRESSION
+from model.systems.face.face import Face, FaceWindow, load_face
+from model.systems.gan import FAMILY
+from model.systems.gan.config import GeneratorConfig
+from model.systems.gan.generator import Generator
+from model.systems.gan.schedule import posterior, times
+
+
+@dataclass(frozen=True)
+class MotionWindow(Window):
+    """A window, and what the next one starts from."""
+
+    seed: Float[Tensor, "B S C"]
+    """Normalised motion of its last frames, before they are joined."""
+    face: FaceWindow
+
+
+@dataclass(frozen=True, kw_only=True)
+class GanSystem(System):
+    """A generator with its statistics, and the face that it is shown."""
+
+    config: GeneratorConfig
+    network: Generator
+    normaliser: Normaliser
+    face: Face
+
+    def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> MotionWindow:
+        """See `System.window`; the face is drawn first, and the body sees it."""
+        assert before is None or isinstance(before, MotionWindow)
+        config, shown = self.config, self.face.config
+        face = self.face.window(
+            speech.around(shown.speech_context, config.window_frames),
+            draw.speaker,
+            before and before.face,
+            draw.seed,
+            draw.index,
+        )
+        heard = speech.around(config.speech_context, config.window_frames)
+        x_0 = self._clean(heard, face.units, before and before.seed, draw)
+        vectors = self.normaliser.restore(x_0)
+        return MotionWindow(
+            rotmat=rotations(vectors, "axis-angle"),
+            root=vectors[..., -ROOT_DIM:],
+            expression=face.units.expand(draw.samples, -1, -1),
+            seed=x_0[:, -config.seed_frames :],
+            face=face,
+        )
+
+    def join(self, older: Window, newer: Window) -> Window:
+        """Bodies are faded into each other; faces have met already."""
+        return replace(super().join(older, newer), expression=newer.expression)
+
+    @torch.inference_mode()
+    def _clean(
+        self,
+        speech: Float[Tensor, "heard dim"],
+        expression: Float[Tensor, "T E"],
+        seed: Float[Tensor, "B S C"] | None,
+        draw: Draw,
+    ) -> Float[Tensor, "B T C"]:
+        """One normalised window: at each time x_0 is predicted, and x at the earlier time drawn
+        from the posterior; the last step leaves x_0 itself."""
+        config, size = self.config, draw.samples
+        known = torch.zeros(size, config.seed_frames, config.channels) if seed is None else seed
+        has_seed = torch.full((size,), seed is not None)
+        tokens = self.network.hear(speech[None], torch.ones(1, dtype=torch.bool))
+        conditions = {
+            "tokens": tokens.expand(size, -1, -1),
+            "face": expression.expand(size, -1, -1),
+            "seed": known,
+            "speaker": torch.full((size,), draw.speaker),
+            "has_seed": has_seed,
+        }
+        x = draw.noise((config.window_frames, config.channels))
+        way = [torch.full((size,), t) for t in times(draw.steps)]
+        for k in range(draw.steps):
+            noise, latent = self.step_noise(draw, k + 1).unbind(1)
+            expected, open_ = self.network.denoised(x, way[k], way[k + 1], **conditions)
+            x_0 = self.network.drawn(expected, open_, latent, has_seed)
+            mean, deviation = posterior(x, x_0, way[k + 1], way[k])
+            x = mean + deviation * noise
+        return x
+
+    def step_noise(self, draw: Draw, step: int) -> Float[Tensor, "B 2 T C"]:
+        """Standard normal numbers of a step, counted from 1, for the posterior and as the latent:
+        they follow from the draw's seed, the sample, the window and the step alone."""
+        shape = 2, self.config.window_frames, self.config.channels
+        keys = [[draw.seed, sample, draw.index, step] for sample in range(draw.samples)]
+        return torch.stack([seeded_noise(key, shape) for key in keys])
+
+
+def load(name: str, folder: Path) -> GanSystem:
+    """Read a system and the expression network beside it.
+
+    Raises:
+        CheckpointError: if its files are missing or damaged, or its windows are not the face's.
+    """
+    weights = FAMILY.weights_of(name)
+    tensors, card = load_weights(folder, weights)
+    try:
+        config = from_dict(GeneratorConfig, card["config"]["generator"])
+        speakers = {str(k): int(v) for k, v in card["speakers"].items()}
+        encoder = make_encoder(card["config"]["encoder"])
+        normaliser = Normaliser.of_tensors(tensors)
+        prior = GaussianPrior(tensors["prior.covariance"], config.seed_frames)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise CheckpointError(f"The card of {weights} lacks or misstates {error}.") from None
+    network = Generator(config, prior, normaliser)
+    load_into(network, tensors, "network.", weights)
+    network.eval().requires_grad_(False)
+    face = load_face(folder)
+    windows = config.window_frames, config.seed_frames
+    if windows != (face.config.window_frames, face.config.seed_frames):
+        raise CheckpointError(f"The windows of {weights} and of the expression network differ.")
+    return GanSystem(
+        name=name,
+        card=card,
+        sha256s={weights: card["sha256"], EXPRESSION: face.sha256},
+        speakers=speakers,
+        encoder=encoder,
+        windowing=Windowing(*windows, max(config.speech_context, face.config.speech_context)),
+        samplers=FAMILY.samplers_of(name),
+        frame="parent",
+        root_motion="place",
+        config=config,
+        network=network,
+        normaliser=normaliser,
+        face=face,
+    )
