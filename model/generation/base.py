@@ -52,9 +52,9 @@ class Draw:
     """Of the window."""
     sampler: str
     steps: int
-    face_steps: int | None
-    """Of the face, in systems that draw it by steps of its own."""
     guidance: float
+    face_steps: int | None = None
+    """Of the face, in systems that draw it by steps of its own."""
 
     def noise(self, shape: tuple[int, ...]) -> Float[Tensor, "samples ..."]:
         """Standard normal: the same for every system that asks for this shape, and for however
