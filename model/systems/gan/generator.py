@@ -106,7 +106,7 @@ class Generator(ConditionedNetwork):
         """`forward` for speech that was heard before: its tokens serve all steps."""
         tau, scale = flow_time(now)
         with torch.autocast(x_t.device.type, enabled=False):  # bf16 would shake smooth motion
-            known = self.prior.posterior(x_t / scale[:, None, None], tau, seed, has_seed)
+            known = self.posterior(x_t / scale[:, None, None], tau, seed, has_seed)
         condition = self.condition(now, speaker) + self.reach(before)
         body = torch.cat([known, face], dim=-1)
         in_channels = x_t @ self.unmix
@@ -137,23 +137,48 @@ class Generator(ConditionedNetwork):
         """x_0 from what `forward` says of it and standard normal numbers."""
         return mean + self.back(deviation * latent.permute(2, 1, 0), has_seed)
 
+    def posterior(
+        self,
+        x: Float[Tensor, "B T C"],
+        tau: Float[Tensor, " B"],
+        seed: Float[Tensor, "B S C"],
+        has_seed: Bool[Tensor, " B"],
+    ) -> Float[Tensor, "B T C"]:
+        """The prior's mean of x_0, as `GaussianPrior.posterior` tells it of x at flow time
+        ``tau``."""
+        expected = self.prior.expected(seed) * has_seed[:, None, None]
+        variance = self._variance(has_seed)
+        share = tau * variance / (tau**2 * variance + (1 - tau) ** 2)
+        moved = self.along(x - tau[:, None, None] * expected, has_seed)
+        return expected + self.back(share * moved, has_seed)
+
     def along(
         self, x: Float[Tensor, "B T C"], has_seed: Bool[Tensor, " B"]
     ) -> Float[Tensor, "C T B"]:
         """Coordinates along the prior's eigenvectors, with or without a seed."""
-        both = self.prior.vectors.mT @ x.permute(2, 1, 0)
-        return torch.where(has_seed, both[1], both[0])
+        return self._turned(self.prior.vectors.mT, x.permute(2, 1, 0), has_seed)
 
     def back(
         self, along: Float[Tensor, "C T B"], has_seed: Bool[Tensor, " B"]
     ) -> Float[Tensor, "B T C"]:
         """The inverse of `along`."""
-        both = self.prior.vectors @ along
-        return torch.where(has_seed, both[1], both[0]).permute(2, 1, 0)
+        return self._turned(self.prior.vectors, along, has_seed).permute(2, 1, 0)
+
+    def _turned(
+        self, both: Float[Tensor, "2 C T T"], x: Float[Tensor, "C T B"], has_seed: Tensor
+    ) -> Float[Tensor, "C T B"]:
+        if not self.training and bool((has_seed == has_seed[0]).all()):  # as at generation
+            return both[int(has_seed[0])] @ x
+        free, held = both @ x
+        return torch.where(has_seed, held, free)
+
+    def _variance(self, has_seed: Bool[Tensor, " B"]) -> Float[Tensor, "C T B"]:
+        free, held = self.prior.variance[..., None]
+        return torch.where(has_seed, held, free)
 
     def prior_deviation(
         self, tau: Float[Tensor, " B"], has_seed: Bool[Tensor, " B"]
     ) -> Float[Tensor, "C T B"]:
         """The prior's, of x_0 along its eigenvectors given x at flow time ``tau``."""
-        variance = torch.where(has_seed, *self.prior.variance[..., None].flip(0))
+        variance = self._variance(has_seed)
         return (1 - tau) * (variance / (tau**2 * variance + (1 - tau) ** 2)).sqrt()

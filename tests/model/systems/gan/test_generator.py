@@ -132,3 +132,24 @@ def test_deviations_are_the_priors_before_training():
         variance = generator.prior.variance[which].double()
         wanted = (1 / (1 / variance + signal**2 / noise**2)).sqrt()
         torch.testing.assert_close(deviation[..., b].double(), wanted, rtol=1e-3, atol=1e-6)
+
+
+def test_windows_with_and_without_a_seed_share_a_batch():
+    """Alone each turns to the eigenvectors of its kind; in a batch, and in training, to both."""
+    torch.manual_seed(0)
+    generator = shaken(made_generator())
+    now = torch.tensor([1.0, 0.4, 0.1])
+    x_t, face = torch.randn(3, 60, 168), torch.rand(3, 60, 52)
+    known = {"expression": face, **told(TINY, 3)}
+    mean, deviation = generator(x_t, now, now / 2, **known)
+    for b in range(3):
+        one = {name: value[b : b + 1] for name, value in known.items()}
+        alone, spread = generator(x_t[b : b + 1], now[b : b + 1], now[b : b + 1] / 2, **one)
+        torch.testing.assert_close(alone[0], mean[b], rtol=1e-4, atol=1e-4)
+        torch.testing.assert_close(spread[..., 0], deviation[..., b], rtol=1e-4, atol=1e-6)
+    trained, _ = generator.train()(x_t, now, now / 2, **known)
+    torch.testing.assert_close(trained, mean, rtol=1e-4, atol=1e-4)
+    tau = now / 2
+    mine = generator.posterior(x_t, tau, known["seed"], known["has_seed"])
+    wanted = generator.prior.posterior(x_t, tau, known["seed"], known["has_seed"])
+    torch.testing.assert_close(mine, wanted, rtol=1e-4, atol=1e-4)
