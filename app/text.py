@@ -39,7 +39,7 @@ STEPS_LABEL = "Sampler steps"
 STEPS_HELP = "Empty: what each system usually takes. A number for all, or globaldiff/full=20, …"
 BODY_STEPS_LABEL = "Steps of the body"
 FACE_STEPS_LABEL = "Steps of the face"
-TWO_STEPS_HELP = "Of systems that draw face and body apart; 0 is what they usually take."
+TWO_STEPS_HELP = "AsynFusion draws face and body apart; 0 is what it usually takes."
 USUAL_SAMPLER = "each system's usual one"
 SAMPLER_LABEL = "Sampler"
 SAMPLER_NAMES = {

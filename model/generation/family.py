@@ -48,6 +48,8 @@ class Family:
     """
 
     name: str
+    title: str
+    """What a person calls it."""
     systems: tuple[str, ...]
     """Its generators, in the order in which they are shown."""
     about: dict[str, str]

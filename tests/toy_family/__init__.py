@@ -26,6 +26,7 @@ def named_config(preset: str, system: str) -> ToyConfig:
 
 FAMILY = Family(
     name="toy",
+    title="A toy",
     systems=(NAME, LIVELY),
     about={
         NAME: "A puppet that strikes the pose it was shown with each sound.",

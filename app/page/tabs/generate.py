@@ -111,14 +111,14 @@ def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
     samples = gr.Slider(
         1, 4, value=1, step=1, label=text.SAMPLES_LABEL, info=text.SAMPLES_HELP, buttons=[]
     )
-    with gr.Row(elem_classes="pair", visible=False, elem_id="two-steps") as two_steps:
+    with gr.Column(visible=False, elem_id="two-steps") as two_steps:
         body_steps, face_steps = (
-            gr.Slider(
-                0, 50, value=0, step=1, label=label, info=text.TWO_STEPS_HELP, buttons=[],
-                min_width=120,
+            gr.Slider(0, 50, value=0, step=1, label=label, info=help_, buttons=[])
+            for label, help_ in (
+                (text.BODY_STEPS_LABEL, text.TWO_STEPS_HELP),
+                (text.FACE_STEPS_LABEL, None),
             )
-            for label in (text.BODY_STEPS_LABEL, text.FACE_STEPS_LABEL)
-        )  # fmt: skip
+        )
     systems.change(
         lambda ticked: gr.update(visible=any(name in catalogue.with_face_steps for name in ticked)),
         systems, two_steps, show_progress="hidden", api_visibility="private",

@@ -129,14 +129,19 @@ def _own(systems: Sequence[str]) -> str:
 
 
 def _others(systems: Sequence[str]) -> str:
-    """Systems of other families, each with what its family says of it."""
+    """Systems of other families, family by family, each with what its family says of it."""
     told = (BEST, *(rung.system for rung in RUNGS))
-    return "".join(
-        f'<div class="own"><code>{escape(name)}</code>'
-        f"<p>{escape(family_of(name).about.get(name, ''))}</p></div>"
-        for name in systems
-        if name not in told
-    )
+    others = [name for name in systems if name not in told]
+    cards = []
+    for title in dict.fromkeys(family_of(name).title for name in others):
+        rows = "".join(
+            f"<dt><code>{escape(name)}</code></dt>"
+            f"<dd>{escape(family_of(name).about.get(name, ''))}</dd>"
+            for name in others
+            if family_of(name).title == title
+        )
+        cards.append(f'<div class="own"><h3>{escape(title)}</h3><dl>{rows}</dl></div>')
+    return "".join(cards)
 
 
 def _card(number: int, rung: Rung, systems: Sequence[str]) -> str:

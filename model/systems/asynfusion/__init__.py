@@ -18,11 +18,14 @@ def _few_steps(face: int, body: int) -> tuple[Sampler, ...]:
 
 FAMILY = Family(
     name="asynfusion",
+    title="AsynFusion: face and body that hear each other",
     systems=SYSTEMS,
     about={
-        DDIM: "Face and body side by side, 25 steps each.",
-        LCM_SYNC: "The same, distilled to 8 steps each.",
-        LCM_ASYNC: "The same distilled network; the face takes half as many steps as the body.",
+        DDIM: "Two networks side by side, one for the face and one for the body; after every block "
+        "each reads what the other has made of it so far. 25 diffusion steps each.",
+        LCM_SYNC: "Distilled from it: 8 steps that lead where many small ones would.",
+        LCM_ASYNC: "The same distilled network. The face takes 4 steps while the body takes 8; in "
+        "between, the body reads what the face was at last.",
     },
     samplers=(),
     presets=PRESETS,

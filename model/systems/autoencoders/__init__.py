@@ -5,6 +5,7 @@ from model.systems.autoencoders.config import JUDGES, MOTION_VAE, PRESETS, named
 
 FAMILY = Family(
     name="autoencoders",
+    title="Autoencoders",
     systems=(),
     about={},
     samplers=(),

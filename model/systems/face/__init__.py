@@ -5,6 +5,7 @@ from model.systems.face.config import EXPRESSION, PRESETS, named_config
 
 FAMILY = Family(
     name="face",
+    title="The face",
     systems=(),
     about={},
     samplers=(),

@@ -7,6 +7,7 @@ SAMPLER = "posterior"
 
 FAMILY = Family(
     name="gan",
+    title="Few large steps that a discriminator taught",
     systems=tuple(SYSTEMS),
     about={
         name: f"Drawn in {steps} large denoising steps, trained against a discriminator."

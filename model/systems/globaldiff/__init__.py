@@ -9,6 +9,7 @@ STEPS = 10
 
 FAMILY = Family(
     name="globaldiff",
+    title="GlobalDiff, and one of our own",
     systems=SYSTEMS,
     about={
         BEST: "Made to move well: the paper's network on a linear-Gaussian model of the motion.",
