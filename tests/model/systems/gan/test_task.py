@@ -1,5 +1,8 @@
 import csv
 import json
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +22,7 @@ from model.training.config import TrainConfig
 from model.training.loop import train
 from model.training.run_folder import TrainingError
 from model.training.task import Start, Task, Workshop
+from tests.helpers import ROOT
 from tests.model.made import make_data_folder
 from tests.model.systems.gan.made_generator import make_gan_weights
 
@@ -226,6 +230,29 @@ def test_resuming_with_other_settings_names_them(root):
     with pytest.raises(TrainingError, match=r"\(betas, loss.geometric\)"):
         changed = quick(betas=(0.0, 0.9), loss=replace(quick().loss, geometric=1.0))
         run(root, "settled", changed, resume=True)
+
+
+def test_two_processes_train_as_one_does(root):
+    """Both networks' gradients are averaged: same losses, same weights, up to rounding."""
+    arguments = ["smoke", "--system", WEIGHTS, "--steps", "4", "--data", str(root / "data")]
+    arguments += ["--fp32", "--no-compile"]
+    launched = ["-m", "torch.distributed.run", "--standalone", "--nproc_per_node=2"]
+    for name, launcher in (("one", []), ("two", launched)):
+        done = subprocess.run(
+            [sys.executable, *launcher, "-m", "model.train", *arguments, "--out", root / name],
+            cwd=ROOT, env={**os.environ, "OMP_NUM_THREADS": "1"}, capture_output=True, text=True,
+            check=False, timeout=600,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+    for row, other in zip(log_of(root / "one"), log_of(root / "two"), strict=True):
+        for column in ("total", "simple", "discriminator", "gradient_penalty", "score_real"):
+            if row[column]:
+                wanted = pytest.approx(float(row[column]), rel=1e-3, abs=1e-5)
+                assert float(other[column]) == wanted
+    states = [torch.load(root / name / "state.pt", weights_only=True) for name in ("one", "two")]
+    for part in ("generator", "discriminator"):
+        for key, tensor in states[0][part].items():
+            torch.testing.assert_close(states[1][part][key], tensor, rtol=1e-2, atol=2e-4)
 
 
 def test_presets_are_named():
