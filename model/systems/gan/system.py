@@ -1,13 +1,13 @@
 """A trained generator with a number of steps: speech and the window before to a window."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from model.generation.base import Draw, System, Window, Windowing
+from model.generation.base import Draw, Window
 from model.generation.speech_stream import SpeechWindow
 from model.motion.decoding import rotations
 from model.motion.packing import ROOT_DIM, Normaliser
@@ -18,56 +18,37 @@ from model.storage.cards import CheckpointError
 from model.storage.checkpoint import load_into, load_weights
 from model.storage.settings import from_dict
 from model.systems.face.config import EXPRESSION
-from model.systems.face.face import Face, FaceWindow, load_face
+from model.systems.face.face import load_face
+from model.systems.face.shown import BodyWindow, FacedSystem, shared_windowing
 from model.systems.gan import FAMILY
 from model.systems.gan.config import GeneratorConfig
 from model.systems.gan.generator import Generator
 from model.systems.gan.schedule import posterior, times
 
 
-@dataclass(frozen=True)
-class MotionWindow(Window):
-    """A window, and what the next one starts from."""
-
-    seed: Float[Tensor, "B S C"]
-    """Normalised motion of its last frames, before they are joined."""
-    face: FaceWindow
-
-
 @dataclass(frozen=True, kw_only=True)
-class GanSystem(System):
+class GanSystem(FacedSystem):
     """A generator with its statistics, and the face that it is shown."""
 
     config: GeneratorConfig
     network: Generator
     normaliser: Normaliser
-    face: Face
 
-    def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> MotionWindow:
+    def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> BodyWindow:
         """See `System.window`; the face is drawn first, and the body sees it."""
-        assert before is None or isinstance(before, MotionWindow)
-        config, shown = self.config, self.face.config
-        face = self.face.window(
-            speech.around(shown.speech_context, config.window_frames),
-            draw.speaker,
-            before and before.face,
-            draw.seed,
-            draw.index,
-        )
+        assert before is None or isinstance(before, BodyWindow)
+        config = self.config
+        face = self.draw_face(speech, before, draw)
         heard = speech.around(config.speech_context, config.window_frames)
         x_0 = self._clean(heard, face.units, before and before.seed, draw)
         vectors = self.normaliser.restore(x_0)
-        return MotionWindow(
+        return BodyWindow(
             rotmat=rotations(vectors, "axis-angle"),
             root=vectors[..., -ROOT_DIM:],
             expression=face.units.expand(draw.samples, -1, -1),
             seed=x_0[:, -config.seed_frames :],
             face=face,
         )
-
-    def join(self, older: Window, newer: Window) -> Window:
-        """Bodies are faded into each other; faces have met already."""
-        return replace(super().join(older, newer), expression=newer.expression)
 
     @torch.inference_mode()
     def _clean(
@@ -128,16 +109,13 @@ def load(name: str, folder: Path) -> GanSystem:
     load_into(network, tensors, "network.", weights)
     network.eval().requires_grad_(False)
     face = load_face(folder)
-    windows = config.window_frames, config.seed_frames
-    if windows != (face.config.window_frames, face.config.seed_frames):
-        raise CheckpointError(f"The windows of {weights} and of the expression network differ.")
     return GanSystem(
         name=name,
         card=card,
         sha256s={weights: card["sha256"], EXPRESSION: face.sha256},
         speakers=speakers,
         encoder=encoder,
-        windowing=Windowing(*windows, max(config.speech_context, face.config.speech_context)),
+        windowing=shared_windowing(weights, config, face),
         samplers=FAMILY.samplers_of(name),
         frame="parent",
         root_motion="place",

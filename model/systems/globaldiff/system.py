@@ -1,14 +1,14 @@
 """A trained rung of the ladder, or our own system: speech and the window before to a window."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from model.generation.base import Draw, Features, Prediction, System, Window, Windowing
+from model.generation.base import Draw, Features, Prediction, Window
 from model.generation.speech_stream import SpeechWindow
 from model.motion.decoding import rotations
 from model.motion.motion import Motion
@@ -23,7 +23,8 @@ from model.storage.cards import CheckpointError
 from model.storage.checkpoint import load_into, load_weights
 from model.storage.settings import from_dict
 from model.systems.face.config import EXPRESSION
-from model.systems.face.face import Face, FaceWindow, load_face
+from model.systems.face.face import load_face
+from model.systems.face.shown import BodyWindow, FacedSystem, shared_windowing
 from model.systems.globaldiff import FAMILY
 from model.systems.globaldiff.config import NetworkConfig
 from model.systems.globaldiff.network import MotionNetwork
@@ -34,53 +35,33 @@ INPAINT_UNTIL = 0.7
 was 1.2 times the inside's (worst frame of the join 1.6); held to the end 1.3 (2.7)."""
 
 
-@dataclass(frozen=True)
-class MotionWindow(Window):
-    """A window, and what the next one starts from."""
-
-    seed: Float[Tensor, "B S C"]
-    """Normalised motion of its last frames, before they are joined."""
-    face: FaceWindow
-
-
 @dataclass(frozen=True, kw_only=True)
-class GlobalDiffSystem(System):
+class GlobalDiffSystem(FacedSystem):
     """A motion network with its statistics, and the face that it is shown."""
 
     config: NetworkConfig
     network: MotionNetwork | PriorNetwork
     normaliser: Normaliser
-    face: Face
 
-    def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> MotionWindow:
+    def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> BodyWindow:
         """See `System.window`; the face is drawn first, and the body sees it."""
-        assert before is None or isinstance(before, MotionWindow)
-        config, shown = self.config, self.face.config
+        assert before is None or isinstance(before, BodyWindow)
+        config = self.config
         overlap = config.seed_frames
-        face = self.face.window(
-            speech.around(shown.speech_context, config.window_frames),
-            draw.speaker,
-            before and before.face,
-            draw.seed,
-            draw.index,
-        )
+        face = self.draw_face(speech, before, draw)
         heard = speech.around(config.speech_context, config.window_frames)
         x_1 = self._clean(heard, face.units, before and before.seed, draw)
         vectors = self.normaliser.restore(x_1)
         rotmat, root = rotations(vectors, config.rotation_space), vectors[..., -ROOT_DIM:]
         if config.rotation_space != "axis-angle":  # rows of any length become those of a rotation
             vectors = pack(rot6d_from_matrix(rotmat), root, "place")
-        return MotionWindow(
+        return BodyWindow(
             rotmat=rotmat,
             root=root,
             expression=face.units.expand(draw.samples, -1, -1),
             seed=self.normaliser.normalise(vectors[:, -overlap:]),
             face=face,
         )
-
-    def join(self, older: Window, newer: Window) -> Window:
-        """Bodies are faded into each other; faces have met already."""
-        return replace(super().join(older, newer), expression=newer.expression)
 
     @torch.inference_mode()
     def _clean(
@@ -160,16 +141,13 @@ def load(name: str, folder: Path) -> GlobalDiffSystem:
     load_into(network, tensors, "network.", name)
     network.eval().requires_grad_(False)
     face = load_face(folder)
-    windows = config.window_frames, config.seed_frames
-    if windows != (face.config.window_frames, face.config.seed_frames):
-        raise CheckpointError(f"The windows of {name} and of the expression network differ.")
     return GlobalDiffSystem(
         name=name,
         card=card,
         sha256s={name: card["sha256"], EXPRESSION: face.sha256},
         speakers=speakers,
         encoder=encoder,
-        windowing=Windowing(*windows, max(config.speech_context, face.config.speech_context)),
+        windowing=shared_windowing(name, config, face),
         samplers=FAMILY.samplers,
         frame="world" if config.rotation_space == "global" else "parent",
         root_motion=config.root,
