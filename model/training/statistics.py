@@ -9,8 +9,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from model.data.prepared import Batch, PreparedData
-from model.motion.packing import Normaliser
+from model.motion.packing import AXIS_ANGLE_GROUPS, Normaliser
+from model.motion.spaces import Representation
+from model.networks.config import BranchConfig
 from model.sampling.prior import GaussianPrior, fit_components, fit_prior
+from model.training.targets import Targets
 
 WINDOWS = 400
 PRIOR_BATCHES, PRIOR_BATCH_SIZE = 12, 256
@@ -28,6 +31,28 @@ def prior_batches(data: PreparedData, window_frames: int) -> Iterator[Batch]:
     for k in range(PRIOR_BATCHES):
         rng = np.random.default_rng([k, 17])
         yield data.window_batch(clips, window_frames, PRIOR_BATCH_SIZE, rng)
+
+
+def fit_normaliser(
+    data: PreparedData,
+    targets: Targets,
+    window_frames: int,
+    mirror: float,
+    representation: Representation = "normalised",
+) -> Normaliser:
+    """Statistics of the motion vectors that a network aims at."""
+    vectors, _ = targets.of(statistics_batch(data, window_frames, mirror), rotations=False)
+    groups = AXIS_ANGLE_GROUPS if targets.space == "axis-angle" else None
+    return Normaliser.fit(vectors.flatten(0, 1), representation, groups)
+
+
+def fit_motion_prior(
+    data: PreparedData, targets: Targets, shape: BranchConfig, mirror: float
+) -> tuple[Normaliser, GaussianPrior]:
+    """Components of motion and their linear-Gaussian prior, from windows of the training split."""
+    windows = [targets.windows(batch) for batch in prior_batches(data, shape.window_frames)]
+    normaliser = fit_normaliser(data, targets, shape.window_frames, mirror)
+    return with_components(normaliser, windows, shape.seed_frames)
 
 
 def with_components(

@@ -1,7 +1,7 @@
 """Training of the two branches: by noise, or by the teacher that was trained so."""
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torch.nn import functional as F
 
@@ -15,6 +15,7 @@ from model.systems.asynfusion.network import BRANCHES, DualBranchNetwork, Pair
 from model.systems.asynfusion.schedule import NUM_STEPS, flow_times, noise_of
 from model.systems.asynfusion.streams import Streams, face_tensors, fit_streams, read_streams
 from model.training import losses
+from model.training.draws import Draws
 from model.training.hearing import heard
 from model.training.parallel import WHOLE, Shard
 from model.training.rate import can_compile
@@ -86,26 +87,20 @@ def branches_step(
     def step(
         network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard = WHOLE
     ) -> StepLoss:
-        size = len(batch.clips)
-
-        def keep(dropout: float) -> Bool[Tensor, " B"]:
-            return shard.of(torch.rand(size, generator=generator) >= dropout)
-
+        draws = Draws(len(batch.clips), generator, shard)
         with torch.no_grad():
             vectors, _ = targets.of(batch.rows(shard.mine), rotations=False)
             motion = shard.of(batch.expression), vectors.to(shard.device)
             x_1 = both(lambda n, m: n.normalise(m), normalisers, motion)
-            noise = both(
-                lambda x: shard.of(torch.randn(size, *x.shape[1:], generator=generator)), x_1
-            )
-            steps = draw_steps(size, config, generator)
+            noise = both(lambda x: draws.noise(x.shape[1:]), x_1)
+            steps = draw_steps(draws.size, config, generator)
             steps = shard.of(steps[0]), shard.of(steps[1])
             t = both(lambda k: times.to(k.device)[k], steps)
             x_t = both(interpolate, noise, x_1, t)
             conditions = {
                 "seed": both(lambda x: x[:, :seed_frames], x_1),
-                "has_seed": keep(config.seed_dropout),
-                "speaker": shard.of(batch.speaker) * keep(config.speaker_dropout),
+                "has_seed": draws.keep(config.seed_dropout),
+                "speaker": shard.of(batch.speaker) * draws.keep(config.speaker_dropout),
                 "speech": shard.of(heard(config, network, batch, generator)),
             }
         with shard.autocast():

@@ -7,15 +7,14 @@ from typing import Any
 import torch
 import torch.distributed as dist
 import torch.nn.functional as F
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from model.data.prepared import Batch, PreparedData
 from model.motion.decoding import Decoded, decode
-from model.motion.packing import AXIS_ANGLE_GROUPS, Normaliser
+from model.motion.packing import Normaliser
 from model.motion.skeleton import open_body_skeleton
 from model.sampling.flow import time_weight
-from model.sampling.prior import GaussianPrior
 from model.systems.gan.adversarial import (
     Watch,
     discriminator_loss,
@@ -28,11 +27,12 @@ from model.systems.gan.discriminator import Discriminator
 from model.systems.gan.generator import Generator
 from model.systems.gan.schedule import diffused, flow_time, posterior
 from model.training import losses
+from model.training.draws import Draws
 from model.training.geometric import geometric_terms
 from model.training.hearing import heard
 from model.training.parallel import Shard
 from model.training.rate import can_compile, compiled
-from model.training.statistics import prior_batches, statistics_batch, with_components
+from model.training.statistics import fit_motion_prior
 from model.training.targets import Targets, prepare_targets
 from model.training.task import Workshop, check_speakers, learning_rate_factor
 
@@ -50,7 +50,7 @@ def make_task(config: GanConfig, data: PreparedData, workshop: Workshop) -> "Gan
     given = workshop.given()
     targets = prepare_targets(data, "axis-angle", "place", open_body_skeleton())
     if given is None:
-        normaliser, prior = fit_motion(config, data, targets)
+        normaliser, prior = fit_motion_prior(data, targets, shape, config.mirror)
     else:
         normaliser, prior = given.normaliser, given.prior(shape.seed_frames)
     generator = Generator(shape, prior, normaliser)
@@ -59,18 +59,6 @@ def make_task(config: GanConfig, data: PreparedData, workshop: Workshop) -> "Gan
         given.load_into(generator)
     compiles = workshop.may_compile and can_compile()
     return GanTask(config, generator, discriminator, normaliser, targets, workshop.shard, compiles)
-
-
-def fit_motion(
-    config: GanConfig, data: PreparedData, targets: Targets
-) -> tuple[Normaliser, GaussianPrior]:
-    """Components of motion and their linear-Gaussian prior, from windows of the training split."""
-    shape = config.generator
-    batch = statistics_batch(data, shape.window_frames, config.mirror)
-    vectors, _ = targets.of(batch, rotations=False)
-    scales = Normaliser.fit(vectors.flatten(0, 1), groups=AXIS_ANGLE_GROUPS)
-    windows = [targets.windows(batch) for batch in prior_batches(data, shape.window_frames)]
-    return with_components(scales, windows, shape.seed_frames)
 
 
 @dataclass(frozen=True)
@@ -200,13 +188,8 @@ class GanTask:
         """Draws for the whole batch, cut to this process's share of it."""
         config, shape, shard = self.config, self.config.generator, self.shard
         size = len(batch.clips)
-
-        def kept(dropout: float) -> Bool[Tensor, " B"]:
-            return shard.of(torch.rand(size, generator=generator) >= dropout)
-
-        def normal(channels: int) -> Float[Tensor, "B T _"]:
-            return shard.of(torch.randn(size, self.window_frames, channels, generator=generator))
-
+        draws = Draws(size, generator, shard)
+        window = self.window_frames, shape.channels
         vectors, target = self.targets.of(batch.rows(shard.mine), rotations=False)
         vectors, target = vectors.to(shard.device), target.to(shard.device)
         x_0 = self.normaliser.normalise(vectors)
@@ -214,18 +197,18 @@ class GanTask:
         counts = counts[torch.randint(len(counts), (size,), generator=generator)]
         number = 1 + (torch.rand(size, generator=generator) * counts).long()
         now, before = shard.of(number / counts), shard.of((number - 1) / counts)
-        x_before = diffused(x_0, normal(shape.channels), torch.zeros_like(before), before)
-        x_now = diffused(x_before, normal(shape.channels), before, now)
+        x_before = diffused(x_0, draws.noise(window), torch.zeros_like(before), before)
+        x_now = diffused(x_before, draws.noise(window), before, now)
         told = {
-            "has_seed": kept(config.seed_dropout),
-            "has_speech": kept(config.speech_dropout),
-            "speaker": shard.of(batch.speaker) * kept(config.speaker_dropout),
+            "has_seed": draws.keep(config.seed_dropout),
+            "has_speech": draws.keep(config.speech_dropout),
+            "speaker": shard.of(batch.speaker) * draws.keep(config.speaker_dropout),
             "speech": shard.of(heard(config, network, batch, generator)),
             "seed": x_0[:, : shape.seed_frames],
         }
         return Drawn(
-            vectors, target, x_0, x_before, x_now, before, now, noise=normal(shape.channels),
-            latent=normal(shape.channels), expression=shard.of(batch.expression), told=told,
+            vectors, target, x_0, x_before, x_now, before, now, noise=draws.noise(window),
+            latent=draws.noise(window), expression=shard.of(batch.expression), told=told,
         )  # fmt: skip
 
     def denoised(

@@ -7,12 +7,11 @@ from torch import Tensor, nn
 
 from model.data.prepared import Batch, PreparedData
 from model.motion.decoding import Decoded, decode
-from model.motion.packing import AXIS_ANGLE_GROUPS, Normaliser
+from model.motion.packing import Normaliser
 from model.motion.skeleton import open_body_skeleton
 from model.networks.autoencoder import FrozenEncoder, load_encoder
 from model.networks.prior_network import PriorNetwork
 from model.sampling.flow import interpolate, time_weight
-from model.sampling.prior import GaussianPrior
 from model.systems.globaldiff import constraints
 from model.systems.globaldiff.config import GlobalDiffConfig, LossConfig
 from model.systems.globaldiff.network import MotionNetwork
@@ -22,7 +21,7 @@ from model.training.geometric import geometric_terms, positions_of, weighted
 from model.training.hearing import heard
 from model.training.parallel import WHOLE, Shard
 from model.training.rate import can_compile, compiled
-from model.training.statistics import prior_batches, statistics_batch, with_components
+from model.training.statistics import fit_motion_prior, fit_normaliser
 from model.training.targets import Targets, prepare_targets
 from model.training.task import (
     DescentTask,
@@ -53,7 +52,7 @@ def make_task(config: GlobalDiffConfig, data: PreparedData, workshop: Workshop) 
     statistics: dict[str, Tensor] = {}
     if shape.prior:
         if given is None:
-            known, prior = fit_motion_prior(config, data, targets)
+            known, prior = fit_motion_prior(data, targets, shape, config.mirror)
         else:
             known, prior = given.normaliser, given.prior(shape.seed_frames)
         statistics["prior.covariance"] = prior.covariance
@@ -61,7 +60,13 @@ def make_task(config: GlobalDiffConfig, data: PreparedData, workshop: Workshop) 
             shape, prior, channels=shape.motion_dim, expression_dim=shape.expression_dim
         )
     else:
-        known = given.normaliser if given else fit_normaliser(config, data, targets)
+        known = (
+            given.normaliser
+            if given
+            else fit_normaliser(
+                data, targets, shape.window_frames, config.mirror, config.representation
+            )
+        )
         network = MotionNetwork(shape)
         network.start_at(mean_vector(known, targets))
     normaliser = known.to(device)
@@ -72,23 +77,6 @@ def make_task(config: GlobalDiffConfig, data: PreparedData, workshop: Workshop) 
         config, network, motion_step(config, normaliser, targets, encoder, compiles), normaliser,
         shape.window_frames, shape.speech_context, workshop.shard, compiles, statistics,
     )  # fmt: skip
-
-
-def fit_normaliser(config: GlobalDiffConfig, data: PreparedData, targets: Targets) -> Normaliser:
-    """Statistics of the motion vectors that the network aims at."""
-    batch = statistics_batch(data, config.network.window_frames, config.mirror)
-    vectors, _ = targets.of(batch, rotations=False)
-    groups = AXIS_ANGLE_GROUPS if targets.space == "axis-angle" else None
-    return Normaliser.fit(vectors.flatten(0, 1), config.representation, groups)
-
-
-def fit_motion_prior(
-    config: GlobalDiffConfig, data: PreparedData, targets: Targets
-) -> tuple[Normaliser, GaussianPrior]:
-    """Components of motion and their linear-Gaussian prior, from windows of the training split."""
-    shape = config.network
-    batches = [targets.windows(batch) for batch in prior_batches(data, shape.window_frames)]
-    return with_components(fit_normaliser(config, data, targets), batches, shape.seed_frames)
 
 
 def mean_vector(normaliser: Normaliser, targets: Targets) -> Float[Tensor, "333"]:
