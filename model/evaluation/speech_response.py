@@ -4,12 +4,9 @@ import numpy as np
 from jaxtyping import Float
 
 from model.generation.base import Features
+from model.measures.face_and_hands import SHIFT_S, wrist_speed
 from model.measures.lagged_correlation import lagged_correlation
-from model.motion.skeleton import JOINT_INDEX
 from model.motion.timing import FPS, SAMPLE_RATE
-
-SHIFT_S = 4.0
-_WRISTS = [JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"]]
 
 
 def speech_tracks(right: Features, foreign: Features) -> dict[str, Features]:
@@ -36,5 +33,4 @@ def coupling(positions: Float[np.ndarray, "T 55 3"], loudness: Float[np.ndarray,
     best lag within half a second, both smoothed over 0.3 s. The choice of the lag raises it above
     0 for any two signals: compare with shifted speech.
     """
-    speed = np.linalg.norm(np.diff(positions[:, _WRISTS], axis=0), axis=-1).sum(-1) * FPS
-    return lagged_correlation(speed, loudness)
+    return lagged_correlation(wrist_speed(positions), loudness)

@@ -12,6 +12,7 @@ from model.motion.skeleton import JOINT_INDEX
 from model.motion.timing import FPS
 
 SHIFT_S = 4.0
+"""By which a track is shifted in a circle, to know what chance gives."""
 _WRISTS = [JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"]]
 
 
@@ -26,12 +27,17 @@ def face_and_hands(motion: Motion, joints: Float[np.ndarray, "T 55 3"]) -> dict[
     """
     if motion.num_frames < 2 * SHIFT_S * FPS:
         return {}
-    hands = np.linalg.norm(np.diff(joints[:, _WRISTS], axis=0), axis=-1).sum(-1) * FPS
+    hands = wrist_speed(joints)
     found = {"head_with_hands": _beyond_chance(head_speed(motion), hands)}
     if motion.expression_basis == "arkit52":
         brow = motion.expressions[1:, unit_columns("browInnerUp")].mean(1)
         found["brow_with_hands"] = _beyond_chance(brow, hands)
     return found
+
+
+def wrist_speed(joints: Float[np.ndarray, "T 55 3"]) -> Float[np.ndarray, " T1"]:
+    """Of both wrists together, m/s, from each frame to the next."""
+    return np.linalg.norm(np.diff(joints[:, _WRISTS], axis=0), axis=-1).sum(-1) * FPS
 
 
 def head_speed(motion: Motion) -> Float[np.ndarray, " T1"]:

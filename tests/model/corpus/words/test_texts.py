@@ -8,13 +8,13 @@ import pytest
 
 from model.corpus.people.voice import words_of
 from model.corpus.words.grammar import AFTER_A_QUESTION, END_MARKS, GRAMMAR, KINDS
-from model.corpus.words.texts import SPLITS, split_of, talk
+from model.corpus.words.texts import SPLITS, Split, split_of, talk
 from model.corpus.words.topics import TOPICS
 
 
-def sentences(count: int, split: str, seed: int = 0) -> list[str]:
+def sentences(count: int, split: Split, seed: int = 0) -> list[str]:
     rng = np.random.default_rng(seed)
-    return list(islice(talk(rng, split), count))  # type: ignore[arg-type]
+    return list(islice(talk(rng, split), count))
 
 
 def test_every_symbol_is_defined_and_every_rule_is_used() -> None:
