@@ -67,7 +67,7 @@ class GanLoss:
     normalised channels; the others are what `workbench/priorflow` trains with."""
     spread: float = 0.1
     """Share of the explicit loss that is the likelihood of x_0 as it is drawn: it fits the
-    deviation, and keeps the mean exact where the prior leaves little open, as no other term does."""
+    deviation, and keeps the mean exact where the prior leaves little open, as no other does."""
     time_weight_floor: float | None = 0.1
     """See `model.sampling.flow.time_weight`; by the flow time of a diffusion time."""
     gradient_penalty: float = 0.05
