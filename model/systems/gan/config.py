@@ -2,10 +2,9 @@
 
 from dataclasses import dataclass, field, replace
 
-from model.motion.packing import AXIS_ANGLE_MOTION_DIM
+from model.motion.spaces import AXIS_ANGLE_MOTION_DIM
 from model.networks.config import BranchConfig
-from model.training.config import SMOKE, TrainConfig
-from model.training.geometric import GeometricWeights
+from model.training.config import SMOKE, GeometricWeights, TrainConfig
 
 SYSTEMS: dict[str, int] = {"gan/20": 20, "gan/10": 10, "gan/5": 5}
 """Steps of each; 20 is the paper's demo."""
