@@ -103,6 +103,11 @@ FIGURES = {
         "closed form.",
         (),
     ),
+    "steps": FigureText(
+        "Quality against time",
+        "Each mark is a number of steps. Where a curve is flat, further steps buy nothing.",
+        (),
+    ),
 }
 NUMBERS_HEADING = "Measures"
 NUMBERS_HELP = (

@@ -1,4 +1,4 @@
-"""The command line: generate, diagnose, render, study, doctor.
+"""The command line: generate, diagnose, steps, render, study, doctor.
 
 Exit status: 0 done, 1 failed with one sentence on standard error, 2 wrong arguments.
 """
@@ -61,6 +61,7 @@ def make_parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_generate(commands)
     _add_diagnose(commands)
+    _add_steps(commands)
     _add_render(commands)
     _add_doctor(commands)
     add_study(commands)
@@ -208,6 +209,56 @@ def _diagnose(options: argparse.Namespace) -> None:
     _finish(diagnosis.files, [*diagnosis.notes, *findings])
 
 
+def _add_steps(commands) -> None:
+    from app.run.step_curve import COUNTS, MAX_S
+
+    parser = commands.add_parser(
+        "steps",
+        help="quality against time: what steps of a sampler buy on this machine",
+        description="Generate the same motion with few and with many steps, and plot jerk, and the "
+        f"distance to the result of most steps, over milliseconds a frame. Of {MAX_S:g} s of the "
+        "speech.",
+    )
+    parser.add_argument("speech", type=Path, metavar="SPEECH", help="any sound file")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of results")
+    parser.add_argument(
+        "--systems", type=_names, required=True, metavar="A,B,...", help="at most six"
+    )
+    parser.add_argument(
+        "--steps", type=_counts, default=COUNTS, metavar="N,N,...",
+        help=f"numbers of steps (default: {','.join(map(str, COUNTS))})",
+    )  # fmt: skip
+    parser.add_argument("--speaker", metavar="NAME", help="default: the first that is known")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="default: %(default)s")
+    parser.add_argument(
+        "--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR", help="default: bundled"
+    )
+    parser.set_defaults(command=_steps_command)
+
+
+def _steps_command(options: argparse.Namespace) -> None:
+    from app.commands.terminal import ProgressBar
+    from app.run.step_curve import StepCurveRequest, measure_step_curve
+
+    request = StepCurveRequest(
+        speech=options.speech,
+        out=options.out,
+        systems=options.systems,
+        counts=options.steps,
+        speaker=options.speaker,
+        seed=options.seed,
+        weights=options.weights,
+    )
+    with ProgressBar("measure") as bar:
+        curve = measure_step_curve(request, bar.show)
+    for point in curve.points:
+        _say(
+            f"{point.system}, {point.steps} steps: {point.ms_per_frame:.2f} ms a frame, jerk "
+            f"{point.tip_jerk_m_s3:.0f} m/s3, {point.distance_cm:.1f} cm from most steps"
+        )
+    _finish(curve.files, ())
+
+
 def _add_point(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--transcript", type=Path, metavar="FILE", help="a TextGrid; its words go to the numbers"
@@ -323,6 +374,13 @@ def _names(value: str) -> tuple[str, ...]:
     if not names:
         raise argparse.ArgumentTypeError("name at least one")
     return () if names == ("all",) else names
+
+
+def _counts(value: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(part) for part in value.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{value!r} are no whole numbers") from None
 
 
 def _steps(value: str) -> int | dict[str, int] | None:

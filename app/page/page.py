@@ -15,6 +15,7 @@ from app.page.serving.researcher_part import Handover
 from app.page.tabs import own_motion as own_motion_tab
 from app.page.tabs.generate import FormParts, ResultParts, build_form, build_results
 from app.page.tabs.generate_run import Generate, GenerateRunner
+from app.page.tabs.step_curve import build_step_curve
 from app.page.tabs.study import build_study_tab
 from app.page.tabs.systems import build_systems_tab
 
@@ -45,6 +46,7 @@ def build_app(
                 own_motion_tab.build_own_motion_tab(page, config, jobs, desk)
             with gr.Tab(text.LADDER_TAB):
                 build_systems_tab(catalogue.systems)
+                build_step_curve(page, catalogue, config, jobs, desk)
             with gr.Tab(text.STUDY_TAB):
                 build_study_tab(page, catalogue, config, jobs, handover)
         runner = GenerateRunner(generate, catalogue, config, jobs, desk, form, results)
