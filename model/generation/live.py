@@ -6,10 +6,10 @@ are final, and of what it makes only the frames whose speech was heard become fi
 been spoken yet is put to the network as the mirror image of what was: speech that goes on much as
 it did, rather than a silence that would end every gesture.
 
-`gan/5` on two recordings of BEAT2: with 8 to 12 frames heard ahead, wrists lay 8 to 12 mm from where
-they were with all of the speech and the same draws (another seed: 165 mm), the jaw's angle
-correlated with that at 0.95 to 0.99 (with 4 frames: 0.81); silence in place of the mirror image: 20
-mm.
+`gan/5` on two recordings of BEAT2: with 8 to 12 frames heard ahead, wrists lay 8 to 12 mm from
+where they were with all of the speech and the same draws (another seed: 165 mm), the jaw's angle
+correlated with that at 0.95 to 0.99 (with 4 frames: 0.81); silence in place of the mirror image:
+20 mm.
 """
 
 from dataclasses import dataclass
