@@ -52,8 +52,18 @@ class Live {
     return this.#token;
   }
 
+  /** Measured, ms; null until there is a picture. */
   get latency() {
     return this.#playout?.latency ?? null;
+  }
+
+  /** Rotations of the last picture. */
+  get pose() {
+    return this.#pose;
+  }
+
+  get socket() {
+    return this.#socket;
   }
 
   // -------------------------------------------------------------- what is seen
