@@ -14,6 +14,7 @@ import torch
 
 from model.data.prepared import DataError
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
+from model.storage.settings import with_setting
 from model.systems.registry import families, family_of
 from model.training.loop import train
 from model.training.parallel import joined_processes
@@ -32,6 +33,10 @@ def main(arguments: list[str] | None = None) -> int:
         help=f"one of {', '.join(_trained())}",
     )  # fmt: skip
     parser.add_argument("--steps", type=int, help="instead of the config's number")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="FIELD=VALUE", dest="settings",
+        help="another value of one of the config's fields, e.g. network.width=64; can be repeated",
+    )  # fmt: skip
     parser.add_argument(
         "--helpers", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR",
         help="folder with the weights of networks that a system needs",
@@ -57,6 +62,8 @@ def main(arguments: list[str] | None = None) -> int:
         config = dataclasses.replace(config, random_seed=args.random_seed)
         if args.steps is not None:
             config = dataclasses.replace(config, steps=args.steps)
+        for setting in args.settings:
+            config = with_setting(config, setting)
         start = args.start_from and Start(args.start_from, args.start_system or args.system)
         with joined_processes() as shard:
             shard = dataclasses.replace(shard, bf16=not args.fp32)

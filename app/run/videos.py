@@ -25,6 +25,9 @@ def draw_videos(
 ) -> dict[str, RenderResult]:
     """Draw every job and return the results under the same names.
 
+    ``parallel`` of them at once. Where there are no more cores than that, at the end so many more
+    that none is drawn alone beside an idle core: of five by two, the last three together.
+
     Args:
         on_progress: called with the share of all frames done, 0 to 1.
         on_done: called with a name when its file is whole, in the order in which they end.
@@ -33,17 +36,15 @@ def draw_videos(
         CancelledRun: when ``should_cancel`` said so; the children are ended and left no file.
         BodyError, GLError, VideoError: of the first job that failed; the others are ended.
     """
-    from renderer.video.pool import RenderPool
+    from renderer.video.pool import RenderPool, num_cores
 
     fractions = dict.fromkeys(jobs, 0.0)
     weights = {name: job.motion.num_frames for name, job in jobs.items()}
     total = sum(weights.values())
+    waiting, tasks = list(jobs), {}
     results: dict[str, RenderResult] = {}
-    with RenderPool(min(parallel, len(jobs))) as pool:
-        tasks = {
-            name: pool.submit(job, lambda done, name=name: fractions.__setitem__(name, done))
-            for name, job in jobs.items()
-        }
+    last_together = parallel + (len(jobs) % parallel if num_cores() <= parallel else 0)
+    with RenderPool(min(last_together, len(jobs))) as pool:
         while len(results) < len(jobs):
             if should_cancel():
                 raise CancelledRun  # leaving the block by an error ends the children
@@ -52,6 +53,13 @@ def draw_videos(
                     results[name] = task.result()
                     fractions[name] = 1.0
                     on_done(name)
+            left = len(jobs) - len(results)
+            running = last_together if left <= last_together else parallel
+            while waiting and len(tasks) - len(results) < running:
+                name = waiting.pop(0)
+                tasks[name] = pool.submit(
+                    jobs[name], lambda done, name=name: fractions.__setitem__(name, done)
+                )
             on_progress(sum(weights[name] * fractions[name] for name in jobs) / total)
             if len(results) < len(jobs):
                 time.sleep(_POLL_S)

@@ -14,17 +14,12 @@ from jaxtyping import Float
 from torch import Tensor
 
 from model.motion.skeleton import FACE, HANDS, LOWER_BODY, NUM_JOINTS, UPPER_BODY
-from model.motion.spaces import Representation, RootMotion
+from model.motion.spaces import AXIS_ANGLE_MOTION_DIM, ROOT_DIM, Representation, RootMotion
 from model.motion.timing import FPS
 
 ROTATION_DIM = NUM_JOINTS * 6
-ROOT_DIM = 3
 MOTION_DIM = ROTATION_DIM + ROOT_DIM
-
-
-AXIS_ANGLE_DIM = NUM_JOINTS * 3
-AXIS_ANGLE_MOTION_DIM = AXIS_ANGLE_DIM + ROOT_DIM
-"""Of vectors that hold local axis-angle in place of row-6D."""
+AXIS_ANGLE_DIM = AXIS_ANGLE_MOTION_DIM - ROOT_DIM
 
 
 def joint_channels(joints: tuple[int, ...]) -> list[int]:

@@ -10,3 +10,7 @@ RootMotion = Literal["velocity", "place"]
 Representation = Literal["normalised", "raw"]
 """Every body-part group at unit variance, or raw 6D as in the official GlobalDiff code (the three
 root channels normalised all the same)."""
+
+ROOT_DIM = 3
+AXIS_ANGLE_MOTION_DIM = 55 * 3 + ROOT_DIM
+"""Channels of a frame that holds local axis-angle, and the root motion."""

@@ -7,6 +7,45 @@ from typing import Any, TypeVar, get_type_hints
 T = TypeVar("T")
 
 
+def with_setting(config: T, setting: str) -> T:
+    """The config with one field changed, told as ``outer.inner=value``; the value is JSON, or a
+    text as it stands.
+
+    Raises:
+        ValueError: if there is no such field, or the value is of another kind than its own.
+    """
+    path, equals, told = setting.partition("=")
+    if not equals:
+        raise ValueError(f"{setting!r} sets nothing; write it as field=value.")
+    try:
+        value = json.loads(told)
+    except json.JSONDecodeError:
+        value = told
+    *outer, name = path.split(".")
+    values = asdict(config)  # type: ignore[call-overload]
+    place = values
+    for step in outer:
+        place = place.get(step)
+        if not isinstance(place, dict):
+            break
+    if not isinstance(place, dict) or name not in place:
+        raise ValueError(f"{type(config).__name__} has no field {path}.")
+    place[name] = _of_kind(path, place[name], value)
+    return from_dict(type(config), values)
+
+
+def _of_kind(path: str, old: Any, new: Any) -> Any:
+    """``new`` where it can stand for ``old``."""
+    if old is None or new is None:
+        return new
+    if isinstance(old, float) and isinstance(new, int) and not isinstance(new, bool):
+        return float(new)
+    same = isinstance(new, list) if isinstance(old, tuple) else type(new) is type(old)
+    if not same:
+        raise ValueError(f"{path} is {old!r}; {new!r} is of another kind.")
+    return new
+
+
 def to_json(config: Any) -> str:
     """The config as indented JSON, nested dataclasses as objects."""
     return json.dumps(asdict(config), indent=1)

@@ -55,3 +55,22 @@ PAPER: dict[str, Any] = {
     "validate_every": 5000,
 }
 """Fields of a training as long as the paper's."""
+
+
+@dataclass(frozen=True)
+class GeometricWeights:
+    """Weights of the terms in `model.training.geometric`; one of weight 0 is not computed.
+    Positions are in metres, differences per frame."""
+
+    simple: float = 1.0
+    """GlobalDiff eq. 7, on normalised channels."""
+    position: float = 10.0
+    """L_pos: joint positions through forward kinematics."""
+    velocity: float = 100.0
+    """First differences of those positions; in the official code, not in the paper."""
+    acceleration: float = 100.0
+    """Second differences of those positions; in the official code, not in the paper."""
+    contact: float = 0.0
+    """Horizontal steps of feet that stand still in the recording."""
+    rooted: bool = False
+    """Take positions and their differences with the pelvis in place; the root has its channels."""

@@ -1,31 +1,13 @@
 """Weighted training terms on what motion vectors mean in the world."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 from jaxtyping import Float
 from torch import Tensor
 
 from model.motion.decoding import Decoded
 from model.training import losses
-
-
-@dataclass(frozen=True)
-class GeometricWeights:
-    """A term of weight 0 is not computed. Positions are in metres, differences per frame."""
-
-    simple: float = 1.0
-    """GlobalDiff eq. 7, on normalised channels."""
-    position: float = 10.0
-    """L_pos: joint positions through forward kinematics."""
-    velocity: float = 100.0
-    """First differences of those positions; in the official code, not in the paper."""
-    acceleration: float = 100.0
-    """Second differences of those positions; in the official code, not in the paper."""
-    contact: float = 0.0
-    """Horizontal steps of feet that stand still in the recording."""
-    rooted: bool = False
-    """Take positions and their differences with the pelvis in place; the root has its channels."""
+from model.training.config import GeometricWeights
 
 
 def geometric_terms(

@@ -16,9 +16,9 @@ from tqdm import tqdm
 from model.data.prepared import Batch, PreparedData
 from model.motion.decoding import Decoded, decode, to_vectors
 from model.motion.decoding import rotations as rotations_of
-from model.motion.packing import AXIS_ANGLE_MOTION_DIM, MOTION_DIM, ROOT_DIM, root_positions
+from model.motion.packing import MOTION_DIM, root_positions
 from model.motion.skeleton import NUM_JOINTS, RestSkeleton
-from model.motion.spaces import RootMotion, RotationSpace
+from model.motion.spaces import AXIS_ANGLE_MOTION_DIM, ROOT_DIM, RootMotion, RotationSpace
 from model.storage.files import written_atomically
 
 BLOCK_FRAMES = 2000

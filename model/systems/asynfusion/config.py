@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
-from model.motion.packing import AXIS_ANGLE_MOTION_DIM
+from model.motion.spaces import AXIS_ANGLE_MOTION_DIM
 from model.networks.config import BranchConfig
 from model.training.config import PAPER, SMOKE, TrainConfig
 

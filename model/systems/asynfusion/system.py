@@ -12,7 +12,7 @@ from torch import Tensor
 from model.generation.base import Draw, System, Window, Windowing
 from model.generation.speech_stream import SpeechWindow
 from model.motion.decoding import rotations
-from model.motion.packing import ROOT_DIM
+from model.motion.spaces import ROOT_DIM
 from model.sampling.flow import seeded_noise
 from model.speech.encoders import make_encoder
 from model.storage.cards import CheckpointError

@@ -4,8 +4,7 @@ from dataclasses import dataclass, field, replace
 
 from model.motion.spaces import Representation
 from model.networks.config import AutoencoderConfig
-from model.training.config import SMOKE, TrainConfig
-from model.training.geometric import GeometricWeights
+from model.training.config import SMOKE, GeometricWeights, TrainConfig
 
 PRESETS = ("demo", "smoke")
 MOTION_VAE = "motion-vae"

@@ -2,10 +2,9 @@
 
 from dataclasses import dataclass, field, replace
 
-from model.motion.packing import AXIS_ANGLE_MOTION_DIM
+from model.motion.spaces import AXIS_ANGLE_MOTION_DIM
 from model.networks.config import BranchConfig
-from model.training.config import SMOKE, TrainConfig
-from model.training.geometric import GeometricWeights
+from model.training.config import SMOKE, GeometricWeights, TrainConfig
 
 SYSTEMS: dict[str, int] = {"gan/20": 20, "gan/10": 10, "gan/5": 5}
 """Steps of each; 20 is the paper's demo."""
@@ -66,7 +65,8 @@ class GanLoss:
     """Shares of the explicit loss. The paper's is ``simple`` alone, here the Huber error of
     normalised channels; the others are what `workbench/priorflow` trains with."""
     spread: float = 0.1
-    """Share of the explicit loss that fits the deviation of a drawn x_0, as a likelihood."""
+    """Share of the explicit loss that is the likelihood of x_0 as it is drawn: it fits the
+    deviation, and keeps the mean exact where the prior leaves little open, as no other does."""
     time_weight_floor: float | None = 0.1
     """See `model.sampling.flow.time_weight`; by the flow time of a diffusion time."""
     gradient_penalty: float = 0.05

@@ -10,7 +10,8 @@ from torch import Tensor
 from model.generation.base import Draw, Window
 from model.generation.speech_stream import SpeechWindow
 from model.motion.decoding import rotations
-from model.motion.packing import ROOT_DIM, Normaliser
+from model.motion.packing import Normaliser
+from model.motion.spaces import ROOT_DIM
 from model.sampling.flow import seeded_noise
 from model.sampling.prior import GaussianPrior
 from model.speech.encoders import make_encoder

@@ -245,7 +245,7 @@ class GanTask:
         if self.config.generator.latent:
             has_seed = drawn.told["has_seed"]
             own = self.generator.prior_deviation(flow_time(drawn.now)[0], has_seed)
-            error = self.generator.along(drawn.x_0 - mean.detach(), has_seed) / own
+            error = self.generator.along(drawn.x_0 - mean, has_seed) / own
             means["spread"] = self.config.loss.spread * gaussian_loss(error, deviation / own)
         return means
 

@@ -5,8 +5,7 @@ from typing import get_args
 
 from model.motion.spaces import Representation, RootMotion, RotationSpace
 from model.networks.config import BranchConfig
-from model.training.config import PAPER, SMOKE, TrainConfig
-from model.training.geometric import GeometricWeights
+from model.training.config import PAPER, SMOKE, GeometricWeights, TrainConfig
 
 PRESETS = ("demo", "demo-small", "paper-regime", "paper-regime-small", "paper", "smoke")
 """What `named_config` knows."""

@@ -12,8 +12,9 @@ from model.generation.base import Draw, Features, Prediction, Window
 from model.generation.speech_stream import SpeechWindow
 from model.motion.decoding import rotations
 from model.motion.motion import Motion
-from model.motion.packing import ROOT_DIM, Normaliser, pack
+from model.motion.packing import Normaliser, pack
 from model.motion.rotations import rot6d_from_matrix
+from model.motion.spaces import ROOT_DIM
 from model.networks.prior_network import PriorNetwork
 from model.sampling.flow import sample
 from model.sampling.names import FLOW_SAMPLERS

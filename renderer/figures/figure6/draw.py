@@ -19,6 +19,7 @@ from renderer.figures.figure6.layout import (
 from renderer.figures.figure6.marks import JointMarks, mark_joints
 from renderer.figures.figure6.path import draw_path
 from renderer.figures.figure6.spec import COORDINATES, MIN_SPAN_M, Figure6
+from renderer.figures.figure6.strips import draw_strips
 from renderer.figures.page import MARGIN, TITLE_GAP, Rect
 from renderer.figures.style import ROUND_NUMBERS
 from renderer.figures.text import (
@@ -51,8 +52,9 @@ def draw_figure6(contents: Figure6) -> "Figure":
     caption = caption_lines(contents.caption)
     limits = _coordinate_limits(contents.trajectories)
     layout = plan_layout(
-        tuple(contents.trajectories), num_snapshots, aspect, len(caption), _number_width_in(limits)
-    )
+        tuple(contents.trajectories), num_snapshots, aspect, len(caption),
+        _number_width_in(limits), len(contents.tremble),
+    )  # fmt: skip
 
     figure = Figure(figsize=(style.FIGURE_WIDTH_IN, layout.height), facecolor="white")
     for key in (*layout.legend, *layout.row_keys):
@@ -68,6 +70,8 @@ def draw_figure6(contents: Figure6) -> "Figure":
     )
     if snapshots:
         _draw_snapshots(figure, layout, contents, snapshots)
+    if contents.tremble:
+        draw_strips(figure, layout, contents)
     write_caption(figure, caption, layout.caption_top)
     return figure
 

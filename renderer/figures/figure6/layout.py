@@ -27,6 +27,9 @@ ROW_GAP = 0.07
 
 HEADER_GAP = 0.02
 
+MIN_STRIP, MAX_STRIP, STRIP_GAP = 0.16, 0.42, 0.03  # one motion's tremble
+BODY_GAP = 0.06  # above the title of the strips
+
 MIN_BODY = 3.6
 MIN_BODY_WITH_PATH = 4.4
 MAX_HEIGHT = 9.0  # of the whole figure: it goes on a page
@@ -50,6 +53,8 @@ class Layout:
     cells: tuple[tuple[Rect, ...], ...]
     """One row of snapshots per system."""
     row_keys: tuple[Key, ...]
+    strips: tuple[Rect, ...]
+    """One for the tremble of each motion, below everything else; may be empty."""
     caption_top: float
 
 
@@ -59,6 +64,7 @@ def plan_layout(
     aspect: float,
     caption_lines: int,
     number_width: float,
+    num_strips: int = 0,
 ) -> Layout:
     """Place the parts of Figure 6 without overlap.
 
@@ -69,7 +75,11 @@ def plan_layout(
         num_snapshots: pictures in a row; 0 when there are none.
         aspect: width of a snapshot over its height.
         number_width: inches of the widest number at the coordinate axes.
+        num_strips: of tremble.
     """
+    strips_height = num_strips * (MIN_STRIP + STRIP_GAP)
+    if num_strips:
+        strips_height += BODY_GAP + TITLE + TIME_LABELS
     caption_height = CAPTION_GAP + caption_lines * SMALL_LINE + MARGIN
     legend, legend_bottom = place_legend(names)
     body_top = legend_bottom + 0.06 + TITLE
@@ -84,7 +94,8 @@ def plan_layout(
         cell_height = min(
             (MAX_SNAPSHOTS_WIDTH - gaps) / num_snapshots / aspect,
             max(
-                (MAX_HEIGHT - body_top - caption_height - without_pictures) / len(headers),
+                (MAX_HEIGHT - body_top - strips_height - caption_height - without_pictures)
+                / len(headers),
                 MIN_CELL_HEIGHT,
             ),
             MAX_CELL_HEIGHT,
@@ -122,12 +133,24 @@ def plan_layout(
         cells.append(tuple(Rect(left, top, width, cell_height) for left in lefts))
         top += cell_height + ROW_GAP
 
+    room = MAX_HEIGHT - body_bottom - strips_height - caption_height
+    growth = min(max(room / max(num_strips, 1), 0.0), MAX_STRIP - MIN_STRIP)
+    strip = MIN_STRIP + growth
+    strips_height += num_strips * growth
+    strips_top = body_bottom + BODY_GAP + TITLE
+    strips_width = FIGURE_WIDTH_IN - 2 * MARGIN - labels
+    strips = tuple(
+        Rect(MARGIN + labels, strips_top + i * (strip + STRIP_GAP), strips_width, strip)
+        for i in range(num_strips)
+    )
+
     return Layout(
-        height=body_bottom + caption_height,
+        height=body_bottom + strips_height + caption_height,
         legend=legend,
         coordinates=coordinates,
         path=path,
         cells=tuple(cells),
         row_keys=tuple(row_keys),
-        caption_top=body_bottom + CAPTION_GAP,
+        strips=strips,
+        caption_top=body_bottom + strips_height + CAPTION_GAP,
     )

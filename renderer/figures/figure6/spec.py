@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from renderer.figures.figure6.marks import JointMarks
+from renderer.figures.figure6.tremble import has_tremble, off_the_slow_path
 from renderer.figures.files import FigureError
 from renderer.figures.style import MAX_SYSTEMS, SeriesStyle, styles_of
 
@@ -45,6 +46,8 @@ class Figure6:
     caveat: str
     is_cut: bool
     """Whether a motion had more frames inside the window than the shortest one."""
+    tremble: dict[str, np.ndarray]
+    """Name to millimetres (T, 3) off its slow path; empty where the window is too short."""
     marks: JointMarks | None = None
     """Values at the joints of the snapshots."""
 
@@ -86,6 +89,8 @@ class Figure6:
             sentences.append("Grey lines and markers: the frames of the snapshots.")
         if self.marks is not None:
             sentences.append(self.marks.caption)
+        if self.tremble:
+            sentences.append("Tremble: x, y and z less what lies below 5 Hz; one scale.")
         if self.tip_source:
             sentences.append(f"Tip source: {self.tip_source}.")
         sentences.append(_FILTER_SENTENCES[self.post_filter])
@@ -144,7 +149,7 @@ def check_figure6(
             f" {start_frame} and {window_frames} frames."
         )
 
-    windows = {}
+    windows, whole = {}, {}
     for name in names:
         positions = np.asarray(trajectories[name])
         if positions.ndim != 2 or positions.shape[1] != 3:
@@ -157,12 +162,19 @@ def check_figure6(
                 f" {len(positions)} frames; choose an earlier start."
             )
         windows[name] = positions[start_frame : start_frame + window_frames]
+        whole[name] = positions
         if not np.isfinite(windows[name]).all():
             bad = int(np.flatnonzero(~np.isfinite(windows[name]).all(axis=1))[0])
             raise FigureError(
                 f"The trajectory of {name!r} is not a number at frame {start_frame + bad}."
             )
     num_frames = min(len(window) for window in windows.values())
+    inside = slice(start_frame, start_frame + num_frames)
+    tremble = (
+        {name: off_the_slow_path(whole[name], fps)[inside] for name in names}
+        if has_tremble(num_frames, fps)
+        else {}
+    )
     pictures = _check_snapshots(snapshots, snapshot_frames, names)
 
     return Figure6(
@@ -177,6 +189,7 @@ def check_figure6(
         post_filter=post_filter,
         clip=clip,
         caveat=caveat,
+        tremble=tremble,
         is_cut=any(len(window) > num_frames for window in windows.values()),
         marks=None if marks is None else _check_marks(marks, pictures),
     )

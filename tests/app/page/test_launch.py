@@ -1,5 +1,7 @@
 """The page without a browser: through Gradio's own client, as any program may use it."""
 
+import subprocess
+import sys
 import urllib.error
 import urllib.parse
 import urllib.request
@@ -34,6 +36,16 @@ FORM = {
     "body_steps": 0,
     "face_steps": 0,
 }
+
+
+def test_the_page_is_made_without_what_is_slow_to_import() -> None:
+    """torch alone takes longer to import than all of the page; the warm-up does, behind it."""
+    heavy = {"torch", "scipy", "matplotlib", "librosa", "numba", "trimesh", "pyrender"}
+    code = f"import sys, app.page.page; print(sorted({heavy} & set(sys.modules)))"
+    child = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert child.stdout.strip() == "[]"
 
 
 @pytest.fixture(scope="module")

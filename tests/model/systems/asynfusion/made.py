@@ -5,7 +5,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from model.motion.packing import AXIS_ANGLE_MOTION_DIM
+from model.motion.spaces import AXIS_ANGLE_MOTION_DIM
 from model.storage.checkpoint import save_weights
 from model.systems.asynfusion.config import DDIM, LCM_SYNC, DualBranchConfig, Interaction
 from model.systems.asynfusion.network import DualBranchNetwork, Pair
