@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 import errno
+import logging
+import secrets
 from pathlib import Path
+
+from app import text
+
+log = logging.getLogger(__name__)
 
 
 class RunError(ValueError):
@@ -33,6 +39,16 @@ def sentence_of(error: BaseException) -> str | None:
     if isinstance(error, MemoryError):
         return "The machine ran out of memory; use shorter speech, fewer systems or samples."
     return None
+
+
+def visitor_sentence(error: BaseException) -> str:
+    """What a visitor is told of an error; faults of the program are logged under a number."""
+    sentence = sentence_of(error)
+    if sentence is not None:
+        return sentence
+    fault_id = secrets.token_hex(4)
+    log.error("fault %s", fault_id, exc_info=error)
+    return text.FAULT.format(fault_id=fault_id)
 
 
 def is_disk_full(error: BaseException | None) -> bool:

@@ -87,9 +87,11 @@ def launch(
     os.environ["GRADIO_TEMP_DIR"] = str(config.cache_folder)
     os.environ["GRADIO_ANALYTICS_ENABLED"] = "False"
 
+    from app.live.desk import LiveDesk
     from app.page.page import build_app
     from app.page.parts.catalogue import find_examples, read_catalogue
     from app.page.serving.jobs import JobBook
+    from app.page.serving.live_route import live_routes
     from app.page.serving.media import MediaDesk, media_routes
     from app.page.serving.researcher_part import Handover, study_routes
     from app.page.theme import CSS, head_style, make_theme
@@ -101,8 +103,11 @@ def launch(
 
     handover = Handover(config.private_folder, config.keep_results_s)
     desk = MediaDesk()
-    page = build_app(generate or _generate, catalogue, config, jobs, handover, desk)
+    live = LiveDesk(config.weights)
+    examples = [example.path for example in catalogue.examples]
+    page = build_app(generate or _generate, catalogue, config, jobs, handover, desk, live)
     page.queue(max_size=4 * config.max_waiting)
+    routes = [*media_routes(desk), *study_routes(handover), *live_routes(live, examples)]
     page.launch(
         server_name=config.host,
         server_port=config.port or None,  # 0: any free one
@@ -127,7 +132,7 @@ def launch(
         head=head_style(),
         quiet=True,
         # Before Gradio's own routes, and there as soon as anyone can ask.
-        app_kwargs={"routes": [*media_routes(desk), *study_routes(handover)]},
+        app_kwargs={"routes": routes},
     )
     # Only now: reading models beside it would hold up the page's own start.
     if is_warmed_up:

@@ -7,11 +7,13 @@ import gradio as gr
 
 from app import text
 from app.config import AppConfig
+from app.live.desk import LiveDesk
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.researcher_part import Handover
+from app.page.tabs import live as live_tab
 from app.page.tabs import own_motion as own_motion_tab
 from app.page.tabs.generate import FormParts, ResultParts, build_form, build_results
 from app.page.tabs.generate_run import Generate, GenerateRunner
@@ -27,6 +29,7 @@ def build_app(
     jobs: JobBook,
     handover: Handover,
     desk: MediaDesk,
+    live: LiveDesk,
 ) -> gr.Blocks:
     """The whole page around ``generate``, which a test may replace by a function of its own."""
     with gr.Blocks(
@@ -41,7 +44,9 @@ def build_app(
                 with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
                     form = build_form(catalogue, config)
                 with gr.Column(scale=9, min_width=320, elem_classes="results"):
-                    results = build_results()
+                    results = build_results(empty=markup.empty_state())
+            with gr.Tab(live_tab.TAB):
+                live_tab.build_live_tab(page, generate, catalogue, config, jobs, desk, live)
             with gr.Tab(own_motion_tab.TAB):
                 own_motion_tab.build_own_motion_tab(page, config, jobs, desk)
             with gr.Tab(text.LADDER_TAB):

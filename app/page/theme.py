@@ -22,7 +22,8 @@ _LAGOON = Color(
 
 CSS = Path(__file__).with_name("css") / "page.css"
 HEAD_CSS = tuple(
-    Path(__file__).with_name("css") / name for name in ("frame.css", "player.css", "measures.css")
+    Path(__file__).with_name("css") / name
+    for name in ("frame.css", "player.css", "measures.css", "live.css")
 )
 
 

@@ -46,6 +46,11 @@ if TYPE_CHECKING:
 
 _M_MMAP_THRESHOLD = -3  # malloc.h
 _LARGE_BYTES = 1 << 20
+LIVE_NOTE = (
+    "This motion was made while the speech was spoken, in windows that start a third of a second "
+    "or more after each other: measures of window joins, which look every 52 frames, do not see "
+    "its own."
+)
 
 
 def generate_all(
@@ -120,20 +125,25 @@ def _generate(
     """Motion of one system after the other from the same noise; the reference is the last row."""
     from model.generation.windows import generate_motion
     from model.measures.diagnostics import smooth_motion
-    from model.motion.motion import save_motion
+    from model.motion.motion import load_motion, save_motion
 
     is_smoothed = request.post_filter == "savgol"
     rows = []
     for done, system in enumerate(inputs.systems):
-        motions = generate_motion(
-            system,
-            speech,
-            inputs.options[system.name],
-            on_progress=lambda part, done=done, name=system.name: reporter.progress(
-                "motion", (done + part) / len(inputs.systems), name
-            ),
-            should_cancel=reporter.should_cancel,
-        )
+        if request.take is not None:
+            motions = [load_motion(request.take.motion)]
+            reporter.note(LIVE_NOTE)
+            reporter.progress("motion", 1.0)
+        else:
+            motions = generate_motion(
+                system,
+                speech,
+                inputs.options[system.name],
+                on_progress=lambda part, done=done, name=system.name: reporter.progress(
+                    "motion", (done + part) / len(inputs.systems), name
+                ),
+                should_cancel=reporter.should_cancel,
+            )
         for sample, raw in enumerate(motions, start=1):
             shown = smooth_motion(raw) if is_smoothed else raw
             row = Row(sample_name(system.name, sample), raw, shown, sample == 1)
@@ -231,6 +241,7 @@ def _write_provenance(
             "joint": request.joint,
             "start_frame": request.start_frame,
             "reference": request.reference.name if request.reference else None,
+            "live": dict(request.take.facts) if request.take else None,
         },
         drawing={
             "body": inputs.body.name,

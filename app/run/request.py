@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from app.errors import RunError
 
@@ -51,6 +51,16 @@ Steps = int | Mapping[str, int] | None
 
 
 @dataclass(frozen=True)
+class Take:
+    """Motion that a live session has made of the speech, to be kept as it was seen."""
+
+    motion: Path
+    """As long as the speech."""
+    facts: Mapping[str, Any]
+    """Of the session, for the record."""
+
+
+@dataclass(frozen=True)
 class GenerateRequest:
     """One run: speech in, motion of several systems out, all with the same noise."""
 
@@ -92,6 +102,8 @@ class GenerateRequest:
     has_previews: bool = False
     """Whether each motion is told of as a GLB too, to be shown while its video is drawn."""
     max_speech_s: float = 600.0
+    take: Take | None = None
+    """Motion of the one system that is named, instead of generating it."""
 
 
 def steps_of(asked: Steps, system: str) -> int | None:

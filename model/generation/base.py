@@ -66,7 +66,7 @@ class Draw:
 @dataclass(frozen=True)
 class Window:
     """Motion of one window, before it is joined to the others. A family may add to it what its
-    next window needs to know."""
+    next window needs to know: that starts from the last ``overlap`` frames there are."""
 
     rotmat: Float[Tensor, "B n 55 3 3"]
     """In the system's `frame`."""
@@ -77,12 +77,15 @@ class Window:
 
     def part(self, frames: slice) -> "Window":
         """Some of its frames."""
-        return replace(
-            self,
-            rotmat=self.rotmat[:, frames],
-            root=self.root[:, frames],
-            expression=self.expression[:, frames],
-        )
+        return replace(self, **self.fields_of(frames))
+
+    def fields_of(self, frames: slice) -> dict[str, Any]:
+        """Some frames of each field that has frames."""
+        return {
+            "rotmat": self.rotmat[:, frames],
+            "root": self.root[:, frames],
+            "expression": self.expression[:, frames],
+        }
 
 
 @dataclass(frozen=True)
@@ -148,7 +151,8 @@ class System(ABC):
         """One window of motion for each sample.
 
         Args:
-            before: what this returned for the window before; None where a clip begins.
+            before: what this returned for the window before, whole or cut shorter; its last
+                ``overlap`` frames are the first of this. None where a clip begins.
         """
 
     def join(self, older: Window, newer: Window) -> Window:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from model.generation.base import Draw, System, Window
-from model.generation.speech_stream import SpeechStream
+from model.generation.speech_stream import SpeechStream, SpeechWindow
 from model.generation.stitching import num_windows
 from model.motion.kinematics import local_from_global
 from model.motion.motion import ExpressionBasis, Motion
@@ -115,20 +115,9 @@ def stream_motion(
         ValueError: if there is no speech, or guidance or steps of the face are asked of a system
             that takes none.
     """
-    travelled: Float[Tensor, "B 1 3"] | None = None
+    told = PiecewiseMotion(system)
     for piece in _pieces(system, features, options):
-        root = piece.root
-        if system.root_motion == "place":
-            travelled = root[:, :1] * _HORIZONTAL if travelled is None else travelled
-            positions = root - travelled
-        elif travelled is None:
-            positions = root_positions(root)
-        else:  # the frame before leads on to this piece
-            leading = torch.cat([torch.zeros_like(root[:, :1]), root], dim=1)
-            positions = root_positions(leading)[:, 1:] + travelled
-        if system.root_motion == "velocity":
-            travelled = positions[:, -1:] * _HORIZONTAL
-        yield _motions(system, _poses(system, piece), positions, piece.expression)
+        yield told.go_on(piece)
 
 
 def _pieces(
@@ -139,13 +128,88 @@ def _pieces(
 ) -> Iterator[Window]:
     """Frames that no later window changes."""
     cut = system.windowing
+    chain = WindowChain(system, options)
+    speech = SpeechStream(features, cut.context)
+    index, is_last = 0, False
+    while not is_last:
+        if should_cancel is not None and should_cancel():
+            raise Cancelled
+        heard = speech.window(index * cut.advance, cut.frames)
+        is_last = heard.is_last
+        joined = chain.window(heard)
+        yield joined.part(slice(heard.num_frames if is_last else cut.advance))
+        index += 1
+
+
+class WindowChain:
+    """Windows that each start from the end of the one before."""
+
+    def __init__(self, system: System, options: GenerateOptions) -> None:
+        """
+        Raises:
+            UnknownNameError, ValueError: as `stream_motion`.
+        """
+        self._system = system
+        self._draw = _draw(system, options)
+        self._made: Window | None = None
+        self._end: Window | None = None
+
+    def window(self, heard: SpeechWindow, advance: int | None = None) -> Window:
+        """The next window, joined to the one before.
+
+        Args:
+            heard: its speech.
+            advance: after how many of its frames the next window starts, from ``overlap`` on; only
+                those are final. None is the system's own advance.
+        """
+        cut = self._system.windowing
+        advance = cut.advance if advance is None else advance
+        assert cut.overlap <= advance <= cut.advance
+        made = self._system.window(heard, self._made, self._draw)
+        joined = made if self._end is None else self._system.join(self._end, made)
+        self._made = made.part(slice(advance + cut.overlap))
+        self._end = joined.part(slice(advance, advance + cut.overlap))
+        self._draw = replace(self._draw, index=self._draw.index + 1)
+        return joined
+
+
+class PiecewiseMotion:
+    """Turns what windows make into motion, piece after piece, in one place of the world."""
+
+    def __init__(self, system: System) -> None:
+        self._system = system
+        self._travelled: Float[Tensor, "B 1 3"] | None = None
+
+    def go_on(self, piece: Window) -> list[Motion]:
+        """The motion of the frames after those of the piece before, one for each sample."""
+        root, travelled = piece.root, self._travelled
+        if self._system.root_motion == "place":
+            travelled = root[:, :1] * _HORIZONTAL if travelled is None else travelled
+            positions = root - travelled
+        elif travelled is None:
+            positions = root_positions(root)
+        else:  # the frame before leads on to this piece
+            leading = torch.cat([torch.zeros_like(root[:, :1]), root], dim=1)
+            positions = root_positions(leading)[:, 1:] + travelled
+        if self._system.root_motion == "velocity":
+            travelled = positions[:, -1:] * _HORIZONTAL
+        self._travelled = travelled
+        return _motions(self._system, _poses(self._system, piece), positions, piece.expression)
+
+
+def _draw(system: System, options: GenerateOptions) -> Draw:
+    """What decides the first window.
+
+    Raises:
+        UnknownNameError, ValueError: see `stream_motion`.
+    """
     sampler = system.sampler(options.sampler)
     if options.guidance != 1 and not system.takes_guidance:
         raise ValueError(f"{system.name} takes no guidance; leave it at 1.")
     if options.face_steps is not None and sampler.face_steps is None:
         raise ValueError(f"{system.name} takes no steps for the face alone; leave them out.")
     steps, face_steps = sampler.counts(options.steps, options.face_steps)
-    draw = Draw(
+    return Draw(
         speaker=system.speaker_index(options.speaker),
         seed=options.seed,
         samples=options.samples,
@@ -155,20 +219,6 @@ def _pieces(
         face_steps=face_steps,
         guidance=options.guidance,
     )
-    speech = SpeechStream(features, cut.context)
-    made: Window | None = None
-    end: Window | None = None
-    index, is_last = 0, False
-    while not is_last:
-        if should_cancel is not None and should_cancel():
-            raise Cancelled
-        heard = speech.window(index * cut.advance, cut.frames)
-        is_last = heard.is_last
-        made = system.window(heard, made, replace(draw, index=index))
-        joined = made if end is None else system.join(end, made)
-        end = joined.part(slice(-cut.overlap, None))
-        yield joined.part(slice(heard.num_frames if is_last else cut.advance))
-        index += 1
 
 
 def _poses(system: System, piece: Window) -> Float[Tensor, "B n 165"]:

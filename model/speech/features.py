@@ -4,9 +4,12 @@ Everything is computed at 100 Hz (160 samples; 16000 / 30 is no integer) and ave
 exact span of each motion frame. Blocks bound the memory, and give the same numbers for any size.
 """
 
+import functools
+from dataclasses import dataclass
+
 import numpy as np
 import torch
-from jaxtyping import Float, Float32, Float64
+from jaxtyping import Bool, Float, Float32, Float64
 from torch import Tensor
 
 from model.motion.timing import FPS, SAMPLE_RATE
@@ -23,6 +26,34 @@ FLOOR_DB = -80.0
 SPEECH_PERCENTILE = 90.0
 
 
+@dataclass(frozen=True)
+class Voice:
+    """What a speaker's features are relative to."""
+
+    level_db: float
+    """Of the loud parts of the speech, as `Hops.energy`."""
+    pitch: float
+    """The usual one, log2 of Hz."""
+
+
+@dataclass(frozen=True)
+class Hops:
+    """Sound at 100 Hz, before it is related to a voice."""
+
+    log_mel: Float64[np.ndarray, "hops mels"]
+    """Power in dB."""
+    energy: Float64[np.ndarray, " hops"]
+    """Total power in dB."""
+    pitch: Float64[np.ndarray, " hops"]
+    """Log2 of the fundamental in Hz, meaningful where the hop `is_tonal`."""
+    is_tonal: Bool[np.ndarray, " hops"]
+    """Whether a steady fundamental within `PITCH_RANGE_HZ` was found."""
+
+    def voiced(self, level_db: float) -> Bool[np.ndarray, " hops"]:
+        """Tonal, and not much quieter than the speech."""
+        return self.is_tonal & (self.energy - level_db > -25.0)
+
+
 class MelEncoder:
     """64 log-mels, energy, onset strength, log pitch and voicing: 68 numbers for each frame.
 
@@ -37,32 +68,57 @@ class MelEncoder:
         self, waveform: Float32[np.ndarray, " N"], num_frames: int
     ) -> Float32[np.ndarray, "num_frames dim"]:
         """See `SpeechEncoder.encode`."""
-        log_mel, energy = _log_mel(waveform)
-        level = np.percentile(energy, SPEECH_PERCENTILE)
-        log_mel = np.maximum(log_mel - level, FLOOR_DB)
-        relative_energy = np.maximum(energy - level, FLOOR_DB)
-        onset = np.zeros_like(energy)
-        onset[1:] = np.maximum(np.diff(log_mel, axis=0), 0).mean(1)
-        pitch, voiced = _pitch(waveform, relative_energy)
-        centre = np.median(pitch[voiced > 0]) if voiced.any() else 0.0
-        columns = np.concatenate(
-            [
-                (log_mel + 40.0) / 20.0,
-                (relative_energy[:, None] + 20.0) / 20.0,
-                onset[:, None] / 3.0,
-                np.clip(2.0 * (pitch - centre) * voiced, -2.5, 2.5)[:, None],
-                voiced[:, None],
-            ],
-            axis=1,
-        )
+        return self.relative_to(None, waveform, num_frames)
+
+    def relative_to(
+        self, voice: Voice | None, waveform: Float32[np.ndarray, " N"], num_frames: int
+    ) -> Float32[np.ndarray, "num_frames dim"]:
+        """`encode`, with levels and pitch relative to a voice; None is that of the clip."""
+        hops = analysed(waveform, 0, max(1, -(-len(waveform) // HOP)))
+        columns = columns_of(hops, voice or _voice_of(hops))
         silence = np.zeros(self.dim)
         silence[:NUM_MELS] = (FLOOR_DB + 40.0) / 20.0
         silence[NUM_MELS] = (FLOOR_DB + 20.0) / 20.0
-        return _average_over_frames(columns, num_frames, silence).astype(np.float32)
+        return average_over_frames(columns, num_frames, silence).astype(np.float32)
 
 
-def _num_hops(waveform: Float32[np.ndarray, " N"]) -> int:
-    return max(1, -(-len(waveform) // HOP))
+def analysed(waveform: Float32[np.ndarray, " N"], first: int, last: int) -> Hops:
+    """Hops ``first`` to ``last - 1`` of a waveform; there is silence before and after it.
+
+    Of the first hop it is not known whether its pitch is steady; it counts as if it were.
+    """
+    log_mel, energy = _log_mel(waveform, first, last)
+    hz = _fundamental(waveform, first, last)
+    low, high = PITCH_RANGE_HZ
+    in_range = (hz > low * 1.05) & (hz < high * 0.97)
+    pitch = np.log2(hz)
+    is_steady = np.abs(np.diff(pitch, prepend=pitch[0])) < 0.15
+    return Hops(log_mel, energy, pitch, in_range & is_steady)
+
+
+def columns_of(hops: Hops, voice: Voice) -> Float64[np.ndarray, "hops 68"]:
+    """The features of each hop; the onset of the first is unknown, and 0."""
+    log_mel = np.maximum(hops.log_mel - voice.level_db, FLOOR_DB)
+    energy = np.maximum(hops.energy - voice.level_db, FLOOR_DB)
+    voiced = hops.voiced(voice.level_db).astype(float)
+    onset = np.zeros_like(energy)
+    onset[1:] = np.maximum(np.diff(log_mel, axis=0), 0).mean(1)
+    return np.concatenate(
+        [
+            (log_mel + 40.0) / 20.0,
+            (energy[:, None] + 20.0) / 20.0,
+            onset[:, None] / 3.0,
+            np.clip(2.0 * (hops.pitch - voice.pitch) * voiced, -2.5, 2.5)[:, None],
+            voiced[:, None],
+        ],
+        axis=1,
+    )
+
+
+def _voice_of(hops: Hops) -> Voice:
+    level_db = float(np.percentile(hops.energy, SPEECH_PERCENTILE))
+    voiced = hops.voiced(level_db)
+    return Voice(level_db, float(np.median(hops.pitch[voiced])) if voiced.any() else 0.0)
 
 
 def _windows(
@@ -78,49 +134,50 @@ def _windows(
 
 
 def _log_mel(
-    waveform: Float32[np.ndarray, " N"],
+    waveform: Float32[np.ndarray, " N"], first: int, last: int
 ) -> tuple[Float64[np.ndarray, "hops mels"], Float64[np.ndarray, " hops"]]:
-    """Mel power and total power in dB at 100 Hz."""
-    import librosa  # takes a second to import
-
-    filters = librosa.filters.mel(sr=SAMPLE_RATE, n_fft=FFT_SIZE, n_mels=NUM_MELS, fmin=50.0)
+    """Mel power and total power in dB."""
+    filters = _mel_filters()
     taper = np.hanning(WINDOW).astype(np.float32)
-    hops = _num_hops(waveform)
-    log_mel = np.empty((hops, NUM_MELS))
-    energy = np.empty(hops)
-    for first in range(0, hops, BLOCK_FRAMES):
-        last = min(hops, first + BLOCK_FRAMES)
-        spectrum = np.fft.rfft(_windows(waveform, first, last, WINDOW) * taper, FFT_SIZE)
+    log_mel = np.empty((last - first, NUM_MELS))
+    energy = np.empty(last - first)
+    for start in range(first, last, BLOCK_FRAMES):
+        stop = min(last, start + BLOCK_FRAMES)
+        spectrum = np.fft.rfft(_windows(waveform, start, stop, WINDOW) * taper, FFT_SIZE)
         power = spectrum.real**2 + spectrum.imag**2
-        log_mel[first:last] = 10 * np.log10(power @ filters.T + 1e-8)
-        energy[first:last] = 10 * np.log10(power.sum(1) + 1e-6)
+        block = slice(start - first, stop - first)
+        log_mel[block] = 10 * np.log10(power @ filters.T + 1e-8)
+        energy[block] = 10 * np.log10(power.sum(1) + 1e-6)
     return log_mel, energy
 
 
-def _pitch(
-    waveform: Float32[np.ndarray, " N"], relative_energy: Float64[np.ndarray, " hops"]
-) -> tuple[Float64[np.ndarray, " hops"], Float64[np.ndarray, " hops"]]:
-    """Log2 of the fundamental in Hz, and 1.0 where the frame is voiced (else 0.0), at 100 Hz."""
+@functools.cache
+def _mel_filters() -> Float32[np.ndarray, "mels bins"]:
+    import librosa  # takes a second to import
+
+    return librosa.filters.mel(sr=SAMPLE_RATE, n_fft=FFT_SIZE, n_mels=NUM_MELS, fmin=50.0)
+
+
+def _fundamental(
+    waveform: Float32[np.ndarray, " N"], first: int, last: int
+) -> Float64[np.ndarray, " hops"]:
+    """In Hz, whether there is one or not."""
     import librosa
 
     low, high = PITCH_RANGE_HZ
-    hops = _num_hops(waveform)
-    pitch = np.empty(hops)
-    for first in range(0, hops, BLOCK_FRAMES):
-        last = min(hops, first + BLOCK_FRAMES)
-        windows = _windows(waveform, first, last, PITCH_WINDOW)
+    found = np.empty(last - first)
+    for start in range(first, last, BLOCK_FRAMES):
+        stop = min(last, start + BLOCK_FRAMES)
+        windows = _windows(waveform, start, stop, PITCH_WINDOW)
         samples = np.concatenate([windows[:, :HOP].ravel(), windows[-1, HOP:]])
-        pitch[first:last] = librosa.yin(
+        found[start - first : stop - first] = librosa.yin(
             samples, fmin=low, fmax=high, sr=SAMPLE_RATE,
             frame_length=PITCH_WINDOW, hop_length=HOP, center=False,
         )  # fmt: skip
-    in_range = (pitch > low * 1.05) & (pitch < high * 0.97)
-    steady = np.abs(np.diff(np.log2(pitch), prepend=np.log2(pitch[0]))) < 0.15
-    voiced = in_range & steady & (relative_energy > -25.0)
-    return np.log2(pitch), voiced.astype(float)
+    return found
 
 
-def _average_over_frames(
+def average_over_frames(
     columns: Float64[np.ndarray, "hops dim"],
     num_frames: int,
     silence: Float64[np.ndarray, " dim"],

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import queue
-import secrets
 import threading
 import time
 from collections.abc import Callable, Generator, Sequence
@@ -13,11 +11,8 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from app import text
-from app.errors import sentence_of
 from app.page.serving.jobs import Job
 from app.run.request import Artefact, Event, OnEvent, Progress, ShouldCancel
-
-log = logging.getLogger(__name__)
 
 Result = TypeVar("Result")
 _REFRESH_S = 0.25
@@ -86,16 +81,6 @@ def last_share(events: Sequence[Event]) -> float | None:
     """How far a run of one stage is, as its last news of that says; None without any."""
     shares = [event.fraction for event in events if isinstance(event, Progress)]
     return shares[-1] if shares else None
-
-
-def visitor_sentence(error: BaseException) -> str:
-    """What a visitor is told of an error; faults of the program are logged under a number."""
-    sentence = sentence_of(error)
-    if sentence is not None:
-        return sentence
-    fault_id = secrets.token_hex(4)
-    log.error("fault %s", fault_id, exc_info=error)
-    return text.FAULT.format(fault_id=fault_id)
 
 
 def waiting_line(ahead: int) -> str:

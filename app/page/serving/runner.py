@@ -10,9 +10,9 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar
 import gradio as gr
 
 from app import text
-from app.errors import CancelledRun
+from app.errors import CancelledRun, visitor_sentence
 from app.page.parts import markup
-from app.page.serving.follow import follow_run, visitor_sentence, waiting_line
+from app.page.serving.follow import follow_run, waiting_line
 from app.page.serving.jobs import Job, JobBook, Tab
 from app.page.serving.visitors import cookie_of, visitor_of
 from app.run.request import Event, OnEvent, ShouldCancel

@@ -167,21 +167,27 @@ def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
     return FormParts(fields, start, cancel)
 
 
-def build_results() -> ResultParts:
-    """The right column; what has nothing to show yet is hidden."""
-    message = gr.HTML("", visible=False, elem_id="message")
-    status = gr.HTML(markup.sentence_status(text.READY), elem_id="status")
-    empty = gr.HTML(markup.empty_state(), elem_id="empty")
+def build_results(prefix: str = "", ready: str = text.READY, empty: str = "") -> ResultParts:
+    """What a run shows; what has nothing to show yet is hidden.
+
+    Args:
+        prefix: of the parts' ids on the page, with its hyphen.
+        ready: the status before the first run.
+        empty: what stands in the place of results, as HTML.
+    """
+    message = gr.HTML("", visible=False, elem_id=prefix + "message")
+    status = gr.HTML(markup.sentence_status(ready), elem_id=prefix + "status")
+    empty_part = gr.HTML(empty, visible=bool(empty), elem_id=prefix + "empty")
     player = gr.HTML(
         {},
         html_template='<div class="lockstep" hidden></div>',
         js_on_load=mount("player.js", "mountPlayer"),
         apply_default_css=False,
-        elem_id="player",
+        elem_id=prefix + "player",
     )
-    figures, numbers, downloads_part, bundle, files = results_parts("")
+    figures, numbers, downloads_part, bundle, files = results_parts(prefix)
     return ResultParts(
-        message, status, empty, player, figures, numbers, downloads_part, bundle, files
+        message, status, empty_part, player, figures, numbers, downloads_part, bundle, files
     )
 
 

@@ -93,7 +93,7 @@ class GenerateRunner(TabRunner[GenerateResult]):
 
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
-        asked = request_from_form(Form(*values), job.folder, self._catalogue, self._config)
+        asked = self.asked(job, cookie, values)
         words = read_words(asked.transcript) if asked.transcript else ()
         yield _Work(
             generate=self._generate,
@@ -104,6 +104,10 @@ class GenerateRunner(TabRunner[GenerateResult]):
             parts=self._results,
             at_the_end=self._buttons(is_running=False),
         )
+
+    def asked(self, job: Job, cookie: str, values: tuple[Any, ...]) -> GenerateRequest:
+        """The run that the form asks for; arguments and errors as of `begin`."""
+        return request_from_form(Form(*values), job.folder, self._catalogue, self._config)
 
     def blank(self) -> Updates:
         parts = self._results

@@ -14,9 +14,9 @@ import gradio as gr
 
 from app import text
 from app.config import AppConfig
-from app.errors import RunError
+from app.errors import RunError, visitor_sentence
 from app.page.parts import markup
-from app.page.serving.follow import last_share, visitor_sentence
+from app.page.serving.follow import last_share
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.researcher_part import FILE_NAME, RESEARCHER_ROUTE, Handover
 from app.page.serving.runner import TabRunner, Updates

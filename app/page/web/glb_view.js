@@ -1,5 +1,6 @@
 /**
- * A small viewer of the skinned, animated GLB files that renderer/files/glb.py writes.
+ * A small viewer of the skinned, animated GLB files that renderer/files/glb.py writes. A pose can
+ * also be told from outside, frame by frame: then the file only brings the body.
  *
  * It draws when asked to and never by itself: a page without a GPU stays responsive, and whoever
  * holds the clock (a video, a slider) decides what is seen. Of glTF 2.0 it reads what that writer
@@ -60,14 +61,18 @@ export class GlbView {
   #program;
   #model = null;
   #loading = new AbortController();
+  #fence = null; // behind the last picture
 
   /** Whether the processor has to draw, as there is no GPU: a tenth of a second a picture. */
   isSlow;
 
-  /** Throws an Error that holds a sentence if the browser has no WebGL 2. */
-  constructor(canvas) {
+  /**
+   * `antialias` smooths edges, which takes a processor that draws three times as long.
+   * Throws an Error that holds a sentence if the browser has no WebGL 2.
+   */
+  constructor(canvas, { antialias = true } = {}) {
     this.#canvas = canvas;
-    this.#gl = canvas.getContext("webgl2", { alpha: false });
+    this.#gl = canvas.getContext("webgl2", { alpha: false, antialias });
     if (!this.#gl) throw new Error("This browser shows no 3D graphics (WebGL 2).");
     this.isSlow = SOFTWARE.test(driver(this.#gl));
     this.#program = linked(this.#gl, VERTEX_SHADER, FRAGMENT_SHADER);
@@ -96,8 +101,25 @@ export class GlbView {
     this.#model = model;
   }
 
+  /** Names of the face's morph targets, in the order in which `pose` takes their weights. */
+  get faces() {
+    return this.#model ? this.#model.faces : [];
+  }
+
   /** Draw the moment so many seconds after the first frame, or the nearest there is. */
   seek(seconds) {
+    this.#draw((motion) => motion.moveTo(seconds));
+  }
+
+  /**
+   * Draw a pose: `position` of the root besides its place in the file, `rotations` of all joints to
+   * their parents (x, y, z, w of one after the other, of any length), `weights` of the face.
+   */
+  pose(position, rotations, weights) {
+    this.#draw((motion) => motion.moveAs(position, rotations, weights));
+  }
+
+  #draw(move) {
     const gl = this.#gl;
     if (!this.#model || gl.isContextLost()) return;
     const { width, height } = this.#canvas;
@@ -106,9 +128,19 @@ export class GlbView {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
     gl.useProgram(this.#program);
-    const camera = this.#model.pose(seconds, width / height);
+    move(this.#model.motion);
+    const camera = this.#model.place(width / height);
     gl.uniformMatrix4fv(gl.getUniformLocation(this.#program, "clip_from_world"), true, camera);
     this.#model.draw();
+    gl.deleteSync(this.#fence);
+    this.#fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+  }
+
+  /** Whether the last picture is still being drawn. */
+  get isDrawing() {
+    const gl = this.#gl;
+    return !!this.#fence && !gl.isContextLost() && gl.getSyncParameter(this.#fence, gl.SYNC_STATUS) !== gl.SIGNALED;
   }
 
   /** Free everything, and end a `load` under way. The canvas cannot be drawn on again. */
@@ -117,6 +149,14 @@ export class GlbView {
     this.#model = null;
     this.#gl.getExtension("WEBGL_lose_context")?.loseContext(); // frees what it holds
   }
+}
+
+/** Whether the processor would have to draw here. */
+export function isDrawingSlow() {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  const isSlow = !!gl && SOFTWARE.test(driver(gl));
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return isSlow;
 }
 
 function driver(gl) {
@@ -197,6 +237,7 @@ class Motion {
   #order = []; // of nodes, parents before children
   #times; // shared by all channels
   #channels;
+  #root; // where the file puts it
   weights;
 
   constructor({ document, array }) {
@@ -210,6 +251,7 @@ class Motion {
       const children = document.nodes[node].children ?? [];
       ahead.push(...children.map((child) => ({ node: child, parent: this.#nodes[node] })));
     }
+    this.#root = this.#nodes[0].translation;
     this.weights = document.meshes[0].weights ?? [];
     const { channels, samplers } = document.animations[0];
     this.#times = array(samplers[0].input);
@@ -243,6 +285,21 @@ class Motion {
       if (path === "weights") this.weights = value;
       else this.#nodes[node][path] = value;
     }
+    this.#stand();
+  }
+
+  /** See `GlbView.pose`. */
+  moveAs(position, rotations, weights) {
+    for (let joint = 0; 4 * joint < rotations.length; joint++) {
+      this.#nodes[joint].rotation = Array.from(rotations.subarray(4 * joint, 4 * joint + 4));
+    }
+    this.#nodes[0].translation = this.#root.map((place, i) => place + position[i]);
+    this.weights = weights;
+    this.#stand();
+  }
+
+  /** From what each node is to its parent to where it stands. */
+  #stand() {
     for (const node of this.#order) {
       const local = rigid(node.rotation, node.translation);
       node.world = node.parent ? product(node.parent.world, local) : local;
@@ -310,6 +367,7 @@ class Model {
     const { document, array } = file;
     const [skin] = document.skins;
     const primitive = document.meshes[0].primitives[0];
+    this.faces = document.meshes[0].extras?.targetNames ?? [];
     this.motion = new Motion(file);
     const binds = array(skin.inverseBindMatrices);
     this.#joints = skin.joints.map((node, joint) => {
@@ -335,9 +393,8 @@ class Model {
     this.#faces = document.accessors[primitive.indices];
   }
 
-  /** Move body and face to a moment; gives the matrix of the camera there. */
-  pose(seconds, aspect) {
-    this.motion.moveTo(seconds);
+  /** Move body and face to where `motion` is; gives the matrix of the camera there. */
+  place(aspect) {
     if (this.#targets.length) this.#moveFace();
     this.#moveJoints();
     const { node, lens } = this.#camera;

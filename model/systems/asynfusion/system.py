@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -28,8 +29,13 @@ from model.systems.asynfusion.streams import Streams, read_streams
 class DualWindow(Window):
     """A window, and what the next one starts from."""
 
-    seed: Pair
-    """Normalised last frames of face and body, before they are joined."""
+    clean: Pair
+    """Normalised frames of face and body, before they are joined."""
+
+    def fields_of(self, frames: slice) -> dict[str, Any]:
+        """See `Window.fields_of`."""
+        face, body = self.clean
+        return super().fields_of(frames) | {"clean": (face[:, frames], body[:, frames])}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,14 +52,17 @@ class AsynFusionSystem(System):
         assert before is None or isinstance(before, DualWindow)
         config, size = self.config, draw.samples
         channels = config.expression_dim, config.gesture_dim
-        nothing = [torch.zeros(size, config.seed_frames, count) for count in channels]
+        if before is None:
+            seed = [torch.zeros(size, config.seed_frames, count) for count in channels]
+        else:
+            seed = [stream[:, -config.seed_frames :] for stream in before.clean]
         heard = speech.around(config.speech_context, config.window_frames)
         found = sample(
             self.network,
             partial(self._noise, draw),
             (draw.face_steps or draw.steps, draw.steps),
             WAYS[draw.sampler],
-            seed=(nothing[0], nothing[1]) if before is None else before.seed,
+            seed=(seed[0], seed[1]),
             has_seed=torch.full((size,), before is not None),
             heard=self.network.listen(heard[None]).expand(size, -1, -1),
             speaker=torch.full((size,), draw.speaker),
@@ -63,14 +72,14 @@ class AsynFusionSystem(System):
         )
         units = units.clamp(0, 1)
         face, body = (
-            stream.normaliser.normalise(motion[:, -config.seed_frames :])
+            stream.normaliser.normalise(motion)
             for stream, motion in zip(self.streams, (units, vectors), strict=True)
         )
         return DualWindow(
             rotmat=rotations(vectors, "axis-angle"),
             root=vectors[..., -ROOT_DIM:],
             expression=units,
-            seed=(face, body),
+            clean=(face, body),
         )
 
     def _noise(self, draw: Draw, which: int, step: int) -> Float[Tensor, "B T C"]:

@@ -32,22 +32,13 @@ REMEMBERED_WINDOWS = 512
 
 
 @dataclass(frozen=True)
-class FaceWindow:
-    """Face units of one window, joined to those of the window before."""
-
-    units: Float[Tensor, "T E"]
-    seed: Float[Tensor, "1 S E"]
-    """What the next window starts from."""
-
-
-@dataclass(frozen=True)
 class Face:
     """A trained expression network with the statistics of its units."""
 
     network: PriorNetwork
     normaliser: Normaliser
     sha256: str
-    _remembered: OrderedDict[bytes, FaceWindow] = field(default_factory=OrderedDict, repr=False)
+    _remembered: OrderedDict[bytes, Tensor] = field(default_factory=OrderedDict, repr=False)
 
     @property
     def config(self) -> ExpressionConfig:
@@ -89,26 +80,27 @@ class Face:
         self,
         speech: Float[Tensor, "heard speech_dim"],
         speaker: int,
-        before: FaceWindow | None,
+        before: Float[Tensor, "n E"] | None,
         noise_seed: int,
         index: int,
-    ) -> FaceWindow:
-        """The face of one window, drawn once for all systems of a run: it depends on nothing that
-        they differ in, so what was drawn before is remembered."""
+    ) -> Float[Tensor, "T E"]:
+        """Face units of one window, joined to those of the window before, whose last frames are
+        this one's first. Drawn once for all systems of a run: the face depends on nothing that they
+        differ in, so what was drawn before is remembered."""
+        shared = self.config.seed_frames
+        end = None if before is None else before[-shared:]
         told = hashlib.blake2b(repr((speaker, noise_seed, index)).encode())
         told.update(speech.numpy().tobytes())
-        if before is not None:
-            told.update(before.seed.numpy().tobytes() + before.units.numpy().tobytes())
+        if end is not None:
+            told.update(end.numpy().tobytes())
         key = told.digest()
         found = self._remembered.get(key)
         if found is None:
-            seed = None if before is None else before.seed
-            drawn, next_seed = self.draw(speech[None], speaker, seed, self.noise(noise_seed, index))
-            units = drawn[0]
-            if before is not None:
-                shared = self.config.seed_frames
-                units = torch.cat([fade(before.units[-shared:], units[:shared]), units[shared:]])
-            found = FaceWindow(units, next_seed)
+            seed = None if end is None else self.normaliser.normalise(end[None])
+            drawn, _ = self.draw(speech[None], speaker, seed, self.noise(noise_seed, index))
+            found = drawn[0]
+            if end is not None:
+                found = torch.cat([fade(end, found[:shared]), found[shared:]])
             self._remembered[key] = found
             while len(self._remembered) > REMEMBERED_WINDOWS:
                 self._remembered.popitem(last=False)

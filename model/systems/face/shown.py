@@ -1,6 +1,7 @@
 """A body that is shown the drawn face: what systems that make only the body have in common."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 from jaxtyping import Float
 from torch import Tensor
@@ -9,16 +10,19 @@ from model.generation.base import Draw, System, Window, Windowing
 from model.generation.speech_stream import SpeechWindow
 from model.networks.config import BranchConfig
 from model.storage.cards import CheckpointError
-from model.systems.face.face import Face, FaceWindow
+from model.systems.face.face import Face
 
 
 @dataclass(frozen=True)
 class BodyWindow(Window):
     """A window, and what the next one starts from."""
 
-    seed: Float[Tensor, "B S C"]
-    """Normalised motion of its last frames, before they are joined."""
-    face: FaceWindow
+    clean: Float[Tensor, "B n C"]
+    """Normalised motion of its frames, before they are joined."""
+
+    def fields_of(self, frames: slice) -> dict[str, Any]:
+        """See `Window.fields_of`."""
+        return super().fields_of(frames) | {"clean": self.clean[:, frames]}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,12 +31,14 @@ class FacedSystem(System):
 
     face: Face
 
-    def draw_face(self, speech: SpeechWindow, before: BodyWindow | None, draw: Draw) -> FaceWindow:
-        """The face of a window; it goes on from that of the window before."""
+    def draw_face(
+        self, speech: SpeechWindow, before: Window | None, draw: Draw
+    ) -> Float[Tensor, "T E"]:
+        """Face units of a window, the same for all samples; they go on from the window before."""
         return self.face.window(
             speech.around(self.face.config.speech_context, self.windowing.frames),
             draw.speaker,
-            before and before.face,
+            None if before is None else before.expression[0],
             draw.seed,
             draw.index,
         )

@@ -40,15 +40,15 @@ class GanSystem(FacedSystem):
         assert before is None or isinstance(before, BodyWindow)
         config = self.config
         face = self.draw_face(speech, before, draw)
+        seed = None if before is None else before.clean[:, -config.seed_frames :]
         heard = speech.around(config.speech_context, config.window_frames)
-        x_0 = self._clean(heard, face.units, before and before.seed, draw)
+        x_0 = self._clean(heard, face, seed, draw)
         vectors = self.normaliser.restore(x_0)
         return BodyWindow(
             rotmat=rotations(vectors, "axis-angle"),
             root=vectors[..., -ROOT_DIM:],
-            expression=face.units.expand(draw.samples, -1, -1),
-            seed=x_0[:, -config.seed_frames :],
-            face=face,
+            expression=face.expand(draw.samples, -1, -1),
+            clean=x_0,
         )
 
     @torch.inference_mode()

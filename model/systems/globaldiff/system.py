@@ -48,10 +48,10 @@ class GlobalDiffSystem(FacedSystem):
         """See `System.window`; the face is drawn first, and the body sees it."""
         assert before is None or isinstance(before, BodyWindow)
         config = self.config
-        overlap = config.seed_frames
         face = self.draw_face(speech, before, draw)
+        seed = None if before is None else before.clean[:, -config.seed_frames :]
         heard = speech.around(config.speech_context, config.window_frames)
-        x_1 = self._clean(heard, face.units, before and before.seed, draw)
+        x_1 = self._clean(heard, face, seed, draw)
         vectors = self.normaliser.restore(x_1)
         rotmat, root = rotations(vectors, config.rotation_space), vectors[..., -ROOT_DIM:]
         if config.rotation_space != "axis-angle":  # rows of any length become those of a rotation
@@ -59,9 +59,8 @@ class GlobalDiffSystem(FacedSystem):
         return BodyWindow(
             rotmat=rotmat,
             root=root,
-            expression=face.units.expand(draw.samples, -1, -1),
-            seed=self.normaliser.normalise(vectors[:, -overlap:]),
-            face=face,
+            expression=face.expand(draw.samples, -1, -1),
+            clean=self.normaliser.normalise(vectors),
         )
 
     @torch.inference_mode()

@@ -15,7 +15,7 @@ from PIL import Image
 from app.errors import CancelledRun, RunError, sentence_of
 from app.run import inputs
 from app.run.pipeline import generate_all
-from app.run.request import Artefact, GenerateRequest, Progress
+from app.run.request import Artefact, GenerateRequest, Progress, Take
 from model.motion.motion import load_motion, save_motion
 from renderer.draw import probe
 from renderer.draw.offscreen import GLError
@@ -296,3 +296,21 @@ def test_cancel_is_heard_while_motions_are_measured(ask: Ask) -> None:
         generate_all(request, watch, lambda: len(set(shares)) > 1)
     assert 0.0 < max(shares) < 1.0
     assert not request.out.exists()
+
+
+def test_a_live_take_is_kept_as_it_was_seen_and_said_to_be_live(ask: Ask, tmp_path: Path) -> None:
+    seen = smooth_motion_example(37, seed=4)
+    path = tmp_path / "live.npz"
+    save_motion(seen, path)
+    take = Take(path, {"frames_heard_ahead": 10, "speech_level": "running"})
+    result = generate_all(ask(systems=("globaldiff/global",), take=take))
+    assert result.names == ("globaldiff/global",) and result.num_frames == 37
+    kept = load_motion(result.out / "globaldiff-global.npz")
+    np.testing.assert_array_equal(kept.poses, seen.poses)
+    np.testing.assert_array_equal(kept.expressions, seen.expressions)
+    record = json.loads((result.out / "provenance.json").read_text())
+    assert record["options"]["live"] == take.facts
+    assert any("made while the speech was spoken" in note for note in result.notes)
+    generated = generate_all(ask(systems=("globaldiff/global",), out=tmp_path / "other"))
+    record = json.loads((generated.out / "provenance.json").read_text())
+    assert record["options"]["live"] is None

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from app.errors import RunError
-from app.page.serving.follow import follow_run, visitor_sentence
+from app.errors import RunError, visitor_sentence
+from app.page.serving.follow import follow_run
 from app.page.serving.jobs import Job, JobBook
 from app.run.request import Artefact, GenerateRequest, GenerateResult, Progress
 from tests.app import fakes

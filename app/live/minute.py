@@ -1,0 +1,92 @@
+"""The last minute of a live session: its sound and its motion, frame beside frame."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from app.errors import RunError
+
+if TYPE_CHECKING:
+    from model.motion.motion import Motion
+
+FPS, SAMPLE_RATE = 30, 16_000
+KEPT_FRAMES = 60 * FPS
+SHORTEST_FRAMES = 2 * FPS
+NOTHING_YET = (
+    "There is no live motion to keep yet: speak for at least {seconds} s, then press again."
+)
+
+
+@dataclass(frozen=True)
+class Minute:
+    """What is kept: sound and motion of the same length."""
+
+    waveform: np.ndarray
+    """(N,) float32, 16 kHz."""
+    motion: Motion
+    first_frame: int
+    """Of the session."""
+
+
+class LastMinute:
+    """Forgets what is older than a minute, sound and motion alike."""
+
+    def __init__(self) -> None:
+        self._sound: deque[np.ndarray] = deque()
+        self._sound_start = 0
+        self._pieces: deque[Motion] = deque()
+        self._first_frame = 0
+        self._next_frame = 0
+
+    def add_sound(self, samples: np.ndarray) -> None:
+        self._sound.append(samples)
+        self._forget_sound_before(_sample_of(self._first_frame))
+
+    def add_motion(self, motion: Motion) -> None:
+        """The next frames."""
+        self._pieces.append(motion)
+        self._next_frame += motion.num_frames
+        while self._next_frame - self._first_frame - self._pieces[0].num_frames >= KEPT_FRAMES:
+            self._first_frame += self._pieces.popleft().num_frames
+        self._forget_sound_before(_sample_of(self._first_frame))
+
+    def kept(self) -> Minute:
+        """The last minute, or all there is of it.
+
+        Raises:
+            RunError: if that is too little.
+        """
+        first = max(self._first_frame, self._next_frame - KEPT_FRAMES)
+        count = self._next_frame - first
+        if count < SHORTEST_FRAMES:
+            raise RunError(NOTHING_YET.format(seconds=SHORTEST_FRAMES // FPS))
+        from model.motion.motion import Motion
+
+        skipped = first - self._first_frame
+        columns = [
+            np.concatenate([getattr(piece, name) for piece in self._pieces])[skipped:]
+            for name in ("poses", "trans", "expressions")
+        ]
+        poses, trans, expressions = columns
+        whole = Motion(
+            poses=poses,
+            trans=trans - trans[:1] * np.array([1, 0, 1], np.float32),
+            expressions=expressions,
+            expression_basis=self._pieces[0].expression_basis,
+            betas=self._pieces[0].betas,
+        )
+        start = _sample_of(first) - self._sound_start
+        sound = np.concatenate([*self._sound])[start : start + _sample_of(count)]
+        return Minute(sound, whole, first)
+
+    def _forget_sound_before(self, sample: int) -> None:
+        while self._sound and self._sound_start + len(self._sound[0]) <= sample:
+            self._sound_start += len(self._sound.popleft())
+
+
+def _sample_of(frame: int) -> int:
+    return round(frame * SAMPLE_RATE / FPS)

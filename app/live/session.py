@@ -1,0 +1,247 @@
+"""One visitor's live session: sound in, frames out."""
+
+from __future__ import annotations
+
+import secrets
+import statistics
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from app.errors import RunError
+from app.live.minute import SAMPLE_RATE, LastMinute, Minute
+from app.live.wire import frames_message, read_sound
+
+if TYPE_CHECKING:
+    from model.generation.base import System
+
+MAX_S = 30 * 60.0
+"""Of sound in one session."""
+AHEAD_S = 3.0
+"""How much more sound than time may have come: networks gather and let go."""
+BEHIND_S = 8.0
+"""Speech without its motion after which a machine is too slow."""
+MAX_WINDOW_MS = 400.0
+"""Of one processor: with more, a body alone on the machine follows later than in 1.5 s."""
+TRIAL_WINDOWS = 3
+SEED_LIMIT = 2**31 - 1
+
+TOO_LONG = "A live session lasts at most {minutes:g} minutes; start another one."
+TOO_FAST = "Sound came faster than it can be spoken; start again."
+TOO_SLOW = (
+    "This machine cannot keep up with {visitors}: the body is {behind:.0f} s behind. Try again "
+    "later, or choose a system that takes fewer steps."
+)
+SLOW_SYSTEM = (
+    "{system} takes {ms:.1f} ms for a frame on this machine, and live motion needs at most "
+    "{limit:.1f}: choose a system that takes fewer steps, such as gan/5."
+)
+
+
+@dataclass(frozen=True)
+class LiveAsk:
+    """What a visitor has chosen."""
+
+    system: str
+    speaker: str
+    seed: int = 0
+
+    @staticmethod
+    def of(told: Any) -> LiveAsk:
+        """From the first message of a browser.
+
+        Raises:
+            RunError: if that asks for nothing that can be.
+        """
+        if not isinstance(told, dict):
+            raise RunError("The page asked for no live session; load it again.")
+        system, speaker, seed = (told.get(key) for key in ("system", "speaker", "seed"))
+        if not isinstance(system, str) or not isinstance(speaker, str):
+            raise RunError("Choose a system and a speaker style first.")
+        if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed <= SEED_LIMIT:
+            raise RunError(f"The seed must be a whole number from 0 to {SEED_LIMIT}.")
+        return LiveAsk(system, speaker, seed)
+
+
+@dataclass(frozen=True)
+class Kept:
+    """The last minute of a session, and what a record should say of it."""
+
+    minute: Minute
+    facts: dict[str, Any]
+
+
+class LiveSession:
+    """Sound is put in by one thread and worked off by another.
+
+    Raises:
+        RunError, UnknownNameError: if the system cannot be had live with that speaker.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        ask: LiveAsk,
+        cookie: str,
+        tell: Callable[[bytes | str], None],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """
+        Args:
+            tell: takes frames as bytes, and as text the sentence with which the session ends.
+        """
+        from model.generation.live import LiveMotion, Pace
+        from model.generation.windows import GenerateOptions
+        from model.speech.causal import CausalMel
+
+        if system.encoder.name != "mel64":
+            raise RunError(
+                f"{system.name} hears speech by {system.encoder.name}, which needs all of it; "
+                "choose another system."
+            )
+        self.token = secrets.token_urlsafe(32)
+        self.ask, self.cookie, self.pace = ask, cookie, Pace()
+        self.minute = LastMinute()
+        self.has_ended = False
+        self._tell, self._clock = tell, clock
+        self._frames_of_window = system.windowing.frames
+        self._features = CausalMel()
+        self._live = LiveMotion(system, GenerateOptions(ask.speaker, seed=ask.seed), self.pace)
+        self._lock = threading.Lock()  # of the minute and the inbox
+        self._inbox: deque[np.ndarray] = deque()
+        self._samples = 0
+        self._begun = clock()
+        self._due_since = 0.0
+        self._costs: deque[float] = deque(maxlen=64)
+        self.windows = 0
+
+    def put(self, content: bytes) -> None:
+        """The next sound.
+
+        Raises:
+            RunError: if it is no sound, too much or too fast.
+        """
+        if self.has_ended:
+            return
+        samples = read_sound(content)
+        self._samples += len(samples)
+        spoken_s = self._samples / SAMPLE_RATE
+        if spoken_s > MAX_S:
+            raise RunError(TOO_LONG.format(minutes=MAX_S / 60))
+        if spoken_s > self._clock() - self._begun + AHEAD_S:
+            raise RunError(TOO_FAST)
+        with self._lock:
+            self._inbox.append(samples)
+            self.minute.add_sound(samples)
+
+    @property
+    def has_work(self) -> bool:
+        """Whether there is sound to hear, or enough of it for a window."""
+        return bool(self._inbox) or self._live.is_due
+
+    def work(self, visitors: int = 1) -> None:
+        """Hear what has come, and make one window if it is due.
+
+        Args:
+            visitors: who share the machine.
+
+        Raises:
+            RunError: if system or machine are too slow.
+        """
+        import torch
+
+        with self._lock:
+            sound = [*self._inbox]
+            self._inbox.clear()
+        if sound:
+            was_due = self._live.is_due
+            self._live.hear(torch.from_numpy(self._features.hear(np.concatenate(sound))))
+            if not was_due:
+                self._due_since = self._clock()
+        if not self._live.is_due:
+            return
+        behind_s = self._live.waiting / 30
+        if behind_s > BEHIND_S:
+            who = "one visitor" if visitors == 1 else f"{visitors} visitors at once"
+            raise RunError(TOO_SLOW.format(visitors=who, behind=behind_s))
+        first, began, used = self._live.next_frame, self._clock(), time.thread_time()
+        (motion,) = self._live.step()
+        made_ms = 1000 * (self._clock() - began)
+        waited_ms = 1000 * (began - self._due_since)
+        self._due_since = self._clock()
+        self.windows += 1
+        self._costs.append(1000 * (time.thread_time() - used))
+        with self._lock:
+            self.minute.add_motion(motion)
+        self._tell(
+            frames_message(first, motion, made_ms=made_ms, waited_ms=waited_ms, visitors=visitors)
+        )
+        self._check_cost()
+
+    @property
+    def window_ms(self) -> float:
+        """What a window takes of one processor; NaN before the first."""
+        return statistics.median(self._costs) if self._costs else float("nan")
+
+    def end(self, sentence: str = "") -> None:
+        """Nothing more is heard or made.
+
+        Args:
+            sentence: why, for the visitor.
+        """
+        if not self.has_ended:
+            self.has_ended = True
+            self._tell(sentence)
+
+    def kept(self) -> Kept:
+        """The last minute.
+
+        Raises:
+            RunError: if there is too little.
+        """
+        with self._lock:
+            minute = self.minute.kept()
+        facts = {
+            "first_frame_of_session": minute.first_frame,
+            "least_new_frames_a_window": self.pace.hop,
+            "frames_heard_ahead": self.pace.heard_ahead,
+            "speech_level": "running",
+            "windows_of_session": self.windows,
+            "window_cpu_ms": round(self.window_ms, 1),
+        }
+        return Kept(minute, facts)
+
+    def _check_cost(self) -> None:
+        if self.windows != TRIAL_WINDOWS + 1:  # the first one brings libraries with it
+            return
+        cost = min([*self._costs][1:])
+        if cost > MAX_WINDOW_MS:
+            raise RunError(slow_system(self.ask.system, cost / self._frames_of_window))
+
+
+def rehearse(system: System, ask: LiveAsk) -> None:
+    """Make a first window of nothing, so that no visitor waits for what is slow only once.
+
+    Raises:
+        UnknownNameError: if the system does not know the speaker.
+    """
+    import torch
+
+    from model.generation.live import LiveMotion
+    from model.generation.windows import GenerateOptions
+    from model.speech.causal import CausalMel
+
+    live = LiveMotion(system, GenerateOptions(ask.speaker))
+    if system.encoder.name == "mel64":
+        live.hear(torch.from_numpy(CausalMel().hear(np.zeros(SAMPLE_RATE, np.float32))))
+        live.step()
+
+
+def slow_system(name: str, frame_ms: float) -> str:
+    """The sentence for a system that is too slow to be live."""
+    return SLOW_SYSTEM.format(system=name, ms=frame_ms, limit=MAX_WINDOW_MS / 60)

@@ -1,0 +1,56 @@
+"""The body that a browser moves: the open body as a GLB with all of its face, and a camera that
+has room for gestures.
+
+It is always the open body: the mesh of a licensed one is not handed to visitors.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from app.run.models import get_body
+
+if TYPE_CHECKING:
+    from renderer.body.body import Body, BodyMotion
+
+_SHOULDERS_RAD, _ELBOWS_RAD = 1.15, 1.9
+
+
+@functools.cache
+def body_glb() -> bytes:
+    """The file; made at the first call."""
+    from renderer.files.glb import glb_bytes
+
+    body = get_body(None)
+    return glb_bytes(body, reaches(body))
+
+
+def face_names() -> tuple[str, ...]:
+    """Of the face weights that frames hold."""
+    return get_body(None).expression_names
+
+
+def reaches(body: Body) -> BodyMotion:
+    """Poses that live motion hardly leaves: hands at the hips, then at the face, then at rest a
+    step to either side; the face moves in every way."""
+    from renderer.body.body import BodyMotion
+    from renderer.body.joints import JOINT_INDEX
+
+    poses = np.zeros((4, len(JOINT_INDEX), 3))
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        poses[:, JOINT_INDEX[f"{side}_shoulder"], 2] = -sign * _SHOULDERS_RAD
+        poses[1, JOINT_INDEX[f"{side}_elbow"], 1] = -sign * _ELBOWS_RAD
+        poses[1, JOINT_INDEX[f"{side}_shoulder"], 2] = -sign * _SHOULDERS_RAD / 2
+    trans = np.zeros((4, 3))
+    trans[:, 1] = -body.template[:, 1].min()  # soles on the ground, where motion has them
+    trans[2:, 0] = -0.12, 0.12
+    return BodyMotion(
+        poses=poses.reshape(4, -1),
+        trans=trans,
+        expressions=np.ones((4, 100)),
+        expression_basis=body.expression_basis,
+        betas=np.zeros(10),
+    )

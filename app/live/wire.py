@@ -1,0 +1,59 @@
+"""What travels between browser and server during a live session, as bytes.
+
+Sound comes as 16-bit numbers of 16 kHz mono; frames go as in `docs/formats.md` ("Live frames").
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from app.errors import RunError
+
+if TYPE_CHECKING:
+    from model.motion.motion import Motion
+
+MAX_SOUND_BYTES = 32_000
+"""Of one message: a second."""
+NUM_FACES = 52
+HEADER = struct.Struct("<IHHffHH")
+"""First frame, frames, face weights a frame, ms that the window took, ms that it waited for its
+turn, visitors at work, and zero."""
+
+
+def read_sound(content: bytes) -> np.ndarray:
+    """Samples between -1 and 1.
+
+    Raises:
+        RunError: if these are no such bytes, or more than a second of sound.
+    """
+    if not content or len(content) % 2:
+        raise RunError("The sound that came is damaged; start again.")
+    if len(content) > MAX_SOUND_BYTES:
+        raise RunError(
+            f"A block of sound has {len(content)} bytes; at most {MAX_SOUND_BYTES} are taken."
+        )
+    return np.frombuffer(content, "<i2").astype(np.float32) / 32_768
+
+
+def frames_message(
+    first: int, motion: Motion, *, made_ms: float, waited_ms: float, visitors: int
+) -> bytes:
+    """Frames of the open body as the browser draws them: positions as 32-bit floats, rotations of
+    all joints to their parents as quaternions (x, y, z, w) of 16-bit numbers, face weights as
+    bytes."""
+    from scipy.spatial.transform import Rotation
+
+    count = motion.num_frames
+    quaternions = Rotation.from_rotvec(motion.poses.reshape(-1, 3)).as_quat()
+    faces = np.clip(motion.expressions[:, :NUM_FACES], 0, 1)
+    return b"".join(
+        [
+            HEADER.pack(first, count, NUM_FACES, made_ms, waited_ms, visitors, 0),
+            motion.trans.astype("<f4").tobytes(),
+            np.round(quaternions * 32_767).astype("<i2").tobytes(),
+            np.round(faces * 255).astype(np.uint8).tobytes(),
+        ]
+    )

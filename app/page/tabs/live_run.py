@@ -1,0 +1,63 @@
+"""From the last minute of a live session to an ordinary run."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from app.config import AppConfig
+from app.live.desk import LiveDesk
+from app.page.parts.catalogue import Catalogue
+from app.page.serving.jobs import Job, JobBook
+from app.page.serving.media import MediaDesk
+from app.page.tabs.generate import FormParts, ResultParts
+from app.page.tabs.generate_run import Generate, GenerateRunner
+from app.run.request import GenerateRequest, Take
+
+_MAX_TOKEN = 100
+
+
+class LiveRunner(GenerateRunner):
+    """Keeps what a visitor has spoken and seen."""
+
+    tab = "live"
+
+    def __init__(
+        self,
+        generate: Generate,
+        catalogue: Catalogue,
+        config: AppConfig,
+        jobs: JobBook,
+        desk: MediaDesk,
+        form: FormParts,
+        results: ResultParts,
+        live: LiveDesk,
+    ) -> None:
+        super().__init__(generate, catalogue, config, jobs, desk, form, results)
+        self._live = live
+
+    def asked(self, job: Job, cookie: str, values: tuple[Any, ...]) -> GenerateRequest:
+        """Sound and motion of the last minute, laid into the job's folder.
+
+        Raises:
+            RunError: if there is nothing to keep.
+        """
+        from model.motion.motion import save_motion
+        from model.speech.audio import write_wav
+
+        token = values[0] if isinstance(values[0], str) else ""
+        session, kept = self._live.kept(token[:_MAX_TOKEN], cookie)
+        wav, npz = job.folder / "live.wav", job.folder / "live.npz"
+        write_wav(wav, kept.minute.waveform)
+        save_motion(kept.minute.motion, npz)
+        return GenerateRequest(
+            speech=wav,
+            out=job.folder / "results",
+            weights=self._config.weights,
+            systems=(session.ask.system,),
+            speaker=session.ask.speaker,
+            seed=session.ask.seed,
+            body=self._config.body,
+            has_previews=self._config.body is None,
+            max_speech_s=self._config.max_speech_s,
+            take=Take(npz, kept.facts),
+        )

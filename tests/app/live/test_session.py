@@ -1,0 +1,155 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from app.errors import RunError
+from app.live import session as sessions
+from app.live.session import LiveAsk, LiveSession
+from app.live.wire import HEADER
+from app.run.models import get_system
+from model.generation.family import UnknownNameError
+from model.generation.live import LiveMotion
+from model.generation.windows import GenerateOptions
+from model.speech.causal import CausalMel
+from tests.model.made import made_waveform
+
+ASK = LiveAsk("globaldiff/global", "ann", seed=2)
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def sound(seconds: float) -> list[bytes]:
+    samples = (30_000 * made_waveform(round(16_000 * seconds))).astype("<i2")
+    return [samples[k : k + 640].tobytes() for k in range(0, len(samples), 640)]
+
+
+@pytest.fixture
+def told() -> list[bytes | str]:
+    return []
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def session(weights: Path, told: list[bytes | str], clock: Clock) -> LiveSession:
+    return LiveSession(get_system(ASK.system, weights), ASK, "mine", told.append, clock)
+
+
+def speak(session: LiveSession, clock: Clock, seconds: float) -> None:
+    for block in sound(seconds):
+        clock.now += 0.04
+        session.put(block)
+        while session.has_work:
+            session.work()
+
+
+def test_frames_follow_the_speech_and_can_be_kept(
+    session: LiveSession, told: list[bytes | str], clock: Clock
+) -> None:
+    speak(session, clock, 4.0)
+    headers = [HEADER.unpack_from(message) for message in told if isinstance(message, bytes)]
+    assert [first for first, *_ in headers] == list(np.cumsum([0] + [h[1] for h in headers])[:-1])
+    made = sum(count for _, count, *_ in headers)
+    assert 120 - 10 - 10 - 6 <= made <= 120 - 10
+    kept = session.kept()
+    assert kept.minute.motion.num_frames == made
+    assert kept.facts["windows_of_session"] == len(headers) and kept.facts["window_cpu_ms"] > 0
+
+
+def test_memory_does_not_grow(session: LiveSession, clock: Clock) -> None:
+    def held() -> int:
+        sound = sum(map(len, session.minute._sound)) + len(session._features._sound)
+        return (
+            sound + sum(p.num_frames for p in session.minute._pieces) + len(session._live._speech)
+        )
+
+    speak(session, clock, 75.0)
+    before = held()
+    speak(session, clock, 20.0)
+    assert held() < 1.02 * before
+
+
+def test_caps_of_speed_and_length_are_told(
+    session: LiveSession, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(RunError, match="faster than it can be spoken"):
+        for block in sound(4.0):
+            session.put(block)
+    monkeypatch.setattr(sessions, "MAX_S", 5.0)
+    clock.now += 10
+    with pytest.raises(RunError, match="at most"):
+        for block in sound(3.0):
+            clock.now += 0.04
+            session.put(block)
+
+
+def test_a_machine_that_cannot_keep_up_is_told(session: LiveSession, clock: Clock) -> None:
+    for block in sound(9.5):
+        clock.now += 0.04
+        session.put(block)
+    with pytest.raises(RunError, match="cannot keep up with 3 visitors at once"):
+        session.work(visitors=3)
+
+
+def test_a_slow_system_is_told_after_a_trial(
+    session: LiveSession, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sessions, "MAX_WINDOW_MS", 1e-6)
+    with pytest.raises(RunError, match=r"globaldiff/global takes .* ms for a frame.*gan/5"):
+        speak(session, clock, 3.0)
+    assert session.windows == sessions.TRIAL_WINDOWS + 1
+
+
+def test_it_makes_what_the_model_makes_of_that_sound(
+    session: LiveSession, clock: Clock, weights: Path
+) -> None:
+    speak(session, clock, 3.0)
+    live = LiveMotion(get_system(ASK.system, weights), GenerateOptions("ann", seed=2))
+    features, pieces = CausalMel(), []
+    for block in sound(3.0):
+        samples = np.frombuffer(block, "<i2").astype(np.float32) / 32_768
+        live.hear(torch.from_numpy(features.hear(samples)))
+        if live.is_due:
+            pieces += live.step()
+    poses = np.concatenate([piece.poses for piece in pieces])
+    np.testing.assert_allclose(session.kept().minute.motion.poses, poses, atol=1e-5)
+
+
+def test_after_its_end_nothing_is_taken_in(
+    session: LiveSession, told: list[bytes | str], clock: Clock
+) -> None:
+    session.end("Over.")
+    session.end("Again.")
+    session.put(b"x")
+    assert told == ["Over."] and not session.has_work
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        None, 3, [], {}, {"system": "gan/5"}, {"system": "gan/5", "speaker": "ann"},
+        {"system": ["gan/5"], "speaker": "ann", "seed": 0},
+        {"system": "gan/5", "speaker": "ann", "seed": -1},
+        {"system": "gan/5", "speaker": "ann", "seed": True},
+        {"system": "gan/5", "speaker": "ann", "seed": 1e300},
+    ],
+)  # fmt: skip
+def test_what_asks_for_nothing_is_refused(told: object) -> None:
+    with pytest.raises(RunError):
+        LiveAsk.of(told)
+
+
+def test_an_unknown_speaker_is_told(weights: Path, told: list[bytes | str]) -> None:
+    system = get_system(ASK.system, weights)
+    with pytest.raises(UnknownNameError, match="no speaker 'eve'"):
+        LiveSession(system, LiveAsk(ASK.system, "eve"), "", told.append)

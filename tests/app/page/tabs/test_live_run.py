@@ -1,0 +1,74 @@
+"""From the last minute of a live session to the run that keeps it."""
+
+from pathlib import Path
+
+import pytest
+
+from app.config import AppConfig
+from app.errors import RunError
+from app.live.desk import LiveDesk
+from app.live.session import LiveAsk
+from app.page.serving.jobs import JobBook
+from app.page.serving.media import MediaDesk
+from app.page.tabs.generate import FormParts, build_results
+from app.page.tabs.live import USUAL, offered
+from app.page.tabs.live_run import LiveRunner
+from model.motion.motion import load_motion
+from model.speech.audio import load_speech
+from tests.app.fakes import CATALOGUE
+from tests.app.live.test_desk import ByHand, nothing
+from tests.app.live.test_session import sound
+
+
+@pytest.fixture
+def live(weights: Path) -> LiveDesk:
+    return ByHand(weights)
+
+
+@pytest.fixture
+def runner(live: LiveDesk, weights: Path, tmp_path: Path) -> LiveRunner:
+    import gradio as gr
+
+    with gr.Blocks():
+        form = FormParts((), gr.Button(), gr.Button())
+        results = build_results("live-")
+    config = AppConfig(weights=weights, temp=tmp_path)
+    jobs = JobBook(tmp_path / "jobs")
+    return LiveRunner(
+        lambda *_: None,
+        CATALOGUE,
+        config,
+        jobs,
+        MediaDesk(),
+        form,
+        results,
+        live,  # type: ignore
+    )
+
+
+def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder(
+    runner: LiveRunner, live: LiveDesk, tmp_path: Path
+) -> None:
+    session = live.open(LiveAsk("globaldiff/global", "bob", 7), "mine", nothing)
+    for block in sound(2.9):
+        live.put(session, block)
+    live._turn()
+    live._turn()
+    job = JobBook(tmp_path / "jobs").open("me", "live")
+    asked = runner.asked(job, "mine", (session.token,))
+    assert (asked.systems, asked.speaker, asked.seed) == (("globaldiff/global",), "bob", 7)
+    assert asked.speech.parent == job.folder and asked.take is not None
+    assert asked.take.motion.parent == job.folder and asked.out.parent == job.folder
+    speech, motion = load_speech(asked.speech), load_motion(asked.take.motion)
+    assert speech.num_frames == motion.num_frames == session.kept().minute.motion.num_frames
+    for token, cookie in ((session.token, "yours"), ("", "mine"), (None, "mine"), ("x" * 9999, "")):
+        with pytest.raises(RunError, match="no live minute"):
+            runner.asked(job, cookie, (token,))
+
+
+def test_what_is_usual_stands_first() -> None:
+    from dataclasses import replace
+
+    told = offered(replace(CATALOGUE, systems=("globaldiff/local", "gan/20", USUAL)))
+    assert told["systems"] == [USUAL, "globaldiff/local", "gan/20"]
+    assert told["speakers"] == list(CATALOGUE.speakers)
