@@ -136,6 +136,7 @@ def _add_generate(commands) -> None:
 
 def _generate(options: argparse.Namespace) -> None:
     from app.commands.terminal import ProgressBars
+    from app.findings.verdict import verdict_of
     from app.run.pipeline import generate_all
 
     request = GenerateRequest(
@@ -166,7 +167,8 @@ def _generate(options: argparse.Namespace) -> None:
     )
     with ProgressBars() as bars:
         result = generate_all(request, bars.take)
-    _finish(result.files, result.notes)
+    verdict = verdict_of(result.diagnostics)
+    _finish(result.files, [*result.notes, *([] if verdict is None else [verdict.text])])
 
 
 def _add_diagnose(commands) -> None:

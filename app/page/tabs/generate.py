@@ -40,6 +40,7 @@ class ResultParts:
     message: gr.HTML
     status: gr.HTML
     empty: gr.HTML
+    verdict: gr.HTML
     player: gr.HTML
     """Its value is a `Showing` as a dictionary; without rows it takes no room."""
     figures: gr.HTML
@@ -54,6 +55,7 @@ class ResultParts:
             self.message,
             self.status,
             self.empty,
+            self.verdict,
             self.player,
             self.figures,
             self.numbers,
@@ -186,6 +188,7 @@ def build_results() -> ResultParts:
     message = gr.HTML("", visible=False, elem_id="message")
     status = gr.HTML(markup.sentence_status(text.READY), elem_id="status")
     empty = gr.HTML(markup.empty_state(), elem_id="empty")
+    verdict = gr.HTML("", visible=False, elem_id="verdict")
     player = gr.HTML(
         {},
         html_template='<div class="lockstep" hidden></div>',
@@ -195,7 +198,7 @@ def build_results() -> ResultParts:
     )
     figures, numbers, downloads_part, bundle, files = results_parts("")
     return ResultParts(
-        message, status, empty, player, figures, numbers, downloads_part, bundle, files
+        message, status, empty, verdict, player, figures, numbers, downloads_part, bundle, files
     )
 
 
