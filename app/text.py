@@ -57,6 +57,12 @@ FILTER_HELP = (
     "Off shows what the models made. On is what the official code does before anyone looks. "
     "The numbers always give both."
 )
+TRAIL_LABEL = "Trail of the followed point"
+TRAIL_HELP = "Its last second: coloured by speed, with a dot where it jerks."
+COLORING_LABEL = "Colour the body by jerk"
+COLORING_HELP = "Grey is still; yellow, red and purple jerk more. One scale for all."
+EXAGGERATE_LABEL = "Exaggerate tremble"
+EXAGGERATE_HELP = "All above 5 Hz, in the videos only; they say so. Numbers stay as they are."
 REFERENCE_LABEL = "Reference motion (BEAT2 .npz, optional)"
 POINT_LABEL = "Point to follow in plots and measures"
 START_LABEL = "First frame of the figure"

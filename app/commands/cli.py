@@ -16,12 +16,15 @@ from app import text
 from app.commands.study import add_study
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import CancelledRun, RunError, sentence_of
+from app.run.display import COLORINGS, FACTORS, Display
 from app.run.export import BACKGROUNDS, ENDINGS, SHEET_POSES, RenderRequest, render_motion
 from app.run.followed_point import TIP
 from app.run.request import (
+    CLOSE_UPS,
     LOOKS,
     POST_FILTERS,
     VIEWS,
+    CloseUp,
     GenerateRequest,
     View,
     check_size,
@@ -114,6 +117,8 @@ def _add_generate(commands) -> None:
         "--views", type=_views, default=("front",), metavar="V,...",
         help=f"of {', '.join(VIEWS)}; the first is compared (default: front)",
     )  # fmt: skip
+    _add_close_up(parser, "hands")
+    _add_display(parser)
     parser.add_argument("--no-video", action="store_true", help="no videos, figure without poses")
     parser.add_argument(
         "--size", type=_size, default=512, metavar="PX", help="of one video (default: 512)"
@@ -132,6 +137,7 @@ def _add_generate(commands) -> None:
 
 def _generate(options: argparse.Namespace) -> None:
     from app.commands.terminal import ProgressBars
+    from app.findings.verdict import verdict_of
     from app.run.pipeline import generate_all
 
     request = GenerateRequest(
@@ -154,13 +160,16 @@ def _generate(options: argparse.Namespace) -> None:
         body=options.body,
         look=options.look,
         views=options.views,
+        close_ups=options.close_up,
+        display=_display(options),
         size=options.size,
         has_video=not options.no_video,
         max_speech_s=60 * options.max_minutes,
     )
     with ProgressBars() as bars:
         result = generate_all(request, bars.take)
-    _finish(result.files, result.notes)
+    verdict = verdict_of(result.diagnostics)
+    _finish(result.files, [*result.notes, *([] if verdict is None else [verdict.text])])
 
 
 def _add_diagnose(commands) -> None:
@@ -291,6 +300,12 @@ def _add_render(commands) -> None:
         help=f"of {', '.join(VIEWS)}; the files of all but the first have the view in their name "
         "(default: front)",
     )  # fmt: skip
+    _add_close_up(parser, "off")
+    _add_display(parser)
+    parser.add_argument(
+        "--joint", default=TIP, metavar="NAME",
+        help="fingertip or joint that a trail follows (default: %(default)s)",
+    )  # fmt: skip
     parser.add_argument(
         "--size", type=_size, default=720, metavar="PX", help="width and height (default: 720)"
     )
@@ -319,6 +334,9 @@ def _render(options: argparse.Namespace) -> None:
         body=options.body,
         look=options.look,
         views=options.views,
+        close_ups=options.close_up,
+        display=_display(options),
+        joint=options.joint,
         size=options.size,
         is_draft=options.draft,
         num_stills=options.stills,
@@ -361,6 +379,34 @@ def _add_body(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def _add_close_up(parser: argparse.ArgumentParser, usual: str) -> None:
+    parser.add_argument(
+        "--close-up", type=_close_ups, default=usual, metavar="V,...|off",
+        help=f"of {', '.join(CLOSE_UPS)}: beside the body in the first view's video "
+        "(default: %(default)s)",
+    )  # fmt: skip
+
+
+def _add_display(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--exaggerate", type=int, choices=FACTORS, default=1, metavar="N",
+        help="draw tremble, all above 5 Hz, N times as large, and say so in the picture: "
+        f"{', '.join(str(factor) for factor in FACTORS)} (default: 1)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--trail", action="store_true",
+        help="the way of the followed point through the last second, coloured by its speed",
+    )  # fmt: skip
+    parser.add_argument(
+        "--color", choices=COLORINGS, default=COLORINGS[0],
+        help="jerk: each region of the body by how much it jerks (default: %(default)s)",
+    )  # fmt: skip
+
+
+def _display(options: argparse.Namespace) -> Display:
+    return Display(options.exaggerate, options.trail, options.color)
+
+
 def _add_look(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--look", choices=LOOKS, default=LOOKS[0], metavar="BUILD-TONE",
@@ -396,6 +442,17 @@ def _views(value: str) -> tuple[View, ...]:
     if unknown:
         raise argparse.ArgumentTypeError(f"no view {unknown[0]!r}; views are {', '.join(VIEWS)}")
     return tuple(known[name] for name in dict.fromkeys(_names(value)))
+
+
+def _close_ups(value: str) -> tuple[CloseUp, ...]:
+    known: dict[str, CloseUp] = {close_up: close_up for close_up in CLOSE_UPS}
+    names = () if value == "off" else _names(value)
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise argparse.ArgumentTypeError(
+            f"no close-up {unknown[0]!r}; there are {', '.join(CLOSE_UPS)}, or off"
+        )
+    return tuple(known[name] for name in dict.fromkeys(names))
 
 
 def _size(value: str) -> int:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
 from app.errors import RunError
+from app.run.display import Display, check_display, displayed, marks_of
 from app.run.models import get_body
-from app.run.request import LOOKS, View, check_size
+from app.run.request import LOOKS, CloseUp, View, check_size
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from model.motion.motion import Motion
     from renderer.body.body import Body, BodyMotion
     from renderer.video.render import RenderSettings
 
@@ -37,8 +39,14 @@ class RenderRequest:
     look: str = LOOKS[0]
     views: tuple[View, ...] = ("front",)
     """The first one's files are called as ``out``; the others' have the view in their name."""
+    close_ups: tuple[CloseUp, ...] = ()
+    """Beside the body, in the videos and pictures of the first view."""
+    display: Display = field(default_factory=Display)
+    """What pictures show beyond the body as it moves."""
+    joint: str = "right_middle"
+    """The fingertip or joint that a trail follows."""
     size: int = 720
-    """Width and height of a picture."""
+    """Width and height of the body's picture."""
     is_draft: bool = False
     num_stills: int | None = None
     """So many pictures, evenly spread over the motion."""
@@ -71,10 +79,11 @@ def render_motion(
     from model.motion.motion import load_motion
 
     _check(request)
-    motion = body_motion(load_motion(request.motion))
+    read = load_motion(request.motion)
+    motion = body_motion(read)
     body = get_body(request.body, request.look)
     if request.ending in (".mp4", ".png"):
-        files = _draw(request, motion, on_progress)
+        files = _draw(request, read, body, on_progress)
     else:
         files = _export(request, body, motion)
     return files, body.notes(motion)
@@ -83,6 +92,12 @@ def render_motion(
 def _check(request: RenderRequest) -> None:
     has_pictures = request.ending in (".mp4", ".png")
     check_size(request.size)
+    check_display(request.display)
+    if not has_pictures and not request.display.is_plain:
+        raise RunError(
+            f"A {request.ending} file holds the motion as it is; trails, colours and exaggeration "
+            "are for a .png or .mp4."
+        )
     if not request.out.parent.is_dir():
         raise RunError(f"The folder {request.out.parent} does not exist; create it first.")
     if request.num_stills is not None and not 1 <= request.num_stills <= MAX_STILLS:
@@ -97,6 +112,10 @@ def _check(request: RenderRequest) -> None:
         raise RunError(
             f"A {request.ending} file cannot have a transparent background; write a .png."
         )
+    if request.background == "transparent" and not request.display.is_plain:
+        raise RunError("Trails, colours and exaggeration are shown in the studio only.")
+    if request.background == "transparent" and request.close_ups:
+        raise RunError("Close-ups are shown in the studio only; leave the background out.")
     if request.speech is not None and not request.speech.is_file():
         raise RunError(f"There is no speech file at {request.speech}.")
 
@@ -115,9 +134,13 @@ def body_motion(motion) -> BodyMotion:
 
 
 def render_settings(
-    view: View, size: int, is_draft: bool = False, is_transparent: bool = False
+    view: View,
+    size: int,
+    is_draft: bool = False,
+    is_transparent: bool = False,
+    close_ups: tuple[CloseUp, ...] = (),
 ) -> RenderSettings:
-    """Square pictures of that size.
+    """Square pictures of that size, and close-ups beside them.
 
     Raises:
         RunError: if the size cannot be drawn or encoded.
@@ -131,6 +154,7 @@ def render_settings(
             view=view,
             antialias=not is_draft,
             is_transparent=is_transparent,
+            close_ups=close_ups,
         )
     except ValueError as error:
         raise RunError(str(error)) from error
@@ -152,22 +176,31 @@ def _export(request: RenderRequest, body: Body, motion: BodyMotion) -> tuple[Pat
 
 
 def _draw(
-    request: RenderRequest, motion: BodyMotion, on_progress: Callable[[float], None]
+    request: RenderRequest, read: Motion, body: Body, on_progress: Callable[[float], None]
 ) -> tuple[Path, ...]:
+    from app.run.followed_point import choose_tip_source
+    from renderer.video.frames import stage_for
     from renderer.video.pool import RenderJob, RenderPool
 
+    tip = choose_tip_source(body, request.body, request.joint)
+    motion = body_motion(displayed(read, request.display))
+    marks = marks_of(read, request.display, tip, body)
     stills, sheet = _chosen_frames(request, motion.num_frames)
     files: list[Path] = []
     with RenderPool(max_workers=1) as pool:
         for done, view in enumerate(request.views):
             out = request.out if done == 0 else _named(request.out, view)
+            settings = render_settings(
+                *(view, request.size, request.is_draft, request.background == "transparent"),
+                close_ups=request.close_ups if done == 0 else (),
+            )
             job = RenderJob(
                 motion=motion,
                 out=out if request.ending == ".mp4" else None,
                 speech_wav=request.speech,
-                settings=render_settings(
-                    view, request.size, request.is_draft, request.background == "transparent"
-                ),
+                settings=settings,
+                stage=stage_for(body, [body_motion(read)], settings),
+                marks=marks,
                 body_path=request.body,
                 look=request.look,
                 still_frames=(*stills, *sheet),

@@ -190,6 +190,7 @@ def _needed_bytes(request: GenerateRequest, num_frames: int, num_systems: int) -
     """What such runs have taken, and half as much again."""
     count = num_systems * request.samples + 1
     motion_bytes = 4 * 268 * num_frames
-    pixels = request.size**2 * len(request.views) * 2  # each picture is in the comparison too
+    # Each picture is in the comparison too, and so is each close-up, of half a body's height.
+    pixels = request.size**2 * (len(request.views) + len(request.close_ups) / 2) * 2
     video_bytes = 0.012 * pixels * num_frames if request.has_video else 0.0
     return int(1.5 * count * (motion_bytes + video_bytes) + 10e6)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from app.run.display import displayed, marks_of
 from app.run.export import body_motion, render_settings
 from app.run.jerk_marks import jerk_marks
 from app.run.models import get_body
@@ -18,6 +19,7 @@ from app.run.videos import draw_videos
 if TYPE_CHECKING:
     import numpy as np
 
+    from app.run.followed_point import TipSource
     from app.run.inputs import Inputs
     from model.motion.motion import Motion
     from renderer.figures.figure6.figure6 import JointMarks
@@ -61,34 +63,37 @@ def draw_all(
     request: GenerateRequest,
     inputs: Inputs,
     rows: Sequence[Row],
+    tip: TipSource,
     folder: ResultFolder,
     reporter: Reporter,
 ) -> Snapshots:
-    """A video for each row and view; the poses for Figure 6 are taken on the way, with the first
-    view's camera.
+    """A video for each row and view; the poses for Figure 6, from the first view, are taken on the
+    way where videos show the same, and drawn apart where they do not.
 
     Raises:
         CancelledRun, BodyError, GLError, VideoError: see `app.run.videos.draw_videos`.
     """
     from renderer.figures.figure6.figure6 import choose_snapshot_frames
-    from renderer.stage.stage import set_stage
+    from renderer.video.frames import stage_for
     from renderer.video.pool import RenderJob
 
     reporter.progress("video", 0.0)
     motions = {row.name: body_motion(row.shown) for row in rows}
+    drawn = {row.name: body_motion(displayed(row.shown, request.display)) for row in rows}
+    marks = {row.name: marks_of(row.shown, request.display, tip, inputs.body) for row in rows}
     shortest = min(motion.num_frames for motion in motions.values())
     frames = choose_snapshot_frames(shortest, request.start_frame)
-    marks = None
     jobs: dict[str, RenderJob] = {}
-    drawn: dict[str, str] = {}
+    named: dict[str, str] = {}
     for view in request.views:
-        settings = render_settings(view, request.size)
-        stage = set_stage(inputs.body, list(motions.values()), view, settings.aspect)
-        marks = marks or jerk_marks(inputs.body, motions, frames, settings, stage)
-        for name, motion in motions.items():
-            is_main = view == request.views[0]
+        is_main = view == request.views[0]
+        close_ups = request.close_ups if is_main else ()
+        settings = render_settings(view, request.size, close_ups=close_ups)
+        # As for the motions themselves: exaggerated ones stand before the same camera.
+        stage = stage_for(inputs.body, list(motions.values()), settings)
+        for name, motion in drawn.items():
             file_name = file_stem(name) + ("" if is_main else f".{view}") + ".mp4"
-            drawn[file_name] = name
+            named[file_name] = name
             jobs[file_name] = RenderJob(
                 motion=motion,
                 out=folder.path(file_name),
@@ -97,17 +102,45 @@ def draw_all(
                 body_path=request.body,
                 look=request.look,
                 stage=stage,
-                still_frames=frames if is_main else (),
+                marks=marks[name],
+                still_frames=frames if is_main and request.display.is_plain else (),
             )
+    plain = render_settings(request.views[0], request.size)
+    plain_stage = stage_for(inputs.body, list(motions.values()), plain)
+    if not request.display.is_plain:
+        jobs |= {
+            f"poses of {name}": RenderJob(
+                motion=motion,
+                settings=plain,
+                body_path=request.body,
+                look=request.look,
+                stage=plain_stage,
+                still_frames=frames,
+            )
+            for name, motion in motions.items()
+        }
     results = draw_videos(
         jobs,
         on_progress=lambda part: reporter.progress("video", part),
-        on_done=lambda file: reporter.file("video", drawn[file], folder.path(file)),
+        on_done=lambda job: _tell_of_video(job, named, folder, reporter),
         should_cancel=reporter.should_cancel,
     )
     reporter.progress("video", 1.0)
-    pictures = {row.name: results[f"{file_stem(row.name)}.mp4"].stills for row in rows}
-    return Snapshots(frames, pictures, marks)
+    if request.display.is_plain:
+        main = render_settings(request.views[0], request.size, close_ups=request.close_ups)
+        box = main.panels[0].box
+        pictures = {name: results[f"{file_stem(name)}.mp4"].stills[:, *box] for name in motions}
+    else:
+        pictures = {name: results[f"poses of {name}"].stills for name in motions}
+    of_joints = jerk_marks(inputs.body, motions, frames, plain, plain_stage)
+    return Snapshots(frames, pictures, of_joints)
+
+
+def _tell_of_video(
+    job: str, named: Mapping[str, str], folder: ResultFolder, reporter: Reporter
+) -> None:
+    if job in named:
+        reporter.file("video", named[job], folder.path(job))
 
 
 def join_side_by_side(

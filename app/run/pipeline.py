@@ -7,6 +7,7 @@ import ctypes
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from app.errors import CancelledRun
@@ -101,7 +102,7 @@ def _run(request: GenerateRequest, folder: ResultFolder, reporter: Reporter) -> 
     diagnostics = _measure(rows, onsets_s, words, tip, folder, reporter)
     snapshots = Snapshots()
     if request.has_video:
-        snapshots = draw_all(request, inputs, rows, folder, reporter)
+        snapshots = draw_all(request, inputs, rows, tip, folder, reporter)
         join_side_by_side(rows, inputs, folder, reporter)
     _draw_figures(request, rows, snapshots, tip, diagnostics, folder, reporter)
     _write_provenance(request, inputs, folder, reporter)
@@ -249,6 +250,8 @@ def _write_provenance(
             "look": inputs.body.look,
             "backend": inputs.backend,
             "views": list(request.views),
+            "close_ups": list(request.close_ups),
+            "display": asdict(request.display),
             "size": request.size,
         },
         notes=reporter.notes,

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from app.errors import RunError
+from app.run.display import Display, check_display
 
 if TYPE_CHECKING:
     from model.measures.diagnostics import Diagnostics
@@ -16,6 +17,8 @@ PostFilter = Literal["none", "savgol"]
 POST_FILTERS: tuple[PostFilter, ...] = get_args(PostFilter)
 View = Literal["front", "three_quarter", "side", "face", "left_hand", "right_hand"]
 VIEWS: tuple[View, ...] = get_args(View)
+CloseUp = Literal["face", "hands"]
+CLOSE_UPS: tuple[CloseUp, ...] = get_args(CloseUp)
 LOOKS = tuple(
     f"{build}-{tone}"
     for build in ("average", "slender", "broad")
@@ -96,8 +99,12 @@ class GenerateRequest:
     look: str = LOOKS[0]
     """One of `LOOKS`; a body of one's own has the first only."""
     views: tuple[View, ...] = ("front",)
+    close_ups: tuple[CloseUp, ...] = ("hands",)
+    """What stands in the videos of the first view, and so in the comparison, beside the body."""
     size: int = 512
-    """Width and height of one video in pixels."""
+    """Width and height of the body in one video in pixels; a close-up adds half of it."""
+    display: Display = field(default_factory=Display)
+    """What the videos show beyond the body as it moves."""
     has_video: bool = True
     has_previews: bool = False
     """Whether each motion is told of as a GLB too, to be shown while its video is drawn."""
@@ -141,6 +148,7 @@ def check_request(request: GenerateRequest) -> None:
     for value, allowed, what in (
         (request.post_filter, POST_FILTERS, "post-filter"),
         *((view, VIEWS, "view") for view in request.views),
+        *((close_up, CLOSE_UPS, "close-up") for close_up in request.close_ups),
     ):
         if value not in allowed:
             names = ", ".join(str(name) for name in allowed if name)
@@ -155,6 +163,7 @@ def check_request(request: GenerateRequest) -> None:
         raise RunError(f"Guidance must be 0 to {MAX_GUIDANCE}; got {request.guidance:g}.")
     if request.seed < 0:
         raise RunError(f"The seed must not be negative; got {request.seed}.")
+    check_display(request.display)
     if request.has_video:
         check_size(request.size)
 

@@ -128,13 +128,23 @@ class DynamicMesh:
         # The layout of pyrender's vertex buffer: position, normal, colour.
         self._interleaved = np.concatenate([vertices, normals, rgba], axis=1).astype(np.float32)
 
-    def move(self, vertices: Float[np.ndarray, "V 3"], normals: Float[np.ndarray, "V 3"]) -> None:
-        """Put the vertices elsewhere. Before the first drawing only the next upload changes."""
+    def move(
+        self,
+        vertices: Float[np.ndarray, "V 3"],
+        normals: Float[np.ndarray, "V 3"],
+        colors: Float[np.ndarray, "V 3"] | None = None,
+    ) -> None:
+        """Put the vertices elsewhere, and in other colours if there are any. Before the first
+        drawing only the next upload changes."""
         self._interleaved[:, 0:3] = vertices
         self._interleaved[:, 3:6] = normals
+        if colors is not None:
+            self._interleaved[:, 6:9] = colors
         if not self._primitive._in_context():
             self._primitive.positions = vertices
             self._primitive.normals = normals
+            if colors is not None:
+                self._primitive.color_0 = self._interleaved[:, 6:10].copy()
             return
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._primitive._buffers[0])
         GL.glBufferSubData(GL.GL_ARRAY_BUFFER, 0, self._interleaved.nbytes, self._interleaved)

@@ -36,7 +36,7 @@ class BodyScene:
     def show(self, frame: PosedFrame, camera: Camera) -> None:
         """Move the body, its shadow and the camera. The OpenGL context must be current."""
         self.scene.set_pose(self._camera, camera.pose())
-        self._body.move(frame.vertices, frame.normals)
+        self._body.move(frame.vertices, frame.normals, frame.colors)
         self._ground.show(frame.ground)
 
 

@@ -113,7 +113,7 @@ class OffscreenRenderer:
         self.backend: GLBackend = backend
         self.antialias: Antialias = antialias
         self._subject = subject
-        self._scene: BodyScene | None = None
+        self._canvases: list[Canvas] = []
 
     def __enter__(self) -> "OffscreenRenderer":
         open_gl(self.backend)
@@ -134,32 +134,28 @@ class OffscreenRenderer:
         return self
 
     def _open(self) -> None:
-        from renderer.draw.gl import FrameRenderer
-
         self._platform = _new_platform(self.backend, self.width, self.height)
         self._platform.init_context()
         self._platform.make_current()
-        self._renderer = FrameRenderer(
-            self.width, self.height, self.antialias, has_alpha=self._subject.is_transparent
-        )
+        self._canvases = [Canvas(self._subject, self.width, self.height, self.antialias)]
 
     def __exit__(self, *exception: object) -> None:
         try:
-            self._renderer.delete()
+            for canvas in self._canvases:
+                canvas.delete()
             self._platform.delete_context()
         finally:
             _in_use.release()
 
+    def beside(self, subject: Subject, width: int, height: int) -> "Canvas":
+        """What draws another subject in another size, for as long as this renderer is open."""
+        check_picture_size(width, height)
+        self._canvases.append(Canvas(subject, width, height, self.antialias))
+        return self._canvases[-1]
+
     def draw(self, frame: PosedFrame, camera: Camera) -> UInt8[np.ndarray, "H W C"]:
         """The picture, upper row first; overwritten by the next call."""
-        if self._scene is None:
-            from renderer.draw.gl_scene import BodyScene
-
-            aspect = self.width / self.height
-            self._scene = BodyScene(self._subject, frame, camera, aspect)
-        self._scene.show(frame, camera)
-        picture = self._renderer.draw(self._scene.scene)
-        return _undarkened(picture) if self._subject.is_transparent else picture
+        return self._canvases[0].draw(frame, camera)
 
     @property
     def driver(self) -> str:
@@ -168,6 +164,32 @@ class OffscreenRenderer:
 
         name = GL.glGetString(GL.GL_RENDERER)
         return name.decode() if name else "an unnamed driver"
+
+
+class Canvas:
+    """One subject and its framebuffer, within the context of an open renderer."""
+
+    def __init__(self, subject: Subject, width: int, height: int, antialias: Antialias) -> None:
+        from renderer.draw.gl import FrameRenderer
+
+        self._subject = subject
+        self._aspect = width / height
+        self._scene: BodyScene | None = None
+        self._renderer = FrameRenderer(width, height, antialias, has_alpha=subject.is_transparent)
+
+    def draw(self, frame: PosedFrame, camera: Camera) -> UInt8[np.ndarray, "H W C"]:
+        """The picture, upper row first; overwritten by the next call."""
+        if self._scene is None:
+            from renderer.draw.gl_scene import BodyScene
+
+            self._scene = BodyScene(self._subject, frame, camera, self._aspect)
+        self._scene.show(frame, camera)
+        picture = self._renderer.draw(self._scene.scene)
+        return _undarkened(picture) if self._subject.is_transparent else picture
+
+    def delete(self) -> None:
+        """Free what the driver holds."""
+        self._renderer.delete()
 
 
 def _new_platform(backend: GLBackend, width: int, height: int):

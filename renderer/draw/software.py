@@ -25,6 +25,7 @@ class SoftwareRenderer:
             ValueError: if the picture has no pixel.
         """
         check_picture_size(width, height)
+        self._antialias: Antialias = antialias
         self._scale = 1 if antialias == "none" else SUPERSAMPLE
         samples = (height * self._scale, width * self._scale)
         self._canvas = np.empty((*samples, 3), np.float32)
@@ -44,6 +45,10 @@ class SoftwareRenderer:
 
     def __exit__(self, *exception: object) -> None:
         pass
+
+    def beside(self, subject: Subject, width: int, height: int) -> "SoftwareRenderer":
+        """What draws another subject in another size."""
+        return SoftwareRenderer(subject, width, height, self._antialias)
 
     def draw(self, frame: PosedFrame, camera: Camera) -> UInt8[np.ndarray, "H W C"]:
         """The picture, upper row first; overwritten by the next call."""
@@ -70,6 +75,8 @@ class SoftwareRenderer:
         return self._pixels
 
     def _colors(self, frame: PosedFrame) -> Float32[np.ndarray, "V 3"]:
+        if frame.colors is not None:
+            return frame.colors
         return self._subject.colors_of(len(frame.vertices))
 
     def _project(

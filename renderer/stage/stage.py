@@ -10,6 +10,7 @@ from scipy import ndimage
 from renderer.body.body import Body, BodyMotion
 from renderer.body.joints import JOINT_INDEX, JOINT_NAMES
 from renderer.stage.camera import Camera, frame_points, outermost
+from renderer.stage.panels import Panel
 
 _CLOSE_UPS = {
     "face": [JOINT_INDEX[name] for name in ("head", "jaw", "left_eye", "right_eye")],
@@ -26,6 +27,11 @@ _CLOSE_UPS = {
 
 _CLOSE_UP_SIGMA_FRAMES, _WALK_SIGMA_FRAMES = 12.0, 30.0
 """A camera that follows moves slowly, so that the jitter of what it shows can be seen."""
+_STEADY_SIGMA_FRAMES = 2.0
+"""Of the hands beside a picture: their camera takes away gestures, below 2 Hz, so that a hand stays
+large in its place, and leaves them what trembles, above 5 Hz, as it is."""
+_FINGERTIP_M = 0.035
+"""How far a fingertip reaches beyond its last joint, at most."""
 
 FOLLOW_BEYOND_M = 1.5
 """Where the bodies of a comparison wander farther, cameras go with them: one that stood still would
@@ -34,6 +40,14 @@ have to show all of the way, and the bodies small."""
 _PIECE_FRAMES = 512
 
 _FEET = [JOINT_INDEX[f"{side}_{name}"] for side in ("left", "right") for name in ("ankle", "foot")]
+
+
+@dataclass(frozen=True)
+class Shot:
+    """The camera of a close-up beside the picture, relative to the point that it follows."""
+
+    view: str
+    camera: Camera
 
 
 @dataclass(frozen=True)
@@ -49,10 +63,16 @@ class Stage:
     """Longer side of that ground."""
     is_following: bool = False
     """Whether the camera goes with the body: in close-ups, and where a body wanders far."""
+    close_ups: tuple[Shot, ...] = ()
+    """Of the panels beside the picture, in their order."""
 
 
 def set_stage(
-    body: Body, motions: Sequence[BodyMotion], view: str = "front", aspect: float = 1.0
+    body: Body,
+    motions: Sequence[BodyMotion],
+    view: str = "front",
+    aspect: float = 1.0,
+    close_ups: Sequence[Panel] = (),
 ) -> Stage:
     """The stage that shows all of these motions, each in turn, with equal cameras.
 
@@ -62,6 +82,7 @@ def set_stage(
     Args:
         view: one of ``camera.VIEWS``.
         aspect: width of the picture by its height.
+        close_ups: panels that show parts of the body beside the picture.
 
     Raises:
         ValueError: if there is no motion.
@@ -71,11 +92,16 @@ def set_stage(
     reach = _reach(body)
     shown = _CLOSE_UPS.get(view, list(range(len(JOINT_NAMES))))
     from_afar, along, pelvises, floors, corners = [], [], [], [], []
+    near: list[list[np.ndarray]] = [[] for _ in close_ups]
     for motion in motions:
         positions = _joint_positions(body, motion)
         from_afar.append(outermost(positions[:, shown], view, aspect=aspect))
         relative = positions[:, shown] - _track(positions, view)[:, None]
         along.append(outermost(relative, view, aspect=aspect))
+        for places, panel in zip(near, close_ups, strict=True):
+            followed = positions[:, _CLOSE_UPS[panel.view]]
+            relative = followed - _steady_track(positions, panel.view)[:, None]
+            places.append(outermost(relative, panel.view, aspect=panel.aspect))
         pelvises += [positions[:, 0].min(axis=0), positions[:, 0].max(axis=0)]
         floors.append(_floor(body, positions))
         corners += [positions.min(axis=(0, 1)), positions.max(axis=(0, 1))]
@@ -90,7 +116,24 @@ def set_stage(
         centre_xz=(float(low[0] + high[0]) / 2.0, float(low[2] + high[2]) / 2.0),
         extent_m=float(max(high[0] - low[0], high[2] - low[2])),
         is_following=is_following,
+        close_ups=tuple(
+            _shot(panel, np.concatenate(places), reach)
+            for places, panel in zip(near, close_ups, strict=True)
+        ),
     )
+
+
+def _shot(panel: Panel, points: Float[np.ndarray, "N J 3"], reach: np.ndarray) -> Shot:
+    """The camera that has these places of a panel's joints inside, of a hand those of the fingers
+    and no more of the arm than there is room for."""
+    of_joint = reach[_CLOSE_UPS[panel.view]]
+    if panel.view != "face":
+        of_joint = np.minimum(of_joint, _FINGERTIP_M)
+    radius = np.broadcast_to(of_joint, points.shape[:2])
+    camera = frame_points(
+        *(points.reshape(-1, 3), panel.view), aspect=panel.aspect, radius_m=radius.ravel()
+    )
+    return Shot(panel.view, camera)
 
 
 def frames_of(motion: BodyMotion, frames: slice | Sequence[int]) -> BodyMotion:
@@ -113,6 +156,14 @@ def camera_track(
     return _track(_joint_positions(body, motion), view)
 
 
+def close_up_tracks(body: Body, motion: BodyMotion, stage: Stage) -> list[Float[np.ndarray, "T 3"]]:
+    """Where the camera of each of ``stage.close_ups`` stands in each frame, metres."""
+    if not stage.close_ups:
+        return []
+    positions = _joint_positions(body, motion)
+    return [_steady_track(positions, shot.view) for shot in stage.close_ups]
+
+
 def _joint_positions(body: Body, motion: BodyMotion) -> Float32[np.ndarray, "T J 3"]:
     """All joints of a clip, computed in pieces so that memory follows the result alone."""
     starts = range(0, motion.num_frames, _PIECE_FRAMES)
@@ -130,6 +181,14 @@ def _track(positions: Float[np.ndarray, "T J 3"], view: str) -> Float[np.ndarray
     else:
         middle, sigma = positions[:, 0] * np.array([1.0, 0.0, 1.0], np.float32), _WALK_SIGMA_FRAMES
     return ndimage.gaussian_filter1d(middle, sigma, axis=0, mode="nearest")
+
+
+def _steady_track(positions: Float[np.ndarray, "T J 3"], view: str) -> Float[np.ndarray, "T 3"]:
+    """As ``_track`` of a close-up, but close on the heels of a hand."""
+    if view == "face":
+        return _track(positions, view)
+    middle = positions[:, _CLOSE_UPS[view]].mean(axis=1)
+    return ndimage.gaussian_filter1d(middle, _STEADY_SIGMA_FRAMES, axis=0, mode="nearest")
 
 
 def _reach(body: Body) -> Float[np.ndarray, " J"]:

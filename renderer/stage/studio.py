@@ -41,6 +41,13 @@ class PosedFrame:
     normals: Float[np.ndarray, "V 3"]
     ground: np.ndarray
     """(R, R, 3) uint8: the floor with this frame's shadow."""
+    colors: Float[np.ndarray, "V 3"] | None = None
+    """Linear RGB of this frame alone; None is what the subject has."""
+
+    def part(self, vertices: Int[np.ndarray, " N"]) -> "PosedFrame":
+        """Some of the vertices, lit as among all."""
+        colors = None if self.colors is None else self.colors[vertices]
+        return PosedFrame(self.vertices[vertices], self.normals[vertices], self.ground, colors)
 
 
 @dataclass(frozen=True)
@@ -82,5 +89,9 @@ class FramePreparer:
             half_size_m=HALF_SIZE_M + stage.extent_m / 2.0,
         )
 
-    def __call__(self, vertices: Float[np.ndarray, "V 3"]) -> PosedFrame:
-        return PosedFrame(vertices, self.normals(vertices), self.ground.texture(vertices))
+    def __call__(
+        self,
+        vertices: Float[np.ndarray, "V 3"],
+        colors: Float[np.ndarray, "V 3"] | None = None,
+    ) -> PosedFrame:
+        return PosedFrame(vertices, self.normals(vertices), self.ground.texture(vertices), colors)

@@ -66,6 +66,7 @@ def compose_videos(
             )
     check_sound(speech_wav)
     num_frames = max(each.num_frames for each in facts)
+    shorter = min(first.width, first.height)
     rows = rows_of(len(videos), first.width)
     width = first.width * max(len(row) for row in rows)
     with tempfile.TemporaryDirectory() as folder:
@@ -73,7 +74,7 @@ def compose_videos(
         for number, row in enumerate(rows):
             band = Path(folder) / f"labels{number}.png"
             names = [labels[i] for i in row]
-            Image.fromarray(label_band(names, first.width, first.height, width)).save(band)
+            Image.fromarray(label_band(names, first.width, shorter, width)).save(band)
             inputs += ["-i", str(band)]
         if speech_wav is not None:
             inputs += ["-i", str(speech_wav)]
@@ -123,7 +124,8 @@ def _filter(facts: Sequence[VideoFacts], rows: Sequence[range], num_frames: int)
         f"[{i}:v]setpts=PTS-STARTPTS,tpad=stop={num_frames - each.num_frames}:stop_mode=clone[v{i}]"
         for i, each in enumerate(facts)
     ]
-    picture_width, band = facts[0].width, band_height(facts[0].height)
+    picture_width = facts[0].width
+    band = band_height(min(picture_width, facts[0].height))
     width = picture_width * len(rows[0])
     for number, row in enumerate(rows):
         joined = "".join(f"[v{i}]" for i in row)
@@ -146,7 +148,10 @@ def _left_edge(count: int, picture_width: int, width: int) -> int:
 
 
 def band_height(picture_height: int) -> int:
-    """Height of the label band in pixels: even, and in proportion to the picture."""
+    """Height of the label band in pixels: even, and in proportion to the picture.
+
+    Of a picture that is taller than wide, the width counts.
+    """
     return 2 * max(12, round(picture_height / 28))
 
 

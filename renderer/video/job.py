@@ -11,6 +11,7 @@ from renderer.body.look import DEFAULT_LOOK
 from renderer.draw.offscreen import GLError
 from renderer.stage.stage import Stage
 from renderer.video.encoder import VideoError
+from renderer.video.marks import Marks
 from renderer.video.render import Cancelled, RenderSettings
 
 KNOWN_ERRORS: dict[str, type[Exception]] = {
@@ -34,6 +35,8 @@ class RenderJob:
     """Of the open body."""
     stage: Stage | None = None
     """Shared camera and floor; None makes them for this motion alone."""
+    marks: Marks | None = None
+    """What else is shown in the pictures."""
     still_frames: tuple[int, ...] = ()
     """Frames to return as pictures, in this order."""
     num_processes: int | None = None

@@ -29,8 +29,10 @@ from jaxtyping import UInt8
 from renderer.body.body import Body, BodyMotion
 from renderer.draw.offscreen import GLError
 from renderer.draw.probe import choose_backend
-from renderer.stage.stage import Stage, set_stage
-from renderer.video.render import PIECE_FRAMES, RenderSettings, draw_frames
+from renderer.stage.stage import Stage
+from renderer.video.frames import PIECE_FRAMES, draw_frames, stage_for
+from renderer.video.marks import Marks
+from renderer.video.settings import RenderSettings
 
 MIN_FRAMES_EACH = 300
 """With fewer frames a further process costs more to start than it saves: one alone already keeps
@@ -48,6 +50,7 @@ class Share:
     frames: tuple[int, ...]
     settings: RenderSettings
     stage: Stage
+    marks: Marks | None = None
 
 
 def processes_worth(num_frames: int, num_cores: int) -> int:
@@ -61,21 +64,23 @@ def draw_in_processes(
     settings: RenderSettings,
     stage: Stage | None,
     count: int,
+    marks: Marks | None = None,
 ) -> Generator[UInt8[np.ndarray, "H W C"]]:
     """Yield the picture of each frame in order; close it to end the processes.
 
     Raises:
         GLError: if a process crashes.
     """
-    stage = stage or set_stage(body, [motion], settings.view, settings.aspect)
+    stage = stage or stage_for(body, [motion], settings)
     settings = replace(settings, backend=settings.backend or choose_backend())
-    shape = (settings.height, settings.width, settings.num_channels)
+    width, height = settings.picture_size
+    shape = (height, width, settings.num_channels)
     turns = [frame // PIECE_FRAMES % count for frame in range(motion.num_frames)]
     with ExitStack() as stack:
         children = []
         for number in range(count):
             frames = tuple(frame for frame, turn in enumerate(turns) if turn == number)
-            share = Share(body, motion, frames, settings, stage)
+            share = Share(body, motion, frames, settings, stage, marks)
             children.append(stack.enter_context(_Painter(share)))
         for turn in turns:
             yield children[turn].picture(shape)
@@ -143,7 +148,9 @@ def _paint(share: Share, out: IO[bytes]) -> None:
     writer = threading.Thread(target=write)
     writer.start()
     try:
-        pictures = draw_frames(share.body, share.motion, share.frames, share.settings, share.stage)
+        pictures = draw_frames(
+            *(share.body, share.motion, share.frames, share.settings, share.stage, share.marks)
+        )
         for picture in pictures:
             done.put(picture.tobytes())
     finally:

@@ -58,14 +58,17 @@ def _run(
 ) -> UInt8[np.ndarray, "N H W 3"]:
     body = load_body(job.body_path, job.look)
     if job.out is None:
-        return render_stills(body, job.motion, job.still_frames, job.settings, stage=job.stage)
+        return render_stills(
+            *(body, job.motion, job.still_frames, job.settings), stage=job.stage, marks=job.marks
+        )
     pictures = None
     if job.num_processes and job.num_processes > 1:
         shared = (body, job.motion, job.settings, job.stage)
-        pictures = draw_in_processes(*shared, count=job.num_processes)
+        pictures = draw_in_processes(*shared, count=job.num_processes, marks=job.marks)
     return render_video(
         *(body, job.motion, job.out, job.speech_wav, job.settings, on_progress, should_cancel),
         stage=job.stage,
+        marks=job.marks,
         still_frames=job.still_frames,
         pictures=pictures,
     )

@@ -1,5 +1,6 @@
 """The lock-step player in a real Chromium, over a pipeline that draws numbered pictures at once."""
 
+import re
 import shutil
 import threading
 from collections.abc import Iterator
@@ -199,6 +200,72 @@ def test_keys_play_step_hop_loop_and_enlarge(player: Page) -> None:
     expect(large).to_have_attribute("data-name", "globaldiff/global")
     player.keyboard.press("2")
     expect(large).to_have_count(0)
+
+
+def test_the_worst_second_is_played_slowly_again_and_again(player: Page) -> None:
+    bar = player.locator("#player .controls")
+    worst = bar.get_by_role("button", name="Worst second", exact=True)
+    state = """(() => {
+        const { rate, loop, isPlaying } = document.querySelector('.lockstep').lockstep;
+        return { rate, loop, isPlaying };
+    })()"""
+    worst.click()
+    expect(worst).to_have_attribute("aria-pressed", "true")
+    first = player.evaluate(state)
+    assert first["rate"] == 0.25 and first["loop"][1] - first["loop"][0] == pytest.approx(1.0)
+    expect(bar.locator(".worst-line")).to_contain_text(re.compile(r"1 of \d: globaldiff/"))
+    player.wait_for_function(
+        "() => { const l = document.querySelector('.lockstep').lockstep;"
+        " return l.isPlaying && l.time > l.loop[0] && l.time < l.loop[1]; }"
+    )
+    bar.get_by_role("button", name="Next second, less bad").click()
+    expect(bar.locator(".worst-line")).to_contain_text(re.compile(r"2 of \d"))
+    second = player.evaluate(state)
+    assert abs(second["loop"][0] - first["loop"][0]) >= 1.0
+    bar.get_by_role("button", name="Next worse second").click()
+    assert player.evaluate(state)["loop"] == first["loop"]
+    player.keyboard.press("l")  # another loop is another matter
+    expect(worst).to_have_attribute("aria-pressed", "false")
+    player.keyboard.press("w")
+    player.keyboard.press("w")
+    assert player.evaluate(state)["loop"] is None and player.evaluate(state)["rate"] == 1
+
+
+def test_a_close_up_is_one_click_away(player: Page) -> None:
+    """Each picture holds body, face and hands; the tile shows what is asked for."""
+    group = player.get_by_role("group", name="Close-up")
+    shown = """() => {
+        const picture = document.querySelector('#player .picture').getBoundingClientRect();
+        const video = document.querySelector('#player video').getBoundingClientRect();
+        const share = y => (y - video.top) / video.height;
+        return [share(picture.top), share(picture.bottom)];
+    }"""
+    expect(group.get_by_role("button", name="Hands")).to_have_attribute("aria-pressed", "true")
+    for name, edges in (
+        ("Hands", (0.25, 1.0)),
+        ("Face", (0.0, 0.75)),
+        ("Both", (0.0, 1.0)),
+        ("Off", (0.25, 0.75)),
+    ):
+        group.get_by_role("button", name=name).click()
+        assert player.evaluate(shown) == pytest.approx(edges, abs=0.01)
+    player.keyboard.press("c")
+    expect(group.get_by_role("button", name="Hands")).to_have_attribute("aria-pressed", "true")
+
+
+@pytest.mark.parametrize("mode", ["grid", "wipe"])
+def test_a_large_picture_fits_the_window(player: Page, mode: str) -> None:
+    if mode == "wipe":
+        player.locator("#player").get_by_role("button", name="Wipe").click()
+    else:
+        player.keyboard.press("1")
+    tall = player.evaluate(
+        "Math.max(...[...document.querySelectorAll('#player .picture')]"
+        ".map(each => each.getBoundingClientRect().height))"
+    )
+    assert 500 < tall < 900, "of a window of 900"
+    if mode == "grid":
+        player.keyboard.press("1")
 
 
 def test_two_videos_are_wiped_and_flickered(player: Page) -> None:

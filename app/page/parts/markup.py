@@ -78,6 +78,14 @@ def error_message(sentence: str) -> str:
     )
 
 
+def verdict(numbers: str, judgement: str) -> str:
+    """What the numbers of a run say, above its videos; nothing of no numbers."""
+    if not numbers:
+        return ""
+    below = f"<p>{escape(judgement)}</p>" if judgement else ""
+    return f'<div class="verdict"><b>{escape(numbers)}</b>{below}</div>'
+
+
 def notes_message(notes: Sequence[str]) -> str:
     """What was done to the input, or is left out, in a run that went well."""
     if not notes:

@@ -11,6 +11,7 @@ from typing import Any
 
 from app.page.results.timeline import Version, make_timeline, series_looks
 from app.page.serving.media import MediaDesk
+from app.run.export import render_settings
 from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
 from app.run.request import REFERENCE_NAME, Artefact, GenerateRequest, file_stem
@@ -78,7 +79,12 @@ class Showing:
             {**row, "stem": file_stem(name), "is_reference": name == REFERENCE_NAME}
             for name, row in self._rows.items()
         ]
-        return {"run": self._folder.name, "rows": rows, **self._sound}
+        return {
+            "run": self._folder.name,
+            "rows": rows,
+            "layout": picture_layout(self._request),
+            **self._sound,
+        }
 
     def _write_sound(self) -> tuple[Path, Path]:
         return write_sound(self._request, dict(self._motions), self._folder, self._words)
@@ -95,6 +101,28 @@ class Showing:
                 made.set_exception(error)
 
         threading.Thread(target=work, name="timeline", daemon=True).start()
+
+
+def picture_layout(request: GenerateRequest) -> dict[str, Any]:
+    """Where in a video the body and its close-ups stand.
+
+    Returns:
+        ``aspect``, width by height of the whole; for ``body`` and for each close-up by its name
+        its upper and lower edge, as shares of the height.
+    """
+    from renderer.stage.panels import CLOSE_UPS
+
+    settings = render_settings(request.views[0], request.size, close_ups=request.close_ups)
+    width, height = settings.picture_size
+    body, *beside = settings.panels
+    edges = {
+        name: next(panel for panel in beside if panel.view in CLOSE_UPS[name])
+        for name in request.close_ups
+    }
+    return {"aspect": width / height} | {
+        name: [panel.top / height, (panel.top + panel.height) / height]
+        for name, panel in {"body": body, **edges}.items()
+    }
 
 
 def write_sound(

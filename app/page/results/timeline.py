@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from app.page.results.worst import worst_seconds
 from app.run.diagnostics import onsets_of
 from app.run.followed_point import TipSource
 from app.run.request import REFERENCE_NAME
@@ -63,13 +64,14 @@ def make_timeline(
     Returns:
         ``duration_s``, ``fps``, ``peaks`` (0 to 100), ``onsets_s``, ``point`` (its name for a
         person), and by the name of a motion ``curves``: for ``raw`` and ``savgol`` each of
-        `CURVES`; of filtered motion nothing raw is known.
+        `CURVES`; of filtered motion nothing raw is known. ``worst`` is as `worst_seconds` has it.
     """
     from model.measures.diagnostics import smooth_motion
     from model.motion.timing import FPS
 
     num_frames = max((motion.num_frames for motion in motions.values()), default=0)
     duration_s = num_frames / FPS if speech is None else speech.duration_s
+    tracks = {name: tip.track(motion) for name, motion in motions.items()}
     curves = {}
     for name, motion in motions.items():
         versions: dict[Version, Motion] = {shown: motion}
@@ -85,6 +87,7 @@ def make_timeline(
         "onsets_s": [] if speech is None else onset_times(speech),
         "point": tip.title,
         "curves": curves,
+        "worst": worst_seconds(tracks),
     }
 
 

@@ -14,6 +14,7 @@ from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue, point_choices
 from app.page.parts.html_parts import mount, results_parts
 from app.page.tabs.generate_form import SEED_LIMIT
+from app.run.display import FACTORS
 from app.run.followed_point import TIP
 from model.systems.globaldiff.config import BEST
 
@@ -39,6 +40,7 @@ class ResultParts:
     message: gr.HTML
     status: gr.HTML
     empty: gr.HTML
+    verdict: gr.HTML
     player: gr.HTML
     """Its value is a `Showing` as a dictionary; without rows it takes no room."""
     figures: gr.HTML
@@ -53,6 +55,7 @@ class ResultParts:
             self.message,
             self.status,
             self.empty,
+            self.verdict,
             self.player,
             self.figures,
             self.numbers,
@@ -124,6 +127,18 @@ def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
         systems, two_steps, show_progress="hidden", api_visibility="private",
     )  # fmt: skip
     is_smoothed = gr.Checkbox(False, label=text.FILTER_LABEL, info=text.FILTER_HELP)
+    with gr.Row(elem_classes="pair"):
+        has_trail = gr.Checkbox(
+            True, label=text.TRAIL_LABEL, info=text.TRAIL_HELP, min_width=150, elem_id="trail"
+        )
+        is_colored = gr.Checkbox(
+            False, label=text.COLORING_LABEL, info=text.COLORING_HELP, min_width=150,
+            elem_id="coloring",
+        )  # fmt: skip
+    exaggeration = gr.Radio(
+        [(f"x{factor}", factor) for factor in FACTORS], value=1, label=text.EXAGGERATE_LABEL,
+        info=text.EXAGGERATE_HELP, elem_id="exaggerate",
+    )  # fmt: skip
     with gr.Accordion(text.ADVANCED_LABEL, open=False):
         steps = gr.Textbox(
             "", label=text.STEPS_LABEL, info=text.STEPS_HELP, placeholder=catalogue.usual_steps,
@@ -163,6 +178,7 @@ def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
     fields = (
         *(speech, systems, speaker, seed, samples, steps, sampler, is_smoothed, reference),
         *(point, start_frame, transcript, body_steps, face_steps),
+        *(exaggeration, has_trail, is_colored),
     )
     return FormParts(fields, start, cancel)
 
@@ -178,6 +194,7 @@ def build_results(prefix: str = "", ready: str = text.READY, empty: str = "") ->
     message = gr.HTML("", visible=False, elem_id=prefix + "message")
     status = gr.HTML(markup.sentence_status(ready), elem_id=prefix + "status")
     empty_part = gr.HTML(empty, visible=bool(empty), elem_id=prefix + "empty")
+    verdict = gr.HTML("", visible=False, elem_id=prefix + "verdict")
     player = gr.HTML(
         {},
         html_template='<div class="lockstep" hidden></div>',
@@ -187,7 +204,16 @@ def build_results(prefix: str = "", ready: str = text.READY, empty: str = "") ->
     )
     figures, numbers, downloads_part, bundle, files = results_parts(prefix)
     return ResultParts(
-        message, status, empty_part, player, figures, numbers, downloads_part, bundle, files
+        message,
+        status,
+        empty_part,
+        verdict,
+        player,
+        figures,
+        numbers,
+        downloads_part,
+        bundle,
+        files,
     )
 
 

@@ -10,7 +10,9 @@ from app import text
 from app.config import AppConfig
 from app.errors import RunError
 from app.page.parts.catalogue import Catalogue
+from app.run.display import COLORINGS, Display
 from app.run.request import (
+    CLOSE_UPS,
     POST_FILTERS,
     REFERENCE_NAME,
     GenerateRequest,
@@ -44,6 +46,10 @@ class Form:
     body_steps: float = 0
     """Of systems that draw the face by steps of its own, as `face_steps`; 0 as usual."""
     face_steps: float = 0
+    exaggeration: int = 1
+    has_trail: bool = False
+    is_colored: bool = False
+    """By jerk."""
 
 
 def request_from_form(
@@ -99,6 +105,10 @@ def request_from_form(
         joint=form.point,
         start_frame=int(start_frame),
         body=config.body,
+        display=Display(
+            int(form.exaggeration), bool(form.has_trail), COLORINGS[bool(form.is_colored)]
+        ),
+        close_ups=CLOSE_UPS,  # the player shows those that are wanted
         # A licensed body may be looked at in videos; its mesh is not handed to visitors.
         has_previews=config.body is None,
         max_speech_s=config.max_speech_s,

@@ -12,6 +12,7 @@ import gradio as gr
 
 from app import text
 from app.config import AppConfig
+from app.findings.verdict import verdict_of
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import shown
@@ -133,6 +134,7 @@ class GenerateRunner(TabRunner[GenerateResult]):
     def _without_results(self) -> Updates:
         parts = self._results
         return {
+            parts.verdict: shown(""),
             parts.player: NOTHING,
             parts.figures: shown(""),
             parts.numbers: shown(""),
@@ -184,6 +186,7 @@ class _Work:
         return {
             parts.status: markup.status(line, dict.fromkeys(run.fractions, 1.0), {}),
             parts.message: shown(markup.notes_message(result.notes)),
+            parts.verdict: shown(_verdict(result)),
             parts.player: self.showing.value(is_over=True),
             parts.figures: shown(self.figures.html(result.diagnostics)),
             parts.numbers: shown(measures_table(result.diagnostics)),
@@ -192,3 +195,8 @@ class _Work:
             parts.files: [str(file) for file in result.files],
             **self.at_the_end,
         }
+
+
+def _verdict(result: GenerateResult) -> str:
+    verdict = verdict_of(result.diagnostics)
+    return "" if verdict is None else markup.verdict(verdict.numbers, verdict.judgement)

@@ -1,12 +1,14 @@
 /** The bar under the videos: play, frame by frame, speed, loop, sound, and how they are compared. */
 
 import { clockText, make, relabel } from "./dom.js";
+import { WorstSeconds } from "./worst.js";
 
 const RATES = [0.25, 0.5, 1, 2];
 const MODES = { grid: "All", wipe: "Wipe", flicker: "Flicker" };
+const CLOSE_UPS = { hands: "Hands", face: "Face", both: "Both", off: "Off" };
 const LOOP_S = 2; // what a loop holds at first
 const HOP_S = 1; // of the arrow keys
-const KEYS_HELP = "Space: play or pause. Arrows: one second. Comma and full stop: one frame. L: loop. X: the other of two. 1 to 9: enlarge.";
+const KEYS_HELP = "Space: play or pause. Arrows: one second. Comma and full stop: one frame. L: loop. W: worst second. C: close-up. X: the other of two. 1 to 9: enlarge.";
 
 export class Controls {
   #player;
@@ -46,12 +48,18 @@ export class Controls {
       make("select", { "aria-label": index ? "Second of two" : "First of two", onchange: ({ target }) => this.#tiles.setPair(index, target.value) }),
     );
     this.pairBox = make("span", { class: "pair", hidden: true }, this.pair[0], make("span", {}, "against"), this.pair[1]);
+    const closeUps = Object.entries(CLOSE_UPS).map(([name, label]) =>
+      make("button", { type: "button", "data-close-up": name, onclick: () => this.#tiles.setCloseUp(name) }, label),
+    );
+    this.closeUps = make("div", { class: "switch", role: "group", "aria-label": "Close-up" }, ...closeUps);
+    this.closeUpBox = make("span", { class: "pair close-up" }, make("span", { "aria-hidden": "true" }, "Close-up"), this.closeUps);
+    this.worst = new WorstSeconds(this.#player);
     const left = make("div", { class: "group" }, this.play, back, forward, this.time);
     const middle = make("div", { class: "group" }, this.speed, this.loop, this.sound);
-    const right = make("div", { class: "group compare" }, this.pairBox, this.modes);
+    const right = make("div", { class: "group compare" }, this.closeUpBox, this.pairBox, this.modes);
     const keys = make("button", { type: "button", class: "keys", title: KEYS_HELP, "aria-label": `Keys. ${KEYS_HELP}` }, "?");
     right.append(keys);
-    this.element = make("div", { class: "controls", role: "toolbar", "aria-label": "Player" }, left, middle, right);
+    this.element = make("div", { class: "controls", role: "toolbar", "aria-label": "Player" }, left, middle, this.worst.element, right);
   }
 
   /** Everything but the time, which changes too often. */
@@ -62,6 +70,11 @@ export class Controls {
     this.loop.setAttribute("aria-pressed", String(loop !== null));
     relabel(this.sound, this.#audio.muted ? "silent" : "sound", this.#audio.muted ? "Sound on" : "Sound off");
     for (const button of this.modes.children) button.setAttribute("aria-pressed", String(button.dataset.mode === this.#tiles.mode));
+    for (const button of this.closeUps.children) {
+      button.setAttribute("aria-pressed", String(button.dataset.closeUp === this.#tiles.closeUp));
+      button.hidden = !this.#tiles.closeUps.includes(button.dataset.closeUp);
+    }
+    this.closeUpBox.hidden = this.#tiles.closeUps.length < 2;
     this.#showPair();
     this.#showTime();
   }
@@ -110,6 +123,8 @@ export class Controls {
       End: () => this.#player.seekFrame(Infinity),
       l: () => this.toggleLoop(),
       x: () => this.#tiles.swap(),
+      w: () => this.worst.toggle(),
+      c: () => this.#tiles.nextCloseUp(),
     };
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     if (/^[1-9]$/.test(key)) this.#tiles.enlargeNumber(Number(key));

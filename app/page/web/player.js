@@ -34,7 +34,7 @@ class Player {
   }
 
   /** Show a run as far as it has come; nothing where there is none. */
-  show({ run = null, rows = [], audio = null, timeline = null }) {
+  show({ run = null, rows = [], layout = null, audio = null, timeline = null }) {
     if (run !== this.#run) this.#clear(run);
     const isWorthIt = rows.some((row) => row.motion || row.video);
     this.#root.hidden = !isWorthIt;
@@ -43,6 +43,7 @@ class Player {
       this.#audio.src = audio;
       this.#lockstep.setSound(this.#audio);
     }
+    this.tiles.setLayout(layout);
     this.tiles.show(rows);
     this.controls.update();
     if (timeline && timeline !== this.#timelineUrl) this.#loadTimeline(timeline, rows);
@@ -53,7 +54,9 @@ class Player {
     const response = await fetch(url);
     if (!response.ok) return; // kept no longer: the videos are gone as well
     const data = await response.json();
-    if (url === this.#timelineUrl) this.timeline.show(data, rows);
+    if (url !== this.#timelineUrl) return;
+    this.timeline.show(data, rows);
+    this.controls.worst.set(data.worst);
   }
 
   #clear(run) {
@@ -62,6 +65,7 @@ class Player {
     this.tiles.clear();
     this.#lockstep.clear();
     this.timeline.clear();
+    this.controls.worst.set([]);
   }
 
   dispose() {

@@ -109,8 +109,10 @@ export class Tiles {
   #handle;
   #large = null;
   #flicker = null;
+  #layout = null;
   mode = "grid";
   pair = [null, null];
+  closeUp = "hands";
 
   /** `player` is the Lockstep that the videos join. */
   constructor(player, onPair) {
@@ -160,6 +162,49 @@ export class Tiles {
         tile.showPreview(row.preview, () => this.#player.time);
       }
     }
+  }
+
+  /**
+   * Where in a picture the body and each close-up stand: `aspect` of the whole, and for `body`,
+   * `face` and `hands` its upper and lower edge as shares of the height.
+   */
+  setLayout(layout) {
+    this.#layout = layout;
+    this.#showCloseUp();
+  }
+
+  /** What may be chosen. */
+  get closeUps() {
+    const { face, hands } = this.#layout ?? {};
+    return [...(hands ? ["hands"] : []), ...(face ? ["face"] : []), ...(face && hands ? ["both"] : []), "off"];
+  }
+
+  setCloseUp(name) {
+    this.closeUp = name;
+    this.#showCloseUp();
+    this.#onPair();
+  }
+
+  nextCloseUp() {
+    const { closeUps } = this;
+    this.setCloseUp(closeUps[(closeUps.indexOf(this.closeUp) + 1) % closeUps.length]);
+  }
+
+  /** Pictures hold everything; what is not wanted is cut off by the style sheet. */
+  #showCloseUp() {
+    if (!this.#layout) return;
+    if (!this.closeUps.includes(this.closeUp)) this.closeUp = this.closeUps[0];
+    const { aspect, body, face, hands } = this.#layout;
+    const wanted = { hands: [hands], face: [face], both: [face, hands], off: [] }[this.closeUp];
+    const top = Math.min(body[0], ...wanted.map(([upper]) => upper));
+    const bottom = Math.max(body[1], ...wanted.map(([, lower]) => lower));
+    const shown = bottom - top;
+    const set = (name, value) => this.element.style.setProperty(name, String(value));
+    set("--aspect", aspect / shown);
+    set("--zoom", 1 / shown);
+    set("--top", top / shown);
+    set("--body-top", (body[0] - top) / shown);
+    set("--body-height", (body[1] - body[0]) / shown);
   }
 
   clear() {

@@ -16,7 +16,8 @@ from renderer.stage.camera import Camera
 from renderer.stage.ground import ShadowGround
 from renderer.stage.stage import Stage
 from renderer.stage.studio import FramePreparer, PosedFrame, Studio, Subject
-from renderer.video.render import RenderSettings, draw_vertices
+from renderer.video.frames import draw_vertices
+from renderer.video.render import RenderSettings
 from tests.helpers import ROOT
 
 pytestmark = pytest.mark.gl

@@ -16,7 +16,8 @@ from renderer.draw.software import SoftwareRenderer
 from renderer.stage.camera import Z_NEAR_M, Camera
 from renderer.stage.stage import Stage
 from renderer.stage.studio import PosedFrame, Subject
-from renderer.video.render import RenderSettings, draw_vertices, render_stills
+from renderer.video.frames import draw_vertices
+from renderer.video.render import RenderSettings, render_stills
 from tests.golden.regenerate import PICTURES, posed
 
 ROOT = Path(__file__).resolve().parents[3]

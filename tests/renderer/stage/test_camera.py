@@ -11,7 +11,8 @@ from hypothesis.extra import numpy as hnp
 from renderer.body.body import BodyMotion, load_body
 from renderer.body.joints import JOINT_INDEX, TIP_VERTICES
 from renderer.stage.camera import VIEWS, Camera, frame_points, outermost, view_axes
-from renderer.stage.stage import camera_track, set_stage
+from renderer.stage.panels import lay_out
+from renderer.stage.stage import camera_track, close_up_tracks, set_stage
 
 COORDINATES = st.floats(-3.0, 3.0, width=32)
 POINTS = hnp.arrays(np.float64, st.tuples(st.integers(1, 12), st.just(3)), elements=COORDINATES)
@@ -143,6 +144,36 @@ def test_a_hand_never_leaves_its_close_up(side):
         hands.append(camera.project(vertices, 400, 400).mean(axis=0))
     # The camera is slow: what jitters in the world also jitters in the picture.
     assert np.ptp(hands, axis=0).max() > 10
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_hand_beside_the_picture_stays_in_its_place_and_keeps_its_tremble(side):
+    body, view = load_body(), f"{side}_hand"
+    panels = lay_out("front", 400, 400, ["hands"])[1:]
+    place = [panel.view for panel in panels].index(view)
+    tips = [vertex for name, vertex in TIP_VERTICES.items() if name.startswith(side)]
+
+    def shown(motion: BodyMotion) -> np.ndarray:
+        stage = set_stage(body, [motion], close_ups=panels)
+        shot, track = stage.close_ups[place], close_up_tracks(body, motion, stage)[place]
+        chunks = np.concatenate([chunk[:, tips] for chunk in body.vertices(motion)])
+        cameras = [shot.camera.moved(offset) for offset in track]
+        assert all(
+            sees(camera, tip, 200, 200).all() for camera, tip in zip(cameras, chunks, strict=True)
+        )
+        pixels = [c.project(tip, 200, 200) for c, tip in zip(cameras, chunks, strict=True)]
+        return np.mean(pixels, axis=1)
+
+    calm = waving_motion(120, walk_m=1.5)
+    poses = calm.poses.reshape(120, 55, 3).copy()
+    poses[::2, JOINT_INDEX[f"{side}_wrist"], 2] += 0.05  # 15 Hz
+    jumps = [
+        np.abs(np.diff(shown(motion), n=2, axis=0)).mean()
+        for motion in (calm, replace(calm, poses=poses.reshape(120, 165)))
+    ]
+    assert jumps[1] > 5 * jumps[0]
+    from_middle = np.abs(shown(calm)[5:-5] - 100.0)
+    assert from_middle.max() < 60, "of 200 pixels, while the body walks and swings its arms"
 
 
 def test_the_face_fills_its_close_up_and_the_camera_follows_it():

@@ -10,10 +10,12 @@ from renderer.body.body import BodyMotion, load_body
 from renderer.draw.probe import choose_backend
 from renderer.stage.camera import frame_points
 from renderer.stage.stage import Stage, set_stage
+from renderer.video.frames import draw_vertices, stage_for
+from renderer.video.parallel import draw_in_processes
 from renderer.video.render import (
     Cancelled,
     RenderSettings,
-    draw_vertices,
+    draw_motion,
     render_stills,
     render_video,
 )
@@ -182,3 +184,49 @@ def test_a_cancelled_video_leaves_no_file_and_no_process(tmp_path):
 def test_impossible_settings_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         RenderSettings(**changes)
+
+
+def test_close_ups_stand_beside_a_body_that_they_leave_as_it_is():
+    body, motion = load_body(), BodyMotion.resting(6)
+    plain, both = small(), small(close_ups=("face", "hands"))
+    assert both.picture_size == (128, 256)
+    assert small(close_ups=("hands",)).picture_size == (128, 192)
+    (alone,) = render_stills(body, motion, [3], plain)
+    (picture,) = render_stills(body, motion, [3], both)
+    front, face, right, left = (picture[panel.box] for panel in both.panels)
+    inside = slice(2, -2)  # of the lines between panels
+    assert np.abs(front[inside].astype(int) - alone[inside]).max() <= 1
+    for panel in (face, right, left):
+        part = panel[inside, inside].astype(int)
+        shown = (np.abs(part - part[0, -1]).max(axis=2) > 25).mean()
+        assert 0.15 < shown < 0.8, "a close-up is filled by what it shows"
+    assert front.shape == (128, 128, 3) and face.shape == (64, 128, 3)
+    assert right.shape == left.shape == (64, 64, 3)
+
+
+def test_several_processes_draw_the_same_close_ups():
+    body, motion = load_body(), waving_motion(40)
+    settings = small(close_ups=("hands",))
+    stage = stage_for(body, [motion], settings)
+    alone = [picture.copy() for picture in draw_motion(body, motion, settings, stage)]
+    shared = list(draw_in_processes(body, motion, settings, stage, 2))
+    assert np.array_equal(alone, shared)
+
+
+def test_a_stage_for_other_close_ups_is_refused():
+    body, motion = load_body(), waving_motion(3)
+    stage = set_stage(body, [motion])
+    with pytest.raises(ValueError, match="other close-ups"):
+        render_stills(body, motion, [0], small(close_ups=("hands",)), stage=stage)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"close_ups": ("feet",)}, "'feet'; choose some of face, hands"),
+        ({"close_ups": ("hands",), "is_transparent": True}, "without a background"),
+    ],
+)
+def test_close_ups_that_cannot_be_are_refused(changes, words):
+    with pytest.raises(ValueError, match=words):
+        small(**changes)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from app.page.results.player import Showing, write_sound
+from app.page.results.player import Showing, picture_layout, write_sound
 from app.page.results.timeline import point_curves
 from app.page.serving.media import MediaDesk
 from app.run.followed_point import choose_tip_source
@@ -54,6 +54,20 @@ def test_rows_are_there_at_once_and_their_files_come_one_by_one(
     assert ["video" in row for row in showing.value()["rows"]] == [False, True, False]
     told(showing, "video", "of another run", tmp_path)
     assert len(showing.value()["rows"]) == 3
+
+
+def test_the_player_knows_where_close_ups_stand_in_a_picture(
+    request_with_reference: GenerateRequest,
+) -> None:
+    both = replace(request_with_reference, size=400, close_ups=("face", "hands"))
+    assert picture_layout(both) == {
+        "aspect": 0.5,
+        "body": [0.25, 0.75],
+        "face": [0.0, 0.25],
+        "hands": [0.75, 1.0],
+    }
+    alone = replace(request_with_reference, size=400, close_ups=())
+    assert picture_layout(alone) == {"aspect": 1.0, "body": [0.0, 1.0]}
 
 
 def test_an_address_stays_the_same_for_as_long_as_a_run_is_shown(

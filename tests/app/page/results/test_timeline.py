@@ -66,6 +66,8 @@ def test_the_time_line_holds_every_motion_raw_and_filtered() -> None:
     assert len(raw) == len(filtered) == 57
     assert 0 < np.mean(filtered) < np.mean(raw)
     assert len(timeline["curves"]["b"]["raw"]["speed_m_s"]["values"]) == 44
+    assert {second["name"] for second in timeline["worst"]} <= {"a", "b"}
+    assert timeline["worst"][0]["end_s"] - timeline["worst"][0]["start_s"] == 1.0
     assert all(0 <= onset <= 2 for onset in timeline["onsets_s"])
     json.dumps(timeline, allow_nan=False)
 

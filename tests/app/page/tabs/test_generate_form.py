@@ -6,6 +6,7 @@ import pytest
 from app.config import AppConfig
 from app.errors import RunError
 from app.page.tabs.generate_form import Form, request_from_form, row_names
+from app.run.display import Display
 from app.run.request import GenerateRequest
 from tests.app import fakes
 
@@ -22,6 +23,9 @@ FORM = Form(
     point="left_index",
     start_frame=12,
     transcript=None,
+    exaggeration=5,
+    has_trail=True,
+    is_colored=True,
 )
 CONFIG = AppConfig(weights=Path("/weights"))
 
@@ -46,6 +50,8 @@ def test_every_field_of_the_form_reaches_the_run() -> None:
         reference=Path("/reference.npz"),
         joint="left_index",
         start_frame=12,
+        close_ups=("face", "hands"),
+        display=Display(exaggeration=5, has_trail=True, coloring="jerk"),
         has_previews=True,
     )
     assert row_names(request) == (

@@ -1,0 +1,79 @@
+/** Leads to the seconds in which the followed point jerks most, and plays each slowly again and again. */
+
+import { make, relabel } from "./dom.js";
+
+const SLOWLY = 0.25;
+
+export class WorstSeconds {
+  #player;
+  #seconds = [];
+  #at = null; // which of them is on, or null
+
+  constructor(player) {
+    this.#player = player;
+    this.start = make("button", { type: "button", class: "worded", onclick: () => this.toggle() }, "Worst second");
+    const button = (name, label, step) => {
+      const made = make("button", { type: "button", onclick: () => this.step(step) });
+      relabel(made, name, label);
+      return made;
+    };
+    this.steps = [button("left", "Next worse second", -1), button("right", "Next second, less bad", 1)];
+    this.line = make("output", { class: "worst-line" });
+    this.element = make("div", { class: "group worst", hidden: true }, this.start, ...this.steps, this.line);
+    player.addEventListener("state", () => this.#show());
+  }
+
+  /** `seconds` are ordered, the worst first; of an empty list nothing is shown. */
+  set(seconds) {
+    this.#seconds = seconds;
+    this.#at = null;
+    this.#show();
+  }
+
+  /** Begin with the worst, or go back to playing everything. */
+  toggle() {
+    if (!this.#seconds.length) return;
+    if (this.#isOn) return this.#stop();
+    this.#go(0);
+  }
+
+  step(by) {
+    if (!this.#seconds.length) return;
+    this.#go(this.#isOn ? Math.max(0, Math.min(this.#at + by, this.#seconds.length - 1)) : 0);
+  }
+
+  /** Whoever sets another loop has left the second. */
+  get #isOn() {
+    const { loop } = this.#player;
+    const second = this.#seconds[this.#at];
+    return Boolean(loop && second && loop[0] === second.start_s && loop[1] === second.end_s);
+  }
+
+  #go(number) {
+    this.#at = number;
+    const { start_s, end_s } = this.#seconds[number];
+    this.#player.setRate(SLOWLY);
+    this.#player.setLoop([start_s, end_s]);
+    this.#player.seek(start_s);
+    this.#player.play();
+  }
+
+  #stop() {
+    this.#at = null;
+    this.#player.setLoop(null);
+    this.#player.setRate(1);
+  }
+
+  #show() {
+    const isOn = this.#isOn;
+    this.element.hidden = !this.#seconds.length;
+    this.start.setAttribute("aria-pressed", String(isOn));
+    for (const button of this.steps) button.hidden = !isOn;
+    this.steps[0].disabled = this.#at === 0;
+    this.steps[1].disabled = this.#at === this.#seconds.length - 1;
+    const { name, jerk_m_s3, start_s } = this.#seconds[this.#at] ?? {};
+    this.line.hidden = !isOn;
+    const text = isOn ? `${this.#at + 1} of ${this.#seconds.length}: ${name}, ${Math.round(jerk_m_s3)} m/s³ at ${start_s.toFixed(1)} s, at a quarter of the speed` : "";
+    if (this.line.textContent !== text) this.line.textContent = text;
+  }
+}

@@ -1,0 +1,62 @@
+"""Tremble made large enough to be seen: what rotations hold above a cut-off, multiplied."""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.signal import butter, sosfiltfilt
+
+from model.motion.motion import Motion
+from model.motion.rotations import (
+    axis_angle_from_matrix,
+    matrix_from_axis_angle,
+    matrix_from_rot6d,
+    rot6d_from_matrix,
+)
+from model.motion.skeleton import JOINT_INDEX, NUM_JOINTS
+from model.motion.timing import FPS
+
+CUTOFF_HZ = 5.0
+"""Gestures hold little above it, and a tremor of hands is faster."""
+_ORDER = 4
+_PADDING_FRAMES = 15
+MAX_TURN_RAD = 0.8
+"""A multiplied residual is no larger than this, so that no joint turns over."""
+_AS_THEY_ARE = tuple(JOINT_INDEX[name] for name in ("jaw", "left_eye", "right_eye"))
+"""Speech and gaze are quick by nature."""
+
+
+def exaggerate(motion: Motion, factor: int) -> Motion:
+    """The motion with all that is faster than 5 Hz multiplied.
+
+    Of each local rotation R the part below the cut-off, L, is the row-6D form behind a Butterworth
+    filter that runs forwards and backwards; the residual log(L^T R) is multiplied and put on L.
+    The translation is treated alike; jaw, eyes and expressions stay as they are. A factor of 1
+    gives the motion itself, and so does a clip under 4 frames.
+    """
+    if factor == 1 or motion.num_frames < 4:
+        return motion
+    poses = motion.poses.copy()
+    for joint in range(NUM_JOINTS):  # one at a time: memory stays small for long clips
+        if joint in _AS_THEY_ARE:
+            continue
+        columns = slice(3 * joint, 3 * joint + 3)
+        rotmat = matrix_from_axis_angle(torch.tensor(motion.poses[:, columns], dtype=torch.float64))
+        slow = matrix_from_rot6d(torch.from_numpy(below_cutoff(rot6d_from_matrix(rotmat).numpy())))
+        fast = factor * axis_angle_from_matrix(slow.transpose(-1, -2) @ rotmat)
+        turn = fast.norm(dim=-1, keepdim=True)
+        fast = fast * (MAX_TURN_RAD / turn.clamp_min(MAX_TURN_RAD))
+        shown = slow @ matrix_from_axis_angle(fast)
+        poses[:, columns] = axis_angle_from_matrix(shown).numpy()
+    slow_trans = below_cutoff(motion.trans.astype(np.float64))
+    trans = slow_trans + factor * (motion.trans - slow_trans)
+    return replace(motion, poses=poses, trans=trans.astype(np.float32))
+
+
+def below_cutoff(values: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "T C"]:
+    """What is slower than the cut-off, without delay; at its ends a clip is mirrored."""
+    sections = butter(_ORDER, CUTOFF_HZ, fs=FPS, output="sos")
+    padding = min(_PADDING_FRAMES, len(values) - 1)
+    slow = sosfiltfilt(sections, values, axis=0, padlen=padding)
+    return np.ascontiguousarray(slow)  # the way back leaves it reversed

@@ -1,0 +1,241 @@
+"""What a picture may show beside the body as it is: a trail of one point, the body coloured by how
+it jerks, and a notice that nobody can overlook.
+
+The numbers come from whoever asks; here they are only drawn. Scales are the asker's too, so that
+all videos of a comparison have the same.
+"""
+
+import importlib.util
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, UInt8
+from PIL import Image, ImageDraw, ImageFont
+
+from renderer.body.body import Body
+from renderer.stage.camera import Camera
+from renderer.stage.panels import Panel
+
+TRAIL_FRAMES = 30
+"""A trail is the last second."""
+_SMOOTH = 3
+"""Samples along each side of a pixel of a trail."""
+_INK, _PLATE = (28, 32, 40), (255, 255, 255, 216)
+_LOUD, _ON_LOUD = (196, 52, 0), (255, 255, 255)
+
+# Grey stands still; then lighter to darker, so that neither colour-blindness nor a grey print hides
+# which is more (plasma of matplotlib, from its light end).
+_HEAT = np.array(
+    [
+        [0.80, 0.80, 0.79],
+        [0.99, 0.86, 0.25],
+        [0.97, 0.58, 0.25],
+        [0.85, 0.32, 0.42],
+        [0.60, 0.10, 0.58],
+        [0.25, 0.02, 0.55],
+    ]
+)
+_SPEED = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]])
+"""Viridis of matplotlib: slow is dark, fast is light."""
+_SPIKE = (213, 94, 0)
+
+
+@dataclass(frozen=True)
+class Trail:
+    """The way of one point through the last second."""
+
+    points: Float[np.ndarray, "T 3"]
+    """Where it is in each frame, metres."""
+    speeds: Float[np.ndarray, " T"]
+    """Of the speed at the end of the scale, 0 to 1."""
+    is_spike: Bool[np.ndarray, " T"]
+    """Where a dot stands."""
+    legend: str = ""
+    """What colours and dots mean, in a line."""
+    close_up: str = ""
+    """View of the close-up that shows the point too, beside the body."""
+
+
+@dataclass(frozen=True)
+class Heat:
+    """How each joint jerks, as the colour of what follows it."""
+
+    shares: Float[np.ndarray, "T J"]
+    """Of the end of the scale, 0 to 1."""
+    legend: str = ""
+    """What is at the end of the scale."""
+
+
+@dataclass(frozen=True)
+class Marks:
+    """What is shown in the pictures of one motion."""
+
+    trail: Trail | None = None
+    heat: Heat | None = None
+    notice: str = ""
+    """Stands below the body, in large letters."""
+    tag: str = ""
+    """Stands in every close-up: the notice in a word."""
+
+
+def heat_colors(
+    body: Body, shares: Float[np.ndarray, "T J"]
+) -> Iterator[Float32[np.ndarray, "V 3"]]:
+    """Linear RGB of each vertex: the share of the joints that it follows, by how much it does."""
+    for of_joint in shares:
+        yield (_along(_HEAT, body.arrays.weights @ of_joint) ** 2).astype(np.float32)
+
+
+def _along(colors: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    """Colours at shares of a scale."""
+    stops = np.linspace(0.0, 1.0, len(colors))
+    return np.stack([np.interp(shares, stops, channel) for channel in colors.T], axis=-1)
+
+
+class MarkPainter:
+    """Paints marks over pictures that are put together of panels."""
+
+    def __init__(self, marks: Marks, panels: Sequence[Panel]) -> None:
+        self._trail = marks.trail
+        self._panels = panels
+        shown = {panels[0].view}
+        if marks.trail is not None:
+            shown.add(marks.trail.close_up)
+        self._with_trail = [i for i, panel in enumerate(panels) if panel.view in shown]
+        self._plates = _plates(marks, panels)
+
+    def paint(
+        self, picture: UInt8[np.ndarray, "H W C"], frame: int, cameras: Sequence[Camera]
+    ) -> UInt8[np.ndarray, "H W C"]:
+        """The picture of a frame with its marks.
+
+        Args:
+            cameras: of the panels in this frame.
+        """
+        painted = np.array(picture)
+        if self._trail is not None:
+            for i in self._with_trail:
+                panel = self._panels[i]
+                _draw_trail(painted[panel.box], self._trail, frame, cameras[i])
+        for (top, left), plate in self._plates:
+            _lay_over(painted, plate, top, left)
+        return painted
+
+
+def _draw_trail(part: UInt8[np.ndarray, "H W C"], trail: Trail, frame: int, camera: Camera) -> None:
+    """Paint the way up to a frame into a panel; what lies outside is cut off."""
+    height, width = part.shape[:2]
+    frames = np.arange(max(0, frame - TRAIL_FRAMES), frame + 1)
+    way = camera.project(trail.points[frames], width, height)
+    if not np.isfinite(way).all():
+        return
+    thick = max(2.0, width / 130)
+    low = np.floor(way.min(axis=0) - 3 * thick).clip(0, (width, height)).astype(int)
+    high = np.ceil(way.max(axis=0) + 3 * thick).clip(0, (width, height)).astype(int)
+    if (high <= low).any():
+        return
+    size = tuple(_SMOOTH * (high - low))
+    layer = Image.new("RGBA", size, (255, 255, 255, 0))
+    draw = ImageDraw.Draw(layer)
+    places = [tuple(place) for place in (way - low) * _SMOOTH]
+    colors = _along(_SPEED, trail.speeds[frames]).astype(int)
+    for width_px, is_halo in ((1.8 * thick, True), (thick, False)):
+        for i in range(1, len(places)):
+            color = (255, 255, 255) if is_halo else tuple(colors[i])
+            line = int(_SMOOTH * width_px * (0.45 + 0.55 * i / len(places)))
+            draw.line((places[i - 1], places[i]), fill=(*color, 255), width=max(line, 1))
+            _dot(draw, places[i], line / 2, (*color, 255))
+    for place, is_spike in zip(places, trail.is_spike[frames], strict=True):
+        if is_spike:
+            _dot(draw, place, _SMOOTH * 1.5 * thick, (255, 255, 255, 255))
+            _dot(draw, place, _SMOOTH * 1.1 * thick, (*_SPIKE, 255))
+    small = layer.resize((int(high[0] - low[0]), int(high[1] - low[1])), Image.Resampling.BOX)
+    _lay_over(part, np.asarray(small), int(low[1]), int(low[0]))
+
+
+def _dot(draw: ImageDraw.ImageDraw, place, radius: float, color) -> None:
+    x, y = place
+    draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=color)
+
+
+def _plates(
+    marks: Marks, panels: Sequence[Panel]
+) -> list[tuple[tuple[int, int], UInt8[np.ndarray, "h w 4"]]]:
+    """What stays the same in all pictures, with its upper left corner."""
+    body = panels[0]
+    size = max(11.0, 0.036 * body.width)
+    plates = []
+    bottom = body.top + body.height
+    if marks.notice:
+        band = _band(marks.notice, body.width, 1.5 * size)
+        bottom -= band.shape[0]
+        plates.append(((bottom, body.left), band))
+    if marks.tag:
+        for panel in panels[1:]:
+            tag = _band(marks.tag, None, 1.1 * size)
+            plates.append(((panel.top + 4, panel.left + 4), tag))
+    legends = []
+    if marks.heat is not None:
+        legends.append(_legend(_HEAT * 255, marks.heat.legend, size, body.width))
+    if marks.trail is not None:
+        legends.append(_legend(_SPEED, marks.trail.legend, size, body.width))
+    for legend in legends:
+        bottom -= legend.shape[0] + 4
+        plates.append(((bottom, body.left + 4), legend))
+    return plates
+
+
+def _band(words: str, width: int | None, size: float) -> UInt8[np.ndarray, "h w 4"]:
+    """Letters that cannot be overlooked; as wide as they are where no width is given."""
+    font = _fitting(words, size, width)
+    length = font.getlength(words)
+    box = (width or int(length + size), int(1.5 * size))
+    band = Image.new("RGBA", box, (*_LOUD, 255))
+    middle = (box[0] / 2, box[1] / 2)
+    ImageDraw.Draw(band).text(middle, words, fill=(*_ON_LOUD, 255), font=font, anchor="mm")
+    return np.asarray(band)
+
+
+def _legend(colors: np.ndarray, words: str, size: float, width: int) -> UInt8[np.ndarray, "h w 4"]:
+    """A bar of a scale and what it means, on a plate."""
+    bar = int(3.2 * size)
+    font = _fitting(words, size, int(width - bar - 2 * size))
+    box = (int(bar + font.getlength(words) + 1.5 * size), int(1.5 * size))
+    plate = Image.new("RGBA", box, _PLATE)
+    ramp = _along(colors, np.linspace(0.0, 1.0, bar)).astype(np.uint8)
+    high = int(0.6 * size)
+    strip = Image.fromarray(np.tile(ramp[None], (high, 1, 1)))
+    plate.paste(strip, (int(0.4 * size), (box[1] - high) // 2))
+    left = (bar + 0.9 * size, box[1] / 2)
+    ImageDraw.Draw(plate).text(left, words, fill=(*_INK, 255), font=font, anchor="lm")
+    return np.asarray(plate)
+
+
+def _fitting(words: str, size: float, width: int | None) -> ImageFont.FreeTypeFont:
+    """Letters of that height, or as much smaller as it takes to stay within a width."""
+    font = ImageFont.truetype(_font_file(), size)
+    if width is not None and font.getlength(words) > 0.96 * width:
+        font = font.font_variant(size=size * 0.96 * width / font.getlength(words))
+    return font
+
+
+def _font_file() -> str:
+    """A font with units such as m/s³, which Pillow's own lacks: it comes with matplotlib, which is
+    only looked up, as it takes long to import."""
+    found = importlib.util.find_spec("matplotlib")
+    assert found is not None and found.origin is not None
+    return str(Path(found.origin).parent / "mpl-data" / "fonts" / "ttf" / "DejaVuSans-Bold.ttf")
+
+
+def _lay_over(
+    picture: UInt8[np.ndarray, "H W C"], plate: UInt8[np.ndarray, "h w 4"], top: int, left: int
+) -> None:
+    """Blend a plate into a picture; what would lie outside is cut off."""
+    rows = min(plate.shape[0], picture.shape[0] - top)
+    columns = min(plate.shape[1], picture.shape[1] - left)
+    under = picture[top : top + rows, left : left + columns, :3]
+    alpha = plate[:rows, :columns, 3:].astype(np.float32) / 255.0
+    blended = under + alpha * (plate[:rows, :columns, :3].astype(np.float32) - under)
+    under[:] = blended.round().astype(np.uint8)

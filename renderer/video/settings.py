@@ -1,0 +1,69 @@
+"""How pictures are made: size, view, close-ups, smoothness, what draws."""
+
+from dataclasses import dataclass, field
+
+from renderer.draw.offscreen import Backend
+from renderer.stage.camera import VIEWS
+from renderer.stage.panels import Panel, lay_out
+from renderer.stage.studio import Studio
+from renderer.video.encoder import DEFAULT_CRF, check_size
+
+MIN_SIZE_PX = 64
+MAX_SIZE_PX = 2160
+
+
+@dataclass(frozen=True)
+class RenderSettings:
+    """How pictures are made. Equal settings and an equal ``Stage`` give comparable pictures."""
+
+    width: int = 512
+    height: int = 512
+    view: str = "front"
+    """One of ``camera.VIEWS``."""
+    close_ups: tuple[str, ...] = ()
+    """Of ``panels.CLOSE_UPS``, beside the picture, in the same video."""
+    antialias: bool = True
+    """Four samples a pixel; off is for drafts."""
+    crf: int = DEFAULT_CRF
+    """x264's constant quality, 0 to 51; lower is better and larger."""
+    backend: Backend | None = None
+    """What draws; None takes the first that works here."""
+    studio: Studio = field(default_factory=Studio)
+    is_transparent: bool = False
+    """Pictures of the body alone, with a fourth channel for what it covers; no videos and no
+    close-ups."""
+
+    def __post_init__(self) -> None:
+        check_size(self.width, self.height)
+        if min(self.width, self.height) < MIN_SIZE_PX or max(self.width, self.height) > MAX_SIZE_PX:
+            raise ValueError(
+                f"A picture of {self.width} x {self.height} pixels is outside the limits; "
+                f"each side may have {MIN_SIZE_PX} to {MAX_SIZE_PX}."
+            )
+        if self.view not in VIEWS:
+            raise ValueError(f"View {self.view!r} is unknown; choose one of {', '.join(VIEWS)}.")
+        if not 0 <= self.crf <= 51:
+            raise ValueError(f"`crf` is {self.crf}; it must lie between 0 and 51.")
+        if self.close_ups and self.is_transparent:
+            raise ValueError("A picture without a background has no close-ups beside it.")
+        lay_out(self.view, self.width, self.height, self.close_ups)
+
+    @property
+    def aspect(self) -> float:
+        """Of the body's own panel."""
+        return self.width / self.height
+
+    @property
+    def panels(self) -> tuple[Panel, ...]:
+        """The body's, and after it those of the close-ups."""
+        return lay_out(self.view, self.width, self.height, self.close_ups)
+
+    @property
+    def picture_size(self) -> tuple[int, int]:
+        """Width and height of all panels together."""
+        panels = self.panels
+        return self.width, max(panel.top + panel.height for panel in panels)
+
+    @property
+    def num_channels(self) -> int:
+        return 4 if self.is_transparent else 3

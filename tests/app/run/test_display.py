@@ -1,0 +1,83 @@
+import numpy as np
+import pytest
+
+from app.errors import RunError
+from app.run.display import SPIKE_M_S3, Display, check_display, displayed, marks_of
+from app.run.followed_point import choose_tip_source
+from renderer.body.body import load_body
+from renderer.body.joints import JOINT_INDEX
+from tests.app.fakes import made_motion
+
+BODY = load_body()
+TIP = choose_tip_source(BODY, None)
+
+
+def test_a_plain_display_marks_nothing():
+    motion = made_motion(40)
+    assert Display().is_plain
+    assert marks_of(motion, Display(), TIP, BODY) is None
+    assert displayed(motion, Display()) is motion
+
+
+def test_dots_stand_where_the_point_jerks():
+    trembling, still = made_motion(60, 0.5), made_motion(60, 0.0)
+    for motion, is_any in ((trembling, True), (still, False)):
+        marks = marks_of(motion, Display(has_trail=True), TIP, BODY)
+        assert marks is not None and marks.trail is not None and marks.heat is None
+        trail = marks.trail
+        assert trail.points.shape == (60, 3) and trail.speeds.shape == trail.is_spike.shape == (60,)
+        assert trail.is_spike.any() == is_any
+        assert trail.close_up == "right_hand"
+        assert not marks.notice
+
+
+def test_the_trail_of_a_single_jump_has_its_dots_there():
+    motion = made_motion(60, 0.0)
+    motion.poses[30:, 3 * JOINT_INDEX["right_elbow"] + 1] = 0.3
+    marks = marks_of(motion, Display(has_trail=True), TIP, BODY)
+    assert marks is not None and marks.trail is not None
+    frames = np.flatnonzero(marks.trail.is_spike)
+    assert len(frames) and 27 <= frames.min() <= 30 <= frames.max() <= 32
+
+
+def test_colours_follow_the_jerk_of_each_joint_on_a_fixed_scale():
+    marks = marks_of(made_motion(60, 0.5), Display(coloring="jerk"), TIP, BODY)
+    assert marks is not None and marks.heat is not None
+    shares = marks.heat.shares
+    assert shares.shape == (60, 55) and shares.min() >= 0 and shares.max() <= 1
+    assert shares[:, JOINT_INDEX["right_wrist"]].mean() > 0.5
+    assert shares[:, JOINT_INDEX["left_wrist"]].max() < 1e-3
+    assert f"{SPIKE_M_S3:g}" in marks.heat.legend
+
+
+def test_exaggerated_motion_says_so_and_its_jerk_is_that_of_the_motion():
+    motion = made_motion(60, 0.002)
+    display = Display(exaggeration=20, has_trail=True, coloring="jerk")
+    marks, plain = (
+        marks_of(motion, each, TIP, BODY) for each in (display, Display(1, True, "jerk"))
+    )
+    assert marks is not None and plain is not None
+    assert marks.notice.startswith("EXAGGERATED x20") and marks.tag == "x20"
+    assert marks.trail is not None and plain.trail is not None
+    assert np.array_equal(marks.trail.is_spike, plain.trail.is_spike)
+    assert np.array_equal(marks.heat.shares, plain.heat.shares)  # type: ignore[union-attr]
+    drawn, kept = (np.ptp(each.trail.points, axis=0).max() for each in (marks, plain))  # type: ignore[union-attr]
+    assert 8 * kept < drawn < 30 * kept
+
+
+def test_clips_too_short_for_jerk_have_none():
+    marks = marks_of(made_motion(2), Display(has_trail=True, coloring="jerk"), TIP, BODY)
+    assert marks is not None and marks.trail is not None and marks.heat is not None
+    assert not marks.trail.is_spike.any() and not marks.heat.shares.any()
+
+
+@pytest.mark.parametrize(
+    ("display", "words"),
+    [
+        (Display(exaggeration=7), "1, 5, 20 times as large; got 7"),
+        (Display(coloring="rainbow"), "no colouring 'rainbow'"),  # type: ignore[arg-type]
+    ],
+)
+def test_what_cannot_be_shown_is_refused(display, words):
+    with pytest.raises(RunError, match=words):
+        check_display(display)
