@@ -82,6 +82,14 @@ def beat2_folder() -> Path:
     return folder
 
 
+def foreign_folder() -> Path:
+    """Motion that other systems made; the calling test is skipped where there is none."""
+    folder = ROOT.parent / "shared" / "data" / "foreign"
+    if not folder.is_dir():
+        pytest.skip("no motion of other systems here (shared/data/foreign)")
+    return folder
+
+
 def mirror_skeleton(skeleton: RestSkeleton) -> RestSkeleton:
     """The mirror image of a rest skeleton; left and right change places."""
     num_left = len(FINGERTIP_JOINTS) // 2

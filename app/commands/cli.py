@@ -188,6 +188,15 @@ def _add_diagnose(commands) -> None:
         "--speech", type=Path, metavar="WAV", help="their sound, for BeatAlign and its chance level"
     )
     _add_point(parser)
+    parser.add_argument(
+        "--window", type=int, metavar="N",
+        help="frames of the windows that the motions were made of, if you know it (default: every "
+        "period from 2 to 240 frames is tried)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--overlap", type=int, default=0, metavar="M",
+        help="frames that two such windows share (default: %(default)s)",
+    )  # fmt: skip
     parser.add_argument("--no-pictures", action="store_true", help="a figure without poses")
     _add_body(parser)
     parser.set_defaults(command=_diagnose)
@@ -207,6 +216,8 @@ def _diagnose(options: argparse.Namespace) -> None:
         start_frame=options.start,
         body=options.body,
         has_pictures=not options.no_pictures,
+        window=options.window,
+        overlap=options.overlap,
     )
     with ProgressBar("measure and draw") as bar:
         diagnosis = diagnose_files(request, bar.show)

@@ -162,8 +162,10 @@ def _strongest_part(system: str, strongest: tuple[str, float], point: str) -> st
 
 def _seams(diagnostics: Diagnostics) -> str:
     """How far the joins of windows stand out, at most and at least."""
+    if diagnostics.windows is None:
+        return _periods(diagnostics)
     raw = values_by_system(diagnostics, seams_of, "raw")
-    advance = diagnostics.window_advance
+    advance = diagnostics.windows.advance
     if not raw:
         return f"No motion is long enough for joins of windows, one every {advance} frames."
     filtered = values_by_system(diagnostics, seams_of, "savgol")
@@ -175,6 +177,23 @@ def _seams(diagnostics: Diagnostics) -> str:
     if reference is not None:
         text += f"; the reference, which has no joins, has {plain(reference)}"
     return f"{text}."
+
+
+def _periods(diagnostics: Diagnostics) -> str:
+    """What was found where nobody says how motions were cut."""
+    periods = {name: of.raw.seams.period for name, of in diagnostics.systems.items()}
+    found = [
+        f"the jerk of {name} comes again every {period.frames} frames, most in the"
+        f" {period.part} ({times(period.peak_over_least)} as high at one frame as at another)"
+        for name, period in periods.items()
+        if period is not None
+    ]
+    searched = "Every period from 2 to 240 frames was tried"
+    if not found:
+        return f"{searched}: jerk repeats in none of the motions beyond chance."
+    without = [name for name, period in periods.items() if period is None]
+    rest = f"; {', '.join(without)} has none" if len(without) == 1 else "; the others have none"
+    return f"{searched}: {', and '.join(found)}{rest if without else ''}."
 
 
 def _seam_part(

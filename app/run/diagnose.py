@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from model.measures.diagnostics import Diagnostics
+    from model.measures.seams import Windows
     from model.motion.motion import Motion
 
 OnShare = Callable[[float], None]
@@ -51,6 +52,11 @@ class DiagnoseRequest:
     """First frame of Figure 6."""
     body: Path | None = None
     has_pictures: bool = True
+    window: int | None = None
+    """Frames of the windows that all motions but the reference were made of, if that is known;
+    otherwise each is searched for a period of its own."""
+    overlap: int = 0
+    """Frames that two windows share."""
 
 
 @dataclass(frozen=True)
@@ -195,7 +201,27 @@ def _measure(
         tip,
         onsets_s,
         on_share=lambda part: on_progress(_READ + (_MEASURED - _READ) * part),
+        windows=_windows(request, read),
     )
+
+
+def _windows(request: DiagnoseRequest, read: _Read) -> dict[str, Windows]:
+    """What the user says of how the motions were cut.
+
+    Raises:
+        RunError: for windows that cannot be.
+    """
+    from model.measures.seams import Windows
+
+    if request.window is None:
+        if request.overlap:
+            raise RunError("An overlap says nothing without a window; give both (--window).")
+        return {}
+    try:
+        windows = Windows(request.window - request.overlap, request.overlap)
+    except ValueError as error:
+        raise RunError(str(error)) from error
+    return dict.fromkeys(read.all, windows)
 
 
 def _lengths_apart(speech_s: float, motions: Mapping[str, Motion]) -> list[str]:

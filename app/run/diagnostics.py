@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from model.measures.diagnostics import Diagnostics
+    from model.measures.seams import Windows
     from model.motion.motion import Motion
     from model.motion.tracks import Tracks
     from model.speech.audio import Speech
@@ -38,6 +39,7 @@ def measure_motions(
     tip: TipSource,
     onsets_s: np.ndarray | None = None,
     on_share: Callable[[float], None] = lambda share: None,
+    windows: Mapping[str, Windows] | None = None,
 ) -> Diagnostics:
     """All numbers of the motions, with what stands out in each.
 
@@ -47,6 +49,7 @@ def measure_motions(
         onsets_s: of their speech, for BeatAlign.
         on_share: told the share done, 0 to 1, of each motion as it is and filtered, more than once
             in a long one; what it raises ends the work.
+        windows: how motions were cut, by name, where that is known.
     """
     from model.measures.diagnostics import diagnose
     from model.motion.skeleton import open_body_skeleton
@@ -64,6 +67,7 @@ def measure_motions(
         {name: motion for name, motion in motions.items() if name != REFERENCE_NAME},
         open_body_skeleton(),
         reference=motions.get(REFERENCE_NAME),
+        windows=windows,
         tip_track=follow,
         tip_source=tip.name,
         joint=tip.point,

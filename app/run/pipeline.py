@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from model.measures.diagnostics import Diagnostics
+    from model.measures.seams import Windows
     from model.speech.audio import Speech
     from model.speech.transcript import Word
 
@@ -99,7 +100,7 @@ def _run(request: GenerateRequest, folder: ResultFolder, reporter: Reporter) -> 
     for row in rows:
         notes = inputs.body.notes(body_motion(row.shown))
         reporter.note(*(f"{row.name}: {note}" for note in notes))
-    diagnostics = _measure(rows, onsets_s, words, tip, folder, reporter)
+    diagnostics = _measure(rows, inputs, onsets_s, words, tip, folder, reporter)
     snapshots = Snapshots()
     if request.has_video:
         snapshots = draw_all(request, inputs, rows, tip, folder, reporter)
@@ -162,6 +163,7 @@ def _generate(
 
 def _measure(
     rows: Sequence[Row],
+    inputs: Inputs,
     onsets_s: np.ndarray,
     words: Sequence[Word] | None,
     tip: TipSource,
@@ -173,12 +175,27 @@ def _measure(
         reporter.progress("numbers", part)
 
     on_share(0.0)
-    diagnostics = measure_motions({row.name: row.raw for row in rows}, tip, onsets_s, on_share)
+    motions = {row.name: row.raw for row in rows}
+    diagnostics = measure_motions(motions, tip, onsets_s, on_share, _windows(rows, inputs))
     reporter.note(*diagnostics.notes)
     for path in write_diagnostics(diagnostics, folder, words):
         reporter.file("diagnostics", "diagnostics", path)
     reporter.progress("numbers", 1.0)
     return diagnostics
+
+
+def _windows(rows: Sequence[Row], inputs: Inputs) -> dict[str, Windows]:
+    """How each row was cut. The recorded one was not; it is folded beside systems that agree."""
+    from model.measures.seams import Windows
+
+    found = {}
+    for system in inputs.systems:
+        own = Windows(system.windowing.advance, system.windowing.overlap)
+        named = {sample_name(system.name, sample) for sample in range(1, len(rows) + 1)}
+        found |= {row.name: own for row in rows if row.name in named}
+    if len(set(found.values())) == 1:
+        found[REFERENCE_NAME] = next(iter(found.values()))
+    return found
 
 
 def _draw_figures(

@@ -7,7 +7,7 @@ here applied to the stitched sequence.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
@@ -18,13 +18,13 @@ from model.measures.beats import BEAT_JOINTS, MARGIN_S, beat_scores, joint_speed
 from model.measures.findings import Finding, find_faults
 from model.measures.measures import (
     TIP,
-    WINDOW_ADVANCE,
-    WINDOW_OVERLAP,
     measure_tracks,
     measures,
 )
+from model.measures.periods import find_period
 from model.measures.reference_error import error_to_reference
 from model.measures.results import BeatMeasures, Measures
+from model.measures.seams import Windows
 from model.motion.filtering import smooth_motion
 from model.motion.motion import Motion, first_frames
 from model.motion.skeleton import (
@@ -68,8 +68,8 @@ class Diagnostics:
     point: str
     """The fingertip or joint that the ``tip_`` measures follow."""
     tip_source: str
-    window_advance: int
-    window_overlap: int
+    windows: Windows | None
+    """Those of all motions, where they are known and all the same."""
     num_frames: dict[str, int]
     notes: list[str]
     findings: dict[str, list[Finding]]
@@ -83,8 +83,8 @@ class Diagnostics:
             "tip": self.point if self.point in FINGERTIP_NAMES else None,
             "joint": self.point,
             "tip_source": self.tip_source,
-            "window_advance_frames": self.window_advance,
-            "window_overlap_frames": self.window_overlap,
+            "window_advance_frames": self.windows and self.windows.advance,
+            "window_overlap_frames": self.windows and self.windows.overlap,
             "joint_names": list(JOINT_NAMES),
             "depth_of_joint": list(JOINT_DEPTH),
             "fingertip_names": list(FINGERTIP_NAMES),
@@ -103,8 +103,7 @@ def diagnose(
     motions: Mapping[str, Motion],
     skeleton: RestSkeleton,
     reference: Motion | None = None,
-    window_advance: int = WINDOW_ADVANCE,
-    window_overlap: int = WINDOW_OVERLAP,
+    windows: Mapping[str, Windows] | None = None,
     tip: str = TIP,
     tip_track: TipTrack | None = None,
     tip_source: str | None = None,
@@ -118,6 +117,8 @@ def diagnose(
 
     Args:
         motions: by the name that the file shall give them.
+        windows: how motions were cut, by name (the reference is `REFERENCE`), where that is known.
+            The seam measures of another motion are folded on the period that is found in it.
         tip: the fingertip that the ``tip_`` measures follow.
         tip_track: gives its positions in place of the rigid fingertip, of a motion and its tracks.
         tip_source: what ``tip_track`` follows, such as 'vertex 7794'; without it 'rigid' for a
@@ -132,10 +133,9 @@ def diagnose(
         skeleton=skeleton,
         point=_known_point(joint or tip),
         tip_track=tip_track,
-        window_advance=window_advance,
-        window_overlap=window_overlap,
         onsets_s=onsets_s,
     )
+    windows = windows or {}
     motions, reference, notes = _cut_alike(motions, reference)
     notes += [
         f"{name} has {motion.num_frames} {'frame' if motion.num_frames == 1 else 'frames'}; speed "
@@ -145,23 +145,23 @@ def diagnose(
     ]
     recorded = None if reference is None else dict(_versions(reference, settings))
     systems = {
-        name: _measured(_versions(motion, settings), recorded, settings)
+        name: _measured(_versions(motion, settings), recorded, settings, windows.get(name))
         for name, motion in motions.items()
     }
     measured_reference = (
-        None if recorded is None else _measured(iter(recorded.items()), None, settings)
+        None
+        if recorded is None
+        else _measured(iter(recorded.items()), None, settings, windows.get(REFERENCE))
     )
     everything = systems | ({REFERENCE: measured_reference} if measured_reference else {})
     return Diagnostics(
         point=settings.point,
         tip_source=tip_source or ("rigid" if settings.point in FINGERTIP_NAMES else "joint"),
-        window_advance=window_advance,
-        window_overlap=window_overlap,
+        windows=_common_windows([windows.get(name) for name in everything]),
         num_frames={name: motion.num_frames for name, motion in motions.items()},
         notes=notes,
         findings={
-            name: find_faults(versions.raw, settings.point, window_advance)
-            for name, versions in everything.items()
+            name: find_faults(versions.raw, settings.point) for name, versions in everything.items()
         },
         reference=measured_reference,
         systems=systems,
@@ -173,8 +173,6 @@ class _Settings:
     skeleton: RestSkeleton
     point: str
     tip_track: TipTrack | None
-    window_advance: int
-    window_overlap: int
     onsets_s: Float[np.ndarray, " onsets"] | None
 
 
@@ -201,19 +199,23 @@ def _measured(
     versions: Iterator[tuple[Kind, _Version]],
     recorded: dict[Kind, _Version] | None,
     settings: _Settings,
+    windows: Windows | None,
 ) -> Versions:
     """Measures by version; like is compared with like, a filtered motion with the filtered
     reference."""
     found: list[Measures] = []
     usual_speed = None if recorded is None else _mean_speed(recorded["raw"].tracks)
+    period = None
     for kind, version in versions:
+        if kind == "raw":  # it comes first
+            period = find_period(version.tracks)
         numbers = measure_tracks(
             version.tracks,
             version.point,
             settings.point,
             settings.skeleton,
-            settings.window_advance,
-            settings.window_overlap,
+            windows,
+            period,
         )
         errors = beats = None
         if recorded is not None:
@@ -225,6 +227,10 @@ def _measured(
         found.append(replace(numbers, errors=errors, beats=beats))
         del version  # before the next one is made
     return Versions(*found)
+
+
+def _common_windows(windows: Sequence[Windows | None]) -> Windows | None:
+    return windows[0] if len(set(windows)) == 1 else None
 
 
 def _measure_beats(

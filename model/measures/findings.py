@@ -20,9 +20,8 @@ from model.motion.tracks import point_words
 NOISE_DEG = 0.4
 """Of `joint_rotation_noise_deg`; clean: at most 0.26. Noise of 0.01 rad shows as 0.58."""
 NAMED_JOINTS = 3
-RECURRING_JERK_EXCESS = 5.0
-"""Of the ratio of `recurring_jerk` over 1, times the root of the number of windows, with which
-chance falls; clean: at most 3.3 (a ratio of 2.5 over 5 windows, 1.3 over 36)."""
+SEAM_CHANCE = 1e-3
+"""Of `recurring_jerk`; clean: at least 0.0026 in 3,540 whole clips and stretches of 10 s."""
 FOOT_SLIDE_M_S = 0.15
 """Clean: at most 0.10, and 0.07 over a whole clip."""
 FINGERS_OUTSIDE = 0.02
@@ -45,7 +44,7 @@ class Finding:
     """One fault of a motion."""
 
     kind: str
-    """One of ``still``, ``joint_noise``, ``seams``, ``foot_slide``, ``swapped_sides``,
+    """One of ``still``, ``joint_noise``, ``seams``, ``period``, ``foot_slide``, ``swapped_sides``,
     ``frozen_hand`` and ``finger_range``."""
     sentence: str
     numbers: dict[str, Any]
@@ -55,7 +54,7 @@ class Finding:
         return {"kind": self.kind, **as_json(self.numbers), "sentence": self.sentence}
 
 
-def find_faults(raw: Measures, point: str, window_advance: int) -> list[Finding]:
+def find_faults(raw: Measures, point: str) -> list[Finding]:
     """Faults of one motion; none for clean motion.
 
     Left and right taken for each other are found beside a reference of the same speech. Without
@@ -70,7 +69,8 @@ def find_faults(raw: Measures, point: str, window_advance: int) -> list[Finding]
         return [Finding("still", "Nothing moves in this motion.", {})]
     searches: tuple[Callable[[], list[Finding]], ...] = (
         lambda: _joint_noise(raw, point),
-        lambda: _seams(raw, window_advance),
+        lambda: _seams(raw),
+        lambda: _period(raw),
         lambda: _foot_slide(raw),
         lambda: _swapped_sides(raw),
         lambda: _frozen_hands(raw),
@@ -105,23 +105,58 @@ def _joint_noise(raw: Measures, point: str) -> list[Finding]:
     return [Finding("joint_noise", sentence, numbers)]
 
 
-def _seams(raw: Measures, window_advance: int) -> list[Finding]:
-    found = raw.seams.recurring_jerk
-    if not (found.ratio - 1) * found.windows**0.5 > RECURRING_JERK_EXCESS:
+def _seams(raw: Measures) -> list[Finding]:
+    found, advance = raw.seams.recurring_jerk, raw.seams.folded_on_frames
+    if advance is None or found.chance > SEAM_CHANCE:
         return []
     return [
         Finding(
             "seams",
-            f"The body jumps every {window_advance} frames ({window_advance / FPS:.2f}"
+            f"The body jumps every {advance} frames ({advance / FPS:.2f}"
             f" s), at frame {found.phase_frame} of each window: its jerk there is"
             f" {found.ratio:.1f} times the usual.",
             {
-                "window_advance_frames": window_advance,
+                "window_advance_frames": advance,
                 "phase_frame": found.phase_frame,
                 "jerk_ratio": found.ratio,
             },
         )
     ]
+
+
+def _period(raw: Measures) -> list[Finding]:
+    """Jerk that comes again after another number of frames than the windows that are known."""
+    period, windows = raw.seams.period, raw.seams.folded_on_frames
+    if period is None or (windows != period.frames and windows and period.frames % windows == 0):
+        return []
+    if windows == period.frames and _seams(raw):
+        return []
+    verb = "jerk" if period.part == "legs" else "jerks"
+    if period.kind == "pulses":
+        how = f"{period.peak_over_usual:.1f} times the usual at frame {period.phase_frame} of each"
+    else:
+        how = f"{period.peak_over_least:.1f} times as high at one of them as at another"
+    return [
+        Finding(
+            "period",
+            f"The {period.part} {verb} anew every {period.frames} frames"
+            f" ({period.frames / FPS:.2f} s): jerk is {how}, {period.periods} times over (by chance"
+            f" once in {_one_in(period.chance)} clips).",
+            {
+                "period_frames": period.frames,
+                "part": period.part,
+                "phase_frame": period.phase_frame,
+                "peak_over_usual": period.peak_over_usual,
+                "peak_over_least": period.peak_over_least,
+                "chance": period.chance,
+            },
+        )
+    ]
+
+
+def _one_in(chance: float) -> str:
+    number = 1 / max(chance, 1e-300)
+    return "over a million" if number > 1e6 else f"{float(f'{number:.1g}'):,.0f}"
 
 
 def _foot_slide(raw: Measures) -> list[Finding]:

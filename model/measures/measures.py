@@ -9,6 +9,7 @@ from jaxtyping import Float
 from model.measures.attribution import attribute_jerk
 from model.measures.diversity import l1_to_mean
 from model.measures.joint_range import FINGER_JOINT_NAMES, elbow_backwards_share, finger_is_outside
+from model.measures.periods import Period, find_period, part_jerk_by_phase
 from model.measures.posture import (
     FEET,
     HIGH_PERCENTILE,
@@ -34,7 +35,13 @@ from model.measures.results import (
     Spectrum,
     Tilt,
 )
-from model.measures.seams import jerk_by_window_phase, recurring_jerk, seam_jerk_ratio
+from model.measures.seams import (
+    RecurringJerk,
+    Windows,
+    jerk_by_window_phase,
+    recurring_jerk,
+    seam_jerk_ratio,
+)
 from model.measures.smoothness import (
     angular_velocity,
     derivative_magnitudes,
@@ -49,9 +56,8 @@ from model.motion.skeleton import LEFT_HAND, RIGHT_HAND, RestSkeleton
 from model.motion.timing import FPS
 from model.motion.tracks import Tracks, moving_chain, track_points
 
-WINDOW_ADVANCE = 52
-"""Frames from one generated window to the next: 60 less the 8 they share."""
-WINDOW_OVERLAP = 8
+OWN_WINDOWS = Windows(advance=52, overlap=8)
+"""Of GlobalDiff's systems: 60 frames, of which two windows share 8."""
 TIP = "right_middle"
 """The fingertip of the paper's Figure 6."""
 FINGERS_STILL_DEG_S = 1.0
@@ -62,16 +68,17 @@ def measure_motion(
     motion: Motion,
     skeleton: RestSkeleton,
     tip: str = TIP,
-    window_advance: int = WINDOW_ADVANCE,
-    window_overlap: int = WINDOW_OVERLAP,
+    windows: Windows | None = OWN_WINDOWS,
 ) -> Measures:
     """The numbers of one motion as it is.
 
     Args:
         tip: the fingertip or joint that the ``tip_`` measures follow.
+        windows: how it was cut, if that is known.
     """
     tracks = track_points(motion, skeleton)
-    return measure_tracks(tracks, tracks.point(tip), tip, skeleton, window_advance, window_overlap)
+    period = find_period(tracks)
+    return measure_tracks(tracks, tracks.point(tip), tip, skeleton, windows, period)
 
 
 def measures(motion: Motion, skeleton: RestSkeleton, tip: str = TIP) -> dict[str, Any]:
@@ -84,28 +91,43 @@ def measure_tracks(
     point: Float[np.ndarray, "T 3"],
     name: str,
     skeleton: RestSkeleton,
-    window_advance: int,
-    window_overlap: int,
+    windows: Windows | None,
+    period: Period | None,
 ) -> Measures:
     """What `measure_motion` returns, where forward kinematics has been done.
 
     Args:
         point: positions of the followed point in metres, which is called ``name``.
+        period: what `find_period` finds in the motion as it is, before any filter.
     """
     return Measures(
         _of_point(point, tracks, moving_chain(name)),
         _of_fingertips(tracks),
         _of_joint_positions(tracks),
         _of_joint_rotations(tracks),
-        SeamMeasures(
-            seam_jerk_ratio(tracks.joints, window_advance, window_overlap),
-            jerk_by_window_phase(tracks.joints, window_advance),
-            recurring_jerk(tracks.joints, window_advance),
-        ),
+        _of_seams(tracks, windows, period),
         _of_posture(tracks),
         _of_joint_ranges(tracks, skeleton),
         Diversity(l1_to_mean(tracks.joints - tracks.joints[:, :1])),
     )
+
+
+def _of_seams(tracks: Tracks, windows: Windows | None, period: Period | None) -> SeamMeasures:
+    """Folded on the windows, or else on the period; a period may start anywhere, so that joins are
+    looked for in windows only."""
+    if windows is not None:
+        return SeamMeasures(
+            seam_jerk_ratio(tracks.joints, windows.advance, windows.overlap),
+            jerk_by_window_phase(tracks.joints, windows.advance),
+            recurring_jerk(tracks.joints, windows.advance),
+            windows.advance,
+            period,
+        )
+    unknown = RecurringJerk(None, 0, math.nan)
+    if period is None:
+        return SeamMeasures(math.nan, np.empty(0), unknown)
+    by_phase = part_jerk_by_phase(tracks, period.part, period.frames)
+    return SeamMeasures(math.nan, by_phase, unknown, period.frames, period)
 
 
 def _of_point(

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from model.measures.attribution import JerkAttribution
+from model.measures.periods import Period
 from model.measures.reference_error import ReferenceError
 from model.measures.seams import RecurringJerk
 
@@ -101,11 +102,16 @@ class RotationMeasures:
 
 @dataclass(frozen=True)
 class SeamMeasures:
-    """Of the joins of windows."""
+    """Of the joins of windows, or of the period that was found where no windows are known."""
 
     seam_jerk_ratio: float
     jerk_by_window_phase_m_s3: Float[np.ndarray, " window_advance"]
+    """Empty where there are neither windows nor a period."""
     recurring_jerk: RecurringJerk
+    folded_on_frames: int | None = None
+    """From one window, or period, to the next."""
+    period: Period | None = None
+    """Found in the raw motion, whether or not windows are known."""
 
 
 @dataclass(frozen=True)

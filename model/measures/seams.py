@@ -5,10 +5,24 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from model.measures.periods import MIN_PERIODS, chance_of_pulses
 from model.measures.smoothness import STILL_M_S3, derivative_magnitudes
 
-MIN_WINDOWS = 4
-"""With fewer, chance alone lets some frame stand out."""
+@dataclass(frozen=True)
+class Windows:
+    """How a system cuts time, in frames."""
+
+    advance: int
+    """From the start of one window to the start of the next."""
+    overlap: int
+    """Shared by two windows."""
+
+    def __post_init__(self) -> None:
+        if self.advance < 2 or not 0 <= self.overlap <= self.advance:
+            raise ValueError(
+                f"Windows must start at least 2 frames apart and share no more than that; got"
+                f" {self.advance} and {self.overlap}."
+            )
 
 
 def joins_of(num_frames: int, window_advance: int) -> list[int]:
@@ -70,6 +84,8 @@ class RecurringJerk:
     """Whole windows that the medians are over."""
     ratio: float
     """Median over windows of the jerk at that frame, over the median of all frames."""
+    chance: float = 1.0
+    """Probability that jerk without a period stands out so at some frame of the window."""
 
 
 def recurring_jerk(
@@ -80,9 +96,10 @@ def recurring_jerk(
     NaN under 4 whole windows, and where nothing moves.
     """
     jerk = derivative_magnitudes(positions, 3).mean(axis=1)
+    chance = chance_of_pulses(jerk, window_advance)
     jerk = np.concatenate([np.full(2, np.nan), jerk])  # entry f: differences over f - 2 to f + 1
     num_windows = len(jerk) // window_advance
-    if num_windows < MIN_WINDOWS:
+    if num_windows < MIN_PERIODS:
         return RecurringJerk(None, num_windows, float("nan"))
     windows = jerk[: num_windows * window_advance].reshape(num_windows, window_advance)
     by_phase = np.nanmedian(windows, axis=0)
@@ -90,4 +107,4 @@ def recurring_jerk(
     if usual < STILL_M_S3:
         return RecurringJerk(None, num_windows, float("nan"))
     phase = int(by_phase.argmax())
-    return RecurringJerk(phase, num_windows, float(by_phase[phase] / usual))
+    return RecurringJerk(phase, num_windows, float(by_phase[phase] / usual), chance)

@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 from model.measures.diagnostics import Diagnostics, Versions, diagnose
+from model.measures.measures import OWN_WINDOWS
 from model.measures.results import Measures
 from model.motion.skeleton import open_body_skeleton
 from tests.helpers import smooth_motion_example
@@ -32,8 +33,7 @@ def diagnostics_of(reference: Versions | None = None, **systems: Versions) -> Di
     return Diagnostics(
         point="right_middle",
         tip_source="rigid",
-        window_advance=52,
-        window_overlap=8,
+        windows=OWN_WINDOWS,
         num_frames={},
         notes=[],
         findings={},

@@ -17,6 +17,10 @@ from app.page.tabs.own_motion_run import Diagnose, OwnMotionParts, OwnMotionRunn
 from app.run.followed_point import TIP
 
 TAB = "Your motion"
+WINDOWS_HELP = (
+    "If you know how long the windows are, jumps are looked for where they join. Left empty, every "
+    "period from 2 to 240 frames is tried."
+)
 INTRODUCTION = (
     "Measures up to six motion files of your own as it measures the systems, raw and filtered: "
     "BEAT2 .npz, with SMPL-X or SMPL-H joints, 30 frames a second. The same as "
@@ -84,10 +88,15 @@ def _build_form() -> tuple[list[Any], gr.Button, gr.Button]:
     with gr.Row(elem_classes="pair"):
         point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
         start_frame = gr.Number(value=0, precision=0, minimum=0, label=text.START_LABEL)
+    with gr.Accordion("Made of windows?", open=False):
+        gr.HTML(f'<p class="hint">{WINDOWS_HELP}</p>')
+        with gr.Row(elem_classes="pair"):
+            window = gr.Number(value=None, precision=0, minimum=0, label="Frames of a window")
+            overlap = gr.Number(value=None, precision=0, minimum=0, label="Shared by two")
     with gr.Row(elem_classes="actions"):
         start = gr.Button("Measure and compare", variant="primary", elem_id="own-start")
         cancel = gr.Button(text.CANCEL, elem_id="own-cancel", min_width=110)
-    return [motions, reference, speech, point, start_frame], start, cancel
+    return [motions, reference, speech, point, start_frame, window, overlap], start, cancel
 
 
 def build_results() -> OwnMotionParts:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 NO_MOTION = "Choose at least one motion file (BEAT2 .npz)."
 TOO_MANY = "At most {limit} motions are compared at once; {count} were chosen."
 BAD_START = "The first frame of the figure must be a whole number from 0 on; got {value}."
+BAD_FRAMES = "The {what} must be a whole number of frames, or empty; got {value:g}."
 MEASURED = "Measured {motions}."
 MEASURING = "Measuring: {share:.0%}"
 MAX_NAME = 60
@@ -64,6 +65,8 @@ class OwnMotionForm:
     speech: str | None
     point: str
     start_frame: float | None
+    window: float | None = None
+    overlap: float | None = None
 
     def to_request(self, out: Path, config: AppConfig) -> DiagnoseRequest:
         """The measuring that the form asks for.
@@ -91,7 +94,22 @@ class OwnMotionForm:
             joint=self.point,
             start_frame=int(start),
             body=config.body,
+            window=_whole(self.window, "window"),
+            overlap=_whole(self.overlap, "overlap") or 0,
         )
+
+
+def _whole(value: float | None, what: str) -> int | None:
+    """A number of frames, or None where none is given.
+
+    Raises:
+        RunError: if it is no whole number from 0 on.
+    """
+    if not value:
+        return None
+    if value < 0 or value != int(value):
+        raise RunError(BAD_FRAMES.format(what=what, value=value))
+    return int(value)
 
 
 def display_names(stems: Sequence[str]) -> tuple[str, ...]:

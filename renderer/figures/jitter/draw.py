@@ -4,6 +4,7 @@ Call it under the settings of :mod:`renderer.figures.files`, as the layout measu
 """
 
 from collections.abc import Callable, Sequence
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 HEADS: dict[Kind, str] = {"raw": "As generated", "savgol": "Savitzky-Golay filter, 7 frames"}
 LIMIT_HZ = 5.0
 NO_DATA = "Not measured: too short, or nothing moved."
+NO_PERIOD = "No windows are known, and no period of 2 to 240 frames was found in the jerk."
 _KINDS: tuple[Kind, ...] = ("raw", "savgol")
 _JERK = "jerk (m/s³)"
 _DECADES = 3.3
@@ -118,16 +120,34 @@ def _draw_attribution(figure: "Figure", layout: SheetLayout, sheet: JitterSheet)
 
 
 def _draw_seams(figure: "Figure", layout: SheetLayout, sheet: JitterSheet) -> None:
+    is_known = sheet.window_advance > 0
     axes = _row(
         *(figure, layout, sheet, "seams", sheet.by_phase),
-        title="e  Seams: mean jerk of all joints, folded on the windows",
+        title="e  Seams: mean jerk of all joints, folded on the windows"
+        if is_known
+        else "e  Periods: mean jerk of the body part that repeats, folded on the period found",
         y_label=_JERK,
+        without=NO_DATA if is_known else NO_PERIOD,
     )
+    label = f"frame of the window, one every {sheet.window_advance}; shaded: shared by two"
     for each in axes:
-        label = f"frame of the window, one every {sheet.window_advance}; shaded: shared by two"
-        each.set_xlabel(label, size=style.LABEL_PT, labelpad=1.0)
-        each.axvspan(-0.5, sheet.window_overlap - 0.5, color=_SHADE, linewidth=0.0, zorder=0.2)
+        each.set_xlabel(label if is_known else _folds(sheet), size=style.LABEL_PT, labelpad=1.0)
+        if is_known:
+            each.axvspan(-0.5, sheet.window_overlap - 0.5, color=_SHADE, linewidth=0.0, zorder=0.2)
+        elif sheet.periods:
+            each.set_xticks(_few_frames(max(frames for frames, _ in sheet.periods.values())))
     _share_linear(axes, [sheet.by_phase(kind) for kind in _KINDS], from_zero=True)
+
+
+def _folds(sheet: JitterSheet) -> str:
+    """On what each curve is folded."""
+    found = [f"{name} {frames} ({part})" for name, (frames, part) in sheet.periods.items()]
+    return f"frame of the period; every {', '.join(found[:2])}" if found else ""
+
+
+def _few_frames(period: int) -> list[int]:
+    """Frames of a period to put numbers at, at most about eight."""
+    return list(range(0, period, -(-period // 8)))
 
 
 def _row(
@@ -140,14 +160,19 @@ def _row(
     title: str,
     y_label: str,
     is_dense: bool = False,
+    without: str = NO_DATA,
 ) -> list["Axes"]:
-    """The panels of one measure; only the left one has numbers along y."""
+    """The panels of one measure; only the left one has numbers along y.
+
+    Args:
+        without: what a panel says that has no curves.
+    """
     rects = layout.panels[row]
     write_title(figure, MARGIN, rects[0].top - TITLE_GAP, title)
     drawn = []
     for kind, rect in zip(_KINDS, rects, strict=False):
         axes = figure.add_axes(rect.fraction_of(layout.height), label=f"{row} {kind}")
-        _draw_curves(axes, curves_of(kind), sheet, is_dense)
+        _draw_curves(axes, curves_of(kind), sheet, is_dense, without)
         axes.grid(axis="y")
         axes.set_axisbelow(True)
         if rect is not rects[0]:
@@ -157,11 +182,13 @@ def _row(
     return drawn
 
 
-def _draw_curves(axes: "Axes", curves: Curves, sheet: JitterSheet, is_dense: bool) -> None:
+def _draw_curves(
+    axes: "Axes", curves: Curves, sheet: JitterSheet, is_dense: bool, without: str
+) -> None:
     """Lines in the systems' styles, with their markers at every point or at a few."""
     if not curves:
         axes.text(
-            *(0.5, 0.5, NO_DATA),
+            *(0.5, 0.5, fill(without, 44)),
             transform=axes.transAxes,
             **{"size": style.SMALL_PT, "color": style.FAINT_INK, "ha": "center", "va": "center"},
         )
@@ -177,7 +204,8 @@ def _draw_curves(axes: "Axes", curves: Curves, sheet: JitterSheet, is_dense: boo
 
 
 def _share_log(axes: Sequence["Axes"], curves: Sequence[Curves], decades: float = _DECADES) -> None:
-    """One logarithmic scale for the panels of a row; what lies below it stays at its edge."""
+    """One logarithmic scale for the panels of a row; what lies below it stays at its edge, and what
+    is 0, which has no place on it, is a gap."""
     from matplotlib.ticker import FuncFormatter, LogLocator
 
     values = _all_values(curves)
@@ -194,7 +222,8 @@ def _share_log(axes: Sequence["Axes"], curves: Sequence[Curves], decades: float 
         each.set_ylim(low, high)
         for line in each.get_lines():
             if line.get_label() and not str(line.get_label()).startswith("_"):
-                line.set_ydata(np.maximum(np.asarray(line.get_ydata(), dtype=float), low))
+                y = np.asarray(line.get_ydata(), dtype=float)
+                line.set_ydata(np.where(y > 0.0, np.maximum(y, low), np.nan))
         each.yaxis.set_major_locator(LogLocator(subs=steps))
         each.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         each.minorticks_off()

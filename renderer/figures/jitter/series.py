@@ -43,8 +43,21 @@ class JitterSheet:
         return self._curves(kind, "jerk_by_depth_m_s3")
 
     def by_phase(self, kind: Kind) -> Curves:
-        """Frame of the window, and mean jerk of all joints in m/s^3."""
+        """Frame of the window, or of the period found, and mean jerk in m/s^3."""
         return self._curves(kind, "jerk_by_window_phase_m_s3")
+
+    @property
+    def periods(self) -> dict[str, tuple[int, str]]:
+        """Where no windows are known: by name the period found, in frames, and the part of the
+        body that shows it."""
+        if self.window_advance:
+            return {}
+        found = {name: _of(m, "raw").get("period") for name, m in self.measures.items()}
+        return {
+            name: (int(period["frames"]), str(period["part"]))
+            for name, period in found.items()
+            if period
+        }
 
     def by_joint(self, kind: Kind) -> Curves:
         """Place in :meth:`joint_order`, and jerk in m/s^3; a gap of NaN wherever a limb ends."""

@@ -8,7 +8,8 @@ import torch
 
 from model.measures.diagnostics import diagnose
 from model.measures.findings import Finding, find_faults
-from model.measures.measures import measure_motion
+from model.measures.measures import TIP, measure_motion
+from model.measures.seams import Windows
 from model.motion.mirror import mirror_poses
 from model.motion.motion import Motion, load_motion
 from model.motion.skeleton import JOINT_INDEX, LEFT_HAND, MIRROR_PERMUTATION, open_body_skeleton
@@ -85,12 +86,13 @@ def test_noise_everywhere_is_counted(clean: Motion):
 def test_a_jump_every_52_frames_is_a_seam(clean: Motion):
     windows = (np.arange(FRAMES) + 52 - 5) // 52
     jumps = 0.1 * (windows[:, None] % 2) * np.array([1.0, 0, 0])
-    fault = only_fault(with_joint(clean, "right_shoulder", jumps))
+    jumping = with_joint(clean, "right_shoulder", jumps)
+    (fault,) = find_faults(measure_motion(jumping, SKELETON, windows=Windows(52, 8)), TIP)
     assert fault.kind == "seams"
     assert fault.numbers["phase_frame"] in (4, 5, 6)
     assert "every 52 frames" in fault.sentence
-    raw = measure_motion(with_joint(clean, "right_shoulder", jumps), SKELETON, window_advance=60)
-    assert find_faults(raw, "right_middle", 60) == []
+    (fault,) = find_faults(measure_motion(jumping, SKELETON, windows=Windows(60, 8)), TIP)
+    assert fault.kind == "period" and "every 52 frames" in fault.sentence
 
 
 def test_one_jump_is_no_seam(clean: Motion):
@@ -160,7 +162,7 @@ def test_short_clips_have_no_findings(clean: Motion, num_frames: int):
 @pytest.mark.parametrize("clip", ["2_scott_0_1_1", "2_scott_0_2_2"])
 def test_recorded_clips_are_quiet(clip: str):
     motion = load_motion(beat2_folder() / "smplxflame_30" / f"{clip}.npz")
-    assert find_faults(measure_motion(motion, SKELETON), "right_middle", 52) == []
+    assert find_faults(measure_motion(motion, SKELETON), "right_middle") == []
     for start in range(0, motion.num_frames - 300, 300):
         part = slice(start, start + 300)
         stretch = replace(
@@ -169,4 +171,4 @@ def test_recorded_clips_are_quiet(clip: str):
             trans=motion.trans[part],
             expressions=motion.expressions[part],
         )
-        assert find_faults(measure_motion(stretch, SKELETON), "right_middle", 52) == []
+        assert find_faults(measure_motion(stretch, SKELETON), "right_middle") == []

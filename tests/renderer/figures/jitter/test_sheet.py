@@ -11,7 +11,7 @@ from PIL import Image
 
 from renderer.body.joints import JOINT_INDEX
 from renderer.figures.files import FigureError, matplotlib_settings
-from renderer.figures.jitter.draw import NO_DATA, draw_sheet
+from renderer.figures.jitter.draw import NO_DATA, NO_PERIOD, draw_sheet
 from renderer.figures.jitter.layout import ROWS
 from renderer.figures.jitter.series import read_sheet
 from renderer.figures.jitter.sheet import jitter_sheet
@@ -109,13 +109,33 @@ def test_raw_and_filtered_panels_have_one_scale(settings: None) -> None:
             assert panels[f"{row} raw"].get_ylim() == panels[f"{row} savgol"].get_ylim()
 
 
-def test_zero_jerk_stays_at_the_edge_of_a_logarithmic_axis(settings: None) -> None:
+def test_zero_jerk_is_a_gap_on_a_logarithmic_axis(settings: None) -> None:
     numbers = example_diagnostics(1, has_reference=False)
     numbers["systems"][NAMES[0]]["raw"]["jerk_by_depth_m_s3"][3] = 0.0
     axes = panels_of(draw_sheet(read_sheet(numbers), ""))["depth raw"]
+    drawn = np.asarray(lines_of(axes)[NAMES[0]].get_ydata(), dtype=float)
+    assert np.flatnonzero(np.isnan(drawn)).tolist() == [3]
     low, high = axes.get_ylim()
-    assert lines_of(axes)[NAMES[0]].get_ydata()[3] == low
     assert 0.0 < low < high < 1e5
+
+
+def test_periods_found_are_folded_and_named(settings: None) -> None:
+    numbers = example_diagnostics(2, has_reference=False)
+    numbers |= {"window_advance_frames": None, "window_overlap_frames": None}
+    for index, name in enumerate(NAMES[:2]):
+        for kind in ("raw", "savgol"):
+            numbers["systems"][name][kind] |= {
+                "jerk_by_window_phase_m_s3": [3.0, 1.0, 2.0, 1.0] if index else [],
+                "period": {"frames": 4, "part": "legs"} if index else None,
+            }
+    axes = panels_of(draw_sheet(read_sheet(numbers), ""))["seams raw"]
+    assert axes.get_xlabel() == f"frame of the period; every {NAMES[1]} 4 (legs)"
+    assert list(lines_of(axes)) == [NAMES[1]]
+    assert not axes.patches  # no frames are shared that one knows of
+    for kind in ("raw", "savgol"):
+        numbers["systems"][NAMES[1]][kind] |= {"jerk_by_window_phase_m_s3": [], "period": None}
+    axes = panels_of(draw_sheet(read_sheet(numbers), ""))["seams raw"]
+    assert " ".join(axes.texts[0].get_text().split()) == NO_PERIOD
 
 
 # ---------------------------------------------------------------------------- legibility
