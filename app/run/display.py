@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
-from scipy import ndimage
 
 from app.errors import RunError
 
@@ -111,6 +110,8 @@ def _trail(motion: Motion, display: Display, tip: TipSource) -> Trail:
 
 
 def _heat(motion: Motion, body: Body) -> Heat:
+    from scipy import ndimage  # only where something is smoothed: the page starts without
+
     from app.run.export import body_motion
     from model.measures.smoothness import derivative_magnitudes
     from renderer.video.marks import Heat
