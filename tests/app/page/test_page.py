@@ -9,6 +9,7 @@ import gradio as gr
 import pytest
 
 from app.config import AppConfig
+from app.live.desk import LiveDesk
 from app.page.page import build_app
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
@@ -42,7 +43,9 @@ def jobs(tmp_path: Path) -> WatchedJobs:
 def page(jobs: WatchedJobs, tmp_path: Path) -> gr.Blocks:
     handover = Handover(tmp_path / "private")
     generate = fakes.make_generate()
-    return build_app(generate, fakes.CATALOGUE, AppConfig(), jobs, handover, MediaDesk())
+    config = AppConfig()
+    desks = MediaDesk(), LiveDesk(config.weights)
+    return build_app(generate, fakes.CATALOGUE, config, jobs, handover, *desks)
 
 
 def handler(page: gr.Blocks, button: str) -> Callable[..., Any]:
