@@ -9,6 +9,7 @@ import gradio as gr
 import pytest
 
 from app.config import AppConfig
+from app.live.desk import LiveDesk
 from app.page.page import build_app
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
@@ -41,8 +42,8 @@ def jobs(tmp_path: Path) -> WatchedJobs:
 @pytest.fixture
 def page(jobs: WatchedJobs, tmp_path: Path) -> gr.Blocks:
     handover = Handover(tmp_path / "private")
-    generate = fakes.make_generate()
-    return build_app(generate, fakes.CATALOGUE, AppConfig(), jobs, handover, MediaDesk())
+    generate, live = fakes.make_generate(), LiveDesk(tmp_path)
+    return build_app(generate, fakes.CATALOGUE, AppConfig(), jobs, handover, MediaDesk(), live)
 
 
 def handler(page: gr.Blocks, button: str) -> Callable[..., Any]:
