@@ -49,9 +49,8 @@ if TYPE_CHECKING:
 _M_MMAP_THRESHOLD = -3  # malloc.h
 _LARGE_BYTES = 1 << 20
 LIVE_NOTE = (
-    "This motion was made while the speech was spoken, in windows that start a third of a second "
-    "or more after each other: measures of window joins, which look every 52 frames, do not see "
-    "its own."
+    "This motion was made while the speech was spoken, in windows that start 0.3 s or more "
+    "after each other: measures of window joins, which look every 52 frames, do not see its own."
 )
 
 

@@ -1,4 +1,4 @@
-"""Motion for speech that is still being spoken, a third of a second at a time.
+"""Motion for speech that is still being spoken, 0.3 s at a time.
 
 `stream_motion` waits until a whole window and the context after it are spoken, almost 3 s. Here a
 window is made as soon as a few frames of new speech are there: it starts from the last frames that
@@ -28,9 +28,9 @@ from model.motion.motion import Motion
 class Pace:
     """How early frames become final."""
 
-    hop: int = 10
-    """New frames that a window is made for, at the least."""
-    heard_ahead: int = 10
+    hop: int = 9
+    """New frames that a window is made for, at the least; speech is heard three at a time."""
+    heard_ahead: int = 9
     """Frames of speech that are heard after the last frame that becomes final. The next window
     joins there, so it is no less than their overlap."""
 

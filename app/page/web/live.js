@@ -13,7 +13,7 @@ const PICTURE_PX = 640;
 const SLOW_PICTURE_PX = 360; // where the processor draws
 const SLOW_REST = 1; // after a picture that a processor drew, as a share of the time that took
 const LEAST_FACE = 0.01;
-const FOLLOW = 0.02; // how far the camera goes after the body with each picture
+const FOLLOW_MS = 3000; // in which the camera goes most of the way after the body
 const LATE_MS = 1500;
 const LATE_FOR_MS = 3000; // before it is said
 const LOST = "The connection to the server was lost; start again.";
@@ -216,9 +216,10 @@ class Live {
     if (this.#isDrawing || time < this.#restUntil) return;
     const pair = this.#playout.now();
     if (!pair) return;
+    const passed = time - this.#drawnAt;
     this.#drawnAt = time;
     this.#isDrawing = true;
-    this.#view.pose(...this.#between(...pair));
+    this.#view.pose(...this.#between(...pair, passed));
   }
 
   /** The picture is there; the next one leaves a processor that draws time for other things. */
@@ -229,11 +230,12 @@ class Live {
     this.#tell(time);
   }
 
-  /** A pose between two frames. */
-  #between(one, two, share) {
+  /** A pose between two frames, `passed` ms after the last one. */
+  #between(one, two, share, passed) {
     const mix = (a, b) => a + share * (b - a);
     const place = Array.from(one.position, (value, i) => mix(value, two.position[i]));
-    this.#centre = this.#centre?.map((value, i) => value + FOLLOW * (place[i] - value)) ?? place;
+    const follow = 1 - Math.exp(-passed / FOLLOW_MS);
+    this.#centre = this.#centre?.map((value, i) => value + follow * (place[i] - value)) ?? place;
     const position = [place[0] - this.#centre[0], place[1], place[2] - this.#centre[2]];
     const rotations = (this.#pose ??= new Float32Array(one.rotations.length));
     for (let at = 0; at < rotations.length; at += 4) {

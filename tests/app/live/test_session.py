@@ -60,7 +60,7 @@ def test_frames_follow_the_speech_and_can_be_kept(
     headers = [HEADER.unpack_from(message) for message in told if isinstance(message, bytes)]
     assert [first for first, *_ in headers] == list(np.cumsum([0] + [h[1] for h in headers])[:-1])
     made = sum(count for _, count, *_ in headers)
-    assert 120 - 10 - 10 - 6 <= made <= 120 - 10
+    assert 120 - 9 - 9 - 3 <= made <= 120 - 9
     kept = session.kept()
     assert kept.minute.motion.num_frames == made
     assert kept.facts["windows_of_session"] == len(headers) and kept.facts["window_cpu_ms"] > 0

@@ -42,10 +42,8 @@ def jobs(tmp_path: Path) -> WatchedJobs:
 @pytest.fixture
 def page(jobs: WatchedJobs, tmp_path: Path) -> gr.Blocks:
     handover = Handover(tmp_path / "private")
-    generate = fakes.make_generate()
-    config = AppConfig()
-    desks = MediaDesk(), LiveDesk(config.weights)
-    return build_app(generate, fakes.CATALOGUE, config, jobs, handover, *desks)
+    generate, live = fakes.make_generate(), LiveDesk(tmp_path)
+    return build_app(generate, fakes.CATALOGUE, AppConfig(), jobs, handover, MediaDesk(), live)
 
 
 def handler(page: gr.Blocks, button: str) -> Callable[..., Any]:
