@@ -21,10 +21,12 @@ from app.run.export import BACKGROUNDS, ENDINGS, SHEET_POSES, RenderRequest, ren
 from app.run.followed_point import TIP
 from app.run.request import (
     CLOSE_UPS,
+    FRAMINGS,
     LOOKS,
     POST_FILTERS,
     VIEWS,
     CloseUp,
+    Framing,
     GenerateRequest,
     View,
     check_size,
@@ -116,11 +118,12 @@ def _add_generate(commands) -> None:
         "--views", type=_views, default=("front",), metavar="V,...",
         help=f"of {', '.join(VIEWS)}; the first is compared (default: front)",
     )  # fmt: skip
+    _add_framing(parser, "knees")
     _add_close_up(parser, "hands")
     _add_display(parser)
     parser.add_argument("--no-video", action="store_true", help="no videos, figure without poses")
     parser.add_argument(
-        "--size", type=_size, default=512, metavar="PX", help="of one video (default: 512)"
+        "--size", type=_size, default=512, metavar="PX", help="height of a body (default: 512)"
     )
     parser.add_argument(
         "--max-minutes", type=float, default=10.0, metavar="N",
@@ -159,6 +162,7 @@ def _generate(options: argparse.Namespace) -> None:
         body=options.body,
         look=options.look,
         views=options.views,
+        framing=options.framing,
         close_ups=options.close_up,
         display=_display(options),
         size=options.size,
@@ -249,6 +253,7 @@ def _add_render(commands) -> None:
         help=f"of {', '.join(VIEWS)}; the files of all but the first have the view in their name "
         "(default: front)",
     )  # fmt: skip
+    _add_framing(parser, "whole")
     _add_close_up(parser, "off")
     _add_display(parser)
     parser.add_argument(
@@ -256,7 +261,7 @@ def _add_render(commands) -> None:
         help="fingertip or joint that a trail follows (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        "--size", type=_size, default=720, metavar="PX", help="width and height (default: 720)"
+        "--size", type=_size, default=720, metavar="PX", help="height (default: 720)"
     )
     parser.add_argument("--draft", action="store_true", help="faster, with jagged edges")
     parser.add_argument("--stills", type=int, metavar="N", help="N single pictures as .png")
@@ -283,6 +288,7 @@ def _render(options: argparse.Namespace) -> None:
         body=options.body,
         look=options.look,
         views=options.views,
+        framing=options.framing,
         close_ups=options.close_up,
         display=_display(options),
         joint=options.joint,
@@ -325,6 +331,13 @@ def _add_body(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--body", type=Path, default=default_body(), metavar="FILE",
         help="licensed SMPLX_NEUTRAL*.npz (default: $SMPLX_MODEL, else the open body)",
+    )  # fmt: skip
+
+
+def _add_framing(parser: argparse.ArgumentParser, usual: Framing) -> None:
+    parser.add_argument(
+        "--framing", choices=FRAMINGS, default=usual,
+        help="the whole body, or from the knees up and larger (default: %(default)s)",
     )  # fmt: skip
 
 
