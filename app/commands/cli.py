@@ -1,4 +1,4 @@
-"""The command line: generate, diagnose, render, study, doctor.
+"""The command line: generate, diagnose, render, mechanism, study, doctor.
 
 Exit status: 0 done, 1 failed with one sentence on standard error, 2 wrong arguments.
 """
@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from app import text
+from app.commands.mechanism import add_mechanism
 from app.commands.study import add_study
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import CancelledRun, RunError, sentence_of
@@ -67,6 +68,7 @@ def make_parser() -> argparse.ArgumentParser:
     _add_generate(commands)
     _add_diagnose(commands)
     _add_render(commands)
+    add_mechanism(commands)
     _add_doctor(commands)
     add_study(commands)
     return parser
