@@ -1,4 +1,4 @@
-"""The command line: generate, diagnose, steps, render, study, doctor.
+"""The command line: generate, diagnose, steps, render, mechanism, study, doctor.
 
 Exit status: 0 done, 1 failed with one sentence on standard error, 2 wrong arguments.
 """
@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from app import text
+from app.commands.mechanism import add_mechanism
 from app.commands.study import add_study
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import CancelledRun, RunError, sentence_of
@@ -21,10 +22,12 @@ from app.run.export import BACKGROUNDS, ENDINGS, SHEET_POSES, RenderRequest, ren
 from app.run.followed_point import TIP
 from app.run.request import (
     CLOSE_UPS,
+    FRAMINGS,
     LOOKS,
     POST_FILTERS,
     VIEWS,
     CloseUp,
+    Framing,
     GenerateRequest,
     View,
     check_size,
@@ -66,6 +69,7 @@ def make_parser() -> argparse.ArgumentParser:
     _add_diagnose(commands)
     _add_steps(commands)
     _add_render(commands)
+    add_mechanism(commands)
     _add_doctor(commands)
     add_study(commands)
     return parser
@@ -117,11 +121,12 @@ def _add_generate(commands) -> None:
         "--views", type=_views, default=("front",), metavar="V,...",
         help=f"of {', '.join(VIEWS)}; the first is compared (default: front)",
     )  # fmt: skip
+    _add_framing(parser, "knees")
     _add_close_up(parser, "hands")
     _add_display(parser)
     parser.add_argument("--no-video", action="store_true", help="no videos, figure without poses")
     parser.add_argument(
-        "--size", type=_size, default=512, metavar="PX", help="of one video (default: 512)"
+        "--size", type=_size, default=512, metavar="PX", help="height of a body (default: 512)"
     )
     parser.add_argument(
         "--max-minutes", type=float, default=10.0, metavar="N",
@@ -160,6 +165,7 @@ def _generate(options: argparse.Namespace) -> None:
         body=options.body,
         look=options.look,
         views=options.views,
+        framing=options.framing,
         close_ups=options.close_up,
         display=_display(options),
         size=options.size,
@@ -311,6 +317,7 @@ def _add_render(commands) -> None:
         help=f"of {', '.join(VIEWS)}; the files of all but the first have the view in their name "
         "(default: front)",
     )  # fmt: skip
+    _add_framing(parser, "whole")
     _add_close_up(parser, "off")
     _add_display(parser)
     parser.add_argument(
@@ -318,7 +325,7 @@ def _add_render(commands) -> None:
         help="fingertip or joint that a trail follows (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        "--size", type=_size, default=720, metavar="PX", help="width and height (default: 720)"
+        "--size", type=_size, default=720, metavar="PX", help="height (default: 720)"
     )
     parser.add_argument("--draft", action="store_true", help="faster, with jagged edges")
     parser.add_argument("--stills", type=int, metavar="N", help="N single pictures as .png")
@@ -345,6 +352,7 @@ def _render(options: argparse.Namespace) -> None:
         body=options.body,
         look=options.look,
         views=options.views,
+        framing=options.framing,
         close_ups=options.close_up,
         display=_display(options),
         joint=options.joint,
@@ -387,6 +395,13 @@ def _add_body(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--body", type=Path, default=default_body(), metavar="FILE",
         help="licensed SMPLX_NEUTRAL*.npz (default: $SMPLX_MODEL, else the open body)",
+    )  # fmt: skip
+
+
+def _add_framing(parser: argparse.ArgumentParser, usual: Framing) -> None:
+    parser.add_argument(
+        "--framing", choices=FRAMINGS, default=usual,
+        help="the whole body, or from the knees up and larger (default: %(default)s)",
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 from app.errors import RunError
 from app.run.display import Display, check_display, displayed, marks_of
 from app.run.models import get_body
-from app.run.request import LOOKS, CloseUp, View, check_size
+from app.run.request import LOOKS, CloseUp, Framing, View, check_size
 
 if TYPE_CHECKING:
     import numpy as np
@@ -41,6 +41,7 @@ class RenderRequest:
     """The first one's files are called as ``out``; the others' have the view in their name."""
     close_ups: tuple[CloseUp, ...] = ()
     """Beside the body, in the videos and pictures of the first view."""
+    framing: Framing = "whole"
     display: Display = field(default_factory=Display)
     """What pictures show beyond the body as it moves."""
     joint: str = "right_middle"
@@ -139,8 +140,10 @@ def render_settings(
     is_draft: bool = False,
     is_transparent: bool = False,
     close_ups: tuple[CloseUp, ...] = (),
+    framing: Framing = "whole",
 ) -> RenderSettings:
-    """Square pictures of that size, and close-ups beside them.
+    """Pictures of that height, and close-ups beside them: square ones of the whole body, and ones
+    of three quarters of the width where it stands from the knees up.
 
     Raises:
         RunError: if the size cannot be drawn or encoded.
@@ -149,12 +152,13 @@ def render_settings(
 
     try:
         return RenderSettings(
-            width=size,
+            width=size if framing == "whole" else 2 * (3 * size // 8),
             height=size,
             view=view,
             antialias=not is_draft,
             is_transparent=is_transparent,
             close_ups=close_ups,
+            framing=framing,
         )
     except ValueError as error:
         raise RunError(str(error)) from error
@@ -193,6 +197,7 @@ def _draw(
             settings = render_settings(
                 *(view, request.size, request.is_draft, request.background == "transparent"),
                 close_ups=request.close_ups if done == 0 else (),
+                framing=request.framing,
             )
             job = RenderJob(
                 motion=motion,

@@ -83,12 +83,13 @@ def draw_all(
     marks = {row.name: marks_of(row.shown, request.display, tip, inputs.body) for row in rows}
     shortest = min(motion.num_frames for motion in motions.values())
     frames = choose_snapshot_frames(shortest, request.start_frame)
+    has_poses = request.display.is_plain and request.framing == "whole"
     jobs: dict[str, RenderJob] = {}
     named: dict[str, str] = {}
     for view in request.views:
         is_main = view == request.views[0]
         close_ups = request.close_ups if is_main else ()
-        settings = render_settings(view, request.size, close_ups=close_ups)
+        settings = render_settings(view, request.size, close_ups=close_ups, framing=request.framing)
         # As for the motions themselves: exaggerated ones stand before the same camera.
         stage = stage_for(inputs.body, list(motions.values()), settings)
         for name, motion in drawn.items():
@@ -103,11 +104,11 @@ def draw_all(
                 look=request.look,
                 stage=stage,
                 marks=marks[name],
-                still_frames=frames if is_main and request.display.is_plain else (),
+                still_frames=frames if is_main and has_poses else (),
             )
     plain = render_settings(request.views[0], request.size)
     plain_stage = stage_for(inputs.body, list(motions.values()), plain)
-    if not request.display.is_plain:
+    if not has_poses:
         jobs |= {
             f"poses of {name}": RenderJob(
                 motion=motion,
@@ -126,7 +127,7 @@ def draw_all(
         should_cancel=reporter.should_cancel,
     )
     reporter.progress("video", 1.0)
-    if request.display.is_plain:
+    if has_poses:
         main = render_settings(request.views[0], request.size, close_ups=request.close_ups)
         box = main.panels[0].box
         pictures = {name: results[f"{file_stem(name)}.mp4"].stills[:, *box] for name in motions}

@@ -266,6 +266,7 @@ def _write_provenance(
             "look": inputs.body.look,
             "backend": inputs.backend,
             "views": list(request.views),
+            "framing": request.framing,
             "close_ups": list(request.close_ups),
             "display": asdict(request.display),
             "size": request.size,

@@ -19,6 +19,8 @@ View = Literal["front", "three_quarter", "side", "face", "left_hand", "right_han
 VIEWS: tuple[View, ...] = get_args(View)
 CloseUp = Literal["face", "hands"]
 CLOSE_UPS: tuple[CloseUp, ...] = get_args(CloseUp)
+Framing = Literal["whole", "knees"]
+FRAMINGS: tuple[Framing, ...] = get_args(Framing)
 LOOKS = tuple(
     f"{build}-{tone}"
     for build in ("average", "slender", "broad")
@@ -101,8 +103,11 @@ class GenerateRequest:
     views: tuple[View, ...] = ("front",)
     close_ups: tuple[CloseUp, ...] = ("hands",)
     """What stands in the videos of the first view, and so in the comparison, beside the body."""
+    framing: Framing = "knees"
+    """How much of the body videos show."""
     size: int = 512
-    """Width and height of the body in one video in pixels; a close-up adds half of it."""
+    """Height of the body in one video in pixels; it is as wide where all of it is shown, and three
+    quarters as wide from the knees up. A close-up adds half the width."""
     display: Display = field(default_factory=Display)
     """What the videos show beyond the body as it moves."""
     has_video: bool = True
@@ -148,6 +153,7 @@ def check_request(request: GenerateRequest) -> None:
     for value, allowed, what in (
         (request.post_filter, POST_FILTERS, "post-filter"),
         *((view, VIEWS, "view") for view in request.views),
+        (request.framing, FRAMINGS, "framing"),
         *((close_up, CLOSE_UPS, "close-up") for close_up in request.close_ups),
     ):
         if value not in allowed:

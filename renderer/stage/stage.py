@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -36,6 +37,12 @@ _FINGERTIP_M = 0.035
 FOLLOW_BEYOND_M = 1.5
 """Where the bodies of a comparison wander farther, cameras go with them: one that stood still would
 have to show all of the way, and the bodies small."""
+
+Framing = Literal["whole", "knees"]
+FRAMINGS: tuple[Framing, ...] = get_args(Framing)
+"""How much of a body a view shows that is no close-up: all, or from the knees up."""
+_BELOW_KNEES = ("ankle", "foot")
+_KNEE_FLESH_M = 0.1
 
 _PIECE_FRAMES = 512
 
@@ -73,6 +80,7 @@ def set_stage(
     view: str = "front",
     aspect: float = 1.0,
     close_ups: Sequence[Panel] = (),
+    framing: Framing = "whole",
 ) -> Stage:
     """The stage that shows all of these motions, each in turn, with equal cameras.
 
@@ -83,6 +91,7 @@ def set_stage(
         view: one of ``camera.VIEWS``.
         aspect: width of the picture by its height.
         close_ups: panels that show parts of the body beside the picture.
+        framing: of a view that is no close-up.
 
     Raises:
         ValueError: if there is no motion.
@@ -90,7 +99,10 @@ def set_stage(
     if not motions:
         raise ValueError("A stage needs at least one motion; none was given.")
     reach = _reach(body)
-    shown = _CLOSE_UPS.get(view, list(range(len(JOINT_NAMES))))
+    shown = _CLOSE_UPS.get(view, _framed(framing))
+    if framing == "knees":
+        knees = [JOINT_INDEX[f"{side}_knee"] for side in ("left", "right")]
+        reach[knees] = np.minimum(reach[knees], _KNEE_FLESH_M)
     from_afar, along, pelvises, floors, corners = [], [], [], [], []
     near: list[list[np.ndarray]] = [[] for _ in close_ups]
     for motion in motions:
@@ -121,6 +133,14 @@ def set_stage(
             for places, panel in zip(near, close_ups, strict=True)
         ),
     )
+
+
+def _framed(framing: Framing) -> list[int]:
+    """Joints that a view shows that is no close-up."""
+    hidden = _BELOW_KNEES if framing == "knees" else ()
+    return [
+        joint for joint, name in enumerate(JOINT_NAMES) if not any(part in name for part in hidden)
+    ]
 
 
 def _shot(panel: Panel, points: Float[np.ndarray, "N J 3"], reach: np.ndarray) -> Shot:

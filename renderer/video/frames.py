@@ -36,7 +36,10 @@ class CloseUp:
 
 def stage_for(body: Body, motions: Sequence[BodyMotion], settings: RenderSettings) -> Stage:
     """The stage of pictures with these settings that shows all of these motions."""
-    return set_stage(body, motions, settings.view, settings.aspect, settings.panels[1:])
+    return set_stage(
+        *(body, motions, settings.view, settings.aspect, settings.panels[1:]),
+        framing=settings.framing,
+    )
 
 
 def draw_motion(

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from renderer.draw.offscreen import Backend
 from renderer.stage.camera import VIEWS
 from renderer.stage.panels import Panel, lay_out
+from renderer.stage.stage import Framing
 from renderer.stage.studio import Studio
 from renderer.video.encoder import DEFAULT_CRF, check_size
 
@@ -20,6 +21,8 @@ class RenderSettings:
     height: int = 512
     view: str = "front"
     """One of ``camera.VIEWS``."""
+    framing: Framing = "whole"
+    """How much of the body a view shows that is no close-up."""
     close_ups: tuple[str, ...] = ()
     """Of ``panels.CLOSE_UPS``, beside the picture, in the same video."""
     antialias: bool = True

@@ -112,7 +112,9 @@ def picture_layout(request: GenerateRequest) -> dict[str, Any]:
     """
     from renderer.stage.panels import CLOSE_UPS
 
-    settings = render_settings(request.views[0], request.size, close_ups=request.close_ups)
+    settings = render_settings(
+        *(request.views[0], request.size), close_ups=request.close_ups, framing=request.framing
+    )
     width, height = settings.picture_size
     body, *beside = settings.panels
     edges = {

@@ -135,6 +135,9 @@ def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
             False, label=text.COLORING_LABEL, info=text.COLORING_HELP, min_width=150,
             elem_id="coloring",
         )  # fmt: skip
+    is_whole = gr.Checkbox(
+        False, label=text.WHOLE_LABEL, info=text.WHOLE_HELP, elem_id="whole-body"
+    )
     exaggeration = gr.Radio(
         [(f"x{factor}", factor) for factor in FACTORS], value=1, label=text.EXAGGERATE_LABEL,
         info=text.EXAGGERATE_HELP, elem_id="exaggerate",
@@ -178,7 +181,7 @@ def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
     fields = (
         *(speech, systems, speaker, seed, samples, steps, sampler, is_smoothed, reference),
         *(point, start_frame, transcript, body_steps, face_steps),
-        *(exaggeration, has_trail, is_colored),
+        *(exaggeration, has_trail, is_colored, is_whole),
     )
     return FormParts(fields, start, cancel)
 

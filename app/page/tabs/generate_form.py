@@ -25,6 +25,8 @@ from app.run.request import (
 
 SEED_LIMIT = 2**31 - 1
 PAGE_VIDEOS = 12
+PAGE_SIZE_PX = 640
+"""Height of a body in the player."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,8 @@ class Form:
     has_trail: bool = False
     is_colored: bool = False
     """By jerk."""
+    is_whole: bool = False
+    """All of the body in the videos, rather than from the knees up."""
 
 
 def request_from_form(
@@ -108,6 +112,8 @@ def request_from_form(
         display=Display(
             int(form.exaggeration), bool(form.has_trail), COLORINGS[bool(form.is_colored)]
         ),
+        framing="whole" if form.is_whole else "knees",
+        size=PAGE_SIZE_PX,
         close_ups=CLOSE_UPS,  # the player shows those that are wanted
         # A licensed body may be looked at in videos; its mesh is not handed to visitors.
         has_previews=config.body is None,

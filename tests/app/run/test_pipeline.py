@@ -59,7 +59,7 @@ def test_a_whole_run_leaves_every_file_with_exactly_the_frames_of_the_speech(ask
             assert len(video.streams.audio) == 1
             assert abs(float(video.duration / av.time_base) - 37 / 30) < 1 / 30
     with av.open(str(request.out / "comparison.mp4")) as video:
-        assert video.streams.video[0].width == 3 * 256
+        assert video.streams.video[0].width == 3 * 192
 
     told = {event.path.name for event in events if isinstance(event, Artefact)}
     assert told == names_in(request.out)

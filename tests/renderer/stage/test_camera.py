@@ -128,6 +128,32 @@ def test_no_vertex_of_a_motion_leaves_the_picture(view, size):
         assert sees(stage.camera, chunk, *size).all()
 
 
+def test_from_the_knees_up_a_body_is_larger_and_nothing_above_them_is_cut():
+    body, motion = load_body(), waving_motion(60)
+    owner = np.asarray(body.arrays.weights.argmax(axis=1)).ravel()
+    legs = [JOINT_INDEX[f"{s}_{n}"] for s in ("left", "right") for n in ("knee", "ankle", "foot")]
+    above = ~np.isin(owner, legs)
+    camera = set_stage(body, [motion], aspect=0.75, framing="knees").camera
+    for vertices in np.concatenate(list(body.vertices(motion))):
+        assert sees(camera, vertices[above], 300, 400).all()
+
+    standing = BodyMotion.resting(2)
+    poses = standing.poses.reshape(2, 55, 3).copy()
+    for side, sign in (("left", -1.0), ("right", 1.0)):
+        poses[:, JOINT_INDEX[f"{side}_shoulder"], 2] = 1.2 * sign  # arms down
+    standing = replace(standing, poses=poses.reshape(2, 165))
+    joints = body.joint_positions(standing)[0]
+    trunk = joints[[JOINT_INDEX["head"], JOINT_INDEX["pelvis"]]]
+    whole, knees = (
+        set_stage(body, [standing], aspect=0.75, framing=framing).camera
+        for framing in ("whole", "knees")
+    )
+    tall = [np.ptp(camera.project(trunk, 300, 400)[:, 1]) for camera in (whole, knees)]
+    assert tall[1] > 1.25 * tall[0]
+    feet = body.template[np.isin(owner, [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]])]
+    assert not sees(knees, feet, 300, 400).any()
+
+
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_a_hand_never_leaves_its_close_up(side):
     body = load_body()

@@ -59,7 +59,7 @@ def test_rows_are_there_at_once_and_their_files_come_one_by_one(
 def test_the_player_knows_where_close_ups_stand_in_a_picture(
     request_with_reference: GenerateRequest,
 ) -> None:
-    both = replace(request_with_reference, size=400, close_ups=("face", "hands"))
+    both = replace(request_with_reference, size=400, framing="whole", close_ups=("face", "hands"))
     assert picture_layout(both) == {
         "aspect": 0.5,
         "body": [0.25, 0.75],
@@ -67,7 +67,7 @@ def test_the_player_knows_where_close_ups_stand_in_a_picture(
         "hands": [0.75, 1.0],
     }
     alone = replace(request_with_reference, size=400, close_ups=())
-    assert picture_layout(alone) == {"aspect": 1.0, "body": [0.0, 1.0]}
+    assert picture_layout(alone) == {"aspect": 0.75, "body": [0.0, 1.0]}
 
 
 def test_an_address_stays_the_same_for_as_long_as_a_run_is_shown(

@@ -26,6 +26,7 @@ FORM = Form(
     exaggeration=5,
     has_trail=True,
     is_colored=True,
+    is_whole=True,
 )
 CONFIG = AppConfig(weights=Path("/weights"))
 
@@ -51,6 +52,8 @@ def test_every_field_of_the_form_reaches_the_run() -> None:
         joint="left_index",
         start_frame=12,
         close_ups=("face", "hands"),
+        framing="whole",
+        size=640,
         display=Display(exaggeration=5, has_trail=True, coloring="jerk"),
         has_previews=True,
     )
