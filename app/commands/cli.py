@@ -16,6 +16,7 @@ from app import text
 from app.commands.study import add_study
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import CancelledRun, RunError, sentence_of
+from app.findings.ranking import told_findings
 from app.run.export import BACKGROUNDS, ENDINGS, SHEET_POSES, RenderRequest, render_motion
 from app.run.followed_point import TIP
 from app.run.request import (
@@ -211,12 +212,7 @@ def _diagnose(options: argparse.Namespace) -> None:
     )
     with ProgressBar("measure and draw") as bar:
         diagnosis = diagnose_files(request, bar.show)
-    findings = [
-        f"{name}: {finding.sentence}"
-        for name, found in diagnosis.diagnostics.findings.items()
-        for finding in found
-    ]
-    _finish(diagnosis.files, [*diagnosis.notes, *findings])
+    _finish(diagnosis.files, [*diagnosis.notes, *told_findings(diagnosis.diagnostics.findings)])
 
 
 def _add_point(parser: argparse.ArgumentParser) -> None:

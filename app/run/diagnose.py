@@ -187,21 +187,24 @@ def _read_motions(request: DiagnoseRequest, on_progress: OnShare) -> _Read:
 def _measure(
     request: DiagnoseRequest, read: _Read, tip: TipSource, on_progress: OnShare
 ) -> Diagnostics:
+    from model.measures.faults.timing import loudness_of
     from model.speech.audio import load_speech
 
-    onsets_s = None
+    onsets_s = loudness = None
     if request.speech is not None:
         speech = load_speech(request.speech)
         read.notes.extend(speech.notes)
         read.notes.extend(_lengths_apart(speech.duration_s, read.all))
         on_progress(_READ)
         onsets_s = onsets_of(speech)
+        loudness = loudness_of(speech.waveform)
     return measure_motions(
         read.all,
         tip,
         onsets_s,
         on_share=lambda part: on_progress(_READ + (_MEASURED - _READ) * part),
         windows=_windows(request, read),
+        loudness=loudness,
     )
 
 
@@ -225,12 +228,21 @@ def _windows(request: DiagnoseRequest, read: _Read) -> dict[str, Windows]:
 
 
 def _lengths_apart(speech_s: float, motions: Mapping[str, Motion]) -> list[str]:
-    """A note for each motion that is clearly no match of the speech in length."""
-    return [
-        f"The speech lasts {speech_s:.1f} s and {name} {motion.duration_s:.1f} s; BeatAlign sees "
-        "the part that both have."
+    """One note for all motions that are clearly no match of the speech in length."""
+    others = {
+        name: motion.duration_s
         for name, motion in motions.items()
         if abs(speech_s - motion.duration_s) > LENGTHS_APART_S
+    }
+    if not others:
+        return []
+    if len(others) == 1:
+        named = " ".join(f"{name} {duration_s:.1f} s" for name, duration_s in others.items())
+    else:
+        shortest, longest = min(others.values()), max(others.values())
+        named = f"{len(others)} of the motions {shortest:.1f} to {longest:.1f} s"
+    return [
+        f"The speech lasts {speech_s:.1f} s and {named}; BeatAlign sees the part that both have."
     ]
 
 

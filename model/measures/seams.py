@@ -8,6 +8,7 @@ from jaxtyping import Float
 from model.measures.periods import MIN_PERIODS, chance_of_pulses
 from model.measures.smoothness import STILL_M_S3, derivative_magnitudes
 
+
 @dataclass(frozen=True)
 class Windows:
     """How a system cuts time, in frames."""
