@@ -31,6 +31,8 @@ from app.run.request import (
 
 Command = Callable[[argparse.Namespace], None]
 log = logging.getLogger(__name__)
+_ROTATIONS = ("axis-angle", "6d", "quaternion-wxyz", "quaternion-xyzw", "matrix")
+"""As `model.formats.numbers.ROTATIONS`, which brings torch; a test holds them equal."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -170,7 +172,10 @@ def _add_diagnose(commands) -> None:
         description="Measure motion files, whoever made them, raw and filtered; name their faults; "
         "draw Figure 6 and where the jitter sits; show how rotation errors grow along the chain.",
     )
-    parser.add_argument("motions", type=Path, nargs="+", metavar="MOTION.npz")
+    parser.add_argument(
+        "motions", type=Path, nargs="+", metavar="MOTION",
+        help=".npz (BEAT2, AMASS, SMPL-X parameters), .npy (rotations, TalkSHOW) or .bvh",
+    )  # fmt: skip
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of results")
     parser.add_argument(
         "--reference", type=Path, metavar="MOTION.npz", help="recorded motion to compare with"
@@ -188,6 +193,13 @@ def _add_diagnose(commands) -> None:
         "--overlap", type=int, default=0, metavar="M",
         help="frames that two such windows share (default: %(default)s)",
     )  # fmt: skip
+    parser.add_argument(
+        "--fps", type=float, metavar="N", help="frame rate of files that do not tell theirs, or lie"
+    )
+    parser.add_argument(
+        "--rotations", choices=_ROTATIONS, metavar="FORM",
+        help=f"of the joints, where their number says too little: {', '.join(_ROTATIONS)}",
+    )  # fmt: skip
     parser.add_argument("--no-pictures", action="store_true", help="a figure without poses")
     _add_body(parser)
     parser.set_defaults(command=_diagnose)
@@ -196,6 +208,7 @@ def _add_diagnose(commands) -> None:
 def _diagnose(options: argparse.Namespace) -> None:
     from app.commands.terminal import ProgressBar
     from app.run.diagnose import DiagnoseRequest, diagnose_files
+    from model.formats.numbers import ReadOptions
 
     request = DiagnoseRequest(
         motions=tuple(options.motions),
@@ -209,6 +222,7 @@ def _diagnose(options: argparse.Namespace) -> None:
         has_pictures=not options.no_pictures,
         window=options.window,
         overlap=options.overlap,
+        read_as=ReadOptions(options.fps, options.rotations),
     )
     with ProgressBar("measure and draw") as bar:
         diagnosis = diagnose_files(request, bar.show)

@@ -21,6 +21,7 @@ from app.run.result_folder import ResultFolder
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from model.formats.numbers import ReadOptions
     from model.measures.diagnostics import Diagnostics
     from model.measures.seams import Windows
     from model.motion.motion import Motion
@@ -57,6 +58,8 @@ class DiagnoseRequest:
     otherwise each is searched for a period of its own."""
     overlap: int = 0
     """Frames that two windows share."""
+    read_as: ReadOptions | None = None
+    """What the user says of the files, where they do not say it."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +166,7 @@ def _check_names(names: Sequence[str]) -> None:
 
 
 def _read_motions(request: DiagnoseRequest, on_progress: OnShare) -> _Read:
-    from model.motion.foreign_motion import read_any_motion
+    from model.formats.read import read_any_motion
 
     names = request.names or unique_names(request.motions)
     _check_names(names)
@@ -171,13 +174,13 @@ def _read_motions(request: DiagnoseRequest, on_progress: OnShare) -> _Read:
     motions = {}
     for done, (name, path) in enumerate(zip(names, request.motions, strict=True)):
         on_progress(_READ * done / len(names))
-        found = read_any_motion(path)
+        found = read_any_motion(path, request.read_as)
         motions[name] = found.motion
         notes += found.notes
     reference = None
     if request.reference is not None:
         on_progress(_READ)
-        found = read_any_motion(request.reference)
+        found = read_any_motion(request.reference, request.read_as)
         reference = found.motion
         notes += found.notes
     on_progress(_READ)

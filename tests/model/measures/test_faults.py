@@ -8,11 +8,11 @@ import pytest
 from model.corpus.clip import make_clip
 from model.corpus.people.rig import open_body_rig
 from model.corpus.people.speakers import SPEAKERS
+from model.formats.read import read_any_motion
 from model.measures.diagnostics import REFERENCE, diagnose
 from model.measures.faults.finding import Finding, by_gravity, clock, ranked, stretches_of
 from model.measures.faults.table import FAULTS, STILL
 from model.measures.seams import Windows
-from model.motion.foreign_motion import read_any_motion
 from model.motion.motion import Motion, load_motion
 from model.motion.skeleton import open_body_skeleton
 from model.speech.audio import load_speech
