@@ -174,7 +174,8 @@ def _add_diagnose(commands) -> None:
     )
     parser.add_argument(
         "motions", type=Path, nargs="+", metavar="MOTION",
-        help=".npz (BEAT2, AMASS, SMPL-X parameters), .npy (rotations, TalkSHOW) or .bvh",
+        help=".npz (BEAT2, AMASS, SMPL-X parameters), .npy (rotations, TalkSHOW) or .bvh; or "
+        "folders of them, paired by name, for numbers over many clips",
     )  # fmt: skip
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of results")
     parser.add_argument(
@@ -205,7 +206,22 @@ def _add_diagnose(commands) -> None:
     parser.set_defaults(command=_diagnose)
 
 
+def _diagnose_folders(options: argparse.Namespace) -> None:
+    from app.commands.terminal import ProgressBar
+    from app.run.many_clips import ManyRequest, diagnose_folders
+
+    request = ManyRequest(
+        tuple(options.motions), options.out, options.reference, options.fps, options.rotations
+    )
+    with ProgressBar("measure clips") as bar:
+        result = diagnose_folders(request, bar.show)
+    _finish(result.files, result.notes)
+
+
 def _diagnose(options: argparse.Namespace) -> None:
+    if any(path.is_dir() for path in options.motions):
+        _diagnose_folders(options)
+        return
     from app.commands.terminal import ProgressBar
     from app.run.diagnose import DiagnoseRequest, diagnose_files
     from model.formats.numbers import ReadOptions

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +30,8 @@ OnShare = Callable[[float], None]
 
 _READ, _MEASURED, _GROWN, _GROWTH_DRAWN, _SHEET_DRAWN, _POSES_DRAWN = 0.1, 0.5, 0.55, 0.6, 0.7, 0.9
 """Shares of the whole that are done after each part of it."""
+SOLE_M = 0.05
+"""Of the foot joint over the floor; that of recorded clips."""
 LENGTHS_APART_S = 1.0
 """Recordings of sound and motion that belong together differ by less."""
 
@@ -124,7 +126,8 @@ def diagnose_files(
         systems = [name for name in shown if name != REFERENCE_NAME]
         draw_jitter(diagnostics, tip, folder, systems)
         on_progress(_SHEET_DRAWN)
-        _draw_figure6(request, shown, tip, folder, on_progress)
+        placed = {name: _on_the_floor(motion) for name, motion in shown.items()}
+        _draw_figure6(request, placed, tip, folder, on_progress)
         on_progress(1.0)
         notes = [*read.notes, *diagnostics.notes]
         for motion in shown.values():
@@ -140,6 +143,23 @@ def _shown(read: _Read) -> dict[str, Motion]:
         return dict(list(read.motions.items())[:MAX_COMPARED])
     systems = dict(list(read.motions.items())[: MAX_COMPARED - 1])
     return systems | {REFERENCE_NAME: read.reference}
+
+
+def _on_the_floor(motion: Motion) -> Motion:
+    """For the pictures only: a body whose translation never changes would stand sunk to the chest,
+    or in the air, beside one that has a floor."""
+    import numpy as np
+
+    from model.measures.posture import FEET
+    from model.motion.skeleton import open_body_skeleton
+    from model.motion.tracks import track_points
+
+    if np.ptp(motion.trans, axis=0).any():
+        return motion
+    feet = track_points(motion, open_body_skeleton()).joints[:, list(FEET), 1]
+    trans = motion.trans.copy()
+    trans[:, 1] += SOLE_M - float(np.median(feet.min(axis=1)))
+    return replace(motion, trans=trans)
 
 
 def unique_names(paths: Sequence[Path]) -> list[str]:

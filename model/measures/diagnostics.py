@@ -176,6 +176,23 @@ def diagnose(
     )
 
 
+def raw_evidence(
+    motion: Motion,
+    skeleton: RestSkeleton,
+    reference: Evidence | None = None,
+    windows: Windows | None = None,
+    point: str = TIP,
+) -> Evidence:
+    """One motion's measures as it is only, and what faults are looked for in, where filtered
+    numbers are not asked for. A reference must be as long."""
+    tracks = track_points(motion, skeleton)
+    period = find_period(tracks)
+    numbers = measure_tracks(tracks, tracks.point(point), point, skeleton, windows, period)
+    if reference is not None:
+        numbers = replace(numbers, errors=error_to_reference(tracks, reference.tracks))
+    return Evidence(motion, tracks, numbers, point, reference)
+
+
 @dataclass(frozen=True)
 class _Settings:
     skeleton: RestSkeleton
