@@ -17,6 +17,7 @@ from app.commands.mechanism import add_mechanism
 from app.commands.study import add_study
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import CancelledRun, RunError, sentence_of
+from app.findings.ranking import told_findings
 from app.run.display import COLORINGS, FACTORS, Display
 from app.run.export import BACKGROUNDS, ENDINGS, SHEET_POSES, RenderRequest, render_motion
 from app.run.followed_point import TIP
@@ -36,6 +37,8 @@ from app.run.request import (
 
 Command = Callable[[argparse.Namespace], None]
 log = logging.getLogger(__name__)
+_ROTATIONS = ("axis-angle", "6d", "quaternion-wxyz", "quaternion-xyzw", "matrix")
+"""As `model.formats.numbers.ROTATIONS`, which brings torch; a test holds them equal."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -185,7 +188,11 @@ def _add_diagnose(commands) -> None:
         description="Measure motion files, whoever made them, raw and filtered; name their faults; "
         "draw Figure 6 and where the jitter sits; show how rotation errors grow along the chain.",
     )
-    parser.add_argument("motions", type=Path, nargs="+", metavar="MOTION.npz")
+    parser.add_argument(
+        "motions", type=Path, nargs="+", metavar="MOTION",
+        help=".npz (BEAT2, AMASS, SMPL-X parameters), .npy (rotations, TalkSHOW) or .bvh; or "
+        "folders of them, paired by name, for numbers over many clips",
+    )  # fmt: skip
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of results")
     parser.add_argument(
         "--reference", type=Path, metavar="MOTION.npz", help="recorded motion to compare with"
@@ -203,14 +210,37 @@ def _add_diagnose(commands) -> None:
         "--overlap", type=int, default=0, metavar="M",
         help="frames that two such windows share (default: %(default)s)",
     )  # fmt: skip
+    parser.add_argument(
+        "--fps", type=float, metavar="N", help="frame rate of files that do not tell theirs, or lie"
+    )
+    parser.add_argument(
+        "--rotations", choices=_ROTATIONS, metavar="FORM",
+        help=f"of the joints, where their number says too little: {', '.join(_ROTATIONS)}",
+    )  # fmt: skip
     parser.add_argument("--no-pictures", action="store_true", help="a figure without poses")
     _add_body(parser)
     parser.set_defaults(command=_diagnose)
 
 
+def _diagnose_folders(options: argparse.Namespace) -> None:
+    from app.commands.terminal import ProgressBar
+    from app.run.many_clips import ManyRequest, diagnose_folders
+
+    request = ManyRequest(
+        tuple(options.motions), options.out, options.reference, options.fps, options.rotations
+    )
+    with ProgressBar("measure clips") as bar:
+        result = diagnose_folders(request, bar.show)
+    _finish(result.files, result.notes)
+
+
 def _diagnose(options: argparse.Namespace) -> None:
+    if any(path.is_dir() for path in options.motions):
+        _diagnose_folders(options)
+        return
     from app.commands.terminal import ProgressBar
     from app.run.diagnose import DiagnoseRequest, diagnose_files
+    from model.formats.numbers import ReadOptions
 
     request = DiagnoseRequest(
         motions=tuple(options.motions),
@@ -224,15 +254,11 @@ def _diagnose(options: argparse.Namespace) -> None:
         has_pictures=not options.no_pictures,
         window=options.window,
         overlap=options.overlap,
+        read_as=ReadOptions(options.fps, options.rotations),
     )
     with ProgressBar("measure and draw") as bar:
         diagnosis = diagnose_files(request, bar.show)
-    findings = [
-        f"{name}: {finding.sentence}"
-        for name, found in diagnosis.diagnostics.findings.items()
-        for finding in found
-    ]
-    _finish(diagnosis.files, [*diagnosis.notes, *findings])
+    _finish(diagnosis.files, [*diagnosis.notes, *told_findings(diagnosis.diagnostics.findings)])
 
 
 def _add_steps(commands) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +21,7 @@ from app.run.result_folder import ResultFolder
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from model.formats.numbers import ReadOptions
     from model.measures.diagnostics import Diagnostics
     from model.measures.seams import Windows
     from model.motion.motion import Motion
@@ -29,6 +30,8 @@ OnShare = Callable[[float], None]
 
 _READ, _MEASURED, _GROWN, _GROWTH_DRAWN, _SHEET_DRAWN, _POSES_DRAWN = 0.1, 0.5, 0.55, 0.6, 0.7, 0.9
 """Shares of the whole that are done after each part of it."""
+SOLE_M = 0.05
+"""Of the foot joint over the floor; that of recorded clips."""
 LENGTHS_APART_S = 1.0
 """Recordings of sound and motion that belong together differ by less."""
 
@@ -57,6 +60,8 @@ class DiagnoseRequest:
     otherwise each is searched for a period of its own."""
     overlap: int = 0
     """Frames that two windows share."""
+    read_as: ReadOptions | None = None
+    """What the user says of the files, where they do not say it."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +126,8 @@ def diagnose_files(
         systems = [name for name in shown if name != REFERENCE_NAME]
         draw_jitter(diagnostics, tip, folder, systems)
         on_progress(_SHEET_DRAWN)
-        _draw_figure6(request, shown, tip, folder, on_progress)
+        placed = {name: _on_the_floor(motion) for name, motion in shown.items()}
+        _draw_figure6(request, placed, tip, folder, on_progress)
         on_progress(1.0)
         notes = [*read.notes, *diagnostics.notes]
         for motion in shown.values():
@@ -137,6 +143,23 @@ def _shown(read: _Read) -> dict[str, Motion]:
         return dict(list(read.motions.items())[:MAX_COMPARED])
     systems = dict(list(read.motions.items())[: MAX_COMPARED - 1])
     return systems | {REFERENCE_NAME: read.reference}
+
+
+def _on_the_floor(motion: Motion) -> Motion:
+    """For the pictures only: a body whose translation never changes would stand sunk to the chest,
+    or in the air, beside one that has a floor."""
+    import numpy as np
+
+    from model.measures.posture import FEET
+    from model.motion.skeleton import open_body_skeleton
+    from model.motion.tracks import track_points
+
+    if np.ptp(motion.trans, axis=0).any():
+        return motion
+    feet = track_points(motion, open_body_skeleton()).joints[:, list(FEET), 1]
+    trans = motion.trans.copy()
+    trans[:, 1] += SOLE_M - float(np.median(feet.min(axis=1)))
+    return replace(motion, trans=trans)
 
 
 def unique_names(paths: Sequence[Path]) -> list[str]:
@@ -163,7 +186,7 @@ def _check_names(names: Sequence[str]) -> None:
 
 
 def _read_motions(request: DiagnoseRequest, on_progress: OnShare) -> _Read:
-    from model.motion.foreign_motion import read_any_motion
+    from model.formats.read import read_any_motion
 
     names = request.names or unique_names(request.motions)
     _check_names(names)
@@ -171,13 +194,13 @@ def _read_motions(request: DiagnoseRequest, on_progress: OnShare) -> _Read:
     motions = {}
     for done, (name, path) in enumerate(zip(names, request.motions, strict=True)):
         on_progress(_READ * done / len(names))
-        found = read_any_motion(path)
+        found = read_any_motion(path, request.read_as)
         motions[name] = found.motion
         notes += found.notes
     reference = None
     if request.reference is not None:
         on_progress(_READ)
-        found = read_any_motion(request.reference)
+        found = read_any_motion(request.reference, request.read_as)
         reference = found.motion
         notes += found.notes
     on_progress(_READ)
@@ -187,21 +210,24 @@ def _read_motions(request: DiagnoseRequest, on_progress: OnShare) -> _Read:
 def _measure(
     request: DiagnoseRequest, read: _Read, tip: TipSource, on_progress: OnShare
 ) -> Diagnostics:
+    from model.measures.faults.timing import loudness_of
     from model.speech.audio import load_speech
 
-    onsets_s = None
+    onsets_s = loudness = None
     if request.speech is not None:
         speech = load_speech(request.speech)
         read.notes.extend(speech.notes)
         read.notes.extend(_lengths_apart(speech.duration_s, read.all))
         on_progress(_READ)
         onsets_s = onsets_of(speech)
+        loudness = loudness_of(speech.waveform)
     return measure_motions(
         read.all,
         tip,
         onsets_s,
         on_share=lambda part: on_progress(_READ + (_MEASURED - _READ) * part),
         windows=_windows(request, read),
+        loudness=loudness,
     )
 
 
@@ -225,12 +251,21 @@ def _windows(request: DiagnoseRequest, read: _Read) -> dict[str, Windows]:
 
 
 def _lengths_apart(speech_s: float, motions: Mapping[str, Motion]) -> list[str]:
-    """A note for each motion that is clearly no match of the speech in length."""
-    return [
-        f"The speech lasts {speech_s:.1f} s and {name} {motion.duration_s:.1f} s; BeatAlign sees "
-        "the part that both have."
+    """One note for all motions that are clearly no match of the speech in length."""
+    others = {
+        name: motion.duration_s
         for name, motion in motions.items()
         if abs(speech_s - motion.duration_s) > LENGTHS_APART_S
+    }
+    if not others:
+        return []
+    if len(others) == 1:
+        named = " ".join(f"{name} {duration_s:.1f} s" for name, duration_s in others.items())
+    else:
+        shortest, longest = min(others.values()), max(others.values())
+        named = f"{len(others)} of the motions {shortest:.1f} to {longest:.1f} s"
+    return [
+        f"The speech lasts {speech_s:.1f} s and {named}; BeatAlign sees the part that both have."
     ]
 
 

@@ -40,6 +40,7 @@ def measure_motions(
     onsets_s: np.ndarray | None = None,
     on_share: Callable[[float], None] = lambda share: None,
     windows: Mapping[str, Windows] | None = None,
+    loudness: np.ndarray | None = None,
 ) -> Diagnostics:
     """All numbers of the motions, with what stands out in each.
 
@@ -50,6 +51,7 @@ def measure_motions(
         on_share: told the share done, 0 to 1, of each motion as it is and filtered, more than once
             in a long one; what it raises ends the work.
         windows: how motions were cut, by name, where that is known.
+        loudness: of the speech frame by frame, for time shifts.
     """
     from model.measures.diagnostics import diagnose
     from model.motion.skeleton import open_body_skeleton
@@ -68,6 +70,7 @@ def measure_motions(
         open_body_skeleton(),
         reference=motions.get(REFERENCE_NAME),
         windows=windows,
+        loudness=loudness,
         tip_track=follow,
         tip_source=tip.name,
         joint=tip.point,

@@ -15,7 +15,9 @@ import numpy as np
 from jaxtyping import Float
 
 from model.measures.beats import BEAT_JOINTS, MARGIN_S, beat_scores, joint_speeds
-from model.measures.findings import Finding, find_faults
+from model.measures.faults.evidence import Evidence
+from model.measures.faults.finding import Finding
+from model.measures.faults.table import find_faults
 from model.measures.measures import (
     TIP,
     measure_tracks,
@@ -109,6 +111,7 @@ def diagnose(
     tip_source: str | None = None,
     joint: str | None = None,
     onsets_s: Float[np.ndarray, " onsets"] | None = None,
+    loudness: Float[np.ndarray, " frames"] | None = None,
 ) -> Diagnostics:
     """Measure motions and the reference, raw and filtered.
 
@@ -125,6 +128,7 @@ def diagnose(
             fingertip and 'joint' for a joint.
         joint: a fingertip or joint to follow in place of ``tip``.
         onsets_s: times of the speech's onsets (`beats.speech_onsets`), for BeatAlign.
+        loudness: of the speech by frame (`faults.timing.loudness_of`), for time shifts.
 
     Raises:
         ValueError: if there is no such fingertip or joint.
@@ -134,6 +138,7 @@ def diagnose(
         point=_known_point(joint or tip),
         tip_track=tip_track,
         onsets_s=onsets_s,
+        loudness=loudness,
     )
     windows = windows or {}
     motions, reference, notes = _cut_alike(motions, reference)
@@ -144,28 +149,48 @@ def diagnose(
         if motion.num_frames < JERK_FRAMES
     ]
     recorded = None if reference is None else dict(_versions(reference, settings))
-    systems = {
-        name: _measured(_versions(motion, settings), recorded, settings, windows.get(name))
-        for name, motion in motions.items()
-    }
-    measured_reference = (
-        None
-        if recorded is None
-        else _measured(iter(recorded.items()), None, settings, windows.get(REFERENCE))
-    )
-    everything = systems | ({REFERENCE: measured_reference} if measured_reference else {})
+    findings: dict[str, list[Finding]] = {}
+    faults: list[Finding] = []
+    measured_reference = evidence = None
+    if recorded is not None and reference is not None:
+        measured_reference, faults, evidence = _measured(
+            reference, iter(recorded.items()), None, settings, windows.get(REFERENCE), None, True
+        )
+    systems = {}
+    for name, motion in motions.items():
+        systems[name], findings[name], _ = _measured(
+            motion, _versions(motion, settings), recorded, settings, windows.get(name), evidence
+        )
+    if measured_reference is not None:
+        findings[REFERENCE] = faults
+    named = [*systems, REFERENCE] if measured_reference else [*systems]
     return Diagnostics(
         point=settings.point,
         tip_source=tip_source or ("rigid" if settings.point in FINGERTIP_NAMES else "joint"),
-        windows=_common_windows([windows.get(name) for name in everything]),
+        windows=_common_windows([windows.get(name) for name in named]),
         num_frames={name: motion.num_frames for name, motion in motions.items()},
         notes=notes,
-        findings={
-            name: find_faults(versions.raw, settings.point) for name, versions in everything.items()
-        },
+        findings=findings,
         reference=measured_reference,
         systems=systems,
     )
+
+
+def raw_evidence(
+    motion: Motion,
+    skeleton: RestSkeleton,
+    reference: Evidence | None = None,
+    windows: Windows | None = None,
+    point: str = TIP,
+) -> Evidence:
+    """One motion's measures as it is only, and what faults are looked for in, where filtered
+    numbers are not asked for. A reference must be as long."""
+    tracks = track_points(motion, skeleton)
+    period = find_period(tracks)
+    numbers = measure_tracks(tracks, tracks.point(point), point, skeleton, windows, period)
+    if reference is not None:
+        numbers = replace(numbers, errors=error_to_reference(tracks, reference.tracks))
+    return Evidence(motion, tracks, numbers, point, reference)
 
 
 @dataclass(frozen=True)
@@ -174,6 +199,7 @@ class _Settings:
     point: str
     tip_track: TipTrack | None
     onsets_s: Float[np.ndarray, " onsets"] | None
+    loudness: Float[np.ndarray, " frames"] | None
 
 
 class _Version(NamedTuple):
@@ -196,16 +222,23 @@ def _versions(motion: Motion, settings: _Settings) -> Iterator[tuple[Kind, _Vers
 
 
 def _measured(
+    motion: Motion,
     versions: Iterator[tuple[Kind, _Version]],
     recorded: dict[Kind, _Version] | None,
     settings: _Settings,
     windows: Windows | None,
-) -> Versions:
-    """Measures by version; like is compared with like, a filtered motion with the filtered
-    reference."""
+    reference: Evidence | None,
+    is_reference: bool = False,
+) -> tuple[Versions, list[Finding], Evidence | None]:
+    """Measures by version, the faults, and, of the reference itself, what others are held against.
+
+    Like is compared with like, a filtered motion with the filtered reference.
+    """
     found: list[Measures] = []
-    usual_speed = None if recorded is None else _mean_speed(recorded["raw"].tracks)
-    period = None
+    faults: list[Finding] = []
+    usual_speed = period = evidence = None
+    if reference is not None and recorded is not None:
+        usual_speed = _mean_speed(recorded["raw"].tracks)
     for kind, version in versions:
         if kind == "raw":  # it comes first
             period = find_period(version.tracks)
@@ -220,13 +253,21 @@ def _measured(
         errors = beats = None
         if recorded is not None:
             errors = error_to_reference(version.tracks, recorded[kind].tracks)
-        if usual_speed is None:  # raw comes first
+        if usual_speed is None:
             usual_speed = _mean_speed(version.tracks)
         if settings.onsets_s is not None:
             beats = _measure_beats(version.tracks, usual_speed, settings.onsets_s)
-        found.append(replace(numbers, errors=errors, beats=beats))
+        numbers = replace(numbers, errors=errors, beats=beats)
+        found.append(numbers)
+        if kind == "raw":
+            evidence = Evidence(
+                motion, version.tracks, numbers, settings.point, reference, settings.loudness
+            )
+            faults = find_faults(evidence)
+            if not is_reference:
+                evidence = None  # a long clip's tracks are large
         del version  # before the next one is made
-    return Versions(*found)
+    return Versions(*found), faults, evidence
 
 
 def _common_windows(windows: Sequence[Windows | None]) -> Windows | None:

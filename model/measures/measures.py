@@ -14,6 +14,7 @@ from model.measures.posture import (
     FEET,
     HIGH_PERCENTILE,
     LOW_PERCENTILE,
+    foot_contact,
     foot_slide,
     hand_speed_symmetry,
     height_above_ground,
@@ -194,12 +195,16 @@ def _of_posture(tracks: Tracks) -> PostureMeasures:
     low, high = np.percentile(
         height_above_ground(feet), (LOW_PERCENTILE, HIGH_PERCENTILE), axis=0
     ).tolist()
+    contact, floating, sinking = foot_contact(feet)
     return PostureMeasures(
         foot_slide_m_s=foot_slide(feet),
         foot_height_m=Sides(*map(HeightRange, low, high)),
         spine_tilt_deg=Tilt(float(tilt.mean()), float(np.percentile(tilt, HIGH_PERCENTILE))),
         hand_speed_symmetry=hand_speed_symmetry(tracks.joints),
         root_drift_m=root_drift(tracks.joints[:, 0]),
+        foot_contact_share=contact,
+        foot_floating_share=floating,
+        foot_sinking_share=sinking,
     )
 
 

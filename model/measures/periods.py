@@ -43,7 +43,7 @@ STRETCH_FRAMES = 64
 CUT = 1.4
 """Of amplitudes over the usual: hardly weaker against a faint clock, deaf to a loud minority."""
 SAME_PERIOD = 0.75
-"""Part of what repeats that a shorter period must explain: half a period of pulses explains half."""
+"""Part of what repeats that a shorter period must explain; half of a true one explains half."""
 WORST = 5
 _LEAST_M_S3 = 1e-3
 """Added before the logarithm."""

@@ -12,6 +12,8 @@ from model.motion.timing import FPS
 
 GROUND_PERCENTILE = 5.0
 CONTACT_HEIGHT_M = 0.05
+FLOATING_M, SINKING_M = 0.08, 0.06
+"""Of the lower foot from where it usually is; recorded clips: 0.041 up and 0.044 down at most."""
 FEET = (JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"])
 WRISTS = (JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"])
 LOW_PERCENTILE, HIGH_PERCENTILE = 5, 95
@@ -44,6 +46,16 @@ def foot_slide(feet: Float[np.ndarray, "T feet 3"]) -> float:
     is_down = (height[1:] < CONTACT_HEIGHT_M) & (height[:-1] < CONTACT_HEIGHT_M)
     speed = np.linalg.norm(np.diff(feet[..., [0, 2]], axis=0), axis=-1) * FPS
     return float(speed[is_down].mean()) if is_down.any() else float("nan")
+
+
+def foot_contact(feet: Float[np.ndarray, "T feet 3"]) -> tuple[float, float, float]:
+    """Shares of the frames in which some foot is within 5 cm of the ground (that of `foot_slide`),
+    in which all are 8 cm and more over where the lower one usually is (its median), and in which
+    one is 6 cm and more under that."""
+    lower = feet[..., 1].min(axis=1)
+    off = lower - np.median(lower)
+    contact = (height_above_ground(feet).min(axis=1) < CONTACT_HEIGHT_M).mean()
+    return float(contact), float((off > FLOATING_M).mean()), float((off < -SINKING_M).mean())
 
 
 def hand_speed_symmetry(joints: Float[np.ndarray, "T 55 3"]) -> float:

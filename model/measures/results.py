@@ -123,6 +123,9 @@ class PostureMeasures:
     spine_tilt_deg: Tilt
     hand_speed_symmetry: float
     root_drift_m: float
+    foot_contact_share: float
+    foot_floating_share: float
+    foot_sinking_share: float
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Motion as the app passes it around, and BEAT2 npz files in and out.
 
 The file format is documented in ``docs/formats.md``. What other people's tools write is read by
-`model.motion.foreign_motion`.
+`model.formats.read`.
 """
 
 import math

@@ -19,7 +19,7 @@ from app.run.request import REFERENCE_NAME
 
 if TYPE_CHECKING:
     from model.measures.diagnostics import Diagnostics, Kind, Versions
-    from model.measures.findings import Finding
+    from model.measures.faults.finding import Finding
 
 _KINDS: tuple[Kind, ...] = ("raw", "savgol")
 Columns = Mapping[str, "Versions"]
@@ -133,13 +133,18 @@ def _is_known(measure: Measure, columns: Columns) -> bool:
     )
 
 
+def _finding(name: str, finding: Finding) -> str:
+    """With the time at which it is worst, in seconds, for whoever wants to go there."""
+    at = "" if finding.worst_s is None else f' data-at="{finding.worst_s:.3f}"'
+    return f"<li{at}><b>{escape(name)}</b>{escape(finding.sentence)}</li>"
+
+
 def _findings(findings: Mapping[str, Sequence[Finding]]) -> str:
-    """What stands out in a motion, in sentences; nothing where nothing does."""
-    items = "".join(
-        f"<li><b>{escape(name)}</b>{escape(finding.sentence)}</li>"
-        for name, found in findings.items()
-        for finding in found
-    )
+    """What stands out in the motions, in sentences, the gravest first; nothing where nothing
+    does."""
+    from model.measures.faults.finding import ranked
+
+    items = "".join(_finding(name, finding) for name, finding in ranked(findings))
     if not items:
         return ""
     return f'<div class="findings"><h3>{text.FINDINGS_TITLE}</h3><ul>{items}</ul></div>'

@@ -23,7 +23,7 @@ WINDOWS_HELP = (
 )
 INTRODUCTION = (
     "Measures up to six motion files of your own as it measures the systems, raw and filtered: "
-    "BEAT2 .npz, with SMPL-X or SMPL-H joints, 30 frames a second. The same as "
+    ".npz as BEAT2, AMASS and SMPL-X have them, .npy, .bvh; 12 to 240 frames a second. The same as "
     "<code>python -m app diagnose</code>."
 )
 
@@ -69,15 +69,18 @@ def _diagnose(request: Any, on_progress: Any) -> Any:
 def _build_form() -> tuple[list[Any], gr.Button, gr.Button]:
     """Fields in the order of `OwnMotionForm`, and the buttons."""
     motions = gr.File(
-        label="Motions to compare (.npz, one to six)",
+        label="Motions to compare (.npz, .npy or .bvh, one to six)",
         file_count="multiple",
-        file_types=[".npz"],
+        file_types=[".npz", ".npy", ".bvh"],
         type="filepath",
         height=150,
         elem_id="own-motions",
     )
     reference = gr.File(
-        label=text.REFERENCE_LABEL, file_types=[".npz"], type="filepath", height=150
+        label=text.REFERENCE_LABEL,
+        file_types=[".npz", ".npy", ".bvh"],
+        type="filepath",
+        height=150,
     )
     speech = gr.File(
         label="Speech of all of them (optional, for BeatAlign)",

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model.motion.foreign_motion import read_any_motion
+from model.formats.read import read_any_motion
 from model.motion.motion import MotionError, load_motion, save_motion
 from tests.helpers import smooth_motion_example
 
@@ -73,7 +73,7 @@ def test_120_frames_per_second_become_30(tmp_path: Path):
     assert any("has no `expressions`" in note for note in read.notes)
 
 
-@pytest.mark.parametrize("fps", [0.0, 15.0, 25.0, 241.0, -30.0])
+@pytest.mark.parametrize("fps", [0.0, 10.0, 241.0, -30.0])
 def test_frame_rates_that_cannot_be_resampled_honestly(tmp_path: Path, fps: float):
     assert f"{fps:g} frames per second" in refusal(
         written(tmp_path, mocap_frame_rate=np.array(fps))
@@ -120,8 +120,8 @@ def test_betas_of_other_models_are_filled_up(tmp_path: Path):
         ({"trans": None}, "lacks trans;"),
         ({"mocap_frame_rate": None}, "lacks mocap_frame_rate;"),
         ({"mocap_frame_rate": np.array([30, 30])}, "one number"),
-        ({"poses": np.zeros((60, 72))}, "(frames, 165) or (frames, 156); it has (60, 72)"),
-        ({"poses": np.zeros((60, 55, 3))}, "it has (60, 55, 3)"),
+        ({"poses": np.zeros((60, 72))}, "(frames, 165), (frames, 55, 3), or that of 52"),
+        ({"poses": np.zeros((2, 60, 55, 3))}, "found (2, 60, 55, 3)"),
         ({"poses": np.zeros((0, 165))}, "no frames"),
         ({"poses": np.zeros(())}, "it has ()"),
         ({"poses": np.full((60, 165), 90.0)}, "radians, not degrees"),

@@ -1,17 +1,18 @@
-"""Motion files as other people's tools write them, read as far as that can be done honestly.
-
-`model.motion.motion.load_motion` takes BEAT2's format and nothing else. Here what is missing or
-different
-is made up for, and every such change is told in a sentence.
-"""
+"""Numpy archives: BEAT2's keys, AMASS's, or SMPL-X's parameters one by one."""
 
 import zipfile
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float32
 
+from model.formats.numbers import (
+    ReadMotion,
+    ReadOptions,
+    at_30_fps,
+    check_fps,
+    joint_rotations,
+)
 from model.motion.motion import (
     NUM_BETAS,
     NUM_EXPRESSIONS,
@@ -19,9 +20,7 @@ from model.motion.motion import (
     check_length,
     read_basis,
 )
-from model.motion.retiming import motion_at_speed
-from model.motion.skeleton import FACE, NUM_JOINTS
-from model.motion.timing import FPS
+from model.motion.skeleton import NUM_JOINTS
 from model.storage.npz import (
     Header,
     MotionError,
@@ -31,49 +30,41 @@ from model.storage.npz import (
     read_numbers,
 )
 
-SMPLX_COLUMNS = 3 * NUM_JOINTS
-SMPLH_COLUMNS = SMPLX_COLUMNS - 3 * len(FACE)
-REQUIRED = ("poses", "trans")
-RATE_KEYS = ("mocap_frame_rate", "mocap_framerate")
-"""BEAT2's name for it, and AMASS's."""
-LOWEST_FPS, HIGHEST_FPS = 29.0, 240.0
-"""Fewer frames would have to be invented, and the invented ones have no jitter."""
+TRANSLATIONS = ("trans", "transl")
+RATE_KEYS = ("mocap_frame_rate", "mocap_framerate", "fps")
+"""BEAT2's name for it, AMASS's, and a usual one."""
 CENTIMETRES_FROM = 20.0
 """Metres from the origin where nobody is filmed, but where centimetres begin."""
-MOST_RADIANS = 4 * np.pi
-"""A turn of more than two full circles is a number of degrees."""
+PARTS = {
+    "global_orient": 1,
+    "body_pose": 21,
+    "jaw_pose": 1,
+    "leye_pose": 1,
+    "reye_pose": 1,
+    "left_hand_pose": 15,
+    "right_hand_pose": 15,
+}
+"""SMPL-X's own parameters, in the order of its joints, and how many joints each has."""
+NEEDED_PARTS = ("global_orient", "body_pose")
 
 
-@dataclass(frozen=True)
-class ReadMotion:
-    """A motion, and what was done to the file's numbers to get it."""
-
-    motion: Motion
-    notes: tuple[str, ...]
-    """Sentences for a person, each naming the file."""
-
-
-def read_any_motion(path: str | Path) -> ReadMotion:
+def read_npz(path: Path, options: ReadOptions) -> ReadMotion:
     """Read a BEAT2 npz, or one that differs from it in what can be made up for.
-
-    Taken: 52-joint SMPL-H poses (jaw and eyes stay at rest), missing or short ``betas``, missing
-    ``expressions``, arrays of different length (cut to the shortest), 29 to 240 frames per second
-    (resampled to 30), centimetres.
 
     Raises:
         MotionError: for all else; one sentence that names the file.
     """
-    path = Path(path)
     with opened_archive(path) as archive:
-        return _Reader(archive, path.name).read()
+        return _Reader(archive, path.name, options).read()
 
 
 class _Reader:
     """One file and what has been said of it so far."""
 
-    def __init__(self, archive: zipfile.ZipFile, name: str) -> None:
+    def __init__(self, archive: zipfile.ZipFile, name: str, options: ReadOptions) -> None:
         self._archive = archive
         self._name = name
+        self._options = options
         self._headers: dict[str, Header] = read_headers(archive, name)
         self._notes: list[str] = []
 
@@ -92,61 +83,87 @@ class _Reader:
             expression_basis=read_basis(self._archive, self._headers, self._name),
             betas=self._betas(),
         )
-        if fps != FPS:
-            motion = motion_at_speed(motion, fps / FPS)
-            self._note(f"has {fps:g} frames per second and was resampled to {FPS}")
+        motion = at_30_fps(motion, fps, self._name, self._notes)
         return ReadMotion(motion, tuple(self._notes))
 
     def _check_keys(self) -> None:
-        missing = [key for key in REQUIRED if key not in self._headers]
-        if not any(key in self._headers for key in RATE_KEYS):
+        has_parts = all(part in self._headers for part in NEEDED_PARTS)
+        missing = [] if has_parts or "poses" in self._headers else ["poses"]
+        if not any(key in self._headers for key in TRANSLATIONS):
+            missing.append("trans")
+        if self._options.fps is None and not any(key in self._headers for key in RATE_KEYS):
             missing.append(RATE_KEYS[0])
         if missing:
             raise MotionError(
                 f"{self._name} lacks {listed(missing)}; it holds "
                 f"{listed(sorted(self._headers)) or 'nothing'}, but a motion file needs "
-                f"{listed((*REQUIRED, RATE_KEYS[0]))}."
+                f"{listed(('poses', 'trans', RATE_KEYS[0]))} (the rate can be given: --fps)."
             )
 
     def _frame_rate(self) -> float:
+        if self._options.fps is not None:
+            self._note(f"was read at {self._options.fps:g} frames per second, as you say")
+            return check_fps(self._options.fps, self._name)
         key = next(key for key in RATE_KEYS if key in self._headers)
         array = self._array(key)
         if array.size != 1:
             raise MotionError(f"{self._name}: `{key}` must be one number.")
-        fps = float(array.reshape(-1)[0])
-        if not LOWEST_FPS <= fps <= HIGHEST_FPS:
-            raise MotionError(
-                f"{self._name} has {fps:g} frames per second; {LOWEST_FPS:g} to {HIGHEST_FPS:g} "
-                f"can be resampled to {FPS}."
-            )
-        return fps
+        return check_fps(float(array.reshape(-1)[0]), self._name)
 
     def _poses(self) -> Float32[np.ndarray, "T 165"]:
-        poses = self._rows("poses", SMPLX_COLUMNS, SMPLH_COLUMNS)
-        turn = float(np.linalg.norm(poses.reshape(len(poses), -1, 3), axis=-1).max())
-        if turn > MOST_RADIANS:
-            raise MotionError(
-                f"{self._name} turns a joint by {turn:.0f}; `poses` must be in radians, not "
-                "degrees."
-            )
-        if poses.shape[1] == SMPLX_COLUMNS:
-            return poses
-        self._note("has the 52 joints of SMPL-H; jaw and eyes, which it lacks, stay at rest")
-        before_face = 3 * min(FACE)
-        return np.insert(poses, [before_face] * 3 * len(FACE), 0.0, axis=1)
+        if "poses" not in self._headers:
+            return self._poses_of_parts()
+        shape, _ = self._headers["poses"]
+        self._check_frames("poses", shape)
+        return joint_rotations(
+            self._array("poses"), self._name, self._options.rotations, self._notes
+        )
+
+    def _poses_of_parts(self) -> Float32[np.ndarray, "T 165"]:
+        """SMPL-X's parameters side by side; what is not there stays at rest."""
+        found: dict[str, np.ndarray] = {}
+        for part, joints in PARTS.items():
+            if part not in self._headers:
+                continue
+            shape, _ = self._headers[part]
+            self._check_frames(part, shape)
+            array = self._array(part)
+            array = array[0] if array.ndim > 2 and shape[0] == 1 else array
+            array = array.reshape(len(array), -1)
+            if array.shape[1] != 3 * joints:
+                raise MotionError(
+                    f"{self._name}: `{part}` must have {3 * joints} numbers a frame (axis-angle,"
+                    f" no principal components); it has the shape {shape}."
+                )
+            found[part] = array
+        frames = min(len(array) for array in found.values())
+        lacking = [part for part in PARTS if part not in found]
+        rest = f"; {listed(lacking)} stay at rest" if lacking else ""
+        self._note(f"has its joints under {listed(list(found))}, laid side by side{rest}")
+        columns = [
+            found[part][:frames] if part in found else np.zeros((frames, 3 * joints), np.float32)
+            for part, joints in PARTS.items()
+        ]
+        poses = np.concatenate(columns, axis=1).astype(np.float32)
+        assert poses.shape[1] == 3 * NUM_JOINTS
+        return joint_rotations(poses, self._name, "axis-angle", self._notes)
+
+    def _check_frames(self, key: str, shape: tuple[int, ...]) -> None:
+        if not shape:
+            raise MotionError(f"{self._name}: `{key}` must have a row for each frame; it has ().")
+        if 0 in shape[:2]:
+            raise MotionError(f"{self._name} has no frames in `{key}`; at least 1 is needed.")
+        check_length(shape[1] if len(shape) > 2 and shape[0] == 1 else shape[0], self._name)
 
     def _trans(self) -> Float32[np.ndarray, "T 3"]:
-        trans = self._rows("trans", 3)
-        if trans.shape[1] != 3:
-            raise MotionError(
-                f"{self._name}: `trans` must have 3 columns; it has {trans.shape[1]}."
-            )
+        key = next(key for key in TRANSLATIONS if key in self._headers)
+        trans = self._rows(key, 3)
         distance = float(np.median(np.abs(trans).max(axis=1)))
         if distance <= CENTIMETRES_FROM:
             return trans
         self._note(
-            f"stands {distance:.0f} from the origin, so its `trans` was taken as centimetres and "
-            "divided by 100"
+            f"stands {distance:.0f} from the origin, so its translation was taken as centimetres"
+            " and divided by 100"
         )
         return trans / 100
 
@@ -186,6 +203,8 @@ class _Reader:
     def _rows(self, key: str, *columns: int) -> Float32[np.ndarray, "T columns"]:
         """An array with one row for each frame and one of these numbers of columns."""
         shape, _ = self._headers[key]
+        has_batch = len(shape) == 3 and shape[0] == 1
+        shape = shape[1:] if has_batch else shape
         if len(shape) != 2 or shape[1] not in columns:
             wanted = " or ".join(f"(frames, {count})" for count in columns)
             raise MotionError(
@@ -194,7 +213,7 @@ class _Reader:
         if shape[0] == 0:
             raise MotionError(f"{self._name} has no frames in `{key}`; at least 1 is needed.")
         check_length(shape[0], self._name)
-        return self._array(key)
+        return self._array(key).reshape(shape)
 
     def _array(self, key: str) -> Float32[np.ndarray, "*shape"]:
         _, dtype = self._headers[key]

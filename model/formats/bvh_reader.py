@@ -1,0 +1,217 @@
+"""BVH: our own files (`renderer.files.bvh`), and skeletons with the usual names of animation.
+
+Only skeletons whose rest pose is a T-pose with axes of the world fit: then a joint's rotation means
+the same in both. That is checked by the arms.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from model.formats.numbers import ReadMotion, ReadOptions, at_30_fps, check_fps, plain_motion
+from model.motion.motion import check_length
+from model.motion.skeleton import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, open_body_skeleton
+from model.storage.npz import MAX_FILE_BYTES, MotionError
+
+MAX_JOINTS = 400
+_FINGERS = ("Index", "Middle", "Pinky", "Ring", "Thumb")
+_LIMBS = {
+    "collar": "Shoulder", "shoulder": "Arm", "elbow": "ForeArm", "wrist": "Hand",
+    "hip": "UpLeg", "knee": "Leg", "ankle": "Foot", "foot": "ToeBase",
+}  # fmt: skip
+USUAL_NAMES: dict[str, tuple[str, ...]] = {
+    "pelvis": ("Hips",),
+    "spine1": ("Spine",),
+    "spine2": ("Spine1",),
+    "spine3": ("Spine2", "Spine3"),
+    "neck": ("Neck", "Neck1"),
+    "head": ("Head",),
+    **{
+        f"{side.lower()}_{own}": (f"{side}{theirs}",)
+        for side in ("Left", "Right")
+        for own, theirs in _LIMBS.items()
+    },
+    **{
+        f"{side.lower()}_{finger.lower()}{segment}": (f"{side}Hand{finger}{segment}",)
+        for side in ("Left", "Right")
+        for finger in _FINGERS
+        for segment in (1, 2, 3)
+    },
+}
+"""Of Mixamo, MotionBuilder and ZeroEGGS: the joints whose rotations together are one of ours."""
+_NEEDED = ("pelvis", "spine1", "left_shoulder", "right_shoulder", "left_hip", "right_hip")
+_ALONG = 0.8
+
+
+@dataclass
+class _Joint:
+    name: str
+    parent: int
+    offset: tuple[float, ...] = (0.0, 0.0, 0.0)
+    channels: list[str] = field(default_factory=list)
+
+
+def read_bvh(path: Path, options: ReadOptions) -> ReadMotion:
+    """A motion of the joints that it names; the face stays at rest.
+
+    Raises:
+        MotionError: for damaged files, unknown skeletons, and rest poses that are no T-pose.
+    """
+    name, notes = path.name, []
+    joints, frame_s, rows = _parsed(path)
+    own = {joint.name: index for index, joint in enumerate(joints)}
+    is_ours = all(each in own for each in JOINT_NAMES)
+    names = {each: (each,) for each in JOINT_NAMES} if is_ours else USUAL_NAMES
+    found = {
+        ours: [own[theirs] for theirs in group if theirs in own] for ours, group in names.items()
+    }
+    lacking = [ours for ours in _NEEDED if not found.get(ours)]
+    if lacking:
+        raise MotionError(
+            f"{name} names no joint for {', '.join(lacking)}; known are our own names and those of"
+            " Mixamo (Hips, Spine, LeftArm …)."
+        )
+    _check_rest_pose(joints, found, name)
+    rotations = [_rotations(joints, index, rows) for index in range(len(joints))]
+    poses = np.zeros((len(rows), NUM_JOINTS, 3))
+    for ours, theirs in found.items():
+        if theirs:
+            whole = rotations[theirs[0]]
+            for index in theirs[1:]:
+                whole = whole * rotations[index]
+            poses[:, JOINT_INDEX[ours]] = whole.as_rotvec()
+    trans, scale = _translation(joints, found, rows)
+    if not is_ours:
+        without = sum(not theirs for ours, theirs in found.items())
+        unused = len(joints) - sum(len(theirs) for theirs in found.values())
+        notes.append(
+            f"{name} has {len(joints)} joints; those with the usual names were laid onto ours"
+            f" ({unused} have no place, {without} of ours stay at rest), and lengths multiplied by"
+            f" {scale:.3g}, so that the legs are as long."
+        )
+        notes.append(f"{name} has no face; it stays at rest.")
+    fps = round(1 / frame_s, 3) if options.fps is None else options.fps
+    motion = plain_motion(poses.reshape(len(poses), -1).astype(np.float32), trans)
+    motion = at_30_fps(motion, check_fps(fps, name), name, notes)
+    return ReadMotion(motion, tuple(notes))
+
+
+def _parsed(path: Path) -> tuple[list[_Joint], float, Float[np.ndarray, "T channels"]]:
+    name = path.name
+    if not path.is_file():
+        raise MotionError(f"{name} does not exist; give a motion file.")
+    if path.stat().st_size > MAX_FILE_BYTES:
+        raise MotionError(f"{name} is over {MAX_FILE_BYTES // 2**20} MiB. Cut it first.")
+    try:
+        head, _, body = path.read_text("ascii", errors="strict").partition("MOTION")
+        joints = _hierarchy(head.split())
+        lines = body.strip().splitlines()
+        frames = int(lines[0].split(":")[1])
+        frame_s = float(lines[1].split(":")[1])
+        check_length(frames, name)
+        values = np.array(" ".join(lines[2:]).split(), dtype=np.float64)
+        rows = values.reshape(frames, sum(len(joint.channels) for joint in joints))
+    except MotionError:
+        raise
+    except (ValueError, IndexError, UnicodeDecodeError, OSError) as error:
+        raise MotionError(f"{name} is no readable BVH file.") from error
+    if not frames or not frame_s > 0 or not np.isfinite(rows).all():
+        raise MotionError(f"{name} has no frames, or values that are not finite.")
+    return joints, frame_s, rows
+
+
+def _hierarchy(words: list[str]) -> list[_Joint]:
+    """Joints in the order of the file, which is that of the channels."""
+    joints: list[_Joint] = []
+    open_blocks: list[int] = []
+    at = 1
+    current = -1
+    while at < len(words):
+        word = words[at]
+        if word in ("ROOT", "JOINT"):
+            parent = open_blocks[-1] if open_blocks else -1
+            joints.append(_Joint(words[at + 1].split(":")[-1], parent))
+            current = len(joints) - 1
+            at += 2
+        elif word == "End":
+            current = -1
+            at += 2
+        elif word == "{":
+            open_blocks.append(current)
+            at += 1
+        elif word == "}":
+            open_blocks.pop()
+            at += 1
+        elif word == "OFFSET":
+            if current >= 0:
+                joints[current].offset = tuple(float(each) for each in words[at + 1 : at + 4])
+            at += 4
+        elif word == "CHANNELS":
+            count = int(words[at + 1])
+            joints[current].channels = words[at + 2 : at + 2 + count]
+            at += 2 + count
+        else:
+            raise ValueError(word)
+        if len(joints) > MAX_JOINTS:
+            raise ValueError("too many joints")
+    return joints
+
+
+def _first_channel(joints: list[_Joint], index: int) -> int:
+    return sum(len(joint.channels) for joint in joints[:index])
+
+
+def _rotations(joints: list[_Joint], index: int, rows: Float[np.ndarray, "T C"]) -> Rotation:
+    channels = joints[index].channels
+    first = _first_channel(joints, index)
+    turns = [i for i, each in enumerate(channels) if each.endswith("rotation")]
+    if len(turns) != 3:
+        return Rotation.identity(len(rows))
+    order = "".join(channels[i][0] for i in turns)
+    return Rotation.from_euler(order.upper(), rows[:, [first + i for i in turns]], degrees=True)
+
+
+def _rest_place(joints: list[_Joint], index: int) -> np.ndarray:
+    place = np.zeros(3)
+    while index >= 0:
+        place += joints[index].offset
+        index = joints[index].parent
+    return place
+
+
+def _check_rest_pose(joints: list[_Joint], found: dict[str, list[int]], name: str) -> None:
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        shoulder, elbow = (found.get(f"{side}_{part}") for part in ("shoulder", "elbow"))
+        if not shoulder or not elbow:
+            continue
+        arm = _rest_place(joints, elbow[0]) - _rest_place(joints, shoulder[0])
+        if sign * arm[0] < _ALONG * float(np.linalg.norm(arm)):
+            raise MotionError(
+                f"{name}: the {side} arm of its rest pose does not point along x; only T-poses that"
+                " face z can be read. Retarget it first."
+            )
+
+
+def _translation(
+    joints: list[_Joint], found: dict[str, list[int]], rows: Float[np.ndarray, "T C"]
+) -> tuple[np.ndarray, float]:
+    """`trans` in metres, and by what lengths were multiplied."""
+    root = found["pelvis"][0]
+    first = _first_channel(joints, root)
+    at = {each[0]: first + i for i, each in enumerate(joints[root].channels) if "position" in each}
+    if set(at) != set("XYZ"):
+        return np.zeros((len(rows), 3), np.float32), 1.0
+    rest = open_body_skeleton().rest_joints.double().numpy()
+    hip, ankle = (found.get(f"left_{part}") for part in ("hip", "ankle"))
+    scale = 1.0
+    if hip and ankle:
+        theirs = np.linalg.norm(_rest_place(joints, ankle[0]) - _rest_place(joints, hip[0]))
+        ours = np.linalg.norm(rest[JOINT_INDEX["left_ankle"]] - rest[JOINT_INDEX["left_hip"]])
+        scale = float(ours / max(float(theirs), 1e-9))
+    if abs(scale - 1.0) < 0.005:
+        scale = 1.0
+    pelvis = scale * rows[:, [at[axis] for axis in "XYZ"]]
+    return (pelvis - rest[0]).astype(np.float32), scale

@@ -1,0 +1,74 @@
+"""Bare arrays: rotations, or TalkSHOW's rows of 265 numbers."""
+
+from pathlib import Path
+
+import numpy as np
+
+from model.formats.numbers import (
+    ReadMotion,
+    ReadOptions,
+    at_30_fps,
+    check_fps,
+    joint_rotations,
+    plain_motion,
+)
+from model.motion.motion import check_length
+from model.motion.timing import FPS
+from model.storage.npz import MAX_ABS_VALUE, MAX_FILE_BYTES, MotionError
+
+TALKSHOW_COLUMNS = 265
+_BODY, _JAW, _EYES, _HANDS = slice(9, 75), slice(0, 3), slice(3, 9), slice(75, 165)
+"""Of TalkSHOW: jaw 3, eyes 6, global orientation 3 and body 63, hands 90, expression 100."""
+
+
+def read_npy(path: Path, options: ReadOptions) -> ReadMotion:
+    """A motion without translation, at the rate that the user says, or 30.
+
+    Raises:
+        MotionError: as `model.formats.read.read_any_motion`.
+    """
+    array, notes, name = _load(path), [], path.name
+    fps = check_fps(float(FPS) if options.fps is None else options.fps, name)
+    if options.fps is None:
+        notes.append(f"{name} tells no frame rate; {FPS} was taken (say another with --fps).")
+    expressions = None
+    if array.ndim == 3 and array.shape[0] == 1 and array.shape[-1] == TALKSHOW_COLUMNS:
+        array = array[0]
+    if array.ndim == 2 and array.shape[1] == TALKSHOW_COLUMNS:
+        check_length(len(array), name)
+        notes.append(
+            f"{name} has {TALKSHOW_COLUMNS} columns and was read as TalkSHOW's: jaw, eyes, global"
+            " orientation, body, hands, expression."
+        )
+        expressions = np.ascontiguousarray(array[:, 165:])
+        order = [array[:, part] for part in (_BODY, _JAW, _EYES, _HANDS)]
+        array = np.concatenate(order, axis=1)
+    poses = joint_rotations(array, name, options.rotations, notes)
+    if expressions is None:
+        notes.append(f"{name} has no `expressions`; the face stays at rest.")
+    notes.append(f"{name} has no translation; the body stays in its place.")
+    motion = at_30_fps(plain_motion(poses, None, expressions), fps, name, notes)
+    return ReadMotion(motion, tuple(notes))
+
+
+def _load(path: Path) -> np.ndarray:
+    if not path.is_file():
+        raise MotionError(f"{path.name} does not exist; give a motion file.")
+    if path.stat().st_size > MAX_FILE_BYTES:
+        raise MotionError(
+            f"{path.name} has {path.stat().st_size / 2**20:.0f} MiB; at most"
+            f" {MAX_FILE_BYTES // 2**20} MiB are read. Cut it first."
+        )
+    try:
+        array = np.load(path, allow_pickle=False)
+    except (ValueError, OSError, EOFError, SyntaxError) as error:
+        raise MotionError(
+            f"{path.name} is no plain array of numbers (pickled objects are never loaded)."
+        ) from error
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu" or array.ndim < 2:
+        raise MotionError(f"{path.name} is no plain array of numbers with a row for each frame.")
+    if not np.isfinite(array).all() or np.abs(array).max(initial=0.0) > MAX_ABS_VALUE:
+        raise MotionError(
+            f"{path.name} holds values that are not finite, or beyond {MAX_ABS_VALUE:g}."
+        )
+    return array.astype(np.float32)
