@@ -25,9 +25,9 @@ class Clock:
         return self.now
 
 
-def sound(seconds: float) -> list[bytes]:
+def sound(seconds: float, size: int = 640) -> list[bytes]:
     samples = (30_000 * made_waveform(round(16_000 * seconds))).astype("<i2")
-    return [samples[k : k + 640].tobytes() for k in range(0, len(samples), 640)]
+    return [samples[k : k + size].tobytes() for k in range(0, len(samples), size)]
 
 
 @pytest.fixture
@@ -45,9 +45,9 @@ def session(weights: Path, told: list[bytes | str], clock: Clock) -> LiveSession
     return LiveSession(get_system(ASK.system, weights), ASK, "mine", told.append, clock)
 
 
-def speak(session: LiveSession, clock: Clock, seconds: float) -> None:
-    for block in sound(seconds):
-        clock.now += 0.04
+def speak(session: LiveSession, clock: Clock, seconds: float, size: int = 640) -> None:
+    for block in sound(seconds, size):
+        clock.now += size / 16_000
         session.put(block)
         while session.has_work:
             session.work()
@@ -73,9 +73,9 @@ def test_memory_does_not_grow(session: LiveSession, clock: Clock) -> None:
             sound + sum(p.num_frames for p in session.minute._pieces) + len(session._live._speech)
         )
 
-    speak(session, clock, 75.0)
+    speak(session, clock, 63.0, size=16_000)
     before = held()
-    speak(session, clock, 20.0)
+    speak(session, clock, 6.0, size=16_000)
     assert held() < 1.02 * before
 
 

@@ -112,9 +112,9 @@ def test_joins_move_no_faster_than_the_inside(system):
 
 
 def test_memory_does_not_grow_and_place_does_not_drift(system):
-    pieces = streamed(system, FEATURES.repeat(6, 1), [52])
+    pieces = streamed(system, FEATURES.repeat(3, 1), [52])
     live = LiveMotion(system, OPTIONS)
-    for block in FEATURES.repeat(6, 1).split(52):
+    for block in FEATURES.repeat(3, 1).split(52):
         live.hear(block)
         while live.is_due:
             live.step()
