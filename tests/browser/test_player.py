@@ -242,10 +242,11 @@ def test_a_close_up_is_one_click_away(player: Page) -> None:
     }"""
     expect(group.get_by_role("button", name="Hands")).to_have_attribute("aria-pressed", "true")
     for name, edges in (
-        ("Hands", (0.25, 1.0)),
-        ("Face", (0.0, 0.75)),
+        # A face of 240 rows, a body of 640, hands of 240.
+        ("Hands", (240 / 1120, 1.0)),
+        ("Face", (0.0, 880 / 1120)),
         ("Both", (0.0, 1.0)),
-        ("Off", (0.25, 0.75)),
+        ("Off", (240 / 1120, 880 / 1120)),
     ):
         group.get_by_role("button", name=name).click()
         assert player.evaluate(shown) == pytest.approx(edges, abs=0.01)

@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 import renderer.body.look
-from app.commands.cli import main
+from app.commands.cli import main, make_parser
 from app.run.request import LOOKS
 from model.motion.motion import save_motion
 from renderer.video.compose import band_height
@@ -385,3 +385,31 @@ def test_doctor_finds_what_is_missing(
     assert "ok  weights" in shown
     assert re.search(r"ok +without OpenGL +compiled loops.* \d+ ms a picture of 512 x 512", shown)
     assert len(re.findall(r", used$", shown, re.MULTILINE)) == 1
+
+
+def test_what_videos_show_is_asked_for_by_flags() -> None:
+    parse = make_parser().parse_args
+    usual = parse(["generate", "a.wav", "--out", "x"])
+    assert (usual.close_up, usual.framing) == (("hands",), "knees")
+    assert (usual.exaggerate, usual.trail, usual.color) == (1, False, "natural")
+    asked = parse(
+        "render a.npz --out x.mp4 --close-up hands,face --framing knees "
+        "--exaggerate 20 --trail --color jerk".split()
+    )
+    assert (asked.close_up, asked.framing) == (("hands", "face"), "knees")
+    assert (asked.exaggerate, asked.trail, asked.color) == (20, True, "jerk")
+    assert parse(["generate", "a.wav", "--out", "x", "--close-up", "off"]).close_up == ()
+
+
+@pytest.mark.parametrize("flags", [["--close-up", "feet"], ["--exaggerate", "7"]])
+def test_what_videos_cannot_show_is_refused(flags: list[str]) -> None:
+    with pytest.raises(SystemExit):
+        make_parser().parse_args(["render", "a.npz", "--out", "x.mp4", *flags])
+
+
+def test_what_a_file_of_3d_software_cannot_hold_is_refused(
+    motion: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    argv = ["render", str(motion), "--out", str(tmp_path / "a.glb"), "--exaggerate", "5"]
+    assert main(argv) == 1
+    assert "holds the motion as it is" in capsys.readouterr().err
