@@ -149,7 +149,7 @@ class _Reader:
         return joint_rotations(poses, self._name, "axis-angle", self._notes)
 
     def _check_frames(self, key: str, shape: tuple[int, ...]) -> None:
-        if not shape:
+        if len(shape) == 0:
             raise MotionError(f"{self._name}: `{key}` must have a row for each frame; it has ().")
         if 0 in shape[:2]:
             raise MotionError(f"{self._name} has no frames in `{key}`; at least 1 is needed.")

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+FOLDED = "frame of the period found"
 HEADS: dict[Kind, str] = {"raw": "As generated", "savgol": "Savitzky-Golay filter, 7 frames"}
 LIMIT_HZ = 5.0
 NO_DATA = "Not measured: too short, or nothing moved."
@@ -131,18 +132,12 @@ def _draw_seams(figure: "Figure", layout: SheetLayout, sheet: JitterSheet) -> No
     )
     label = f"frame of the window, one every {sheet.window_advance}; shaded: shared by two"
     for each in axes:
-        each.set_xlabel(label if is_known else _folds(sheet), size=style.LABEL_PT, labelpad=1.0)
+        each.set_xlabel(label if is_known else FOLDED, size=style.LABEL_PT, labelpad=1.0)
         if is_known:
             each.axvspan(-0.5, sheet.window_overlap - 0.5, color=_SHADE, linewidth=0.0, zorder=0.2)
         elif sheet.periods:
             each.set_xticks(_few_frames(max(frames for frames, _ in sheet.periods.values())))
     _share_linear(axes, [sheet.by_phase(kind) for kind in _KINDS], from_zero=True)
-
-
-def _folds(sheet: JitterSheet) -> str:
-    """On what each curve is folded."""
-    found = [f"{name} {frames} ({part})" for name, (frames, part) in sheet.periods.items()]
-    return f"frame of the period; every {', '.join(found[:2])}" if found else ""
 
 
 def _few_frames(period: int) -> list[int]:

@@ -53,10 +53,19 @@ def _caption(sheet: JitterSheet, clip: str, sentence: str) -> str:
         "jerk by depth": sheet.by_depth("raw"),
         "spectrum": sheet.spectrum("raw"),
         "attribution": sheet.attribution("raw"),
-        "seams": sheet.by_phase("raw"),
     }
+    if sheet.window_advance:
+        measures["seams"] = sheet.by_phase("raw")
     for title, curves in measures.items():
         lacking = [name for name in sheet.measures if name not in curves]
         if lacking and curves:
             parts.append(f"No {title} of {', '.join(lacking)}: too short, or nothing moved.")
+    if sheet.window_advance == 0:
+        parts += [
+            f"The {part} of {name} jerk anew every {frames} frames."
+            for name, (frames, part) in sheet.periods.items()
+        ]
+        without = [name for name in sheet.measures if name not in sheet.periods]
+        if without:
+            parts.append(f"No period of 2 to 240 frames in {', '.join(without)}.")
     return " ".join([*parts, sentence]).strip()

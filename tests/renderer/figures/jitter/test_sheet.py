@@ -129,7 +129,7 @@ def test_periods_found_are_folded_and_named(settings: None) -> None:
                 "period": {"frames": 4, "part": "legs"} if index else None,
             }
     axes = panels_of(draw_sheet(read_sheet(numbers), ""))["seams raw"]
-    assert axes.get_xlabel() == f"frame of the period; every {NAMES[1]} 4 (legs)"
+    assert axes.get_xlabel() == "frame of the period found"
     assert list(lines_of(axes)) == [NAMES[1]]
     assert not axes.patches  # no frames are shared that one knows of
     for kind in ("raw", "savgol"):
