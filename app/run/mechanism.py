@@ -58,7 +58,7 @@ def show_mechanism(
         RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
     from model.measures.error_growth import measure_error_growth
-    from model.motion.foreign_motion import read_any_motion
+    from model.formats.read import read_any_motion
     from model.motion.noise import noisy_motions
     from model.motion.skeleton import open_body_skeleton
     from model.motion.tracks import moving_chain
