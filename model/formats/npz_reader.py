@@ -153,7 +153,8 @@ class _Reader:
             raise MotionError(f"{self._name}: `{key}` must have a row for each frame; it has ().")
         if 0 in shape[:2]:
             raise MotionError(f"{self._name} has no frames in `{key}`; at least 1 is needed.")
-        check_length(shape[1] if len(shape) > 2 and shape[0] == 1 else shape[0], self._name)
+        has_batch = len(shape) > 2 and shape[0] == 1
+        check_length(shape[int(has_batch)], self._name)
 
     def _trans(self) -> Float32[np.ndarray, "T 3"]:
         key = next(key for key in TRANSLATIONS if key in self._headers)

@@ -28,8 +28,8 @@ lengths along them, and cosine."""
 SKIPS = 3
 LEAST_RAD_S = 1e-3
 HALF_RATE = 0.35
-"""Median change of speed at the quieter of every two frames, over that at the other; clean: at
-least 0.9. Frames put between others by interpolation change no speed."""
+"""Median change of speed at the quieter of every two frames, over that at the other. Frames put
+between others by interpolation change no speed."""
 
 
 def joint_noise(evidence: Evidence) -> list[Finding]:

@@ -2,7 +2,7 @@
 
 Beside a reference a level is held against the reference's, and found where it is further off than
 clips of recorded people, or cuts of one clip, are from each other. Without one it is held against
-the range of the recorded and procedural clips at hand: two recorded clips of one speaker and 360
+the range of the recorded and procedural clips at hand: two recorded clips of one speaker and 90
 procedural ones, whole (`LONG_FRAMES` and more) or in stretches of 10 s. That range is narrow, and
 is named as what it is.
 """

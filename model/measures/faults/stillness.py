@@ -11,7 +11,7 @@ STILL_M_S = 1e-3
 FROZEN_DEG_S = 1.0
 FROZEN_FRAMES = 8
 """Clean: no two frames in a row in which upper body and fingers all turn slower than 1 degree per
-second, in two recorded and 360 procedural clips."""
+second, in two recorded and 90 procedural clips."""
 HAND_STILL = 0.5
 """Of all frames; clean: 0, because living fingers are never still for a thirtieth of a second."""
 MOVING_FRAMES = 2 * FPS

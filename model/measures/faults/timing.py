@@ -12,8 +12,7 @@ SAME_RAD = 1e-5
 MOST_LAG_FRAMES = 3 * FPS
 LEAST_LAG_FRAMES = 3
 COPY_CORRELATION = 0.85
-"""Of upper body speeds at the best lag; motions of the same speech that are no copies: under 0.4.
-"""
+"""Of upper body speeds at the best lag; a copy has 1."""
 JAW_LAG_FRAMES = 4
 """Clean: jaws follow the sound by no more than a frame."""
 JAW_PEAK = 5.5
