@@ -57,8 +57,8 @@ def show_mechanism(
     Raises:
         RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
-    from model.measures.error_growth import measure_error_growth
     from model.formats.read import read_any_motion
+    from model.measures.error_growth import measure_error_growth
     from model.motion.noise import noisy_motions
     from model.motion.skeleton import open_body_skeleton
     from model.motion.tracks import moving_chain
