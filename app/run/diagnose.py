@@ -262,8 +262,8 @@ def _lengths_apart(speech_s: float, motions: Mapping[str, Motion]) -> list[str]:
     if len(others) == 1:
         named = " ".join(f"{name} {duration_s:.1f} s" for name, duration_s in others.items())
     else:
-        shortest, longest = min(others.values()), max(others.values())
-        named = f"{len(others)} of the motions {shortest:.1f} to {longest:.1f} s"
+        ends = dict.fromkeys(f"{end(others.values()):.1f}" for end in (min, max))
+        named = f"{len(others)} of the motions {' to '.join(ends)} s"
     return [
         f"The speech lasts {speech_s:.1f} s and {named}; BeatAlign sees the part that both have."
     ]

@@ -49,8 +49,8 @@ def step_curve_figure(points: Sequence[Mapping[str, Any]], out_stem: Path) -> Fi
     caption = (
         "Each mark is one motion of the same speech, with its number of steps beside it; time is by"
         " the clock of this machine, one motion at a time, features of the speech included."
-        " Samplers that draw noise in every step (the GAN's) end elsewhere with every number of"
-        " steps. One clip and one noise seed."
+        " Samplers that draw noise in every step (the GAN's, few-step consistency) end elsewhere"
+        " with every number of steps. One clip and one noise seed."
     )
     with matplotlib_settings():
         return write_figure(draw_step_curve(points, caption), out_stem, description=caption)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Page, expect, sync_playwright
+from playwright.sync_api import BrowserType, Page, expect
 
 from app.page.tabs.live import KEEP, TAB
 from model.speech.audio import write_wav
@@ -14,28 +14,27 @@ pytestmark = [pytest.mark.browser, pytest.mark.gl]
 
 
 @pytest.fixture(scope="module")
-def speaking(address: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+def speaking(
+    chromium: BrowserType, address: str, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Page]:
     """The tab "Live" in a browser whose microphone hears a buzz that comes and goes."""
-    if CHROMIUM is None:
-        pytest.skip("Chromium is not installed (apt-get install chromium)")
     wav = tmp_path_factory.mktemp("microphone") / "speech.wav"
     write_wav(wav, made_waveform(16_000 * 8))
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=CHROMIUM,
-            args=[
-                "--no-sandbox",
-                "--use-fake-device-for-media-stream",
-                "--use-fake-ui-for-media-stream",
-                f"--use-file-for-fake-audio-capture={wav}",
-            ],
-        )
-        page = browser.new_page(viewport={"width": 1280, "height": 900})
-        page.set_default_timeout(PATIENCE_MS)
-        page.goto(address)
-        page.get_by_role("tab", name=TAB).click()
-        yield page
-        browser.close()
+    browser = chromium.launch(
+        executable_path=CHROMIUM,
+        args=[
+            "--no-sandbox",
+            "--use-fake-device-for-media-stream",
+            "--use-fake-ui-for-media-stream",
+            f"--use-file-for-fake-audio-capture={wav}",
+        ],
+    )
+    page = browser.new_page(viewport={"width": 1280, "height": 900})
+    page.set_default_timeout(PATIENCE_MS)
+    page.goto(address)
+    page.get_by_role("tab", name=TAB).click()
+    yield page
+    browser.close()
 
 
 def test_one_speaks_and_the_body_moves_and_the_minute_is_kept(speaking: Page) -> None:

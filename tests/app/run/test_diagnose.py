@@ -81,7 +81,7 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
     said = capsys.readouterr().err
     for words_said in (
         "The reference has 90 frames; the first 70 were measured",
-        "The speech lasts 1.2 s and clip 2.3 s",
+        "The speech lasts 1.2 s and 2 of the motions 2.3 to 3.0 s",
         "recorded.npz has the 52 joints of SMPL-H",
         "centimetres",
         "no `expressions`",
