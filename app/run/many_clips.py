@@ -24,8 +24,6 @@ from app.errors import RunError
 from app.findings.measure_rows import MEASURES
 from app.run.request import REFERENCE_NAME
 
-DRAWS = 2000
-LEVEL = (2.5, 97.5)
 ENDINGS = (".npz", ".npy", ".bvh")
 HEADER = (
     *("measure", "unit", "system", "clips", "mean", "low", "high"),
@@ -175,10 +173,10 @@ def _measure_clip(files: dict[str, Path], request: ManyRequest, out: Path) -> No
 
 def interval(values: Sequence[float]) -> tuple[float, float, float]:
     """Mean over clips and its 95 % bootstrap interval; the mean alone for a single clip."""
-    array = np.asarray(values, dtype=np.float64)
-    draws = np.random.default_rng(0).integers(0, len(array), (DRAWS, len(array)))
-    low, high = np.percentile(array[draws].mean(axis=1), LEVEL)
-    return float(array.mean()), float(low), float(high)
+    from model.evaluation.intervals import bootstrap
+
+    found = bootstrap(values)
+    return found.mean, found.low, found.high
 
 
 def _write(

@@ -147,7 +147,7 @@ def part_jerk_by_phase(tracks: Tracks, part: str, frames: int) -> Float[np.ndarr
 
     As in `seams.jerk_by_window_phase`, a jump between frames f - 1 and f is highest at f.
     """
-    return _by_phase(_part_jerk(tracks, part), frames)
+    return by_phase(_part_jerk(tracks, part), frames)
 
 
 def _part_jerk(tracks: Tracks, part: str) -> Float[np.ndarray, " N"]:
@@ -224,7 +224,9 @@ def _fold(values: Float[np.ndarray, " N"], frames: int) -> Float[np.ndarray, " f
     return values[: whole * frames].reshape(whole, frames).mean(axis=0)
 
 
-def _by_phase(jerk: Float[np.ndarray, " N"], frames: int) -> Float[np.ndarray, " frames"]:
+def by_phase(jerk: Float[np.ndarray, " N"], frames: int) -> Float[np.ndarray, " frames"]:
+    """Mean at each place of a period, of third differences counted at their frame i + 2; NaN where
+    there is none."""
     phase = (np.arange(len(jerk)) + 2) % frames
     count = np.bincount(phase, minlength=frames)
     total = np.bincount(phase, weights=jerk, minlength=frames)
@@ -241,8 +243,8 @@ def _shortest(frames: int, folded: Float[np.ndarray, " frames"]) -> int:
 
 
 def _described(chosen: _Candidate, jerk: Float[np.ndarray, " N"]) -> Period:
-    by_phase = _by_phase(jerk, chosen.frames)
-    phase = int(by_phase.argmax())
+    folded = by_phase(jerk, chosen.frames)
+    phase = int(folded.argmax())
     entries = np.arange((phase - 2) % chosen.frames, len(jerk), chosen.frames)
     worst = entries[np.argsort(-jerk[entries])][:WORST]
     return Period(
@@ -251,8 +253,8 @@ def _described(chosen: _Candidate, jerk: Float[np.ndarray, " N"]) -> Period:
         part=chosen.part,
         phase_frame=phase,
         periods=len(jerk) // chosen.frames,
-        peak_over_usual=float(by_phase[phase] / max(float(np.median(by_phase)), STILL_M_S3)),
-        peak_over_least=float(by_phase[phase] / max(float(by_phase.min()), STILL_M_S3)),
+        peak_over_usual=float(folded[phase] / max(float(np.median(folded)), STILL_M_S3)),
+        peak_over_least=float(folded[phase] / max(float(folded.min()), STILL_M_S3)),
         chance=float(np.exp(chosen.log_chance) * len(PARTS)),
         worst_frames=tuple(int(entry) + 2 for entry in worst),
     )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from model.measures.periods import MIN_PERIODS, chance_of_pulses
+from model.measures.periods import MIN_PERIODS, by_phase, chance_of_pulses
 from model.measures.smoothness import STILL_M_S3, derivative_magnitudes
 
 
@@ -68,11 +68,7 @@ def jerk_by_window_phase(
     A third difference over frames i to i + 3 is counted at frame i + 2, the first frame after its
     middle: a jump between frames f - 1 and f is highest at phase f. NaN where the clip has none.
     """
-    jerk = derivative_magnitudes(positions, 3).mean(axis=1)
-    phase = (np.arange(len(jerk)) + 2) % window_advance
-    count = np.bincount(phase, minlength=window_advance)
-    total = np.bincount(phase, weights=jerk, minlength=window_advance)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    return by_phase(derivative_magnitudes(positions, 3).mean(axis=1), window_advance)
 
 
 @dataclass(frozen=True)
@@ -103,9 +99,9 @@ def recurring_jerk(
     if num_windows < MIN_PERIODS:
         return RecurringJerk(None, num_windows, float("nan"))
     windows = jerk[: num_windows * window_advance].reshape(num_windows, window_advance)
-    by_phase = np.nanmedian(windows, axis=0)
-    usual = float(np.median(by_phase))
+    medians = np.nanmedian(windows, axis=0)
+    usual = float(np.median(medians))
     if usual < STILL_M_S3:
         return RecurringJerk(None, num_windows, float("nan"))
-    phase = int(by_phase.argmax())
-    return RecurringJerk(phase, num_windows, float(by_phase[phase] / usual), chance)
+    phase = int(medians.argmax())
+    return RecurringJerk(phase, num_windows, float(medians[phase] / usual), chance)

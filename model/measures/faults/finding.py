@@ -54,13 +54,17 @@ class Finding:
 
 def by_gravity(findings: Iterable[Finding]) -> list[Finding]:
     """The gravest first; of equally grave ones those furthest beyond their limit."""
-    return sorted(findings, key=lambda finding: (-finding.gravity, -finding.excess))
+    return sorted(findings, key=_rank)
 
 
 def ranked(findings: Mapping[str, Sequence[Finding]]) -> list[tuple[str, Finding]]:
     """The findings of several motions with their names, the gravest first."""
     named = [(name, finding) for name, found in findings.items() for finding in found]
-    return sorted(named, key=lambda pair: (-pair[1].gravity, -pair[1].excess))
+    return sorted(named, key=lambda pair: _rank(pair[1]))
+
+
+def _rank(finding: Finding) -> tuple[float, float]:
+    return float(-finding.gravity), -finding.excess
 
 
 def clock(frame: int) -> str:
