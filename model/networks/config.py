@@ -1,6 +1,7 @@
 """Shapes of networks that several families build on: frozen and validated."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 from model.motion.spaces import RotationSpace
 
@@ -16,6 +17,8 @@ class BranchConfig:
     conv_kernel: int = 7
     """Frames seen by the depthwise temporal convolution of each block; 0 leaves it out, as in the
     paper. It lets a small network learn smooth motion in few steps."""
+    frames_by: Literal["attention", "gru"] = "attention"
+    """How frames of a window hear of each other: a transformer's blocks, or recurrent ones."""
     speech_dim: int = 68
     expression_dim: int = 52
     num_speakers: int = 31

@@ -1,9 +1,14 @@
 """Conditional-GAN few-step denoising; may import the face and what systems may."""
 
 from model.generation.family import Family, Sampler
-from model.systems.gan.config import PRESETS, SYSTEMS, WEIGHTS, named_config
-
-SAMPLER = "posterior"
+from model.systems.gan.config import (
+    PRESETS,
+    SAMPLER,
+    SOLVERS,
+    SYSTEMS,
+    WEIGHTS,
+    named_config,
+)
 
 FAMILY = Family(
     name="gan",
@@ -17,6 +22,9 @@ FAMILY = Family(
     presets=PRESETS,
     config=named_config,
     package="model.systems.gan",
-    own_samplers={name: (Sampler(SAMPLER, steps),) for name, steps in SYSTEMS.items()},
+    own_samplers={
+        name: tuple(Sampler(way, steps) for way in (SAMPLER, *SOLVERS))
+        for name, steps in SYSTEMS.items()
+    },
     shared_weights={name: WEIGHTS for name in SYSTEMS if name != WEIGHTS},
 )

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from model.networks.layers import TimeEmbedding
 from model.systems.gan.config import DiscriminatorConfig, GeneratorConfig
+from model.systems.gan.generator import features_heard
 
 NUM_LAYERS = 7
 TOLD_WIDTH = 64
@@ -22,9 +23,9 @@ class Discriminator(nn.Module):
         super().__init__()
         self.now, self.before = TimeEmbedding(TOLD_WIDTH), TimeEmbedding(TOLD_WIDTH)
         self.speaker = nn.Embedding(motion.num_speakers, TOLD_WIDTH)
-        self.speech_context = motion.speech_context
+        self.motion = motion
         # x_before, x_now, the seed where there is one, speech
-        self.frame = _layer(3 * motion.channels + motion.speech_dim, config.frame_width, config)
+        self.frame = _layer(3 * motion.channels + motion.heard_dim, config.frame_width, config)
         flat = motion.window_frames * config.frame_width + 3 * TOLD_WIDTH
         widths = [flat] + [config.width] * (NUM_LAYERS - 2)
         self.window = nn.Sequential(*(_layer(a, b, config) for a, b in pairwise(widths)))
@@ -44,7 +45,8 @@ class Discriminator(nn.Module):
         has_speech: Bool[Tensor, " B"],
     ) -> Float[Tensor, " B"]:
         """Scores, positive for steps held for real."""
-        spoken = speech[:, self.speech_context : speech.shape[1] - self.speech_context]
+        context = self.motion.speech_context
+        spoken = features_heard(self.motion, speech[:, context : speech.shape[1] - context])
         spoken = spoken * has_speech[:, None, None]
         known = F.pad(seed * has_seed[:, None, None], (0, 0, 0, x_now.shape[1] - seed.shape[1]))
         frames = self.frame(torch.cat([x_before, x_now, known, spoken], dim=-1).flatten(0, 1))

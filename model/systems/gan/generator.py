@@ -1,5 +1,7 @@
 """The generator: clean motion x_0 from x_t, speech, seed pose and speaker."""
 
+from dataclasses import replace
+
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
@@ -8,6 +10,7 @@ from model.motion.packing import AXIS_ANGLE_GROUPS, Normaliser
 from model.networks.branch import ConditionedNetwork, MotionBranch, shown
 from model.networks.layers import TimeEmbedding
 from model.sampling.prior import GaussianPrior
+from model.speech.features import cepstrum
 from model.systems.gan.config import GeneratorConfig
 from model.systems.gan.schedule import flow_time
 
@@ -34,7 +37,7 @@ class Generator(ConditionedNetwork):
     def __init__(
         self, config: GeneratorConfig, prior: GaussianPrior, normaliser: Normaliser
     ) -> None:
-        super().__init__(config)
+        super().__init__(replace(config, speech_dim=config.heard_dim))
         assert normaliser.unmix is not None
         self.config = config
         self.prior = prior
@@ -90,6 +93,12 @@ class Generator(ConditionedNetwork):
             x_t, now, before, tokens=tokens, face=face, seed=seed, speaker=speaker,
             has_seed=has_seed,
         )  # fmt: skip
+
+    def hear(
+        self, speech: Float[Tensor, "B heard speech_dim"], has_speech: Bool[Tensor, " B"]
+    ) -> Float[Tensor, "B T width"]:
+        """See `ConditionedNetwork.hear`; of the features as the config says."""
+        return super().hear(features_heard(self.config, speech), has_speech)
 
     def denoised(
         self,
@@ -182,3 +191,10 @@ class Generator(ConditionedNetwork):
         """The prior's, of x_0 along its eigenvectors given x at flow time ``tau``."""
         variance = self._variance(has_seed)
         return (1 - tau) * (variance / (tau**2 * variance + (1 - tau) ** 2)).sqrt()
+
+
+def features_heard(
+    config: GeneratorConfig, speech: Float[Tensor, "B heard speech_dim"]
+) -> Float[Tensor, "B heard heard_dim"]:
+    """The encoder's features, or the cepstral coefficients that follow from them."""
+    return cepstrum(speech, config.cepstra) if config.cepstra else speech

@@ -6,16 +6,13 @@ variance-preserving: ``x_t = signal(t) x_0 + noise(t) eps`` with t from 0 (data)
 t = 1, (T - 1) / T, ..., 1 / T. Time is continuous, so that one network serves every T.
 """
 
-from collections.abc import Callable
+import math
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 BETA_MIN, BETA_MAX = 0.1, 20.0
-
-Denoise = Callable[[Float[Tensor, "B T C"], int], Float[Tensor, "B T C"]]
-"""x_0 predicted from x_t at the k-th step, counted from 1."""
 
 
 def signal_and_noise(t: Tensor) -> tuple[Tensor, Tensor]:
@@ -29,6 +26,13 @@ def flow_time(t: Tensor) -> tuple[Tensor, Tensor]:
     x_t is larger than the flow's ``tau x_0 + (1 - tau) eps``."""
     signal, noise = signal_and_noise(t)
     return signal / (signal + noise), signal + noise
+
+
+def time_of(log_ratio: float) -> float:
+    """The time t at which ``log(signal(t) / noise(t))`` is this."""
+    log_square = -math.log1p(math.exp(-2 * log_ratio))
+    slope = BETA_MAX - BETA_MIN
+    return (math.sqrt(BETA_MIN**2 - 2 * slope * log_square) - BETA_MIN) / slope
 
 
 def diffused(

@@ -22,9 +22,10 @@ from model.systems.face.config import EXPRESSION
 from model.systems.face.face import load_face
 from model.systems.face.shown import BodyWindow, FacedSystem, shared_windowing
 from model.systems.gan import FAMILY
-from model.systems.gan.config import GeneratorConfig
+from model.systems.gan.config import SOLVERS, GeneratorConfig
 from model.systems.gan.generator import Generator
 from model.systems.gan.schedule import posterior, times
+from model.systems.gan.solvers import solve
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,8 +60,8 @@ class GanSystem(FacedSystem):
         seed: Float[Tensor, "B S C"] | None,
         draw: Draw,
     ) -> Float[Tensor, "B T C"]:
-        """One normalised window: at each time x_0 is predicted, and x at the earlier time drawn
-        from the posterior; the last step leaves x_0 itself."""
+        """One normalised window. As the generator was taught, x_0 is drawn at each time, and x at
+        the earlier time from the posterior; a solver follows the mean of x_0 instead."""
         config, size = self.config, draw.samples
         known = torch.zeros(size, config.seed_frames, config.channels) if seed is None else seed
         has_seed = torch.full((size,), seed is not None)
@@ -72,14 +73,23 @@ class GanSystem(FacedSystem):
             "speaker": torch.full((size,), draw.speaker),
             "has_seed": has_seed,
         }
-        x = draw.noise((config.window_frames, config.channels))
+        noise = draw.noise((config.window_frames, config.channels))
+        if draw.sampler in SOLVERS:
+
+            def predict(x: Tensor, now: float, before: float) -> Tensor:
+                at = torch.full((size,), now), torch.full((size,), before)
+                return self.network.denoised(x, *at, **conditions)[0]
+
+            solver = SOLVERS[SOLVERS.index(draw.sampler)]
+            return solve(predict, noise, solver=solver, steps=draw.steps)
+        x = noise
         way = [torch.full((size,), t) for t in times(draw.steps)]
         for k in range(draw.steps):
-            noise, latent = self.step_noise(draw, k + 1).unbind(1)
+            again, latent = self.step_noise(draw, k + 1).unbind(1)
             expected, open_ = self.network.denoised(x, way[k], way[k + 1], **conditions)
             x_0 = self.network.drawn(expected, open_, latent, has_seed)
             mean, deviation = posterior(x, x_0, way[k + 1], way[k])
-            x = mean + deviation * noise
+            x = mean + deviation * again
         return x
 
     def step_noise(self, draw: Draw, step: int) -> Float[Tensor, "B 2 T C"]:

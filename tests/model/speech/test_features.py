@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
+import scipy.fft
 import torch
 
 from model.speech import features
-from model.speech.features import NUM_MELS, MelEncoder, augment_mel
+from model.speech.features import NUM_MELS, MelEncoder, augment_mel, cepstrum
 
 ENERGY, ONSET, PITCH, VOICED = range(NUM_MELS, NUM_MELS + 4)
 
@@ -70,3 +71,12 @@ def test_augmentation_keeps_pitch_and_differs_between_samples():
     assert (varied[0] - varied[1])[:, :NUM_MELS].abs().mean() > 0.05
     again = augment_mel(rows, torch.Generator().manual_seed(0))
     torch.testing.assert_close(varied, again)
+
+
+def test_cepstral_coefficients_are_the_cosine_transform_of_the_log_mels():
+    rows = MelEncoder().encode(tone(150), 20)
+    wanted = scipy.fft.dct(rows[:, :NUM_MELS], norm="ortho")[:, :13]
+    found = cepstrum(torch.from_numpy(rows), 13)
+    np.testing.assert_allclose(found, wanted, atol=1e-4)
+    level = cepstrum(torch.ones(1, 68), 3)
+    torch.testing.assert_close(level, torch.tensor([[8.0, 0.0, 0.0]]), atol=1e-5, rtol=0)

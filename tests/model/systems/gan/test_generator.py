@@ -3,6 +3,7 @@ from dataclasses import replace
 import pytest
 import torch
 
+from model.networks.layers import RecurrentBlock
 from model.systems.gan.config import STEP_COUNTS
 from model.systems.gan.generator import FINGERS, Generator
 from model.systems.gan.schedule import posterior, signal_and_noise, times
@@ -153,3 +154,34 @@ def test_windows_with_and_without_a_seed_share_a_batch():
     mine = generator.posterior(x_t, tau, known["seed"], known["has_seed"])
     wanted = generator.prior.posterior(x_t, tau, known["seed"], known["has_seed"])
     torch.testing.assert_close(mine, wanted, rtol=1e-4, atol=1e-4)
+
+
+def test_of_speech_it_may_hear_the_cepstrum_alone():
+    torch.manual_seed(0)
+    config = replace(TINY, cepstra=13)
+    generator = shaken(made_generator(config))
+    assert generator.speech.frames[0].in_features == 13
+    half, x_t = torch.full((2,), 0.5), torch.randn(2, 60, 168)
+    inputs = {"expression": torch.zeros(2, 60, 52), **told(config, 2)}
+    heard = generator(x_t, half, half / 2, **inputs)[0]
+    speech = inputs["speech"].clone()
+    speech[..., 64:] += 1.0  # energy, onsets and pitch are not among the log-mels
+    same = generator(x_t, half, half / 2, **{**inputs, "speech": speech})[0]
+    torch.testing.assert_close(same, heard, atol=0.0, rtol=0.0)
+    speech[..., :8] += 1.0
+    other = generator(x_t, half, half / 2, **{**inputs, "speech": speech})[0]
+    assert (other - heard).abs().max() > 1e-3
+
+
+def test_recurrent_blocks_hear_the_seed_and_both_directions():
+    torch.manual_seed(0)
+    block = RecurrentBlock(16, 2)
+    x, seed, condition = torch.randn(1, 10, 16), torch.randn(1, 3, 16), torch.randn(1, 16)
+    kept = block(x, seed, condition)
+    for frame in (0, -1):
+        moved = x.clone()
+        moved[:, frame, 0] += 1.0
+        assert (block(moved, seed, condition) - kept).abs().amax(2).min() > 0
+    assert (block(x, seed + 1.0, condition) - kept).abs().amax(2).min() > 0
+    generator = shaken(made_generator(replace(TINY, frames_by="gru")))
+    assert not any("attention" in name for name, _ in generator.named_parameters())

@@ -1,3 +1,4 @@
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ from model.generation.base import Draw
 from model.generation.speech_stream import SpeechStream
 from model.generation.windows import GenerateOptions, generate_motion, stream_motion
 from model.storage.cards import CheckpointError
-from model.systems.gan.config import STEP_COUNTS, SYSTEMS
+from model.systems.gan.config import SOLVERS, STEP_COUNTS, SYSTEMS
 from model.systems.gan.system import GanSystem
 from model.systems.registry import list_systems, load_system
 from tests.model.made import made_speech
@@ -45,6 +46,19 @@ def test_every_number_of_steps_of_the_paper_gives_motion(system, steps):
     (motion,) = generate_motion(system, SPEECH, GenerateOptions("ann", steps=steps))
     assert motion.num_frames == 150 and np.isfinite(motion.poses).all()
     assert np.abs(np.diff(motion.poses, axis=0)).mean() > 1e-4
+
+
+def test_every_solver_follows_the_mean_instead_of_drawing(system, monkeypatch):
+    made = {}
+    for name in ("posterior", *SOLVERS):
+        options = GenerateOptions("ann", sampler=name, steps=3)
+        made[name] = generate_motion(system, SPEECH, options)[0].poses
+        assert np.isfinite(made[name]).all()
+    kinds = list(made.values())
+    assert all(np.abs(a - b).max() > 1e-3 for a, b in itertools.combinations(kinds, 2))
+    monkeypatch.setattr(type(system), "step_noise", None)
+    again = generate_motion(system, SPEECH, GenerateOptions("ann", sampler="ddim", steps=3))
+    np.testing.assert_array_equal(again[0].poses, made["ddim"])
 
 
 def test_a_sample_does_not_depend_on_those_beside_it(system):
