@@ -14,8 +14,7 @@ from renderer.bench.naive import draw_naively
 from renderer.body.body import Body, BodyMotion
 from renderer.body.normals import VertexNormals
 from renderer.draw.make import make_renderer
-from renderer.draw.offscreen import GLError
-from renderer.draw.probe import choose_backend
+from renderer.draw.probe import choose_backend, choose_gl
 from renderer.stage.stage import set_stage
 from renderer.stage.studio import FramePreparer, Subject
 from renderer.video.compose import compose_videos
@@ -137,9 +136,7 @@ def naive_cost(
         GLError: where there is no OpenGL.
     """
     settings = settings or RenderSettings()
-    backend = settings.backend or choose_backend()
-    if backend == "software":
-        raise GLError("The usual pyrender loop needs OpenGL, and this machine has none.")
+    backend = choose_gl()
     stage = set_stage(body, [motion], settings.view, settings.aspect)
     chunks = body.vertices(motion, chunk=_CHUNK_FRAMES)
     frames = list(islice(chain.from_iterable(chunks), max_frames))

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 GLBackend = Literal["egl", "osmesa"]
 Backend = Literal["egl", "osmesa", "software"]
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
-"""In the order in which they are tried."""
+"""In the order in which they are reported; `renderer.draw.probe.choose_backend` chooses."""
 
 _in_use = threading.Lock()
 """Held while a context lives: pyrender ends the driver's display with the first context that is

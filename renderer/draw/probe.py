@@ -7,7 +7,7 @@ import sys
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -17,6 +17,9 @@ DEBIAN_PACKAGES: dict[GLBackend, str] = {"egl": "libegl1 libgl1", "osmesa": "lib
 _TIMEOUT_S = 60.0
 _PROBE_SIZE_PX = 512
 _TIMED_FRAMES = 5
+
+_ON_CPU = ("llvmpipe", "softpipe", "swrast", "swr ", "software rasterizer", "compiled loops")
+"""In the names of drivers that need no graphics processor."""
 
 Shown = Literal["ball", "body"]
 
@@ -34,6 +37,11 @@ class BackendReport:
     error: str
     """Why it does not work, in one sentence; empty if it does."""
 
+    @property
+    def has_hardware(self) -> bool:
+        """Whether it draws with a graphics processor."""
+        return self.works and not any(name in self.renderer_string.lower() for name in _ON_CPU)
+
 
 @functools.cache
 def probe_backends(shown: Shown = "ball") -> tuple[BackendReport, ...]:
@@ -43,18 +51,35 @@ def probe_backends(shown: Shown = "ball") -> tuple[BackendReport, ...]:
 
 @functools.cache
 def choose_backend() -> Backend:
-    """The first backend that draws: OpenGL where there is some, else compiled loops.
+    """OpenGL where it has a graphics processor. Where it would draw on the CPU, compiled loops do
+    so in half the time; if they cannot be compiled, OpenGL all the same.
 
     Raises:
         GLError: if none does, naming the packages to install.
     """
-    for name in BACKENDS:
+    if probe_backend("egl").has_hardware:
+        return "egl"
+    on_cpu: tuple[Backend, ...] = ("software", "egl", "osmesa")
+    for name in on_cpu:
         if probe_backend(name).works:
             return name
     raise GLError(
         "Neither OpenGL nor numba works on this machine, so no picture can be drawn; on Debian or "
         f"Ubuntu install OpenGL with: apt-get install {' '.join(DEBIAN_PACKAGES.values())}"
     )
+
+
+def choose_gl() -> GLBackend:
+    """The first OpenGL backend that works, whatever it draws with.
+
+    Raises:
+        GLError: if none does.
+    """
+    backends: tuple[GLBackend, ...] = get_args(GLBackend)
+    for name in backends:
+        if probe_backend(name).works:
+            return name
+    raise GLError("The usual pyrender loop needs OpenGL, and this machine has none.")
 
 
 @functools.cache

@@ -1,8 +1,8 @@
 """Triangles to pixels without OpenGL: the inner loops, compiled by numba.
 
-The light is that of ``shaders/mesh.vert``, once per vertex; the picture is what the OpenGL
-backends draw, to a grey level or two. A change to one is a change to the other; a test compares
-their pictures.
+The light is that of ``shaders/mesh.vert``, once per vertex that is seen; the picture is what the
+OpenGL backends draw, to a grey level or two. A change to one is a change to the other; a test
+compares their pictures.
 
 Depth is kept as its inverse ``1 / z``, which is linear across the picture: 0 is infinitely far.
 """
@@ -16,72 +16,100 @@ _SKY = (1.05, 1.10, 1.20)
 _WRAP = 0.20
 _SPECULAR = 0.06
 _GLOSS = 96.0 + 0.7 * (8.0 - 96.0)  # of roughness 0.7
+_DULL = 0.8
+"""Facing below which nothing gleams: its power is less than a tenth of a grey level."""
 _EDGE = 0.10
 _INSIDE = 0.35
 
 
 @compiled
-def shade(vertices, normals, colors, eye, towards, lights, ambient, lit):
-    """Fill ``lit`` (V, 3) with display colours, 0 to 1.
+def project(vertices, eye, axes, focal, middle, corners):
+    """Fill ``corners`` (V, 3): column and row in samples, and inverse depth, of each vertex.
 
     Args:
-        vertices, normals, colors: (V, 3), metres, unit length, linear RGB.
-        eye: (3,) position of the camera.
-        towards: (L, 3) unit vectors to the lights.
-        lights: (L, 3) linear RGB of each light, times its intensity by pi.
-        ambient: share of light that comes from everywhere.
+        eye, axes: of the camera, as `renderer.stage.camera.Camera` has them.
+        focal: length in samples.
+        middle: column and row of the picture's middle.
     """
     for v in range(len(vertices)):
-        nx, ny, nz = normals[v]
-        ex, ey, ez = eye[0] - vertices[v, 0], eye[1] - vertices[v, 1], eye[2] - vertices[v, 2]
-        scale = 1.0 / np.sqrt(ex * ex + ey * ey + ez * ez)
-        ex, ey, ez = ex * scale, ey * scale, ez * scale
-        up = 0.5 * ny + 0.5
-        edge = 1.0 - max(nx * ex + ny * ey + nz * ez, 0.0)
-        rim = _EDGE * edge * edge * edge * edge
-        red, green, blue = 0.0, 0.0, 0.0
-        shine_red, shine_green, shine_blue = 0.0, 0.0, 0.0
-        for i in range(len(towards)):
-            lx, ly, lz = towards[i]
-            diffuse = max((nx * lx + ny * ly + nz * lz + _WRAP) / (1.0 + _WRAP), 0.0)
-            hx, hy, hz = lx + ex, ly + ey, lz + ez
-            facing = (nx * hx + ny * hy + nz * hz) / np.sqrt(hx * hx + hy * hy + hz * hz)
-            shine = _SPECULAR * diffuse * max(facing, 0.0) ** _GLOSS
-            red += diffuse * lights[i, 0]
-            green += diffuse * lights[i, 1]
-            blue += diffuse * lights[i, 2]
-            shine_red += shine * lights[i, 0]
-            shine_green += shine * lights[i, 1]
-            shine_blue += shine * lights[i, 2]
-        for channel, direct, gleam in (
-            (0, red, shine_red),
-            (1, green, shine_green),
-            (2, blue, shine_blue),
-        ):
-            sky = ambient * (_GROUND_BOUNCE[channel] * (1.0 - up) + _SKY[channel] * up)
-            value = colors[v, channel] * (sky + direct + rim) + gleam
-            value = 1.12 * value / (1.0 + 0.22 * value)  # rolls off the highlights
-            lit[v, channel] = np.sqrt(min(max(value, 0.0), 1.0))
+        x, y, z = vertices[v, 0] - eye[0], vertices[v, 1] - eye[1], vertices[v, 2] - eye[2]
+        backward = x * axes[2, 0] + y * axes[2, 1] + z * axes[2, 2]
+        inverse = -1.0 / backward
+        right = x * axes[0, 0] + y * axes[0, 1] + z * axes[0, 2]
+        up = x * axes[1, 0] + y * axes[1, 1] + z * axes[1, 2]
+        corners[v, 0] = middle[0] + focal * right * inverse
+        corners[v, 1] = middle[1] - focal * up * inverse
+        corners[v, 2] = inverse
 
 
 @compiled
-def fill_triangles(corners, faces, lit, nearest, inverse_depth, canvas):
+def _shade(point, normal, base, eye, towards, lights, ambient, lit):
+    """Fill ``lit`` (3,) with the display colour of one vertex, 0 to 1; see `fill_triangles`."""
+    nx, ny, nz = normal
+    ex, ey, ez = eye[0] - point[0], eye[1] - point[1], eye[2] - point[2]
+    scale = 1.0 / np.sqrt(ex * ex + ey * ey + ez * ez)
+    ex, ey, ez = ex * scale, ey * scale, ez * scale
+    up = 0.5 * ny + 0.5
+    edge = 1.0 - max(nx * ex + ny * ey + nz * ez, 0.0)
+    rim = _EDGE * edge * edge * edge * edge
+    red, green, blue = 0.0, 0.0, 0.0
+    shine_red, shine_green, shine_blue = 0.0, 0.0, 0.0
+    for i in range(len(towards)):
+        lx, ly, lz = towards[i]
+        diffuse = (nx * lx + ny * ly + nz * lz + _WRAP) / (1.0 + _WRAP)
+        if diffuse <= 0.0:
+            continue
+        red += diffuse * lights[i, 0]
+        green += diffuse * lights[i, 1]
+        blue += diffuse * lights[i, 2]
+        hx, hy, hz = lx + ex, ly + ey, lz + ez
+        facing = (nx * hx + ny * hy + nz * hz) / np.sqrt(hx * hx + hy * hy + hz * hz)
+        if facing > _DULL:
+            shine = _SPECULAR * diffuse * facing**_GLOSS
+            shine_red += shine * lights[i, 0]
+            shine_green += shine * lights[i, 1]
+            shine_blue += shine * lights[i, 2]
+    for channel, direct, gleam in (
+        (0, red, shine_red),
+        (1, green, shine_green),
+        (2, blue, shine_blue),
+    ):
+        sky = ambient * (_GROUND_BOUNCE[channel] * (1.0 - up) + _SKY[channel] * up)
+        value = base[channel] * (sky + direct + rim) + gleam
+        value = 1.12 * value / (1.0 + 0.22 * value)  # rolls off the highlights
+        lit[channel] = np.sqrt(min(max(value, 0.0), 1.0))
+
+
+@compiled
+def fill_triangles(
+    vertices, normals, colors, corners, faces, has_back, eye, towards, lights, ambient, nearest,
+    lit, is_lit, inverse_depth, canvas, spans,
+):  # fmt: skip
     """Draw lit triangles into ``canvas`` (H, W, 3), nearer over farther.
 
     A triangle with a corner that is not a number, behind the camera or before the near plane is
     left out whole: cameras are placed so that a body has none.
 
     Args:
-        corners: (V, 3) column and row in samples, and 1 / depth, of each vertex.
+        vertices, normals, colors: (V, 3), metres, unit length, linear RGB.
+        corners: (V, 3), as `project` leaves them.
+        has_back: (F,), faces that are drawn from behind too; of the others something hides it.
+        eye: (3,) position of the camera.
+        towards: (L, 3) unit vectors to the lights.
+        lights: (L, 3) linear RGB of each light, times its intensity by pi.
+        ambient: share of light that comes from everywhere.
         nearest: 1 / depth of the near plane.
+        lit: (V, 3), display colours of the vertices that were seen; updated.
+        is_lit: (V,), which those are; updated.
         inverse_depth: (H, W), 0 where nothing is drawn; updated.
+        spans: (H, 2), first and last column where a row may be drawn; updated.
     """
     height, width = inverse_depth.shape
     for f in range(len(faces)):
-        a, b, c = faces[f]
-        xa, ya, wa = corners[a]
-        xb, yb, wb = corners[b]
-        xc, yc, wc = corners[c]
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        xa, ya, wa = corners[a, 0], corners[a, 1], corners[a, 2]
+        xb, yb, wb = corners[b, 0], corners[b, 1], corners[b, 2]
+        xc, yc, wc = corners[c, 0], corners[c, 1], corners[c, 2]
         if not (0.0 < wa <= nearest and 0.0 < wb <= nearest and 0.0 < wc <= nearest):
             continue
         area = (xb - xa) * (yc - ya) - (xc - xa) * (yb - ya)
@@ -92,93 +120,177 @@ def fill_triangles(corners, faces, lit, nearest, inverse_depth, canvas):
         right = int(max(min(np.floor(max(xa, xb, xc) - 0.5), width - 1.0), -1.0))
         top = int(min(max(np.ceil(min(ya, yb, yc) - 0.5), 0.0), height))
         bottom = int(max(min(np.floor(max(ya, yb, yc) - 0.5), height - 1.0), -1.0))
+        if left > right or top > bottom:
+            continue
         # Rows run downwards, so a triangle that turns its front has a negative area.
+        if area > 0.0 and not has_back[f]:
+            continue
         tone = 1.0 if area < 0.0 else _INSIDE
         scale = 1.0 / area
         step_b, step_c = (yc - ya) * scale, (ya - yb) * scale
+        is_seen = False
+        ra, ga, ba, rb, gb, bb, rc, gc, bc = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for row in range(top, bottom + 1):
             dy = row + 0.5 - ya
             dx = left + 0.5 - xa
             share_b = (dx * (yc - ya) - dy * (xc - xa)) * scale
             share_c = (dy * (xb - xa) - dx * (yb - ya)) * scale
+            was_inside = False
             for column in range(left, right + 1):
                 share_a = 1.0 - share_b - share_c
                 if share_a >= 0.0 and share_b >= 0.0 and share_c >= 0.0:
-                    pa, pb, pc = share_a * wa, share_b * wb, share_c * wc
-                    inverse = pa + pb + pc
+                    was_inside = True
+                    inverse = share_a * wa + share_b * wb + share_c * wc
                     if inverse > inverse_depth[row, column]:
-                        inverse_depth[row, column] = inverse
-                        # Divided by depth on the way, colours follow the surface in perspective.
-                        by = tone / inverse
-                        for channel in range(3):
-                            canvas[row, column, channel] = by * (
-                                pa * lit[a, channel] + pb * lit[b, channel] + pc * lit[c, channel]
+                        if not is_seen:
+                            is_seen = True
+                            for v in (a, b, c):
+                                if not is_lit[v]:
+                                    is_lit[v] = True
+                                    _shade(
+                                        vertices[v], normals[v], colors[v], eye, towards, lights,
+                                        ambient, lit[v],
+                                    )  # fmt: skip
+                            # Divided by depth on the way, colours follow the surface in
+                            # perspective.
+                            ra, ga, ba = (
+                                tone * wa * lit[a, 0],
+                                tone * wa * lit[a, 1],
+                                tone * wa * lit[a, 2],
                             )
+                            rb, gb, bb = (
+                                tone * wb * lit[b, 0],
+                                tone * wb * lit[b, 1],
+                                tone * wb * lit[b, 2],
+                            )
+                            rc, gc, bc = (
+                                tone * wc * lit[c, 0],
+                                tone * wc * lit[c, 1],
+                                tone * wc * lit[c, 2],
+                            )
+                        inverse_depth[row, column] = inverse
+                        depth = 1.0 / inverse
+                        canvas[row, column, 0] = depth * (
+                            share_a * ra + share_b * rb + share_c * rc
+                        )
+                        canvas[row, column, 1] = depth * (
+                            share_a * ga + share_b * gb + share_c * gc
+                        )
+                        canvas[row, column, 2] = depth * (
+                            share_a * ba + share_b * bb + share_c * bc
+                        )
+                elif was_inside:
+                    break
                 share_b += step_b
                 share_c += step_c
+        if is_seen:
+            for row in range(top, bottom + 1):
+                spans[row, 0] = min(spans[row, 0], left)
+                spans[row, 1] = max(spans[row, 1], right)
 
 
 @compiled
-def resolve(canvas, inverse_depth, scale, ray, floor, texture, backdrop, pixels):
-    """The finished picture: the body over the floor over the background.
-
-    Each pixel is the mean of its ``scale`` x ``scale`` samples.
+def fill_floor(scale, ray, floor, texture, backdrop, pixels):
+    """The picture without a body: the floor over the background, one sample a pixel.
 
     Args:
+        scale: samples along each side of a pixel.
         ray: (3, 3) rows: the world direction that a ray of depth 1 gains with each sample to the
-            right, with each sample down, and has at the upper left corner.
+            right, with each sample down, and has at the upper left corner. The camera stands
+            upright: to the right a ray gains no height.
         floor: eye x, y, z; height of the floor; x and z of its first corner; its side; metres.
         texture: (R, R, 3) uint8 of the floor, unlit.
         backdrop: (3,) display colour, 0 to 255.
-        pixels: (H, W, 3) uint8, or (H, W, 4) with nothing but the body, on nothing.
+        pixels: (H, W, 3) uint8.
     """
-    height, width, channels = pixels.shape
+    height, width, _ = pixels.shape
     eye_x, eye_y, eye_z, floor_y, first_x, first_z, side = floor
     above = eye_y - floor_y
-    has_floor = channels == 3 and above > 0.0
-    resolution = texture.shape[0]
-    body = np.empty(3)
-    behind = np.empty(3)
+    last = texture.shape[0] - 1.001
+    to_texels = texture.shape[0] / side
+    red, green, blue = (
+        np.uint8(backdrop[0] + 0.5),
+        np.uint8(backdrop[1] + 0.5),
+        np.uint8(backdrop[2] + 0.5),
+    )
     for row in range(height):
+        y = (row + 0.5) * scale
+        down = ray[1, 1] * y + ray[2, 1]
+        depth = -above / down if down < 0.0 < above else -1.0
+        # Texels, from the first to the last column.
+        u = (
+            eye_x + depth * (0.5 * scale * ray[0, 0] + y * ray[1, 0] + ray[2, 0]) - first_x
+        ) * to_texels
+        v = (
+            eye_z + depth * (0.5 * scale * ray[0, 2] + y * ray[1, 2] + ray[2, 2]) - first_z
+        ) * to_texels
+        step_u, step_v = (
+            depth * scale * ray[0, 0] * to_texels,
+            depth * scale * ray[0, 2] * to_texels,
+        )
         for column in range(width):
-            body[:] = 0.0
-            count = 0
-            for sub in range(scale * scale):
-                y, x = row * scale + sub // scale, column * scale + sub % scale
-                inverse = inverse_depth[y, x]
-                if inverse > 0.0:
-                    down = ray[0, 1] * (x + 0.5) + ray[1, 1] * (y + 0.5) + ray[2, 1]
-                    if not has_floor or inverse >= -down / above:
-                        count += 1
-                        for channel in range(3):
-                            body[channel] += canvas[y, x, channel]
-            share = count / (scale * scale)
-            if channels == 4:
-                pixels[row, column, 3] = int(255.0 * share + 0.5)
-                for channel in range(3):
-                    mean = body[channel] / count if count else 0.0
-                    pixels[row, column, channel] = int(255.0 * mean + 0.5)
+            at_u, at_v = u + column * step_u, v + column * step_v
+            if depth < 0.0 or not (0.0 <= at_u <= last + 1.001 and 0.0 <= at_v <= last + 1.001):
+                pixels[row, column, 0] = red
+                pixels[row, column, 1] = green
+                pixels[row, column, 2] = blue
                 continue
-            if share < 1.0:
-                behind[:] = backdrop
-                x, y = (column + 0.5) * scale, (row + 0.5) * scale
-                down = ray[0, 1] * x + ray[1, 1] * y + ray[2, 1]
-                if has_floor and down < 0.0:
-                    depth = -above / down
-                    u = eye_x + depth * (ray[0, 0] * x + ray[1, 0] * y + ray[2, 0])
-                    v = eye_z + depth * (ray[0, 2] * x + ray[1, 2] * y + ray[2, 2])
-                    u, v = (u - first_x) / side, (v - first_z) / side
-                    if 0.0 <= u <= 1.0 and 0.0 <= v <= 1.0:
-                        u = min(max(u * resolution - 0.5, 0.0), resolution - 1.001)
-                        v = min(max(v * resolution - 0.5, 0.0), resolution - 1.001)
-                        i, j = int(v), int(u)
-                        p, q = v - i, u - j
-                        for channel in range(3):
-                            upper = texture[i, j, channel] * (1.0 - q)
-                            upper += texture[i, j + 1, channel] * q
-                            lower = texture[i + 1, j, channel] * (1.0 - q)
-                            lower += texture[i + 1, j + 1, channel] * q
-                            behind[channel] = upper * (1.0 - p) + lower * p
+            at_u = min(max(at_u - 0.5, 0.0), last)
+            at_v = min(max(at_v - 0.5, 0.0), last)
+            i, j = int(at_v), int(at_u)
+            p, q = np.float32(at_v - i), np.float32(at_u - j)
             for channel in range(3):
-                front = 255.0 * body[channel] / (scale * scale)
-                pixels[row, column, channel] = int(front + (1.0 - share) * behind[channel] + 0.5)
+                upper = np.float32(texture[i, j, channel])
+                upper += (np.float32(texture[i, j + 1, channel]) - upper) * q
+                lower = np.float32(texture[i + 1, j, channel])
+                lower += (np.float32(texture[i + 1, j + 1, channel]) - lower) * q
+                pixels[row, column, channel] = np.uint8(
+                    upper + (lower - upper) * p + np.float32(0.5)
+                )
+
+
+@compiled
+def lay_body(canvas, inverse_depth, spans, scale, ray, floor, pixels):
+    """Lay the body over the picture of `fill_floor`, or over nothing.
+
+    Each pixel is the mean of its ``scale`` x ``scale`` samples. Arguments are those of
+    `fill_triangles` and `fill_floor`; ``pixels`` may be (H, W, 4), with nothing but the body, on
+    nothing.
+    """
+    height, width, channels = pixels.shape
+    above = floor[1] - floor[3]
+    has_floor = channels == 3 and above > 0.0
+    samples = scale * scale
+    for row in range(height):
+        left, right = width * scale, -1
+        for y in range(row * scale, (row + 1) * scale):
+            left, right = min(left, spans[y, 0]), max(right, spans[y, 1])
+        if left > right:
+            continue
+        for column in range(left // scale, right // scale + 1):
+            red, green, blue = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+            count = 0
+            for y in range(row * scale, (row + 1) * scale):
+                down = ray[1, 1] * (y + 0.5) + ray[2, 1]
+                sunk = -down / above if has_floor else 0.0
+                for x in range(column * scale, (column + 1) * scale):
+                    inverse = inverse_depth[y, x]
+                    if inverse > 0.0 and inverse >= sunk:
+                        count += 1
+                        red += canvas[y, x, 0]
+                        green += canvas[y, x, 1]
+                        blue += canvas[y, x, 2]
+            if count == 0:
+                continue
+            if channels == 4:
+                by = np.float32(255.0 / count)
+                pixels[row, column, 0] = np.uint8(by * red + 0.5)
+                pixels[row, column, 1] = np.uint8(by * green + 0.5)
+                pixels[row, column, 2] = np.uint8(by * blue + 0.5)
+                pixels[row, column, 3] = np.uint8(255.0 * count / samples + 0.5)
+                continue
+            by, behind = np.float32(255.0 / samples), np.float32(1.0 - count / samples)
+            half = np.float32(0.5)
+            pixels[row, column, 0] = np.uint8(by * red + behind * pixels[row, column, 0] + half)
+            pixels[row, column, 1] = np.uint8(by * green + behind * pixels[row, column, 1] + half)
+            pixels[row, column, 2] = np.uint8(by * blue + behind * pixels[row, column, 2] + half)

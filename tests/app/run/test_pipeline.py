@@ -72,7 +72,7 @@ def test_a_whole_run_leaves_every_file_with_exactly_the_frames_of_the_speech(ask
 def test_a_run_without_video_needs_no_gl_and_records_what_made_it(
     ask: Ask, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(probe, "BACKENDS", ())
+    monkeypatch.setattr(probe, "probe_backend", lambda name: probe._broken(name, "gone"))
     probe.choose_backend.cache_clear()
     request = ask(seed=5, post_filter="savgol")
     result = generate_all(request)
@@ -211,7 +211,7 @@ def test_a_file_that_is_no_body_is_refused(ask: Ask, tmp_path: Path) -> None:
 def test_without_gl_a_run_with_video_says_so_before_it_generates(
     ask: Ask, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(probe, "BACKENDS", ())
+    monkeypatch.setattr(probe, "probe_backend", lambda name: probe._broken(name, "gone"))
     probe.choose_backend.cache_clear()
     request = ask(has_video=True)
     stages = []

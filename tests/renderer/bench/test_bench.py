@@ -7,7 +7,7 @@ import pytest
 from renderer.bench.bench import end_to_end_cost, naive_cost, stage_costs
 from renderer.bench.naive import draw_naively
 from renderer.body.body import load_body
-from renderer.draw.probe import choose_backend
+from renderer.draw.probe import choose_backend, choose_gl
 from renderer.stage.stage import set_stage
 from renderer.video.render import RenderSettings, render_stills
 from tests.renderer.stage.test_camera import waving_motion
@@ -43,7 +43,7 @@ def test_the_naive_loop_draws_the_same_body():
         *(frames, body.faces, body.vertex_colors),
         settings=settings,
         stage=stage,
-        backend=choose_backend(),
+        backend=choose_gl(),
     )
     ours = render_stills(body, motion, [0, 5], settings, stage=stage)
     for theirs, our in zip(naive, ours, strict=True):

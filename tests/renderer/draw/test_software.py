@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from renderer.body.body import load_body
+from renderer.draw import software
 from renderer.draw.offscreen import Backend
 from renderer.draw.probe import probe_backend
-from renderer.draw.software import SoftwareRenderer
+from renderer.draw.software import OPENING_EDGES, SoftwareRenderer, near_openings
 from renderer.stage.camera import Z_NEAR_M, Camera
 from renderer.stage.stage import Stage
 from renderer.stage.studio import PosedFrame, Subject
@@ -160,6 +161,45 @@ def test_the_floor_hides_what_stands_below_it():
     np.testing.assert_allclose([rows.min(), rows.max() + 1], expected, atol=1.5)
 
 
+def tube(rings: int, around: int = 12) -> tuple[np.ndarray, np.ndarray]:
+    """An open cylinder along y whose front is outside, with a seam of doubled vertices."""
+    angle = np.linspace(0.0, 2 * np.pi, around + 1)
+    angle[-1] = 0.0
+    circle = np.stack([np.sin(angle), np.zeros(around + 1), np.cos(angle)], axis=1)
+    vertices = np.concatenate([circle + np.array([0.0, 0.1 * k, 0.0]) for k in range(rings)])
+    faces = []
+    for k in range(rings - 1):
+        for n in range(around):
+            a, b = k * (around + 1) + n, k * (around + 1) + n + 1
+            c, d = a + around + 1, b + around + 1
+            faces += [[a, b, d], [a, d, c]]
+    return vertices, np.array(faces)
+
+
+def test_only_near_openings_a_mesh_is_seen_from_behind():
+    vertices, faces = tube(30)
+    has_back = near_openings(faces, vertices)
+    height = vertices[faces][..., 1]
+    reach = 0.1 * (OPENING_EDGES + 1)
+    is_near = (height.min(axis=1) < reach - 1e-6) | (height.max(axis=1) > 2.9 - reach + 1e-6)
+    np.testing.assert_array_equal(has_back, is_near)
+    lids = [[n, n + 1, 0] for n in range(1, 11)]
+    lids += [[13 * 29 + n + 1, 13 * 29 + n, 13 * 29] for n in range(1, 11)]
+    assert not near_openings(np.concatenate([faces, lids]), vertices).any()
+
+
+@pytest.mark.parametrize("view", ["front", "three_quarter", "right_hand"])
+def test_backs_that_are_left_out_are_not_missed(monkeypatch, view):
+    body, picture = load_body(), PICTURES["gesture"]
+    settings = RenderSettings(256, 256, view=view, backend="software")
+    drawn = []
+    for edges in (OPENING_EDGES, 10_000):
+        monkeypatch.setattr(software, "OPENING_EDGES", edges)
+        drawn.append(render_stills(body, posed(picture, body), [0], settings)[0].astype(int))
+    differs = np.abs(drawn[0] - drawn[1]).max(axis=2) > 2
+    assert differs.mean() < 1e-4
+
+
 def test_it_steps_in_where_there_is_no_opengl(tmp_path):
     code = "from renderer.draw.probe import choose_backend; print(choose_backend())"
     assert run_without_opengl(tmp_path, code).strip() == "software"
@@ -184,8 +224,8 @@ COMPILE = """
 from renderer.draw.compiled import compiled
 from renderer.draw import rasteriser
 import numpy as np
-rasteriser.shade(*np.zeros((3, 1, 3), np.float32), np.ones(3), np.eye(3), np.eye(3), 0.1,
-                 np.zeros((1, 3), np.float32))
+rasteriser.project(np.zeros((1, 3), np.float32), np.ones(3), np.eye(3), 1.0, np.ones(2),
+                   np.zeros((1, 3)))
 print("drawn")
 """
 
@@ -194,7 +234,7 @@ def test_machine_code_is_kept_in_the_users_cache_and_nowhere_else(tmp_path):
     before = {path for path in (ROOT / "renderer").rglob("*.nb[ci]")}
     environment = {"XDG_CACHE_HOME": str(tmp_path), "NUMBA_CACHE_DIR": ""}
     assert "drawn" in run_without_opengl(tmp_path, COMPILE, **environment)
-    assert list((tmp_path / "co-speech-motion").rglob("rasteriser.shade*.nbc"))
+    assert list((tmp_path / "co-speech-motion").rglob("rasteriser.project*.nbc"))
     assert {path for path in (ROOT / "renderer").rglob("*.nb[ci]")} == before == set()
 
 
