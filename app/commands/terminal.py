@@ -40,11 +40,10 @@ class ProgressBar:
 
 
 class ProgressBars:
-    """One bar for each stage of a run, below one another."""
+    """One bar for each stage of a run, below one another; two stages may be at work at once."""
 
     def __init__(self) -> None:
-        self._stage: Stage | None = None
-        self._bar: ProgressBar | None = None
+        self._bars: dict[Stage, ProgressBar] = {}
 
     def __enter__(self) -> ProgressBars:
         return self
@@ -53,15 +52,10 @@ class ProgressBars:
         """Show an event of `app.run.pipeline.generate_all`."""
         if not isinstance(event, Progress):
             return
-        if event.stage != self._stage:
-            self._close()
-            self._stage, self._bar = event.stage, ProgressBar(text.STAGE_NAMES[event.stage])
-        if self._bar is not None:
-            self._bar.show(event.fraction)
-
-    def _close(self) -> None:
-        if self._bar is not None:
-            self._bar.close()
+        if event.stage not in self._bars:
+            self._bars[event.stage] = ProgressBar(text.STAGE_NAMES[event.stage])
+        self._bars[event.stage].show(event.fraction)
 
     def __exit__(self, *exception: object) -> None:
-        self._close()
+        for bar in self._bars.values():
+            bar.close()

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Event
 from typing import TYPE_CHECKING
 
 from app.run.display import displayed, marks_of
@@ -25,6 +28,7 @@ if TYPE_CHECKING:
     from renderer.figures.figure6.figure6 import JointMarks
 
 STILL_SIZE_PX = 512
+_POLL_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -144,12 +148,14 @@ def _tell_of_video(
         reporter.file("video", named[job], folder.path(job))
 
 
-def join_side_by_side(
+@contextmanager
+def joined_side_by_side(
     rows: Sequence[Row], inputs: Inputs, folder: ResultFolder, reporter: Reporter
-) -> None:
-    """All videos in lock-step under one sound track.
+) -> Iterator[None]:
+    """All videos in lock-step under one sound track, made by ffmpeg while the block does something
+    else; whole when it is left.
 
-    Raises:
+    Raises on leaving:
         Cancelled, VideoError: see `renderer.video.compose.compose_videos`.
     """
     from renderer.video.compose import compose_videos
@@ -157,14 +163,26 @@ def join_side_by_side(
     reporter.progress("comparison", 0.0)
     names = [row.name for row in rows_that_fit(rows, reporter)]
     out = folder.path("comparison.mp4")
-    compose_videos(
-        [folder.path(f"{file_stem(name)}.mp4") for name in names],
-        names,
-        out,
-        inputs.wav,
-        on_progress=lambda part: reporter.progress("comparison", part),
-        should_cancel=reporter.should_cancel,
-    )
+    done, is_given_up = [0.0], Event()
+    with ThreadPoolExecutor(1) as beside:
+        joining = beside.submit(
+            compose_videos,
+            [folder.path(f"{file_stem(name)}.mp4") for name in names],
+            names,
+            out,
+            inputs.wav,
+            on_progress=done.append,
+            should_cancel=lambda: is_given_up.is_set() or reporter.should_cancel(),
+        )
+        try:
+            yield
+            while not joining.done():
+                reporter.progress("comparison", done[-1])
+                wait([joining], timeout=_POLL_S)
+        except BaseException:
+            is_given_up.set()
+            raise
+    joining.result()
     reporter.file("comparison", "comparison", out)
     reporter.progress("comparison", 1.0)
 

@@ -7,6 +7,7 @@ import ctypes
 import json
 import sys
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,7 @@ from app.run.pictures import (
     Row,
     Snapshots,
     draw_all,
-    join_side_by_side,
+    joined_side_by_side,
     rows_that_fit,
     show_preview,
 )
@@ -100,11 +101,12 @@ def _run(request: GenerateRequest, folder: ResultFolder, reporter: Reporter) -> 
         notes = inputs.body.notes(body_motion(row.shown))
         reporter.note(*(f"{row.name}: {note}" for note in notes))
     diagnostics = _measure(rows, inputs, onsets_s, words, tip, folder, reporter)
-    snapshots = Snapshots()
+    snapshots, beside = Snapshots(), nullcontext()
     if request.has_video:
         snapshots = draw_all(request, inputs, rows, tip, folder, reporter)
-        join_side_by_side(rows, inputs, folder, reporter)
-    _draw_figures(request, rows, snapshots, tip, diagnostics, folder, reporter)
+        beside = joined_side_by_side(rows, inputs, folder, reporter)
+    with beside:
+        _draw_figures(request, rows, snapshots, tip, diagnostics, folder, reporter)
     _write_provenance(request, inputs, folder, reporter)
     return GenerateResult(
         out=request.out,
