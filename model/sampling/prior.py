@@ -107,20 +107,38 @@ class GaussianPrior(nn.Module):
         gains: Float[Tensor, "2 C T B"],
     ) -> Float[Tensor, "B T C"]:
         """The mean, and ``gains`` over the variance of x_t times how far x_t lies from its own."""
-        noisy, expected = x_t.permute(2, 1, 0), self.gain @ seed.permute(2, 1, 0)
         shares = gains / self._spread(t).square()  # (2, C, T, B)
-        free = self.vectors[0] @ (shares[0] * (self.vectors[0].mT @ noisy))
-        moved = self.vectors[1].mT @ (noisy - t * expected)
-        held = expected + self.vectors[1] @ (shares[1] * moved)
-        return torch.where(has_seed, held, free).permute(2, 1, 0)
+
+        def free() -> Float[Tensor, "C T B"]:
+            moved = self.vectors[0].mT @ x_t.permute(2, 1, 0)
+            return self.vectors[0] @ (shares[0] * moved)
+
+        def held() -> Float[Tensor, "C T B"]:
+            expected = self.gain @ seed.permute(2, 1, 0)
+            moved = self.vectors[1].mT @ (x_t.permute(2, 1, 0) - t * expected)
+            return expected + self.vectors[1] @ (shares[1] * moved)
+
+        which = self.one_for_all(has_seed)
+        found = torch.where(has_seed, held(), free()) if which is None else (free, held)[which]()
+        return found.permute(2, 1, 0)
 
     def shaped(
         self, unit: Float[Tensor, "B T C"], t: Float[Tensor, " B"], has_seed: Bool[Tensor, " B"]
     ) -> Float[Tensor, "B T C"]:
         """Numbers of unit size as deviations from the posterior mean."""
         deviation = (1 - t) * self.variance[..., None].sqrt() / self._spread(t)  # (2, C, T, B)
+        which = self.one_for_all(has_seed)
+        if which is not None:
+            return self.back(deviation[which] * self.along(unit, which), which)
         moved = self.vectors @ (deviation * (self.vectors.mT @ unit.permute(2, 1, 0)))
         return torch.where(has_seed, moved[1], moved[0]).permute(2, 1, 0)
+
+    def one_for_all(self, has_seed: Bool[Tensor, " B"]) -> int | None:
+        """Which eigenvectors all samples ask for, where they agree: always at generation. In
+        training, which must not wait to see, they are taken to differ."""
+        if self.training or not bool((has_seed == has_seed[0]).all()):
+            return None
+        return int(has_seed[0])
 
     def _spread(self, t: Float[Tensor, " B"] | float) -> Float[Tensor, "2 C T B"]:
         """Deviation of x_t along each eigenvector."""

@@ -176,8 +176,9 @@ class Generator(ConditionedNetwork):
     def _turned(
         self, both: Float[Tensor, "2 C T T"], x: Float[Tensor, "C T B"], has_seed: Tensor
     ) -> Float[Tensor, "C T B"]:
-        if not self.training and bool((has_seed == has_seed[0]).all()):  # as at generation
-            return both[int(has_seed[0])] @ x
+        which = self.prior.one_for_all(has_seed)
+        if which is not None:
+            return both[which] @ x
         free, held = both @ x
         return torch.where(has_seed, held, free)
 

@@ -205,3 +205,23 @@ def test_steps_are_even_in_the_angle_and_end_at_one():
     assert times[2] == pytest.approx(1 / (1 + math.sqrt(10)))
     with pytest.raises(ValueError, match="steps is 0"):
         made_prior(2).sample(lambda x, t: x, torch.zeros(1, FRAMES, 2), None, steps=0)
+
+
+@pytest.mark.parametrize("has_seed", [False, True])
+def test_where_all_samples_agree_one_kind_of_eigenvectors_gives_the_same(has_seed):
+    torch.manual_seed(0)
+    prior = made_prior(3)
+    x_t, t, seed = torch.randn(4, 60, 3), torch.rand(4), torch.randn(4, 8, 3)
+    flags = torch.full((4,), has_seed)
+    for call in (
+        lambda: prior.posterior(x_t, t, seed, flags),
+        lambda: prior.carried(x_t, t, seed, flags),
+        lambda: prior.shaped(x_t, t, flags),
+    ):
+        prior.train()
+        both = call()
+        prior.eval()
+        one = call()
+        torch.testing.assert_close(one, both, rtol=1e-5, atol=1e-6)
+    mixed = torch.tensor([True, False, True, False])
+    assert prior.one_for_all(mixed) is None and prior.one_for_all(flags) == int(has_seed)
