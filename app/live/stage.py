@@ -34,8 +34,8 @@ def face_names() -> tuple[str, ...]:
 
 
 def reaches(body: Body) -> BodyMotion:
-    """Poses that live motion hardly leaves: hands at the hips, then at the face, then at rest a
-    step to either side; the face moves in every way."""
+    """Poses that live motion hardly leaves: hands at the hips and the face at rest, as a body waits
+    for speech; then hands at the face; then a step to either side, the face moved in every way."""
     from renderer.body.body import BodyMotion
     from renderer.body.joints import JOINT_INDEX
 
@@ -50,7 +50,7 @@ def reaches(body: Body) -> BodyMotion:
     return BodyMotion(
         poses=poses.reshape(4, -1),
         trans=trans,
-        expressions=np.ones((4, 100)),
+        expressions=np.repeat([[0.0], [1.0], [1.0], [1.0]], 100, axis=1),
         expression_basis=body.expression_basis,
         betas=np.zeros(10),
     )

@@ -75,6 +75,8 @@ export class GlbView {
     this.#gl = canvas.getContext("webgl2", { alpha: false, antialias });
     if (!this.#gl) throw new Error("This browser shows no 3D graphics (WebGL 2).");
     this.isSlow = SOFTWARE.test(driver(this.#gl));
+    this.#gl.clearColor(...BACKGROUND, 1);
+    this.#gl.clear(this.#gl.COLOR_BUFFER_BIT); // not black until the first picture
     this.#program = linked(this.#gl, VERTEX_SHADER, FRAGMENT_SHADER);
   }
 

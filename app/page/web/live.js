@@ -43,6 +43,7 @@ class Live {
     this.#root = root;
     this.#told = told;
     this.#build();
+    this.#showBodyOnceSeen();
     root.live = this; // for whoever wants to look at it from outside
   }
 
@@ -137,6 +138,16 @@ class Live {
     this.button.textContent = "Start";
     this.level.value = 0;
     this.#say(sentence, isBad);
+  }
+
+  /** The body stands there before anything is started; what fails is told when it is. */
+  #showBodyOnceSeen() {
+    const seen = new IntersectionObserver(([entry]) => {
+      if (!entry.isIntersecting) return;
+      seen.disconnect();
+      this.#showBody().catch(() => {});
+    });
+    seen.observe(this.canvas);
   }
 
   async #showBody() {
