@@ -162,6 +162,10 @@ TOO_MANY_VIDEOS = (
     "{limit}. Choose fewer."
 )
 BUSY = "This machine has {limit} runs waiting already; try again in a few minutes."
+TURNED_OUT = (
+    "All {limit} waiting places were taken and others had none; your newest run gave its place up. "
+    "Start it again once one of your runs has ended."
+)
 FAULT = (
     "Something went wrong inside the program, not with your input. Please report it with this "
     "number: {fault_id}."

@@ -18,6 +18,11 @@ def visitor_of(request: gr.Request) -> str:
     return request.session_hash or secrets.token_hex(8)
 
 
+def address_of(request: gr.Request | fastapi.Request) -> str:
+    """The machine that asks, as far as this server can see it."""
+    return request.client.host if request.client else ""
+
+
 def cookie_of(request: gr.Request | fastapi.Request) -> str:
     """What tells one browser from all others; empty for one that keeps no cookie."""
     return request.cookies.get(COOKIE, "")

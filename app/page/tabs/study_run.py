@@ -20,7 +20,7 @@ from app.page.serving.follow import last_share
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.researcher_part import FILE_NAME, RESEARCHER_ROUTE, Handover
 from app.page.serving.runner import TabRunner, Updates
-from app.page.serving.visitors import visitor_of
+from app.page.serving.visitors import address_of, visitor_of
 from app.page.tabs.study_form import StudyForm, collect_files, plan_text
 from app.run.request import Event, OnEvent, Progress, ShouldCancel
 from app.run.result_folder import zip_folder
@@ -73,7 +73,7 @@ class StudyRunner(TabRunner[Workspace]):
         Raises:
             gr.Error: with one sentence.
         """
-        job = self._jobs.open(visitor_of(request), self.tab)
+        job = self._jobs.open(visitor_of(request), self.tab, address_of(request))
         try:
             path = _write_plan(StudyForm.of(values), job.folder)
             read_plan(path)
