@@ -2,13 +2,14 @@
 # make test    set everything up and pass the checks and tests
 # make check   the quick part of it: style, types, import rules
 # make bench   milliseconds per frame by stage, against the naive loops: a table and bench.json
+# make fuzz    an hour of damaged files and wild requests (make test gives it a minute)
 # make golden  draw the golden pictures anew (look at them before you commit them)
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 export PYTHON
 BIN := .venv/bin
 
-.PHONY: demo test check bench golden clean
+.PHONY: demo test check fuzz bench golden clean
 .DEFAULT_GOAL := demo
 
 .venv/.run-ready: requirements.txt .ci/venv .ci/system-packages
@@ -32,6 +33,9 @@ check: .venv/.test-ready
 
 test: check
 	$(BIN)/python -m pytest
+
+fuzz: .venv/.test-ready
+	FUZZ_SECONDS=3600 $(BIN)/python -m pytest tests/fuzz
 
 bench: .venv/.run-ready
 	$(BIN)/python -m app.commands.bench

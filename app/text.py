@@ -166,6 +166,7 @@ TURNED_OUT = (
     "All {limit} waiting places were taken and others had none; your newest run gave its place up. "
     "Start it again once one of your runs has ended."
 )
+DISK_FULL = "This machine has no room for more files just now; try again in a while."
 FAULT = (
     "Something went wrong inside the program, not with your input. Please report it with this "
     "number: {fault_id}."

@@ -20,7 +20,8 @@ def visitor_of(request: gr.Request) -> str:
 
 def address_of(request: gr.Request | fastapi.Request) -> str:
     """The machine that asks, as far as this server can see it."""
-    return request.client.host if request.client else ""
+    client = getattr(request, "client", None)  # of a caller within the program there is none
+    return client.host if client else ""
 
 
 def cookie_of(request: gr.Request | fastapi.Request) -> str:

@@ -90,12 +90,12 @@ def _build_form() -> tuple[list[Any], gr.Button, gr.Button]:
     )
     with gr.Row(elem_classes="pair"):
         point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
-        start_frame = gr.Number(value=0, precision=0, minimum=0, label=text.START_LABEL)
+        start_frame = gr.Number(value=0, minimum=0, label=text.START_LABEL)
     with gr.Accordion("Made of windows?", open=False):
         gr.HTML(f'<p class="hint">{WINDOWS_HELP}</p>')
         with gr.Row(elem_classes="pair"):
-            window = gr.Number(value=None, precision=0, minimum=0, label="Frames of a window")
-            overlap = gr.Number(value=None, precision=0, minimum=0, label="Shared by two")
+            window = gr.Number(value=None, minimum=0, label="Frames of a window")
+            overlap = gr.Number(value=None, minimum=0, label="Shared by two")
     with gr.Row(elem_classes="actions"):
         start = gr.Button("Measure and compare", variant="primary", elem_id="own-start")
         cancel = gr.Button(text.CANCEL, elem_id="own-cancel", min_width=110)

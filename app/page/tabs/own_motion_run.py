@@ -14,6 +14,7 @@ from app import text
 from app.config import AppConfig
 from app.errors import CancelledRun, RunError
 from app.page.parts import markup
+from app.page.parts.asked import form_of
 from app.page.parts.html_parts import shown
 from app.page.results.figures_shown import FiguresShown
 from app.page.results.measures_table import measures_table
@@ -147,7 +148,7 @@ class OwnMotionRunner(TabRunner["Diagnosis"]):
 
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
-        asked = OwnMotionForm(*values).to_request(job.folder / "results", self._config)
+        asked = form_of(OwnMotionForm, values).to_request(job.folder / "results", self._config)
         yield _Work(self._diagnose, asked, job, FiguresShown(self._desk, cookie), self._parts)
 
     def blank(self) -> Updates:

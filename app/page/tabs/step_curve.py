@@ -14,6 +14,7 @@ from app import text
 from app.config import AppConfig
 from app.errors import CancelledRun, RunError
 from app.page.parts import markup
+from app.page.parts.asked import form_of
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import mount, shown
 from app.page.results.figures_shown import FiguresShown
@@ -112,6 +113,14 @@ def _measure(request: Any, on_progress: Any) -> Any:
     return measure_step_curve(request, on_progress)
 
 
+@dataclass(frozen=True)
+class StepCurveForm:
+    """What the visitor has filled in, as Gradio hands it over."""
+
+    systems: list[str]
+    speech: str | None
+
+
 class StepCurveRunner(TabRunner["StepCurve"]):
     """Measures ticked systems with few and with many steps."""
 
@@ -137,8 +146,8 @@ class StepCurveRunner(TabRunner["StepCurve"]):
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
         from app.run.step_curve import StepCurveRequest
 
-        systems, speech = values
-        path = Path(speech) if speech else self._example
+        form = form_of(StepCurveForm, values)
+        systems, path = form.systems, Path(form.speech) if form.speech else self._example
         if not systems:
             raise RunError(NO_SYSTEM)
         if path is None:

@@ -87,8 +87,8 @@ def _build_settings() -> list[Any]:
     """How it is shown: the other fields of `StudyForm`."""
     with gr.Row(elem_classes="pair"):
         length = gr.Number(10, label="Seconds a video", minimum=0, min_width=100)
-        people = gr.Number(28, label="Participants", precision=0, minimum=1, min_width=100)
-        seed = gr.Number(0, label="Seed of the order", precision=0, minimum=0, min_width=100)
+        people = gr.Number(28, label="Participants", minimum=1, min_width=100)
+        seed = gr.Number(0, label="Seed of the order", minimum=0, min_width=100)
     views = gr.CheckboxGroup(list(VIEWS), value=["front"], label="Views")
     post_to = gr.Textbox("", label="Address that answers are posted to (optional)")
     return [length, people, seed, views, post_to]
