@@ -6,8 +6,11 @@ import argparse
 import atexit
 import logging
 import os
+import shutil
+import signal
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +23,7 @@ from app.config import (
     default_host,
     default_port,
 )
-from app.errors import sentence_of
+from app.errors import RunError, sentence_of
 
 if TYPE_CHECKING:
     from gradio import Blocks
@@ -54,6 +57,14 @@ def parse_config(argv: list[str] | None = None) -> AppConfig:
         help="folder of trained systems (default: the bundled ones)",
     )  # fmt: skip
     parser.add_argument(
+        "--host-name", action="append", default=[], metavar="NAME",
+        help="a name under which the page is reached, as people type it; may be given again\n"
+        "(default: this machine's own and --host)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--auth", type=Path, metavar="FILE", help="lines of NAME:PASSWORD; visitors must log in"
+    )
+    parser.add_argument(
         "--max-minutes", type=float, default=10.0, metavar="N",
         help="longest speech accepted (default: %(default)g)",
     )  # fmt: skip
@@ -64,7 +75,25 @@ def parse_config(argv: list[str] | None = None) -> AppConfig:
         body=options.body,
         weights=options.weights,
         max_speech_s=60 * options.max_minutes,
+        host_names=tuple(options.host_name),
+        accounts=read_accounts(options.auth) if options.auth else (),
     )
+
+
+def read_accounts(path: Path) -> tuple[tuple[str, str], ...]:
+    """Names and passwords, one of each a line, with a colon between.
+
+    Raises:
+        RunError: if there are none.
+    """
+    try:
+        lines = [line.strip() for line in path.read_text("utf-8").splitlines()]
+    except (OSError, UnicodeDecodeError) as error:
+        raise RunError(f"The accounts {path} cannot be read: {error}.") from error
+    pairs = [tuple(line.partition(":")[::2]) for line in lines if line and line[0] != "#"]
+    if not pairs or not all(name and password for name, password in pairs):
+        raise RunError(f"{path} must hold lines of NAME:PASSWORD, at least one.")
+    return tuple((name, password) for name, password in pairs)
 
 
 def launch(
@@ -82,7 +111,6 @@ def launch(
         OSError: if the port is taken.
     """
     config.temp.mkdir(mode=0o700, parents=True, exist_ok=True)
-    config.temp.chmod(0o700)
     # Gradio reads both when it is imported or launched.
     os.environ["GRADIO_TEMP_DIR"] = str(config.cache_folder)
     os.environ["GRADIO_ANALYTICS_ENABLED"] = "False"
@@ -90,15 +118,20 @@ def launch(
     from app.live.desk import LiveDesk
     from app.page.page import build_app
     from app.page.parts.catalogue import find_examples, read_catalogue
+    from app.page.serving.guard import HostNames, guarded
     from app.page.serving.jobs import JobBook
     from app.page.serving.live_route import live_routes
+    from app.page.serving.lodging import Lodging
     from app.page.serving.media import MediaDesk, media_routes
     from app.page.serving.researcher_part import Handover, study_routes
+    from app.page.serving.uploads import keep_uploads_tidy
     from app.page.theme import CSS, head_style, make_theme
 
     catalogue = read_catalogue(config.weights, find_examples(EXAMPLES))
-    jobs = JobBook(config.jobs_folder, config.num_slots, config.max_waiting)
-    jobs.keep_swept(config.keep_results_s)
+    keep_uploads_tidy()
+    lodging = Lodging(config)
+    jobs = JobBook(config.jobs_folder, config.num_slots, config.max_waiting, lodging)
+    lodging.keep_swept(jobs.folders_in_use)
     atexit.register(jobs.cancel_all)
 
     handover = Handover(config.private_folder, config.keep_results_s)
@@ -132,7 +165,11 @@ def launch(
         head=head_style(),
         quiet=True,
         # Before Gradio's own routes, and there as soon as anyone can ask.
-        app_kwargs={"routes": routes},
+        app_kwargs={
+            "routes": routes,
+            "lifespan": guarded(HostNames(config.host, config.host_names), lodging),
+        },
+        auth=list(config.accounts) or None,
     )
     # Only now: reading models beside it would hold up the page's own start.
     if is_warmed_up:
@@ -144,7 +181,7 @@ def main(argv: list[str] | None = None) -> None:
     """Entry of ``python app.py``."""
     logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     try:
-        config = parse_config(argv)
+        config = own_folders(parse_config(argv))
         page = launch(config)
     except Exception as error:
         sentence = str(error) if isinstance(error, OSError) else sentence_of(error)
@@ -153,6 +190,23 @@ def main(argv: list[str] | None = None) -> None:
         sys.exit(f"app.py: {sentence}")
     sys.stderr.write(f"The page is open at {page.local_url}\n")
     page.block_thread()
+
+
+def own_folders(config: AppConfig) -> AppConfig:
+    """The configuration with a folder of this process alone, which is removed when it ends."""
+    from app.page.serving.lodging import claim_folder
+
+    temp = claim_folder(config.temp)
+    scratch = temp / "scratch"
+    scratch.mkdir(mode=0o700)
+    os.environ["TMPDIR"] = str(scratch)  # of what libraries and children write for a moment
+    atexit.register(shutil.rmtree, temp, ignore_errors=True)
+    signal.signal(signal.SIGTERM, _end)
+    return replace(config, temp=temp)
+
+
+def _end(number: int, frame: object) -> None:
+    sys.exit(0)
 
 
 def _generate(request, on_event, should_cancel):

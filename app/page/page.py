@@ -36,7 +36,6 @@ def build_app(
         title=text.TITLE,
         analytics_enabled=False,
         fill_width=True,
-        delete_cache=(600, int(config.keep_results_s)),
     ) as page:
         gr.HTML(markup.header(catalogue.trained_on))
         with gr.Tabs(overflow_behavior="wrap"):  # a phone would hide some in a menu

@@ -21,7 +21,7 @@ FORMS: dict[str, list[Any]] = {
         None, 0, 0, 1, False, False, False,
     ],
     "own_motion": [None, None, None, "right_middle", 0, None, None],
-    "steps": [["globaldiff/global"], None],
+    "steps": [[], None],  # with a system it would be measured on an example
     "study_plan": ["A", "pairwise", None, ["globaldiff/global"], None, 2, 4, 0, ["front"], ""],
 }  # fmt: skip
 PROGRAM_FAULTS = ("inside the program", "Traceback")

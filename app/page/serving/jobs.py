@@ -9,18 +9,17 @@ from __future__ import annotations
 
 import itertools
 import secrets
-import shutil
 import threading
-import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from app import text
 from app.errors import CancelledRun, RunError
+from app.page.serving.lodging import Lodging, size_of
 
 Tab = Literal["generate", "own_motion", "live", "steps", "study"]
 """The part of the page that starts a run, and whose button stops it."""
@@ -58,8 +57,15 @@ class _Place:
 class JobBook:
     """All runs of this process: at most ``num_slots`` at work, the others wait in turn."""
 
-    def __init__(self, root: Path, num_slots: int = 1, max_waiting: int = 16) -> None:
+    def __init__(
+        self,
+        root: Path,
+        num_slots: int = 1,
+        max_waiting: int = 16,
+        lodging: Lodging | None = None,
+    ) -> None:
         self.root = root
+        self._lodging = lodging
         self.num_slots = num_slots
         self.max_waiting = max_waiting
         self._places: list[_Place] = []
@@ -71,13 +77,19 @@ class JobBook:
         """By address and by visitor, since there was last nothing to do."""
         self._changed = threading.Condition()
 
-    def open(self, visitor: str, tab: Tab, address: str = "") -> Job:
+    def open(self, visitor: str, tab: Tab, address: str = "", uses: Sequence[Any] = ()) -> Job:
         """A new job of a visitor, with a place in the queue, in a folder that only this process's
         user can enter.
 
+        Args:
+            uses: values of a form; the uploads among them are kept for as long as a new one.
+
         Raises:
-            RunError: when too many runs wait already.
+            RunError: when too many runs wait already, or there is no room for what they leave.
         """
+        if self._lodging is not None:
+            self._lodging.admit(address)
+            self._lodging.touch(uses)
         folder = self.root / secrets.token_hex(16)
         job = Job(visitor, tab, folder, address)
         with self._changed:
@@ -110,6 +122,8 @@ class JobBook:
             if job in self._jobs:
                 self._jobs.remove(job)
             self._leave(job)
+        if self._lodging is not None:
+            self._lodging.charge(job.address, size_of(job.folder))
 
     @contextmanager
     def slot(self, job: Job) -> Iterator[Iterator[int]]:
@@ -195,23 +209,7 @@ class JobBook:
         self._jobs.remove(last.job)
         self._changed.notify_all()
 
-    def sweep(self, max_age_s: float) -> int:
-        """Delete folders of runs that were last touched longer ago; return how many."""
+    def folders_in_use(self) -> list[Path]:
+        """Of runs that have not ended."""
         with self._changed:
-            in_use = {job.folder for job in self._jobs}
-        num_deleted = 0
-        for folder in self.root.iterdir() if self.root.is_dir() else ():
-            if folder not in in_use and time.time() - folder.stat().st_mtime > max_age_s:
-                shutil.rmtree(folder, ignore_errors=True)
-                num_deleted += 1
-        return num_deleted
-
-    def keep_swept(self, max_age_s: float, every_s: float = 600.0) -> None:
-        """Sweep now and then for as long as the process lives."""
-
-        def sweep_for_ever() -> None:
-            while True:
-                self.sweep(max_age_s)
-                time.sleep(every_s)
-
-        threading.Thread(target=sweep_for_ever, name="sweep", daemon=True).start()
+            return [job.folder for job in self._jobs]

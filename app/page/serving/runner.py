@@ -58,7 +58,7 @@ class TabRunner(ABC, Generic[Result]):
         """
         job: Job | None = None
         try:
-            job = self._jobs.open(visitor_of(request), self.tab, address_of(request))
+            job = self._jobs.open(visitor_of(request), self.tab, address_of(request), values)
             with self.begin(job, cookie_of(request), values) as work:
                 yield self.blank()
                 with self._jobs.slot(job) as turn:

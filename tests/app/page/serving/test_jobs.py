@@ -1,4 +1,3 @@
-import os
 import threading
 import time
 from pathlib import Path
@@ -154,18 +153,6 @@ def test_who_has_no_run_waiting_gets_a_place_of_who_has_many(tmp_path: Path) -> 
     assert begun_in_order(jobs, [*flood[:3], newcomer])[1] == "newcomer"
     with pytest.raises(RunError, match="3 runs waiting"):
         [jobs.open("flood", "own_motion", "10.0.0.1") for _ in range(5)]
-
-
-def test_old_folders_are_deleted_and_those_in_use_kept(tmp_path: Path) -> None:
-    jobs = JobBook(tmp_path)
-    ended, running = jobs.open("ended", "generate"), jobs.open("running", "generate")
-    jobs.close(ended)
-    for job in (ended, running):
-        os.utime(job.folder, (0, 0))
-    fresh = jobs.open("fresh", "generate")
-    jobs.close(fresh)
-    assert jobs.sweep(max_age_s=60) == 1
-    assert not ended.folder.exists() and running.folder.exists() and fresh.folder.exists()
 
 
 def test_a_closed_run_is_forgotten_and_the_visitors_other_run_is_not(tmp_path: Path) -> None:
