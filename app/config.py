@@ -32,6 +32,9 @@ class AppConfig:
     max_waiting: int = 16
     keep_results_s: float = 3600.0
     """Results and uploads are deleted this long after they were made."""
+    max_run_s: float = 2 * 3600.0
+    max_run_bytes: int = 4 * 10**9
+    """Of memory that a run may take beyond the models."""
     max_kept_bytes: int = 16 * 10**9
     """Of all that visitors have left at a time; further uploads and runs are refused."""
     max_kept_bytes_each: int = 4 * 10**9

@@ -28,6 +28,7 @@ from app.errors import RunError, sentence_of
 if TYPE_CHECKING:
     from gradio import Blocks
 
+    from app.page.serving.workshop import Workshop
     from app.page.tabs.generate_run import Generate
 
 log = logging.getLogger(__name__)
@@ -102,7 +103,7 @@ def launch(
     """Serve the page from threads of this process; its address is ``local_url`` of the result.
 
     Args:
-        generate: does a run; None is the pipeline.
+        generate: does a run; None is the pipeline, in a process of its own.
         is_warmed_up: whether the models are read as soon as the page is up, rather than at the
             first run.
 
@@ -125,6 +126,7 @@ def launch(
     from app.page.serving.media import MediaDesk, media_routes
     from app.page.serving.researcher_part import Handover, study_routes
     from app.page.serving.uploads import keep_uploads_tidy
+    from app.page.serving.workshop import Limits, Workshop
     from app.page.theme import CSS, head_style, make_theme
 
     catalogue = read_catalogue(config.weights, find_examples(EXAMPLES))
@@ -138,7 +140,10 @@ def launch(
     desk = MediaDesk()
     live = LiveDesk(config.weights)
     examples = [example.path for example in catalogue.examples]
-    page = build_app(generate or _generate, catalogue, config, jobs, handover, desk, live)
+    workshop = Workshop(config.num_slots, Limits(config.max_run_bytes, config.max_run_s))
+    atexit.register(workshop.close)
+    does = generate or workshop.generate
+    page = build_app(does, workshop, catalogue, config, jobs, handover, desk, live)
     page.queue(max_size=4 * config.max_waiting)
     routes = [*media_routes(desk), *study_routes(handover), *live_routes(live, examples)]
     page.launch(
@@ -173,7 +178,9 @@ def launch(
     )
     # Only now: reading models beside it would hold up the page's own start.
     if is_warmed_up:
-        threading.Thread(target=_warm_up, args=(config,), name="warm-up", daemon=True).start()
+        threading.Thread(
+            target=_warm_up, args=(config, workshop), name="warm-up", daemon=True
+        ).start()
     return page
 
 
@@ -209,16 +216,11 @@ def _end(number: int, frame: object) -> None:
     sys.exit(0)
 
 
-def _generate(request, on_event, should_cancel):
-    """The pipeline, imported at the first run or by the warm-up: the page itself needs no torch."""
-    from app.run.pipeline import generate_all
-
-    return generate_all(request, on_event, should_cancel)
-
-
-def _warm_up(config: AppConfig) -> None:
-    """Load what the first visitor would otherwise wait for; a failure shows at the first run."""
+def _warm_up(config: AppConfig, workshop: Workshop) -> None:
+    """Load what the first visitor would otherwise wait for, and then, in this process, what live
+    speech needs; a failure shows at the first run."""
     try:
+        workshop.warm_up(config.weights, config.body)
         from app.run.models import warm_up
 
         warm_up(config.weights, config.body)

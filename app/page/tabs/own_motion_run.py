@@ -34,6 +34,8 @@ BAD_START = "The first frame of the figure must be a whole number from 0 on; got
 BAD_FRAMES = "The {what} must be a whole number of frames, or empty; got {value:g}."
 MEASURED = "Measured {motions}."
 MEASURING = "Measuring: {share:.0%}"
+MAX_FRAMES = 108_000
+"""Of all files of a run, an hour; the command line has no such limit."""
 MAX_NAME = 60
 """Characters of a file's name that figures and tables show."""
 
@@ -97,6 +99,7 @@ class OwnMotionForm:
             body=config.body,
             window=_whole(self.window, "window"),
             overlap=_whole(self.overlap, "overlap") or 0,
+            max_frames=MAX_FRAMES,
         )
 
 

@@ -58,12 +58,12 @@ def build_step_curve(
     config: AppConfig,
     jobs: JobBook,
     desk: MediaDesk,
-    measure: Measure | None = None,
+    measure: Measure,
 ) -> None:
     """Lay out the part inside the current context and wire it.
 
     Args:
-        measure: does the measuring; by default `app.run.step_curve.measure_step_curve`.
+        measure: does the measuring, as `app.run.step_curve.measure_step_curve`.
     """
     gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{INTRODUCTION}</p>')
     with gr.Row(elem_classes="columns"):
@@ -93,7 +93,7 @@ def build_step_curve(
                 ),
             )  # fmt: skip
     example = catalogue.examples[0].path if catalogue.examples else None
-    runner = StepCurveRunner(measure or _measure, example, config, jobs, desk, parts)
+    runner = StepCurveRunner(measure, example, config, jobs, desk, parts)
     start.click(
         runner.run,
         inputs=[systems, speech],
@@ -105,12 +105,6 @@ def build_step_curve(
     )
     cancel.click(runner.cancel, queue=False, api_visibility="private", show_progress="hidden")
     page.unload(runner.cancel)
-
-
-def _measure(request: Any, on_progress: Any) -> Any:
-    from app.run.step_curve import measure_step_curve  # brings torch: only once it is needed
-
-    return measure_step_curve(request, on_progress)
 
 
 @dataclass(frozen=True)

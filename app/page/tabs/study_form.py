@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -92,7 +93,8 @@ def plan_text(form: StudyForm) -> str:
 
 
 def collect_files(form: StudyForm, folder: Path) -> None:
-    """Put the uploads beside the plan, under the names that it gives them.
+    """Put the uploads beside the plan, under the names that it gives them, without a copy of the
+    bytes where the disk is the same.
 
     Raises:
         RunError: if two uploads have the same name.
@@ -101,7 +103,10 @@ def collect_files(form: StudyForm, folder: Path) -> None:
         target = folder / Path(path).name
         if target.exists():
             raise RunError(f"Two uploads have the name {target.name}; rename one.")
-        shutil.copyfile(path, target)
+        try:
+            os.link(path, target)
+        except OSError:
+            shutil.copyfile(path, target)
 
 
 def _by_system(paths: list[str]) -> dict[str, dict[str, Path]]:
