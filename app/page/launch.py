@@ -28,7 +28,6 @@ from app.errors import RunError, sentence_of
 if TYPE_CHECKING:
     from gradio import Blocks
 
-    from app.page.serving.workshop import Workshop
     from app.page.tabs.generate_run import Generate
 
 log = logging.getLogger(__name__)
@@ -140,7 +139,11 @@ def launch(
     desk = MediaDesk()
     live = LiveDesk(config.weights)
     examples = [example.path for example in catalogue.examples]
-    workshop = Workshop(config.num_slots, Limits(config.max_run_bytes, config.max_run_s))
+    workshop = Workshop(
+        config.num_slots,
+        Limits(config.max_run_bytes, config.max_run_s),
+        warm=(config.weights, config.body) if is_warmed_up else None,
+    )
     atexit.register(workshop.close)
     does = generate or workshop.generate
     page = build_app(does, workshop, catalogue, config, jobs, handover, desk, live)
@@ -178,9 +181,8 @@ def launch(
     )
     # Only now: reading models beside it would hold up the page's own start.
     if is_warmed_up:
-        threading.Thread(
-            target=_warm_up, args=(config, workshop), name="warm-up", daemon=True
-        ).start()
+        workshop.start()
+        threading.Thread(target=_warm_up, args=(config,), name="warm-up", daemon=True).start()
     return page
 
 
@@ -216,11 +218,9 @@ def _end(number: int, frame: object) -> None:
     sys.exit(0)
 
 
-def _warm_up(config: AppConfig, workshop: Workshop) -> None:
-    """Load what the first visitor would otherwise wait for, and then, in this process, what live
-    speech needs; a failure shows at the first run."""
+def _warm_up(config: AppConfig) -> None:
+    """Load in this process what live speech needs; a failure shows at its first session."""
     try:
-        workshop.warm_up(config.weights, config.body)
         from app.run.models import warm_up
 
         warm_up(config.weights, config.body)

@@ -66,8 +66,20 @@ class FaultInWorkshop(RuntimeError):
 class Workshop:
     """Does runs, as many at once as there are processes. Safe to use from several threads."""
 
-    def __init__(self, num_processes: int = 1, limits: Limits = Limits()) -> None:
+    def __init__(
+        self,
+        num_processes: int = 1,
+        limits: Limits = Limits(),
+        warm: tuple[Path, Path | None] | None = None,
+    ) -> None:
+        """
+        Args:
+            warm: weights and body that every process reads before its first run; None reads what a
+                run needs when it needs it.
+        """
         self._limits = limits
+        self._warm = warm
+        self._is_closed = False
         self._free: queue.SimpleQueue[_Process | None] = queue.SimpleQueue()
         self._all: set[_Process] = set()
         for _ in range(num_processes):
@@ -100,9 +112,10 @@ class Workshop:
         """As `app.study.export.export_study`, of the plan in a file."""
         return self.do("export_study", (plan, out, options), on_event, should_cancel)
 
-    def warm_up(self, weights: Path, body: Path | None) -> None:
-        """Let one process read what the first visitor would otherwise wait for."""
-        self.do("warm_up", (weights, body), lambda event: None, lambda: False)
+    def start(self) -> None:
+        """Start all processes, so that the first visitors need not wait for that."""
+        for _ in range(self._free.qsize()):
+            self._free.put(self._fit(self._free.get()))
 
     def do(
         self, task: str, arguments: tuple[Any, ...], on_event: OnEvent, should_cancel: ShouldCancel
@@ -118,21 +131,28 @@ class Workshop:
         try:
             if should_cancel():
                 raise CancelledRun
-            if process is None or not process.is_alive():
-                self._drop(process)
-                process = _Process()
-                self._all.add(process)
+            process = self._fit(process)
             return process.do((task, arguments), self._limits, on_event, should_cancel)
         finally:
             if process is not None and not process.is_fit():
-                self._drop(process)
-                process = None
+                # At once: the next visitor should find its models read.
+                process = None if self._is_closed else self._fit(process)
             self._free.put(process)
 
     def close(self) -> None:
         """End all processes."""
+        self._is_closed = True
         for process in list(self._all):
             self._drop(process)
+
+    def _fit(self, process: _Process | None) -> _Process:
+        """This one, or another in its place."""
+        if process is not None and process.is_fit():
+            return process
+        self._drop(process)
+        process = _Process(self._warm)
+        self._all.add(process)
+        return process
 
     def _drop(self, process: _Process | None) -> None:
         if process is not None:
@@ -163,12 +183,15 @@ class Workshop:
 class _Process:
     """One child, and what it was like at first."""
 
-    def __init__(self) -> None:
+    def __init__(self, warm: tuple[Path, Path | None] | None) -> None:
         self._channel, theirs = Pipe()
         self._is_idle = True
         self._grown = 0
         self._child = subprocess.Popen(
-            [sys.executable, "-m", "app.page.serving.workshop_child", str(theirs.fileno())],
+            [
+                *(sys.executable, "-m", "app.page.serving.workshop_child", str(theirs.fileno())),
+                *(str(path) for path in warm or () if path is not None),
+            ],
             cwd=Path(__file__).parents[3],
             stdin=subprocess.DEVNULL,
             pass_fds=(theirs.fileno(),),

@@ -45,26 +45,21 @@ def export_study(
     from app.study.export import export_study as export
 
     return export(
-        read_plan(plan), out, options, _shares("video", on_event, should_cancel), should_cancel
+        read_plan(plan),
+        out,
+        options,
+        on_progress=_shares("video", on_event, should_cancel),
+        should_cancel=should_cancel,
     )
 
 
-def warm_up(
-    weights: Path, body: Path | None, on_event: OnEvent, should_cancel: ShouldCancel
-) -> None:
-    import app.run.diagnose
-    import app.run.pipeline  # noqa: F401
-    from app.run import models
-
-    models.warm_up(weights, body)
-
-
 TASKS: dict[str, Callable[..., Any]] = {
-    task.__name__: task for task in (generate, diagnose, measure_steps, export_study, warm_up)
+    task.__name__: task for task in (generate, diagnose, measure_steps, export_study)
 }
 
 
-def main(number: str) -> None:
+def main(number: str, weights: str | None = None, body: str | None = None) -> None:
+    """Take work as it comes, once what all of it needs is read."""
     channel = channel_of(number)
     works: queue.SimpleQueue[Any] = queue.SimpleQueue()
     stop = threading.Event()
@@ -75,6 +70,8 @@ def main(number: str) -> None:
             channel.send((kind, value))
 
     threading.Thread(target=_listen, args=(channel, works, stop), daemon=True).start()
+    if weights is not None:
+        _warm_up(Path(weights), Path(body) if body else None)
     while True:
         task, arguments, memory_bytes = works.get()
         stop.clear()
@@ -91,6 +88,18 @@ def main(number: str) -> None:
             told = ("fault", traceback.format_exc()) if sentence is None else ("sentence", sentence)
         _limit_memory(None)
         tell(*told)
+
+
+def _warm_up(weights: Path, body: Path | None) -> None:
+    """A failure shows at the first run."""
+    import app.run.diagnose
+    import app.run.pipeline  # noqa: F401
+    from app.run import models
+
+    try:
+        models.warm_up(weights, body)
+    except Exception:
+        traceback.print_exc()
 
 
 def _listen(channel: Any, works: queue.SimpleQueue[Any], stop: threading.Event) -> None:
@@ -135,4 +144,4 @@ def _data_bytes() -> int:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(*sys.argv[1:])

@@ -67,6 +67,29 @@ def test_a_process_is_kept_and_gives_what_the_run_gives(workshop: Workshop, tmp_
     assert pid_of(workshop) == first
 
 
+def test_a_killed_process_has_a_warm_successor_before_the_next_run(
+    weights: Path, hours: tuple[Path, ...], tmp_path: Path
+) -> None:
+    workshop = Workshop(warm=(weights, None))
+    workshop.start()
+    first = pid_of(workshop)
+    asked = 0
+
+    def on_share(share: float) -> None:
+        nonlocal asked
+        asked += 1
+        if asked > 10:
+            raise CancelledRun
+
+    try:
+        with pytest.raises(CancelledRun):
+            workshop.diagnose(DiagnoseRequest(hours, tmp_path / "out"), on_share)
+        assert pid_of(workshop) != first
+        assert workshop.diagnose(small(tmp_path), lambda share: None).files
+    finally:
+        workshop.close()
+
+
 def test_six_hours_of_zeros_are_refused_by_their_frames(
     workshop: Workshop, hours: tuple[Path, ...], tmp_path: Path
 ) -> None:
