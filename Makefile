@@ -2,23 +2,27 @@
 # make test    set everything up and pass the checks and tests
 # make check   the quick part of it: style, types, import rules
 # make bench   milliseconds per frame by stage, against the naive loops: a table and bench.json
+# make fuzz    an hour of damaged files and wild requests (make test gives it a minute)
+# make lock    pin every package anew, with hashes, after a change of requirements
+# make audit   known faults of what is locked, where the database can be asked
+# make sbom    what is installed, as CycloneDX: sbom.json
 # make golden  draw the golden pictures anew (look at them before you commit them)
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 export PYTHON
 BIN := .venv/bin
 
-.PHONY: demo test check bench golden clean
+.PHONY: demo test check fuzz bench golden lock audit sbom clean
 .DEFAULT_GOAL := demo
 
-.venv/.run-ready: requirements.txt .ci/venv .ci/system-packages
+.venv/.run-ready: locks/run.txt .ci/venv .ci/system-packages
 	@.ci/system-packages run
-	@.ci/venv requirements.txt
+	@.ci/venv run
 	@touch $@
 
-.venv/.test-ready: requirements.txt requirements-dev.txt .ci/venv .ci/system-packages
+.venv/.test-ready: locks/test.txt .ci/venv .ci/system-packages
 	@.ci/system-packages test
-	@.ci/venv requirements-dev.txt
+	@.ci/venv test
 	@touch $@
 
 demo: .venv/.run-ready
@@ -33,11 +37,23 @@ check: .venv/.test-ready
 test: check
 	$(BIN)/python -m pytest
 
+fuzz: .venv/.test-ready
+	FUZZ_SECONDS=3600 $(BIN)/python -m pytest tests/fuzz
+
 bench: .venv/.run-ready
 	$(BIN)/python -m app.commands.bench
 
 golden: .venv/.test-ready
 	$(BIN)/python -m tests.golden.regenerate
+
+lock: .venv/.test-ready
+	.ci/lock
+
+audit: .venv/.test-ready
+	.ci/audit
+
+sbom: .venv/.run-ready .venv/.test-ready
+	$(BIN)/cyclonedx-py requirements locks/run.txt --output-reproducible -o sbom.json
 
 clean:
 	rm -rf .venv .pytest_cache .ruff_cache .hypothesis .import_linter_cache

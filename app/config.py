@@ -32,6 +32,19 @@ class AppConfig:
     max_waiting: int = 16
     keep_results_s: float = 3600.0
     """Results and uploads are deleted this long after they were made."""
+    max_run_s: float = 2 * 3600.0
+    max_run_bytes: int = 4 * 10**9
+    """Of memory that a run may take beyond the models."""
+    max_kept_bytes: int = 16 * 10**9
+    """Of all that visitors have left at a time; further uploads and runs are refused."""
+    max_kept_bytes_each: int = 4 * 10**9
+    """Of one address in the time that results are kept."""
+    min_free_bytes: int = 10**9
+    """Of the disk, which is never filled further."""
+    host_names: tuple[str, ...] = ()
+    """Names under which the page answers, besides this machine's own and `host`."""
+    accounts: tuple[tuple[str, str], ...] = ()
+    """Names and passwords; without any, nobody need log in."""
     temp: Path = field(default_factory=lambda: Path(tempfile.gettempdir()) / f"cospeech-{_user()}")
 
     def __post_init__(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import logging
+import re
 import secrets
 from pathlib import Path
 
@@ -23,6 +24,8 @@ class CancelledRun(Exception):
 _DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _NOT_ALLOWED = {errno.EACCES, errno.EPERM, errno.EROFS}
 _OUR_PACKAGES = ("app", "model", "renderer")
+_FOLDERS = re.compile(r"(?<![\w.:/])/(?:[^\s/'\"]+/)+")
+"""Of a file named with its whole path."""
 
 
 def sentence_of(error: BaseException) -> str | None:
@@ -33,7 +36,7 @@ def sentence_of(error: BaseException) -> str | None:
     """
     is_ours = type(error).__module__.split(".")[0] in _OUR_PACKAGES
     if is_ours and str(error):
-        return str(error)
+        return printable(str(error))
     if isinstance(error, OSError) and error.errno in _DISK_FULL | _NOT_ALLOWED:
         return _file_sentence(error)
     if isinstance(error, MemoryError):
@@ -41,11 +44,20 @@ def sentence_of(error: BaseException) -> str | None:
     return None
 
 
+def printable(sentence: str) -> str:
+    """With ? for what a terminal would obey and for what turns the text around: names in a sentence
+    may be anyone's."""
+    return "".join(char if char.isprintable() else "?" for char in sentence)
+
+
 def visitor_sentence(error: BaseException) -> str:
-    """What a visitor is told of an error; faults of the program are logged under a number."""
+    """What a visitor is told of an error: no folder of this machine, and of faults of the program,
+    which are logged, a number."""
+    if is_disk_full(error):
+        return text.DISK_FULL
     sentence = sentence_of(error)
     if sentence is not None:
-        return sentence
+        return _FOLDERS.sub("", sentence)
     fault_id = secrets.token_hex(4)
     log.error("fault %s", fault_id, exc_info=error)
     return text.FAULT.format(fault_id=fault_id)

@@ -165,6 +165,15 @@ TOO_MANY_VIDEOS = (
     "{limit}. Choose fewer."
 )
 BUSY = "This machine has {limit} runs waiting already; try again in a few minutes."
+TURNED_OUT = (
+    "All {limit} waiting places were taken and others had none; your newest run gave its place up. "
+    "Start it again once one of your runs has ended."
+)
+TOO_MUCH_KEPT = (
+    "From your address {limit:.3g} GB came within {minutes} minutes, the most that is kept; try "
+    "again in a while."
+)
+DISK_FULL = "This machine has no room for more files just now; try again in a while."
 FAULT = (
     "Something went wrong inside the program, not with your input. Please report it with this "
     "number: {fault_id}."

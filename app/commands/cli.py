@@ -16,7 +16,7 @@ from app import text
 from app.commands.mechanism import add_mechanism
 from app.commands.study import add_study
 from app.config import BUNDLED_WEIGHTS, default_body
-from app.errors import CancelledRun, RunError, sentence_of
+from app.errors import CancelledRun, RunError, printable, sentence_of
 from app.findings.ranking import told_findings
 from app.run.display import COLORINGS, FACTORS, Display
 from app.run.export import BACKGROUNDS, ENDINGS, SHEET_POSES, RenderRequest, render_motion
@@ -525,7 +525,7 @@ def _finish(files: Sequence[Path], notes: Sequence[str]) -> None:
 
 
 def _say(sentence: str) -> None:
-    sys.stderr.write(f"{sentence}\n")
+    sys.stderr.write(f"{printable(sentence)}\n")
 
 
 def _interrupt(number: int, frame: object) -> None:

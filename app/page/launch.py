@@ -6,8 +6,11 @@ import argparse
 import atexit
 import logging
 import os
+import shutil
+import signal
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +23,7 @@ from app.config import (
     default_host,
     default_port,
 )
-from app.errors import sentence_of
+from app.errors import RunError, sentence_of
 
 if TYPE_CHECKING:
     from gradio import Blocks
@@ -54,6 +57,14 @@ def parse_config(argv: list[str] | None = None) -> AppConfig:
         help="folder of trained systems (default: the bundled ones)",
     )  # fmt: skip
     parser.add_argument(
+        "--host-name", action="append", default=[], metavar="NAME",
+        help="a name under which the page is reached, as people type it; may be given again\n"
+        "(default: this machine's own and --host)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--auth", type=Path, metavar="FILE", help="lines of NAME:PASSWORD; visitors must log in"
+    )
+    parser.add_argument(
         "--max-minutes", type=float, default=10.0, metavar="N",
         help="longest speech accepted (default: %(default)g)",
     )  # fmt: skip
@@ -64,7 +75,25 @@ def parse_config(argv: list[str] | None = None) -> AppConfig:
         body=options.body,
         weights=options.weights,
         max_speech_s=60 * options.max_minutes,
+        host_names=tuple(options.host_name),
+        accounts=read_accounts(options.auth) if options.auth else (),
     )
+
+
+def read_accounts(path: Path) -> tuple[tuple[str, str], ...]:
+    """Names and passwords, one of each a line, with a colon between.
+
+    Raises:
+        RunError: if there are none.
+    """
+    try:
+        lines = [line.strip() for line in path.read_text("utf-8").splitlines()]
+    except (OSError, UnicodeDecodeError) as error:
+        raise RunError(f"The accounts {path} cannot be read: {error}.") from error
+    pairs = [tuple(line.partition(":")[::2]) for line in lines if line and line[0] != "#"]
+    if not pairs or not all(name and password for name, password in pairs):
+        raise RunError(f"{path} must hold lines of NAME:PASSWORD, at least one.")
+    return tuple((name, password) for name, password in pairs)
 
 
 def launch(
@@ -73,7 +102,7 @@ def launch(
     """Serve the page from threads of this process; its address is ``local_url`` of the result.
 
     Args:
-        generate: does a run; None is the pipeline.
+        generate: does a run; None is the pipeline, in a process of its own.
         is_warmed_up: whether the models are read as soon as the page is up, rather than at the
             first run.
 
@@ -82,7 +111,6 @@ def launch(
         OSError: if the port is taken.
     """
     config.temp.mkdir(mode=0o700, parents=True, exist_ok=True)
-    config.temp.chmod(0o700)
     # Gradio reads both when it is imported or launched.
     os.environ["GRADIO_TEMP_DIR"] = str(config.cache_folder)
     os.environ["GRADIO_ANALYTICS_ENABLED"] = "False"
@@ -90,22 +118,35 @@ def launch(
     from app.live.desk import LiveDesk
     from app.page.page import build_app
     from app.page.parts.catalogue import find_examples, read_catalogue
+    from app.page.serving.guard import HostNames, guarded
     from app.page.serving.jobs import JobBook
     from app.page.serving.live_route import live_routes
+    from app.page.serving.lodging import Lodging
     from app.page.serving.media import MediaDesk, media_routes
     from app.page.serving.researcher_part import Handover, study_routes
+    from app.page.serving.uploads import keep_uploads_tidy
+    from app.page.serving.workshop import Limits, Workshop
     from app.page.theme import CSS, head_style, make_theme
 
     catalogue = read_catalogue(config.weights, find_examples(EXAMPLES))
-    jobs = JobBook(config.jobs_folder, config.num_slots, config.max_waiting)
-    jobs.keep_swept(config.keep_results_s)
+    keep_uploads_tidy()
+    lodging = Lodging(config)
+    jobs = JobBook(config.jobs_folder, config.num_slots, config.max_waiting, lodging)
+    lodging.keep_swept(jobs.folders_in_use)
     atexit.register(jobs.cancel_all)
 
     handover = Handover(config.private_folder, config.keep_results_s)
     desk = MediaDesk()
     live = LiveDesk(config.weights)
     examples = [example.path for example in catalogue.examples]
-    page = build_app(generate or _generate, catalogue, config, jobs, handover, desk, live)
+    workshop = Workshop(
+        config.num_slots,
+        Limits(config.max_run_bytes, config.max_run_s),
+        warm=(config.weights, config.body) if is_warmed_up else None,
+    )
+    atexit.register(workshop.close)
+    does = generate or workshop.generate
+    page = build_app(does, workshop, catalogue, config, jobs, handover, desk, live)
     page.queue(max_size=4 * config.max_waiting)
     routes = [*media_routes(desk), *study_routes(handover), *live_routes(live, examples)]
     page.launch(
@@ -132,10 +173,15 @@ def launch(
         head=head_style(),
         quiet=True,
         # Before Gradio's own routes, and there as soon as anyone can ask.
-        app_kwargs={"routes": routes},
+        app_kwargs={
+            "routes": routes,
+            "lifespan": guarded(HostNames(config.host, config.host_names), lodging),
+        },
+        auth=list(config.accounts) or None,
     )
     # Only now: reading models beside it would hold up the page's own start.
     if is_warmed_up:
+        workshop.start()
         threading.Thread(target=_warm_up, args=(config,), name="warm-up", daemon=True).start()
     return page
 
@@ -144,7 +190,7 @@ def main(argv: list[str] | None = None) -> None:
     """Entry of ``python app.py``."""
     logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     try:
-        config = parse_config(argv)
+        config = own_folders(parse_config(argv))
         page = launch(config)
     except Exception as error:
         sentence = str(error) if isinstance(error, OSError) else sentence_of(error)
@@ -155,15 +201,25 @@ def main(argv: list[str] | None = None) -> None:
     page.block_thread()
 
 
-def _generate(request, on_event, should_cancel):
-    """The pipeline, imported at the first run or by the warm-up: the page itself needs no torch."""
-    from app.run.pipeline import generate_all
+def own_folders(config: AppConfig) -> AppConfig:
+    """The configuration with a folder of this process alone, which is removed when it ends."""
+    from app.page.serving.lodging import claim_folder
 
-    return generate_all(request, on_event, should_cancel)
+    temp = claim_folder(config.temp)
+    scratch = temp / "scratch"
+    scratch.mkdir(mode=0o700)
+    os.environ["TMPDIR"] = str(scratch)  # of what libraries and children write for a moment
+    atexit.register(shutil.rmtree, temp, ignore_errors=True)
+    signal.signal(signal.SIGTERM, _end)
+    return replace(config, temp=temp)
+
+
+def _end(number: int, frame: object) -> None:
+    sys.exit(0)
 
 
 def _warm_up(config: AppConfig) -> None:
-    """Load what the first visitor would otherwise wait for; a failure shows at the first run."""
+    """Load in this process what live speech needs; a failure shows at its first session."""
     try:
         from app.run.models import warm_up
 

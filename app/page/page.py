@@ -13,6 +13,7 @@ from app.page.parts.catalogue import Catalogue
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.researcher_part import Handover
+from app.page.serving.workshop import Workshop
 from app.page.tabs import live as live_tab
 from app.page.tabs import own_motion as own_motion_tab
 from app.page.tabs.generate import FormParts, ResultParts, build_form, build_results
@@ -24,6 +25,7 @@ from app.page.tabs.systems import build_systems_tab
 
 def build_app(
     generate: Generate,
+    workshop: Workshop,
     catalogue: Catalogue,
     config: AppConfig,
     jobs: JobBook,
@@ -31,12 +33,12 @@ def build_app(
     desk: MediaDesk,
     live: LiveDesk,
 ) -> gr.Blocks:
-    """The whole page around ``generate``, which a test may replace by a function of its own."""
+    """The whole page around ``generate``, which a test may replace by a function of its own, and
+    the workshop for all other runs."""
     with gr.Blocks(
         title=text.TITLE,
         analytics_enabled=False,
         fill_width=True,
-        delete_cache=(600, int(config.keep_results_s)),
     ) as page:
         gr.HTML(markup.header(catalogue.trained_on))
         with gr.Tabs(overflow_behavior="wrap"):  # a phone would hide some in a menu
@@ -48,12 +50,12 @@ def build_app(
             with gr.Tab(live_tab.TAB):
                 live_tab.build_live_tab(page, generate, catalogue, config, jobs, desk, live)
             with gr.Tab(own_motion_tab.TAB):
-                own_motion_tab.build_own_motion_tab(page, config, jobs, desk)
+                own_motion_tab.build_own_motion_tab(page, config, jobs, desk, workshop.diagnose)
             with gr.Tab(text.LADDER_TAB):
                 build_systems_tab(catalogue.systems)
-                build_step_curve(page, catalogue, config, jobs, desk)
+                build_step_curve(page, catalogue, config, jobs, desk, workshop.measure_steps)
             with gr.Tab(text.STUDY_TAB):
-                build_study_tab(page, catalogue, config, jobs, handover)
+                build_study_tab(page, catalogue, config, jobs, handover, workshop.export_study)
         runner = GenerateRunner(generate, catalogue, config, jobs, desk, form, results)
         _wire(page, form, results, runner)
     return page

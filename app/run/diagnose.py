@@ -19,7 +19,7 @@ from app.run.request import MAX_COMPARED, REFERENCE_NAME
 from app.run.result_folder import ResultFolder
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     from model.formats.numbers import ReadOptions
     from model.measures.diagnostics import Diagnostics
@@ -60,6 +60,8 @@ class DiagnoseRequest:
     otherwise each is searched for a period of its own."""
     overlap: int = 0
     """Frames that two windows share."""
+    max_frames: int | None = None
+    """Of all files together, at 30 a second."""
     read_as: ReadOptions | None = None
     """What the user says of the files, where they do not say it."""
 
@@ -197,14 +199,25 @@ def _read_motions(request: DiagnoseRequest, on_progress: OnShare) -> _Read:
         found = read_any_motion(path, request.read_as)
         motions[name] = found.motion
         notes += found.notes
+        _check_frames(request, motions.values())
     reference = None
     if request.reference is not None:
         on_progress(_READ)
         found = read_any_motion(request.reference, request.read_as)
         reference = found.motion
         notes += found.notes
+        _check_frames(request, [*motions.values(), reference])
     on_progress(_READ)
     return _Read(motions, reference, notes)
+
+
+def _check_frames(request: DiagnoseRequest, motions: Iterable[Motion]) -> None:
+    count = sum(motion.num_frames for motion in motions)
+    if request.max_frames is not None and count > request.max_frames:
+        raise RunError(
+            f"The files have over {request.max_frames} frames together "
+            f"({request.max_frames / 1800:.0f} minutes), the most that is measured at once here."
+        )
 
 
 def _measure(

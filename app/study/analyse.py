@@ -38,11 +38,14 @@ def analyse(
     screened = screen(collected.participants, key)
     results = analyse_participants(screened.kept, key, jitter)
     if not results:
-        dropped = [f"{one.participant.source}: {one.why}." for one in screened.dropped]
+        left = (*screened.dropped, *screened.set_aside)
+        dropped = [f"{one.participant.source}: {one.why}." for one in left]
         reasons = [*collected.left_out, *dropped][:MAX_REASONS_SHOWN]
         raise RunError(" ".join(["No answers are left to analyse.", *reasons]))
     balance = balance_reached(screened.kept, key)
-    findings = Findings(key, collected, screened, balance, results)
+    everyone = [*screened.kept, *(one.participant for one in screened.set_aside)]
+    with_all = analyse_participants(everyone, key) if screened.set_aside else []
+    findings = Findings(key, collected, screened, balance, results, with_all)
     out.mkdir(parents=True, exist_ok=True)
     with written_atomically(out / "results.csv") as part:
         write_csv(results, key, part)

@@ -43,6 +43,7 @@ USUAL_NAMES: dict[str, tuple[str, ...]] = {
 }
 """Of Mixamo, MotionBuilder and ZeroEGGS: the joints whose rotations together are one of ours."""
 _NEEDED = ("pelvis", "spine1", "left_shoulder", "right_shoulder", "left_hip", "right_hip")
+_CHANNELS = {f"{axis}{kind}" for axis in "XYZ" for kind in ("position", "rotation")}
 _ALONG = 0.8
 
 
@@ -151,13 +152,23 @@ def _hierarchy(words: list[str]) -> list[_Joint]:
             at += 4
         elif word == "CHANNELS":
             count = int(words[at + 1])
-            joints[current].channels = words[at + 2 : at + 2 + count]
+            joints[current].channels = _channels(words[at + 2 : at + 2 + count])
             at += 2 + count
         else:
             raise ValueError(word)
         if len(joints) > MAX_JOINTS:
             raise ValueError("too many joints")
     return joints
+
+
+def _channels(names: list[str]) -> list[str]:
+    """
+    Raises:
+        ValueError: for unknown names, or one that comes twice.
+    """
+    if not set(names) <= _CHANNELS or len(set(names)) < len(names):
+        raise ValueError(names)
+    return names
 
 
 def _first_channel(joints: list[_Joint], index: int) -> int:

@@ -14,7 +14,7 @@ from model.formats.numbers import (
 )
 from model.motion.motion import check_length
 from model.motion.timing import FPS
-from model.storage.npz import MAX_ABS_VALUE, MAX_FILE_BYTES, MotionError
+from model.storage.npz import MAX_ABS_VALUE, MAX_FILE_BYTES, MotionError, read_npy_file
 
 TALKSHOW_COLUMNS = 265
 _BODY, _JAW, _EYES, _HANDS = slice(9, 75), slice(0, 3), slice(3, 9), slice(75, 165)
@@ -60,12 +60,14 @@ def _load(path: Path) -> np.ndarray:
             f" {MAX_FILE_BYTES // 2**20} MiB are read. Cut it first."
         )
     try:
-        array = np.load(path, allow_pickle=False)
-    except (ValueError, OSError, EOFError, SyntaxError) as error:
+        array = read_npy_file(path)
+    except OSError as error:
+        raise MotionError(f"{path.name} could not be read: {error.strerror or error}.") from error
+    if array is None:
         raise MotionError(
             f"{path.name} is no plain array of numbers (pickled objects are never loaded)."
-        ) from error
-    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu" or array.ndim < 2:
+        )
+    if array.dtype.kind not in "fiu" or array.ndim < 2:
         raise MotionError(f"{path.name} is no plain array of numbers with a row for each frame.")
     if not np.isfinite(array).all() or np.abs(array).max(initial=0.0) > MAX_ABS_VALUE:
         raise MotionError(

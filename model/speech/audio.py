@@ -252,7 +252,7 @@ def _read_au(
                 f"{bad / SAMPLE_RATE:.2f} s; export it again as 16-bit WAV."
             )
         energy += np.square(block, dtype=np.float64).sum(axis=0)
-        blocks.append(block.mean(axis=1) if channel is None else block[:, channel].copy())
+        blocks.append(_mean(block) if channel is None else block[:, channel].copy())
         num_samples += len(block)
         if num_samples > max_samples:
             raise SpeechError(
@@ -261,6 +261,11 @@ def _read_au(
             )
     waveform = np.concatenate(blocks) if blocks else np.zeros(0, dtype=np.float32)
     return waveform, np.sqrt(energy / max(1, num_samples))
+
+
+def _mean(block: Float32[np.ndarray, "N C"]) -> Float32[np.ndarray, " N"]:
+    """Of all channels; floats may be so large that their sum is none."""
+    return block.mean(axis=1, dtype=np.float64).astype(np.float32)
 
 
 def _drain(stream: IO[bytes], log: bytearray) -> None:

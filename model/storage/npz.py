@@ -1,5 +1,7 @@
 """Numpy archives from strangers: their headers are read and judged before any array is."""
 
+import io
+import lzma
 import math
 import tokenize
 import zipfile
@@ -50,6 +52,7 @@ def opened_archive(path: Path) -> Iterator[zipfile.ZipFile]:
     except (
         zipfile.BadZipFile,
         zlib.error,
+        lzma.LZMAError,
         EOFError,
         NotImplementedError,
         RuntimeError,
@@ -78,23 +81,24 @@ def read_headers(archive: zipfile.ZipFile, name: str) -> dict[str, Header]:
     headers: dict[str, Header] = {}
     for entry in entries:
         key = entry.filename.removesuffix(".npy")
+        shown = _printable(key[:40])
         if key == entry.filename:
             raise MotionError(
-                f"{name} holds `{key[:40]}`, which is not an array; give a BEAT2 motion file."
+                f"{name} holds `{shown}`, which is not an array; give a BEAT2 motion file."
             )
         with archive.open(entry) as file:
-            header = _read_npy_header(cast(zipfile.ZipExtFile, file))
+            header = _read_npy_header(cast(io.BufferedIOBase, file))
             header_bytes = file.tell()
         if header is None:
-            raise MotionError(f"{name} is damaged: `{key[:40]}` is not an array.")
+            raise MotionError(f"{name} is damaged: `{shown}` is not an array.")
         shape, dtype = header
         if dtype.hasobject:
             raise MotionError(
-                f"{name} holds pickled Python objects in `{key[:40]}`, which are never loaded; "
+                f"{name} holds pickled Python objects in `{shown}`, which are never loaded; "
                 "save it again with plain number arrays."
             )
         if math.prod(shape) * dtype.itemsize + header_bytes != entry.file_size:
-            raise MotionError(f"{name} is damaged: `{key[:40]}` does not have its stated size.")
+            raise MotionError(f"{name} is damaged: `{shown}` does not have its stated size.")
         headers[key] = header
     return headers
 
@@ -126,16 +130,34 @@ def read_array(archive: zipfile.ZipFile, key: str) -> np.ndarray:
     with archive.open(f"{key}.npy") as file:
         try:
             return np.lib.format.read_array(file, allow_pickle=False)
-        except ValueError as error:
+        except (ValueError, TypeError, OverflowError) as error:
             raise zipfile.BadZipFile(f"`{key}` is damaged") from error
+
+
+def read_npy_file(path: Path) -> np.ndarray | None:
+    """The array of a whole npy file without Python objects; None for any other file."""
+    with path.open("rb") as file:
+        header = _read_npy_header(file)
+        if header is None or header[1].hasobject:
+            return None
+        shape, dtype = header
+        if math.prod(shape) * dtype.itemsize + file.tell() != path.stat().st_size:
+            return None
+        file.seek(0)
+        return np.lib.format.read_array(file, allow_pickle=False)
 
 
 def listed(names: tuple[str, ...] | list[str]) -> str:
     """Names for a sentence, none of them long."""
-    return ", ".join(name[:40] for name in names[:12])
+    return ", ".join(_printable(name[:40]) for name in names[:12])
 
 
-def _read_npy_header(file: zipfile.ZipExtFile) -> Header | None:
+def _printable(name: str) -> str:
+    """With ? for what a terminal would obey."""
+    return "".join(char if char.isprintable() else "?" for char in name)
+
+
+def _read_npy_header(file: io.BufferedIOBase) -> Header | None:
     """Shape and dtype of one array, or None where the bytes are no npy header."""
     try:
         version = np.lib.format.read_magic(file)
@@ -145,6 +167,8 @@ def _read_npy_header(file: zipfile.ZipExtFile) -> Header | None:
             shape, _, dtype = np.lib.format.read_array_header_2_0(file)
     except (ValueError, TypeError, SyntaxError, tokenize.TokenError, RecursionError, MemoryError):
         return None  # numpy parses the header as Python source, which fails in all these ways
+    if any(type(length) is not int or length < 0 for length in shape):
+        return None  # numpy takes True for a length
     return shape, dtype
 
 

@@ -1,6 +1,7 @@
 """The participants' page in a real Chromium: answers, gates, reloads, phone and keyboard."""
 
 import json
+import re
 from collections.abc import Callable, Iterator
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -250,11 +251,11 @@ def test_speech_is_asked_about_and_answers_are_posted(
     page.get_by_role("button", name=WORDS["headphones"]["skip"]).click()
     assert page.evaluate("document.querySelector('video').muted") is False
     answer_pairs(page)
-    page.get_by_role("button", name=BUTTONS["send"]).click()
     expect(page.get_by_text(WORDS["finish"]["sent"])).to_be_visible()
-    (tmp_path / "posted.json").write_bytes(host[2].posted[-1])
+    for number, posted in enumerate(host[2].posted):
+        (tmp_path / f"{number}.json").write_bytes(posted)
     collected = collect([tmp_path], key_of(host, "matched"))
-    assert collected.left_out == ()
+    assert collected.left_out == ("1 file of answers under way, all of them also in later ones.",)
     (participant,) = collected.participants
     assert participant.headphones == "skipped"
     assert len(participant.answers) == 2
@@ -289,9 +290,7 @@ def test_the_sound_check_tells_who_hears_the_quiet_tone(
         expect(page.get_by_text(text["failed"])).to_be_visible()
         page.get_by_role("button", name=text["continue"]).click()
     watch_all(page, by_click)
-    kept = page.evaluate(
-        "Object.keys(localStorage).filter(k => !k.includes('/who/')).map(k => localStorage[k])[0]"
-    )
+    kept = page.evaluate("name => localStorage.getItem(name)", kept_state(page))
     assert json.loads(kept)["headphones"] == ("passed" if is_right else "failed")
 
 
@@ -343,3 +342,82 @@ def test_the_page_works_from_a_file_and_asks_nobody_else(
     answer_pairs(page, until=2)
     context.close()
     assert asked and all(url.startswith(f"{bundle.as_uri()}/") for url in asked)
+
+
+def kept_state(page: Page) -> str:
+    """The name under which the browser keeps the answers."""
+    keys = page.evaluate("Object.keys(localStorage)")
+    return next(key for key in keys if re.fullmatch(r"study/[0-9a-f]{16}/[0-9a-f]{16}", key))
+
+
+def test_two_tabs_lose_no_answer(
+    take_part: Callable[..., Page], host: tuple[str, Path, type[_Host]], tmp_path: Path
+) -> None:
+    first = take_part("pairwise", "?p=0")
+    agree(first)
+    answer_pairs(first, until=2)
+    second = first.context.new_page()
+    second.goto(first.url)
+    assert place(second) == place(first)
+    expect(first.get_by_text(WORDS["problems"]["elsewhere"])).to_be_visible()
+    answer_pairs(second, until=1)
+    here = place(second)
+    first.get_by_role("button", name=BUTTONS["here"]).click()
+    assert place(first) == here
+    expect(second.get_by_text(WORDS["problems"]["elsewhere"])).to_be_visible()
+    answer_pairs(first)
+    saved_answers(first, tmp_path)
+    (participant,) = collect([tmp_path], key_of(host, "pairwise")).participants
+    assert participant.finished is not None
+    assert len(participant.answers) == len(key_of(host, "pairwise").lists[0])
+
+
+@pytest.mark.parametrize("damage", ["cut", "answers", "page"])
+def test_damaged_storage_strands_nobody(
+    take_part: Callable[..., Page], host: tuple[str, Path, type[_Host]], tmp_path: Path, damage: str
+) -> None:
+    page = take_part("pairwise", "?p=0")
+    agree(page)
+    answer_pairs(page, until=2)
+    third, name = place(page), kept_state(page)
+    kept = page.evaluate("name => localStorage.getItem(name)", name)
+    state = json.loads(kept)
+    broken = {
+        "cut": kept[: len(kept) // 2],
+        "answers": json.dumps(state | {"answers": [*state["answers"], None, {"trial": 7}]}),
+        "page": json.dumps(state | {"page": "x", "screen": "nowhere", "draft": [1]}),
+    }[damage]
+    page.evaluate("([name, value]) => localStorage.setItem(name, value)", [name, broken])
+    page.reload()
+    expect(page.get_by_text(WORDS["problems"]["repaired"])).to_be_visible()
+    assert page.evaluate("name => localStorage.getItem(name)", f"{name}/damaged") == broken
+    if damage == "cut":
+        agree(page)
+    else:
+        assert place(page) == third
+    answer_pairs(page)
+    saved_answers(page, tmp_path)
+    (participant,) = collect([tmp_path], key_of(host, "pairwise")).participants
+    assert participant.id == state["participant"] and participant.finished is not None
+    assert len(participant.answers) == len(key_of(host, "pairwise").lists[0])
+
+
+def test_answers_are_sent_again_when_the_network_returns(
+    take_part: Callable[..., Page], host: tuple[str, Path, type[_Host]]
+) -> None:
+    page = take_part("matched", "?p=1")
+    agree(page)
+    page.get_by_role("button", name=WORDS["headphones"]["skip"]).click()
+    before = len(host[2].posted)
+    answer_pairs(page, until=1)
+    page.wait_for_timeout(500)
+    assert len(host[2].posted) == before + 1  # at once, not only at the end
+    watch_all(page, by_click)
+    page.locator(".choices").get_by_text(BUTTONS["left"], exact=True).click()
+    page.context.set_offline(True)
+    go_on(page)
+    expect(page.get_by_text(WORDS["finish"]["post"])).to_be_visible()
+    assert len(host[2].posted) == before + 1
+    page.context.set_offline(False)
+    expect(page.get_by_text(WORDS["finish"]["sent"])).to_be_visible()
+    assert json.loads(host[2].posted[-1])["finished"] is not None

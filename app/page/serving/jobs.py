@@ -1,19 +1,25 @@
-"""Who is running what: a private folder for each run, a place in the queue, a way to stop."""
+"""Who is running what: a private folder for each run, a place in the queue, a way to stop.
+
+Places go round: first among addresses, then among the open pages of one address, so that nobody who
+has many runs waiting holds up another. When all places are taken, whoever has fewest waiting gets
+one from whoever has most.
+"""
 
 from __future__ import annotations
 
 import itertools
 import secrets
-import shutil
 import threading
-import time
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from app import text
 from app.errors import CancelledRun, RunError
+from app.page.serving.lodging import Lodging, size_of
 
 Tab = Literal["generate", "own_motion", "live", "steps", "study"]
 """The part of the page that starts a run, and whose button stops it."""
@@ -22,10 +28,14 @@ Tab = Literal["generate", "own_motion", "live", "steps", "study"]
 class Job:
     """One visitor's run, with a folder that no other visitor is told of."""
 
-    def __init__(self, visitor: str, tab: Tab, folder: Path) -> None:
+    def __init__(self, visitor: str, tab: Tab, folder: Path, address: str = "") -> None:
         self.visitor = visitor
         self.tab: Tab = tab
         self.folder = folder
+        self.address = address
+        """Of the machine that asks; visitors behind one share its turns."""
+        self.is_turned_out = False
+        """Has lost its place to a visitor who had fewer."""
         self._stop = threading.Event()
 
     def cancel(self) -> None:
@@ -35,33 +45,59 @@ class Job:
         return self._stop.is_set()
 
 
-class JobBook:
-    """All runs of this process: at most ``num_slots`` at work, the others in order of arrival."""
+@dataclass
+class _Place:
+    """Of a job that waits; a new one stands behind what has begun until then."""
 
-    def __init__(self, root: Path, num_slots: int = 1, max_waiting: int = 16) -> None:
+    job: Job
+    number: int
+    num_begun: int
+
+
+class JobBook:
+    """All runs of this process: at most ``num_slots`` at work, the others wait in turn."""
+
+    def __init__(
+        self,
+        root: Path,
+        num_slots: int = 1,
+        max_waiting: int = 16,
+        lodging: Lodging | None = None,
+    ) -> None:
         self.root = root
+        self._lodging = lodging
         self.num_slots = num_slots
         self.max_waiting = max_waiting
-        self._tickets = itertools.count()
-        self._waiting: list[int] = []
-        self._num_running = 0
-        self._changed = threading.Condition()
+        self._places: list[_Place] = []
+        self._working: list[Job] = []
         self._jobs: list[Job] = []
+        self._numbers = itertools.count()
+        self._num_begun = 0
+        self._last_begun: dict[str, float] = {}
+        """By address and by visitor, since there was last nothing to do."""
+        self._changed = threading.Condition()
 
-    def open(self, visitor: str, tab: Tab) -> Job:
-        """A new job of a visitor, in a folder that only this process's user can enter.
+    def open(self, visitor: str, tab: Tab, address: str = "", uses: Sequence[Any] = ()) -> Job:
+        """A new job of a visitor, with a place in the queue, in a folder that only this process's
+        user can enter.
+
+        Args:
+            uses: values of a form; the uploads among them are kept for as long as a new one.
 
         Raises:
-            RunError: when too many runs wait already.
+            RunError: when too many runs wait already, or there is no room for what they leave.
         """
-        with self._changed:
-            if len(self._waiting) >= self.max_waiting:
-                raise RunError(text.BUSY.format(limit=self.max_waiting))
+        if self._lodging is not None:
+            self._lodging.admit(address)
+            self._lodging.touch(uses)
         folder = self.root / secrets.token_hex(16)
-        folder.mkdir(parents=True, mode=0o700)
-        job = Job(visitor, tab, folder)
+        job = Job(visitor, tab, folder, address)
         with self._changed:
+            if len(self._jobs) >= self.num_slots + self.max_waiting:
+                self._make_room(job)
+            folder.mkdir(parents=True, mode=0o700)
             self._jobs.append(job)
+            self._places.append(_Place(job, next(self._numbers), self._num_begun))
         return job
 
     def cancel(self, visitor: str, tab: Tab) -> bool:
@@ -83,7 +119,11 @@ class JobBook:
     def close(self, job: Job) -> None:
         """Forget a run that has ended; its folder stays for the downloads."""
         with self._changed:
-            self._jobs.remove(job)
+            if job in self._jobs:
+                self._jobs.remove(job)
+            self._leave(job)
+        if self._lodging is not None:
+            self._lodging.charge(job.address, size_of(job.folder))
 
     @contextmanager
     def slot(self, job: Job) -> Iterator[Iterator[int]]:
@@ -94,59 +134,82 @@ class JobBook:
 
         Raises:
             CancelledRun: when the job is cancelled while it waits.
+            RunError: when it lost its place to a visitor who had fewer.
         """
-        with self._changed:
-            ticket = next(self._tickets)
-            self._waiting.append(ticket)
-        has_slot = False
-
-        def wait() -> Iterator[int]:
-            nonlocal has_slot
-            told = None
-            while True:
-                with self._changed:
-                    ahead = self._waiting.index(ticket) + self._num_running
-                    if job.is_cancelled():
-                        raise CancelledRun
-                    if self._waiting[0] == ticket and self._num_running < self.num_slots:
-                        self._waiting.remove(ticket)
-                        self._num_running += 1
-                        has_slot = True
-                        self._changed.notify_all()
-                        return
-                    if ahead == told:
-                        self._changed.wait(timeout=1.0)
-                        continue
-                told = ahead
-                yield ahead
-
         try:
-            yield wait()
+            yield self._wait(job)
         finally:
             with self._changed:
-                if has_slot:
-                    self._num_running -= 1
-                elif ticket in self._waiting:
-                    self._waiting.remove(ticket)
-                self._changed.notify_all()
+                self._leave(job)
 
-    def sweep(self, max_age_s: float) -> int:
-        """Delete folders of runs that were last touched longer ago; return how many."""
+    def _wait(self, job: Job) -> Iterator[int]:
+        told = None
+        while True:
+            with self._changed:
+                if job.is_turned_out:
+                    raise RunError(text.TURNED_OUT.format(limit=self.max_waiting))
+                if job.is_cancelled():
+                    raise CancelledRun
+                order = [place.job for place in sorted(self._places, key=self._turn)]
+                ahead = order.index(job) + len(self._working)
+                if order[0] is job and len(self._working) < self.num_slots:
+                    self._begin(job)
+                    return
+                if ahead == told:
+                    self._changed.wait(timeout=1.0)
+                    continue
+            told = ahead
+            yield ahead
+
+    def _turn(self, place: _Place) -> tuple[float, float, int]:
+        """What sorts the places: whose last run began longest ago goes first."""
+        turns = [
+            max(self._last_begun.get(name, 0.0), place.num_begun)
+            for name in (f"address {place.job.address}", f"visitor {place.job.visitor}")
+        ]
+        return turns[0], turns[1], place.number
+
+    def _begin(self, job: Job) -> None:
+        self._places = [place for place in self._places if place.job is not job]
+        self._working.append(job)
+        self._num_begun += 1
+        for name in (f"address {job.address}", f"visitor {job.visitor}"):
+            self._last_begun[name] = self._num_begun + 0.5  # behind those who came meanwhile
+        self._changed.notify_all()
+
+    def _leave(self, job: Job) -> None:
+        self._places = [place for place in self._places if place.job is not job]
+        if job in self._working:
+            self._working.remove(job)
+        if not self._places and not self._working:
+            self._last_begun.clear()
+        self._changed.notify_all()
+
+    def _make_room(self, newcomer: Job) -> None:
+        """Take the last place of whoever has most.
+
+        Raises:
+            RunError: if the newcomer would then have as many as that one.
+        """
+        addresses = Counter(place.job.address for place in self._places)
+        visitors = Counter(place.job.visitor for place in self._places)
+
+        def crowd(job: Job) -> tuple[int, int]:
+            return addresses[job.address], visitors[job.visitor]
+
+        last = max(self._places, key=lambda place: (*crowd(place.job), place.number), default=None)
+        mine = crowd(newcomer)
+        if last is None or not (
+            addresses[last.job.address] > mine[0] + 1
+            or (last.job.address == newcomer.address and visitors[last.job.visitor] > mine[1] + 1)
+        ):
+            raise RunError(text.BUSY.format(limit=self.max_waiting))
+        last.job.is_turned_out = True
+        self._places.remove(last)
+        self._jobs.remove(last.job)
+        self._changed.notify_all()
+
+    def folders_in_use(self) -> list[Path]:
+        """Of runs that have not ended."""
         with self._changed:
-            in_use = {job.folder for job in self._jobs}
-        num_deleted = 0
-        for folder in self.root.iterdir() if self.root.is_dir() else ():
-            if folder not in in_use and time.time() - folder.stat().st_mtime > max_age_s:
-                shutil.rmtree(folder, ignore_errors=True)
-                num_deleted += 1
-        return num_deleted
-
-    def keep_swept(self, max_age_s: float, every_s: float = 600.0) -> None:
-        """Sweep now and then for as long as the process lives."""
-
-        def sweep_for_ever() -> None:
-            while True:
-                self.sweep(max_age_s)
-                time.sleep(every_s)
-
-        threading.Thread(target=sweep_for_ever, name="sweep", daemon=True).start()
+            return [job.folder for job in self._jobs]

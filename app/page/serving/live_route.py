@@ -11,7 +11,6 @@ import asyncio
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from urllib.parse import urlsplit
 
 from fastapi import Response
 from fastapi.responses import FileResponse, PlainTextResponse
@@ -24,6 +23,7 @@ from app.errors import RunError, visitor_sentence
 from app.live.desk import LiveDesk
 from app.live.session import LiveAsk, LiveSession
 from app.live.stage import body_glb, face_names
+from app.page.serving.guard import is_from_page
 from app.page.serving.visitors import COOKIE
 
 SPEAK_ROUTE = "/live/speak"
@@ -67,11 +67,6 @@ def live_routes(desk: LiveDesk, examples: Sequence[Path] = ()) -> list[BaseRoute
         APIRoute(BODY_ROUTE, body, methods=["GET"], include_in_schema=False),
         APIRoute(EXAMPLE_ROUTE + "/{number}", example, methods=["GET"], include_in_schema=False),
     ]
-
-
-def is_from_page(origin: str | None, host: str | None) -> bool:
-    """Whether a browser says that a page of this very server opens the connection."""
-    return bool(origin and host) and urlsplit(origin or "").netloc.lower() == (host or "").lower()
 
 
 async def _serve(socket: WebSocket, desk: LiveDesk) -> None:

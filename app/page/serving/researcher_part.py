@@ -11,7 +11,6 @@ from __future__ import annotations
 import secrets
 import shutil
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
@@ -30,7 +29,6 @@ REFUSED = (
     "There is nothing to fetch here: each study's researcher part can be fetched once, in the "
     "browser that made it."
 )
-_ABANDONED_S = 86_400.0
 _MAX_FORM_BYTES = 1000
 _BLOCK_BYTES = 1 << 16
 
@@ -46,7 +44,6 @@ class Handover:
         self.root = root
         self._keep_s = keep_s
         self._offers = Offers()
-        self._remove_abandoned()
 
     def private_folder(self) -> Path:
         """A new folder that only this process's user can enter."""
@@ -76,12 +73,6 @@ class Handover:
         file = archive.open("rb")
         shutil.rmtree(archive.parent, ignore_errors=True)
         return file
-
-    def _remove_abandoned(self) -> None:
-        """Remove what an earlier process left; another one may be at work beside this."""
-        for folder in self.root.iterdir() if self.root.is_dir() else ():
-            if time.time() - folder.stat().st_mtime > _ABANDONED_S:
-                shutil.rmtree(folder, ignore_errors=True)
 
     def _remove_ended(self) -> None:
         for archive in self._offers.forget_ended():

@@ -14,7 +14,7 @@ from app.errors import CancelledRun, visitor_sentence
 from app.page.parts import markup
 from app.page.serving.follow import follow_run, waiting_line
 from app.page.serving.jobs import Job, JobBook, Tab
-from app.page.serving.visitors import cookie_of, visitor_of
+from app.page.serving.visitors import address_of, cookie_of, visitor_of
 from app.run.request import Event, OnEvent, ShouldCancel
 
 Updates = dict[Any, Any]
@@ -58,7 +58,7 @@ class TabRunner(ABC, Generic[Result]):
         """
         job: Job | None = None
         try:
-            job = self._jobs.open(visitor_of(request), self.tab)
+            job = self._jobs.open(visitor_of(request), self.tab, address_of(request), values)
             with self.begin(job, cookie_of(request), values) as work:
                 yield self.blank()
                 with self._jobs.slot(job) as turn:

@@ -7,6 +7,7 @@ import secrets
 import fastapi
 import gradio as gr
 from fastapi.routing import APIRoute
+from starlette.requests import HTTPConnection
 
 COOKIE = "study_visitor"
 VISITOR_ROUTE = "/study/visitor"
@@ -16,6 +17,12 @@ _COOKIE_BYTES = 32
 def visitor_of(request: gr.Request) -> str:
     """Gradio's name for one open page; a caller without one is a visitor of its own."""
     return request.session_hash or secrets.token_hex(8)
+
+
+def address_of(request: gr.Request | HTTPConnection) -> str:
+    """The machine that asks, as far as this server can see it."""
+    client = getattr(request, "client", None)  # of a caller within the program there is none
+    return client.host if client else ""
 
 
 def cookie_of(request: gr.Request | fastapi.Request) -> str:

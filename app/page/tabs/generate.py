@@ -108,7 +108,7 @@ def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
             min_width=120,
         )
         seed = gr.Number(
-            value=0, precision=0, minimum=0, maximum=SEED_LIMIT, label=text.SEED_LABEL,
+            value=0, minimum=0, maximum=SEED_LIMIT, label=text.SEED_LABEL,
             min_width=100,
         )  # fmt: skip
     samples = gr.Slider(
@@ -170,9 +170,7 @@ def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
             elem_id="transcript",
         )
         point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
-        start_frame = gr.Number(
-            value=0, precision=0, minimum=0, label=text.START_LABEL, elem_id="start-frame"
-        )
+        start_frame = gr.Number(value=0, minimum=0, label=text.START_LABEL, elem_id="start-frame")
     with gr.Row(elem_classes="actions"):
         start = gr.Button(text.GENERATE, variant="primary", size="lg", elem_id="generate")
         cancel = gr.Button(

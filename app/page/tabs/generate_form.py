@@ -9,10 +9,13 @@ from pathlib import Path
 from app import text
 from app.config import AppConfig
 from app.errors import RunError
+from app.page.parts.asked import whole_number
 from app.page.parts.catalogue import Catalogue
 from app.run.display import COLORINGS, Display
 from app.run.request import (
     CLOSE_UPS,
+    MAX_SAMPLES,
+    MAX_STEPS,
     POST_FILTERS,
     REFERENCE_NAME,
     GenerateRequest,
@@ -83,7 +86,9 @@ def request_from_form(
     if form.sampler and form.sampler not in catalogue.samplers:
         known = ", ".join(catalogue.samplers)
         raise RunError(f"There is no sampler {form.sampler!r}; there are {known}.")
-    samples = int(form.samples)
+    samples = whole_number(form.samples, text.SAMPLES_LABEL, 1, MAX_SAMPLES)
+    body_steps = whole_number(form.body_steps, text.BODY_STEPS_LABEL, 0, MAX_STEPS)
+    face_steps = whole_number(form.face_steps, text.FACE_STEPS_LABEL, 0, MAX_STEPS)
     count = len(systems) * samples + bool(form.reference)
     if count > PAGE_VIDEOS:
         raise RunError(
@@ -100,8 +105,8 @@ def request_from_form(
         speaker=form.speaker,
         seed=int(form.seed),
         samples=samples,
-        steps=_steps(form, systems, catalogue),
-        face_steps={name: int(form.face_steps) for name in apart} if form.face_steps else None,
+        steps=_steps(form, body_steps, systems, catalogue),
+        face_steps=dict.fromkeys(apart, face_steps) if face_steps else None,
         sampler=form.sampler or None,
         post_filter=POST_FILTERS[bool(form.is_smoothed)],
         reference=Path(form.reference) if form.reference else None,
@@ -123,16 +128,16 @@ def request_from_form(
     return request
 
 
-def _steps(form: Form, systems: tuple[str, ...], catalogue: Catalogue) -> Steps:
+def _steps(form: Form, body_steps: int, systems: tuple[str, ...], catalogue: Catalogue) -> Steps:
     """What is written by name, then the slider of the systems that it is for, then the rest."""
     written = parse_steps(form.steps)
-    if not form.body_steps:
+    if not body_steps:
         return written
     asked = {name: steps_of(written, name) for name in systems}
     own = written if isinstance(written, Mapping) else {}
     for name in systems:
         if name in catalogue.with_face_steps and name not in own:
-            asked[name] = int(form.body_steps)
+            asked[name] = body_steps
     return {name: count for name, count in asked.items() if count is not None}
 
 

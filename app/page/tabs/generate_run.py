@@ -14,6 +14,7 @@ from app import text
 from app.config import AppConfig
 from app.findings.verdict import verdict_of
 from app.page.parts import markup
+from app.page.parts.asked import form_of
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import shown
 from app.page.results.figures_shown import FiguresShown
@@ -108,7 +109,7 @@ class GenerateRunner(TabRunner[GenerateResult]):
 
     def asked(self, job: Job, cookie: str, values: tuple[Any, ...]) -> GenerateRequest:
         """The run that the form asks for; arguments and errors as of `begin`."""
-        return request_from_form(Form(*values), job.folder, self._catalogue, self._config)
+        return request_from_form(form_of(Form, values), job.folder, self._catalogue, self._config)
 
     def blank(self) -> Updates:
         parts = self._results

@@ -33,12 +33,12 @@ def build_own_motion_tab(
     config: AppConfig,
     jobs: JobBook,
     desk: MediaDesk,
-    diagnose: Diagnose | None = None,
+    diagnose: Diagnose,
 ) -> None:
     """Lay out the tab inside the current context and wire it.
 
     Args:
-        diagnose: does the measuring; by default `app.run.diagnose.diagnose_files`.
+        diagnose: does the measuring, as `app.run.diagnose.diagnose_files`.
     """
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
     with gr.Row(elem_classes="columns"):
@@ -46,7 +46,7 @@ def build_own_motion_tab(
             fields, start, cancel = _build_form()
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
             parts = build_results()
-    runner = OwnMotionRunner(diagnose or _diagnose, config, jobs, desk, parts)
+    runner = OwnMotionRunner(diagnose, config, jobs, desk, parts)
     start.click(
         runner.run,
         inputs=fields,
@@ -58,12 +58,6 @@ def build_own_motion_tab(
     )
     cancel.click(runner.cancel, queue=False, api_visibility="private", show_progress="hidden")
     page.unload(runner.cancel)
-
-
-def _diagnose(request: Any, on_progress: Any) -> Any:
-    from app.run.diagnose import diagnose_files  # brings torch: only once it is needed
-
-    return diagnose_files(request, on_progress)
 
 
 def _build_form() -> tuple[list[Any], gr.Button, gr.Button]:
@@ -90,12 +84,12 @@ def _build_form() -> tuple[list[Any], gr.Button, gr.Button]:
     )
     with gr.Row(elem_classes="pair"):
         point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
-        start_frame = gr.Number(value=0, precision=0, minimum=0, label=text.START_LABEL)
+        start_frame = gr.Number(value=0, minimum=0, label=text.START_LABEL)
     with gr.Accordion("Made of windows?", open=False):
         gr.HTML(f'<p class="hint">{WINDOWS_HELP}</p>')
         with gr.Row(elem_classes="pair"):
-            window = gr.Number(value=None, precision=0, minimum=0, label="Frames of a window")
-            overlap = gr.Number(value=None, precision=0, minimum=0, label="Shared by two")
+            window = gr.Number(value=None, minimum=0, label="Frames of a window")
+            overlap = gr.Number(value=None, minimum=0, label="Shared by two")
     with gr.Row(elem_classes="actions"):
         start = gr.Button("Measure and compare", variant="primary", elem_id="own-start")
         cancel = gr.Button(text.CANCEL, elem_id="own-cancel", min_width=110)

@@ -14,6 +14,7 @@ from app import text
 from app.config import AppConfig
 from app.errors import CancelledRun, RunError
 from app.page.parts import markup
+from app.page.parts.asked import form_of
 from app.page.parts.html_parts import shown
 from app.page.results.figures_shown import FiguresShown
 from app.page.results.measures_table import measures_table
@@ -33,6 +34,8 @@ BAD_START = "The first frame of the figure must be a whole number from 0 on; got
 BAD_FRAMES = "The {what} must be a whole number of frames, or empty; got {value:g}."
 MEASURED = "Measured {motions}."
 MEASURING = "Measuring: {share:.0%}"
+MAX_FRAMES = 108_000
+"""Of all files of a run, an hour; the command line has no such limit."""
 MAX_NAME = 60
 """Characters of a file's name that figures and tables show."""
 
@@ -96,6 +99,7 @@ class OwnMotionForm:
             body=config.body,
             window=_whole(self.window, "window"),
             overlap=_whole(self.overlap, "overlap") or 0,
+            max_frames=MAX_FRAMES,
         )
 
 
@@ -147,7 +151,7 @@ class OwnMotionRunner(TabRunner["Diagnosis"]):
 
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
-        asked = OwnMotionForm(*values).to_request(job.folder / "results", self._config)
+        asked = form_of(OwnMotionForm, values).to_request(job.folder / "results", self._config)
         yield _Work(self._diagnose, asked, job, FiguresShown(self._desk, cookie), self._parts)
 
     def blank(self) -> Updates:

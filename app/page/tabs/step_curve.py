@@ -14,6 +14,7 @@ from app import text
 from app.config import AppConfig
 from app.errors import CancelledRun, RunError
 from app.page.parts import markup
+from app.page.parts.asked import form_of
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import mount, shown
 from app.page.results.figures_shown import FiguresShown
@@ -57,12 +58,12 @@ def build_step_curve(
     config: AppConfig,
     jobs: JobBook,
     desk: MediaDesk,
-    measure: Measure | None = None,
+    measure: Measure,
 ) -> None:
     """Lay out the part inside the current context and wire it.
 
     Args:
-        measure: does the measuring; by default `app.run.step_curve.measure_step_curve`.
+        measure: does the measuring, as `app.run.step_curve.measure_step_curve`.
     """
     gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{INTRODUCTION}</p>')
     with gr.Row(elem_classes="columns"):
@@ -92,7 +93,7 @@ def build_step_curve(
                 ),
             )  # fmt: skip
     example = catalogue.examples[0].path if catalogue.examples else None
-    runner = StepCurveRunner(measure or _measure, example, config, jobs, desk, parts)
+    runner = StepCurveRunner(measure, example, config, jobs, desk, parts)
     start.click(
         runner.run,
         inputs=[systems, speech],
@@ -106,10 +107,12 @@ def build_step_curve(
     page.unload(runner.cancel)
 
 
-def _measure(request: Any, on_progress: Any) -> Any:
-    from app.run.step_curve import measure_step_curve  # brings torch: only once it is needed
+@dataclass(frozen=True)
+class StepCurveForm:
+    """What the visitor has filled in, as Gradio hands it over."""
 
-    return measure_step_curve(request, on_progress)
+    systems: list[str]
+    speech: str | None
 
 
 class StepCurveRunner(TabRunner["StepCurve"]):
@@ -137,8 +140,8 @@ class StepCurveRunner(TabRunner["StepCurve"]):
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
         from app.run.step_curve import StepCurveRequest
 
-        systems, speech = values
-        path = Path(speech) if speech else self._example
+        form = form_of(StepCurveForm, values)
+        systems, path = form.systems, Path(form.speech) if form.speech else self._example
         if not systems:
             raise RunError(NO_SYSTEM)
         if path is None:

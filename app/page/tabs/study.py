@@ -14,7 +14,7 @@ from app.page.serving.jobs import JobBook
 from app.page.serving.researcher_part import Handover
 from app.page.serving.visitors import VISITOR_ROUTE
 from app.page.tabs.study_form import PROTOCOLS, SEPARATOR
-from app.page.tabs.study_run import StudyParts, StudyRunner
+from app.page.tabs.study_run import Export, StudyParts, StudyRunner
 from app.run.request import VIEWS
 
 INTRODUCTION = (
@@ -25,9 +25,18 @@ _ASK_FOR_COOKIE = f"() => {{ fetch('.{VISITOR_ROUTE}', {{ method: 'POST' }}); }}
 
 
 def build_study_tab(
-    page: gr.Blocks, catalogue: Catalogue, config: AppConfig, jobs: JobBook, handover: Handover
+    page: gr.Blocks,
+    catalogue: Catalogue,
+    config: AppConfig,
+    jobs: JobBook,
+    handover: Handover,
+    export: Export,
 ) -> None:
-    """Lay out the tab inside the current context and wire it."""
+    """Lay out the tab inside the current context and wire it.
+
+    Args:
+        export: makes the study, as `app.page.serving.workshop.Workshop.export_study`.
+    """
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
     with gr.Row(elem_classes="columns"):
         with gr.Column(scale=5, min_width=320):
@@ -40,7 +49,7 @@ def build_study_tab(
                 cancel = gr.Button(text.CANCEL, elem_id="study-cancel", min_width=110)
             results = _build_results()
     fields = [*materials, *settings]
-    runner = StudyRunner(config, jobs, handover, results)
+    runner = StudyRunner(export, config, jobs, handover, results)
     write.click(
         runner.write_plan, fields, results.all, api_name="study_plan", show_progress="hidden"
     )
@@ -87,8 +96,8 @@ def _build_settings() -> list[Any]:
     """How it is shown: the other fields of `StudyForm`."""
     with gr.Row(elem_classes="pair"):
         length = gr.Number(10, label="Seconds a video", minimum=0, min_width=100)
-        people = gr.Number(28, label="Participants", precision=0, minimum=1, min_width=100)
-        seed = gr.Number(0, label="Seed of the order", precision=0, minimum=0, min_width=100)
+        people = gr.Number(28, label="Participants", minimum=1, min_width=100)
+        seed = gr.Number(0, label="Seed of the order", minimum=0, min_width=100)
     views = gr.CheckboxGroup(list(VIEWS), value=["front"], label="Views")
     post_to = gr.Textbox("", label="Address that answers are posted to (optional)")
     return [length, people, seed, views, post_to]

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from app.errors import RunError
+from app.page.parts.asked import form_of, whole_number
 
 SEPARATOR = "--"
 PROTOCOLS = {
@@ -27,23 +29,27 @@ MAX_VIDEO_S = 1800.0
 class StudyForm:
     """What the visitor has filled in, as Gradio hands it over."""
 
-    title: str
+    title: str | None
     protocol: str
     speeches: list[str] | None
     systems: list[str]
     motions: list[str] | None
     """Files named ``<system>--<clip>.npz``."""
     length_s: float | None
-    participants: float
-    seed: float
+    participants: float | None
+    seed: float | None
     views: list[str]
-    post_to: str
+    post_to: str | None
 
     @classmethod
     def of(cls, values: Sequence[Any]) -> StudyForm:
-        """From the values of the fields; the page has its own words for the protocols."""
-        title, protocol, *rest = values
-        return cls(str(title or ""), PROTOCOLS.get(protocol, str(protocol)), *rest)
+        """From the values of the fields; the page has its own words for the protocols.
+
+        Raises:
+            RunError: if a value has another type than its field.
+        """
+        form = form_of(cls, values)
+        return replace(form, protocol=PROTOCOLS.get(form.protocol, form.protocol))
 
 
 def plan_text(form: StudyForm) -> str:
@@ -67,15 +73,15 @@ def plan_text(form: StudyForm) -> str:
             f"most {MAX_VIDEO_S / 60:.0f}, so use the command line or plan less."
         )
     lines = [
-        f"title = {_text(form.title.strip() or 'Co-speech motion')}",
+        f"title = {_text((form.title or '').strip() or 'Co-speech motion')}",
         f"protocol = {_text(form.protocol)}",
-        f"participants = {int(form.participants or 0)}",
-        f"seed = {int(form.seed or 0)}",
+        f"participants = {whole_number(form.participants or 0, 'Participants', 1, 1000)}",
+        f"seed = {whole_number(form.seed or 0, 'The seed of the order', 0, 2**31 - 1)}",
         f"views = [{', '.join(_text(view) for view in form.views)}]",
         f"length_s = {float(form.length_s):g}",
     ]
-    if form.post_to.strip():
-        lines.append(f"post_to = {_text(form.post_to.strip())}")
+    if post_to := (form.post_to or "").strip():
+        lines.append(f"post_to = {_text(post_to)}")
     for clip in clips:
         lines += ["", "[[clips]]", f"name = {_text(clip.stem)}", f"speech = {_text(clip.name)}"]
     for system in form.systems:
@@ -87,7 +93,8 @@ def plan_text(form: StudyForm) -> str:
 
 
 def collect_files(form: StudyForm, folder: Path) -> None:
-    """Put the uploads beside the plan, under the names that it gives them.
+    """Put the uploads beside the plan, under the names that it gives them, without a copy of the
+    bytes where the disk is the same.
 
     Raises:
         RunError: if two uploads have the same name.
@@ -96,7 +103,10 @@ def collect_files(form: StudyForm, folder: Path) -> None:
         target = folder / Path(path).name
         if target.exists():
             raise RunError(f"Two uploads have the name {target.name}; rename one.")
-        shutil.copyfile(path, target)
+        try:
+            os.link(path, target)
+        except OSError:
+            shutil.copyfile(path, target)
 
 
 def _by_system(paths: list[str]) -> dict[str, dict[str, Path]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,9 +20,9 @@ from app.page.serving.follow import last_share
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.researcher_part import FILE_NAME, RESEARCHER_ROUTE, Handover
 from app.page.serving.runner import TabRunner, Updates
-from app.page.serving.visitors import visitor_of
+from app.page.serving.visitors import address_of, visitor_of
 from app.page.tabs.study_form import StudyForm, collect_files, plan_text
-from app.run.request import Event, OnEvent, Progress, ShouldCancel
+from app.run.request import Event, OnEvent, ShouldCancel
 from app.run.result_folder import zip_folder
 from app.study.design.plan import read_plan
 from app.study.make.workspace import Workspace
@@ -38,6 +38,9 @@ MADE = (
     "No leak was found. Host the first download on any web server. The second holds the key: fetch "
     "it now, it is deleted as it is sent, and nobody else can get it."
 )
+
+
+Export = Callable[[Path, Path, "ExportOptions", OnEvent, ShouldCancel], Workspace]
 
 
 @dataclass(frozen=True)
@@ -60,9 +63,15 @@ class StudyRunner(TabRunner[Workspace]):
     tab = "study"
 
     def __init__(
-        self, config: AppConfig, jobs: JobBook, handover: Handover, parts: StudyParts
+        self,
+        export: Export,
+        config: AppConfig,
+        jobs: JobBook,
+        handover: Handover,
+        parts: StudyParts,
     ) -> None:
         super().__init__(jobs, parts.status)
+        self._export = export
         self._config = config
         self._handover = handover
         self._parts = parts
@@ -73,10 +82,9 @@ class StudyRunner(TabRunner[Workspace]):
         Raises:
             gr.Error: with one sentence.
         """
-        job = self._jobs.open(visitor_of(request), self.tab)
+        job = self._jobs.open(visitor_of(request), self.tab, address_of(request))
         try:
             path = _write_plan(StudyForm.of(values), job.folder)
-            read_plan(path)
         except Exception as error:
             raise gr.Error(visitor_sentence(error), print_exception=False) from error
         finally:
@@ -94,9 +102,11 @@ class StudyRunner(TabRunner[Workspace]):
             raise RunError(NO_COOKIE)
         private = self._handover.private_folder()
         try:
-            plan_path = _write_plan(StudyForm.of(values), private)
+            form = StudyForm.of(values)
+            plan_path = _write_plan(form, private)
+            collect_files(form, private)
             options = ExportOptions(self._config.weights, self._config.body)
-            yield _Work(plan_path, options, job, cookie, self._handover, self._parts)
+            yield _Work(self._export, plan_path, options, job, cookie, self._handover, self._parts)
         finally:
             shutil.rmtree(private, ignore_errors=True)
 
@@ -117,6 +127,7 @@ class StudyRunner(TabRunner[Workspace]):
 class _Work:
     """One study that is made, in a folder that is removed at the end."""
 
+    export: Export
     plan_path: Path
     """In that folder."""
     options: ExportOptions
@@ -126,15 +137,8 @@ class _Work:
     parts: StudyParts
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Workspace:
-        from app.study.export import export_study
-
-        return export_study(
-            read_plan(self.plan_path),
-            self.plan_path.parent / "study",
-            self.options,
-            on_progress=lambda share: on_event(Progress("video", share)),
-            should_cancel=should_cancel,
-        )
+        out = self.plan_path.parent / "study"
+        return self.export(self.plan_path, out, self.options, on_event, should_cancel)
 
     def progress(self, events: list[Event]) -> Updates:
         share = last_share(events)
@@ -159,9 +163,13 @@ class _Work:
 
 
 def _write_plan(form: StudyForm, folder: Path) -> Path:
+    """
+    Raises:
+        RunError: if no study can be made from it.
+    """
     path = folder / "plan.toml"
     path.write_text(plan_text(form), "utf-8")
-    collect_files(form, folder)
+    read_plan(path)
     return path
 
 

@@ -79,6 +79,7 @@ def make_key(plan: Plan, design: Design, blinding: Blinding, sha256: Mapping[str
         },
         max_failed=plan.max_failed,
         participants=plan.participants,
+        video_s=plan.length_s,
     )  # fmt: skip
 
 

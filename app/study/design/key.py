@@ -24,6 +24,7 @@ MAX_VIDEOS_OF_TRIAL = 32
 MAX_QUESTIONS = 32
 MAX_TRIALS_OF_LIST = 2000
 MAX_PARTICIPANTS = 10_000
+MAX_VIDEO_S = 3600.0
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,8 @@ class Key:
     """Attention checks that a participant may fail and still count."""
     participants: int
     """How many are planned."""
+    video_s: float | None = None
+    """How long each video lasts; None where they differ."""
 
     def __post_init__(self) -> None:
         """
@@ -175,7 +178,16 @@ def _key_of(fields: Fields) -> Key:
         lists=_lists_of(fields.inner("lists")),
         max_failed=fields.inner("attention_rule").whole("max_failed", 0, MAX_TRIALS_OF_LIST),
         participants=fields.whole("participants", 1, MAX_PARTICIPANTS),
+        video_s=_seconds(fields.raw("video_s")),
     )
+
+
+def _seconds(value: Any) -> float | None:
+    if value is None:
+        return None
+    if not is_number(value) or not 0 < value <= MAX_VIDEO_S:
+        raise FieldError(f"`video_s` must be a number up to {MAX_VIDEO_S:g}")
+    return float(value)
 
 
 def _video_of(item: Fields) -> Video:
@@ -225,6 +237,7 @@ def _json_of(key: Key) -> dict[str, Any]:
         "lists": {str(number): list(trials) for number, trials in key.lists.items()},
         "attention_rule": {"max_failed": key.max_failed},
         "participants": key.participants,
+        "video_s": key.video_s,
     }
 
 

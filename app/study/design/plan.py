@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import tomllib
 from collections.abc import Mapping
@@ -13,7 +12,7 @@ from urllib.parse import urlsplit
 
 from app.errors import RunError
 from app.run.request import POST_FILTERS, VIEWS, PostFilter, View
-from app.study.design.fields import FieldError, Fields
+from app.study.design.fields import FieldError, Fields, is_number
 from app.study.design.key import MAX_SYSTEMS, PROTOCOLS
 from model.systems.registry import families
 
@@ -26,6 +25,8 @@ FACES = ("still", "moving")
 
 _SEPARATORS = set(",=")
 """Of what `study simulate --strengths` is given."""
+_KEY_PART = r"""(?>[\w-]+|"[^"\n]*"|'[^'\n]*')"""
+_DEEP_KEY = re.compile(rf"(?<![\w-]){_KEY_PART}(?:[ \t]*\.[ \t]*{_KEY_PART}){{20}}")
 _PLAIN_URL = re.compile(r"https?://[A-Za-z0-9.\-]+(:\d+)?(/[A-Za-z0-9._~/%\-?=&]*)?")
 
 
@@ -119,13 +120,31 @@ def read_plan(path: Path) -> Plan:
     try:
         if len(content) > MAX_PLAN_BYTES:
             raise FieldError(f"it is larger than {MAX_PLAN_BYTES:,} bytes")
-        plan = _plan_of(Fields(tomllib.loads(content.decode("utf-8"))), path.parent)
+        plan = _plan_of(Fields(_parsed(content.decode("utf-8"))), path.parent)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise RunError(f"{path.name} is no TOML file: {error}.") from error
     except FieldError as error:
         raise RunError(f"The plan {path.name} cannot be used: {error}.") from error
     check_plan(plan)
     return plan
+
+
+def _parsed(text: str) -> dict[str, Any]:
+    """
+    Raises:
+        TOMLDecodeError: if it is no TOML.
+        FieldError: if it is TOML that no plan needs and no parser bears.
+    """
+    if _DEEP_KEY.search(text):  # its parser takes the square of a key's parts
+        raise FieldError("it has a key of over 20 parts with dots between them")
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        raise
+    except RecursionError as error:
+        raise FieldError("it is nested too deeply") from error
+    except ValueError as error:  # of integers with thousands of digits
+        raise FieldError("it holds a number with far too many digits") from error
 
 
 def check_plan(plan: Plan) -> None:
@@ -300,8 +319,7 @@ def _number_or_none(fields: Fields, name: str, least: float, most: float) -> flo
     value = fields.raw(name)
     if value is None:
         return None
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or not math.isfinite(value) or not least <= value <= most:
+    if not is_number(value) or not least <= value <= most:
         raise FieldError(f"`{name}` must be a number from {least:g} to {most:g}")
     return float(value)
 

@@ -30,6 +30,8 @@ class Findings:
     screened: Screened
     balance: Balance
     results: Sequence[QuestionResult]
+    results_with_all: Sequence[QuestionResult] = ()
+    """Of those set aside too; empty where there are none."""
 
 
 def page_of(findings: Findings) -> str:
@@ -44,6 +46,7 @@ def page_of(findings: Findings) -> str:
         _bars(findings),
         _people(findings),
         *(_question(one, key) for one in findings.results),
+        _set_aside(findings),
         _left_out(findings.collected),
         f"<h2>How this was computed</h2>{bullets(methods(key))}",
     ]
@@ -224,6 +227,48 @@ def _jitter(result: QuestionResult) -> str:
     return bullets(text.jitter(result.jitter)) + figure_of(
         figure, name, "Ratio of jerk and share of votes for the smoother video"
     )
+
+
+def _set_aside(findings: Findings) -> str:
+    """Who was set aside, and what the results would be with them."""
+    aside = findings.screened.set_aside
+    if not aside:
+        return ""
+    people = table(
+        _shortened("Set aside", len(aside)),
+        ("file", "why"),
+        [(one.participant.source, one.why) for one in aside[:MAX_SENTENCES]],
+        names=2,
+    )
+    without = dict(_compared(findings.results, findings.key))
+    rows = [
+        (*name, *without.get(name, ("\N{EN DASH}",) * 2), *values)
+        for name, values in _compared(findings.results_with_all, findings.key)
+    ]
+    header = ("question", "compared", "without", "p", "with them", "p")
+    both = table("Results without and with those set aside", header, rows, names=2)
+    return f"<h2>Set aside</h2><p>{escape(text.set_aside(len(aside)))}</p>{people}{both}"
+
+
+def _compared(
+    results: Sequence[QuestionResult], key: Key
+) -> Iterable[tuple[tuple[str, str], tuple[str, str]]]:
+    """Question and systems, with the number that a report's reader looks at first and its p."""
+    for one in results:
+        if one.means is not None:
+            for i, name in enumerate(key.systems):
+                yield (one.question.id, name), (text.number(one.means.mean[i]), "")
+            continue
+        for pair in one.pairs:
+            name = f"{key.systems[pair.first]} against {key.systems[pair.second]}"
+            yield (one.question.id, name), _with_p(pair.share, pair.p_holm)
+        for system in one.systems if not one.pairs else ():
+            name = key.systems[system.system]
+            yield (one.question.id, name), _with_p(system.share, system.p_holm)
+
+
+def _with_p(share: Share, p: float | None) -> tuple[str, str]:
+    return text.percent(share.share), "" if p is None else text.p_number(p)
 
 
 def _left_out(collected: Collected) -> str:

@@ -74,6 +74,15 @@ def who_counts(collected: Collected, screened: Screened, key: Key) -> list[str]:
     return sentences
 
 
+def set_aside(count: int) -> str:
+    """Why some do not count who finished."""
+    who = "1 finished participant is" if count == 1 else f"{count} finished participants are"
+    return (
+        f"{who} not in the results above: times or answers are not such as the page sends and "
+        "people give. That proves nothing about anyone; the table shows what they would change."
+    )
+
+
 def balance(reached: Balance, key: Key) -> list[str]:
     """Lists, sides and order."""
     used = f"{reached.lists_used} of {counted(reached.lists_planned, 'list')} were used"

@@ -101,10 +101,13 @@ class World:
                         "value": value,
                         "reasons": self._reasons(trial),
                         "watched": 1,
-                        "ms": int(self._rng.integers(2_000, 20_000)),
+                        "ms": int(self._rng.integers(2_000, 20_000)) + self._watching_ms(shown),
                     }
                 )
         return answers
+
+    def _watching_ms(self, shown: Sequence[str]) -> int:
+        return round(1000 * (self.key.video_s or 0.0) * len(shown))
 
     def _order(self, trial: Trial, list_number: int) -> Sequence[int]:
         """Places turn with the list, so that sides are balanced over participants."""

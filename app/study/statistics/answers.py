@@ -37,6 +37,8 @@ class Answer:
     value: Any
     """Blind id or `TIE`; blind ids, best first; or blind id -> rating; anything in checks."""
     reasons: tuple[str, ...] = ()
+    ms: int = 0
+    """Spent on the page of the trial."""
 
 
 @dataclass(frozen=True)
@@ -154,6 +156,7 @@ def _answer_of(item: Fields, key: Key, trials: tuple[str, ...]) -> Answer:
         shown=item.texts("shown", MAX_VIDEOS_OF_TRIAL),
         value=item.raw("value"),
         reasons=item.texts("reasons", MAX_REASONS) if item.raw("reasons") else (),
+        ms=item.whole("ms", 0, MAX_COUNT) if item.raw("ms") is not None else 0,
     )
     if trial.expected is not None:
         if answer.question != trial.expected.question:
@@ -201,13 +204,30 @@ def _each_once(participants: Sequence[Participant]) -> tuple[list[Participant], 
         other = best.get(participant.id)
         if other is None or _standing(participant) > _standing(other):
             best[participant.id] = participant
+    others = [one for one in participants if one is not best[one.id]]
+    under_way = [one for one in others if _is_part(one, best[one.id])]
     doubles = [
         f"{participant.source} is left out: its participant also sent "
         f"{best[participant.id].source}, which is {_why(participant, best[participant.id])}."
-        for participant in participants
-        if participant is not best[participant.id]
+        for participant in others
+        if participant not in under_way
     ]
+    if under_way:
+        count = len(under_way)
+        doubles.append(
+            f"{count} {'file' if count == 1 else 'files'} of answers under way, all of them also "
+            "in later ones."
+        )
     return list(best.values()), doubles
+
+
+def _is_part(participant: Participant, better: Participant) -> bool:
+    """Whether it was sent after some page of what was sent whole later."""
+    return participant.finished is None and set(_named(participant)) <= set(_named(better))
+
+
+def _named(participant: Participant) -> list[tuple[str, str, str]]:
+    return [(one.trial, one.question, str(one.value)) for one in participant.answers]
 
 
 def _standing(participant: Participant) -> tuple[bool, datetime, int]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from app.study.design.fields import is_number
 from app.study.design.key import Expected, Key
 from app.study.statistics.answers import Participant
+from app.study.statistics.plausibility import doubts
 
 SLIDER_TOLERANCE = 5
 """How far from the number asked for a slider may stand: a thumb on a phone covers as much."""
@@ -27,10 +28,12 @@ class Screened:
 
     kept: tuple[Participant, ...]
     dropped: tuple[Dropped, ...]
+    set_aside: tuple[Dropped, ...] = ()
+    """Finished and attentive, but not as anyone answers (`app.study.statistics.plausibility`)."""
 
 
 def screen(participants: Iterable[Participant], key: Key) -> Screened:
-    """Keep who finished and failed at most `Key.max_failed` attention checks.
+    """Keep who finished, failed at most `Key.max_failed` attention checks and is plausible.
 
     A half-finished list unbalances order and sides, and whoever leaves early may leave because of
     what was seen; so the half-finished are listed, not mixed in. A check that a finished
@@ -50,7 +53,12 @@ def screen(participants: Iterable[Participant], key: Key) -> Screened:
             )
         else:
             kept.append(participant)
-    return Screened(tuple(kept), tuple(dropped))
+    why = doubts(kept, key)
+    return Screened(
+        kept=tuple(participant for participant in kept if participant.id not in why),
+        dropped=tuple(dropped),
+        set_aside=tuple(Dropped(one, why[one.id]) for one in kept if one.id in why),
+    )
 
 
 def failed_checks(participant: Participant, key: Key) -> int:

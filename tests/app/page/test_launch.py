@@ -112,6 +112,8 @@ def test_a_bad_reference_gives_its_sentence(
     [
         ({"systems": []}, text.NO_SYSTEM),
         ({"seed": -5}, "-5"),
+        ({"seed": 1.5}, "got 1.5"),
+        ({"samples": 1.5}, "got 1.5"),
         ({"speaker": "nobody"}, "nobody"),
         ({"start_frame": 5000}, "got 5000"),
     ],

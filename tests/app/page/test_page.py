@@ -15,6 +15,7 @@ from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.researcher_part import Handover
 from app.page.serving.visitors import COOKIE
+from app.page.serving.workshop import Workshop
 from tests.app import fakes
 
 VISITOR = SimpleNamespace(session_hash="visitor", cookies={COOKIE: "cookie"})
@@ -43,7 +44,9 @@ def jobs(tmp_path: Path) -> WatchedJobs:
 def page(jobs: WatchedJobs, tmp_path: Path) -> gr.Blocks:
     handover = Handover(tmp_path / "private")
     generate, live = fakes.make_generate(), LiveDesk(tmp_path)
-    return build_app(generate, fakes.CATALOGUE, AppConfig(), jobs, handover, MediaDesk(), live)
+    return build_app(
+        generate, Workshop(), fakes.CATALOGUE, AppConfig(), jobs, handover, MediaDesk(), live
+    )
 
 
 def handler(page: gr.Blocks, button: str) -> Callable[..., Any]:

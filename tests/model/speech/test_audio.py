@@ -158,6 +158,13 @@ def test_floats_beyond_full_scale_are_scaled_with_a_note(tmp_path):
     assert any("times full scale" in note for note in speech.notes)
 
 
+def test_the_largest_floats_are_scaled_too(tmp_path):
+    wavfile.write(tmp_path / "loud.wav", SAMPLE_RATE, np.full((16_000, 2), 3e38, np.float32))
+    speech = load_speech(tmp_path / "loud.wav")
+    assert np.abs(speech.waveform).max() == pytest.approx(1.0)
+    assert any("3e+38 times full scale" in note for note in speech.notes)
+
+
 def test_missing_file_folder_and_empty_file(tmp_path):
     assert_refused(tmp_path / "none.wav", "does not exist")
     assert_refused(tmp_path, "is a folder")

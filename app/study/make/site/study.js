@@ -62,8 +62,11 @@
   const asked = new URLSearchParams(location.search).get("p");
   const whoKey = `study/${study.study}/who/${asked === null ? "" : asked}`;
 
-  function newState() {
-    const participant = randomHex(8);
+  const stateKey = (participant) => `study/${study.study}/${participant}`;
+  const writerKey = (participant) => `${stateKey(participant)}/writer`;
+  const writer = randomHex(8); // this tab; the one that was opened last writes
+
+  function newState(participant = randomHex(8)) {
     store.set(whoKey, participant);
     return {
       participant,
@@ -75,6 +78,7 @@
       answers: [],
       page: 0,
       draft: null,
+      unsent: false,
       sent: false,
       saved: false,
     };
@@ -82,18 +86,107 @@
 
   function loadState() {
     const participant = store.get(whoKey);
-    const saved = participant && store.get(`study/${study.study}/${participant}`);
+    const kept = /^[0-9a-f]{16}$/.test(participant || "") ? store.get(stateKey(participant)) : null;
+    if (kept === null) return newState();
+    const found = parsed(kept);
+    if (isWhole(found)) return found;
+    store.set(`${stateKey(participant)}/damaged`, kept); // a researcher may still read it
+    return repaired(found, participant);
+  }
+
+  function parsed(text) {
     try {
-      return saved ? JSON.parse(saved) : newState();
+      return JSON.parse(text);
     } catch (error) {
-      return newState();
+      return null;
     }
   }
 
-  function save() {
-    if (state.draft && shownSince !== null) state.draft.ms = elapsed();
-    store.set(`study/${study.study}/${state.participant}`, JSON.stringify(state));
+  const isObject = (value) => typeof value === "object" && value !== null && !Array.isArray(value);
+  const isList = (list) => Number.isInteger(list) && list >= 0 && list < study.lists.length;
+
+  function isAnswerOf(list, answer) {
+    return isObject(answer) && typeof answer.question === "string" && Array.isArray(answer.shown)
+      && "value" in answer && study.lists[list].some(([id]) => id === answer.trial);
   }
+
+  function isWhole(found) {
+    if (!isObject(found) || typeof found.participant !== "string" || !isList(found.list)) return false;
+    const { answers, draft, page, screen } = found;
+    const last = study.lists[found.list].length;
+    const isDraft = draft === null || (isObject(draft) && isObject(draft.watched)
+      && isObject(draft.values) && Array.isArray(draft.reasons) && Number.isFinite(draft.ms));
+    return isDraft && typeof found.started === "string"
+      && Array.isArray(answers) && answers.every((answer) => isAnswerOf(found.list, answer))
+      && Number.isInteger(page) && page >= 0 && page <= last
+      && ["consent", "sound", "trial", "finish"].includes(screen) && (screen !== "trial" || page < last);
+  }
+
+  /** A state with whatever answers a damaged one still has. */
+  function repaired(found, participant) {
+    const whole = newState(participant);
+    whole.repaired = true;
+    if (!isObject(found)) return whole;
+    if (asked === null && isList(found.list)) whole.list = found.list;
+    for (const name of ["started", "headphones"]) {
+      if (typeof found[name] === "string") whole[name] = found[name];
+    }
+    const answers = Array.isArray(found.answers) ? found.answers : [];
+    return withAnswers(whole, answers.filter((answer) => isAnswerOf(whole.list, answer)));
+  }
+
+  /** The state with answers of another added, each question of a trial once, in the list's order. */
+  function withAnswers(whole, others) {
+    const name = (answer) => `${answer.trial} ${answer.question}`;
+    const known = new Set(whole.answers.map(name));
+    const added = others.filter((answer) => !known.has(name(answer)) && known.add(name(answer)));
+    if (added.length === 0) return whole;
+    const trials = study.lists[whole.list].map(([id]) => id);
+    const place = (answer) => trials.indexOf(answer.trial);
+    whole.answers = [...whole.answers, ...added].sort((one, other) => place(one) - place(other));
+    const open = trials.findIndex((id) => !whole.answers.some((answer) => answer.trial === id));
+    whole.page = open < 0 ? trials.length : open;
+    whole.draft = null;
+    whole.screen = open < 0 ? "finish" : "trial";
+    if (open < 0) whole.finished = whole.finished || new Date().toISOString();
+    return whole;
+  }
+
+  // One tab writes; what another one has written before is joined and never overwritten.
+
+  function isWriter() {
+    const held = store.get(writerKey(state.participant));
+    return held === null || held === writer;
+  }
+
+  function takeOver() {
+    store.set(writerKey(state.participant), writer);
+  }
+
+  function stepBack() {
+    onKey = null;
+    document.querySelectorAll("video").forEach((video) => video.pause());
+    const here = button(words.buttons.here, () => {
+      state = loadState();
+      takeOver();
+      save();
+      render();
+    }, { className: "main" });
+    sheet(words.problems.elsewhere, make("div", { className: "actions" }, here));
+  }
+
+  function save() {
+    if (!isWriter()) return false;
+    if (state.draft && shownSince !== null) state.draft.ms = elapsed();
+    const kept = parsed(store.get(stateKey(state.participant)));
+    if (isWhole(kept) && kept.list === state.list) withAnswers(state, kept.answers);
+    store.set(stateKey(state.participant), JSON.stringify(state));
+    return true;
+  }
+
+  window.addEventListener("storage", (event) => {
+    if (state && event.key === writerKey(state.participant) && !isWriter()) stepBack();
+  });
 
   /** The file that the researcher gets. */
   function answersFile() {
@@ -143,12 +236,13 @@
       state.screen === "finish" ? 1 : isTrial ? state.page / total : 0;
     ({ consent: showConsent, sound: showSoundCheck, trial: showTrial, finish: showFinish })[state.screen]();
     if (!store.works) main.append(problem(words.problems.storage));
+    if (state.repaired) main.append(problem(words.problems.repaired));
   }
 
   function goTo(screen) {
     state.screen = screen;
-    save();
-    render();
+    if (save()) render();
+    else stepBack();
   }
 
   function sheet(heading, ...children) {
@@ -363,11 +457,12 @@
     }
     state.draft = null;
     state.page += 1;
-    if (state.page < study.lists[state.list].length) goTo("trial");
-    else {
-      state.finished = new Date().toISOString();
-      goTo("finish");
-    }
+    state.repaired = false;
+    const isOver = state.page >= study.lists[state.list].length;
+    if (isOver) state.finished = new Date().toISOString();
+    state.unsent = Boolean(study.postTo);
+    goTo(isOver ? "finish" : "trial");
+    sendSoon();
   }
 
   function preload(page) {
@@ -600,23 +695,61 @@
 
   async function sendAnswers(message, send) {
     send.disabled = true;
+    if (await sendSoon()) return;
+    message.textContent = words.finish.failed;
+    send.disabled = false;
+  }
+
+  // All answers so far are sent after each page, and again until they have arrived.
+
+  const FIRST_WAIT_MS = 5000;
+  const LONGEST_WAIT_MS = 60000;
+  let sending = null;
+  let wait = FIRST_WAIT_MS;
+
+  function sendSoon() {
+    if (!state.unsent) return Promise.resolve(state.sent);
+    sending = sending || sendAll().finally(() => (sending = null));
+    return sending;
+  }
+
+  async function sendAll() {
+    const { participant } = state;
+    while (state.unsent && state.participant === participant) {
+      const count = state.answers.length;
+      if (!(await post())) {
+        setTimeout(sendSoon, wait);
+        wait = Math.min(2 * wait, LONGEST_WAIT_MS);
+        return false;
+      }
+      wait = FIRST_WAIT_MS;
+      if (state.answers.length !== count || state.participant !== participant) continue;
+      state.unsent = false;
+      state.sent = state.finished !== null;
+      if (state.sent) goTo("finish");
+      else save();
+    }
+    return state.sent;
+  }
+
+  async function post() {
     try {
       const reply = await fetch(study.postTo, {
         method: "POST",
         headers: { "Content-Type": "application/json" },
         body: JSON.stringify(answersFile()),
       });
-      if (!reply.ok) throw new Error(String(reply.status));
-      state.sent = true;
-      goTo("finish");
+      return reply.ok;
     } catch (error) {
-      message.textContent = words.finish.failed;
-      send.disabled = false;
+      return false;
     }
   }
 
+  window.addEventListener("online", () => state && sendSoon());
+
   function startAgain() {
     state = newState();
+    takeOver();
     save();
     render();
   }
@@ -632,7 +765,9 @@
     show(null, problem(fill(words.problems.list, { list: asked, last: study.lists.length - 1 })));
   } else {
     state = loadState();
+    takeOver();
     save();
     render();
+    sendSoon();
   }
 })();

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from app.errors import RunError, visitor_sentence
+from app import text
+from app.errors import RunError, sentence_of, visitor_sentence
 from app.page.serving.follow import follow_run
 from app.page.serving.jobs import Job, JobBook
 from app.run.request import Artefact, GenerateRequest, GenerateResult, Progress
@@ -71,6 +72,12 @@ def test_known_errors_keep_their_sentence_and_faults_get_a_number(
 
 def test_a_full_disk_is_told_as_such() -> None:
     error = OSError(28, "No space left on device", "/results/a.mp4")
-    assert visitor_sentence(error) == (
+    assert sentence_of(error) == (
         "The disk at /results is full; free some space or write to another folder."
     )
+    assert visitor_sentence(error) == text.DISK_FULL
+
+
+def test_a_visitor_is_shown_no_folder_and_nothing_that_a_terminal_obeys() -> None:
+    error = RunError("No weights in /srv/app/weights; /tmp/a/b\x1b[2J.npz is bad: see http://a/b/c")
+    assert visitor_sentence(error) == "No weights in weights; b?[2J.npz is bad: see http://a/b/c"

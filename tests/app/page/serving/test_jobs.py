@@ -1,4 +1,3 @@
-import os
 import threading
 import time
 from pathlib import Path
@@ -6,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from app.errors import CancelledRun, RunError
-from app.page.serving.jobs import JobBook
+from app.page.serving.jobs import Job, JobBook
 
 
 def test_each_job_has_a_folder_of_its_own_that_others_cannot_enter(tmp_path: Path) -> None:
@@ -82,16 +81,78 @@ def test_more_than_the_limit_are_turned_away(tmp_path: Path) -> None:
             jobs.open("too many", "generate")
 
 
-def test_old_folders_are_deleted_and_those_in_use_kept(tmp_path: Path) -> None:
+def test_no_more_than_the_limit_are_let_in_however_many_come_at_once(tmp_path: Path) -> None:
+    jobs = JobBook(tmp_path)  # one at work and 16 waiting
+    barrier = threading.Barrier(60)
+    let_in, turned_away = [], []
+
+    def join(number: int) -> None:
+        barrier.wait(10)
+        try:
+            let_in.append(jobs.open(f"visitor {number}", "generate", f"address {number}"))
+        except RunError:
+            turned_away.append(number)
+
+    threads = [threading.Thread(target=join, args=(number,)) for number in range(60)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(10)
+    assert (len(let_in), len(turned_away)) == (17, 43)
+    assert len(list(tmp_path.iterdir())) == 17
+    jobs.close(let_in[0])
+    jobs.open("one more", "generate")
+
+
+def begun_in_order(jobs: JobBook, opened: list[Job]) -> list[str]:
+    """Whose runs begin one after the other, each as soon as the one before has ended."""
+    order: list[str] = []
+
+    def work(job: Job) -> None:
+        with jobs.slot(job) as turn:
+            list(turn)
+            order.append(job.visitor)
+        jobs.close(job)
+
+    threads = [threading.Thread(target=work, args=(job,)) for job in opened]
+    with jobs.slot(opened[0]) as turn:
+        list(turn)
+        order.append(opened[0].visitor)
+        for thread in threads[1:]:
+            thread.start()
+    for thread in threads[1:]:
+        thread.join(20)
+    return order
+
+
+def test_many_runs_of_one_address_do_not_hold_up_the_others(tmp_path: Path) -> None:
     jobs = JobBook(tmp_path)
-    ended, running = jobs.open("ended", "generate"), jobs.open("running", "generate")
-    jobs.close(ended)
-    for job in (ended, running):
-        os.utime(job.folder, (0, 0))
-    fresh = jobs.open("fresh", "generate")
-    jobs.close(fresh)
-    assert jobs.sweep(max_age_s=60) == 1
-    assert not ended.folder.exists() and running.folder.exists() and fresh.folder.exists()
+    opened = [jobs.open(f"flood {number}", "own_motion", "10.0.0.1") for number in range(6)]
+    opened += [jobs.open(name, "generate", f"10.0.1.{name}") for name in "ab"]
+    order = begun_in_order(jobs, opened)
+    assert order[:3] == ["flood 0", "a", "b"]
+    assert order[3:] == [f"flood {number}" for number in range(1, 6)]
+
+
+def test_many_runs_of_one_page_do_not_hold_up_others_behind_the_same_address(
+    tmp_path: Path,
+) -> None:
+    jobs = JobBook(tmp_path)
+    opened = [jobs.open("flood", "own_motion", "10.0.0.1") for _ in range(4)]
+    opened += [jobs.open(name, "generate", "10.0.0.1") for name in "ab"]
+    assert begun_in_order(jobs, opened) == ["flood", "a", "b", "flood", "flood", "flood"]
+
+
+def test_who_has_no_run_waiting_gets_a_place_of_who_has_many(tmp_path: Path) -> None:
+    jobs = JobBook(tmp_path, max_waiting=3)
+    flood = [jobs.open(f"flood {number}", "own_motion", "10.0.0.1") for number in range(4)]
+    newcomer = jobs.open("newcomer", "generate", "10.0.0.2")
+    with jobs.slot(flood[3]) as turn, pytest.raises(RunError, match="gave its place up"):
+        list(turn)
+    jobs.close(flood[3])
+    assert begun_in_order(jobs, [*flood[:3], newcomer])[1] == "newcomer"
+    with pytest.raises(RunError, match="3 runs waiting"):
+        [jobs.open("flood", "own_motion", "10.0.0.1") for _ in range(5)]
 
 
 def test_a_closed_run_is_forgotten_and_the_visitors_other_run_is_not(tmp_path: Path) -> None:

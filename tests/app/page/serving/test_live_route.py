@@ -13,7 +13,8 @@ from starlette.websockets import WebSocketDisconnect
 from app.errors import RunError
 from app.live.desk import LiveDesk
 from app.live.wire import HEADER
-from app.page.serving.live_route import FOREIGN, SPEAK_ROUTE, is_from_page, live_routes
+from app.page.serving.guard import is_from_page
+from app.page.serving.live_route import FOREIGN, SPEAK_ROUTE, live_routes
 from app.page.serving.visitors import COOKIE
 from tests.app.live.test_session import sound
 

@@ -1,7 +1,6 @@
 """Over HTTP: the researcher's part is had once, by the browser that made it, and by nobody else."""
 
 import os
-import time
 import urllib.parse
 from collections.abc import Iterator
 from http.cookies import SimpleCookie
@@ -135,8 +134,3 @@ def test_what_nobody_fetches_is_deleted(tmp_path: Path) -> None:
     token = handover.offer("visitor", archive)
     assert handover.take("visitor", token) is None
     assert not archive.parent.exists()
-    for name, age_s in (("of yesterday", 90_000), ("of a process at work", 60)):
-        (tmp_path / "private" / name).mkdir()
-        os.utime(tmp_path / "private" / name, (time.time() - age_s,) * 2)
-    Handover(tmp_path / "private")
-    assert [path.name for path in (tmp_path / "private").iterdir()] == ["of a process at work"]

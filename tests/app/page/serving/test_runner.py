@@ -17,7 +17,9 @@ from app.page.serving.runner import TabRunner, Updates
 from app.page.serving.visitors import COOKIE
 from app.run.request import Event, OnEvent, Progress, ShouldCancel
 
-VISITOR = SimpleNamespace(session_hash="visitor", cookies={COOKIE: "cookie"})
+VISITOR = SimpleNamespace(
+    session_hash="visitor", cookies={COOKIE: "cookie"}, client=SimpleNamespace(host="127.0.0.1")
+)
 Do = Callable[[OnEvent, ShouldCancel], str]
 
 

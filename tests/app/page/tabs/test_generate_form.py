@@ -74,7 +74,7 @@ def test_every_field_of_the_form_reaches_the_run() -> None:
         ({"seed": -1}, "got -1"),
         ({"seed": 1.5}, "got 1.5"),
         ({"seed": 2**31}, "got 2147483648"),
-        ({"samples": 0}, "must be 1 to 8; got 0"),
+        ({"samples": 0}, "from 1 to 8; got 0"),
         ({"samples": 7}, "15 videos"),
         ({"steps": "0"}, "must be 1 to 1000; got 0"),
         ({"steps": "many"}, "Steps are a number, or numbers by system"),

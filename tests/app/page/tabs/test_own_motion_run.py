@@ -14,6 +14,7 @@ from app.config import AppConfig
 from app.errors import RunError
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
+from app.page.serving.workshop import Workshop
 from app.page.tabs.own_motion import build_own_motion_tab, build_results
 from app.page.tabs.own_motion_run import MAX_NAME, OwnMotionForm, OwnMotionRunner, display_names
 from app.run.diagnose import DiagnoseRequest, Diagnosis
@@ -140,5 +141,5 @@ def test_cancel_is_answered_at_once_and_nothing_of_the_run_is_shown(tmp_path: Pa
 
 def test_the_tab_is_built_with_its_endpoint(tmp_path: Path) -> None:
     with gr.Blocks() as page:
-        build_own_motion_tab(page, CONFIG, JobBook(tmp_path), MediaDesk())
+        build_own_motion_tab(page, CONFIG, JobBook(tmp_path), MediaDesk(), Workshop().diagnose)
     assert "own_motion" in {each.api_name for each in page.fns.values()}

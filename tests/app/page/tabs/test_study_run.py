@@ -13,6 +13,7 @@ from app.config import AppConfig
 from app.page.serving.jobs import JobBook
 from app.page.serving.researcher_part import Handover
 from app.page.serving.visitors import COOKIE
+from app.page.serving.workshop import Workshop
 from app.page.tabs.study_run import NO_COOKIE, StudyParts, StudyRunner
 
 VISITOR = SimpleNamespace(session_hash="visitor", cookies={COOKIE: "cookie"})
@@ -23,13 +24,15 @@ def runner(tmp_path: Path) -> StudyRunner:
     with gr.Blocks():
         parts = StudyParts(gr.HTML(), gr.DownloadButton(), gr.DownloadButton(), gr.HTML())
     handover = Handover(tmp_path / "private")
-    return StudyRunner(AppConfig(), JobBook(tmp_path / "jobs"), handover, parts)
+    jobs = JobBook(tmp_path / "jobs")
+    return StudyRunner(Workshop().export_study, AppConfig(), jobs, handover, parts)
 
 
 def click(runner: StudyRunner, speech: Path, visitor: Any = VISITOR) -> Iterator[str]:
     """What the tab says, update by update."""
     protocol = "Rank all systems on three questions"
-    form = ("A study", protocol, [str(speech)], ["globaldiff/local"], None, 1, 4, 0, ["front"], "")
+    systems = ["globaldiff/local", "globaldiff/full"]
+    form = ("A study", protocol, [str(speech)], systems, None, 1, 4, 0, ["front"], "")
     for updates in runner.run(visitor, *form):
         (status,) = [value for part, value in updates.items() if part is runner._parts.status]
         yield status
@@ -52,3 +55,22 @@ def test_without_a_cookie_no_study_is_made(runner: StudyRunner, speech: Path) ->
     assert NO_COOKIE.split(",")[0] in next(clicked)
     with pytest.raises(gr.Error, match="cookie"):
         next(clicked)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"), [({5: 500.0}, "`length_s`"), ({6: 1.5}, "got 1.5"), ({}, "")]
+)
+def test_the_plan_alone_is_checked_and_copies_no_upload(
+    runner: StudyRunner, speech: Path, tmp_path: Path, changes: dict[int, float], words: str
+) -> None:
+    systems = ["globaldiff/local", "globaldiff/full"]
+    form: list[Any] = ["A", "ranking", [str(speech)], systems, None, 2, 4, 0, ["front"], ""]
+    for at, value in changes.items():
+        form[at] = value
+    if words:
+        with pytest.raises(gr.Error, match=words):
+            runner.write_plan(VISITOR, *form)  # type: ignore[arg-type]
+    else:
+        runner.write_plan(VISITOR, *form)  # type: ignore[arg-type]
+    left = [path.name for path in (tmp_path / "jobs").rglob("*") if path.is_file()]
+    assert left in (["plan.toml"], [])

@@ -1,5 +1,6 @@
 """Plans: what is read, and one clear sentence for everything that cannot be."""
 
+import time
 from pathlib import Path
 
 import pytest
@@ -102,3 +103,28 @@ def test_matched_speech_needs_a_second_clip(tmp_path: Path) -> None:
     path = write_plan(tmp_path, ["one"], ["only"], 'protocol = "matched"')
     with pytest.raises(RunError, match="at least 2 clips"):
         read_plan(path)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        (f"length_s = {'9' * 400}", "`length_s` must be a number"),
+        (f"seed = {'9' * 5000}", "too many digits"),
+        (f"views = {'[' * 4000}{']' * 4000}", "nested too deeply"),
+        (f"a{'.a' * 50_000} = 1", "over 20 parts"),
+        ("x = { a" + ' . "a"' * 50_000 + " = 1 }", "over 20 parts"),
+    ],
+)
+def test_what_no_parser_bears_is_refused_at_once(tmp_path: Path, line: str, words: str) -> None:
+    start = time.monotonic()
+    with pytest.raises(RunError, match=words):
+        read(tmp_path, f"{line}\n{MINIMAL}")
+    assert time.monotonic() - start < 2
+
+
+def test_looking_for_deep_keys_takes_no_time(tmp_path: Path) -> None:
+    start = time.monotonic()
+    for text in ("a" * 900_000, "a." * 450_000, '"' * 900_000, "a \t" * 300_000):
+        with pytest.raises(RunError):
+            read(tmp_path, text)
+    assert time.monotonic() - start < 5

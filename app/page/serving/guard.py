@@ -1,0 +1,213 @@
+"""What stands before every route: who may ask, from which page, and how much may be sent.
+
+Requests for another host name are refused, since a name that an attacker owns can be made to point
+here; so are requests that another site's page makes, whatever they ask for.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ipaddress
+import os
+from collections.abc import AsyncIterator, Callable, Collection, MutableMapping
+from typing import Any
+from urllib.parse import urlsplit
+
+from fastapi import FastAPI
+from starlette.datastructures import Headers
+from starlette.requests import ClientDisconnect, HTTPConnection
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocketClose
+
+from app.errors import RunError, printable
+from app.page.serving.lodging import Lodging
+from app.page.serving.visitors import address_of
+
+OWN_ROUTES = ("/media/", "/live/", "/study/")
+"""Gradio asks for a login before its own routes; these stand beside them."""
+UPLOAD_ROUTE = "/gradio_api/upload"
+SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
+_CHECK_BYTES = 1 << 24
+"""Of an upload between two looks at the room there is."""
+_LOCAL = ("localhost", "127.0.0.1", "::1")
+_ANYWHERE = ("0.0.0.0", "::")
+FOREIGN = "This request comes from the page of another site, which may not use this one."
+UNKNOWN_HOST = (
+    "This page does not answer to the name {name}; who runs it can allow it: --host-name {name}."
+)
+LOG_IN = "Log in first."
+
+
+class Refusal(Exception):
+    """A request that goes no further, with its sentence and status."""
+
+    def __init__(self, sentence: str, status: int) -> None:
+        super().__init__(sentence)
+        self.status = status
+
+
+class HostNames:
+    """The names under which the page answers."""
+
+    def __init__(self, bound: str, more: Collection[str] = ()) -> None:
+        """
+        Args:
+            bound: address that the server listens on.
+            more: other names, as people type them.
+        """
+        self._names = {name.lower() for name in (*_LOCAL, bound, *more, _space())}
+        self._any_address = bound in _ANYWHERE
+
+    def __contains__(self, host: str) -> bool:
+        """Whether a Host header names this page; a port is not looked at."""
+        name = _name_of(host)
+        if name in self._names:
+            return True
+        try:
+            ipaddress.ip_address(name)
+        except ValueError:
+            return False
+        return self._any_address  # nobody can make an address point elsewhere
+
+
+def _space() -> str:
+    """The name of a hosted Gradio space."""
+    return os.environ.get("SPACE_HOST") or "localhost"
+
+
+def _name_of(host: str) -> str:
+    try:
+        return (urlsplit(f"//{host}").hostname or "").lower()
+    except ValueError:
+        return ""
+
+
+def guarded(
+    names: HostNames, lodging: Lodging
+) -> Callable[[FastAPI], contextlib.AbstractAsyncContextManager[None]]:
+    """A lifespan that puts the guard before all of an app, its CORS headers among it."""
+
+    @contextlib.asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        inner = app.middleware_stack or app.build_middleware_stack()
+        app.middleware_stack = Guard(inner, app, names, lodging)
+        yield
+
+    return lifespan
+
+
+class Guard:
+    """Refuses what must not come in; everything else goes on to the app."""
+
+    def __init__(self, inner: ASGIApp, app: Any, names: HostNames, lodging: Lodging) -> None:
+        self._inner, self._app, self._names, self._lodging = inner, app, names, lodging
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self._inner(scope, receive, send)
+            return
+        try:
+            self._check(scope)
+            if scope["type"] == "http" and _is_upload(scope):
+                await self._take_upload(scope, receive, send)
+                return
+        except Refusal as refusal:
+            await _refuse(refusal, scope, receive, send)
+            return
+        await self._inner(scope, receive, send)
+
+    def _check(self, scope: Scope) -> None:
+        """
+        Raises:
+            Refusal: of a foreign host or page, or of a visitor who must log in.
+        """
+        headers = Headers(scope=scope)
+        host = headers.get("host", "")
+        if host not in self._names:
+            name = printable(_name_of(host))[:100] or "without a name"
+            raise Refusal(UNKNOWN_HOST.format(name=name), 421)
+        origin = headers.get("origin")
+        is_foreign = origin is not None and not is_from_page(origin, host)
+        changes = scope.get("method", "GET") not in SAFE_METHODS
+        if is_foreign or (changes and headers.get("sec-fetch-site") == "cross-site"):
+            raise Refusal(FOREIGN, 403)
+        if self._app.auth is not None and scope["path"].startswith(OWN_ROUTES):
+            if not self._is_logged_in(HTTPConnection(scope)):
+                raise Refusal(LOG_IN, 401)
+
+    def _is_logged_in(self, asked: HTTPConnection) -> bool:
+        names = (f"access-token-{self._app.cookie_id}",)
+        names += (f"access-token-unsecure-{self._app.cookie_id}",)
+        return any(self._app.tokens.get(asked.cookies.get(name)) is not None for name in names)
+
+    async def _take_upload(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let an upload through for as long as there is room for it.
+
+        Raises:
+            Refusal: if there is no room from the start.
+        """
+        address = address_of(HTTPConnection(scope))
+        stated = Headers(scope=scope).get("content-length", "0")
+        uncharged = 0
+        refusal: Refusal | None = None
+
+        def admit(size: int) -> None:
+            try:
+                self._lodging.admit(address, size)
+            except RunError as error:
+                raise Refusal(str(error), 507) from error
+
+        async def counted() -> Message:
+            nonlocal uncharged, refusal
+            message = await receive()
+            uncharged += len(message.get("body", b""))
+            if uncharged < _CHECK_BYTES:
+                return message
+            self._lodging.charge(address, uncharged)
+            uncharged = 0
+            try:
+                admit(0)
+            except Refusal as error:
+                refusal = error
+                return {"type": "http.disconnect"}
+            return message
+
+        async def told(message: Message) -> None:
+            if refusal is None:
+                await send(message)
+
+        admit(int(stated) if stated.isdecimal() else 0)
+        try:
+            await self._inner(scope, counted, told)
+        except ClientDisconnect:
+            pass  # what had come is gone; see `app.page.serving.uploads.TidyParser`
+        finally:
+            self._lodging.charge(address, uncharged)
+        if refusal is not None:
+            raise refusal
+
+
+def is_from_page(origin: str | None, host: str | None) -> bool:
+    """Whether a browser says that a page of this very server asks."""
+    try:
+        netloc = urlsplit(origin or "").netloc
+    except ValueError:
+        return False
+    return bool(origin and host) and netloc.lower() == (host or "").lower()
+
+
+def _is_upload(scope: MutableMapping[str, Any]) -> bool:
+    return scope["method"] == "POST" and scope["path"].rstrip("/").endswith(UPLOAD_ROUTE)
+
+
+async def _refuse(refusal: Refusal, scope: Scope, receive: Receive, send: Send) -> None:
+    if scope["type"] == "websocket":
+        await WebSocketClose(code=4000 + refusal.status)(scope, receive, send)
+        return
+    message: Message = {"more_body": _is_upload(scope)}
+    while message.get("more_body"):  # a browser that still sends would not hear the sentence
+        message = await receive()
+    headers = {"Connection": "close", "X-Content-Type-Options": "nosniff"}
+    response = PlainTextResponse(str(refusal), status_code=refusal.status, headers=headers)
+    await response(scope, receive, send)

@@ -1,0 +1,270 @@
+"""Visitors' runs in processes of their own, with limits of memory, time and silence.
+
+A process reads its models once and is kept for the next run. It is ended when a visitor cancels
+and it does not hear that at once, when it takes too long or says nothing new for long, and when a
+run has left it much larger than it was.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from app.errors import CancelledRun, RunError
+from app.run.request import GenerateRequest, GenerateResult, OnEvent, Progress, ShouldCancel
+
+if TYPE_CHECKING:
+    from app.run.diagnose import DiagnoseRequest, Diagnosis
+    from app.run.step_curve import StepCurve, StepCurveRequest
+    from app.study.export import ExportOptions
+    from app.study.make.workspace import Workspace
+
+GRACE_S = 1.0
+"""How long a process may go on after it was told to stop."""
+GROWN_BYTES = 10**9
+"""A process that is larger by this than before its run is not kept."""
+_POLL_S = 0.05
+
+TOO_LONG = (
+    "This run took longer than the {minutes:.0f} minutes that a run may take here; ask for less."
+)
+SILENT = (
+    "This run had stopped getting on and was ended after {seconds:.0f} s; start it again, and if "
+    "that happens again, ask for less."
+)
+ENDED = (
+    "This run was ended by the machine, most likely because it needed more memory than the "
+    "{gigabytes:.1f} GB that a run may take here; ask for less."
+)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Of one run."""
+
+    memory_bytes: int = 4 * 10**9
+    """Above what the process has before it."""
+    seconds: float = 2 * 3600.0
+    silent_s: float = 240.0
+    """Without any progress."""
+
+
+class FaultInWorkshop(RuntimeError):
+    """A fault of the program in a run's process, with its traceback."""
+
+
+class Workshop:
+    """Does runs, as many at once as there are processes. Safe to use from several threads."""
+
+    def __init__(
+        self,
+        num_processes: int = 1,
+        limits: Limits = Limits(),
+        warm: tuple[Path, Path | None] | None = None,
+    ) -> None:
+        """
+        Args:
+            warm: weights and body that every process reads before its first run; None reads what a
+                run needs when it needs it.
+        """
+        self._limits = limits
+        self._warm = warm
+        self._is_closed = False
+        self._free: queue.SimpleQueue[_Process | None] = queue.SimpleQueue()
+        self._all: set[_Process] = set()
+        for _ in range(num_processes):
+            self._free.put(None)
+
+    def generate(
+        self, request: GenerateRequest, on_event: OnEvent, should_cancel: ShouldCancel
+    ) -> GenerateResult:
+        """As `app.run.pipeline.generate_all`."""
+        return self.do("generate", (request,), on_event, should_cancel)
+
+    def diagnose(self, request: DiagnoseRequest, on_share: Callable[[float], None]) -> Diagnosis:
+        """As `app.run.diagnose.diagnose_files`."""
+        return self._with_shares("diagnose", (request,), on_share)
+
+    def measure_steps(
+        self, request: StepCurveRequest, on_share: Callable[[float], None]
+    ) -> StepCurve:
+        """As `app.run.step_curve.measure_step_curve`."""
+        return self._with_shares("measure_steps", (request,), on_share)
+
+    def export_study(
+        self,
+        plan: Path,
+        out: Path,
+        options: ExportOptions,
+        on_event: OnEvent,
+        should_cancel: ShouldCancel,
+    ) -> Workspace:
+        """As `app.study.export.export_study`, of the plan in a file."""
+        return self.do("export_study", (plan, out, options), on_event, should_cancel)
+
+    def start(self) -> None:
+        """Start all processes, so that the first visitors need not wait for that."""
+        for _ in range(self._free.qsize()):
+            self._free.put(self._fit(self._free.get()))
+
+    def do(
+        self, task: str, arguments: tuple[Any, ...], on_event: OnEvent, should_cancel: ShouldCancel
+    ) -> Any:
+        """Do one of the tasks of `app.page.serving.workshop_child`.
+
+        Raises:
+            CancelledRun: within about a second of ``should_cancel`` saying so.
+            RunError: with the sentence of what went wrong, or the limit that was met.
+            FaultInWorkshop: for a fault of the program.
+        """
+        process = self._free.get()
+        try:
+            if should_cancel():
+                raise CancelledRun
+            process = self._fit(process)
+            return process.do((task, arguments), self._limits, on_event, should_cancel)
+        finally:
+            if process is not None and not process.is_fit():
+                # At once: the next visitor should find its models read.
+                process = None if self._is_closed else self._fit(process)
+            self._free.put(process)
+
+    def close(self) -> None:
+        """End all processes."""
+        self._is_closed = True
+        for process in list(self._all):
+            self._drop(process)
+
+    def _fit(self, process: _Process | None) -> _Process:
+        """This one, or another in its place."""
+        if process is not None and process.is_fit():
+            return process
+        self._drop(process)
+        process = _Process(self._warm)
+        self._all.add(process)
+        return process
+
+    def _drop(self, process: _Process | None) -> None:
+        if process is not None:
+            process.end()
+            self._all.discard(process)
+
+    def _with_shares(
+        self, task: str, arguments: tuple[Any, ...], on_share: Callable[[float], None]
+    ) -> Any:
+        """``on_share`` ends the run by raising CancelledRun, which it must be asked for."""
+        share = 0.0
+
+        def on_event(event: object) -> None:
+            nonlocal share
+            if isinstance(event, Progress):
+                share = event.fraction
+
+        def should_cancel() -> bool:
+            try:
+                on_share(share)
+            except CancelledRun:
+                return True
+            return False
+
+        return self.do(task, arguments, on_event, should_cancel)
+
+
+class _Process:
+    """One child, and what it was like at first."""
+
+    def __init__(self, warm: tuple[Path, Path | None] | None) -> None:
+        self._channel, theirs = Pipe()
+        self._is_idle = True
+        self._grown = 0
+        self._child = subprocess.Popen(
+            [
+                *(sys.executable, "-m", "app.page.serving.workshop_child", str(theirs.fileno())),
+                *(str(path) for path in warm or () if path is not None),
+            ],
+            cwd=Path(__file__).parents[3],
+            stdin=subprocess.DEVNULL,
+            pass_fds=(theirs.fileno(),),
+            start_new_session=True,
+        )
+        theirs.close()
+
+    def is_alive(self) -> bool:
+        return self._child.poll() is None
+
+    def is_fit(self) -> bool:
+        """Whether it can take another run."""
+        return self._is_idle and self.is_alive() and self._grown < GROWN_BYTES
+
+    def do(
+        self,
+        work: tuple[str, tuple[Any, ...]],
+        limits: Limits,
+        on_event: OnEvent,
+        should_cancel: ShouldCancel,
+    ) -> Any:
+        self._is_idle = False
+        started = told_at = time.monotonic()
+        news: object = None
+        stop_by: float | None = None
+        try:
+            self._channel.send((*work, limits.memory_bytes))
+            while True:
+                now = time.monotonic()
+                if stop_by is None and should_cancel():
+                    stop_by = now + GRACE_S
+                    self._channel.send(None)
+                if stop_by is not None and now > stop_by:
+                    raise CancelledRun
+                if now - started > limits.seconds:
+                    raise RunError(TOO_LONG.format(minutes=limits.seconds / 60))
+                if now - told_at > limits.silent_s:
+                    raise RunError(SILENT.format(seconds=limits.silent_s))
+                if not self._channel.poll(_POLL_S):
+                    continue
+                kind, value = self._channel.recv()
+                if kind == "event":
+                    if value != news:
+                        news, told_at = value, now
+                    on_event(value)
+                    continue
+                self._is_idle = True
+                return self._outcome(kind, value)
+        except (EOFError, OSError) as error:  # the child is gone
+            if stop_by is not None:
+                raise CancelledRun from error
+            raise RunError(ENDED.format(gigabytes=limits.memory_bytes / 1e9)) from error
+
+    def _outcome(self, kind: str, value: Any) -> Any:
+        if kind == "done":
+            result, self._grown = value
+            return result
+        if kind == "cancelled":
+            raise CancelledRun
+        if kind == "sentence":
+            raise RunError(value)
+        raise FaultInWorkshop(value)
+
+    def end(self) -> None:
+        """Kill it with its ffmpeg; what draws for it ends when its pipes close."""
+        try:
+            os.killpg(self._child.pid, signal.SIGKILL)
+        except ProcessLookupError:
+            pass
+        self._child.wait()
+        self._channel.close()
+
+
+def channel_of(number: str) -> Connection:
+    """The child's end."""
+    return Connection(int(number))

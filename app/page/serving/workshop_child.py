@@ -1,0 +1,147 @@
+"""The child's side of `app.page.serving.workshop`: tasks come in, news and one outcome go out."""
+
+from __future__ import annotations
+
+import os
+import queue
+import resource
+import sys
+import threading
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from app.errors import CancelledRun, sentence_of
+from app.page.serving.workshop import channel_of
+from app.run.request import OnEvent, Progress, ShouldCancel, Stage
+
+_NO_MEMORY = ("allocate memory", "not enough memory", "bad_alloc")
+"""What torch says in a RuntimeError."""
+
+
+def generate(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
+    from app.run.pipeline import generate_all
+
+    return generate_all(request, on_event, should_cancel)
+
+
+def diagnose(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
+    from app.run.diagnose import diagnose_files
+
+    return diagnose_files(request, _shares("numbers", on_event, should_cancel))
+
+
+def measure_steps(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
+    from app.run.step_curve import measure_step_curve
+
+    return measure_step_curve(request, _shares("numbers", on_event, should_cancel))
+
+
+def export_study(
+    plan: Path, out: Path, options: Any, on_event: OnEvent, should_cancel: ShouldCancel
+) -> Any:
+    from app.study.design.plan import read_plan
+    from app.study.export import export_study as export
+
+    return export(
+        read_plan(plan),
+        out,
+        options,
+        on_progress=_shares("video", on_event, should_cancel),
+        should_cancel=should_cancel,
+    )
+
+
+TASKS: dict[str, Callable[..., Any]] = {
+    task.__name__: task for task in (generate, diagnose, measure_steps, export_study)
+}
+
+
+def main(number: str, weights: str | None = None, body: str | None = None) -> None:
+    """Take work as it comes, once what all of it needs is read."""
+    channel = channel_of(number)
+    works: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    stop = threading.Event()
+    lock = threading.Lock()
+
+    def tell(kind: str, value: object) -> None:
+        with lock:
+            channel.send((kind, value))
+
+    threading.Thread(target=_listen, args=(channel, works, stop), daemon=True).start()
+    if weights is not None:
+        _warm_up(Path(weights), Path(body) if body else None)
+    while True:
+        task, arguments, memory_bytes = works.get()
+        stop.clear()
+        before = _limit_memory(memory_bytes)
+        try:
+            result = TASKS[task](*arguments, lambda event: tell("event", event), stop.is_set)
+            told = ("done", (result, _data_bytes() - before))
+        except CancelledRun:
+            told = ("cancelled", None)
+        except Exception as error:
+            if any(words in str(error) for words in _NO_MEMORY):
+                error = MemoryError()
+            sentence = sentence_of(error)
+            told = ("fault", traceback.format_exc()) if sentence is None else ("sentence", sentence)
+        _limit_memory(None)
+        tell(*told)
+
+
+def _warm_up(weights: Path, body: Path | None) -> None:
+    """A failure shows at the first run."""
+    import app.run.diagnose
+    import app.run.pipeline  # noqa: F401
+    from app.run import models
+
+    try:
+        models.warm_up(weights, body)
+    except Exception:
+        traceback.print_exc()
+
+
+def _listen(channel: Any, works: queue.SimpleQueue[Any], stop: threading.Event) -> None:
+    """Works come, and None, which stops the one under way. Without a parent nobody asks for it."""
+    try:
+        while True:
+            told = channel.recv()
+            if told is None:
+                stop.set()
+            else:
+                works.put(told)
+    except (EOFError, OSError):
+        os._exit(0)
+
+
+def _shares(
+    stage: Stage, on_event: OnEvent, should_cancel: ShouldCancel
+) -> Callable[[float], None]:
+    def on_share(share: float) -> None:
+        if should_cancel():
+            raise CancelledRun
+        on_event(Progress(stage, share))
+
+    return on_share
+
+
+def _limit_memory(more_bytes: int | None) -> int:
+    """Let this process, and what it starts, take so much more; returns what it has taken."""
+    taken = _data_bytes()
+    limit = resource.RLIM_INFINITY if more_bytes is None else taken + more_bytes
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, resource.RLIM_INFINITY))
+    return taken
+
+
+def _data_bytes() -> int:
+    """What the system counts towards that limit; 0 where it does not tell."""
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+    except OSError:
+        return 0
+    return next((1024 * int(line.split()[1]) for line in lines if line.startswith("VmData")), 0)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,180 @@
+"""What visitors leave: bounded, and gone when promised."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+from gradio.route_utils import GradioUploadFile
+
+from app import text
+from app.config import AppConfig
+from app.errors import RunError
+from app.page.launch import launch
+from app.page.serving.lodging import Lodging, claim_folder
+from tests.helpers import ROOT
+
+KEEP_S = 1000.0
+
+
+def left(folder: Path) -> list[str]:
+    """All files below a folder."""
+    return sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
+
+
+def write(path: Path, num_bytes: int = 10, age_s: float = 0.0) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(b"x" * num_bytes)
+    for touched in (path, path.parent):
+        os.utime(touched, (time.time() - age_s,) * 2)
+    return path
+
+
+def test_what_is_old_goes_and_what_is_in_use_stays(tmp_path: Path) -> None:
+    lodging = Lodging(AppConfig(temp=tmp_path, keep_results_s=KEEP_S))
+    write(tmp_path / "gradio" / "aa" / "old.mp4", age_s=2 * KEEP_S)
+    write(tmp_path / "gradio" / "tmpaborted", age_s=2 * KEEP_S)
+    touched = write(tmp_path / "gradio" / "bb" / "waiting.wav", age_s=2 * KEEP_S)
+    write(tmp_path / "gradio" / "cc" / "new.wav")
+    write(tmp_path / "jobs" / "ended" / "a.mp4", age_s=2 * KEEP_S)
+    running = write(tmp_path / "jobs" / "running" / "a.mp4", age_s=2 * KEEP_S)
+    lodging.touch([None, 3, "/etc/passwd", [str(touched)]])
+    lodging.sweep(in_use=[running.parent])
+    assert left(tmp_path) == ["gradio/bb/waiting.wav", "gradio/cc/new.wav", "jobs/running/a.mp4"]
+
+
+def test_there_is_a_bound_for_each_address_and_for_all(tmp_path: Path) -> None:
+    config = AppConfig(
+        temp=tmp_path, max_kept_bytes=1000, max_kept_bytes_each=600, min_free_bytes=0
+    )
+    lodging = Lodging(config)
+    lodging.charge("one", 550)
+    lodging.admit("one", 50)
+    lodging.admit("two", 51)
+    with pytest.raises(RunError, match="From your address"):
+        lodging.admit("one", 51)
+    write(tmp_path / "jobs" / "a" / "b", 990)
+    with pytest.raises(RunError, match="no room"):
+        lodging.admit("two", 51)
+    os.utime(tmp_path / "jobs" / "a", (0, 0))
+    lodging.sweep()
+    lodging.admit("two", 51)
+    full = Lodging(AppConfig(temp=tmp_path, min_free_bytes=10**18))
+    with pytest.raises(RunError, match="no room"):
+        full.admit("anyone")
+
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from app.page.serving.lodging import claim_folder
+folder = claim_folder(Path(sys.argv[1]))
+(folder / "upload").write_text("a voice")
+print(folder, flush=True)
+time.sleep(60)
+"""
+
+
+def test_what_a_killed_process_left_is_removed_by_the_next_and_not_before(tmp_path: Path) -> None:
+    parent = tmp_path / "temp"
+    write(parent / "jobs" / "of an earlier release")
+    child = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(parent)], cwd=ROOT, stdout=subprocess.PIPE, text=True
+    )
+    assert child.stdout is not None
+    theirs = Path(child.stdout.readline().strip())
+    mine = claim_folder(parent)
+    assert (theirs / "upload").exists() and mine.parent == parent
+    assert not (parent / "jobs").exists()
+    child.send_signal(signal.SIGKILL)
+    child.wait()
+    claim_folder(parent)
+    assert not theirs.exists() and mine.exists()
+
+
+@pytest.fixture(scope="module")
+def temp(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("page")
+
+
+@pytest.fixture(scope="module")
+def client(weights: Path, temp: Path) -> Iterator[httpx.Client]:
+    config = AppConfig(
+        port=0, weights=weights, temp=temp, keep_results_s=4, max_kept_bytes_each=60 * 10**6
+    )
+    page = launch(config, is_warmed_up=False)
+    with httpx.Client(base_url=page.local_url, timeout=20) as client:
+        yield client
+    page.close()
+
+
+def test_an_upload_is_served_and_then_gone(client: httpx.Client, temp: Path) -> None:
+    path = client.post("gradio_api/upload", files={"files": ("a.wav", b"sound")}).json()[0]
+    assert client.get(f"gradio_api/file={path}").text == "sound"
+    until = time.monotonic() + 12
+    while left(temp / "gradio") and time.monotonic() < until:
+        time.sleep(0.2)
+    assert left(temp / "gradio") == []
+    assert client.get(f"gradio_api/file={path}").status_code in (403, 404)
+
+
+def parts(num_bytes: int, stops: bool) -> Iterator[bytes]:
+    yield (
+        b'--b\r\nContent-Disposition: form-data; name="files"; filename="a.wav"\r\n'
+        b"Content-Type: audio/wav\r\n\r\n"
+    )
+    for _ in range(num_bytes // 10**6):
+        yield b"x" * 10**6
+    if stops:
+        raise ConnectionError("the visitor has gone")
+    yield b"\r\n--b--\r\n"
+
+
+def upload(client: httpx.Client, num_bytes: int, stops: bool = False) -> httpx.Response:
+    return client.post(
+        "gradio_api/upload",
+        content=parts(num_bytes, stops),
+        headers={"Content-Type": "multipart/form-data; boundary=b"},
+    )
+
+
+def test_an_upload_that_is_broken_off_leaves_nothing(client: httpx.Client, temp: Path) -> None:
+    with pytest.raises(ConnectionError):
+        upload(client, 20 * 10**6, stops=True)
+    until = time.monotonic() + 3
+    while left(temp / "gradio") and time.monotonic() < until:
+        time.sleep(0.05)
+    assert left(temp / "gradio") == []
+
+
+def test_too_much_of_one_address_is_refused_in_a_sentence_and_heals(
+    client: httpx.Client, temp: Path
+) -> None:
+    time.sleep(6)  # what the other tests sent is forgotten
+    first, second = upload(client, 40 * 10**6), upload(client, 40 * 10**6)
+    assert (first.status_code, second.status_code) == (200, 507)
+    assert "From your address" in second.text
+    assert sum(path.stat().st_size for path in temp.rglob("*") if path.is_file()) < 41 * 10**6
+    time.sleep(9)
+    assert upload(client, 10**6).status_code == 200
+
+
+def test_a_full_disk_is_said_and_leaves_nothing(
+    client: httpx.Client, temp: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    time.sleep(6)
+
+    async def full(self: object, data: bytes) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(GradioUploadFile, "write", full)
+    answer = upload(client, 10**6)
+    assert answer.status_code == 400 and answer.text == text.DISK_FULL
+    monkeypatch.undo()
+    assert [name for name in left(temp / "gradio") if "tmp" in name] == []
+    assert upload(client, 10**6).status_code == 200

@@ -1,0 +1,174 @@
+"""Runs in processes of their own: limits, cancelling, and what is left after each."""
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.errors import CancelledRun, RunError
+from app.page.serving.workshop import FaultInWorkshop, Limits, Workshop
+from app.run.diagnose import DiagnoseRequest
+from app.run.request import Event, GenerateRequest, Progress
+from model.motion.motion import save_motion
+from tests.helpers import smooth_motion_example
+
+LONGEST = 108_000
+
+
+def zeros(path: Path, frames: int) -> Path:
+    """An hour of nothing, in 100 kB."""
+    np.savez_compressed(
+        path, poses=np.zeros((frames, 165), np.float32), trans=np.zeros((frames, 3), np.float32),
+        expressions=np.zeros((frames, 100), np.float32), betas=np.zeros(300, np.float32),
+        mocap_frame_rate=30,
+    )  # fmt: skip
+    return path
+
+
+@pytest.fixture(scope="module")
+def hours(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ...]:
+    folder = tmp_path_factory.mktemp("hours")
+    first = zeros(folder / "0.npz", LONGEST)
+    others = [folder / f"{number}.npz" for number in range(1, 6)]
+    for other in others:
+        other.write_bytes(first.read_bytes())
+    return (first, *others)
+
+
+@pytest.fixture
+def workshop() -> Iterator[Workshop]:
+    workshop = Workshop(limits=Limits(seconds=300))
+    yield workshop
+    workshop.close()
+
+
+def small(tmp_path: Path, name: str = "small") -> DiagnoseRequest:
+    path = tmp_path / f"{name}.npz"
+    save_motion(smooth_motion_example(60), path)
+    return DiagnoseRequest((path,), tmp_path / f"{name}-results", has_pictures=False)
+
+
+def pid_of(workshop: Workshop) -> int:
+    (process,) = workshop._all
+    return process._child.pid
+
+
+def test_a_process_is_kept_and_gives_what_the_run_gives(workshop: Workshop, tmp_path: Path) -> None:
+    shares: list[float] = []
+    diagnosis = workshop.diagnose(small(tmp_path), shares.append)
+    assert all(path.is_file() for path in diagnosis.files) and max(shares) == 1.0
+    first = pid_of(workshop)
+    workshop.diagnose(small(tmp_path, "again"), lambda share: None)
+    assert pid_of(workshop) == first
+
+
+def test_a_killed_process_has_a_warm_successor_before_the_next_run(
+    weights: Path, hours: tuple[Path, ...], tmp_path: Path
+) -> None:
+    workshop = Workshop(warm=(weights, None))
+    workshop.start()
+    first = pid_of(workshop)
+    asked = 0
+
+    def on_share(share: float) -> None:
+        nonlocal asked
+        asked += 1
+        if asked > 10:
+            raise CancelledRun
+
+    try:
+        with pytest.raises(CancelledRun):
+            workshop.diagnose(DiagnoseRequest(hours, tmp_path / "out"), on_share)
+        assert pid_of(workshop) != first
+        assert workshop.diagnose(small(tmp_path), lambda share: None).files
+    finally:
+        workshop.close()
+
+
+def test_six_hours_of_zeros_are_refused_by_their_frames(
+    workshop: Workshop, hours: tuple[Path, ...], tmp_path: Path
+) -> None:
+    request = DiagnoseRequest(hours, tmp_path / "out", max_frames=LONGEST, has_pictures=False)
+    with pytest.raises(RunError, match="over 108000 frames together"):
+        workshop.diagnose(request, lambda share: None)
+
+
+def test_cancel_is_heard_within_two_seconds_whatever_goes_on(
+    workshop: Workshop, hours: tuple[Path, ...], tmp_path: Path
+) -> None:
+    cancelled = threading.Event()
+    pressed = 0.0
+
+    def press() -> None:
+        nonlocal pressed
+        pressed = time.monotonic()
+        cancelled.set()
+
+    def on_share(share: float) -> None:
+        if cancelled.is_set():
+            raise CancelledRun
+
+    workshop.diagnose(small(tmp_path), lambda share: None)  # the libraries are read
+    threading.Timer(4.0, press).start()
+    with pytest.raises(CancelledRun):
+        workshop.diagnose(DiagnoseRequest(hours, tmp_path / "out"), on_share)
+    assert time.monotonic() - pressed < 2.0
+    assert workshop.diagnose(small(tmp_path, "next"), lambda share: None).files
+
+
+def test_memory_is_bounded_and_the_next_run_goes_well(
+    hours: tuple[Path, ...], tmp_path: Path
+) -> None:
+    workshop = Workshop(limits=Limits(memory_bytes=3 * 10**8, seconds=300))
+    try:
+        with pytest.raises(RunError, match="memory"):
+            workshop.diagnose(DiagnoseRequest(hours, tmp_path / "out"), lambda share: None)
+        assert not (tmp_path / "out").exists()
+        assert workshop.diagnose(small(tmp_path), lambda share: None).files
+    finally:
+        workshop.close()
+
+
+@pytest.mark.parametrize("limits", [Limits(seconds=1.5), Limits(silent_s=1.5)])
+def test_what_takes_too_long_is_ended(limits: Limits, tmp_path: Path) -> None:
+    workshop = Workshop(limits=limits)
+    try:
+        thread = threading.Timer(0.5, lambda: os.kill(pid_of(workshop), signal.SIGSTOP))
+        thread.start()
+        start = time.monotonic()
+        with pytest.raises(RunError, match=r"took longer|stopped getting on"):
+            workshop.diagnose(small(tmp_path), lambda share: None)
+        assert time.monotonic() - start < 4
+    finally:
+        workshop.close()
+
+
+def test_a_process_that_is_killed_is_told_of_and_replaced(
+    workshop: Workshop, tmp_path: Path
+) -> None:
+    threading.Timer(0.5, lambda: os.kill(pid_of(workshop), signal.SIGKILL)).start()
+    with pytest.raises(RunError, match="ended by the machine"):
+        workshop.diagnose(small(tmp_path), lambda share: None)
+    assert workshop.diagnose(small(tmp_path), lambda share: None).files
+
+
+def test_sentences_and_faults_come_back_as_what_they_are(
+    workshop: Workshop, weights: Path, speech: Path, tmp_path: Path
+) -> None:
+    events: list[Event] = []
+    request = GenerateRequest(speech, tmp_path / "out", weights, ("globaldiff/none",))
+    with pytest.raises(RunError, match="globaldiff/none"):
+        workshop.generate(request, events.append, lambda: False)
+    with pytest.raises(FaultInWorkshop, match="Traceback"):
+        workshop.do("generate", (None,), events.append, lambda: False)
+    done = workshop.generate(
+        GenerateRequest(speech, tmp_path / "out", weights, steps=1, has_video=False),
+        events.append,
+        lambda: False,
+    )
+    assert done.files and any(isinstance(event, Progress) for event in events)

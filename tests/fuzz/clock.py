@@ -1,0 +1,53 @@
+"""Fuzzing by the clock: one seed after another until a test's share of the time is over."""
+
+import os
+import signal
+import time
+from collections.abc import Callable
+
+from hypothesis import HealthCheck, Phase, seed, settings
+
+SECONDS = float(os.environ.get("FUZZ_SECONDS", "60"))
+"""Of all fuzzing together; `make fuzz` gives an hour."""
+FIRST_SEED = int(os.environ.get("FUZZ_SEED", "0"))
+SLOWEST_S = 20
+"""For one file or form, however damaged."""
+TESTS = 13
+
+quickly = settings(
+    max_examples=40,
+    deadline=None,
+    database=None,
+    phases=[Phase.generate, Phase.shrink],
+    report_multiple_bugs=False,
+    suppress_health_check=list(HealthCheck),
+)
+
+
+def run_by_the_clock(check: Callable[[], None]) -> None:
+    """Run a hypothesis test with seeds `FIRST_SEED`, + 1, ... for its part of `SECONDS`."""
+    until = time.monotonic() + SECONDS / TESTS
+    number = FIRST_SEED
+    check = quickly(check)
+    while number == FIRST_SEED or time.monotonic() < until:
+        try:
+            seed(number)(check)()
+        except BaseException as error:
+            error.add_note(f"FUZZ_SEED={number} shows it again")
+            raise
+        number += 1
+
+
+def within_time(work: Callable[[], object]) -> None:
+    """Do it, or fail once it has taken `SLOWEST_S`."""
+
+    def too_slow(number: int, frame: object) -> None:
+        raise AssertionError(f"it took longer than {SLOWEST_S} s")
+
+    before = signal.signal(signal.SIGALRM, too_slow)
+    signal.alarm(SLOWEST_S)
+    try:
+        work()
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)

@@ -1,0 +1,75 @@
+"""Whatever types and values a program sends to the API: a sentence comes back."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.config import AppConfig
+from app.page.launch import launch
+from tests.fuzz.clock import run_by_the_clock
+from tests.fuzz.damage import HUGE
+
+FORMS: dict[str, list[Any]] = {
+    "generate": [
+        None, ["globaldiff/global"], "ann", 0, 1, "1", "euler", False, None, "right_middle", 0,
+        None, 0, 0, 1, False, False, False,
+    ],
+    "own_motion": [None, None, None, "right_middle", 0, None, None],
+    "steps": [[], None],  # with a system it would be measured on an example
+    "study_plan": ["A", "pairwise", None, ["globaldiff/global"], None, 2, 4, 0, ["front"], ""],
+}  # fmt: skip
+PROGRAM_FAULTS = ("inside the program", "Traceback")
+"""Gradio itself says of a field which type it expects."""
+SENT: st.SearchStrategy[Any] = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.sampled_from([-1, 1.5, 2**63, 1e308, HUGE, float("nan"), float("inf")]),
+    st.sampled_from(["", "nobody", "\x1b[31m", "a" * 6000, "=", "globaldiff/global=x", "1,2"]),
+    st.sampled_from([[], [[]], ["euler"], [None], {}, {"path": "/etc/passwd"}, {"path": None}]),
+    st.sampled_from(
+        [{"path": "a.wav", "meta": {"_type": "gradio.FileData"}}, [{"url": "file:/x"}]]
+    ),
+    st.dictionaries(st.text(max_size=4), st.none() | st.integers(), max_size=2),
+)
+
+
+@pytest.fixture(scope="module")
+def client(weights: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
+    temp = tmp_path_factory.mktemp("page")
+    page = launch(AppConfig(port=0, weights=weights, temp=temp), is_warmed_up=False)
+    with httpx.Client(base_url=page.local_url, timeout=20) as client:
+        yield client
+    page.close()
+
+
+def answer_of(client: httpx.Client, name: str, values: list[Any]) -> str:
+    """The last event of a call: ``complete`` or ``error``, with its data."""
+    body = json.dumps({"data": values})
+    asked = client.post(
+        f"gradio_api/call/{name}", content=body, headers={"Content-Type": "application/json"}
+    )
+    if asked.status_code != 200:
+        return f"refused {asked.text}"
+    return client.get(f"gradio_api/call/{name}/{asked.json()['event_id']}").text
+
+
+@pytest.mark.parametrize("name", list(FORMS))
+def test_wild_values(client: httpx.Client, name: str) -> None:
+    form = FORMS[name]
+
+    @given(st.lists(st.tuples(st.integers(0, len(form) - 1), SENT), min_size=1, max_size=2))
+    def check(changes: list[tuple[int, Any]]) -> None:
+        values = list(form)
+        for at, value in changes:
+            values[at] = value
+        answer = answer_of(client, name, values)
+        assert not any(fault in answer for fault in PROGRAM_FAULTS), answer[:500]
+        assert "/site-packages/" not in answer and "\x1b" not in answer, answer[:500]
+
+    run_by_the_clock(check)

@@ -1,0 +1,54 @@
+"""What is installed is what was looked at: locks with hashes, one source for each file."""
+
+import re
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.version import Version
+
+from tests.helpers import ROOT
+
+LOCKS = sorted((ROOT / "locks").glob("*.txt"))
+
+
+def pins(name: str) -> dict[str, str]:
+    """Package to version, of a lock in which every entry has a hash."""
+    entries = (ROOT / "locks" / f"{name}.txt").read_text().replace("\\\n", " ").splitlines()
+    found = {}
+    for entry in filter(None, entries):
+        pinned = re.match(r"([\w.-]+)==(\S+)(?: ;.*?)?\s+--hash=sha256:[0-9a-f]{64}", entry)
+        assert pinned, entry[:80]
+        found[pinned[1].lower().replace("_", "-")] = pinned[2]
+    return found
+
+
+def wanted(file: str) -> list[Requirement]:
+    lines = (line.split("#")[0].strip() for line in (ROOT / file).read_text().splitlines())
+    return [Requirement(line) for line in lines if line and not line.startswith("-r")]
+
+
+@pytest.mark.parametrize(
+    ("lock", "files"),
+    [("run", ["requirements.txt"]), ("test", ["requirements.txt", "requirements-dev.txt"])],
+)
+def test_the_lock_holds_what_is_required(lock: str, files: list[str]) -> None:
+    locked = pins(lock) | {"torch": pins("torch-cpu")["torch"].split("+")[0]}
+    for requirement in [each for file in files for each in wanted(file)]:
+        assert requirement.specifier.contains(locked[requirement.name.lower()]), (
+            f"{requirement} is not {locked[requirement.name.lower()]}; run make lock"
+        )
+
+
+def test_every_file_of_torch_has_its_hash_and_its_own_source() -> None:
+    assert Version(pins("torch-cpu")["torch"]).local == "cpu"
+    assert pins("torch-pypi")["torch"] == pins("torch-cpu")["torch"].split("+")[0]
+    assert "torch" not in pins("run") and not any(name.startswith("nvidia") for name in pins("run"))
+    assert set(pins("pip")) == {"pip"}
+
+
+def test_no_package_can_come_from_a_second_index() -> None:
+    for script in [*(ROOT / ".ci").iterdir(), *LOCKS, ROOT / "requirements.txt", ROOT / "Makefile"]:
+        assert "extra-index-url" not in script.read_text(), script
+    installer = (ROOT / ".ci" / "venv").read_text()
+    locked = [line for line in installer.splitlines() if "$pip " in line and "-r " in line]
+    assert all("$locked" in line or line.strip().startswith("exec") for line in locked)
