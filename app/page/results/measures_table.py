@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from app import text
 from app.findings.measure_rows import MEASURES, Measure, nearest, written
 from app.findings.points import point_title
+from app.findings.sentences import sentences_of
 from app.page.parts import markup
 from app.run.request import REFERENCE_NAME
 
@@ -41,6 +42,7 @@ def measures_table(diagnostics: Diagnostics) -> str:
         '<div class="measures" data-filter="raw">'
         f"{markup.heading(text.NUMBERS_HEADING, _explanation(diagnostics.point))}"
         f"{_findings(diagnostics.findings)}"
+        f"{_beats(diagnostics)}"
         f"{_bar(has_reference=reference is not None)}"
         f'<div class="scroll" role="region" aria-label="{escape(text.NUMBERS_HEADING)}" '
         'tabindex="0"><table>'
@@ -131,6 +133,11 @@ def _is_known(measure: Measure, columns: Columns) -> bool:
         for versions in columns.values()
         for kind in _KINDS
     )
+
+
+def _beats(diagnostics: Diagnostics) -> str:
+    sentence = sentences_of(diagnostics)["beats"]
+    return f'<p class="says">{escape(sentence)}</p>' if sentence else ""
 
 
 def _finding(name: str, finding: Finding) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import gradio as gr
@@ -11,18 +12,28 @@ from app.config import AppConfig
 from app.page.parts import markup
 from app.page.parts.catalogue import point_choices
 from app.page.parts.html_parts import results_parts
+from app.page.parts.named_fields import named_fields
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
-from app.page.tabs.own_motion_run import Diagnose, OwnMotionParts, OwnMotionRunner
+from app.page.tabs.own_motion_run import (
+    Diagnose,
+    OwnMotionForm,
+    OwnMotionParts,
+    OwnMotionRunner,
+    display_names,
+)
 from app.run.followed_point import TIP
+from app.run.request import MAX_COMPARED
 
 TAB = "Your motion"
 WINDOWS_HELP = (
     "If you know how long the windows are, jumps are looked for where they join. Left empty, every "
     "period from 2 to 240 frames is tried."
 )
+SHOWN_LABEL = "Shown in the figures"
+SHOWN_HELP = "At most six with the reference; all are measured."
 INTRODUCTION = (
-    "Measures up to six motion files of your own as it measures the systems, raw and filtered: "
+    "Measures motion files of your own as it measures the systems, raw and filtered: "
     ".npz as BEAT2, AMASS and SMPL-X have them, .npy, .bvh; 12 to 240 frames a second. The same as "
     "<code>python -m app diagnose</code>."
 )
@@ -48,7 +59,7 @@ def build_own_motion_tab(
             parts = build_results()
     runner = OwnMotionRunner(diagnose or _diagnose, config, jobs, desk, parts)
     start.click(
-        runner.run,
+        named_fields(runner.run, OwnMotionForm, optional=("reference", "speech")),
         inputs=fields,
         outputs=parts.all,
         api_name="own_motion",
@@ -69,12 +80,24 @@ def _diagnose(request: Any, on_progress: Any) -> Any:
 def _build_form() -> tuple[list[Any], gr.Button, gr.Button]:
     """Fields in the order of `OwnMotionForm`, and the buttons."""
     motions = gr.File(
-        label="Motions to compare (.npz, .npy or .bvh, one to six)",
+        label="Motions to compare (.npz, .npy or .bvh)",
         file_count="multiple",
         file_types=[".npz", ".npy", ".bvh"],
         type="filepath",
         height=150,
         elem_id="own-motions",
+    )
+    shown = gr.Dropdown(
+        choices=[],
+        multiselect=True,
+        max_choices=MAX_COMPARED,
+        visible=False,
+        label=SHOWN_LABEL,
+        info=SHOWN_HELP,
+        elem_id="own-shown",
+    )
+    motions.change(
+        _choices, motions, shown, queue=False, api_visibility="private", show_progress="hidden"
     )
     reference = gr.File(
         label=text.REFERENCE_LABEL,
@@ -99,7 +122,15 @@ def _build_form() -> tuple[list[Any], gr.Button, gr.Button]:
     with gr.Row(elem_classes="actions"):
         start = gr.Button("Measure and compare", variant="primary", elem_id="own-start")
         cancel = gr.Button(text.CANCEL, elem_id="own-cancel", min_width=110)
-    return [motions, reference, speech, point, start_frame, window, overlap], start, cancel
+    fields = [motions, reference, speech, point, start_frame, window, overlap, shown]
+    return fields, start, cancel
+
+
+def _choices(paths: list[str] | None) -> Any:
+    """The motions that can be chosen; nothing is asked where all fit."""
+    names = display_names([Path(path).stem for path in paths or ()])
+    first = list(names[:MAX_COMPARED])
+    return gr.update(choices=list(names), value=first, visible=len(names) >= MAX_COMPARED)
 
 
 def build_results() -> OwnMotionParts:

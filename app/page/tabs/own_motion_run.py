@@ -27,8 +27,10 @@ from app.run.result_folder import zip_files
 if TYPE_CHECKING:
     from app.run.diagnose import DiagnoseRequest, Diagnosis
 
-NO_MOTION = "Choose at least one motion file (BEAT2 .npz)."
-TOO_MANY = "At most {limit} motions are compared at once; {count} were chosen."
+NO_MOTION = "Choose at least one motion file (.npz, .npy or .bvh)."
+MAX_FILES = 24
+TOO_MANY = "At most {limit} files are measured at once; {count} were given."
+TOO_MANY_SHOWN = "At most {limit} motions are shown beside each other; {count} were chosen."
 BAD_START = "The first frame of the figure must be a whole number from 0 on; got {value}."
 BAD_FRAMES = "The {what} must be a whole number of frames, or empty; got {value:g}."
 MEASURED = "Measured {motions}."
@@ -67,6 +69,8 @@ class OwnMotionForm:
     start_frame: float | None
     window: float | None = None
     overlap: float | None = None
+    shown: list[str] | None = None
+    """Names of those that figures show, where there are more than they hold."""
 
     def to_request(self, out: Path, config: AppConfig) -> DiagnoseRequest:
         """The measuring that the form asks for.
@@ -79,9 +83,11 @@ class OwnMotionForm:
         paths = [Path(path) for path in self.motions or ()]
         if not paths:
             raise RunError(NO_MOTION)
+        if len(paths) > MAX_FILES:
+            raise RunError(TOO_MANY.format(limit=MAX_FILES, count=len(paths)))
         limit = MAX_COMPARED - bool(self.reference)
-        if len(paths) > limit:
-            raise RunError(TOO_MANY.format(limit=limit, count=len(paths)))
+        if self.shown and len(self.shown) > limit:
+            raise RunError(TOO_MANY_SHOWN.format(limit=limit, count=len(self.shown)))
         start = self.start_frame or 0
         if start < 0 or start != int(start):
             raise RunError(BAD_START.format(value=self.start_frame))
@@ -91,6 +97,7 @@ class OwnMotionForm:
             names=display_names([path.stem for path in paths]),
             reference=Path(self.reference) if self.reference else None,
             speech=Path(self.speech) if self.speech else None,
+            shown=tuple(self.shown or ()) if len(paths) > limit else (),
             joint=self.point,
             start_frame=int(start),
             body=config.body,

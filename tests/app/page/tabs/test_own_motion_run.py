@@ -43,8 +43,9 @@ def test_the_form_becomes_the_request(tmp_path: Path) -> None:
     ("asked", "words"),
     [
         (form(), "at least one motion"),
-        (form(*"abcdefg"), "At most 6 motions are compared at once; 7"),
-        (form(*"abcdef", reference="r.npz"), "At most 5 motions"),
+        (form(*"abcdefghijklmnopqrstuvwxy"), "At most 24 files are measured at once; 25"),
+        (form(*"abcdefgh", shown=[*"abcdefg"]), "At most 6 motions are shown"),
+        (form(*"abcdefgh", shown=[*"abcdef"], reference="r.npz"), "At most 5 motions"),
         (form("a", start_frame=-1), "from 0 on; got -1"),
         (form("a", start_frame=1.5), "from 0 on; got 1.5"),
     ],
@@ -52,6 +53,11 @@ def test_the_form_becomes_the_request(tmp_path: Path) -> None:
 def test_a_form_that_cannot_be_done_gives_a_sentence(asked: OwnMotionForm, words: str) -> None:
     with pytest.raises(RunError, match=words):
         asked.to_request(Path("out"), CONFIG)
+
+
+def test_the_shown_are_asked_for_only_where_not_all_fit() -> None:
+    assert form(*"abcdefgh", shown=["b", "h"]).to_request(Path("out"), CONFIG).shown == ("b", "h")
+    assert form(*"abc", shown=["b"]).to_request(Path("out"), CONFIG).shown == ()
 
 
 def test_long_and_equal_names_are_told_apart() -> None:
