@@ -18,6 +18,7 @@ from app.commands.study import add_study
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import CancelledRun, RunError, sentence_of
 from app.findings.ranking import told_findings
+from app.findings.sentences import sentences_of
 from app.run.display import COLORINGS, FACTORS, Display
 from app.run.export import BACKGROUNDS, ENDINGS, SHEET_POSES, RenderRequest, render_motion
 from app.run.followed_point import TIP
@@ -200,6 +201,15 @@ def _add_diagnose(commands) -> None:
     parser.add_argument(
         "--speech", type=Path, metavar="WAV", help="their sound, for BeatAlign and its chance level"
     )
+    parser.add_argument(
+        "--mean-speeds", type=Path, metavar="NPY",
+        help="EMAGE's mean_vel_smplxflame_30.npy (BEAT2's folder weights): BeatAlign with its "
+        "published speeds of the joints, to be held against papers",
+    )  # fmt: skip
+    parser.add_argument(
+        "--show", type=_names, default=(), metavar="A,B,...",
+        help="which motions the figures show, by the names of their files (default: the first six)",
+    )  # fmt: skip
     _add_point(parser)
     parser.add_argument(
         "--window", type=int, metavar="N",
@@ -247,7 +257,9 @@ def _diagnose(options: argparse.Namespace) -> None:
         out=options.out,
         reference=options.reference,
         speech=options.speech,
+        mean_speeds=options.mean_speeds,
         transcript=options.transcript,
+        shown=options.show,
         joint=options.joint,
         start_frame=options.start,
         body=options.body,
@@ -258,7 +270,9 @@ def _diagnose(options: argparse.Namespace) -> None:
     )
     with ProgressBar("measure and draw") as bar:
         diagnosis = diagnose_files(request, bar.show)
-    _finish(diagnosis.files, [*diagnosis.notes, *told_findings(diagnosis.diagnostics.findings)])
+    beats = sentences_of(diagnosis.diagnostics)["beats"]
+    found = told_findings(diagnosis.diagnostics.findings)
+    _finish(diagnosis.files, [*diagnosis.notes, *([beats] if beats else []), *found])
 
 
 def _add_steps(commands) -> None:

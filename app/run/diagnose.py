@@ -47,8 +47,14 @@ class DiagnoseRequest:
     reference: Path | None = None
     speech: Path | None = None
     """The sound that all of them belong to, for BeatAlign."""
+    mean_speeds: Path | None = None
+    """EMAGE's published speeds of the joints (``mean_vel_smplxflame_30.npy``), for a BeatAlign that
+    can be held against papers."""
     transcript: Path | None = None
     """A TextGrid of that speech, for the time line."""
+    shown: tuple[str, ...] = ()
+    """Names of the motions that the figures show, where there are more than `MAX_COMPARED`; by
+    default the first. All are measured."""
     joint: str = TIP
     """The fingertip or joint that figure and tip measures follow."""
     start_frame: int = 0
@@ -111,6 +117,7 @@ def diagnose_files(
     body = get_body(request.body)
     tip = choose_tip_source(body, request.body, request.joint)
     read = _read_motions(request, on_progress)
+    shown = _shown(request, read)
     check_start(request.start_frame, min(motion.num_frames for motion in read.all.values()))
     with ResultFolder(request.out) as folder:
         words = read_words(request.transcript) if request.transcript else None
@@ -122,7 +129,6 @@ def diagnose_files(
             folder.path("error_growth.json").write_text(text)
             draw_error_growth(growth, list(read.all), folder)
             on_progress(_GROWTH_DRAWN)
-        shown = _shown(read)
         systems = [name for name in shown if name != REFERENCE_NAME]
         draw_jitter(diagnostics, tip, folder, systems)
         on_progress(_SHEET_DRAWN)
@@ -132,17 +138,32 @@ def diagnose_files(
         notes = [*read.notes, *diagnostics.notes]
         for motion in shown.values():
             notes += [n for n in body.notes(body_motion(motion)) if n not in notes]
-        if len(shown) < len(read.all):
-            notes.append(f"The figures show the first {MAX_COMPARED} motions.")
+        if len(shown) < len(read.all) and not request.shown:
+            notes.append(
+                f"The figures show the first {MAX_COMPARED} motions; say which with --show, or on"
+                " the page."
+            )
         return Diagnosis(folder.publish(), tuple(notes), diagnostics, growth)
 
 
-def _shown(read: _Read) -> dict[str, Motion]:
-    """As many motions as a figure holds, the reference among them."""
-    if read.reference is None:
-        return dict(list(read.motions.items())[:MAX_COMPARED])
-    systems = dict(list(read.motions.items())[: MAX_COMPARED - 1])
-    return systems | {REFERENCE_NAME: read.reference}
+def _shown(request: DiagnoseRequest, read: _Read) -> dict[str, Motion]:
+    """As many motions as a figure holds, the reference among them.
+
+    Raises:
+        RunError: if there is no motion of a name that was asked for, or too many were.
+    """
+    limit = MAX_COMPARED - (read.reference is not None)
+    names = [name for name in dict.fromkeys(request.shown) if name != REFERENCE_NAME]
+    unknown = [name for name in names if name not in read.motions]
+    if unknown:
+        raise RunError(
+            f"There is no motion {unknown[0]!r} to show; there are {', '.join(read.motions)}."
+        )
+    if len(names) > limit:
+        raise RunError(f"Figures show at most {limit} motions of these; {len(names)} were named.")
+    systems = {name: read.motions[name] for name in names or list(read.motions)[:limit]}
+    reference = {} if read.reference is None else {REFERENCE_NAME: read.reference}
+    return systems | reference
 
 
 def _on_the_floor(motion: Motion) -> Motion:
@@ -210,9 +231,13 @@ def _read_motions(request: DiagnoseRequest, on_progress: OnShare) -> _Read:
 def _measure(
     request: DiagnoseRequest, read: _Read, tip: TipSource, on_progress: OnShare
 ) -> Diagnostics:
+    from model.measures.beats import read_mean_speeds
     from model.measures.faults.timing import loudness_of
     from model.speech.audio import load_speech
 
+    if request.mean_speeds is not None and request.speech is None:
+        raise RunError("Mean speeds are of use with a speech only; give both (--speech).")
+    mean_speeds = None if request.mean_speeds is None else read_mean_speeds(request.mean_speeds)
     onsets_s = loudness = None
     if request.speech is not None:
         speech = load_speech(request.speech)
@@ -228,6 +253,7 @@ def _measure(
         on_share=lambda part: on_progress(_READ + (_MEASURED - _READ) * part),
         windows=_windows(request, read),
         loudness=loudness,
+        mean_speeds=mean_speeds,
     )
 
 
