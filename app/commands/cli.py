@@ -22,6 +22,7 @@ from app.findings.sentences import sentences_of
 from app.run.display import COLORINGS, FACTORS, Display
 from app.run.export import BACKGROUNDS, ENDINGS, SHEET_POSES, RenderRequest, render_motion
 from app.run.followed_point import TIP
+from app.run.own_videos import VideoOptions
 from app.run.request import (
     CLOSE_UPS,
     FRAMINGS,
@@ -228,6 +229,10 @@ def _add_diagnose(commands) -> None:
         help=f"of the joints, where their number says too little: {', '.join(_ROTATIONS)}",
     )  # fmt: skip
     parser.add_argument("--no-pictures", action="store_true", help="a figure without poses")
+    parser.add_argument(
+        "--videos", action="store_true",
+        help="a video of each motion that figures show, with close-ups and trail, in register",
+    )  # fmt: skip
     _add_body(parser)
     parser.set_defaults(command=_diagnose)
 
@@ -264,6 +269,7 @@ def _diagnose(options: argparse.Namespace) -> None:
         start_frame=options.start,
         body=options.body,
         has_pictures=not options.no_pictures,
+        videos=VideoOptions() if options.videos else None,
         window=options.window,
         overlap=options.overlap,
         read_as=ReadOptions(options.fps, options.rotations),

@@ -14,7 +14,9 @@ from app.run.export import body_motion
 from app.run.figures import check_start, draw_error_growth, draw_figure6, draw_jitter
 from app.run.followed_point import TIP, TipSource, choose_tip_source
 from app.run.models import get_body
+from app.run.own_videos import OnFile, VideoOptions, draw_own_videos, picture_motions
 from app.run.pictures import Snapshots, draw_poses
+from app.run.register import SOLE_M
 from app.run.request import MAX_COMPARED, REFERENCE_NAME
 from app.run.result_folder import ResultFolder
 
@@ -30,8 +32,8 @@ OnShare = Callable[[float], None]
 
 _READ, _MEASURED, _GROWN, _GROWTH_DRAWN, _SHEET_DRAWN, _POSES_DRAWN = 0.1, 0.5, 0.55, 0.6, 0.7, 0.9
 """Shares of the whole that are done after each part of it."""
-SOLE_M = 0.05
-"""Of the foot joint over the floor; that of recorded clips."""
+_BEFORE_VIDEOS = 0.3
+"""Share of the whole where videos are drawn, too."""
 LENGTHS_APART_S = 1.0
 """Recordings of sound and motion that belong together differ by less."""
 
@@ -61,6 +63,8 @@ class DiagnoseRequest:
     """First frame of Figure 6."""
     body: Path | None = None
     has_pictures: bool = True
+    videos: VideoOptions | None = None
+    """How the shown motions are drawn as videos; None draws none."""
     window: int | None = None
     """Frames of the windows that all motions but the reference were made of, if that is known;
     otherwise each is searched for a period of its own."""
@@ -97,22 +101,30 @@ class _Read:
 
 
 def diagnose_files(
-    request: DiagnoseRequest, on_progress: OnShare = lambda share: None
+    request: DiagnoseRequest,
+    on_progress: OnShare = lambda share: None,
+    on_file: OnFile = lambda artefact: None,
 ) -> Diagnosis:
     """Measure motion files and leave the results in ``request.out``, all of them or none.
 
-    Writes diagnostics.json and .csv, error_growth, figure6 and jitter. The page calls this
+    Writes diagnostics.json and .csv, error_growth, figure6, jitter, and videos where they are asked
+    for. The page calls this
     for motions that a visitor brings, the command line for `diagnose`.
 
     Args:
         on_progress: told of the share done, 0 to 1, between all steps; what it raises ends the
             work and leaves nothing.
+        on_file: told of what a player shows, as soon as it is whole.
 
     Raises:
         RunError, MotionError, SpeechError, TranscriptError, BodyError, GLError, FigureError,
         WriteError: each with one sentence.
     """
     from model.speech.transcript import read_words
+
+    on_share = on_progress
+    measured = 1.0 if request.videos is None else _BEFORE_VIDEOS
+    on_progress = lambda share: on_share(measured * share)  # noqa: E731
 
     body = get_body(request.body)
     tip = choose_tip_source(body, request.body, request.joint)
@@ -136,6 +148,15 @@ def diagnose_files(
         _draw_figure6(request, placed, tip, folder, on_progress)
         on_progress(1.0)
         notes = [*read.notes, *diagnostics.notes]
+        if request.videos is not None:
+            pictured = picture_motions(shown)
+            notes += pictured.notes
+            draw_own_videos(
+                *(pictured.motions, request.videos, body, request.body, tip),
+                *(request.speech, folder),
+                lambda part: on_share(measured + (1.0 - measured) * part),
+                on_file,
+            )
         for motion in shown.values():
             notes += [n for n in body.notes(body_motion(motion)) if n not in notes]
         if len(shown) < len(read.all) and not request.shown:

@@ -16,7 +16,8 @@ from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.page.tabs.own_motion import build_own_motion_tab, build_results
 from app.page.tabs.own_motion_run import MAX_NAME, OwnMotionForm, OwnMotionRunner, display_names
-from app.run.diagnose import DiagnoseRequest, Diagnosis
+from app.run.diagnose import DiagnoseRequest, Diagnosis, OnShare
+from app.run.own_videos import OnFile
 from tests.app.fakes import measures
 from tests.app.measured import diagnostics_of
 
@@ -89,7 +90,7 @@ def runs(tmp_path: Path) -> Runs:
 
 
 def test_numbers_figures_and_downloads_of_the_run_are_shown(runs: Runs) -> None:
-    def diagnose(request: DiagnoseRequest, on_progress: Callable[[float], None]) -> Diagnosis:
+    def diagnose(request: DiagnoseRequest, on_progress: OnShare, on_file: OnFile) -> Diagnosis:
         on_progress(0.5)
         request.out.mkdir()
         files = tuple(request.out / name for name in ("diagnostics.json", "jitter.png"))
@@ -109,7 +110,7 @@ def test_numbers_figures_and_downloads_of_the_run_are_shown(runs: Runs) -> None:
 
 
 def test_an_error_is_told_and_nothing_old_stays(runs: Runs) -> None:
-    def diagnose(request: DiagnoseRequest, on_progress: Callable[[float], None]) -> Diagnosis:
+    def diagnose(request: DiagnoseRequest, on_progress: OnShare, on_file: OnFile) -> Diagnosis:
         raise RunError("a.npz has 60 frames a second; 30 are needed.")
 
     *_, shown, raised = runs(diagnose, ["/up/a.npz"], None, None, "right_middle", 0)
@@ -121,7 +122,7 @@ def test_an_error_is_told_and_nothing_old_stays(runs: Runs) -> None:
 def test_cancel_is_answered_at_once_and_nothing_of_the_run_is_shown(tmp_path: Path) -> None:
     is_at_work, may_go_on = threading.Event(), threading.Event()
 
-    def diagnose(request: DiagnoseRequest, on_progress: Callable[[float], None]) -> Diagnosis:
+    def diagnose(request: DiagnoseRequest, on_progress: OnShare, on_file: OnFile) -> Diagnosis:
         is_at_work.set()
         may_go_on.wait(20)  # a step that cannot be interrupted
         on_progress(0.5)
