@@ -18,9 +18,11 @@ from app.commands.study import add_study
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import CancelledRun, RunError, printable, sentence_of
 from app.findings.ranking import told_findings
+from app.findings.sentences import sentences_of
 from app.run.display import COLORINGS, FACTORS, Display
 from app.run.export import BACKGROUNDS, ENDINGS, SHEET_POSES, RenderRequest, render_motion
 from app.run.followed_point import TIP
+from app.run.own_videos import VideoOptions
 from app.run.request import (
     CLOSE_UPS,
     FRAMINGS,
@@ -200,6 +202,15 @@ def _add_diagnose(commands) -> None:
     parser.add_argument(
         "--speech", type=Path, metavar="WAV", help="their sound, for BeatAlign and its chance level"
     )
+    parser.add_argument(
+        "--mean-speeds", type=Path, metavar="NPY",
+        help="EMAGE's mean_vel_smplxflame_30.npy (BEAT2's folder weights): BeatAlign with its "
+        "published speeds of the joints, to be held against papers",
+    )  # fmt: skip
+    parser.add_argument(
+        "--show", type=_names, default=(), metavar="A,B,...",
+        help="which motions the figures show, by the names of their files (default: the first six)",
+    )  # fmt: skip
     _add_point(parser)
     parser.add_argument(
         "--window", type=int, metavar="N",
@@ -218,6 +229,10 @@ def _add_diagnose(commands) -> None:
         help=f"of the joints, where their number says too little: {', '.join(_ROTATIONS)}",
     )  # fmt: skip
     parser.add_argument("--no-pictures", action="store_true", help="a figure without poses")
+    parser.add_argument(
+        "--videos", action="store_true",
+        help="a video of each motion that figures show, with close-ups and trail, in register",
+    )  # fmt: skip
     _add_body(parser)
     parser.set_defaults(command=_diagnose)
 
@@ -247,18 +262,23 @@ def _diagnose(options: argparse.Namespace) -> None:
         out=options.out,
         reference=options.reference,
         speech=options.speech,
+        mean_speeds=options.mean_speeds,
         transcript=options.transcript,
+        shown=options.show,
         joint=options.joint,
         start_frame=options.start,
         body=options.body,
         has_pictures=not options.no_pictures,
+        videos=VideoOptions() if options.videos else None,
         window=options.window,
         overlap=options.overlap,
         read_as=ReadOptions(options.fps, options.rotations),
     )
     with ProgressBar("measure and draw") as bar:
         diagnosis = diagnose_files(request, bar.show)
-    _finish(diagnosis.files, [*diagnosis.notes, *told_findings(diagnosis.diagnostics.findings)])
+    beats = sentences_of(diagnosis.diagnostics)["beats"]
+    found = told_findings(diagnosis.diagnostics.findings)
+    _finish(diagnosis.files, [*diagnosis.notes, *([beats] if beats else []), *found])
 
 
 def _add_steps(commands) -> None:

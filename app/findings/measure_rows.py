@@ -71,6 +71,8 @@ MEASURES = (
     Measure("Beat alignment", "BeatAlign", "0 to 1", lambda m: m.beats and m.beats.beat_align),
     Measure("Beat alignment", "BeatAlign by chance", "0 to 1",
             lambda m: m.beats and m.beats.beat_align_chance, 1, False),
+    Measure("Beat alignment", "Beats of each joint", "1/s",
+            lambda m: m.beats and m.beats.beats_per_joint_s),
     Measure("Diversity", "L1 diversity", "m", lambda m: m.diversity.l1_diversity_m),
 )  # fmt: skip
 

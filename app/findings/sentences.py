@@ -30,6 +30,14 @@ SEAM_STANDS_OUT = 1.5
 """From this ratio on, and above the reference's, joins are told to stand out. A clip has few joins,
 so chance decides much: a recorded one of 400 frames, which has none, gave 0.7."""
 SMALL_SHARE = 0.05
+CHANCE_SHIFTS = 20
+"""As `model.measures.beats` makes them, which brings scipy; a test holds them equal."""
+SPEEDS_OF = {
+    "reference": "the reference's mean speeds, which no paper has",
+    "own": "each motion's own mean speeds, which no paper has",
+    "emage": "EMAGE's published mean speeds",
+}
+"""Whose mean speeds decide which minima are beats."""
 
 
 def jerk_of(measures: Measures) -> float:
@@ -45,8 +53,8 @@ def seams_of(measures: Measures) -> float:
 def sentences_of(diagnostics: Diagnostics) -> dict[str, str]:
     """The sentences of a run's numbers, by plot; empty where there is nothing to say.
 
-    The keys are trajectory, depth, spectrum, attribution, seams and reference. Samples of one
-    system, ``<system>.s2`` and on, are taken together.
+    The keys are trajectory, depth, spectrum, attribution, seams, reference and beats. Samples of
+    one system, ``<system>.s2`` and on, are taken together.
     """
     return {
         "trajectory": _trajectory(diagnostics),
@@ -55,6 +63,7 @@ def sentences_of(diagnostics: Diagnostics) -> dict[str, str]:
         "attribution": _attribution(diagnostics),
         "seams": _seams(diagnostics),
         "reference": _reference(diagnostics),
+        "beats": _beats(diagnostics),
     }
 
 
@@ -247,6 +256,42 @@ def _mean_errors(diagnostics: Diagnostics) -> dict[str, float]:
         if found:
             errors[system] = sum(found) / len(found)
     return errors
+
+
+def _beats(diagnostics: Diagnostics) -> str:
+    """BeatAlign with what it rests on: the number of beats, chance, and whose mean speeds."""
+    measured = dict(diagnostics.systems)
+    if diagnostics.reference is not None:
+        measured["the reference"] = diagnostics.reference
+    found = {name: versions.raw.beats for name, versions in measured.items()}
+    beats = {
+        name: each
+        for name, each in found.items()
+        if each is not None and isfinite(each.beat_align - each.beat_align_chance)
+    }
+    if not beats:
+        return ""
+    told = ", ".join(
+        f"{name} {each.beat_align:.2f} (chance {each.beat_align_chance:.2f}) with"
+        f" {each.beats_per_joint_s:.1f} beats a second of each joint"
+        for name, each in beats.items()
+    )
+    above = [
+        name for name, each in beats.items() if each.beat_align > each.beat_align_chance_highest
+    ]
+    if above:
+        verdict = (
+            f"Above what these beats have on each of {CHANCE_SHIFTS} shifts of the speech:"
+            f" {', '.join(above)}. Only what is above chance tells of this speech."
+        )
+    else:
+        verdict = (
+            f"None is above what its beats have on {CHANCE_SHIFTS} shifts of the speech: such"
+            " values tell how many beats there are, not whether they fall on the speech."
+        )
+    speeds = SPEEDS_OF[next(iter(beats.values())).beat_speeds_of]
+    onsets = min(each.beat_onsets for each in beats.values())
+    return f"BeatAlign over {onsets} onsets, with {speeds}: {told}. {verdict}"
 
 
 def _point(diagnostics: Diagnostics) -> str:

@@ -10,6 +10,7 @@ from app.config import AppConfig
 from app.live.desk import LiveDesk
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
+from app.page.parts.named_fields import named_fields
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.researcher_part import Handover
@@ -17,6 +18,7 @@ from app.page.serving.workshop import Workshop
 from app.page.tabs import live as live_tab
 from app.page.tabs import own_motion as own_motion_tab
 from app.page.tabs.generate import FormParts, ResultParts, build_form, build_results
+from app.page.tabs.generate_form import Form
 from app.page.tabs.generate_run import Generate, GenerateRunner
 from app.page.tabs.step_curve import build_step_curve
 from app.page.tabs.study import build_study_tab
@@ -63,7 +65,7 @@ def build_app(
 
 def _wire(page: gr.Blocks, form: FormParts, results: ResultParts, runner: GenerateRunner) -> None:
     form.generate.click(
-        runner.run,
+        named_fields(runner.run, Form, optional=("reference", "transcript")),
         inputs=list(form.fields),
         outputs=[*results.all, form.generate, form.cancel],
         api_name="generate",

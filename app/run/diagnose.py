@@ -14,7 +14,9 @@ from app.run.export import body_motion
 from app.run.figures import check_start, draw_error_growth, draw_figure6, draw_jitter
 from app.run.followed_point import TIP, TipSource, choose_tip_source
 from app.run.models import get_body
+from app.run.own_videos import OnFile, VideoOptions, draw_own_videos, picture_motions
 from app.run.pictures import Snapshots, draw_poses
+from app.run.register import SOLE_M
 from app.run.request import MAX_COMPARED, REFERENCE_NAME
 from app.run.result_folder import ResultFolder
 
@@ -30,8 +32,8 @@ OnShare = Callable[[float], None]
 
 _READ, _MEASURED, _GROWN, _GROWTH_DRAWN, _SHEET_DRAWN, _POSES_DRAWN = 0.1, 0.5, 0.55, 0.6, 0.7, 0.9
 """Shares of the whole that are done after each part of it."""
-SOLE_M = 0.05
-"""Of the foot joint over the floor; that of recorded clips."""
+_BEFORE_VIDEOS = 0.3
+"""Share of the whole where videos are drawn, too."""
 LENGTHS_APART_S = 1.0
 """Recordings of sound and motion that belong together differ by less."""
 
@@ -47,14 +49,22 @@ class DiagnoseRequest:
     reference: Path | None = None
     speech: Path | None = None
     """The sound that all of them belong to, for BeatAlign."""
+    mean_speeds: Path | None = None
+    """EMAGE's published speeds of the joints (``mean_vel_smplxflame_30.npy``), for a BeatAlign that
+    can be held against papers."""
     transcript: Path | None = None
     """A TextGrid of that speech, for the time line."""
+    shown: tuple[str, ...] = ()
+    """Names of the motions that the figures show, where there are more than `MAX_COMPARED`; by
+    default the first. All are measured."""
     joint: str = TIP
     """The fingertip or joint that figure and tip measures follow."""
     start_frame: int = 0
     """First frame of Figure 6."""
     body: Path | None = None
     has_pictures: bool = True
+    videos: VideoOptions | None = None
+    """How the shown motions are drawn as videos; None draws none."""
     window: int | None = None
     """Frames of the windows that all motions but the reference were made of, if that is known;
     otherwise each is searched for a period of its own."""
@@ -93,16 +103,20 @@ class _Read:
 
 
 def diagnose_files(
-    request: DiagnoseRequest, on_progress: OnShare = lambda share: None
+    request: DiagnoseRequest,
+    on_progress: OnShare = lambda share: None,
+    on_file: OnFile = lambda artefact: None,
 ) -> Diagnosis:
     """Measure motion files and leave the results in ``request.out``, all of them or none.
 
-    Writes diagnostics.json and .csv, error_growth, figure6 and jitter. The page calls this
+    Writes diagnostics.json and .csv, error_growth, figure6, jitter, and videos where they are asked
+    for. The page calls this
     for motions that a visitor brings, the command line for `diagnose`.
 
     Args:
         on_progress: told of the share done, 0 to 1, between all steps; what it raises ends the
             work and leaves nothing.
+        on_file: told of what a player shows, as soon as it is whole.
 
     Raises:
         RunError, MotionError, SpeechError, TranscriptError, BodyError, GLError, FigureError,
@@ -110,9 +124,14 @@ def diagnose_files(
     """
     from model.speech.transcript import read_words
 
+    on_share = on_progress
+    measured = 1.0 if request.videos is None else _BEFORE_VIDEOS
+    on_progress = lambda share: on_share(measured * share)  # noqa: E731
+
     body = get_body(request.body)
     tip = choose_tip_source(body, request.body, request.joint)
     read = _read_motions(request, on_progress)
+    shown = _shown(request, read)
     check_start(request.start_frame, min(motion.num_frames for motion in read.all.values()))
     with ResultFolder(request.out) as folder:
         words = read_words(request.transcript) if request.transcript else None
@@ -124,7 +143,6 @@ def diagnose_files(
             folder.path("error_growth.json").write_text(text)
             draw_error_growth(growth, list(read.all), folder)
             on_progress(_GROWTH_DRAWN)
-        shown = _shown(read)
         systems = [name for name in shown if name != REFERENCE_NAME]
         draw_jitter(diagnostics, tip, folder, systems)
         on_progress(_SHEET_DRAWN)
@@ -132,19 +150,43 @@ def diagnose_files(
         _draw_figure6(request, placed, tip, folder, on_progress)
         on_progress(1.0)
         notes = [*read.notes, *diagnostics.notes]
+        if request.videos is not None:
+            pictured = picture_motions(shown)
+            notes += pictured.notes
+            draw_own_videos(
+                *(pictured.motions, request.videos, body, request.body, tip),
+                *(request.speech, folder),
+                lambda part: on_share(measured + (1.0 - measured) * part),
+                on_file,
+            )
         for motion in shown.values():
             notes += [n for n in body.notes(body_motion(motion)) if n not in notes]
-        if len(shown) < len(read.all):
-            notes.append(f"The figures show the first {MAX_COMPARED} motions.")
+        if len(shown) < len(read.all) and not request.shown:
+            notes.append(
+                f"The figures show the first {MAX_COMPARED} motions; say which with --show, or on"
+                " the page."
+            )
         return Diagnosis(folder.publish(), tuple(notes), diagnostics, growth)
 
 
-def _shown(read: _Read) -> dict[str, Motion]:
-    """As many motions as a figure holds, the reference among them."""
-    if read.reference is None:
-        return dict(list(read.motions.items())[:MAX_COMPARED])
-    systems = dict(list(read.motions.items())[: MAX_COMPARED - 1])
-    return systems | {REFERENCE_NAME: read.reference}
+def _shown(request: DiagnoseRequest, read: _Read) -> dict[str, Motion]:
+    """As many motions as a figure holds, the reference among them.
+
+    Raises:
+        RunError: if there is no motion of a name that was asked for, or too many were.
+    """
+    limit = MAX_COMPARED - (read.reference is not None)
+    names = [name for name in dict.fromkeys(request.shown) if name != REFERENCE_NAME]
+    unknown = [name for name in names if name not in read.motions]
+    if unknown:
+        raise RunError(
+            f"There is no motion {unknown[0]!r} to show; there are {', '.join(read.motions)}."
+        )
+    if len(names) > limit:
+        raise RunError(f"Figures show at most {limit} motions of these; {len(names)} were named.")
+    systems = {name: read.motions[name] for name in names or list(read.motions)[:limit]}
+    reference = {} if read.reference is None else {REFERENCE_NAME: read.reference}
+    return systems | reference
 
 
 def _on_the_floor(motion: Motion) -> Motion:
@@ -223,9 +265,13 @@ def _check_frames(request: DiagnoseRequest, motions: Iterable[Motion]) -> None:
 def _measure(
     request: DiagnoseRequest, read: _Read, tip: TipSource, on_progress: OnShare
 ) -> Diagnostics:
+    from model.measures.beats import read_mean_speeds
     from model.measures.faults.timing import loudness_of
     from model.speech.audio import load_speech
 
+    if request.mean_speeds is not None and request.speech is None:
+        raise RunError("Mean speeds are of use with a speech only; give both (--speech).")
+    mean_speeds = None if request.mean_speeds is None else read_mean_speeds(request.mean_speeds)
     onsets_s = loudness = None
     if request.speech is not None:
         speech = load_speech(request.speech)
@@ -241,6 +287,7 @@ def _measure(
         on_share=lambda part: on_progress(_READ + (_MEASURED - _READ) * part),
         windows=_windows(request, read),
         loudness=loudness,
+        mean_speeds=mean_speeds,
     )
 
 

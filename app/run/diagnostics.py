@@ -41,6 +41,7 @@ def measure_motions(
     on_share: Callable[[float], None] = lambda share: None,
     windows: Mapping[str, Windows] | None = None,
     loudness: np.ndarray | None = None,
+    mean_speeds: np.ndarray | None = None,
 ) -> Diagnostics:
     """All numbers of the motions, with what stands out in each.
 
@@ -52,6 +53,7 @@ def measure_motions(
             in a long one; what it raises ends the work.
         windows: how motions were cut, by name, where that is known.
         loudness: of the speech frame by frame, for time shifts.
+        mean_speeds: published ones of the joints, for BeatAlign.
     """
     from model.measures.diagnostics import diagnose
     from model.motion.skeleton import open_body_skeleton
@@ -71,6 +73,7 @@ def measure_motions(
         reference=motions.get(REFERENCE_NAME),
         windows=windows,
         loudness=loudness,
+        mean_speeds=mean_speeds,
         tip_track=follow,
         tip_source=tip.name,
         joint=tip.point,

@@ -1,7 +1,8 @@
 """BVH: our own files (`renderer.files.bvh`), and skeletons with the usual names of animation.
 
-Only skeletons whose rest pose is a T-pose with axes of the world fit: then a joint's rotation means
-the same in both. That is checked by the arms.
+Only skeletons whose rest pose is about a T-pose with axes of the world fit, which is checked by the
+arms. What is left, a shoulder or thumb that rests at another angle, is made up for: the bones of
+limbs and fingers point in the world as the file's do.
 """
 
 from dataclasses import dataclass, field
@@ -13,7 +14,14 @@ from scipy.spatial.transform import Rotation
 
 from model.formats.numbers import ReadMotion, ReadOptions, at_30_fps, check_fps, plain_motion
 from model.motion.motion import check_length
-from model.motion.skeleton import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, open_body_skeleton
+from model.motion.skeleton import (
+    JOINT_INDEX,
+    JOINT_NAMES,
+    NUM_JOINTS,
+    PARENTS,
+    open_body_skeleton,
+)
+from model.motion.tracks import point_words
 from model.storage.npz import MAX_FILE_BYTES, MotionError
 
 MAX_JOINTS = 400
@@ -42,6 +50,20 @@ USUAL_NAMES: dict[str, tuple[str, ...]] = {
     },
 }
 """Of Mixamo, MotionBuilder and ZeroEGGS: the joints whose rotations together are one of ours."""
+BONES: dict[str, str] = {
+    f"{side}_{start}": f"{side}_{end}"
+    for side in ("left", "right")
+    for start, end in [
+        *(("collar", "shoulder"), ("shoulder", "elbow"), ("elbow", "wrist"), ("wrist", "middle1")),
+        *(("hip", "knee"), ("knee", "ankle"), ("ankle", "foot")),
+        *(
+            (f"{finger.lower()}{i}", f"{finger.lower()}{i + 1}")
+            for finger in _FINGERS
+            for i in (1, 2)
+        ),
+    ]
+}
+"""Bones of limbs and fingers, from their joint to the next."""
 _NEEDED = ("pelvis", "spine1", "left_shoulder", "right_shoulder", "left_hip", "right_hip")
 _CHANNELS = {f"{axis}{kind}" for axis in "XYZ" for kind in ("position", "rotation")}
 _ALONG = 0.8
@@ -76,14 +98,8 @@ def read_bvh(path: Path, options: ReadOptions) -> ReadMotion:
             " Mixamo (Hips, Spine, LeftArm …)."
         )
     _check_rest_pose(joints, found, name)
-    rotations = [_rotations(joints, index, rows) for index in range(len(joints))]
-    poses = np.zeros((len(rows), NUM_JOINTS, 3))
-    for ours, theirs in found.items():
-        if theirs:
-            whole = rotations[theirs[0]]
-            for index in theirs[1:]:
-                whole = whole * rotations[index]
-            poses[:, JOINT_INDEX[ours]] = whole.as_rotvec()
+    turns = {} if is_ours else _rest_turns(joints, found)
+    poses = _poses(_global_rotations(joints, rows), found, turns)
     trans, scale = _translation(joints, found, rows)
     if not is_ours:
         without = sum(not theirs for ours, theirs in found.items())
@@ -93,6 +109,13 @@ def read_bvh(path: Path, options: ReadOptions) -> ReadMotion:
             f" ({unused} have no place, {without} of ours stay at rest), and lengths multiplied by"
             f" {scale:.3g}, so that the legs are as long."
         )
+        if turns:
+            degrees = {ours: float(np.degrees(turn.magnitude())) for ours, turn in turns.items()}
+            most = max(degrees, key=lambda ours: degrees[ours])
+            notes.append(
+                f"{name} rests at other angles than our body, by up to {degrees[most]:.0f}°"
+                f" ({point_words(most)}); limbs and fingers were turned to point as they do there."
+            )
         notes.append(f"{name} has no face; it stays at rest.")
     fps = round(1 / frame_s, 3) if options.fps is None else options.fps
     motion = plain_motion(poses.reshape(len(poses), -1).astype(np.float32), trans)
@@ -183,6 +206,61 @@ def _rotations(joints: list[_Joint], index: int, rows: Float[np.ndarray, "T C"])
         return Rotation.identity(len(rows))
     order = "".join(channels[i][0] for i in turns)
     return Rotation.from_euler(order.upper(), rows[:, [first + i for i in turns]], degrees=True)
+
+
+def _global_rotations(joints: list[_Joint], rows: Float[np.ndarray, "T C"]) -> list[Rotation]:
+    """Of every joint of the file, in the world."""
+    world: list[Rotation] = []
+    for index, joint in enumerate(joints):
+        local = _rotations(joints, index, rows)
+        world.append(local if joint.parent < 0 else world[joint.parent] * local)
+    return world
+
+
+def _poses(
+    world: list[Rotation], found: dict[str, list[int]], turns: dict[str, Rotation]
+) -> Float[np.ndarray, "T 55 3"]:
+    """Our joints' rotations against their parents; one that the file lacks goes with its parent."""
+    ours: list[Rotation] = []
+    poses = np.zeros((len(world[0]), NUM_JOINTS, 3))
+    for joint, parent in enumerate(PARENTS):
+        name = JOINT_NAMES[joint]
+        theirs = found.get(name)
+        if not theirs:
+            ours.append(ours[parent])
+            continue
+        turned = world[theirs[-1]] * turns[name] if name in turns else world[theirs[-1]]
+        ours.append(turned)
+        local = turned if parent < 0 else ours[parent].inv() * turned
+        poses[:, joint] = local.as_rotvec()
+    return poses
+
+
+def _rest_turns(joints: list[_Joint], found: dict[str, list[int]]) -> dict[str, Rotation]:
+    """What takes each limb's bone from where it rests with us to where it rests in the file."""
+    rest = open_body_skeleton().rest_joints.double().numpy()
+    turns: dict[str, Rotation] = {}
+    for start, end in BONES.items():
+        first, last = found.get(start), found.get(end)
+        if not first or not last:
+            continue
+        theirs = _rest_place(joints, last[0]) - _rest_place(joints, first[-1])
+        ours = rest[JOINT_INDEX[end]] - rest[JOINT_INDEX[start]]
+        if np.linalg.norm(theirs) < 1e-6:
+            continue
+        turns[start] = _shortest_turn(ours, theirs)
+        if start.endswith("2"):  # the last bone of a finger has no joint at its end
+            turns[f"{start[:-1]}3"] = turns[start]
+    return turns
+
+
+def _shortest_turn(start: np.ndarray, end: np.ndarray) -> Rotation:
+    start, end = start / np.linalg.norm(start), end / np.linalg.norm(end)
+    axis = np.cross(start, end)
+    sine = float(np.linalg.norm(axis))
+    if sine < 1e-9:
+        return Rotation.identity()
+    return Rotation.from_rotvec(np.arctan2(sine, float(start @ end)) * axis / sine)
 
 
 def _rest_place(joints: list[_Joint], index: int) -> np.ndarray:

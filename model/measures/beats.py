@@ -7,16 +7,21 @@ onsets, then over the 13 upper-body joints; a joint without beats counts 0). Tha
 for each motion beat how near the next onset is (here sigma 0.1 s; the paper names none). Onsets in
 the first and last 2 s do not count. More beats, and jitter makes beats, raise the first score:
 compare with the recorded motion and with chance, never as "higher is better".
+
+Whose mean speeds decide what is slow changes every value. Papers on BEAT2 take those that EMAGE
+published (`read_mean_speeds`); without them, the reference's or the motion's own are taken.
 """
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 from scipy.signal import argrelextrema
 
-from model.motion.skeleton import UPPER_BODY
+from model.motion.skeleton import NUM_JOINTS, UPPER_BODY
 from model.motion.timing import FPS, SAMPLE_RATE
+from model.storage.npz import MotionError
 
 BEAT_JOINTS = list(UPPER_BODY)
 NEIGHBOURS = 7
@@ -25,6 +30,7 @@ SIGMA_AUDIO_TO_MOTION_S = 0.3
 SIGMA_MOTION_TO_AUDIO_S = 0.1
 MARGIN_S = 2.0
 CHANCE_SHIFTS = 20
+MAX_SPEEDS_BYTES = 64 * 1024
 
 
 def speech_onsets(waveform: Float[np.ndarray, " N"]) -> Float[np.ndarray, " onsets"]:
@@ -32,6 +38,30 @@ def speech_onsets(waveform: Float[np.ndarray, " N"]) -> Float[np.ndarray, " onse
     import librosa  # takes a second to import
 
     return librosa.onset.onset_detect(y=waveform, sr=SAMPLE_RATE, hop_length=512, units="time")
+
+
+def read_mean_speeds(path: Path) -> Float[np.ndarray, " 13"]:
+    """Of `BEAT_JOINTS`, m/s, out of EMAGE's ``mean_vel_smplxflame_30.npy`` (BEAT2's folder
+    ``weights``): a number for each of the 55 joints.
+
+    Raises:
+        MotionError: for any other file.
+    """
+    try:
+        if path.stat().st_size > MAX_SPEEDS_BYTES:
+            raise ValueError
+        speeds = np.load(path, allow_pickle=False)
+        if np.shape(speeds) not in ((NUM_JOINTS,), (NUM_JOINTS, 1), (1, NUM_JOINTS)):
+            raise ValueError
+        speeds = np.asarray(speeds, dtype=np.float64).reshape(NUM_JOINTS)[BEAT_JOINTS]
+        if not (np.isfinite(speeds).all() and speeds.min() > 0.0):
+            raise ValueError
+    except (OSError, ValueError, EOFError, TypeError) as error:
+        raise MotionError(
+            f"{path.name} does not hold one speed above 0 for each of {NUM_JOINTS} joints; give"
+            " EMAGE's mean_vel_smplxflame_30.npy, from the folder weights of BEAT2."
+        ) from error
+    return speeds
 
 
 def joint_speeds(positions: Float[np.ndarray, "T J 3"]) -> Float[np.ndarray, "T J"]:
@@ -74,6 +104,36 @@ def motion_to_audio(onsets: Float[np.ndarray, " n"], beats: Sequence[np.ndarray]
     return _nearness(np.concatenate(list(beats)), onsets, SIGMA_MOTION_TO_AUDIO_S)
 
 
+def counted(onsets: Float[np.ndarray, " n"], duration_s: float) -> Float[np.ndarray, " m"]:
+    """The onsets that are further than `MARGIN_S` from both ends."""
+    return onsets[(onsets >= MARGIN_S) & (onsets < duration_s - MARGIN_S)]
+
+
+def beats_per_joint_s(
+    positions: Float[np.ndarray, "T J 3"], mean_speed: Float[np.ndarray, " 13"]
+) -> float:
+    """How many beats of motion a second has, mean over `BEAT_JOINTS`; more raise every score."""
+    beats = motion_beats(joint_speeds(positions[:, BEAT_JOINTS]), mean_speed)
+    return sum(map(len, beats)) / len(beats) / (len(positions) / FPS)
+
+
+def audio_to_motion_and_chance(
+    positions: Float[np.ndarray, "T J 3"],
+    onsets: Float[np.ndarray, " n"],
+    mean_speed: Float[np.ndarray, " 13"],
+) -> tuple[float, Float[np.ndarray, " shifts"]]:
+    """EMAGE's direction, and the same for the onsets shifted in a circle.
+
+    Args:
+        positions: of all joints, the pelvis in place.
+    """
+    duration = len(positions) / FPS
+    beats = motion_beats(joint_speeds(positions[:, BEAT_JOINTS]), mean_speed)
+    inside = counted(onsets, duration)
+    chance = [audio_to_motion(each, beats) for each in _shifted(inside, duration)]
+    return audio_to_motion(inside, beats), np.array(chance)
+
+
 def beat_scores(
     positions: Float[np.ndarray, "T J 3"],
     onsets: Float[np.ndarray, " n"],
@@ -86,11 +146,8 @@ def beat_scores(
     """
     duration = len(positions) / FPS
     beats = motion_beats(joint_speeds(positions[:, BEAT_JOINTS]), mean_speed)
-    inside = onsets[(onsets >= MARGIN_S) & (onsets < duration - MARGIN_S)]
-    # Shifts keep the rhythm of the speech and break its relation to the motion.
-    length = max(duration - 2 * MARGIN_S, 1.0)
-    shifts = np.linspace(0, length, CHANCE_SHIFTS + 2)[1:-1]
-    shifted = [MARGIN_S + (inside - MARGIN_S + shift) % length for shift in shifts]
+    inside = counted(onsets, duration)
+    shifted = _shifted(inside, duration)
     directions = {"audio_to_motion": audio_to_motion, "motion_to_audio": motion_to_audio}
     scores = {}
     for name, score in directions.items():
@@ -98,3 +155,10 @@ def beat_scores(
         chance = [score(onsets_, beats) for onsets_ in shifted]
         scores[f"beat_align_{name}_chance"] = float(np.mean(chance))
     return scores
+
+
+def _shifted(onsets: Float[np.ndarray, " n"], duration_s: float) -> list[Float[np.ndarray, " n"]]:
+    """Shifts keep the rhythm of the speech and break its relation to the motion."""
+    length = max(duration_s - 2 * MARGIN_S, 1.0)
+    shifts = np.linspace(0, length, CHANCE_SHIFTS + 2)[1:-1]
+    return [MARGIN_S + (onsets - MARGIN_S + shift) % length for shift in shifts]

@@ -14,7 +14,13 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from model.measures.beats import BEAT_JOINTS, MARGIN_S, beat_scores, joint_speeds
+from model.measures.beats import (
+    BEAT_JOINTS,
+    audio_to_motion_and_chance,
+    beats_per_joint_s,
+    counted,
+    joint_speeds,
+)
 from model.measures.faults.evidence import Evidence
 from model.measures.faults.finding import Finding
 from model.measures.faults.table import find_faults
@@ -25,7 +31,7 @@ from model.measures.measures import (
 )
 from model.measures.periods import find_period
 from model.measures.reference_error import error_to_reference
-from model.measures.results import BeatMeasures, Measures
+from model.measures.results import BeatMeasures, BeatSpeeds, Measures
 from model.measures.seams import Windows
 from model.motion.filtering import smooth_motion
 from model.motion.motion import Motion, first_frames
@@ -112,6 +118,7 @@ def diagnose(
     joint: str | None = None,
     onsets_s: Float[np.ndarray, " onsets"] | None = None,
     loudness: Float[np.ndarray, " frames"] | None = None,
+    mean_speeds: Float[np.ndarray, " 13"] | None = None,
 ) -> Diagnostics:
     """Measure motions and the reference, raw and filtered.
 
@@ -129,6 +136,7 @@ def diagnose(
         joint: a fingertip or joint to follow in place of ``tip``.
         onsets_s: times of the speech's onsets (`beats.speech_onsets`), for BeatAlign.
         loudness: of the speech by frame (`faults.timing.loudness_of`), for time shifts.
+        mean_speeds: published ones for BeatAlign (`beats.read_mean_speeds`).
 
     Raises:
         ValueError: if there is no such fingertip or joint.
@@ -139,6 +147,7 @@ def diagnose(
         tip_track=tip_track,
         onsets_s=onsets_s,
         loudness=loudness,
+        mean_speeds=mean_speeds,
     )
     windows = windows or {}
     motions, reference, notes = _cut_alike(motions, reference)
@@ -200,6 +209,7 @@ class _Settings:
     tip_track: TipTrack | None
     onsets_s: Float[np.ndarray, " onsets"] | None
     loudness: Float[np.ndarray, " frames"] | None
+    mean_speeds: Float[np.ndarray, " 13"] | None
 
 
 class _Version(NamedTuple):
@@ -236,9 +246,11 @@ def _measured(
     """
     found: list[Measures] = []
     faults: list[Finding] = []
-    usual_speed = period = evidence = None
-    if reference is not None and recorded is not None:
-        usual_speed = _mean_speed(recorded["raw"].tracks)
+    period = evidence = None
+    usual_speed = settings.mean_speeds
+    speeds_of: BeatSpeeds = "emage"
+    if usual_speed is None and recorded is not None:
+        usual_speed, speeds_of = _mean_speed(recorded["raw"].tracks), "reference"
     for kind, version in versions:
         if kind == "raw":  # it comes first
             period = find_period(version.tracks)
@@ -254,9 +266,9 @@ def _measured(
         if recorded is not None:
             errors = error_to_reference(version.tracks, recorded[kind].tracks)
         if usual_speed is None:
-            usual_speed = _mean_speed(version.tracks)
+            usual_speed, speeds_of = _mean_speed(version.tracks), "own"
         if settings.onsets_s is not None:
-            beats = _measure_beats(version.tracks, usual_speed, settings.onsets_s)
+            beats = _measure_beats(version.tracks, usual_speed, speeds_of, settings.onsets_s)
         numbers = replace(numbers, errors=errors, beats=beats)
         found.append(numbers)
         if kind == "raw":
@@ -277,20 +289,19 @@ def _common_windows(windows: Sequence[Windows | None]) -> Windows | None:
 def _measure_beats(
     tracks: Tracks,
     usual_speed: Float[np.ndarray, " joints"],
+    speeds_of: BeatSpeeds,
     onsets_s: Float[np.ndarray, " onsets"],
 ) -> BeatMeasures:
-    """See `BeatMeasures`.
-
-    Args:
-        usual_speed: decides what is slow: the reference's mean, or else the motion's own.
-    """
-    duration_s = len(tracks.joints) / FPS
-    if not np.any((onsets_s >= MARGIN_S) & (onsets_s < duration_s - MARGIN_S)):
-        return BeatMeasures(math.nan, math.nan)
-    scores = beat_scores(_rooted(tracks), onsets_s, usual_speed)
-    return BeatMeasures(
-        scores["beat_align_audio_to_motion"], scores["beat_align_audio_to_motion_chance"]
-    )
+    """See `BeatMeasures`."""
+    num_onsets = len(counted(onsets_s, len(tracks.joints) / FPS))
+    score = mean = highest = rate = math.nan
+    if len(tracks.joints) > 1:
+        positions = _rooted(tracks)
+        rate = beats_per_joint_s(positions, usual_speed)
+        if num_onsets:
+            score, chance = audio_to_motion_and_chance(positions, onsets_s, usual_speed)
+            mean, highest = float(chance.mean()), float(chance.max())
+    return BeatMeasures(score, mean, highest, rate, num_onsets, speeds_of)
 
 
 def _mean_speed(tracks: Tracks) -> Float[np.ndarray, " joints"]:

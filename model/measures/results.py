@@ -5,7 +5,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, is_dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -18,6 +18,7 @@ from model.measures.seams import RecurringJerk
 ByJoint = Float[np.ndarray, " 55"]
 ByDepth = Float[np.ndarray, " 11"]
 ByFingertip = Float[np.ndarray, " 10"]
+BeatSpeeds = Literal["reference", "own", "emage"]
 T = TypeVar("T")
 
 
@@ -146,10 +147,19 @@ class Diversity:
 
 @dataclass(frozen=True)
 class BeatMeasures:
-    """BeatAlign in EMAGE's direction and its chance level; NaN where no onset counts."""
+    """BeatAlign in EMAGE's direction and its chance level, NaN where no onset counts; and what it
+    rests on."""
 
     beat_align: float
     beat_align_chance: float
+    beat_align_chance_highest: float
+    """Of the shifts whose mean is the chance level."""
+    beats_per_joint_s: float
+    """Beats of motion per second, mean of the 13 joints."""
+    beat_onsets: int
+    """Onsets of the speech that count."""
+    beat_speeds_of: BeatSpeeds
+    """Whose mean speeds decide what is slow."""
 
 
 @dataclass(frozen=True)

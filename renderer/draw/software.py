@@ -128,7 +128,7 @@ def near_openings(
     is_near[found[count == 1]] = True
     for _ in range(OPENING_EDGES):
         is_near[corners[is_near[corners].any(axis=1)]] = True
-    return is_near[corners].any(axis=1)
+    return np.asarray(is_near[corners].any(axis=1))
 
 
 def _plain(numbers: Float[np.ndarray, "V 3"]) -> Float32[np.ndarray, "V 3"]:

@@ -54,3 +54,15 @@ def results_parts(
 def shown(html: str) -> Any:
     """An update of an HTML part that is hidden while it is empty."""
     return gr.update(value=html, visible=bool(html))
+
+
+def player_part(prefix: str) -> gr.HTML:
+    """A player in lock-step, whose value is a `Showing` as a dictionary; without rows it takes no
+    room."""
+    return gr.HTML(
+        {},
+        html_template='<div class="lockstep" hidden></div>',
+        js_on_load=mount("player.js", "mountPlayer"),
+        apply_default_css=False,
+        elem_id=prefix + "player",
+    )

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 from app import text
 from app.findings.measure_rows import MEASURES, Measure, nearest, written
 from app.findings.points import point_title
+from app.findings.ranking import GRAVEST
+from app.findings.sentences import sentences_of
 from app.page.parts import markup
 from app.run.request import REFERENCE_NAME
 
@@ -41,6 +43,7 @@ def measures_table(diagnostics: Diagnostics) -> str:
         '<div class="measures" data-filter="raw">'
         f"{markup.heading(text.NUMBERS_HEADING, _explanation(diagnostics.point))}"
         f"{_findings(diagnostics.findings)}"
+        f"{_beats(diagnostics)}"
         f"{_bar(has_reference=reference is not None)}"
         f'<div class="scroll" role="region" aria-label="{escape(text.NUMBERS_HEADING)}" '
         'tabindex="0"><table>'
@@ -133,18 +136,35 @@ def _is_known(measure: Measure, columns: Columns) -> bool:
     )
 
 
+def _beats(diagnostics: Diagnostics) -> str:
+    sentence = sentences_of(diagnostics)["beats"]
+    return f'<p class="says">{escape(sentence)}</p>' if sentence else ""
+
+
 def _finding(name: str, finding: Finding) -> str:
-    """With the time at which it is worst, in seconds, for whoever wants to go there."""
-    at = "" if finding.worst_s is None else f' data-at="{finding.worst_s:.3f}"'
-    return f"<li{at}><b>{escape(name)}</b>{escape(finding.sentence)}</li>"
+    """With a button that goes to where it is worst, wherever there is a player."""
+    from model.measures.faults.finding import clock
+
+    go = ""
+    if finding.worst_frame is not None and finding.worst_s is not None:
+        go = (
+            f'<button type="button" class="go" data-at="{finding.worst_s:.3f}">'
+            f"{text.GO_THERE.format(time=clock(finding.worst_frame))}</button>"
+        )
+    return f"<li><b>{escape(name)}</b>{escape(finding.sentence)}{go}</li>"
 
 
 def _findings(findings: Mapping[str, Sequence[Finding]]) -> str:
-    """What stands out in the motions, in sentences, the gravest first; nothing where nothing
+    """What stands out in the motions, in sentences, the gravest few apart; nothing where nothing
     does."""
     from model.measures.faults.finding import ranked
 
-    items = "".join(_finding(name, finding) for name, finding in ranked(findings))
+    items = [_finding(name, finding) for name, finding in ranked(findings)]
     if not items:
         return ""
-    return f'<div class="findings"><h3>{text.FINDINGS_TITLE}</h3><ul>{items}</ul></div>'
+    rest = "".join(items[GRAVEST:])
+    more = f"<h3>{text.ALSO_FOUND}</h3><ul>{rest}</ul>" if rest else ""
+    return (
+        f'<div class="findings"><h3>{text.FINDINGS_TITLE}</h3>'
+        f"<ul>{''.join(items[:GRAVEST])}</ul>{more}</div>"
+    )

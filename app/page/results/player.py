@@ -4,20 +4,37 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from app.page.results.timeline import Version, make_timeline, series_looks
+from app.page.results.timeline import Version, make_timeline, series_looks, waveform_peaks
 from app.page.serving.media import MediaDesk
 from app.run.export import render_settings
 from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
-from app.run.request import REFERENCE_NAME, Artefact, GenerateRequest, file_stem
+from app.run.request import (
+    REFERENCE_NAME,
+    Artefact,
+    CloseUp,
+    Framing,
+    GenerateRequest,
+    View,
+    file_stem,
+)
 from model.speech.transcript import Word
 
+if TYPE_CHECKING:
+    from app.run.diagnose import DiagnoseRequest
+
+NOTHING: dict[str, Any] = {}
+"""What a player shows before there is anything."""
 _ROW_KINDS = ("motion", "preview", "video")
+
+
+WriteSound = Callable[[Mapping[str, Path]], tuple[Path, Path]]
+"""Motion files by row to the sound that the player plays, and the time line."""
 
 
 class Showing:
@@ -25,22 +42,25 @@ class Showing:
 
     def __init__(
         self,
-        request: GenerateRequest,
         names: Sequence[str],
+        awaited: Sequence[str],
+        layout: Mapping[str, Any],
+        write_sound: WriteSound,
         folder: Path,
         desk: MediaDesk,
         visitor: str,
-        words: Sequence[Word] = (),
     ) -> None:
         """
         Args:
             names: of the rows, in the order of the page.
+            awaited: rows whose motion files must be there before the time line can be made.
+            layout: as `picture_layout` has it.
             folder: of the job, where sound and time line are kept.
             visitor: the browser's cookie.
-            words: of the speech, where a transcript was given.
         """
-        self._words = words
-        self._request = request
+        self._write_sound = write_sound
+        self._layout = layout
+        self._awaited = set(awaited)
         self._folder = folder
         self._desk = desk
         self._visitor = visitor
@@ -53,6 +73,29 @@ class Showing:
         self._made: Future[tuple[Path, Path]] | None = None
         self._sound: dict[str, str] = {}
 
+    @classmethod
+    def of_run(
+        cls,
+        request: GenerateRequest,
+        names: Sequence[str],
+        folder: Path,
+        desk: MediaDesk,
+        visitor: str,
+        words: Sequence[Word] = (),
+    ) -> Showing:
+        """Of generated motion, and of its speech.
+
+        Args:
+            words: of the speech, where a transcript was given.
+        """
+        awaited = [name for name in names if name != REFERENCE_NAME]
+        layout = picture_layout(request.views[0], request.size, request.close_ups, request.framing)
+        return cls(
+            *(names, awaited, layout),
+            lambda paths: write_sound(request, paths, folder, words),
+            *(folder, desk, visitor),
+        )
+
     def take(self, artefact: Artefact) -> None:
         """Note a file that has become whole; the time line is begun with the last motion."""
         if artefact.name not in self._rows or artefact.kind not in _ROW_KINDS:
@@ -60,7 +103,7 @@ class Showing:
         self._rows[artefact.name][artefact.kind] = self._desk.offer(artefact.path, self._visitor)
         if artefact.kind == "motion":
             self._motions[artefact.name] = artefact.path
-            if self._made is None and self._motions.keys() >= self._rows.keys() - {REFERENCE_NAME}:
+            if self._made is None and self._motions.keys() >= self._awaited:
                 self._begin_timeline()
 
     def value(self, is_over: bool = False) -> dict[str, Any]:
@@ -82,12 +125,9 @@ class Showing:
         return {
             "run": self._folder.name,
             "rows": rows,
-            "layout": picture_layout(self._request),
+            "layout": self._layout,
             **self._sound,
         }
-
-    def _write_sound(self) -> tuple[Path, Path]:
-        return write_sound(self._request, dict(self._motions), self._folder, self._words)
 
     def _begin_timeline(self) -> None:
         """In a thread: the run itself goes on drawing, and the page is told of it meanwhile."""
@@ -96,14 +136,16 @@ class Showing:
 
         def work() -> None:
             try:
-                made.set_result(self._write_sound())
+                made.set_result(self._write_sound(dict(self._motions)))
             except BaseException as error:
                 made.set_exception(error)
 
         threading.Thread(target=work, name="timeline", daemon=True).start()
 
 
-def picture_layout(request: GenerateRequest) -> dict[str, Any]:
+def picture_layout(
+    view: View, size: int, close_ups: tuple[CloseUp, ...], framing: Framing
+) -> dict[str, Any]:
     """Where in a video the body and its close-ups stand.
 
     Returns:
@@ -112,14 +154,11 @@ def picture_layout(request: GenerateRequest) -> dict[str, Any]:
     """
     from renderer.stage.panels import CLOSE_UPS
 
-    settings = render_settings(
-        *(request.views[0], request.size), close_ups=request.close_ups, framing=request.framing
-    )
+    settings = render_settings(view, size, close_ups=close_ups, framing=framing)
     width, height = settings.picture_size
     body, *beside = settings.panels
     edges = {
-        name: next(panel for panel in beside if panel.view in CLOSE_UPS[name])
-        for name in request.close_ups
+        name: next(panel for panel in beside if panel.view in CLOSE_UPS[name]) for name in close_ups
     }
     return {"aspect": width / height} | {
         name: [panel.top / height, (panel.top + panel.height) / height]
@@ -154,6 +193,39 @@ def write_sound(
         recorded = make_timeline(None, {REFERENCE_NAME: reference}, "raw", tip)
         timeline["curves"] |= recorded["curves"]
     timeline["words"] = [(word.start_s, word.end_s, word.text) for word in words]
+    path = folder / "timeline.json"
+    path.write_text(json.dumps(timeline, allow_nan=False, separators=(",", ":")))
+    return wav, path
+
+
+def write_own_sound(
+    request: DiagnoseRequest, paths: Mapping[str, Path], folder: Path
+) -> tuple[Path, Path]:
+    """The same for motion files of a visitor's own: sound as long as the longest of them, silent
+    where they gave none.
+
+    Args:
+        paths: motion files by row, the reference among them.
+    """
+    import numpy as np
+
+    from model.motion.motion import load_motion
+    from model.motion.timing import SAMPLE_RATE
+    from model.speech.audio import load_speech, write_wav
+
+    motions = {name: load_motion(path) for name, path in paths.items()}
+    longest_s = max(motion.duration_s for motion in motions.values())
+    speech = load_speech(request.speech) if request.speech is not None else None
+    waveform = np.zeros(0, np.float32) if speech is None else speech.waveform
+    missing = round(longest_s * SAMPLE_RATE) - len(waveform)
+    waveform = np.pad(waveform, (0, max(0, missing)))
+    wav = folder / "speech.wav"
+    write_wav(wav, waveform)
+    tip = choose_tip_source(get_body(request.body), request.body, request.joint)
+    timeline = make_timeline(speech, motions, "raw", tip)
+    timeline["duration_s"] = round(max(longest_s, timeline["duration_s"]), 4)
+    timeline["worst"] = [each for each in timeline["worst"] if each["name"] != REFERENCE_NAME]
+    timeline |= {"words": [], "peaks": [] if speech is None else waveform_peaks(waveform)}
     path = folder / "timeline.json"
     path.write_text(json.dumps(timeline, allow_nan=False, separators=(",", ":")))
     return wav, path

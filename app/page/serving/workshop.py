@@ -21,13 +21,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.errors import CancelledRun, RunError
-from app.run.request import GenerateRequest, GenerateResult, OnEvent, Progress, ShouldCancel
+from app.run.request import (
+    Artefact,
+    GenerateRequest,
+    GenerateResult,
+    OnEvent,
+    Progress,
+    ShouldCancel,
+)
 
 if TYPE_CHECKING:
     from app.run.diagnose import DiagnoseRequest, Diagnosis
     from app.run.step_curve import StepCurve, StepCurveRequest
     from app.study.export import ExportOptions
     from app.study.make.workspace import Workspace
+
+OnFile = Callable[[Artefact], None]
 
 GRACE_S = 1.0
 """How long a process may go on after it was told to stop."""
@@ -91,9 +100,14 @@ class Workshop:
         """As `app.run.pipeline.generate_all`."""
         return self.do("generate", (request,), on_event, should_cancel)
 
-    def diagnose(self, request: DiagnoseRequest, on_share: Callable[[float], None]) -> Diagnosis:
+    def diagnose(
+        self,
+        request: DiagnoseRequest,
+        on_share: Callable[[float], None],
+        on_file: OnFile = lambda artefact: None,
+    ) -> Diagnosis:
         """As `app.run.diagnose.diagnose_files`."""
-        return self._with_shares("diagnose", (request,), on_share)
+        return self._with_shares("diagnose", (request,), on_share, on_file)
 
     def measure_steps(
         self, request: StepCurveRequest, on_share: Callable[[float], None]
@@ -160,7 +174,11 @@ class Workshop:
             self._all.discard(process)
 
     def _with_shares(
-        self, task: str, arguments: tuple[Any, ...], on_share: Callable[[float], None]
+        self,
+        task: str,
+        arguments: tuple[Any, ...],
+        on_share: Callable[[float], None],
+        on_file: OnFile = lambda artefact: None,
     ) -> Any:
         """``on_share`` ends the run by raising CancelledRun, which it must be asked for."""
         share = 0.0
@@ -169,6 +187,8 @@ class Workshop:
             nonlocal share
             if isinstance(event, Progress):
                 share = event.fraction
+            elif isinstance(event, Artefact):
+                on_file(event)
 
         def should_cancel() -> bool:
             try:

@@ -29,7 +29,7 @@ def generate(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> An
 def diagnose(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
     from app.run.diagnose import diagnose_files
 
-    return diagnose_files(request, _shares("numbers", on_event, should_cancel))
+    return diagnose_files(request, _shares("numbers", on_event, should_cancel), on_event)
 
 
 def measure_steps(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:

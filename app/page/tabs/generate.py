@@ -12,7 +12,7 @@ from app import text
 from app.config import AppConfig
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue, point_choices
-from app.page.parts.html_parts import mount, results_parts
+from app.page.parts.html_parts import player_part, results_parts
 from app.page.tabs.generate_form import SEED_LIMIT
 from app.run.display import FACTORS
 from app.run.followed_point import TIP
@@ -196,13 +196,7 @@ def build_results(prefix: str = "", ready: str = text.READY, empty: str = "") ->
     status = gr.HTML(markup.sentence_status(ready), elem_id=prefix + "status")
     empty_part = gr.HTML(empty, visible=bool(empty), elem_id=prefix + "empty")
     verdict = gr.HTML("", visible=False, elem_id=prefix + "verdict")
-    player = gr.HTML(
-        {},
-        html_template='<div class="lockstep" hidden></div>',
-        js_on_load=mount("player.js", "mountPlayer"),
-        apply_default_css=False,
-        elem_id=prefix + "player",
-    )
+    player = player_part(prefix)
     figures, numbers, downloads_part, bundle, files = results_parts(prefix)
     return ResultParts(
         message,

@@ -19,7 +19,7 @@ from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import shown
 from app.page.results.figures_shown import FiguresShown
 from app.page.results.measures_table import measures_table
-from app.page.results.player import Showing
+from app.page.results.player import NOTHING, Showing
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.runner import TabRunner, Updates
@@ -38,8 +38,6 @@ from app.run.result_folder import zip_files
 from model.speech.transcript import read_words
 
 Generate = Callable[[GenerateRequest, OnEvent, ShouldCancel], GenerateResult]
-NOTHING: dict[str, Any] = {}
-"""What a player shows before there is anything."""
 
 
 @dataclass
@@ -101,7 +99,9 @@ class GenerateRunner(TabRunner[GenerateResult]):
             generate=self._generate,
             asked=asked,
             job=job,
-            showing=Showing(asked, row_names(asked), job.folder, self._desk, cookie, words),
+            showing=Showing.of_run(
+                *(asked, row_names(asked), job.folder, self._desk, cookie, words)
+            ),
             figures=FiguresShown(self._desk, cookie),
             parts=self._results,
             at_the_end=self._buttons(is_running=False),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import gradio as gr
@@ -10,19 +12,34 @@ from app import text
 from app.config import AppConfig
 from app.page.parts import markup
 from app.page.parts.catalogue import point_choices
-from app.page.parts.html_parts import results_parts
+from app.page.parts.html_parts import player_part, results_parts
+from app.page.parts.named_fields import named_fields
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
-from app.page.tabs.own_motion_run import Diagnose, OwnMotionParts, OwnMotionRunner
+from app.page.tabs.own_motion_run import (
+    Diagnose,
+    OwnMotionForm,
+    OwnMotionParts,
+    OwnMotionRunner,
+    display_names,
+)
+from app.run.display import FACTORS
 from app.run.followed_point import TIP
+from app.run.planted import planted_files
+from app.run.request import MAX_COMPARED
 
 TAB = "Your motion"
 WINDOWS_HELP = (
     "If you know how long the windows are, jumps are looked for where they join. Left empty, every "
     "period from 2 to 240 frames is tried."
 )
+VIDEOS_LABEL = "Videos"
+VIDEOS_HELP = "Side by side in lock-step, with close-ups; takes longer than measuring."
+PLANTED_LABEL = "Try an example with planted faults"
+SHOWN_LABEL = "Shown in figures and videos"
+SHOWN_HELP = "At most six with the reference; all are measured."
 INTRODUCTION = (
-    "Measures up to six motion files of your own as it measures the systems, raw and filtered: "
+    "Measures motion files of your own as it measures the systems, raw and filtered: "
     ".npz as BEAT2, AMASS and SMPL-X have them, .npy, .bvh; 12 to 240 frames a second. The same as "
     "<code>python -m app diagnose</code>."
 )
@@ -43,32 +60,63 @@ def build_own_motion_tab(
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
     with gr.Row(elem_classes="columns"):
         with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
-            fields, start, cancel = _build_form()
+            form = _build_form()
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
             parts = build_results()
     runner = OwnMotionRunner(diagnose, config, jobs, desk, parts)
-    start.click(
-        runner.run,
-        inputs=fields,
-        outputs=parts.all,
+    asks = {
+        "inputs": form.fields,
+        "outputs": parts.all,
+        "show_progress": "hidden",
+        "concurrency_limit": None,  # JobBook lets them in one by one
+    }
+    form.start.click(
+        named_fields(runner.run, OwnMotionForm, optional=("reference", "speech")),
+        **asks,
         api_name="own_motion",
+        trigger_mode="once",
+    )
+    form.planted.click(
+        lambda: planted_files(config.temp / "planted"),
+        outputs=form.fields[:2],
+        api_visibility="private",
         show_progress="hidden",
         trigger_mode="once",
-        concurrency_limit=None,  # JobBook lets them in one by one
-    )
-    cancel.click(runner.cancel, queue=False, api_visibility="private", show_progress="hidden")
+    ).then(runner.run, **asks, api_visibility="private")
+    form.cancel.click(runner.cancel, queue=False, api_visibility="private", show_progress="hidden")
     page.unload(runner.cancel)
 
 
-def _build_form() -> tuple[list[Any], gr.Button, gr.Button]:
+@dataclass(frozen=True)
+class FormParts:
     """Fields in the order of `OwnMotionForm`, and the buttons."""
+
+    fields: list[Any]
+    start: gr.Button
+    cancel: gr.Button
+    planted: gr.Button
+
+
+def _build_form() -> FormParts:
     motions = gr.File(
-        label="Motions to compare (.npz, .npy or .bvh, one to six)",
+        label="Motions to compare (.npz, .npy or .bvh)",
         file_count="multiple",
         file_types=[".npz", ".npy", ".bvh"],
         type="filepath",
         height=150,
         elem_id="own-motions",
+    )
+    shown = gr.Dropdown(
+        choices=[],
+        multiselect=True,
+        max_choices=MAX_COMPARED,
+        visible=False,
+        label=SHOWN_LABEL,
+        info=SHOWN_HELP,
+        elem_id="own-shown",
+    )
+    motions.change(
+        _choices, motions, shown, queue=False, api_visibility="private", show_progress="hidden"
     )
     reference = gr.File(
         label=text.REFERENCE_LABEL,
@@ -85,6 +133,13 @@ def _build_form() -> tuple[list[Any], gr.Button, gr.Button]:
     with gr.Row(elem_classes="pair"):
         point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
         start_frame = gr.Number(value=0, minimum=0, label=text.START_LABEL)
+    with gr.Row(elem_classes="pair"):
+        has_videos = gr.Checkbox(True, label=VIDEOS_LABEL, info=VIDEOS_HELP, elem_id="own-videos")
+        has_trail = gr.Checkbox(True, label=text.TRAIL_LABEL, info=text.TRAIL_HELP)
+    exaggeration = gr.Radio(
+        [(f"x{factor}", factor) for factor in FACTORS], value=1, label=text.EXAGGERATE_LABEL,
+        info=text.EXAGGERATE_HELP,
+    )  # fmt: skip
     with gr.Accordion("Made of windows?", open=False):
         gr.HTML(f'<p class="hint">{WINDOWS_HELP}</p>')
         with gr.Row(elem_classes="pair"):
@@ -93,11 +148,21 @@ def _build_form() -> tuple[list[Any], gr.Button, gr.Button]:
     with gr.Row(elem_classes="actions"):
         start = gr.Button("Measure and compare", variant="primary", elem_id="own-start")
         cancel = gr.Button(text.CANCEL, elem_id="own-cancel", min_width=110)
-    return [motions, reference, speech, point, start_frame, window, overlap], start, cancel
+    planted = gr.Button(PLANTED_LABEL, elem_id="own-planted", size="sm")
+    fields = [motions, reference, speech, point, start_frame, window, overlap, shown]
+    fields += [has_videos, has_trail, exaggeration]
+    return FormParts(fields, start, cancel, planted)
+
+
+def _choices(paths: list[str] | None) -> Any:
+    """The motions that can be chosen; nothing is asked where all fit."""
+    names = display_names([Path(path).stem for path in paths or ()])
+    first = list(names[:MAX_COMPARED])
+    return gr.update(choices=list(names), value=first, visible=len(names) >= MAX_COMPARED)
 
 
 def build_results() -> OwnMotionParts:
     """What is measured, drawn and said; all but the status is hidden until there is something."""
     status = gr.HTML(markup.sentence_status(text.READY), elem_id="own-status")
     message = gr.HTML("", visible=False, elem_id="own-message")
-    return OwnMotionParts(status, message, *results_parts("own-"))
+    return OwnMotionParts(status, message, player_part("own-"), *results_parts("own-"))

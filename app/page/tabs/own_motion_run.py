@@ -18,28 +18,42 @@ from app.page.parts.asked import form_of
 from app.page.parts.html_parts import shown
 from app.page.results.figures_shown import FiguresShown
 from app.page.results.measures_table import measures_table
+from app.page.results.player import NOTHING, Showing, picture_layout, write_own_sound
 from app.page.serving.follow import last_share
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.runner import TabRunner, Updates
-from app.run.request import MAX_COMPARED, Artefact, Event, OnEvent, Progress, ShouldCancel
+from app.run.display import Display, check_display
+from app.run.own_videos import OnFile, VideoOptions
+from app.run.request import (
+    MAX_COMPARED,
+    REFERENCE_NAME,
+    Artefact,
+    Event,
+    OnEvent,
+    Progress,
+    ShouldCancel,
+)
 from app.run.result_folder import zip_files
 
 if TYPE_CHECKING:
     from app.run.diagnose import DiagnoseRequest, Diagnosis
 
-NO_MOTION = "Choose at least one motion file (BEAT2 .npz)."
-TOO_MANY = "At most {limit} motions are compared at once; {count} were chosen."
+NO_MOTION = "Choose at least one motion file (.npz, .npy or .bvh)."
+MAX_FILES = 24
+TOO_MANY = "At most {limit} files are measured at once; {count} were given."
+TOO_MANY_SHOWN = "At most {limit} motions are shown beside each other; {count} were chosen."
 BAD_START = "The first frame of the figure must be a whole number from 0 on; got {value}."
 BAD_FRAMES = "The {what} must be a whole number of frames, or empty; got {value:g}."
 MEASURED = "Measured {motions}."
-MEASURING = "Measuring: {share:.0%}"
+MEASURING = "Measuring and drawing: {share:.0%}"
 MAX_FRAMES = 108_000
 """Of all files of a run, an hour; the command line has no such limit."""
 MAX_NAME = 60
 """Characters of a file's name that figures and tables show."""
 
-Diagnose = Callable[["DiagnoseRequest", Callable[[float], None]], "Diagnosis"]
+VIDEO_SIZE_PX = 512
+Diagnose = Callable[["DiagnoseRequest", Callable[[float], None], OnFile], "Diagnosis"]
 
 
 @dataclass(frozen=True)
@@ -48,6 +62,7 @@ class OwnMotionParts:
 
     status: gr.HTML
     message: gr.HTML
+    player: gr.HTML
     figures: gr.HTML
     numbers: gr.HTML
     downloads: gr.Column
@@ -70,6 +85,11 @@ class OwnMotionForm:
     start_frame: float | None
     window: float | None = None
     overlap: float | None = None
+    shown: list[str] | None = None
+    """Names of those that figures and videos show, where there are more than fit."""
+    has_videos: bool = True
+    has_trail: bool = True
+    exaggeration: int = 1
 
     def to_request(self, out: Path, config: AppConfig) -> DiagnoseRequest:
         """The measuring that the form asks for.
@@ -82,9 +102,11 @@ class OwnMotionForm:
         paths = [Path(path) for path in self.motions or ()]
         if not paths:
             raise RunError(NO_MOTION)
+        if len(paths) > MAX_FILES:
+            raise RunError(TOO_MANY.format(limit=MAX_FILES, count=len(paths)))
         limit = MAX_COMPARED - bool(self.reference)
-        if len(paths) > limit:
-            raise RunError(TOO_MANY.format(limit=limit, count=len(paths)))
+        if self.shown and len(self.shown) > limit:
+            raise RunError(TOO_MANY_SHOWN.format(limit=limit, count=len(self.shown)))
         start = self.start_frame or 0
         if start < 0 or start != int(start):
             raise RunError(BAD_START.format(value=self.start_frame))
@@ -94,13 +116,30 @@ class OwnMotionForm:
             names=display_names([path.stem for path in paths]),
             reference=Path(self.reference) if self.reference else None,
             speech=Path(self.speech) if self.speech else None,
+            shown=tuple(self.shown or ()) if len(paths) > limit else (),
             joint=self.point,
             start_frame=int(start),
             body=config.body,
+            videos=self._videos(config),
             window=_whole(self.window, "window"),
             overlap=_whole(self.overlap, "overlap") or 0,
             max_frames=MAX_FRAMES,
         )
+
+    def _videos(self, config: AppConfig) -> VideoOptions | None:
+        if not self.has_videos:
+            return None
+        display = Display(int(self.exaggeration), bool(self.has_trail))
+        check_display(display)
+        # A licensed body may be looked at in videos; its mesh is not handed to visitors.
+        return VideoOptions(display, size=VIDEO_SIZE_PX, has_previews=config.body is None)
+
+
+def rows_of(request: DiagnoseRequest) -> tuple[str, ...]:
+    """The videos of a run in the order in which they stand on the page."""
+    limit = MAX_COMPARED - (request.reference is not None)
+    names = request.shown or request.names[:limit]
+    return (*names, REFERENCE_NAME) if request.reference else tuple(names)
 
 
 def _whole(value: float | None, what: str) -> int | None:
@@ -152,7 +191,9 @@ class OwnMotionRunner(TabRunner["Diagnosis"]):
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
         asked = form_of(OwnMotionForm, values).to_request(job.folder / "results", self._config)
-        yield _Work(self._diagnose, asked, job, FiguresShown(self._desk, cookie), self._parts)
+        showing = None if asked.videos is None else _showing(asked, job, self._desk, cookie)
+        figures = FiguresShown(self._desk, cookie)
+        yield _Work(self._diagnose, asked, job, figures, showing, self._parts)
 
     def blank(self) -> Updates:
         return {
@@ -170,10 +211,22 @@ class OwnMotionRunner(TabRunner["Diagnosis"]):
 
     def _without_results(self) -> Updates:
         return {
+            self._parts.player: NOTHING,
             self._parts.figures: shown(""),
             self._parts.numbers: shown(""),
             self._parts.downloads: gr.update(visible=False),
         }
+
+
+def _showing(asked: DiagnoseRequest, job: Job, desk: MediaDesk, cookie: str) -> Showing:
+    names, options = rows_of(asked), asked.videos
+    assert options is not None
+    return Showing(
+        *(names, names),
+        picture_layout("front", options.size, options.close_ups, options.framing),
+        lambda paths: write_own_sound(asked, paths, job.folder),
+        *(job.folder, desk, cookie),
+    )
 
 
 @dataclass(frozen=True)
@@ -184,6 +237,7 @@ class _Work:
     asked: DiagnoseRequest
     job: Job
     figures: FiguresShown
+    showing: Showing | None
     parts: OwnMotionParts
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Diagnosis:
@@ -192,13 +246,18 @@ class _Work:
                 raise CancelledRun
             on_event(Progress("numbers", share))
 
-        return self.diagnose(self.asked, on_progress)
+        return self.diagnose(self.asked, on_progress, on_event)
 
     def progress(self, events: list[Event]) -> Updates:
+        updates: Updates = {}
+        for event in events:
+            if isinstance(event, Artefact) and self.showing is not None:
+                self.showing.take(event)
+                updates[self.parts.player] = self.showing.value()
         share = last_share(events)
-        if share is None:
-            return {}
-        return {self.parts.status: markup.sentence_status(MEASURING.format(share=share))}
+        if share is not None:
+            updates[self.parts.status] = markup.sentence_status(MEASURING.format(share=share))
+        return updates
 
     def finished(self, result: Diagnosis) -> Updates:
         parts = self.parts
@@ -211,6 +270,7 @@ class _Work:
         return {
             parts.status: markup.sentence_status(line),
             parts.message: shown(markup.notes_message(result.notes)),
+            parts.player: NOTHING if self.showing is None else self.showing.value(is_over=True),
             parts.figures: shown(self.figures.html(result.diagnostics)),
             parts.numbers: shown(measures_table(result.diagnostics)),
             parts.downloads: gr.update(visible=True),

@@ -10,10 +10,11 @@ from app import text
 from app.config import AppConfig
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
+from app.page.parts.named_fields import named_fields
 from app.page.serving.jobs import JobBook
 from app.page.serving.researcher_part import Handover
 from app.page.serving.visitors import VISITOR_ROUTE
-from app.page.tabs.study_form import PROTOCOLS, SEPARATOR
+from app.page.tabs.study_form import PROTOCOLS, SEPARATOR, StudyForm
 from app.page.tabs.study_run import Export, StudyParts, StudyRunner
 from app.run.request import VIEWS
 
@@ -54,7 +55,7 @@ def build_study_tab(
         runner.write_plan, fields, results.all, api_name="study_plan", show_progress="hidden"
     )
     start.click(
-        runner.run,
+        named_fields(runner.run, StudyForm, optional=("speeches", "motions")),
         fields,
         results.all,
         api_name="study",

@@ -16,6 +16,16 @@ export function mountMeasures(element, props, watch) {
   wire();
 }
 
+/** Show the moment at which something is worst, in the player of the same tab. */
+function goTo(button, root) {
+  const player = root.closest("[role=tabpanel]")?.querySelector(".lockstep:not([hidden])");
+  if (!player) return;
+  player.lockstep.pause();
+  player.lockstep.setLoop(null);
+  player.lockstep.seek(Number(button.dataset.at));
+  player.scrollIntoView({ block: "nearest", behavior: "smooth" });
+}
+
 /** Wire what the server has written; returns a function that lets go of it. */
 function wireTable(root) {
   const columns = readColumns(root);
@@ -23,6 +33,7 @@ function wireTable(root) {
     row.querySelector("button").onclick = () => order(root, row, columns);
   }
   root.querySelector(".csv").onclick = () => save(root);
+  for (const button of root.querySelectorAll(".findings .go")) button.onclick = () => goTo(button, root);
   const ends = [wireSwitch(root.querySelector(".switch")), followFilter((name) => root.setAttribute("data-filter", name))];
   return () => ends.forEach((end) => end());
 }

@@ -30,7 +30,11 @@ def still_face(evidence: Evidence) -> list[Finding]:
     is_jaw_still = jaw_deg < STILL_JAW_DEG and jaw_unit < STILL_UNIT
     numbers = {"jaw_deviation_deg": jaw_deg, "expression_deviation": unit}
     if is_jaw_still and unit < STILL_UNIT:
-        return [Finding("still_face", "The face never moves, neither jaw nor expression.", numbers)]
+        if not (jaw.any() or motion.expressions.any()):
+            said = "There is no face: jaw and expressions are zero throughout."
+        else:
+            said = "The face never moves, neither jaw nor expression."
+        return [Finding("still_face", said, numbers)]
     if is_jaw_still:
         return [Finding("still_face", "The jaw never moves, though the expression does.", numbers)]
     if unit < STILL_UNIT:

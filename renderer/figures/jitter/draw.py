@@ -173,7 +173,8 @@ def _row(
         if rect is not rects[0]:
             axes.tick_params(axis="y", labelleft=False)
         drawn.append(axes)
-    _write_y_label(figure, rects[0], y_label)
+    if any(curves_of(kind) for kind in _KINDS):
+        _write_y_label(figure, rects[0], y_label)
     return drawn
 
 
@@ -187,6 +188,7 @@ def _draw_curves(
             transform=axes.transAxes,
             **{"size": style.SMALL_PT, "color": style.FAINT_INK, "ha": "center", "va": "center"},
         )
+        axes.set_axis_off()  # a scale of nothing would say something
         return
     for order, (name, (x, y)) in enumerate(curves.items()):
         every = 1 if is_dense or len(x) <= 2 * _MARKERS else max(1, len(x) // _MARKERS)

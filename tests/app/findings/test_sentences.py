@@ -10,9 +10,11 @@ import pytest
 from app.findings.comparison import plain
 from app.findings.points import point_title
 from app.findings.samples import Ratio, ratio_of, samples_by_system
-from app.findings.sentences import sentences_of
+from app.findings.sentences import CHANCE_SHIFTS, SPEEDS_OF, sentences_of
+from model.measures import beats
 from model.measures.attribution import JerkAttribution
 from model.measures.diagnostics import Versions
+from model.measures.results import BeatMeasures, BeatSpeeds
 from tests.app.measured import both, diagnostics_of
 
 PLOTS = ["trajectory", "depth", "spectrum", "attribution", "seams", "reference"]
@@ -199,7 +201,7 @@ def test_the_nearest_to_the_reference_need_not_be_the_smoothest() -> None:
 def test_missing_numbers_are_told_and_never_crash() -> None:
     empty = both()
     found = sentences_of(diagnostics_of(a=empty, b=empty))
-    assert list(found) == PLOTS
+    assert list(found) == [*PLOTS, "beats"]
     assert "too short" in found["trajectory"] and "too short" in found["depth"]
     assert "long enough" in found["spectrum"] and "long enough" in found["seams"]
 
@@ -235,3 +237,21 @@ def test_samples_belong_to_their_system_only_where_it_is_there() -> None:
 )  # fmt: skip
 def test_numbers_are_plain(value: float, text: str) -> None:
     assert plain(value) == text
+
+
+def beating(score: float, highest: float, speeds_of: BeatSpeeds = "own") -> Versions:
+    found = BeatMeasures(score, 0.42, highest, 1.46, 120, speeds_of)
+    raw = replace(measures().raw, beats=found)
+    return Versions(raw, raw)
+
+
+def test_beats_are_told_with_their_number_and_chance() -> None:
+    told = sentences_of(diagnostics_of(a=beating(0.71, 0.72, "emage")))["beats"]
+    assert "a 0.71 (chance 0.42) with 1.5 beats a second of each joint" in told
+    assert "over 120 onsets, with EMAGE's published mean speeds" in told
+    assert "None is above" in told and "how many beats there are" in told
+    told = sentences_of(diagnostics_of(beating(0.4, 0.5), a=beating(0.71, 0.7)))["beats"]
+    assert "the reference 0.40" in told and "20 shifts of the speech: a." in told
+    assert sentences_of(diagnostics_of(a=measures()))["beats"] == ""
+    assert CHANCE_SHIFTS == beats.CHANCE_SHIFTS
+    assert set(SPEEDS_OF) == set(BeatSpeeds.__args__)

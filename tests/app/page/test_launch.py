@@ -132,6 +132,18 @@ def test_without_speech_the_page_asks_for_it(client: Client) -> None:
     assert text.NO_SPEECH in str(caught.value)
 
 
+def test_a_program_must_name_only_what_a_run_cannot_do_without(client: Client) -> None:
+    with pytest.raises(AppError, match="at least one motion"):
+        client.predict(motions=[], api_name="/own_motion")
+    endpoints = client.view_api(return_format="dict", print_info=False)["named_endpoints"]
+    needed = {
+        name: {p["parameter_name"] for p in each["parameters"] if not p["parameter_has_default"]}
+        for name, each in endpoints.items()
+    }
+    assert (needed["/own_motion"], needed["/generate"]) == ({"motions"}, {"speech"})
+    assert needed["/study"] == set()
+
+
 @pytest.mark.gl
 def test_a_run_ends_with_every_file(client: Client, speech: Path) -> None:
     result = submit(client, speech).result(timeout=180)

@@ -4,6 +4,7 @@ import csv
 import json
 import os
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -196,3 +197,33 @@ def test_poses_that_are_being_drawn_can_be_ended(motion: Path, tmp_path: Path) -
         diagnose_files(request, stop_at_the_fifth)
     assert not request.out.exists()
     assert "renderer.video.worker_child" not in children()
+
+
+def test_more_motions_than_a_figure_holds_are_all_measured_and_the_shown_can_be_chosen(
+    tmp_path: Path,
+) -> None:
+    paths = []
+    for seed in range(8):
+        paths.append(tmp_path / f"m{seed}.npz")
+        save_motion(smooth_motion_example(20, seed), paths[-1])
+    asked = DiagnoseRequest(tuple(paths), tmp_path / "out", has_pictures=False)
+    for shown, drawn in (((), "m5"), (("m7", "m1"), "m7")):
+        out = tmp_path / f"out-{drawn}"
+        found = diagnose_files(replace(asked, out=out, shown=shown))
+        assert len(found.diagnostics.systems) == 8
+        assert drawn in (out / "figure6.svg").read_text()
+        assert ("m0" in (out / "figure6.svg").read_text()) is not bool(shown)
+        assert any("say which with --show" in note for note in found.notes) is not bool(shown)
+    with pytest.raises(RunError, match="no motion 'm9' to show"):
+        diagnose_files(replace(asked, shown=("m9",)))
+    with pytest.raises(RunError, match="at most 6"):
+        diagnose_files(replace(asked, shown=tuple(path.stem for path in paths)))
+
+
+def test_mean_speeds_need_a_speech(tmp_path: Path) -> None:
+    save_motion(smooth_motion_example(20), tmp_path / "a.npz")
+    request = DiagnoseRequest(
+        (tmp_path / "a.npz",), tmp_path / "out", mean_speeds=tmp_path / "speeds.npy"
+    )
+    with pytest.raises(RunError, match="--speech"):
+        diagnose_files(request)

@@ -14,7 +14,7 @@ from model.formats.numbers import ROTATIONS, ReadOptions
 from model.formats.read import CONVERT, read_any_motion
 from model.measures.smoothness import derivative_magnitudes
 from model.motion.motion import Motion, MotionError
-from model.motion.skeleton import open_body_skeleton
+from model.motion.skeleton import JOINT_INDEX, open_body_skeleton
 from model.motion.tracks import track_points
 from renderer.body.body import load_body
 from renderer.files.bvh import write_bvh
@@ -156,8 +156,8 @@ def test_our_own_bvh_comes_back(tmp_path: Path):
     assert_same(read.motion, atol=5e-3)
 
 
-def test_an_a_pose_is_refused(tmp_path: Path):
-    path = tmp_path / "a.bvh"
+def written_bvh(path: Path, arm: tuple[float, float], left_arm_deg: float = 0.0) -> Path:
+    """One frame of a body whose upper arms rest along (x, y), the left one turned about z."""
     names = {"Spine": (0, 1, 0), "LeftUpLeg": (1, -1, 0), "RightUpLeg": (-1, -1, 0)}
     joints = "".join(
         f"JOINT {name} {{ OFFSET {x} {y} {z} CHANNELS 3 Zrotation Xrotation Yrotation }}\n"
@@ -165,14 +165,36 @@ def test_an_a_pose_is_refused(tmp_path: Path):
     )
     arms = "".join(
         f"JOINT {side}Arm {{ OFFSET {x} 1 0 CHANNELS 3 Zrotation Xrotation Yrotation JOINT"
-        f" {side}ForeArm {{ OFFSET {x} -2 0 CHANNELS 3 Zrotation Xrotation Yrotation }} }}\n"
+        f" {side}ForeArm {{ OFFSET {x * arm[0]} {arm[1]} 0 CHANNELS 3 Zrotation Xrotation Yrotation"
+        " } }\n"
         for side, x in (("Left", 1), ("Right", -1))
     )
     head = "HIERARCHY ROOT Hips { OFFSET 0 0 0 CHANNELS 3 Zrotation Xrotation Yrotation\n"
-    row = " ".join(["0"] * 3 * 8)
+    row = " ".join(["0"] * 12 + [str(left_arm_deg)] + ["0"] * 11)
     path.write_text(f"{head}{joints}{arms}}}\nMOTION\nFrames: 1\nFrame Time: 0.0333333\n{row}\n")
+    return path
+
+
+def test_an_a_pose_is_refused(tmp_path: Path):
     with pytest.raises(MotionError, match="left arm of its rest pose"):
-        read_any_motion(path)
+        read_any_motion(written_bvh(tmp_path / "a.bvh", arm=(1, -2)))
+
+
+@pytest.mark.parametrize(("arm", "turned", "points_deg"), [((1, 0), 0, 0), ((4, 3), -20, 16.87)])
+def test_limbs_of_another_rest_pose_point_as_in_the_file(
+    arm: tuple[float, float], turned: float, points_deg: float, tmp_path: Path
+):
+    """Our own arms rest 14 degrees below the horizontal."""
+    read = read_any_motion(written_bvh(tmp_path / "t.bvh", arm, turned))
+    joints = track_points(read.motion, open_body_skeleton()).joints[0]
+    left, right = (
+        joints[JOINT_INDEX[f"{side}_elbow"]] - joints[JOINT_INDEX[f"{side}_shoulder"]]
+        for side in ("left", "right")
+    )
+    assert np.degrees(np.arctan2(left[1], left[0])) == pytest.approx(points_deg, abs=0.01)
+    rests_deg = np.degrees(np.arctan2(arm[1], arm[0]))
+    assert np.degrees(np.arctan2(right[1], -right[0])) == pytest.approx(rests_deg, abs=0.01)
+    assert any("rests at other angles" in note for note in read.notes)
 
 
 @pytest.mark.parametrize("content", ["", "HIERARCHY", "HIERARCHY ROOT a {\nMOTION\nFrames: x"])

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.integrate import quad
 
 from model.measures import posture, smoothness
 from model.measures.attribution import attribute_jerk
+from model.measures.beats import read_mean_speeds
 from model.measures.diagnostics import diagnose
 from model.measures.joint_range import elbow_backwards_share, finger_is_outside
 from model.measures.measures import measures
@@ -29,6 +31,7 @@ from model.motion.skeleton import (
     open_body_skeleton,
 )
 from model.motion.tracks import moving_chain, point_words, track_points
+from model.storage.npz import MotionError
 from tests.helpers import smooth_motion_example
 
 SKELETON = open_body_skeleton()
@@ -315,9 +318,39 @@ def test_beats_need_speech_and_come_with_chance():
     onsets_s = np.arange(2.5, 11, 0.4)
     raw = told({"a": motion}, SKELETON, onsets_s=onsets_s)["systems"]["a"]["raw"]
     assert 0 < raw["beat_align"] <= 1 and 0 < raw["beat_align_chance"] <= 1
+    assert raw["beat_align_chance"] <= raw["beat_align_chance_highest"] <= 1
+    assert (raw["beat_onsets"], raw["beat_speeds_of"]) == (len(onsets_s), "own")
     outside = told({"a": motion}, SKELETON, onsets_s=np.array([0.5, 1.9]))
     assert outside["systems"]["a"]["raw"]["beat_align"] is None
+    assert outside["systems"]["a"]["raw"]["beat_onsets"] == 0
     assert "beat_align" not in told({"a": motion}, SKELETON)["systems"]["a"]["raw"]
+
+
+def test_published_mean_speeds_decide_what_is_a_beat(tmp_path: Path):
+    motion = smooth_motion_example(400)
+    onsets_s = np.arange(2.5, 11, 0.4)
+    found = {}
+    for name, speed in {"slow": 1e-3, "fast": 1e3}.items():
+        np.save(tmp_path / f"{name}.npy", np.full(55, speed, np.float32))
+        speeds = read_mean_speeds(tmp_path / f"{name}.npy")
+        given = told({"a": motion}, SKELETON, onsets_s=onsets_s, mean_speeds=speeds)
+        found[name] = given["systems"]["a"]["raw"]
+        assert found[name]["beat_speeds_of"] == "emage"
+    beside = told({"a": motion}, SKELETON, reference=motion, onsets_s=onsets_s)["systems"]["a"]
+    assert beside["raw"]["beat_speeds_of"] == "reference"
+    assert found["slow"]["beats_per_joint_s"] > beside["raw"]["beats_per_joint_s"] > 0
+    assert found["fast"]["beats_per_joint_s"] == 0 == found["fast"]["beat_align"]
+
+
+@pytest.mark.parametrize("speeds", [np.ones(54), -np.ones(55), np.full(55, np.nan), None])
+def test_what_are_no_mean_speeds_is_refused(speeds: np.ndarray | None, tmp_path: Path):
+    path = tmp_path / "speeds.npy"
+    if speeds is None:
+        path.write_text("eggs")
+    else:
+        np.save(path, speeds)
+    with pytest.raises(MotionError, match="mean_vel_smplxflame_30"):
+        read_mean_speeds(path)
 
 
 def test_a_jump_in_one_window_does_not_recur():

@@ -55,6 +55,17 @@ def test_what_no_motion_has_takes_no_row_and_what_one_lacks_is_said() -> None:
     assert '<span class="raw">n/a</span>' in row(table, "Peak jerk at joins")
 
 
+def test_the_gravest_three_stand_apart_and_lead_to_where_they_are_worst() -> None:
+    numbers = diagnostics(a=1.0)
+    grave = Finding("g", "Grave.", {}, gravity=3, worst_frame=45)
+    slight = [Finding("s", f"Slight {n}.", {}, gravity=1, excess=9.0 - n) for n in range(3)]
+    numbers.findings["a"] = [*slight, grave]
+    table = measures_table(numbers)
+    places = [table.index(words) for words in ("Grave.", "Slight 1.", "Also found", "Slight 2.")]
+    assert places == sorted(places)
+    assert 'data-at="1.500">Show 0:01.5<' in table and table.count("data-at") == 1
+
+
 def test_names_and_findings_cannot_bring_markup() -> None:
     evil = "<script>alert(1)</script>"
     numbers = diagnostics(**{evil: 1.0})

@@ -31,7 +31,7 @@ def request_with_reference(speech: Path, tmp_path: Path) -> GenerateRequest:
 @pytest.fixture
 def showing(request_with_reference: GenerateRequest, tmp_path: Path) -> Showing:
     words = (Word(0.25, 0.5, "hello"),)
-    return Showing(
+    return Showing.of_run(
         request_with_reference, NAMES, tmp_path, desk=MediaDesk(), visitor="", words=words
     )
 
@@ -56,18 +56,15 @@ def test_rows_are_there_at_once_and_their_files_come_one_by_one(
     assert len(showing.value()["rows"]) == 3
 
 
-def test_the_player_knows_where_close_ups_stand_in_a_picture(
-    request_with_reference: GenerateRequest,
-) -> None:
-    both = replace(request_with_reference, size=400, framing="whole", close_ups=("face", "hands"))
-    assert picture_layout(both) == {
+def test_the_player_knows_where_close_ups_stand_in_a_picture() -> None:
+    assert picture_layout("front", 400, ("face", "hands"), "whole") == {
         "aspect": 0.5,
         "body": [0.25, 0.75],
         "face": [0.0, 0.25],
         "hands": [0.75, 1.0],
     }
-    alone = replace(request_with_reference, size=400, close_ups=())
-    assert picture_layout(alone) == {"aspect": 0.75, "body": [0.0, 1.0]}
+    alone = picture_layout("front", 400, (), "knees")
+    assert alone == {"aspect": 0.75, "body": [0.0, 1.0]}
 
 
 def test_an_address_stays_the_same_for_as_long_as_a_run_is_shown(

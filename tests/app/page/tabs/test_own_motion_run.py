@@ -17,7 +17,8 @@ from app.page.serving.media import MediaDesk
 from app.page.serving.workshop import Workshop
 from app.page.tabs.own_motion import build_own_motion_tab, build_results
 from app.page.tabs.own_motion_run import MAX_NAME, OwnMotionForm, OwnMotionRunner, display_names
-from app.run.diagnose import DiagnoseRequest, Diagnosis
+from app.run.diagnose import DiagnoseRequest, Diagnosis, OnShare
+from app.run.own_videos import OnFile
 from tests.app.fakes import measures
 from tests.app.measured import diagnostics_of
 
@@ -44,8 +45,9 @@ def test_the_form_becomes_the_request(tmp_path: Path) -> None:
     ("asked", "words"),
     [
         (form(), "at least one motion"),
-        (form(*"abcdefg"), "At most 6 motions are compared at once; 7"),
-        (form(*"abcdef", reference="r.npz"), "At most 5 motions"),
+        (form(*"abcdefghijklmnopqrstuvwxy"), "At most 24 files are measured at once; 25"),
+        (form(*"abcdefgh", shown=[*"abcdefg"]), "At most 6 motions are shown"),
+        (form(*"abcdefgh", shown=[*"abcdef"], reference="r.npz"), "At most 5 motions"),
         (form("a", start_frame=-1), "from 0 on; got -1"),
         (form("a", start_frame=1.5), "from 0 on; got 1.5"),
     ],
@@ -53,6 +55,11 @@ def test_the_form_becomes_the_request(tmp_path: Path) -> None:
 def test_a_form_that_cannot_be_done_gives_a_sentence(asked: OwnMotionForm, words: str) -> None:
     with pytest.raises(RunError, match=words):
         asked.to_request(Path("out"), CONFIG)
+
+
+def test_the_shown_are_asked_for_only_where_not_all_fit() -> None:
+    assert form(*"abcdefgh", shown=["b", "h"]).to_request(Path("out"), CONFIG).shown == ("b", "h")
+    assert form(*"abc", shown=["b"]).to_request(Path("out"), CONFIG).shown == ()
 
 
 def test_long_and_equal_names_are_told_apart() -> None:
@@ -84,7 +91,7 @@ def runs(tmp_path: Path) -> Runs:
 
 
 def test_numbers_figures_and_downloads_of_the_run_are_shown(runs: Runs) -> None:
-    def diagnose(request: DiagnoseRequest, on_progress: Callable[[float], None]) -> Diagnosis:
+    def diagnose(request: DiagnoseRequest, on_progress: OnShare, on_file: OnFile) -> Diagnosis:
         on_progress(0.5)
         request.out.mkdir()
         files = tuple(request.out / name for name in ("diagnostics.json", "jitter.png"))
@@ -104,7 +111,7 @@ def test_numbers_figures_and_downloads_of_the_run_are_shown(runs: Runs) -> None:
 
 
 def test_an_error_is_told_and_nothing_old_stays(runs: Runs) -> None:
-    def diagnose(request: DiagnoseRequest, on_progress: Callable[[float], None]) -> Diagnosis:
+    def diagnose(request: DiagnoseRequest, on_progress: OnShare, on_file: OnFile) -> Diagnosis:
         raise RunError("a.npz has 60 frames a second; 30 are needed.")
 
     *_, shown, raised = runs(diagnose, ["/up/a.npz"], None, None, "right_middle", 0)
@@ -116,7 +123,7 @@ def test_an_error_is_told_and_nothing_old_stays(runs: Runs) -> None:
 def test_cancel_is_answered_at_once_and_nothing_of_the_run_is_shown(tmp_path: Path) -> None:
     is_at_work, may_go_on = threading.Event(), threading.Event()
 
-    def diagnose(request: DiagnoseRequest, on_progress: Callable[[float], None]) -> Diagnosis:
+    def diagnose(request: DiagnoseRequest, on_progress: OnShare, on_file: OnFile) -> Diagnosis:
         is_at_work.set()
         may_go_on.wait(20)  # a step that cannot be interrupted
         on_progress(0.5)

@@ -1,0 +1,42 @@
+"""Motions of different places laid onto each other, for pictures only: pelvis, floor and facing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from model.motion.motion import Motion
+
+SOLE_M = 0.05
+"""Of the foot joint over the floor; that of recorded clips."""
+
+
+def in_register(motion: Motion) -> Motion:
+    """The same motion, moved and turned about the vertical as a whole: the pelvis is over the
+    origin in the median, the lower foot on the floor, and the hips face z on average.
+
+    All bodies are of one size here, whoever moves them.
+    """
+    import numpy as np
+    from scipy.spatial.transform import Rotation
+
+    from model.measures.posture import FEET
+    from model.motion.skeleton import JOINT_INDEX, open_body_skeleton
+    from model.motion.tracks import track_points
+
+    skeleton = open_body_skeleton()
+    joints = track_points(motion, skeleton).joints
+    across = (joints[:, JOINT_INDEX["left_hip"]] - joints[:, JOINT_INDEX["right_hip"]]).mean(axis=0)
+    facing = np.arctan2(-across[2], across[0])  # of the left hip, which is at x for who faces z
+    turn = Rotation.from_rotvec([0.0, -facing, 0.0])
+    rest = skeleton.rest_joints[0].double().numpy()  # the pelvis turns about this
+    poses = motion.poses.reshape(len(motion.poses), -1, 3).copy()
+    poses[:, 0] = (turn * Rotation.from_rotvec(poses[:, 0])).as_rotvec()
+    trans = turn.apply(motion.trans + rest) - rest
+    pelvis = np.median(trans + rest, axis=0)
+    floor = float(np.median(joints[:, list(FEET), 1].min(axis=1)))
+    trans -= np.array([pelvis[0], floor - SOLE_M, pelvis[2]])
+    return replace(
+        motion, poses=poses.reshape(len(poses), -1), trans=trans.astype(motion.trans.dtype)
+    )

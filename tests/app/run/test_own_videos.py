@@ -1,0 +1,88 @@
+"""Motion files of anyone's, as they stand in videos: in register, and not for ever."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from app.run import own_videos
+from app.run.diagnose import DiagnoseRequest, diagnose_files
+from app.run.own_videos import VideoOptions, picture_motions
+from app.run.planted import CLEAN, PLANTS, planted_files
+from app.run.register import SOLE_M, in_register
+from app.run.request import Artefact
+from model.motion.motion import Motion, load_motion
+from model.motion.skeleton import JOINT_INDEX, open_body_skeleton
+from model.motion.tracks import track_points
+from renderer.video.encoder import read_facts
+
+
+def moved(motion: Motion, degrees: float) -> Motion:
+    """Somewhere else, and turned about the vertical."""
+    turn = Rotation.from_euler("y", degrees, degrees=True)
+    rest = open_body_skeleton().rest_joints[0].double().numpy()
+    poses = motion.poses.reshape(len(motion.poses), -1, 3).copy()
+    poses[:, 0] = (turn * Rotation.from_rotvec(poses[:, 0])).as_rotvec()
+    trans = turn.apply(motion.trans + rest) - rest + (3.0, 0.4, -2.0)
+    return replace(motion, poses=poses.reshape(len(poses), -1), trans=trans.astype(np.float32))
+
+
+@pytest.mark.parametrize("degrees", [0.0, 90.0, -170.0])
+def test_motions_of_other_places_are_laid_onto_each_other(degrees: float) -> None:
+    motion = load_motion(CLEAN).part(slice(60))
+    skeleton = open_body_skeleton()
+    own = track_points(in_register(motion), skeleton).joints
+    theirs = track_points(in_register(moved(motion, degrees)), skeleton).joints
+    np.testing.assert_allclose(theirs, own, atol=1e-4)
+    across = own[:, JOINT_INDEX["left_hip"]] - own[:, JOINT_INDEX["right_hip"]]
+    assert abs(across[:, 2].mean()) < 1e-4 < across[:, 0].mean()
+    np.testing.assert_allclose(np.median(own[:, 0], axis=0)[[0, 2]], 0.0, atol=1e-5)
+    feet = own[:, [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]], 1].min(axis=1)
+    assert np.median(feet) == pytest.approx(SOLE_M, abs=1e-5)
+
+
+def test_only_what_can_be_drawn_in_time_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(own_videos, "MAX_FRAMES", 60)
+    motion = load_motion(CLEAN)
+    pictured = picture_motions({"long": motion, "short": motion.part(slice(20))})
+    assert [each.num_frames for each in pictured.motions.values()] == [30, 20]
+    assert pictured.notes == ("Videos show the first 1 s of long.",)
+
+
+@pytest.mark.gl
+def test_each_file_keeps_its_length_and_is_told_of(tmp_path: Path) -> None:
+    paths, reference = planted_files(tmp_path / "planted")
+    assert [Path(path).stem for path in paths] == list(PLANTS)
+    told: list[Artefact] = []
+    request = DiagnoseRequest(
+        motions=(Path(paths[0]),),
+        out=tmp_path / "out",
+        reference=Path(reference),
+        has_pictures=False,
+        videos=VideoOptions(size=256, close_ups=("hands",), has_previews=True),
+    )
+    shares: list[float] = []
+    found = diagnose_files(request, shares.append, told.append)
+    assert shares == sorted(shares) and shares[-1] == pytest.approx(1.0)
+    kinds = {(each.kind, each.name) for each in told}
+    names = (Path(paths[0]).stem, "reference")
+    assert kinds == {(kind, name) for kind in ("motion", "preview", "video") for name in names}
+    videos = [path for path in found.files if path.suffix == ".mp4"]
+    assert {path.stem for path in videos} == set(names)
+    assert all(read_facts(path).num_frames == 420 for path in videos)
+    kinds_found = {finding.kind for finding in found.diagnostics.findings[names[0]]}
+    assert "joint_noise" in kinds_found and "copied_face" not in kinds_found
+
+
+def test_every_planted_example_is_found(tmp_path: Path) -> None:
+    paths, reference = planted_files(tmp_path)
+    request = DiagnoseRequest(
+        tuple(map(Path, paths)), tmp_path / "out", reference=Path(reference), has_pictures=False
+    )
+    findings = diagnose_files(request).diagnostics.findings
+    wanted = ("joint_noise", "foot_slide", "period", "identical")
+    for name, kind in zip(PLANTS, wanted, strict=True):
+        assert kind in {finding.kind for finding in findings[name]}, name
+    assert findings["reference"] == []
