@@ -42,6 +42,8 @@ GRACE_S = 1.0
 """How long a process may go on after it was told to stop."""
 GROWN_BYTES = 10**9
 """A process that is larger by this than before its run is not kept."""
+HEARD = True
+"""Sent back for a file that has been told of: only then may the child move it."""
 _POLL_S = 0.05
 
 TOO_LONG = (
@@ -66,6 +68,10 @@ class Limits:
     seconds: float = 2 * 3600.0
     silent_s: float = 240.0
     """Without any progress."""
+
+
+class _Gone(Exception):
+    """The child has ended."""
 
 
 class FaultInWorkshop(RuntimeError):
@@ -238,32 +244,47 @@ class _Process:
         news: object = None
         stop_by: float | None = None
         try:
-            self._channel.send((*work, limits.memory_bytes))
+            self._send((*work, limits.memory_bytes))
             while True:
                 now = time.monotonic()
                 if stop_by is None and should_cancel():
                     stop_by = now + GRACE_S
-                    self._channel.send(None)
+                    self._send(None)
                 if stop_by is not None and now > stop_by:
                     raise CancelledRun
                 if now - started > limits.seconds:
                     raise RunError(TOO_LONG.format(minutes=limits.seconds / 60))
                 if now - told_at > limits.silent_s:
                     raise RunError(SILENT.format(seconds=limits.silent_s))
-                if not self._channel.poll(_POLL_S):
+                told = self._receive()
+                if told is None:
                     continue
-                kind, value = self._channel.recv()
-                if kind == "event":
-                    if value != news:
-                        news, told_at = value, now
-                    on_event(value)
-                    continue
-                self._is_idle = True
-                return self._outcome(kind, value)
-        except (EOFError, OSError) as error:  # the child is gone
+                kind, value = told
+                if kind != "event":
+                    self._is_idle = True
+                    return self._outcome(kind, value)
+                if value != news:
+                    news, told_at = value, now
+                on_event(value)
+                if isinstance(value, Artefact):
+                    self._send(HEARD)
+        except _Gone as error:
             if stop_by is not None:
                 raise CancelledRun from error
             raise RunError(ENDED.format(gigabytes=limits.memory_bytes / 1e9)) from error
+
+    def _send(self, message: object) -> None:
+        try:
+            self._channel.send(message)
+        except OSError as error:
+            raise _Gone from error
+
+    def _receive(self) -> tuple[str, Any] | None:
+        """What comes within a moment."""
+        try:
+            return self._channel.recv() if self._channel.poll(_POLL_S) else None
+        except (EOFError, OSError) as error:
+            raise _Gone from error
 
     def _outcome(self, kind: str, value: Any) -> Any:
         if kind == "done":

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import CancelledRun, sentence_of
-from app.page.serving.workshop import channel_of
-from app.run.request import OnEvent, Progress, ShouldCancel, Stage
+from app.page.serving.workshop import HEARD, channel_of
+from app.run.request import Artefact, Event, OnEvent, Progress, ShouldCancel, Stage
 
 _NO_MEMORY = ("allocate memory", "not enough memory", "bad_alloc")
 """What torch says in a RuntimeError."""
@@ -64,12 +64,18 @@ def main(number: str, weights: str | None = None, body: str | None = None) -> No
     works: queue.SimpleQueue[Any] = queue.SimpleQueue()
     stop = threading.Event()
     lock = threading.Lock()
+    heard = threading.Semaphore(0)
 
     def tell(kind: str, value: object) -> None:
         with lock:
             channel.send((kind, value))
 
-    threading.Thread(target=_listen, args=(channel, works, stop), daemon=True).start()
+    def on_event(event: Event) -> None:
+        tell("event", event)
+        if isinstance(event, Artefact):
+            heard.acquire()
+
+    threading.Thread(target=_listen, args=(channel, works, stop, heard), daemon=True).start()
     if weights is not None:
         _warm_up(Path(weights), Path(body) if body else None)
     while True:
@@ -77,7 +83,7 @@ def main(number: str, weights: str | None = None, body: str | None = None) -> No
         stop.clear()
         before = _limit_memory(memory_bytes)
         try:
-            result = TASKS[task](*arguments, lambda event: tell("event", event), stop.is_set)
+            result = TASKS[task](*arguments, on_event, stop.is_set)
             told = ("done", (result, _data_bytes() - before))
         except CancelledRun:
             told = ("cancelled", None)
@@ -102,13 +108,20 @@ def _warm_up(weights: Path, body: Path | None) -> None:
         traceback.print_exc()
 
 
-def _listen(channel: Any, works: queue.SimpleQueue[Any], stop: threading.Event) -> None:
+def _listen(
+    channel: Any,
+    works: queue.SimpleQueue[Any],
+    stop: threading.Event,
+    heard: threading.Semaphore,
+) -> None:
     """Works come, and None, which stops the one under way. Without a parent nobody asks for it."""
     try:
         while True:
             told = channel.recv()
             if told is None:
                 stop.set()
+            elif told is HEARD:
+                heard.release()
             else:
                 works.put(told)
     except (EOFError, OSError):
