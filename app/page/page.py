@@ -19,6 +19,7 @@ from app.page.tabs import own_motion as own_motion_tab
 from app.page.tabs.generate import FormParts, ResultParts, build_form, build_results
 from app.page.tabs.generate_form import Form
 from app.page.tabs.generate_run import Generate, GenerateRunner
+from app.page.tabs.mechanism import build_mechanism
 from app.page.tabs.step_curve import build_step_curve
 from app.page.tabs.study import build_study_tab
 from app.page.tabs.systems import build_systems_tab
@@ -52,6 +53,7 @@ def build_app(
             with gr.Tab(own_motion_tab.TAB):
                 own_motion_tab.build_own_motion_tab(page, config, jobs, desk)
             with gr.Tab(text.LADDER_TAB):
+                build_mechanism(page, config, jobs, desk)
                 build_systems_tab(catalogue.systems)
                 build_step_curve(page, catalogue, config, jobs, desk)
             with gr.Tab(text.STUDY_TAB):

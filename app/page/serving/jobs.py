@@ -15,7 +15,7 @@ from typing import Literal
 from app import text
 from app.errors import CancelledRun, RunError
 
-Tab = Literal["generate", "own_motion", "live", "steps", "study"]
+Tab = Literal["generate", "own_motion", "live", "mechanism", "steps", "study"]
 """The part of the page that starts a run, and whose button stops it."""
 
 
