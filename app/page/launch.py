@@ -25,6 +25,7 @@ from app.errors import sentence_of
 if TYPE_CHECKING:
     from gradio import Blocks
 
+    from app.page.results.first_look_shown import FirstLookDesk
     from app.page.tabs.generate_run import Generate
 
 log = logging.getLogger(__name__)
@@ -90,6 +91,7 @@ def launch(
     from app.live.desk import LiveDesk
     from app.page.page import build_app
     from app.page.parts.catalogue import find_examples, read_catalogue
+    from app.page.results.first_look_shown import FirstLookDesk
     from app.page.serving.jobs import JobBook
     from app.page.serving.live_route import live_routes
     from app.page.serving.media import MediaDesk, media_routes
@@ -105,7 +107,10 @@ def launch(
     desk = MediaDesk()
     live = LiveDesk(config.weights)
     examples = [example.path for example in catalogue.examples]
-    page = build_app(generate or _generate, catalogue, config, jobs, handover, desk, live)
+    first_look = FirstLookDesk(config, catalogue, jobs, desk) if is_warmed_up else None
+    page = build_app(
+        *(generate or _generate, catalogue, config, jobs, handover, desk, live, first_look)
+    )
     page.queue(max_size=4 * config.max_waiting)
     routes = [*media_routes(desk), *study_routes(handover), *live_routes(live, examples)]
     page.launch(
@@ -136,7 +141,8 @@ def launch(
     )
     # Only now: reading models beside it would hold up the page's own start.
     if is_warmed_up:
-        threading.Thread(target=_warm_up, args=(config,), name="warm-up", daemon=True).start()
+        arguments = (config, first_look)
+        threading.Thread(target=_warm_up, args=arguments, name="warm-up", daemon=True).start()
     return page
 
 
@@ -162,7 +168,7 @@ def _generate(request, on_event, should_cancel):
     return generate_all(request, on_event, should_cancel)
 
 
-def _warm_up(config: AppConfig) -> None:
+def _warm_up(config: AppConfig, first_look: FirstLookDesk | None) -> None:
     """Load what the first visitor would otherwise wait for; a failure shows at the first run."""
     try:
         from app.run.models import warm_up
@@ -170,3 +176,6 @@ def _warm_up(config: AppConfig) -> None:
         warm_up(config.weights, config.body)
     except Exception:
         log.exception("the warm-up failed; the first run will say why")
+        return
+    if first_look is not None:
+        first_look.make()

@@ -11,6 +11,7 @@ from app.live.desk import LiveDesk
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.named_fields import named_fields
+from app.page.results.first_look_shown import FirstLookDesk
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.researcher_part import Handover
@@ -33,8 +34,13 @@ def build_app(
     handover: Handover,
     desk: MediaDesk,
     live: LiveDesk,
+    first_look: FirstLookDesk | None = None,
 ) -> gr.Blocks:
-    """The whole page around ``generate``, which a test may replace by a function of its own."""
+    """The whole page around ``generate``, which a test may replace by a function of its own.
+
+    Args:
+        first_look: what plays before the first run.
+    """
     with gr.Blocks(
         title=text.TITLE,
         analytics_enabled=False,
@@ -60,6 +66,11 @@ def build_app(
                 build_study_tab(page, catalogue, config, jobs, handover)
         runner = GenerateRunner(generate, catalogue, config, jobs, desk, form, results)
         _wire(page, form, results, runner)
+        if first_look is not None:
+            page.load(
+                first_look.updates, outputs=[results.player, results.empty], queue=False,
+                api_visibility="private", show_progress="hidden",
+            )  # fmt: skip
     return page
 
 
