@@ -46,6 +46,8 @@ class AppConfig:
     accounts: tuple[tuple[str, str], ...] = ()
     """Names and passwords; without any, nobody need log in."""
     temp: Path = field(default_factory=lambda: Path(tempfile.gettempdir()) / f"cospeech-{_user()}")
+    kept: Path = field(default_factory=lambda: _user_cache() / "co-speech-motion")
+    """What is made once for all visitors and serves the next start too."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.port <= 65535:
@@ -88,3 +90,7 @@ def default_body() -> Path | None:
 
 def _user() -> str:
     return str(os.getuid()) if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
+
+
+def _user_cache() -> Path:
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())

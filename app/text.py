@@ -9,8 +9,8 @@ TAGLINE = (
     "same noise. Watch them side by side and see where the jitter sits."
 )
 DEMO_WEIGHTS = (
-    "These are <b>demonstration weights</b>, trained for this project on {data}. They are not "
-    "the weights of the paper, and no number on this page is one of the paper's."
+    "<b>Demonstration weights</b>, trained here on {data}: not the paper's, and no number on this "
+    "page is one of the paper's."
 )
 UNTRAINED = (
     "These weights are <b>random: nothing has been trained</b>. The motion means nothing; the page "
@@ -75,6 +75,18 @@ TRANSCRIPT_LABEL = "Words with their times (.TextGrid, optional)"
 GENERATE = "Generate motion"
 CANCEL = "Cancel"
 
+LOOK_QUESTION = "Which hand trembles?"
+LOOK_ABOUT = (
+    "Two bodies, one motion: what {system} made of an example's speech. On one arm of one of them "
+    "lies a tremble that its joints hardly show, and a fingertip does. Watch the hands."
+)
+LOOK_SHOW = "Show the answer"
+LOOK_ANSWER = (
+    "The right hand of {row}, on the left of the picture. Shoulder, elbow and wrist turn by "
+    "{noise:g} rad at random in each frame; its fingertip jerks {trembling:,} m/s³, that of the "
+    "other {steady:,}. The time line shows it, and Worst second leads to it."
+)
+LOOK_OWN = "Make your own"
 EMPTY_TITLE = "Nothing generated yet"
 EMPTY_STEPS = (
     ("Give it speech", "Upload, record, or take one of the examples."),

@@ -28,6 +28,7 @@ from app.errors import RunError, sentence_of
 if TYPE_CHECKING:
     from gradio import Blocks
 
+    from app.page.results.first_look_shown import FirstLookDesk
     from app.page.tabs.generate_run import Generate
 
 log = logging.getLogger(__name__)
@@ -118,6 +119,7 @@ def launch(
     from app.live.desk import LiveDesk
     from app.page.page import build_app
     from app.page.parts.catalogue import find_examples, read_catalogue
+    from app.page.results.first_look_shown import FirstLookDesk
     from app.page.serving.guard import HostNames, guarded
     from app.page.serving.jobs import JobBook
     from app.page.serving.live_route import live_routes
@@ -146,7 +148,10 @@ def launch(
     )
     atexit.register(workshop.close)
     does = generate or workshop.generate
-    page = build_app(does, workshop, catalogue, config, jobs, handover, desk, live)
+    first_look = None
+    if is_warmed_up:
+        first_look = FirstLookDesk(config, catalogue, jobs, desk, workshop.make_first_look)
+    page = build_app(does, workshop, catalogue, config, jobs, handover, desk, live, first_look)
     page.queue(max_size=4 * config.max_waiting)
     routes = [*media_routes(desk), *study_routes(handover), *live_routes(live, examples)]
     page.launch(
@@ -182,7 +187,8 @@ def launch(
     # Only now: reading models beside it would hold up the page's own start.
     if is_warmed_up:
         workshop.start()
-        threading.Thread(target=_warm_up, args=(config,), name="warm-up", daemon=True).start()
+        arguments = (config, first_look)
+        threading.Thread(target=_warm_up, args=arguments, name="warm-up", daemon=True).start()
     return page
 
 
@@ -218,11 +224,15 @@ def _end(number: int, frame: object) -> None:
     sys.exit(0)
 
 
-def _warm_up(config: AppConfig) -> None:
-    """Load in this process what live speech needs; a failure shows at its first session."""
+def _warm_up(config: AppConfig, first_look: FirstLookDesk | None) -> None:
+    """Load in this process what live speech needs; a failure shows at its first session. And see
+    to the example that plays before the first run."""
     try:
         from app.run.models import warm_up
 
         warm_up(config.weights, config.body)
     except Exception:
         log.exception("the warm-up failed; the first run will say why")
+        return
+    if first_look is not None:
+        first_look.make()

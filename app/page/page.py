@@ -11,6 +11,7 @@ from app.live.desk import LiveDesk
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.named_fields import named_fields
+from app.page.results.first_look_shown import FirstLookDesk
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.researcher_part import Handover
@@ -20,6 +21,7 @@ from app.page.tabs import own_motion as own_motion_tab
 from app.page.tabs.generate import FormParts, ResultParts, build_form, build_results
 from app.page.tabs.generate_form import Form
 from app.page.tabs.generate_run import Generate, GenerateRunner
+from app.page.tabs.mechanism import build_mechanism
 from app.page.tabs.step_curve import build_step_curve
 from app.page.tabs.study import build_study_tab
 from app.page.tabs.systems import build_systems_tab
@@ -34,9 +36,15 @@ def build_app(
     handover: Handover,
     desk: MediaDesk,
     live: LiveDesk,
+    first_look: FirstLookDesk | None = None,
 ) -> gr.Blocks:
-    """The whole page around ``generate``, which a test may replace by a function of its own, and
-    the workshop for all other runs."""
+    """The whole page.
+
+    Args:
+        generate: what a test may replace by a function of its own.
+        workshop: does all other runs.
+        first_look: what plays before the first run.
+    """
     with gr.Blocks(
         title=text.TITLE,
         analytics_enabled=False,
@@ -54,12 +62,18 @@ def build_app(
             with gr.Tab(own_motion_tab.TAB):
                 own_motion_tab.build_own_motion_tab(page, config, jobs, desk, workshop.diagnose)
             with gr.Tab(text.LADDER_TAB):
+                build_mechanism(page, config, jobs, desk, workshop.show_mechanism)
                 build_systems_tab(catalogue.systems)
                 build_step_curve(page, catalogue, config, jobs, desk, workshop.measure_steps)
             with gr.Tab(text.STUDY_TAB):
                 build_study_tab(page, catalogue, config, jobs, handover, workshop.export_study)
         runner = GenerateRunner(generate, catalogue, config, jobs, desk, form, results)
         _wire(page, form, results, runner)
+        if first_look is not None:
+            page.load(
+                first_look.updates, outputs=[results.player, results.empty], queue=False,
+                api_visibility="private", show_progress="hidden",
+            )  # fmt: skip
     return page
 
 

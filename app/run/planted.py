@@ -42,7 +42,11 @@ def _calmer_face(motion: Motion) -> Motion:
 
 
 def _trembling(motion: Motion) -> Motion:
-    """White noise on the right arm."""
+    return tremble(_calmer_face(motion))
+
+
+def tremble(motion: Motion) -> Motion:
+    """White noise on the rotations of the right arm, `NOISE_RAD` about each axis."""
     import numpy as np
 
     from model.motion.skeleton import JOINT_INDEX
@@ -51,9 +55,7 @@ def _trembling(motion: Motion) -> Motion:
     arm = [JOINT_INDEX[f"right_{name}"] for name in ("shoulder", "elbow", "wrist")]
     noise = np.random.default_rng(0).standard_normal((len(joints), len(arm), 3))
     joints[:, arm] += NOISE_RAD * noise
-    return replace(
-        _calmer_face(motion), poses=joints.reshape(motion.poses.shape).astype(np.float32)
-    )
+    return replace(motion, poses=joints.reshape(motion.poses.shape).astype(np.float32))
 
 
 def _sliding(motion: Motion) -> Motion:

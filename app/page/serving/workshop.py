@@ -32,6 +32,8 @@ from app.run.request import (
 
 if TYPE_CHECKING:
     from app.run.diagnose import DiagnoseRequest, Diagnosis
+    from app.run.first_look import FirstLook
+    from app.run.mechanism import MechanismRequest
     from app.run.step_curve import StepCurve, StepCurveRequest
     from app.study.export import ExportOptions
     from app.study.make.workspace import Workspace
@@ -114,6 +116,16 @@ class Workshop:
     ) -> Diagnosis:
         """As `app.run.diagnose.diagnose_files`."""
         return self._with_shares("diagnose", (request,), on_share, on_file)
+
+    def show_mechanism(
+        self, request: MechanismRequest, on_share: Callable[[float], None]
+    ) -> tuple[Path, tuple[str, ...]]:
+        """As `app.run.mechanism.show_mechanism`."""
+        return self._with_shares("show_mechanism", (request,), on_share)
+
+    def make_first_look(self, look: FirstLook, weights: Path) -> None:
+        """As `app.run.first_look.make_first_look`."""
+        self._with_shares("make_first_look", (look, weights), lambda share: None)
 
     def measure_steps(
         self, request: StepCurveRequest, on_share: Callable[[float], None]

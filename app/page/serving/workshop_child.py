@@ -32,6 +32,20 @@ def diagnose(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> An
     return diagnose_files(request, _shares("numbers", on_event, should_cancel), on_event)
 
 
+def show_mechanism(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
+    from app.run.mechanism import show_mechanism as show
+
+    return show(request, _shares("video", on_event, should_cancel))
+
+
+def make_first_look(
+    look: Any, weights: Path, on_event: OnEvent, should_cancel: ShouldCancel
+) -> None:
+    from app.run.first_look import make_first_look as make
+
+    make(look, weights, _shares("video", on_event, should_cancel))
+
+
 def measure_steps(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
     from app.run.step_curve import measure_step_curve
 
@@ -53,9 +67,8 @@ def export_study(
     )
 
 
-TASKS: dict[str, Callable[..., Any]] = {
-    task.__name__: task for task in (generate, diagnose, measure_steps, export_study)
-}
+_ALL = (generate, diagnose, show_mechanism, make_first_look, measure_steps, export_study)
+TASKS: dict[str, Callable[..., Any]] = {task.__name__: task for task in _ALL}
 
 
 def main(number: str, weights: str | None = None, body: str | None = None) -> None:

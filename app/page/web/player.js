@@ -18,6 +18,7 @@ class Player {
   #audio = make("audio", { preload: "auto" });
   #run = null;
   #timelineUrl = null;
+  #hasBegun = false;
 
   constructor(root) {
     this.#root = root;
@@ -34,7 +35,7 @@ class Player {
   }
 
   /** Show a run as far as it has come; nothing where there is none. */
-  show({ run = null, rows = [], layout = null, audio = null, timeline = null }) {
+  show({ run = null, rows = [], layout = null, audio = null, timeline = null, plays = false }) {
     if (run !== this.#run) this.#clear(run);
     const isWorthIt = rows.some((row) => row.motion || row.video);
     this.#root.hidden = !isWorthIt;
@@ -46,7 +47,21 @@ class Player {
     this.tiles.setLayout(layout);
     this.tiles.show(rows);
     this.controls.update();
+    if (plays && !this.#hasBegun) this.#begin();
     if (timeline && timeline !== this.#timelineUrl) this.#loadTimeline(timeline, rows);
+  }
+
+  /** Play at once, again and again, without sound: nobody has asked for any yet. */
+  #begin() {
+    this.#hasBegun = true;
+    this.#audio.muted = true;
+    if (matchMedia("(prefers-reduced-motion: reduce)").matches) return;
+    const begin = () => {
+      this.#lockstep.setLoop([0, this.#lockstep.duration]);
+      this.#lockstep.play();
+    };
+    if (this.#audio.readyState >= HTMLMediaElement.HAVE_METADATA) begin();
+    else this.#audio.addEventListener("loadedmetadata", begin, { once: true });
   }
 
   async #loadTimeline(url, rows) {
@@ -61,6 +76,8 @@ class Player {
 
   #clear(run) {
     this.#run = run;
+    if (this.#hasBegun) this.#audio.muted = false;
+    this.#hasBegun = false;
     this.#timelineUrl = null;
     this.tiles.clear();
     this.#lockstep.clear();

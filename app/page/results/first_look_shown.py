@@ -1,0 +1,109 @@
+"""The finished example that plays when the page opens, as soon as it has been made once."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import gradio as gr
+
+from app import text
+from app.config import AppConfig
+from app.page.parts.catalogue import Catalogue
+from app.page.results.player import Showing, picture_layout, write_own_sound
+from app.page.serving.jobs import JobBook
+from app.page.serving.media import MediaDesk
+from app.run.first_look import SIZE_PX, STEADY, TREMBLING, FirstLook, first_look
+from app.run.request import Artefact
+from model.systems.globaldiff.config import BEST
+
+log = logging.getLogger(__name__)
+EXAMPLE = "three_reasons"
+
+
+class FirstLookDesk:
+    """Makes the example in its turn among all runs, and offers it to every visitor."""
+
+    def __init__(
+        self,
+        config: AppConfig,
+        catalogue: Catalogue,
+        jobs: JobBook,
+        desk: MediaDesk,
+        make: Callable[[FirstLook, Path], None],
+    ) -> None:
+        """
+        Args:
+            make: as `app.run.first_look.make_first_look`.
+        """
+        self._config = config
+        self._jobs = jobs
+        self._desk = desk
+        self._make = make
+        paths = {example.path.stem: example.path for example in catalogue.examples}
+        self._look: FirstLook | None = None
+        if BEST in catalogue.systems and EXAMPLE in paths:
+            self._look = first_look(config.kept, config.weights, BEST, paths[EXAMPLE])
+        self._shown: tuple[dict[str, Any], str] | None = None
+
+    def make(self) -> None:
+        """Make it where it has not been made; a failure leaves the page as it was."""
+        if self._look is None:
+            return
+        try:
+            if not self._look.is_made:
+                job = self._jobs.open("", "generate")
+                try:
+                    with self._jobs.slot(job) as turn:
+                        for _ in turn:
+                            pass
+                        self._make(self._look, self._config.weights)
+                finally:
+                    self._jobs.close(job)
+            self._shown = self._offered(self._look)
+        except Exception:
+            log.exception("the example of the page could not be made")
+
+    def updates(self) -> tuple[Any, Any]:
+        """Of the player and of what stands in the place of results, for a page that opens."""
+        if self._shown is None:
+            return gr.skip(), gr.skip()
+        return self._shown
+
+    def _offered(self, look: FirstLook) -> tuple[dict[str, Any], str]:
+        from app.run.diagnose import DiagnoseRequest
+
+        names = (STEADY, TREMBLING)
+        files = {name: look.folder / f"{name}.npz" for name in names}
+        asked = DiagnoseRequest(tuple(files.values()), look.folder, speech=look.speech)
+        showing = Showing(
+            *(names, names, picture_layout("front", SIZE_PX, ("hands",), "knees")),
+            lambda paths: write_own_sound(asked, paths, look.folder),
+            *(look.folder, self._desk, ""),
+        )
+        for name, path in files.items():
+            showing.take(Artefact("motion", name, path))
+            showing.take(Artefact("video", name, path.with_suffix(".mp4")))
+        value = {**showing.value(is_over=True), "plays": True}
+        return value, question(look.facts(), look.system)
+
+
+def question(facts: dict[str, Any], system: str) -> str:
+    """What to look for, with the answer folded away, and the way to something of one's own."""
+    jerk = facts["jerk_m_s3"]
+    answer = text.LOOK_ANSWER.format(
+        row=TREMBLING,
+        noise=facts["noise_rad"],
+        trembling=jerk[TREMBLING],
+        steady=jerk[STEADY],
+    )
+    about = text.LOOK_ABOUT.format(system=system)
+    return (
+        f'<div class="first-look"><h2>{escape(text.LOOK_QUESTION)}</h2>'
+        f"<p>{escape(about)}</p>"
+        f"<details><summary>{escape(text.LOOK_SHOW)}</summary><p>{escape(answer)}</p></details>"
+        f'<a class="own" href="#speech">{escape(text.LOOK_OWN)}</a></div>'
+    )
