@@ -20,9 +20,9 @@ from app.errors import CancelledRun, RunError, printable, sentence_of
 from app.findings.ranking import told_findings
 from app.findings.sentences import sentences_of
 from app.run.display import COLORINGS, FACTORS, Display
-from app.run.export import BACKGROUNDS, ENDINGS, SHEET_POSES, RenderRequest, render_motion
-from app.run.followed_point import TIP
-from app.run.own_videos import VideoOptions
+from app.run.pictures.export import BACKGROUNDS, ENDINGS, SHEET_POSES, RenderRequest, render_motion
+from app.run.pictures.followed_point import TIP
+from app.run.pictures.own_videos import VideoOptions
 from app.run.request import (
     CLOSE_UPS,
     FRAMINGS,

@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 from app.config import default_body
-from app.run.followed_point import TIP
 from app.run.mechanism import NOISE_RAD, MechanismRequest, show_mechanism
+from app.run.pictures.followed_point import TIP
 
 
 def add_mechanism(commands) -> None:

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 from app.errors import RunError
 from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
-from app.run.export import body_motion
-from app.run.figures import check_start, draw_error_growth, draw_figure6, draw_jitter
-from app.run.followed_point import TIP, TipSource, choose_tip_source
 from app.run.models import get_body
-from app.run.own_videos import OnFile, VideoOptions, draw_own_videos, picture_motions
-from app.run.pictures import Snapshots, draw_poses
-from app.run.register import SOLE_M
+from app.run.pictures.comparison import Snapshots, draw_poses
+from app.run.pictures.export import body_motion
+from app.run.pictures.figures import check_start, draw_error_growth, draw_figure6, draw_jitter
+from app.run.pictures.followed_point import TIP, TipSource, choose_tip_source
+from app.run.pictures.own_videos import OnFile, VideoOptions, draw_own_videos, picture_motions
+from app.run.pictures.register import SOLE_M
 from app.run.request import MAX_COMPARED, REFERENCE_NAME
 from app.run.result_folder import ResultFolder
 

@@ -13,7 +13,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from app.run.followed_point import TipSource
+from app.run.pictures.followed_point import TipSource
 from app.run.request import REFERENCE_NAME
 from app.run.result_folder import ResultFolder
 

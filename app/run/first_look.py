@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.run.display import Display
-from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
-from app.run.own_videos import VideoOptions, draw_own_videos, picture_motions
+from app.run.pictures.followed_point import choose_tip_source
+from app.run.pictures.own_videos import VideoOptions, draw_own_videos, picture_motions
 from app.run.planted import NOISE_RAD, tremble
 from app.run.request import GenerateRequest, file_stem
 from app.run.result_folder import ResultFolder

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.errors import RunError
-from app.run.display import Display, marks_of
-from app.run.export import body_motion, render_settings
-from app.run.followed_point import TIP, choose_tip_source
+from app.run.display import Display
 from app.run.models import get_body
-from app.run.videos import draw_videos
+from app.run.pictures.export import body_motion, render_settings
+from app.run.pictures.followed_point import TIP, choose_tip_source
+from app.run.pictures.marked import marks_of
+from app.run.pictures.videos import draw_videos
 
 if TYPE_CHECKING:
     from model.measures.error_growth import ErrorGrowth

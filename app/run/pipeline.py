@@ -13,11 +13,8 @@ from typing import TYPE_CHECKING
 
 from app.errors import CancelledRun
 from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
-from app.run.export import body_motion
-from app.run.figures import check_start, draw_figure6, draw_jitter
-from app.run.followed_point import TipSource, choose_tip_source
 from app.run.inputs import Inputs, read_inputs
-from app.run.pictures import (
+from app.run.pictures.comparison import (
     Row,
     Snapshots,
     draw_all,
@@ -25,6 +22,9 @@ from app.run.pictures import (
     rows_that_fit,
     show_preview,
 )
+from app.run.pictures.export import body_motion
+from app.run.pictures.figures import check_start, draw_figure6, draw_jitter
+from app.run.pictures.followed_point import TipSource, choose_tip_source
 from app.run.provenance import make_provenance
 from app.run.request import (
     REFERENCE_NAME,

@@ -91,7 +91,8 @@ class GenerateRequest:
     transcript: Path | None = None
     """A TextGrid of the speech; its words go to the numbers."""
     joint: str = "right_middle"
-    """The fingertip or joint that figure and tip measures follow; see `app.run.followed_point`."""
+    """The fingertip or joint that figure and tip measures follow; see
+    `app.run.pictures.followed_point`."""
     start_frame: int = 0
     """First of the 300 frames of Figure 6."""
     reference: Path | None = None

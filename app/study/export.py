@@ -10,7 +10,7 @@ from pathlib import Path
 
 from app.errors import RunError
 from app.run.models import get_system
-from app.run.videos import draw_videos
+from app.run.pictures.videos import draw_videos
 from app.study.design.blinding import Blinding, blinding_of, draw_blinding, make_key
 from app.study.design.key import read_key, write_key
 from app.study.design.plan import Plan

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page
 
-from app.run.export import body_motion
 from app.run.models import get_system
+from app.run.pictures.export import body_motion
 from model.generation.windows import GenerateOptions, generate_motion
 from model.speech.audio import load_speech
 from renderer.body.body import Body, BodyMotion, load_body

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from app.page.results.timeline import Version, make_timeline, series_looks, waveform_peaks
 from app.page.serving.media import MediaDesk
-from app.run.export import render_settings
-from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
+from app.run.pictures.export import render_settings
+from app.run.pictures.followed_point import choose_tip_source
 from app.run.request import (
     REFERENCE_NAME,
     Artefact,

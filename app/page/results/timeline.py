@@ -12,7 +12,7 @@ import numpy as np
 
 from app.page.results.worst import worst_seconds
 from app.run.diagnostics import onsets_of
-from app.run.followed_point import TipSource
+from app.run.pictures.followed_point import TipSource
 from app.run.request import REFERENCE_NAME
 
 if TYPE_CHECKING:

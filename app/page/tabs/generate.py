@@ -15,7 +15,7 @@ from app.page.parts.catalogue import Catalogue, point_choices
 from app.page.parts.html_parts import player_part, results_parts
 from app.page.tabs.generate_form import SEED_LIMIT
 from app.run.display import FACTORS
-from app.run.followed_point import TIP
+from app.run.pictures.followed_point import TIP
 from model.systems.globaldiff.config import BEST
 
 MAX_DEFAULT_SYSTEMS = 3

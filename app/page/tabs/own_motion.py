@@ -24,7 +24,7 @@ from app.page.tabs.own_motion_run import (
     display_names,
 )
 from app.run.display import FACTORS
-from app.run.followed_point import TIP
+from app.run.pictures.followed_point import TIP
 from app.run.planted import planted_files
 from app.run.request import MAX_COMPARED
 

@@ -24,7 +24,7 @@ from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.runner import TabRunner, Updates
 from app.run.display import Display, check_display
-from app.run.own_videos import OnFile, VideoOptions
+from app.run.pictures.own_videos import OnFile, VideoOptions
 from app.run.request import (
     MAX_COMPARED,
     REFERENCE_NAME,

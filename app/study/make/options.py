@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.config import BUNDLED_WEIGHTS
-from app.run.videos import PARALLEL_VIDEOS
+from app.run.pictures.videos import PARALLEL_VIDEOS
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.run.export import render_settings
 from app.run.models import get_body
-from app.run.videos import draw_videos
+from app.run.pictures.export import render_settings
+from app.run.pictures.videos import draw_videos
 from app.study.design.plan import Plan
 from app.study.design.trials import Stimulus
 from app.study.make import media
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from renderer.body.body import BodyMotion
 
 Draw = Callable[..., object]
-"""`app.run.videos.draw_videos`, or what a test puts in its place."""
+"""`app.run.pictures.videos.draw_videos`, or what a test puts in its place."""
 
 
 @dataclass(frozen=True)

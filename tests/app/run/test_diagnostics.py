@@ -7,7 +7,7 @@ import pytest
 
 from app.errors import CancelledRun
 from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
-from app.run.followed_point import choose_tip_source
+from app.run.pictures.followed_point import choose_tip_source
 from app.run.result_folder import ResultFolder
 from model.measures.beats import speech_onsets
 from model.measures.diagnostics import diagnose

@@ -63,7 +63,7 @@ def write_plan(
 def draw_noise(
     jobs, on_progress, on_done, should_cancel, parallel, on_start: Callable[[str], None] = bool
 ) -> None:
-    """In place of `app.run.videos.draw_videos`: noise, as much as each motion decides."""
+    """In place of `app.run.pictures.videos.draw_videos`: noise, as much as each motion decides."""
     for number, (name, job) in enumerate(jobs.items()):
         on_start(name)
         seed = int(np.abs(job.motion.poses).sum() * 1e3)

@@ -7,7 +7,7 @@ import pytest
 from app.page.results.player import Showing, picture_layout, write_sound
 from app.page.results.timeline import point_curves
 from app.page.serving.media import MediaDesk
-from app.run.followed_point import choose_tip_source
+from app.run.pictures.followed_point import choose_tip_source
 from app.run.request import Artefact, GenerateRequest
 from model.motion.motion import first_frames, load_motion, save_motion
 from model.speech.transcript import Word

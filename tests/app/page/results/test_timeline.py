@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.page.results.timeline import derivative_curve, make_timeline, series_looks, waveform_peaks
-from app.run.followed_point import choose_tip_source
+from app.run.pictures.followed_point import choose_tip_source
 from model.speech.audio import Speech
 from renderer.body.body import load_body
 from renderer.figures.style import REFERENCE_STYLE, SYSTEM_STYLES

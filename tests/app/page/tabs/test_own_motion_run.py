@@ -18,7 +18,7 @@ from app.page.serving.workshop import Workshop
 from app.page.tabs.own_motion import build_own_motion_tab, build_results
 from app.page.tabs.own_motion_run import MAX_NAME, OwnMotionForm, OwnMotionRunner, display_names
 from app.run.diagnose import DiagnoseRequest, Diagnosis, OnShare
-from app.run.own_videos import OnFile
+from app.run.pictures.own_videos import OnFile
 from tests.app.fakes import measures
 from tests.app.measured import diagnostics_of
 

@@ -7,15 +7,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from app.run.display import Display, displayed, marks_of
-from app.run.export import body_motion, render_settings
-from app.run.register import in_register
+from app.run.display import Display
+from app.run.pictures.export import body_motion, render_settings
+from app.run.pictures.marked import displayed, marks_of
+from app.run.pictures.register import in_register
+from app.run.pictures.videos import draw_videos
 from app.run.request import CLOSE_UPS, Artefact, CloseUp, Framing, file_stem
 from app.run.result_folder import ResultFolder
-from app.run.videos import draw_videos
 
 if TYPE_CHECKING:
-    from app.run.followed_point import TipSource
+    from app.run.pictures.followed_point import TipSource
     from model.motion.motion import Motion
     from renderer.body.body import Body
 
@@ -83,7 +84,7 @@ def draw_own_videos(
         on_share: told the share of all frames done; what it raises ends the work.
 
     Raises:
-        BodyError, GLError, VideoError: see `app.run.videos.draw_videos`.
+        BodyError, GLError, VideoError: see `app.run.pictures.videos.draw_videos`.
     """
     from model.motion.motion import save_motion
     from renderer.video.frames import stage_for

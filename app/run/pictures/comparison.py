@@ -10,20 +10,20 @@ from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING
 
-from app.run.display import displayed, marks_of
-from app.run.export import body_motion, render_settings
-from app.run.jerk_marks import jerk_marks
 from app.run.models import get_body
+from app.run.pictures.export import body_motion, render_settings
+from app.run.pictures.jerk_marks import jerk_marks
+from app.run.pictures.marked import displayed, marks_of
+from app.run.pictures.videos import draw_videos
 from app.run.request import MAX_COMPARED, REFERENCE_NAME, GenerateRequest, file_stem
 from app.run.result_folder import ResultFolder
 from app.run.telling import Reporter
-from app.run.videos import draw_videos
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from app.run.followed_point import TipSource
     from app.run.inputs import Inputs
+    from app.run.pictures.followed_point import TipSource
     from model.motion.motion import Motion
     from renderer.figures.figure6.figure6 import JointMarks
 
@@ -75,7 +75,7 @@ def draw_all(
     way where videos show the same, and drawn apart where they do not.
 
     Raises:
-        CancelledRun, BodyError, GLError, VideoError: see `app.run.videos.draw_videos`.
+        CancelledRun, BodyError, GLError, VideoError: see `app.run.pictures.videos.draw_videos`.
     """
     from renderer.figures.figure6.figure6 import choose_snapshot_frames
     from renderer.video.frames import stage_for
@@ -199,7 +199,7 @@ def draw_poses(
         on_share: told the share of all pictures done; what it raises ends the work.
 
     Raises:
-        BodyError, GLError: see `app.run.videos.draw_videos`.
+        BodyError, GLError: see `app.run.pictures.videos.draw_videos`.
     """
     from renderer.stage.stage import set_stage
     from renderer.video.pool import RenderJob

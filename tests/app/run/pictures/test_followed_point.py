@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.run.export import body_motion
-from app.run.followed_point import choose_tip_source
+from app.run.pictures.export import body_motion
+from app.run.pictures.followed_point import choose_tip_source
 from model.measures.diagnostics import track_points
 from model.motion.motion import Motion
 from model.motion.skeleton import FINGERTIP_JOINTS, FINGERTIP_NAMES, JOINT_NAMES, open_body_skeleton

@@ -6,7 +6,7 @@ from concurrent.futures import Future
 import numpy as np
 import pytest
 
-from app.run import videos
+from app.run.pictures import videos
 from renderer.video import pool
 from renderer.video.job import RenderJob, RenderResult
 from tests.renderer.stage.test_camera import waving_motion

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.run.display import SPIKE_M_S3, Display, check_display, displayed, marks_of
-from app.run.followed_point import choose_tip_source
+from app.run.display import Display, check_display
+from app.run.pictures.followed_point import choose_tip_source
+from app.run.pictures.marked import SPIKE_M_S3, displayed, marks_of
 from renderer.body.body import load_body
 from renderer.body.joints import JOINT_INDEX
 from tests.app.fakes import made_motion

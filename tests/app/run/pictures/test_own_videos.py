@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from app.run import own_videos
 from app.run.diagnose import DiagnoseRequest, diagnose_files
-from app.run.own_videos import VideoOptions, picture_motions
+from app.run.pictures import own_videos
+from app.run.pictures.own_videos import VideoOptions, picture_motions
+from app.run.pictures.register import SOLE_M, in_register
 from app.run.planted import CLEAN, PLANTS, planted_files
-from app.run.register import SOLE_M, in_register
 from app.run.request import Artefact
 from model.motion.motion import Motion, load_motion
 from model.motion.skeleton import JOINT_INDEX, open_body_skeleton

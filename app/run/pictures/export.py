@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
 from app.errors import RunError
-from app.run.display import Display, check_display, displayed, marks_of
+from app.run.display import Display, check_display
 from app.run.models import get_body
+from app.run.pictures.marked import displayed, marks_of
 from app.run.request import LOOKS, CloseUp, Framing, View, check_size
 
 if TYPE_CHECKING:
@@ -182,7 +183,7 @@ def _export(request: RenderRequest, body: Body, motion: BodyMotion) -> tuple[Pat
 def _draw(
     request: RenderRequest, read: Motion, body: Body, on_progress: Callable[[float], None]
 ) -> tuple[Path, ...]:
-    from app.run.followed_point import choose_tip_source
+    from app.run.pictures.followed_point import choose_tip_source
     from renderer.video.frames import stage_for
     from renderer.video.pool import RenderJob, RenderPool
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from app.run.export import body_motion
-from app.run.jerk_marks import AROUND_FRAMES, LEAST_FULL_SCALE, jerk_marks
+from app.run.pictures.export import body_motion
+from app.run.pictures.jerk_marks import AROUND_FRAMES, LEAST_FULL_SCALE, jerk_marks
 from model.motion.skeleton import JOINT_INDEX
 from renderer.body.body import load_body
 from renderer.stage.stage import set_stage

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from app.errors import RunError
 from app.findings.sentences import sentences_of
-from app.run.followed_point import TipSource
-from app.run.pictures import Snapshots
+from app.run.pictures.comparison import Snapshots
+from app.run.pictures.followed_point import TipSource
 from app.run.request import REFERENCE_NAME, PostFilter
 from app.run.result_folder import ResultFolder
 
