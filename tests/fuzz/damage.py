@@ -18,7 +18,7 @@ WILD: st.SearchStrategy[Any] = st.one_of(
     st.sampled_from(["", "\x1b[31m", "\u202e", "\ud800", "../../etc/passwd", "a" * 3000, "NaN"]),
     st.lists(st.integers() | st.text(max_size=3), max_size=3),
     st.dictionaries(st.text(max_size=5), st.integers() | st.none(), max_size=3),
-    st.integers(1, 3).map(lambda depth: nested(3000 * depth)),
+    st.integers(1, 3).map(lambda depth: nested(60 * depth)),
 )
 
 

@@ -193,11 +193,11 @@ def test_damaged_plans(tmp_path: Path) -> None:
     run_by_the_clock(check)
 
 
+DEEP = (b"[" * 100_000, b'{"answers": ' * 50_000, b"[" * 50_000 + b"]" * 50_000)
+
+
 def as_json(document: object) -> bytes:
-    try:
-        return json.dumps(document).encode("utf-8", "surrogatepass")
-    except RecursionError:
-        return b"[" * 100_000
+    return json.dumps(document).encode("utf-8", "surrogatepass")
 
 
 @pytest.mark.parametrize("protocol", ["pairwise", "rating"])
@@ -225,6 +225,7 @@ def test_wild_answers_and_keys(protocol: str, tmp_path: Path) -> None:
         damaged(as_json(answers)).map(lambda it: (read_answers, it)),
         with_wild_values(whole_key).map(lambda it: (read_both, as_json(it))),
         damaged(as_json(whole_key)).map(lambda it: (read_both, it)),
+        st.tuples(st.sampled_from([read_answers, read_both]), st.sampled_from(DEEP)),
     ))  # fmt: skip
     def check(found: tuple[Callable[[Path], object], bytes]) -> None:
         read, content = found
