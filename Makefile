@@ -35,7 +35,7 @@ check: .venv/.test-ready
 	$(BIN)/lint-imports
 
 test: check
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
 fuzz: .venv/.test-ready
 	FUZZ_SECONDS=3600 $(BIN)/python -m pytest tests/fuzz
