@@ -19,7 +19,9 @@ def test_a_field_is_changed_and_nothing_besides() -> None:
 
 
 @pytest.mark.parametrize(
-    ("family", "preset"), [(f, preset) for f in families() for preset in f.presets], ids=str
+    ("family", "preset"),
+    [(f, preset) for f in families() for preset in f.presets],
+    ids=lambda each: getattr(each, "name", each),
 )
 def test_every_config_can_be_set(family, preset: str) -> None:
     for system in family.trained:
