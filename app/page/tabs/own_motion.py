@@ -98,12 +98,13 @@ class FormParts:
 
 
 def _build_form() -> FormParts:
+    planted = gr.Button(PLANTED_LABEL, elem_id="own-planted", size="sm")
     motions = gr.File(
         label="Motions to compare (.npz, .npy or .bvh)",
         file_count="multiple",
         file_types=[".npz", ".npy", ".bvh"],
         type="filepath",
-        height=150,
+        height=120,
         elem_id="own-motions",
     )
     shown = gr.Dropdown(
@@ -122,13 +123,13 @@ def _build_form() -> FormParts:
         label=text.REFERENCE_LABEL,
         file_types=[".npz", ".npy", ".bvh"],
         type="filepath",
-        height=150,
+        height=120,
     )
     speech = gr.File(
         label="Speech of all of them (optional, for BeatAlign)",
         file_types=["audio"],
         type="filepath",
-        height=150,
+        height=120,
     )
     with gr.Row(elem_classes="pair"):
         point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
@@ -148,7 +149,6 @@ def _build_form() -> FormParts:
     with gr.Row(elem_classes="actions"):
         start = gr.Button("Measure and compare", variant="primary", elem_id="own-start")
         cancel = gr.Button(text.CANCEL, elem_id="own-cancel", min_width=110)
-    planted = gr.Button(PLANTED_LABEL, elem_id="own-planted", size="sm")
     fields = [motions, reference, speech, point, start_frame, window, overlap, shown]
     fields += [has_videos, has_trail, exaggeration]
     return FormParts(fields, start, cancel, planted)
