@@ -104,7 +104,7 @@ def _build_form() -> FormParts:
         file_count="multiple",
         file_types=[".npz", ".npy", ".bvh"],
         type="filepath",
-        height=120,
+        height=170,
         elem_id="own-motions",
     )
     shown = gr.Dropdown(
