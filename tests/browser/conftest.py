@@ -43,15 +43,20 @@ def served(config: AppConfig, **options: Any) -> Iterator[str]:
 
 
 @pytest.fixture(scope="session")
-def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+def page_config(tmp_path_factory: pytest.TempPathFactory) -> AppConfig:
+    """Of the page that is open for all tests."""
+    weights = make_weights(tmp_path_factory.mktemp("weights"))
+    return AppConfig(port=0, weights=weights, temp=tmp_path_factory.mktemp("page"))
+
+
+@pytest.fixture(scope="session")
+def address(page_config: AppConfig) -> Iterator[str]:
     """Where the page is."""
     try:
         choose_backend()
     except GLError as error:
         pytest.skip(str(error))
-    weights = make_weights(tmp_path_factory.mktemp("weights"))
-    temp = tmp_path_factory.mktemp("page")
-    with served(AppConfig(port=0, weights=weights, temp=temp)) as url:
+    with served(page_config) as url:
         yield url
 
 
@@ -75,8 +80,12 @@ def browser(chromium: BrowserType) -> Iterator[Browser]:
 
 
 @pytest.fixture
-def visit(browser: Browser, address: str) -> Iterator[Callable[..., Page]]:
-    """Open the page as a new visitor, who shares nothing with the others."""
+def visit(
+    browser: Browser, address: str, page_config: AppConfig, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Callable[..., Page]]:
+    """Open the page as a new visitor, who shares nothing with the others. Another page of this
+    process may have been opened since the first."""
+    monkeypatch.setenv("GRADIO_TEMP_DIR", str(page_config.cache_folder))
     contexts: list[BrowserContext] = []
 
     def open_page(width: int = 1280, height: int = 900) -> Page:

@@ -10,7 +10,7 @@ import pytest
 
 from renderer.body.normals import VertexNormals
 from renderer.draw.offscreen import GLBackend, GLError, OffscreenRenderer, open_gl
-from renderer.draw.probe import choose_backend
+from renderer.draw.probe import choose_gl
 from renderer.draw.software import SoftwareRenderer
 from renderer.stage.camera import Camera
 from renderer.stage.ground import ShadowGround
@@ -39,7 +39,7 @@ def box(low, high) -> tuple[np.ndarray, np.ndarray]:
 
 def gl_backend() -> GLBackend:
     """The OpenGL of this machine; the calling test is skipped where there is none."""
-    backend = choose_backend()
+    backend = choose_gl()
     if backend == "software":
         pytest.skip("there is no OpenGL here")
     return backend
