@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from app.errors import CancelledRun
@@ -35,3 +36,16 @@ class Reporter:
         """
         if self.should_cancel():
             raise CancelledRun
+
+
+def share_teller(
+    stage: Stage, on_event: OnEvent, should_cancel: ShouldCancel
+) -> Callable[[float], None]:
+    """What takes the share done of a stage: it tells of it, or ends the work by CancelledRun."""
+
+    def on_share(share: float) -> None:
+        if should_cancel():
+            raise CancelledRun
+        on_event(Progress(stage, share))
+
+    return on_share

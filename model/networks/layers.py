@@ -89,15 +89,9 @@ class MotionBlock(nn.Module):
         self.seed_attention = Attention(width, num_heads)
         self.attention = Attention(width, num_heads)
         self.conv = TemporalConv(width, conv_kernel) if conv_kernel else None
-        hidden = feedforward_ratio * width
-        self.feedforward = nn.Sequential(
-            nn.Linear(width, hidden), nn.GELU(), nn.Linear(hidden, width)
-        )
+        self.feedforward = _feedforward(width, feedforward_ratio)
         num_modulated = 3 if self.conv is not None else 2
-        film = nn.Linear(width, 3 * num_modulated * width)
-        nn.init.zeros_(film.weight)
-        nn.init.zeros_(film.bias)
-        self.modulation = nn.Sequential(nn.SiLU(), film)
+        self.modulation = _films(width, num_modulated)
 
     def forward(
         self,
@@ -127,14 +121,8 @@ class RecurrentBlock(nn.Module):
         super().__init__()
         self.norm = nn.LayerNorm(width, elementwise_affine=False)
         self.gru = nn.GRU(width, width // 2, batch_first=True, bidirectional=True)
-        hidden = feedforward_ratio * width
-        self.feedforward = nn.Sequential(
-            nn.Linear(width, hidden), nn.GELU(), nn.Linear(hidden, width)
-        )
-        film = nn.Linear(width, 6 * width)
-        nn.init.zeros_(film.weight)
-        nn.init.zeros_(film.bias)
-        self.modulation = nn.Sequential(nn.SiLU(), film)
+        self.feedforward = _feedforward(width, feedforward_ratio)
+        self.modulation = _films(width, 2)
 
     def forward(
         self,
@@ -148,3 +136,17 @@ class RecurrentBlock(nn.Module):
         x = x + (1 + gate) * self.gru(heard)[0][:, seed.shape[1] :]
         scale, shift, gate = films[3:]
         return x + (1 + gate) * self.feedforward(self.norm(x) * (1 + scale) + shift)
+
+
+def _feedforward(width: int, ratio: int) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Linear(width, ratio * width), nn.GELU(), nn.Linear(ratio * width, width)
+    )
+
+
+def _films(width: int, num_layers: int) -> nn.Sequential:
+    """Scale, shift and gate of so many layers from a condition; all zero at first."""
+    film = nn.Linear(width, 3 * num_layers * width)
+    nn.init.zeros_(film.weight)
+    nn.init.zeros_(film.bias)
+    return nn.Sequential(nn.SiLU(), film)

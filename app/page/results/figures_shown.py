@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app import text
@@ -32,6 +33,12 @@ class FiguresShown:
             ending = artefact.path.suffix.lstrip(".")
             url = self._desk.offer(artefact.path, self._visitor)
             self._urls.setdefault(artefact.path.stem, {})[ending] = url
+
+    def take_files(self, paths: Iterable[Path]) -> None:
+        """Note the figures among the files of a run."""
+        for path in paths:
+            if path.suffix in (".png", ".svg", ".pdf"):
+                self.take(Artefact("figure", path.stem, path))
 
     def html(self, diagnostics: Diagnostics | None = None) -> str:
         """All figures so far; with their sentences once there are numbers."""

@@ -14,7 +14,8 @@ from typing import Any
 
 from app.errors import CancelledRun, sentence_of
 from app.page.serving.workshop import HEARD, channel_of
-from app.run.request import Artefact, Event, OnEvent, Progress, ShouldCancel, Stage
+from app.run.request import Artefact, Event, OnEvent, ShouldCancel
+from app.run.telling import share_teller
 
 _NO_MEMORY = ("allocate memory", "not enough memory", "bad_alloc")
 """What torch says in a RuntimeError."""
@@ -29,13 +30,13 @@ def generate(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> An
 def diagnose(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
     from app.run.diagnose import diagnose_files
 
-    return diagnose_files(request, _shares("numbers", on_event, should_cancel), on_event)
+    return diagnose_files(request, share_teller("numbers", on_event, should_cancel), on_event)
 
 
 def show_mechanism(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
     from app.run.mechanism import show_mechanism as show
 
-    return show(request, _shares("video", on_event, should_cancel))
+    return show(request, share_teller("video", on_event, should_cancel))
 
 
 def make_first_look(
@@ -43,13 +44,13 @@ def make_first_look(
 ) -> None:
     from app.run.first_look import make_first_look as make
 
-    make(look, weights, _shares("video", on_event, should_cancel))
+    make(look, weights, share_teller("video", on_event, should_cancel))
 
 
 def measure_steps(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
     from app.run.step_curve import measure_step_curve
 
-    return measure_step_curve(request, _shares("numbers", on_event, should_cancel))
+    return measure_step_curve(request, share_teller("numbers", on_event, should_cancel))
 
 
 def export_study(
@@ -62,7 +63,7 @@ def export_study(
         read_plan(plan),
         out,
         options,
-        on_progress=_shares("video", on_event, should_cancel),
+        on_progress=share_teller("video", on_event, should_cancel),
         should_cancel=should_cancel,
     )
 
@@ -139,17 +140,6 @@ def _listen(
                 works.put(told)
     except (EOFError, OSError):
         os._exit(0)
-
-
-def _shares(
-    stage: Stage, on_event: OnEvent, should_cancel: ShouldCancel
-) -> Callable[[float], None]:
-    def on_share(share: float) -> None:
-        if should_cancel():
-            raise CancelledRun
-        on_event(Progress(stage, share))
-
-    return on_share
 
 
 def _limit_memory(more_bytes: int | None) -> int:

@@ -13,7 +13,6 @@ import gradio as gr
 
 from app import text
 from app.config import AppConfig
-from app.errors import CancelledRun
 from app.page.parts import markup
 from app.page.parts.html_parts import shown
 from app.page.serving.follow import last_share
@@ -22,7 +21,8 @@ from app.page.serving.media import MediaDesk
 from app.page.serving.runner import TabRunner, Updates
 from app.run.mechanism import NOISE_RAD, MechanismRequest
 from app.run.planted import CLEAN
-from app.run.request import Event, OnEvent, Progress, ShouldCancel
+from app.run.request import Event, OnEvent, ShouldCancel
+from app.run.telling import share_teller
 
 TITLE = "The argument in ten seconds: equal noise on local and on global rotations"
 INTRODUCTION = (
@@ -144,11 +144,7 @@ class _Work:
     parts: MechanismParts
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Shown:
-        def on_progress(share: float) -> None:
-            if should_cancel():
-                raise CancelledRun
-            on_event(Progress("video", share))
-
+        on_progress = share_teller("video", on_event, should_cancel)
         return self.show(self.asked, on_progress)
 
     def progress(self, events: list[Event]) -> Updates:

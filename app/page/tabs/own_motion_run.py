@@ -12,7 +12,7 @@ import gradio as gr
 
 from app import text
 from app.config import AppConfig
-from app.errors import CancelledRun, RunError
+from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.asked import form_of
 from app.page.parts.html_parts import shown
@@ -31,10 +31,10 @@ from app.run.request import (
     Artefact,
     Event,
     OnEvent,
-    Progress,
     ShouldCancel,
 )
 from app.run.result_folder import zip_files
+from app.run.telling import share_teller
 
 if TYPE_CHECKING:
     from app.run.diagnose import DiagnoseRequest, Diagnosis
@@ -241,11 +241,7 @@ class _Work:
     parts: OwnMotionParts
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Diagnosis:
-        def on_progress(share: float) -> None:
-            if should_cancel():
-                raise CancelledRun
-            on_event(Progress("numbers", share))
-
+        on_progress = share_teller("numbers", on_event, should_cancel)
         return self.diagnose(self.asked, on_progress, on_event)
 
     def progress(self, events: list[Event]) -> Updates:
@@ -261,9 +257,7 @@ class _Work:
 
     def finished(self, result: Diagnosis) -> Updates:
         parts = self.parts
-        for path in result.files:
-            if path.suffix in (".png", ".svg", ".pdf"):
-                self.figures.take(Artefact("figure", path.stem, path))
+        self.figures.take_files(result.files)
         bundle = zip_files(result.files, self.job.folder / "own-motion.zip")
         count = len(result.diagnostics.systems)
         line = MEASURED.format(motions=f"{count} motion{'s' if count > 1 else ''}")

@@ -12,7 +12,7 @@ import gradio as gr
 
 from app import text
 from app.config import AppConfig
-from app.errors import CancelledRun, RunError
+from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.asked import form_of
 from app.page.parts.catalogue import Catalogue
@@ -22,7 +22,8 @@ from app.page.serving.follow import last_share
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.runner import TabRunner, Updates
-from app.run.request import Artefact, Event, OnEvent, Progress, ShouldCancel
+from app.run.request import Event, OnEvent, ShouldCancel
+from app.run.telling import share_teller
 from model.systems.globaldiff.config import BEST
 
 if TYPE_CHECKING:
@@ -176,11 +177,7 @@ class _Work:
     parts: StepCurveParts
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> StepCurve:
-        def on_progress(share: float) -> None:
-            if should_cancel():
-                raise CancelledRun
-            on_event(Progress("numbers", share))
-
+        on_progress = share_teller("numbers", on_event, should_cancel)
         return self.measure(self.asked, on_progress)
 
     def progress(self, events: list[Event]) -> Updates:
@@ -190,9 +187,7 @@ class _Work:
         return {self.parts.status: markup.sentence_status(MEASURING.format(share=share))}
 
     def finished(self, result: StepCurve) -> Updates:
-        for path in result.files:
-            if path.suffix in (".png", ".svg", ".pdf"):
-                self.figures.take(Artefact("figure", path.stem, path))
+        self.figures.take_files(result.files)
         line = MEASURED.format(count=len(result.points))
         return {
             self.parts.status: markup.sentence_status(line),
