@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from model.formats.numbers import ReadOptions
     from model.measures.diagnostics import Diagnostics
-    from model.measures.seams import Windows
+    from model.measures.joins.seams import Windows
     from model.motion.motion import Motion
 
 OnShare = Callable[[float], None]
@@ -297,7 +297,7 @@ def _windows(request: DiagnoseRequest, read: _Read) -> dict[str, Windows]:
     Raises:
         RunError: for windows that cannot be.
     """
-    from model.measures.seams import Windows
+    from model.measures.joins.seams import Windows
 
     if request.window is None:
         if request.overlap:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from model.measures.diagnostics import Diagnostics
-    from model.measures.seams import Windows
+    from model.measures.joins.seams import Windows
     from model.motion.motion import Motion
     from model.motion.tracks import Tracks
     from model.speech.audio import Speech

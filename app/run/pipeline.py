@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from model.measures.diagnostics import Diagnostics
-    from model.measures.seams import Windows
+    from model.measures.joins.seams import Windows
     from model.speech.audio import Speech
     from model.speech.transcript import Word
 
@@ -187,7 +187,7 @@ def _measure(
 
 def _windows(rows: Sequence[Row], inputs: Inputs) -> dict[str, Windows]:
     """How each row was cut. The recorded one was not; it is folded beside systems that agree."""
-    from model.measures.seams import Windows
+    from model.measures.joins.seams import Windows
 
     found = {}
     for system in inputs.systems:

@@ -19,8 +19,8 @@ from model.evaluation.speech_response import coupling, frame_loudness, speech_tr
 from model.evaluation.window_diversity import window_diversity
 from model.generation.base import DEPTH_FLOW_TIME, FLOW_TIMES, Prediction
 from model.measures import beats, diversity, lagged_correlation
-from model.measures.face_and_hands import face_and_hands
-from model.measures.face_measures import face_measures
+from model.measures.face.face_and_hands import face_and_hands
+from model.measures.face.face_measures import face_measures
 from model.motion.motion import Motion
 from model.motion.skeleton import open_body_skeleton
 from model.networks.autoencoder import FrozenEncoder

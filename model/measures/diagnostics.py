@@ -24,15 +24,15 @@ from model.measures.beats import (
 from model.measures.faults.evidence import Evidence
 from model.measures.faults.finding import Finding
 from model.measures.faults.table import find_faults
+from model.measures.joins.periods import find_period
+from model.measures.joins.seams import Windows
 from model.measures.measures import (
     TIP,
     measure_tracks,
     measures,
 )
-from model.measures.periods import find_period
 from model.measures.reference_error import error_to_reference
 from model.measures.results import BeatMeasures, BeatSpeeds, Measures
-from model.measures.seams import Windows
 from model.motion.filtering import smooth_motion
 from model.motion.motion import Motion, first_frames
 from model.motion.skeleton import (

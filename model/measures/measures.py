@@ -8,8 +8,15 @@ from jaxtyping import Float
 
 from model.measures.attribution import attribute_jerk
 from model.measures.diversity import l1_to_mean
+from model.measures.joins.periods import Period, find_period, part_jerk_by_phase
+from model.measures.joins.seams import (
+    RecurringJerk,
+    Windows,
+    jerk_by_window_phase,
+    recurring_jerk,
+    seam_jerk_ratio,
+)
 from model.measures.joint_range import FINGER_JOINT_NAMES, elbow_backwards_share, finger_is_outside
-from model.measures.periods import Period, find_period, part_jerk_by_phase
 from model.measures.posture import (
     FEET,
     HIGH_PERCENTILE,
@@ -35,13 +42,6 @@ from model.measures.results import (
     Sides,
     Spectrum,
     Tilt,
-)
-from model.measures.seams import (
-    RecurringJerk,
-    Windows,
-    jerk_by_window_phase,
-    recurring_jerk,
-    seam_jerk_ratio,
 )
 from model.measures.smoothness import (
     angular_velocity,

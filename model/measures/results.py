@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Float
 
 from model.measures.attribution import JerkAttribution
-from model.measures.periods import Period
+from model.measures.joins.periods import Period
+from model.measures.joins.seams import RecurringJerk
 from model.measures.reference_error import ReferenceError
-from model.measures.seams import RecurringJerk
 
 ByJoint = Float[np.ndarray, " 55"]
 ByDepth = Float[np.ndarray, " 11"]

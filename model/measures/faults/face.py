@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from model.measures.face_measures import unit_columns
+from model.measures.face.face_measures import unit_columns
 from model.measures.faults.evidence import Evidence
 from model.measures.faults.finding import Finding
 from model.motion.skeleton import JOINT_INDEX

@@ -4,7 +4,7 @@ import numpy as np
 
 from model.corpus.clip import Clip
 from model.measures.diagnostics import diagnose
-from model.measures.seams import Windows
+from model.measures.joins.seams import Windows
 from model.motion.motion import Motion
 from model.motion.skeleton import open_body_skeleton
 

@@ -130,7 +130,7 @@ def still_jaw(motion: Motion) -> Motion:
     joints[:, JOINT_INDEX["jaw"]] = 0.0
     expressions = motion.expressions.copy()
     if motion.expression_basis == "arkit52":
-        from model.measures.face_measures import unit_columns
+        from model.measures.face.face_measures import unit_columns
 
         expressions[:, unit_columns("jawOpen")] = 0.0
     return replace(_with(motion, joints), expressions=expressions)

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from model.measures import smoothness
 from model.measures.diagnostics import diagnose, measures, smooth_motion, track_points
+from model.measures.joins.seams import jerk_by_window_phase, seam_jerk_ratio
 from model.measures.posture import foot_slide
-from model.measures.seams import jerk_by_window_phase, seam_jerk_ratio
 from model.measures.spectrum import velocity_spectrum
 from model.motion import tracks
 from model.motion.motion import Motion, first_frames, load_motion

@@ -12,7 +12,7 @@ from model.formats.read import read_any_motion
 from model.measures.diagnostics import REFERENCE, diagnose
 from model.measures.faults.finding import Finding, by_gravity, clock, ranked, stretches_of
 from model.measures.faults.table import FAULTS, STILL
-from model.measures.seams import Windows
+from model.measures.joins.seams import Windows
 from model.motion.motion import Motion, load_motion
 from model.motion.skeleton import open_body_skeleton
 from model.speech.audio import load_speech

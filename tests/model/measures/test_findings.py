@@ -8,7 +8,7 @@ import torch
 
 from model.measures.diagnostics import diagnose
 from model.measures.faults.finding import Finding
-from model.measures.seams import Windows
+from model.measures.joins.seams import Windows
 from model.motion.mirror import mirror_poses
 from model.motion.motion import Motion
 from model.motion.skeleton import JOINT_INDEX, LEFT_HAND, MIRROR_PERMUTATION, open_body_skeleton

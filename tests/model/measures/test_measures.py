@@ -14,9 +14,9 @@ from model.measures import posture, smoothness
 from model.measures.attribution import attribute_jerk
 from model.measures.beats import read_mean_speeds
 from model.measures.diagnostics import diagnose
+from model.measures.joins.seams import recurring_jerk
 from model.measures.joint_range import elbow_backwards_share, finger_is_outside
 from model.measures.measures import measures
-from model.measures.seams import recurring_jerk
 from model.measures.spectrum import velocity_spectrum
 from model.motion.filtering import smooth_rotations
 from model.motion.kinematics import fingertip_positions, joint_positions_from_local

@@ -7,9 +7,9 @@ import pytest
 
 from model.formats.read import read_any_motion
 from model.measures.diagnostics import diagnose
+from model.measures.joins.periods import find_period, part_jerk_by_phase
+from model.measures.joins.seams import Windows
 from model.measures.measures import measure_motion
-from model.measures.periods import find_period, part_jerk_by_phase
-from model.measures.seams import Windows
 from model.motion.motion import Motion, load_motion
 from model.motion.skeleton import JOINT_INDEX, LOWER_BODY, open_body_skeleton
 from model.motion.tracks import Tracks, track_points

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from model.measures.periods import MIN_PERIODS, by_phase, chance_of_pulses
+from model.measures.joins.periods import MIN_PERIODS, by_phase, chance_of_pulses
 from model.measures.smoothness import STILL_M_S3, derivative_magnitudes
 
 

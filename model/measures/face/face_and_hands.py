@@ -4,7 +4,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from model.measures.face_measures import unit_columns
+from model.measures.face.face_measures import unit_columns
 from model.measures.lagged_correlation import lagged_correlation
 from model.motion.motion import Motion
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from model.measures.face_and_hands import face_and_hands, head_speed
-from model.measures.face_measures import unit_columns
+from model.measures.face.face_and_hands import face_and_hands, head_speed
+from model.measures.face.face_measures import unit_columns
 from model.measures.lagged_correlation import lagged_correlation
 from model.motion.motion import Motion
 from model.motion.skeleton import JOINT_INDEX

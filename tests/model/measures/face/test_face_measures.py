@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.measures.face_measures import count_blinks, face_measures, unit_columns
+from model.measures.face.face_measures import count_blinks, face_measures, unit_columns
 from tests.helpers import smooth_motion_example
 
 

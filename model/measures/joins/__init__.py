@@ -1,0 +1,3 @@
+"""Do windows or codes show where they were put together? May import its siblings in measures, but
+for those that gather all numbers.
+"""
