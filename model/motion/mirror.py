@@ -4,15 +4,11 @@ The mirror plane is the body's middle, x = 0. `model.motion.kinematics` has the 
 """
 
 from functools import cache
-from pathlib import Path
 
-import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
-from model.motion.skeleton import MIRROR_PERMUTATION, NUM_JOINTS
-
-_ASSET = Path(__file__).parents[1] / "assets" / "skeleton.npz"
+from model.motion.skeleton import MIRROR_PERMUTATION, NUM_JOINTS, face_unit_names
 
 
 def mirror_poses(poses: Float[Tensor, "*batch 165"]) -> Float[Tensor, "*batch 165"]:
@@ -34,8 +30,7 @@ def mirror_face_units(units: Float[Tensor, "*batch 52"]) -> Float[Tensor, "*batc
 
 @cache
 def _face_partners() -> tuple[int, ...]:
-    with np.load(_ASSET, allow_pickle=False) as arrays:
-        names = [str(name) for name in arrays["expression_names"]]
+    names = face_unit_names()
     return tuple(names.index(_partner(name)) for name in names)
 
 

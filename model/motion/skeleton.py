@@ -148,3 +148,10 @@ def open_body_skeleton() -> RestSkeleton:
             rest_joints=torch.from_numpy(arrays["rest_joints"].astype(np.float32)),
             tip_offsets=torch.from_numpy(arrays["tip_offsets"][order].astype(np.float32)),
         )
+
+
+@cache
+def face_unit_names() -> tuple[str, ...]:
+    """ARKit's face units in the order of the open body's ``expressions``."""
+    with np.load(_SKELETON_FILE, allow_pickle=False) as arrays:
+        return tuple(str(name) for name in arrays["expression_names"])

@@ -1,25 +1,18 @@
 """Does the face live? Blinks, brows, and a mouth that opens with the voice; for ARKit's units."""
 
-from functools import cache
-from pathlib import Path
-
 import numpy as np
 from jaxtyping import Float
 
 from model.motion.motion import Motion
-from model.motion.skeleton import JOINT_INDEX
+from model.motion.skeleton import JOINT_INDEX, face_unit_names
 
 BLINK_CLOSED, BLINK_OPEN = 0.5, 0.3
 """A lid that passes the first has begun a blink, and ends it below the second."""
-_ASSET = Path(__file__).parents[1] / "assets" / "skeleton.npz"
 
 
-@cache
 def unit_columns(name: str) -> tuple[int, ...]:
     """Columns of a face unit on both sides, in the body's order of ``expression_names``."""
-    with np.load(_ASSET, allow_pickle=False) as arrays:
-        names = [str(found) for found in arrays["expression_names"]]
-    return tuple(k for k, found in enumerate(names) if found.startswith(name))
+    return tuple(k for k, found in enumerate(face_unit_names()) if found.startswith(name))
 
 
 def face_measures(motion: Motion, loudness: Float[np.ndarray, " T"]) -> dict[str, float]:

@@ -1,5 +1,6 @@
 """A body that is shown the drawn face: what systems that make only the body have in common."""
 
+from abc import abstractmethod
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,19 +30,40 @@ class BodyWindow(Window):
 class FacedSystem(System):
     """Its face is that of the expression network, drawn before the body."""
 
+    config: BranchConfig
+    """Shape of the network that makes the body."""
     face: Face
 
-    def draw_face(
-        self, speech: SpeechWindow, before: Window | None, draw: Draw
-    ) -> Float[Tensor, "T E"]:
-        """Face units of a window, the same for all samples; they go on from the window before."""
-        return self.face.window(
-            speech.around(self.face.config.speech_context, self.windowing.frames),
+    @abstractmethod
+    def body(
+        self,
+        speech: Float[Tensor, "heard dim"],
+        expression: Float[Tensor, "T E"],
+        seed: Float[Tensor, "B S C"] | None,
+        draw: Draw,
+    ) -> BodyWindow:
+        """One window of body.
+
+        Args:
+            speech: of the window and ``config.speech_context`` frames on either side.
+            expression: the face that it is shown.
+            seed: normalised motion of the first frames; None where a clip begins.
+        """
+
+    def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> BodyWindow:
+        """See `System.window`. The face is drawn first, the same for all samples, and goes on from
+        the window before; the body sees it."""
+        assert before is None or isinstance(before, BodyWindow)
+        frames = self.windowing.frames
+        face = self.face.window(
+            speech.around(self.face.config.speech_context, frames),
             draw.speaker,
             None if before is None else before.expression[0],
             draw.seed,
             draw.index,
         )
+        seed = None if before is None else before.clean[:, -self.config.seed_frames :]
+        return self.body(speech.around(self.config.speech_context, frames), face, seed, draw)
 
     def join(self, older: Window, newer: Window) -> Window:
         """Bodies are faded into each other; faces have met already."""

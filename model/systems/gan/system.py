@@ -7,8 +7,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from model.generation.base import Draw, Window
-from model.generation.speech_stream import SpeechWindow
+from model.generation.base import Draw
 from model.motion.decoding import rotations
 from model.motion.packing import Normaliser
 from model.motion.spaces import ROOT_DIM
@@ -36,19 +35,20 @@ class GanSystem(FacedSystem):
     network: Generator
     normaliser: Normaliser
 
-    def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> BodyWindow:
-        """See `System.window`; the face is drawn first, and the body sees it."""
-        assert before is None or isinstance(before, BodyWindow)
-        config = self.config
-        face = self.draw_face(speech, before, draw)
-        seed = None if before is None else before.clean[:, -config.seed_frames :]
-        heard = speech.around(config.speech_context, config.window_frames)
-        x_0 = self._clean(heard, face, seed, draw)
+    def body(
+        self,
+        speech: Float[Tensor, "heard dim"],
+        expression: Float[Tensor, "T E"],
+        seed: Float[Tensor, "B S C"] | None,
+        draw: Draw,
+    ) -> BodyWindow:
+        """See `FacedSystem.body`."""
+        x_0 = self._clean(speech, expression, seed, draw)
         vectors = self.normaliser.restore(x_0)
         return BodyWindow(
             rotmat=rotations(vectors, "axis-angle"),
             root=vectors[..., -ROOT_DIM:],
-            expression=face.expand(draw.samples, -1, -1),
+            expression=expression.expand(draw.samples, -1, -1),
             clean=x_0,
         )
 

@@ -8,8 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from model.generation.base import Draw, Features, Prediction, Window
-from model.generation.speech_stream import SpeechWindow
+from model.generation.base import Draw, Features, Prediction
 from model.motion.decoding import rotations
 from model.motion.motion import Motion
 from model.motion.packing import Normaliser, pack
@@ -44,14 +43,16 @@ class GlobalDiffSystem(FacedSystem):
     network: MotionNetwork | PriorNetwork
     normaliser: Normaliser
 
-    def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> BodyWindow:
-        """See `System.window`; the face is drawn first, and the body sees it."""
-        assert before is None or isinstance(before, BodyWindow)
+    def body(
+        self,
+        speech: Float[Tensor, "heard dim"],
+        expression: Float[Tensor, "T E"],
+        seed: Float[Tensor, "B S C"] | None,
+        draw: Draw,
+    ) -> BodyWindow:
+        """See `FacedSystem.body`."""
         config = self.config
-        face = self.draw_face(speech, before, draw)
-        seed = None if before is None else before.clean[:, -config.seed_frames :]
-        heard = speech.around(config.speech_context, config.window_frames)
-        x_1 = self._clean(heard, face, seed, draw)
+        x_1 = self._clean(speech, expression, seed, draw)
         vectors = self.normaliser.restore(x_1)
         rotmat, root = rotations(vectors, config.rotation_space), vectors[..., -ROOT_DIM:]
         if config.rotation_space != "axis-angle":  # rows of any length become those of a rotation
@@ -59,7 +60,7 @@ class GlobalDiffSystem(FacedSystem):
         return BodyWindow(
             rotmat=rotmat,
             root=root,
-            expression=face.expand(draw.samples, -1, -1),
+            expression=expression.expand(draw.samples, -1, -1),
             clean=self.normaliser.normalise(vectors),
         )
 
