@@ -84,6 +84,18 @@ def main(arguments: list[str] | None = None) -> int:
     except (FloatingPointError, OSError) as error:
         sys.stderr.write(f"Training stopped: {error} The last saved state is kept.\n")
         return 1
+    except RuntimeError as error:
+        from torch._dynamo.exc import TorchDynamoException
+        from torch._inductor.runtime.cache_dir_utils import cache_dir
+
+        if not isinstance(error, TorchDynamoException):
+            raise
+        sys.stderr.write(
+            f"Training stopped: torch.compile failed ({str(error).splitlines()[0]}). A compiler "
+            f"that was killed may have left half a file: delete {cache_dir()}, or train with "
+            "--no-compile. The last saved state is kept.\n"
+        )
+        return 1
     return 0
 
 

@@ -110,8 +110,7 @@ def diagnose_files(
     """Measure motion files and leave the results in ``request.out``, all of them or none.
 
     Writes diagnostics.json and .csv, error_growth, figure6, jitter, and videos where they are asked
-    for. The page calls this
-    for motions that a visitor brings, the command line for `diagnose`.
+    for. The page calls this for motions that a visitor brings, the command line for `diagnose`.
 
     Args:
         on_progress: told of the share done, 0 to 1, between all steps; what it raises ends the
@@ -124,31 +123,32 @@ def diagnose_files(
     """
     from model.speech.transcript import read_words
 
-    on_share = on_progress
     measured = 1.0 if request.videos is None else _BEFORE_VIDEOS
-    on_progress = lambda share: on_share(measured * share)  # noqa: E731
+
+    def on_measured(share: float) -> None:
+        on_progress(measured * share)
 
     body = get_body(request.body)
     tip = choose_tip_source(body, request.body, request.joint)
-    read = _read_motions(request, on_progress)
+    read = _read_motions(request, on_measured)
     shown = _shown(request, read)
     check_start(request.start_frame, min(motion.num_frames for motion in read.all.values()))
     with ResultFolder(request.out) as folder:
         words = read_words(request.transcript) if request.transcript else None
-        diagnostics = _measure(request, read, tip, on_progress)
+        diagnostics = _measure(request, read, tip, on_measured)
         write_diagnostics(diagnostics, folder, words)
-        growth = _grow_errors(read.all, request.joint, on_progress)
+        growth = _grow_errors(read.all, request.joint, on_measured)
         if growth is not None:
             text = json.dumps(growth, indent=1, allow_nan=False) + "\n"
             folder.path("error_growth.json").write_text(text)
             draw_error_growth(growth, list(read.all), folder)
-            on_progress(_GROWTH_DRAWN)
+            on_measured(_GROWTH_DRAWN)
         systems = [name for name in shown if name != REFERENCE_NAME]
         draw_jitter(diagnostics, tip, folder, systems)
-        on_progress(_SHEET_DRAWN)
+        on_measured(_SHEET_DRAWN)
         placed = {name: _on_the_floor(motion) for name, motion in shown.items()}
-        _draw_figure6(request, placed, tip, folder, on_progress)
-        on_progress(1.0)
+        _draw_figure6(request, placed, tip, folder, on_measured)
+        on_measured(1.0)
         notes = [*read.notes, *diagnostics.notes]
         if request.videos is not None:
             pictured = picture_motions(shown)
@@ -156,7 +156,7 @@ def diagnose_files(
             draw_own_videos(
                 *(pictured.motions, request.videos, body, request.body, tip),
                 *(request.speech, folder),
-                lambda part: on_share(measured + (1.0 - measured) * part),
+                lambda part: on_progress(measured + (1.0 - measured) * part),
                 on_file,
             )
         for motion in shown.values():

@@ -263,6 +263,19 @@ def test_a_full_disk_is_told_in_one_sentence(root, monkeypatch, capsys):
     assert not (root / "full-disk" / "state.pt").exists()
 
 
+def test_half_a_compiled_file_is_told_with_what_to_do(root, monkeypatch, capsys):
+    from torch._inductor.exc import InductorError
+
+    def fail(*_, **__):
+        raise InductorError(ImportError("c7.main.so: file too short"), None)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("model.train.train", fail)
+    status = main(["smoke", "--data", str(root / "data"), "--out", str(root / "uncompiled")])
+    assert status == 1
+    message = capsys.readouterr().err
+    assert "c7.main.so: file too short" in message and "train with --no-compile" in message
+
+
 def test_speakers_beyond_the_table_are_named(root):
     config = quick("globaldiff/local")
     small = replace(config, network=replace(config.network, num_speakers=3))
