@@ -119,6 +119,7 @@ def evaluate(
     batch_windows: int = BATCH_WINDOWS,
 ) -> dict:
     """The table, with the row ``recorded`` for the clips' own motion; `as_table` lists its parts.
+    Every clip has noise of its own, which is the same for all systems.
 
     Args:
         judges: encoders by distance, see `frechet.ENCODERS`; a distance without one is left out,
@@ -150,6 +151,7 @@ def evaluate(
         for system in systems:
             options = GenerateOptions(
                 speaker=_speaker(name),
+                seed=k,
                 samples=seeds,
                 guidance=guidance if system.takes_guidance else 1.0,
             )

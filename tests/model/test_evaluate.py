@@ -206,6 +206,20 @@ def test_spread_at_will_needs_two_of_a_kind(folders, system):
     assert "spread_at_will_m" not in once["recorded"]  # two clips of two speakers
 
 
+def test_each_clip_has_noise_of_its_own_which_is_the_same_for_all_systems(
+    folders, system, tmp_path
+):
+    data, first = shutil.copytree(folders[0], tmp_path / "twice"), CLIPS[0]
+    twin = first.removesuffix("0_0") + "9_9"  # the same speech again
+    for sub, ending in (("smplxflame_30", "npz"), ("wave16k", "wav")):
+        shutil.copy(data / sub / f"{first}.{ending}", data / sub / f"{twin}.{ending}")
+    twins = [replace(system, name=name) for name in ("one", "other")]
+    motion = evaluate(data, [first, twin], twins, 1)["motion"]
+    assert motion["recorded"]["pairwise_l1_m"]["mean"] == pytest.approx(0, abs=1e-6)
+    assert motion["one"]["pairwise_l1_m"]["mean"] > 0.1
+    assert motion["one"] == motion["other"]
+
+
 def test_recorded_clips_are_paired_with_those_of_their_speaker():
     rng = np.random.default_rng(0)
     rows = [
