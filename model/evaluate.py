@@ -27,6 +27,7 @@ from model.evaluation.clip_measures import rooted_positions
 from model.evaluation.clips import RECORDED, ClipContext, ClipRow, as_table
 from model.evaluation.speech_response import speech_tracks
 from model.generation.base import System
+from model.generation.clip_noise import clip_seed
 from model.generation.family import UnknownNameError
 from model.generation.windows import GenerateOptions, generate_motion
 from model.measures import beats
@@ -151,7 +152,7 @@ def evaluate(
         for system in systems:
             options = GenerateOptions(
                 speaker=_speaker(name),
-                seed=k,
+                seed=clip_seed(0, name),
                 samples=seeds,
                 guidance=guidance if system.takes_guidance else 1.0,
             )

@@ -182,7 +182,9 @@ def shown_motions(
 def _generate(
     generator: Generator, source: Source, weights: Path, should_cancel: Callable[[], bool]
 ) -> Motion:
-    """From the excerpt alone: the system hears what the participants hear."""
+    """From the excerpt alone: the system hears what the participants hear. No two clips share
+    noise, or participants would see the same gestures again and again."""
+    from model.generation.clip_noise import clip_seed
     from model.generation.windows import Cancelled, GenerateOptions, generate_motion
     from model.measures.diagnostics import smooth_motion
 
@@ -190,7 +192,7 @@ def _generate(
     system = get_system(generator.system, weights)
     options = GenerateOptions(
         speaker=generator.speaker or next(iter(system.speakers)),
-        seed=generator.seed,
+        seed=clip_seed(generator.seed, source.clip.name),
         steps=generator.steps,
         sampler=generator.sampler,
     )
