@@ -151,6 +151,20 @@ DOWNLOADS_HEADING = "Downloads"
 ZIP_LABEL = "Everything as one zip"
 FILES_LABEL = "Single files"
 
+VIEW_NAMES = {
+    "front": "From the front",
+    "three_quarter": "From half the side",
+    "side": "From the side",
+    "face": "The face",
+    "left_hand": "The left hand",
+    "right_hand": "The right hand",
+}
+RUN_LINK = "Link to this run"
+COPY_LINK = "Copy link"
+RUN_KEPT = "Whoever has it can open this run, for {minutes} minutes more."
+YOUR_RUNS = "Your runs"
+RUN_GONE = "This run is kept no longer: runs and their files are deleted after {minutes} minutes."
+
 STAGE_NAMES = {
     "speech": "Read the speech",
     "motion": "Generate motion",

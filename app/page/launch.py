@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
+CHECK_BYTES, CHECK_S = 2 * 10**9, 30.0
+"""Memory and time that the check of an upload may take."""
+
 
 def parse_config(argv: list[str] | None = None) -> AppConfig:
     """Flags and environment as one checked configuration.
@@ -120,6 +123,7 @@ def launch(
     from app.page.page import build_app
     from app.page.parts.catalogue import find_examples, read_catalogue
     from app.page.results.first_look_shown import FirstLookDesk
+    from app.page.results.study_preview import PreviewDesk, preview_routes
     from app.page.serving.guard import HostNames, guarded
     from app.page.serving.jobs import JobBook
     from app.page.serving.live_route import live_routes
@@ -128,6 +132,7 @@ def launch(
     from app.page.serving.researcher_part import Handover, study_routes
     from app.page.serving.uploads import keep_uploads_tidy
     from app.page.serving.workshop import Limits, Workshop
+    from app.page.tabs.upload_check import UploadCheck
     from app.page.theme import CSS, head_style, make_theme
 
     catalogue = read_catalogue(config.weights, find_examples(EXAMPLES))
@@ -138,6 +143,7 @@ def launch(
     atexit.register(jobs.cancel_all)
 
     handover = Handover(config.private_folder, config.keep_results_s)
+    previews = PreviewDesk()
     desk = MediaDesk()
     live = LiveDesk(config.weights)
     examples = [example.path for example in catalogue.examples]
@@ -147,13 +153,30 @@ def launch(
         warm=(config.weights, config.body) if is_warmed_up else None,
     )
     atexit.register(workshop.close)
+    # Apart from the runs: nobody should wait for another's run to hear that a file is silent.
+    gate = Workshop(1, Limits(CHECK_BYTES, CHECK_S, CHECK_S))
+    atexit.register(gate.close)
     does = generate or workshop.generate
     first_look = None
     if is_warmed_up:
         first_look = FirstLookDesk(config, catalogue, jobs, desk, workshop.make_first_look)
-    page = build_app(does, workshop, catalogue, config, jobs, handover, desk, live, first_look)
+    check = UploadCheck(gate.refuse, config.max_speech_s)
+    page = build_app(
+        does,
+        workshop,
+        check,
+        catalogue,
+        config,
+        jobs,
+        handover,
+        previews,
+        desk,
+        live,
+        first_look,
+    )
     page.queue(max_size=4 * config.max_waiting)
-    routes = [*media_routes(desk), *study_routes(handover), *live_routes(live, examples)]
+    routes = [*media_routes(desk), *study_routes(handover), *preview_routes(previews)]
+    routes += live_routes(live, examples)
     page.launch(
         server_name=config.host,
         server_port=config.port or None,  # 0: any free one
@@ -226,7 +249,11 @@ def _end(number: int, frame: object) -> None:
 
 def _warm_up(config: AppConfig, first_look: FirstLookDesk | None) -> None:
     """Load in this process what live speech needs; a failure shows at its first session. And see
-    to the example that plays before the first run."""
+    to the example that plays before the first run: before all else where it has been made, since
+    it is what a visitor sees first."""
+    if first_look is not None and first_look.is_made:
+        first_look.make()
+        first_look = None
     try:
         from app.run.models import warm_up
 

@@ -10,11 +10,15 @@ from app.config import AppConfig
 from app.live.desk import LiveDesk
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
+from app.page.parts.html_parts import reveal_on_click
 from app.page.parts.named_fields import named_fields
 from app.page.results.first_look_shown import FirstLookDesk
+from app.page.results.kept_runs import KeptRuns
+from app.page.results.study_preview import PreviewDesk
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.researcher_part import Handover
+from app.page.serving.runner import Updates
 from app.page.serving.workshop import Workshop
 from app.page.tabs import live as live_tab
 from app.page.tabs import own_motion as own_motion_tab
@@ -24,16 +28,20 @@ from app.page.tabs.generate_run import Generate, GenerateRunner
 from app.page.tabs.mechanism import build_mechanism
 from app.page.tabs.step_curve import build_step_curve
 from app.page.tabs.study import build_study_tab
+from app.page.tabs.study_analysis import build_analysis
 from app.page.tabs.systems import build_systems_tab
+from app.page.tabs.upload_check import UploadCheck
 
 
 def build_app(
     generate: Generate,
     workshop: Workshop,
+    check: UploadCheck,
     catalogue: Catalogue,
     config: AppConfig,
     jobs: JobBook,
     handover: Handover,
+    previews: PreviewDesk,
     desk: MediaDesk,
     live: LiveDesk,
     first_look: FirstLookDesk | None = None,
@@ -43,8 +51,10 @@ def build_app(
     Args:
         generate: what a test may replace by a function of its own.
         workshop: does all other runs.
+        check: of uploads, before there is a run.
         first_look: what plays before the first run.
     """
+    kept = KeptRuns(config.keep_results_s)
     with gr.Blocks(
         title=text.TITLE,
         analytics_enabled=False,
@@ -54,30 +64,39 @@ def build_app(
         with gr.Tabs(overflow_behavior="wrap"):  # a phone would hide some in a menu
             with gr.Tab(text.MOTION_TAB), gr.Row(elem_classes="columns"):
                 with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
-                    form = build_form(catalogue, config)
+                    form = build_form(catalogue, config, check)
                 with gr.Column(scale=9, min_width=320, elem_classes="results"):
                     results = build_results(empty=markup.empty_state())
             with gr.Tab(live_tab.TAB):
-                live_tab.build_live_tab(page, generate, catalogue, config, jobs, desk, live)
+                live_tab.build_live_tab(page, generate, catalogue, config, jobs, desk, live, kept)
             with gr.Tab(own_motion_tab.TAB):
-                own_motion_tab.build_own_motion_tab(page, config, jobs, desk, workshop.diagnose)
+                own_motion_tab.build_own_motion_tab(
+                    page, config, jobs, desk, workshop.diagnose, check
+                )
             with gr.Tab(text.LADDER_TAB):
                 build_mechanism(page, config, jobs, desk, workshop.show_mechanism)
                 build_systems_tab(catalogue.systems)
                 build_step_curve(page, catalogue, config, jobs, desk, workshop.measure_steps)
             with gr.Tab(text.STUDY_TAB):
-                build_study_tab(page, catalogue, config, jobs, handover, workshop.export_study)
-        runner = GenerateRunner(generate, catalogue, config, jobs, desk, form, results)
+                build_study_tab(
+                    page, catalogue, config, jobs, handover, previews, workshop.export_study, check
+                )
+                build_analysis(page, jobs, workshop.analyse_study)
+        runner = GenerateRunner(generate, catalogue, config, jobs, desk, form, results, kept)
         _wire(page, form, results, runner)
-        if first_look is not None:
-            page.load(
-                first_look.updates, outputs=[results.player, results.empty], queue=False,
-                api_visibility="private", show_progress="hidden",
-            )  # fmt: skip
+
+        def opened(request: gr.Request) -> Updates:
+            return runner.opened(request, first_look)
+
+        page.load(
+            opened, outputs=results.all, queue=False, api_visibility="private",
+            show_progress="hidden",
+        )  # fmt: skip
     return page
 
 
 def _wire(page: gr.Blocks, form: FormParts, results: ResultParts, runner: GenerateRunner) -> None:
+    reveal_on_click(form.generate, results.status)
     form.generate.click(
         named_fields(runner.run, Form, optional=("reference", "transcript")),
         inputs=list(form.fields),

@@ -11,7 +11,7 @@ from gradio.themes.utils.colors import Color
 _INK = Color(
     name="ink",
     c50="#f7f9fb", c100="#eef2f6", c200="#dfe6ed", c300="#c3cfda", c400="#93a4b5",
-    c500="#66798c", c600="#4b5d70", c700="#35465a", c800="#1f2d3d", c900="#131d29", c950="#0c131c",
+    c500="#566a7d", c600="#4b5d70", c700="#35465a", c800="#1f2d3d", c900="#131d29", c950="#0c131c",
 )  # fmt: skip
 _LAGOON = Color(
     name="lagoon",
@@ -64,7 +64,10 @@ def make_theme() -> Base:
         block_title_text_color_dark="*neutral_100",
         button_primary_background_fill="*primary_600",
         button_primary_background_fill_hover="*primary_700",
-        button_primary_background_fill_dark="*primary_500",
+        button_primary_background_fill_dark="*primary_600",
+        link_text_color_dark="*primary_300",
+        link_text_color_hover_dark="*primary_200",
+        link_text_color_visited_dark="*primary_300",
         button_primary_text_color="white",
         button_large_text_weight="600",
         checkbox_label_background_fill_selected="*primary_50",

@@ -43,6 +43,7 @@ ArtefactKind = Literal[
     "motion",
     "preview",
     "video",
+    "poster",
     "comparison",
     "figure",
     "diagnostics",
@@ -114,6 +115,8 @@ class GenerateRequest:
     has_video: bool = True
     has_previews: bool = False
     """Whether each motion is told of as a GLB too, to be shown while its video is drawn."""
+    has_posters: bool = False
+    """Whether the first picture of each video is told of too, to be shown while the video comes."""
     max_speech_s: float = 600.0
     take: Take | None = None
     """Motion of the one system that is named, instead of generating it."""

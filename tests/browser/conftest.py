@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,11 +11,13 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, BrowserContext, BrowserType, Page, sync_playwright
 
+from app import text
 from app.config import AppConfig
 from app.page.launch import launch
 from model.speech.audio import write_wav
 from renderer.draw.offscreen import GLError
 from renderer.draw.probe import choose_backend
+from tests.app import fakes
 from tests.model.made import made_waveform, make_weights
 
 CHROMIUM = next(
@@ -28,13 +31,18 @@ CHROMIUM = next(
 PATIENCE_MS = 120_000
 """Longest that any one thing may take on a busy machine."""
 
+SECONDS = 6.0
+FRAMES = round(30 * SECONDS)
+FAKED_SYSTEMS = ("globaldiff/local", "globaldiff/global", "globaldiff/full")
+"""Of the page over a pipeline that draws numbered pictures at once."""
+
 
 @contextmanager
-def served(config: AppConfig, **options: Any) -> Iterator[str]:
+def served(config: AppConfig, is_warmed_up: bool = False, **options: Any) -> Iterator[str]:
     """The address of a page that is open meanwhile. Gradio keeps uploads where the environment
     says, for all pages of a process: a page that was open before gets its place back."""
     before = os.environ.get("GRADIO_TEMP_DIR")
-    page = launch(config, is_warmed_up=False, **options)
+    page = launch(config, is_warmed_up, **options)
     assert page.local_url is not None
     yield page.local_url
     page.close()
@@ -111,3 +119,57 @@ def wav(tmp_path: Path) -> Callable[[float], Path]:
         return path
 
     return make
+
+
+class Stage:
+    """What lets the fake draw its videos."""
+
+    def __init__(self) -> None:
+        self.may_draw = [threading.Event() for _ in range(12)]
+        self.hold(0)
+
+    def hold(self, drawn: int) -> None:
+        """Let only the first ``drawn`` videos be drawn."""
+        for index, event in enumerate(self.may_draw):
+            if index < drawn:
+                event.set()
+            else:
+                event.clear()
+
+
+def open_page(browser: Browser, address: str, width: int = 1280) -> Page:
+    page = browser.new_context(viewport={"width": width, "height": 900}).new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    page.on("pageerror", lambda error: pytest.fail(str(error)))
+    page.goto(address)
+    page.get_by_role("button", name=text.GENERATE).wait_for()
+    return page
+
+
+def start(page: Page, speech: Path) -> None:
+    page.set_input_files("#speech input[type=file]", str(speech))
+    page.locator("#speech").get_by_label("Play", exact=True).first.wait_for()
+    page.get_by_role("button", name=text.GENERATE).click()
+
+
+@pytest.fixture(scope="module")
+def stage() -> Stage:
+    return Stage()
+
+
+@pytest.fixture(scope="module")
+def fake_address(stage: Stage, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    weights = make_weights(tmp_path_factory.mktemp("weights"))
+    for ending in ("json", "safetensors"):
+        shutil.copy(weights / f"globaldiff-global.{ending}", weights / f"globaldiff-full.{ending}")
+    config = AppConfig(port=0, weights=weights, temp=tmp_path_factory.mktemp("page"))
+    generate = fakes.make_generate(before_video=stage.may_draw.__getitem__, seconds=SECONDS)
+    with served(config, generate=generate) as url:
+        yield url
+
+
+@pytest.fixture(scope="module")
+def speech(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("speech") / "speech.wav"
+    write_wav(path, made_waveform(round(16_000 * SECONDS)))
+    return path

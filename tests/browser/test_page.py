@@ -44,9 +44,14 @@ def test_speech_becomes_videos_that_play_a_figure_numbers_and_downloads(
     page = visit()
     expect(page.locator("#empty")).to_be_visible()
     give_speech(page, wav(1.5))
+    page.evaluate("scrollTo(0, document.body.scrollHeight)")
     press_generate(page)
 
+    expect(status_of(page)).to_be_in_viewport()  # the page goes to what the click began
     page.locator("#player video").first.wait_for()
+    expect(page.locator("#player video").first).to_have_attribute(
+        "poster", re.compile("^data:image/jpeg")
+    )
     expect(page.locator("#empty")).not_to_be_visible()
     page.locator("#bundle").wait_for()
     for selector in (
@@ -77,6 +82,8 @@ def test_silence_gives_a_sentence_that_stays_and_the_next_run_works(
     write_wav(silence, np.zeros(32_000, np.float32))
     page = visit()
     give_speech(page, silence)
+    refusal = page.locator("#speech-refusal [role=alert]")
+    expect(refusal).to_contain_text("is silent", timeout=PATIENCE_MS)  # before any run
     press_generate(page)
     message = page.get_by_role("alert").filter(has_text=text.FAILED_TITLE)
     expect(message).to_contain_text("is silent", timeout=PATIENCE_MS)
@@ -86,6 +93,7 @@ def test_silence_gives_a_sentence_that_stays_and_the_next_run_works(
 
     page.locator("#speech").get_by_label("Clear").click()
     give_speech(page, wav(0.6))
+    expect(refusal).to_have_count(0, timeout=PATIENCE_MS)
     press_generate(page)
     expect(message).not_to_be_visible(timeout=PATIENCE_MS)
     page.locator("#bundle").wait_for()

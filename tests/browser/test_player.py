@@ -1,27 +1,30 @@
 """The lock-step player in a real Chromium, over a pipeline that draws numbered pictures at once."""
 
+import io
 import re
-import shutil
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
 from app import text
-from app.config import AppConfig
 from model.motion.motion import save_motion
-from model.speech.audio import write_wav
 from tests.app import fakes
-from tests.browser.conftest import PATIENCE_MS, served
-from tests.model.made import made_waveform, make_weights
+from tests.browser.conftest import (
+    FAKED_SYSTEMS as SYSTEMS,
+)
+from tests.browser.conftest import (
+    FRAMES,
+    PATIENCE_MS,
+    Stage,
+    open_page,
+    start,
+)
 
 pytestmark = pytest.mark.browser
-
-SECONDS = 6.0
-FRAMES = round(30 * SECONDS)
-SYSTEMS = ("globaldiff/local", "globaldiff/global", "globaldiff/full")
 
 READ_FRAMES = """() => [...document.querySelectorAll('#player video')].map(video => {
     const canvas = document.createElement('canvas');
@@ -54,60 +57,6 @@ IN_SYNC = f"""async () => {{
     return true;
 }}"""
 """Whether three videos were within one frame of the sound in twelve pictures in a row."""
-
-
-class Stage:
-    """What lets the fake draw its videos."""
-
-    def __init__(self) -> None:
-        self.may_draw = [threading.Event() for _ in range(12)]
-        self.hold(0)
-
-    def hold(self, drawn: int) -> None:
-        """Let only the first ``drawn`` videos be drawn."""
-        for index, event in enumerate(self.may_draw):
-            if index < drawn:
-                event.set()
-            else:
-                event.clear()
-
-
-@pytest.fixture(scope="module")
-def stage() -> Stage:
-    return Stage()
-
-
-@pytest.fixture(scope="module")
-def fake_address(stage: Stage, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    weights = make_weights(tmp_path_factory.mktemp("weights"))
-    for ending in ("json", "safetensors"):
-        shutil.copy(weights / f"globaldiff-global.{ending}", weights / f"globaldiff-full.{ending}")
-    config = AppConfig(port=0, weights=weights, temp=tmp_path_factory.mktemp("page"))
-    generate = fakes.make_generate(before_video=stage.may_draw.__getitem__, seconds=SECONDS)
-    with served(config, generate=generate) as url:
-        yield url
-
-
-@pytest.fixture(scope="module")
-def speech(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("speech") / "speech.wav"
-    write_wav(path, made_waveform(round(16_000 * SECONDS)))
-    return path
-
-
-def open_page(browser: Browser, address: str, width: int = 1280) -> Page:
-    page = browser.new_context(viewport={"width": width, "height": 900}).new_page()
-    page.set_default_timeout(PATIENCE_MS)
-    page.on("pageerror", lambda error: pytest.fail(str(error)))
-    page.goto(address)
-    page.get_by_role("button", name=text.GENERATE).wait_for()
-    return page
-
-
-def start(page: Page, speech: Path) -> None:
-    page.set_input_files("#speech input[type=file]", str(speech))
-    page.locator("#speech").get_by_label("Play", exact=True).first.wait_for()
-    page.get_by_role("button", name=text.GENERATE).click()
 
 
 @pytest.fixture(scope="module")
@@ -290,6 +239,30 @@ def test_two_videos_are_wiped_and_flickered(player: Page) -> None:
         )
 
 
+def test_a_ghost_is_grey_where_two_agree_and_coloured_where_they_do_not(player: Page) -> None:
+    player.keyboard.press("g")
+    player.locator("#player .controls").get_by_label("Second of two").select_option(SYSTEMS[1])
+    expect(player.locator("#player .ghost-legend")).to_contain_text("Grey where both agree.")
+    shown = player.locator("#player .tile:visible")
+    expect(shown).to_have_count(2)
+    picture = shown.first.locator(".picture")
+
+    def colourfulness() -> float:
+        drawn = np.asarray(Image.open(io.BytesIO(picture.screenshot())).convert("RGB"), float)
+        return float((drawn.max(axis=-1) - drawn.min(axis=-1)).mean())
+
+    expect_frames(player, 0)
+    player.wait_for_timeout(200)
+    assert colourfulness() < 2.0
+    # Another moment of one of them: bars where the other has none.
+    player.evaluate("document.querySelector('.second-of-two video').currentTime = 3.3")
+    player.wait_for_function("() => !document.querySelector('.second-of-two video').seeking")
+    player.wait_for_timeout(200)
+    assert colourfulness() > 20.0
+    player.keyboard.press("g")
+    expect(player.locator("#player .ghost-legend")).not_to_be_visible()
+
+
 def test_one_switch_filters_plots_and_measures(player: Page) -> None:
     jerk = player.locator('#numbers tr[data-measure="Jerk"]')
     expect(jerk.locator("td .raw").first).to_have_text("110")
@@ -336,6 +309,37 @@ def test_another_browser_cannot_fetch_the_videos(player: Page, browser: Browser)
     stranger = browser.new_context()
     assert stranger.request.get(where).status == 404
     stranger.close()
+
+
+def test_a_link_opens_the_run_again_in_another_browser(player: Page, browser: Browser) -> None:
+    link = player.locator("#runs .link a")
+    href = link.evaluate("link => link.href")
+    assert re.search(r"[?]run=[\w-]{43}$", href)
+    player.locator("#runs summary").click()
+    mine = player.locator("#runs li a")
+    expect(mine).to_have_text(["speech: globaldiff/local, globaldiff/global, globaldiff/full"])
+    expect(player.locator("#runs time")).to_have_text(re.compile(r"\d\d?:\d\d"))
+
+    other = browser.new_context().new_page()
+    other.set_default_timeout(PATIENCE_MS)
+    other.goto(href)
+    other.locator("#player .lane canvas").first.wait_for()
+    expect(other.locator("#player video")).to_have_count(3)
+    other.wait_for_function("() => document.querySelector('#player video').duration > 5")
+    expect(other.locator('#numbers tr[data-measure="Jerk"] td .raw').first).to_have_text("110")
+    expect(other.locator("#status")).to_contain_text(f"{FRAMES} frames each")
+    expect(other.locator("#runs .link")).to_contain_text("minutes more")
+    expect(other.locator("#runs li")).to_have_count(0)  # it is another's
+    with other.expect_download() as download:
+        other.locator("#bundle").click()
+    assert download.value.suggested_filename.endswith(".zip")
+    # What the first browser got is still its own.
+    src = player.locator("#player video").first.get_attribute("src")
+    assert other.locator("#player video").first.get_attribute("src") != src
+    other.goto(re.sub(r"=.*", "=" + "x" * 43, href))
+    expect(other.locator("#message")).to_contain_text("kept no longer")
+    expect(other.locator("#player video")).to_have_count(0)
+    other.context.close()
 
 
 def test_videos_appear_one_by_one_beside_a_reference_and_a_cancelled_run_leaves_none(

@@ -123,6 +123,22 @@ def go_on(page: Page) -> None:
     )
 
 
+def practise(page: Page, press: Callable[[Page, int], None] = by_click) -> None:
+    """The page with dots in place of people."""
+    expect(page.locator("#place")).to_have_text(WORDS["practice"]["place"])
+    expect(page.locator(".card canvas")).to_have_count(2)
+    expect(page.locator("#next")).to_be_disabled()
+    watch_all(page, press)
+    for label in page.locator(".choices label").all()[:1]:
+        label.click()
+    for part in page.locator(".ranks").all():
+        part.get_by_role("button", name="2").click()
+    for slider in page.get_by_role("slider").all():
+        slider.fill("10")
+    go_on(page)
+    expect(page.locator(".card canvas")).to_have_count(0)
+
+
 def answer_pairs(page: Page, until: int = 100) -> None:
     """Answer pages, the left video each time and checks as they say, from wherever it stands."""
     for _ in range(until):
@@ -162,6 +178,7 @@ def test_two_participants_complete_a_study_and_their_answers_are_read(
 
     phone = take_part("pairwise", "?p=1", width=390)
     agree(phone)
+    practise(phone)
     answer_pairs(phone, until=1)
     while phone.locator(".press").count():
         answer_pairs(phone, until=1)
@@ -204,12 +221,56 @@ def test_two_participants_complete_a_study_and_their_answers_are_read(
     assert [answer["reasons"] for answer in chosen] == [["smoothness"]]
 
 
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (1280, 720)])
+def test_next_is_in_sight_on_every_page(
+    take_part: Callable[..., Page], width: int, height: int
+) -> None:
+    page = take_part("pairwise", "?p=0", width=width)
+    page.set_viewport_size({"width": width, "height": height})
+
+    def in_sight(name: str) -> None:
+        box = page.get_by_role("button", name=name, exact=True).bounding_box()
+        assert box is not None and box["y"] >= 0 and box["y"] + box["height"] <= height
+
+    in_sight(BUTTONS["start"])
+    said = page.locator("#main").inner_text()
+    assert re.search(r"takes about \d+ minutes: a short practice, then \d+ pages", said)
+    agree(page)
+    in_sight(BUTTONS["next"])
+    practise(page)
+    while page.locator(".press").count():
+        in_sight(BUTTONS["next"])
+        answer_pairs(page, until=1)
+    in_sight(BUTTONS["next"])
+    watch_all(page, by_click)
+    page.locator(".choices").get_by_text(BUTTONS["left"], exact=True).click()
+    in_sight(BUTTONS["next"])  # with the reasons below the choice
+
+
+def test_a_preview_keeps_and_sends_nothing(
+    take_part: Callable[..., Page], host: tuple[str, Path, type[_Host]], tmp_path: Path
+) -> None:
+    before = len(host[2].posted)
+    page = take_part("matched", "?preview&p=0")
+    expect(page.locator(".preview")).to_contain_text("Nothing is sent")
+    agree(page)
+    page.get_by_role("button", name=WORDS["headphones"]["skip"]).click()
+    practise(page)
+    answer_pairs(page)
+    assert saved_answers(page, tmp_path).name.startswith("preview-")
+    assert len(host[2].posted) == before
+    assert page.evaluate("localStorage.length") == 0
+    page.reload()
+    expect(page.get_by_label(WORDS["consent"]["agree"])).not_to_be_checked()
+
+
 def test_a_whole_page_can_be_answered_by_keyboard(take_part: Callable[..., Page]) -> None:
     page = take_part("pairwise", "?p=2")
     page.keyboard.press("Tab")
     page.keyboard.press("Space")
     page.keyboard.press("Tab")
     page.keyboard.press("Enter")
+    practise(page, by_key)
     first = place(page)
     while page.locator(".press").count():
         page.keyboard.press("ArrowRight")
@@ -230,6 +291,7 @@ def test_a_video_that_is_stopped_or_skipped_does_not_count(take_part: Callable[.
     page = take_part("ranking", is_file=True)  # this host cannot skip inside a video
     agree(page)
     page.get_by_role("button", name=WORDS["headphones"]["skip"]).click()
+    practise(page)
     by_click(page, 0)
     by_click(page, 1)  # stops the first one
     expect(page.locator(".card").nth(1)).to_have_class("card seen")
@@ -249,6 +311,7 @@ def test_speech_is_asked_about_and_answers_are_posted(
     page = take_part("matched")
     agree(page)
     page.get_by_role("button", name=WORDS["headphones"]["skip"]).click()
+    practise(page)
     assert page.evaluate("document.querySelector('video').muted") is False
     answer_pairs(page)
     expect(page.get_by_text(WORDS["finish"]["sent"])).to_be_visible()
@@ -408,6 +471,7 @@ def test_answers_are_sent_again_when_the_network_returns(
     page = take_part("matched", "?p=1")
     agree(page)
     page.get_by_role("button", name=WORDS["headphones"]["skip"]).click()
+    practise(page)
     before = len(host[2].posted)
     answer_pairs(page, until=1)
     page.wait_for_timeout(500)

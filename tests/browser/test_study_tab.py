@@ -10,8 +10,10 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from app import text
+from app.page.tabs.study_run import PREVIEW
 from app.study.leaks.check import check_study
 from tests.browser.conftest import PATIENCE_MS
+from tests.browser.test_study import agree, answer_pairs, practise, saved_answers
 
 pytestmark = [pytest.mark.browser, pytest.mark.gl]
 
@@ -56,6 +58,28 @@ def test_a_study_is_made_on_the_page(
     assert leaks == []
     key = json.loads((study / "researcher_only" / "key.json").read_text())
     assert sorted(key["lists"]) == ["0", "1", "2"]
+
+    # From the preview to the report: one participant, who takes whatever stands on the left.
+    with page.expect_popup() as opened:
+        page.get_by_role("link", name=PREVIEW).click()
+    preview = opened.value
+    agree(preview)
+    practise(preview)
+    answer_pairs(preview)
+    answers = saved_answers(preview, tmp_path)
+    assert answers.name.startswith("preview-")
+    page.set_input_files("#analysis-answers input[type=file]", str(answers))
+    page.set_input_files(
+        "#analysis-key input[type=file]", str(study / "researcher_only" / "key.json")
+    )
+    expect(page.locator("#analysis-key")).to_contain_text("key")
+    expect(page.locator("#analysis-answers")).to_contain_text("preview-")
+    page.locator("#analysis-start").click()
+    report = page.frame_locator("#analysis-report iframe")
+    expect(report.locator("body")).to_contain_text(
+        "How people move when they talk", timeout=2 * PATIENCE_MS
+    )
+    expect(page.locator("#analysis-files")).to_contain_text("results")
 
     page.locator("#study-researcher button").click()
     expect(page.get_by_text("There is nothing to fetch here")).to_be_visible()

@@ -18,6 +18,19 @@ def mount(module: str, function: str) -> str:
     )
 
 
+def reveal_on_click(button: gr.Button, element: gr.HTML) -> None:
+    """Scroll to the part of the page that shows what a click begins.
+
+    Called before the click is given its run: a browser does one after the other.
+    """
+    button.click(
+        None,
+        js=f'() => {{ import(new URL("web/reveal.js", document.baseURI))'
+        f'.then(({{ reveal }}) => reveal("{element.elem_id}")); }}',
+        api_visibility="private",
+    )
+
+
 def results_parts(
     prefix: str,
 ) -> tuple[gr.HTML, gr.HTML, gr.Column, gr.DownloadButton, gr.File]:

@@ -70,12 +70,22 @@ def sentence_status(line: str) -> str:
     return f'<div class="status" role="status" aria-live="polite"><p>{escape(line)}</p></div>'
 
 
+def idle_status(line: str) -> str:
+    """The status line before the first run; it gives way to an example that plays."""
+    return f'<div class="status idle"><p>{escape(line)}</p></div>'
+
+
 def error_message(sentence: str) -> str:
     """Why a run stopped; stays on the page until the next run."""
     return (
         f'<div class="message error" role="alert">{_ICON_ERROR}<div>'
         f"<b>{escape(text.FAILED_TITLE)}</b><p>{escape(sentence)}</p></div></div>"
     )
+
+
+def refusal(sentence: str) -> str:
+    """Why an upload cannot be used; nothing of one that can."""
+    return f'<p class="refusal" role="alert">{escape(sentence)}</p>' if sentence else ""
 
 
 def verdict(numbers: str, judgement: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from copy import copy
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,14 +26,15 @@ class FiguresShown:
     def __init__(self, desk: MediaDesk, visitor: str) -> None:
         self._desk = desk
         self._visitor = visitor
-        self._urls: dict[str, dict[str, str]] = {}
+        self._paths: dict[str, dict[str, Path]] = {}
+        self._urls: dict[Path, str] = {}
+        self._sentences: Mapping[str, str] = {}
 
     def take(self, artefact: Artefact) -> None:
         """Note a file; other kinds than figures are passed over."""
         if artefact.kind == "figure":
             ending = artefact.path.suffix.lstrip(".")
-            url = self._desk.offer(artefact.path, self._visitor)
-            self._urls.setdefault(artefact.path.stem, {})[ending] = url
+            self._paths.setdefault(artefact.path.stem, {})[ending] = artefact.path
 
     def take_files(self, paths: Iterable[Path]) -> None:
         """Note the figures among the files of a run."""
@@ -42,10 +44,24 @@ class FiguresShown:
 
     def html(self, diagnostics: Diagnostics | None = None) -> str:
         """All figures so far; with their sentences once there are numbers."""
-        sentences = sentences_of(diagnostics) if diagnostics else {}
+        if diagnostics:
+            self._sentences = sentences_of(diagnostics)
         return "".join(
-            _figure(stem, urls, sentences) for stem, urls in self._urls.items() if "png" in urls
+            _figure(stem, {each: self._url(path) for each, path in paths.items()}, self._sentences)
+            for stem, paths in self._paths.items()
+            if "png" in paths
         )
+
+    def for_visitor(self, visitor: str) -> FiguresShown:
+        """The same for another browser, under addresses of its own."""
+        other = copy(self)
+        other._visitor, other._urls = visitor, {}
+        return other
+
+    def _url(self, path: Path) -> str:
+        if path not in self._urls:
+            self._urls[path] = self._desk.offer(path, self._visitor)
+        return self._urls[path]
 
 
 def _figure(stem: str, urls: Mapping[str, str], sentences: Mapping[str, str]) -> str:

@@ -17,6 +17,7 @@ from app.page.results.player import Showing, picture_layout, write_own_sound
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.run.first_look import SIZE_PX, STEADY, TREMBLING, FirstLook, first_look
+from app.run.pictures.posters import POSTER_SUFFIX, write_poster
 from app.run.request import Artefact
 from model.systems.globaldiff.config import BEST
 
@@ -48,6 +49,11 @@ class FirstLookDesk:
         if BEST in catalogue.systems and EXAMPLE in paths:
             self._look = first_look(config.kept, config.weights, BEST, paths[EXAMPLE])
         self._shown: tuple[dict[str, Any], str] | None = None
+
+    @property
+    def is_made(self) -> bool:
+        """Whether it only needs to be offered."""
+        return self._look is not None and self._look.is_made
 
     def make(self) -> None:
         """Make it where it has not been made; a failure leaves the page as it was."""
@@ -86,7 +92,11 @@ class FirstLookDesk:
         )
         for name, path in files.items():
             showing.take(Artefact("motion", name, path))
-            showing.take(Artefact("video", name, path.with_suffix(".mp4")))
+            video, poster = path.with_suffix(".mp4"), path.with_suffix(POSTER_SUFFIX)
+            if not poster.is_file():
+                write_poster(video, poster)
+            showing.take(Artefact("poster", name, poster))
+            showing.take(Artefact("video", name, video))
         value = {**showing.value(is_over=True), "plays": True}
         return value, question(look.facts(), look.system)
 

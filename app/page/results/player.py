@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
+from copy import copy
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +16,7 @@ from app.page.serving.media import MediaDesk
 from app.run.models import get_body
 from app.run.pictures.export import render_settings
 from app.run.pictures.followed_point import choose_tip_source
+from app.run.pictures.posters import POSTER_SUFFIX
 from app.run.request import (
     REFERENCE_NAME,
     Artefact,
@@ -30,7 +33,7 @@ if TYPE_CHECKING:
 
 NOTHING: dict[str, Any] = {}
 """What a player shows before there is anything."""
-_ROW_KINDS = ("motion", "preview", "video")
+_ROW_KINDS = ("motion", "preview", "poster", "video")
 
 
 WriteSound = Callable[[Mapping[str, Path]], tuple[Path, Path]]
@@ -69,9 +72,9 @@ class Showing:
             name: {"name": name, "color": looks[name].color, "dashes": list(looks[name].dashes)}
             for name in names
         }
-        self._motions: dict[str, Path] = {}
+        self._files: dict[str, dict[str, Path]] = {name: {} for name in names}
         self._made: Future[tuple[Path, Path]] | None = None
-        self._sound: dict[str, str] = {}
+        self._urls: dict[Path, str] = {}
 
     @classmethod
     def of_run(
@@ -100,11 +103,16 @@ class Showing:
         """Note a file that has become whole; the time line is begun with the last motion."""
         if artefact.name not in self._rows or artefact.kind not in _ROW_KINDS:
             return
-        self._rows[artefact.name][artefact.kind] = self._desk.offer(artefact.path, self._visitor)
-        if artefact.kind == "motion":
-            self._motions[artefact.name] = artefact.path
-            if self._made is None and self._motions.keys() >= self._awaited:
+        self._files[artefact.name][artefact.kind] = artefact.path
+        if artefact.kind == "motion" and self._made is None:
+            if self._motions.keys() >= self._awaited:
                 self._begin_timeline()
+
+    def for_visitor(self, visitor: str) -> Showing:
+        """The same files for another browser, under addresses of its own."""
+        other = copy(self)
+        other._visitor, other._urls = visitor, {}
+        return other
 
     def value(self, is_over: bool = False) -> dict[str, Any]:
         """For the player.
@@ -112,35 +120,63 @@ class Showing:
         Args:
             is_over: whether to wait for the time line.
         """
-        if not self._sound and self._made is not None and (is_over or self._made.done()):
+        sound = {}
+        if self._made is not None and (is_over or self._made.done()):
             wav, timeline = self._made.result()
-            self._sound = {
-                "audio": self._desk.offer(wav, self._visitor),
-                "timeline": self._desk.offer(timeline, self._visitor),
-            }
+            sound = {"audio": self._url(wav), "timeline": self._url(timeline)}
         rows = [
-            {**row, "stem": file_stem(name), "is_reference": name == REFERENCE_NAME}
+            {
+                **row,
+                **{kind: self._url(path) for kind, path in self._files[name].items()},
+                "stem": file_stem(name),
+                "is_reference": name == REFERENCE_NAME,
+                "noise": noise_of(name),
+            }
             for name, row in self._rows.items()
         ]
         return {
             "run": self._folder.name,
             "rows": rows,
             "layout": self._layout,
-            **self._sound,
+            **sound,
         }
+
+    @property
+    def _motions(self) -> dict[str, Path]:
+        return {name: files["motion"] for name, files in self._files.items() if "motion" in files}
+
+    def _url(self, path: Path) -> str:
+        """The same one each time; a poster comes with the page, so that it is there before any
+        video, however many of them a browser fetches."""
+        if path not in self._urls:
+            if path.suffix == POSTER_SUFFIX:
+                data = base64.b64encode(path.read_bytes()).decode("ascii")
+                self._urls[path] = f"data:image/jpeg;base64,{data}"
+            else:
+                self._urls[path] = self._desk.offer(path, self._visitor)
+        return self._urls[path]
 
     def _begin_timeline(self) -> None:
         """In a thread: the run itself goes on drawing, and the page is told of it meanwhile."""
         made: Future[tuple[Path, Path]] = Future()
         self._made = made
+        motions = self._motions
 
         def work() -> None:
             try:
-                made.set_result(self._write_sound(dict(self._motions)))
+                made.set_result(self._write_sound(motions))
             except BaseException as error:
                 made.set_exception(error)
 
         threading.Thread(target=work, name="timeline", daemon=True).start()
+
+
+def noise_of(name: str) -> str | None:
+    """What two rows have in common that were drawn from the same noise in the same way: the family
+    and the sample. None of a motion whose noise, if any, is not known."""
+    family, slash, rest = name.partition("/")
+    _, is_later, sample = rest.rpartition(".s")
+    return f"{family} {sample if is_later else 1}" if slash else None
 
 
 def picture_layout(

@@ -21,7 +21,7 @@ from app import text
 from app.errors import CancelledRun, RunError
 from app.page.serving.lodging import Lodging, size_of
 
-Tab = Literal["generate", "own_motion", "live", "mechanism", "steps", "study"]
+Tab = Literal["generate", "own_motion", "live", "mechanism", "steps", "study", "analysis"]
 """The part of the page that starts a run, and whose button stops it."""
 
 

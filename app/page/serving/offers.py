@@ -9,6 +9,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from app.page.serving.visitors import is_same
+
 _TOKEN_BYTES = 32
 
 
@@ -61,13 +63,8 @@ class Offers:
         offer = self._offers.get(token)
         if offer is None or _has_ended(offer):
             return None
-        return offer.path if offer.cookie is None or _is_same(offer.cookie, cookie) else None
+        return offer.path if offer.cookie is None or is_same(offer.cookie, cookie) else None
 
 
 def _has_ended(offer: _Offer) -> bool:
     return offer.until < time.monotonic() or not offer.path.is_file()
-
-
-def _is_same(first: str, second: str) -> bool:
-    """Whether two cookies are equal, in a time that does not tell how much of them is."""
-    return bool(first) and secrets.compare_digest(first.encode(), second.encode())

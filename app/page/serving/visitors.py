@@ -30,6 +30,12 @@ def cookie_of(request: gr.Request | fastapi.Request) -> str:
     return request.cookies.get(COOKIE, "")
 
 
+def is_same(first: str, second: str) -> bool:
+    """Whether two cookies are equal, in a time that does not tell how much of them is; one that is
+    empty is nobody's."""
+    return bool(first) and secrets.compare_digest(first.encode(), second.encode())
+
+
 def visitor_route() -> APIRoute:
     """Serve the cookie to a browser that has none yet."""
 

@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from app.run.first_look import FirstLook
     from app.run.mechanism import MechanismRequest
     from app.run.step_curve import StepCurve, StepCurveRequest
+    from app.run.upload_check import UploadKind
     from app.study.export import ExportOptions
     from app.study.make.workspace import Workspace
 
@@ -143,6 +144,22 @@ class Workshop:
     ) -> Workspace:
         """As `app.study.export.export_study`, of the plan in a file."""
         return self.do("export_study", (plan, out, options), on_event, should_cancel)
+
+    def analyse_study(
+        self,
+        answers: list[Path],
+        key: Path,
+        out: Path,
+        on_event: OnEvent,
+        should_cancel: ShouldCancel,
+    ) -> tuple[Path, ...]:
+        """As `app.study.analyse.analyse`; returns the files written, the report first."""
+        return self.do("analyse_study", (answers, key, out), on_event, should_cancel)
+
+    def refuse(self, kind: UploadKind, paths: Sequence[Path], max_speech_s: float) -> str:
+        """As `app.run.upload_check.refusal_of`."""
+        arguments = (kind, paths, max_speech_s)
+        return self.do("refuse", arguments, lambda event: None, lambda: False)
 
     def start(self) -> None:
         """Start all processes, so that the first visitors need not wait for that."""

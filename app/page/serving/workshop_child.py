@@ -68,7 +68,27 @@ def export_study(
     )
 
 
-_ALL = (generate, diagnose, show_mechanism, make_first_look, measure_steps, export_study)
+def analyse_study(
+    answers: Any, key: Path, out: Path, on_event: OnEvent, should_cancel: ShouldCancel
+) -> tuple[Path, ...]:
+    from app.study.analyse import analyse
+
+    analyse(answers, key, out)
+    return (out / "report.html", *sorted(p for p in out.iterdir() if p.suffix != ".html"))
+
+
+def refuse(
+    kind: Any, paths: Any, max_speech_s: float, on_event: OnEvent, should_cancel: ShouldCancel
+) -> str:
+    from app.run.upload_check import refusal_of
+
+    return refusal_of(kind, paths, max_speech_s)
+
+
+_ALL = (
+    *(generate, diagnose, show_mechanism, make_first_look, measure_steps),
+    *(export_study, analyse_study, refuse),
+)
 TASKS: dict[str, Callable[..., Any]] = {task.__name__: task for task in _ALL}
 
 

@@ -12,8 +12,9 @@ from app import text
 from app.config import AppConfig
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue, point_choices
-from app.page.parts.html_parts import player_part, results_parts
+from app.page.parts.html_parts import mount, player_part, results_parts
 from app.page.tabs.generate_form import SEED_LIMIT
+from app.page.tabs.upload_check import UploadCheck
 from app.run.display import FACTORS
 from app.run.pictures.followed_point import TIP
 from model.systems.globaldiff.config import BEST
@@ -39,6 +40,8 @@ class ResultParts:
 
     message: gr.HTML
     status: gr.HTML
+    runs: gr.HTML
+    """The link to the run that is shown, and the visitor's others."""
     empty: gr.HTML
     verdict: gr.HTML
     player: gr.HTML
@@ -54,6 +57,7 @@ class ResultParts:
         return [
             self.message,
             self.status,
+            self.runs,
             self.empty,
             self.verdict,
             self.player,
@@ -65,7 +69,7 @@ class ResultParts:
         ]
 
 
-def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
+def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> FormParts:
     """The left column: speech, systems, settings, and the buttons."""
     gr.HTML(markup.step(1, text.STEP_SPEECH))
     speech = gr.Audio(
@@ -78,6 +82,7 @@ def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
         ),
         buttons=[],
     )
+    check.watch(speech, "speech")
     limits = text.SPEECH_HELP.format(
         min_s=config.min_speech_s, max_min=round(config.max_speech_s / 60, 1)
     )
@@ -162,6 +167,7 @@ def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
             height=150,
             elem_id="reference",
         )
+        check.watch(reference, "reference")
         transcript = gr.File(
             label=text.TRANSCRIPT_LABEL,
             file_types=[".TextGrid"],
@@ -169,6 +175,7 @@ def build_form(catalogue: Catalogue, config: AppConfig) -> FormParts:
             height=150,
             elem_id="transcript",
         )
+        check.watch(transcript, "transcript")
         point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
         start_frame = gr.Number(value=0, minimum=0, label=text.START_LABEL, elem_id="start-frame")
     with gr.Row(elem_classes="actions"):
@@ -193,7 +200,11 @@ def build_results(prefix: str = "", ready: str = text.READY, empty: str = "") ->
         empty: what stands in the place of results, as HTML.
     """
     message = gr.HTML("", visible=False, elem_id=prefix + "message")
-    status = gr.HTML(markup.sentence_status(ready), elem_id=prefix + "status")
+    status = gr.HTML(markup.idle_status(ready), elem_id=prefix + "status")
+    runs = gr.HTML(
+        "", visible=False, js_on_load=mount("runs.js", "mountRuns"), apply_default_css=False,
+        elem_id=prefix + "runs",
+    )  # fmt: skip
     empty_part = gr.HTML(empty, visible=bool(empty), elem_id=prefix + "empty")
     verdict = gr.HTML("", visible=False, elem_id=prefix + "verdict")
     player = player_part(prefix)
@@ -201,6 +212,7 @@ def build_results(prefix: str = "", ready: str = text.READY, empty: str = "") ->
     return ResultParts(
         message,
         status,
+        runs,
         empty_part,
         verdict,
         player,

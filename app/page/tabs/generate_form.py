@@ -122,6 +122,7 @@ def request_from_form(
         close_ups=CLOSE_UPS,  # the player shows those that are wanted
         # A licensed body may be looked at in videos; its mesh is not handed to visitors.
         has_previews=config.body is None,
+        has_posters=True,
         max_speech_s=config.max_speech_s,
     )
     check_request(request)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import gradio as gr
@@ -18,11 +19,14 @@ from app.page.parts.asked import form_of
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import shown
 from app.page.results.figures_shown import FiguresShown
+from app.page.results.first_look_shown import FirstLookDesk
+from app.page.results.kept_runs import PARAMETER, KeptRuns
 from app.page.results.measures_table import measures_table
 from app.page.results.player import NOTHING, Showing
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.runner import TabRunner, Updates
+from app.page.serving.visitors import cookie_of
 from app.page.tabs.generate import FormParts, ResultParts
 from app.page.tabs.generate_form import Form, request_from_form, row_names
 from app.run.request import (
@@ -82,8 +86,10 @@ class GenerateRunner(TabRunner[GenerateResult]):
         desk: MediaDesk,
         form: FormParts,
         results: ResultParts,
+        kept: KeptRuns,
     ) -> None:
         super().__init__(jobs, results.status)
+        self._kept = kept
         self._generate = generate
         self._catalogue = catalogue
         self._config = config
@@ -104,8 +110,30 @@ class GenerateRunner(TabRunner[GenerateResult]):
             ),
             figures=FiguresShown(self._desk, cookie),
             parts=self._results,
+            kept=self._kept,
+            cookie=cookie,
             at_the_end=self._buttons(is_running=False),
         )
+
+    def opened(self, request: gr.Request, first_look: FirstLookDesk | None) -> Updates:
+        """What a page shows that has just been opened: the run whose link led there, else the
+        example; and the visitor's runs."""
+        parts, cookie = self._results, cookie_of(request)
+        token = dict(request.query_params).get(PARAMETER, "")
+        run = self._kept.find(token)
+        if run is not None:
+            return {
+                **run.open_for(cookie, parts),
+                parts.runs: shown(self._kept.html(cookie, run)),
+                parts.empty: gr.update(visible=False),
+            }
+        updates: Updates = {parts.runs: shown(self._kept.html(cookie))}
+        if first_look is not None:
+            updates[parts.player], updates[parts.empty] = first_look.updates()
+        if token:
+            gone = text.RUN_GONE.format(minutes=round(self._config.keep_results_s / 60))
+            updates[parts.message] = shown(markup.notes_message([gone]))
+        return updates
 
     def asked(self, job: Job, cookie: str, values: tuple[Any, ...]) -> GenerateRequest:
         """The run that the form asks for; arguments and errors as of `begin`."""
@@ -117,6 +145,7 @@ class GenerateRunner(TabRunner[GenerateResult]):
             parts.message: shown(""),
             parts.status: markup.status(text.STARTING, {}, {}),
             parts.empty: gr.update(visible=False),
+            parts.runs: shown(""),
             **self._without_results(),
             parts.files: None,
             **self._buttons(is_running=True),
@@ -127,7 +156,7 @@ class GenerateRunner(TabRunner[GenerateResult]):
         return {
             parts.message: shown(message),
             parts.status: status,
-            parts.empty: gr.update(visible=True),
+            parts.empty: shown(parts.empty.value),  # an example that played went with its player
             **self._without_results(),
             **self._buttons(is_running=False),
         }
@@ -159,6 +188,8 @@ class _Work:
     showing: Showing
     figures: FiguresShown
     parts: ResultParts
+    kept: KeptRuns
+    cookie: str
     at_the_end: Updates
     view: RunView = field(default_factory=RunView)
 
@@ -180,22 +211,61 @@ class _Work:
         return updates
 
     def finished(self, result: GenerateResult) -> Updates:
-        parts, run = self.parts, self.view
-        bundle = zip_files(result.files, self.job.folder / "co-speech-motion.zip")
+        over = self._over(result)
+        kept = self.kept.keep(self.job.folder, self.cookie, _title(self.asked), over.for_visitor)
+        runs = {self.parts.runs: shown(self.kept.html(self.cookie, kept))}
+        return {**over.updates(self.parts), **runs, **self.at_the_end}
+
+    def _over(self, result: GenerateResult) -> _Over:
         rows = f"{len(result.names)} {'motion' if len(result.names) == 1 else 'motions'}"
-        line = text.DONE.format(seconds=run.seconds, rows=rows, frames=result.num_frames)
+        line = text.DONE.format(seconds=self.view.seconds, rows=rows, frames=result.num_frames)
+        self.figures.html(result.diagnostics)
+        return _Over(
+            status=markup.status(line, dict.fromkeys(self.view.fractions, 1.0), {}),
+            notes=markup.notes_message(result.notes),
+            verdict=_verdict(result),
+            numbers=measures_table(result.diagnostics),
+            showing=self.showing,
+            figures=self.figures,
+            bundle=zip_files(result.files, self.job.folder / "co-speech-motion.zip"),
+            files=result.files,
+        )
+
+
+@dataclass(frozen=True)
+class _Over:
+    """A run that has ended, as any browser can be shown it."""
+
+    status: str
+    notes: str
+    verdict: str
+    numbers: str
+    showing: Showing
+    figures: FiguresShown
+    bundle: Path
+    files: tuple[Path, ...]
+
+    def updates(self, parts: ResultParts) -> Updates:
         return {
-            parts.status: markup.status(line, dict.fromkeys(run.fractions, 1.0), {}),
-            parts.message: shown(markup.notes_message(result.notes)),
-            parts.verdict: shown(_verdict(result)),
+            parts.status: self.status,
+            parts.message: shown(self.notes),
+            parts.verdict: shown(self.verdict),
             parts.player: self.showing.value(is_over=True),
-            parts.figures: shown(self.figures.html(result.diagnostics)),
-            parts.numbers: shown(measures_table(result.diagnostics)),
+            parts.figures: shown(self.figures.html()),
+            parts.numbers: shown(self.numbers),
             parts.downloads_part: gr.update(visible=True),
-            parts.bundle: gr.update(value=str(bundle)),
-            parts.files: [str(file) for file in result.files],
-            **self.at_the_end,
+            parts.bundle: gr.update(value=str(self.bundle)),
+            parts.files: [str(file) for file in self.files],
         }
+
+    def for_visitor(self, cookie: str, parts: ResultParts) -> Updates:
+        """For another browser, whose files have addresses of their own."""
+        showing, figures = self.showing.for_visitor(cookie), self.figures.for_visitor(cookie)
+        return replace(self, showing=showing, figures=figures).updates(parts)
+
+
+def _title(asked: GenerateRequest) -> str:
+    return f"{asked.speech.stem}: {', '.join(asked.systems)}"
 
 
 def _verdict(result: GenerateResult) -> str:

@@ -10,7 +10,8 @@ from app import text
 from app.config import AppConfig
 from app.live.desk import LiveDesk
 from app.page.parts.catalogue import Catalogue
-from app.page.parts.html_parts import mount
+from app.page.parts.html_parts import mount, reveal_on_click
+from app.page.results.kept_runs import KeptRuns
 from app.page.serving.jobs import JobBook
 from app.page.serving.live_route import EXAMPLE_ROUTE
 from app.page.serving.media import MediaDesk
@@ -38,6 +39,7 @@ def build_live_tab(
     jobs: JobBook,
     desk: MediaDesk,
     live: LiveDesk,
+    kept: KeptRuns,
 ) -> None:
     """Lay out the tab inside the current context and wire it.
 
@@ -60,7 +62,8 @@ def build_live_tab(
         )
     results = build_results("live-", NOTHING_KEPT)
     form = FormParts((token,), keep, cancel)
-    runner = LiveRunner(generate, catalogue, config, jobs, desk, form, results, live)
+    runner = LiveRunner(generate, catalogue, config, jobs, desk, form, results, kept, live)
+    reveal_on_click(keep, results.status)
     keep.click(
         runner.run,
         inputs=[token],

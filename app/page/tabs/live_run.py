@@ -7,6 +7,7 @@ from typing import Any
 from app.config import AppConfig
 from app.live.desk import LiveDesk
 from app.page.parts.catalogue import Catalogue
+from app.page.results.kept_runs import KeptRuns
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
 from app.page.tabs.generate import FormParts, ResultParts
@@ -30,9 +31,10 @@ class LiveRunner(GenerateRunner):
         desk: MediaDesk,
         form: FormParts,
         results: ResultParts,
+        kept: KeptRuns,
         live: LiveDesk,
     ) -> None:
-        super().__init__(generate, catalogue, config, jobs, desk, form, results)
+        super().__init__(generate, catalogue, config, jobs, desk, form, results, kept)
         self._live = live
 
     def asked(self, job: Job, cookie: str, values: tuple[Any, ...]) -> GenerateRequest:

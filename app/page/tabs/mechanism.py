@@ -14,7 +14,7 @@ import gradio as gr
 from app import text
 from app.config import AppConfig
 from app.page.parts import markup
-from app.page.parts.html_parts import shown
+from app.page.parts.html_parts import reveal_on_click, shown
 from app.page.serving.follow import last_share
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
@@ -78,11 +78,12 @@ def build_mechanism(
                 cancel = gr.Button(text.CANCEL, elem_id="mechanism-cancel", min_width=110)
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
             parts = MechanismParts(
-                gr.HTML(markup.sentence_status(text.READY), elem_id="mechanism-status"),
+                gr.HTML(markup.idle_status(text.READY), elem_id="mechanism-status"),
                 gr.HTML("", visible=False),
                 gr.HTML("", visible=False, elem_id="mechanism-video"),
             )
     runner = MechanismRunner(show, config, jobs, desk, parts)
+    reveal_on_click(start, parts.status)
     start.click(
         runner.run,
         inputs=[noise, motion],

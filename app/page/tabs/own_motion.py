@@ -12,7 +12,7 @@ from app import text
 from app.config import AppConfig
 from app.page.parts import markup
 from app.page.parts.catalogue import point_choices
-from app.page.parts.html_parts import player_part, results_parts
+from app.page.parts.html_parts import player_part, results_parts, reveal_on_click
 from app.page.parts.named_fields import named_fields
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
@@ -23,6 +23,7 @@ from app.page.tabs.own_motion_run import (
     OwnMotionRunner,
     display_names,
 )
+from app.page.tabs.upload_check import UploadCheck
 from app.run.display import FACTORS
 from app.run.pictures.followed_point import TIP
 from app.run.planted import planted_files
@@ -51,6 +52,7 @@ def build_own_motion_tab(
     jobs: JobBook,
     desk: MediaDesk,
     diagnose: Diagnose,
+    check: UploadCheck,
 ) -> None:
     """Lay out the tab inside the current context and wire it.
 
@@ -60,7 +62,7 @@ def build_own_motion_tab(
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
     with gr.Row(elem_classes="columns"):
         with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
-            form = _build_form()
+            form = _build_form(check)
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
             parts = build_results()
     runner = OwnMotionRunner(diagnose, config, jobs, desk, parts)
@@ -70,6 +72,8 @@ def build_own_motion_tab(
         "show_progress": "hidden",
         "concurrency_limit": None,  # JobBook lets them in one by one
     }
+    for button in (form.start, form.planted):
+        reveal_on_click(button, parts.status)
     form.start.click(
         named_fields(runner.run, OwnMotionForm, optional=("reference", "speech")),
         **asks,
@@ -97,7 +101,7 @@ class FormParts:
     planted: gr.Button
 
 
-def _build_form() -> FormParts:
+def _build_form(check: UploadCheck) -> FormParts:
     planted = gr.Button(PLANTED_LABEL, elem_id="own-planted", size="sm")
     motions = gr.File(
         label="Motions to compare (.npz, .npy or .bvh)",
@@ -107,6 +111,7 @@ def _build_form() -> FormParts:
         height=170,
         elem_id="own-motions",
     )
+    check.watch(motions, "motion")
     shown = gr.Dropdown(
         choices=[],
         multiselect=True,
@@ -124,13 +129,17 @@ def _build_form() -> FormParts:
         file_types=[".npz", ".npy", ".bvh"],
         type="filepath",
         height=120,
+        elem_id="own-reference",
     )
+    check.watch(reference, "motion")
     speech = gr.File(
         label="Speech of all of them (optional, for BeatAlign)",
         file_types=["audio"],
         type="filepath",
         height=120,
+        elem_id="own-speech",
     )
+    check.watch(speech, "speech")
     with gr.Row(elem_classes="pair"):
         point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
         start_frame = gr.Number(value=0, minimum=0, label=text.START_LABEL)
@@ -163,6 +172,6 @@ def _choices(paths: list[str] | None) -> Any:
 
 def build_results() -> OwnMotionParts:
     """What is measured, drawn and said; all but the status is hidden until there is something."""
-    status = gr.HTML(markup.sentence_status(text.READY), elem_id="own-status")
+    status = gr.HTML(markup.idle_status(text.READY), elem_id="own-status")
     message = gr.HTML("", visible=False, elem_id="own-message")
     return OwnMotionParts(status, message, player_part("own-"), *results_parts("own-"))

@@ -132,7 +132,10 @@ class OwnMotionForm:
         display = Display(int(self.exaggeration), bool(self.has_trail))
         check_display(display)
         # A licensed body may be looked at in videos; its mesh is not handed to visitors.
-        return VideoOptions(display, size=VIDEO_SIZE_PX, has_previews=config.body is None)
+        has_previews = config.body is None
+        return VideoOptions(
+            display, size=VIDEO_SIZE_PX, has_previews=has_previews, has_posters=True
+        )
 
 
 def rows_of(request: DiagnoseRequest) -> tuple[str, ...]:

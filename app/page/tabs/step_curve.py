@@ -16,7 +16,7 @@ from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.asked import form_of
 from app.page.parts.catalogue import Catalogue
-from app.page.parts.html_parts import mount, shown
+from app.page.parts.html_parts import mount, reveal_on_click, shown
 from app.page.results.figures_shown import FiguresShown
 from app.page.serving.follow import last_share
 from app.page.serving.jobs import Job, JobBook
@@ -86,7 +86,7 @@ def build_step_curve(
                 cancel = gr.Button(text.CANCEL, elem_id="steps-cancel", min_width=110)
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
             parts = StepCurveParts(
-                gr.HTML(markup.sentence_status(text.READY), elem_id="steps-status"),
+                gr.HTML(markup.idle_status(text.READY), elem_id="steps-status"),
                 gr.HTML("", visible=False),
                 gr.HTML(
                     "", visible=False, js_on_load=mount("figures.js", "mountFigures"),
@@ -95,6 +95,7 @@ def build_step_curve(
             )  # fmt: skip
     example = catalogue.examples[0].path if catalogue.examples else None
     runner = StepCurveRunner(measure, example, config, jobs, desk, parts)
+    reveal_on_click(start, parts.status)
     start.click(
         runner.run,
         inputs=[systems, speech],

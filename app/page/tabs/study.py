@@ -10,12 +10,15 @@ from app import text
 from app.config import AppConfig
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
+from app.page.parts.html_parts import mount, reveal_on_click
 from app.page.parts.named_fields import named_fields
+from app.page.results.study_preview import PreviewDesk
 from app.page.serving.jobs import JobBook
 from app.page.serving.researcher_part import Handover
 from app.page.serving.visitors import VISITOR_ROUTE
 from app.page.tabs.study_form import PROTOCOLS, SEPARATOR, StudyForm
 from app.page.tabs.study_run import Export, StudyParts, StudyRunner
+from app.page.tabs.upload_check import UploadCheck
 from app.run.request import VIEWS
 
 INTRODUCTION = (
@@ -31,7 +34,9 @@ def build_study_tab(
     config: AppConfig,
     jobs: JobBook,
     handover: Handover,
+    previews: PreviewDesk,
     export: Export,
+    check: UploadCheck,
 ) -> None:
     """Lay out the tab inside the current context and wire it.
 
@@ -41,19 +46,21 @@ def build_study_tab(
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
     with gr.Row(elem_classes="columns"):
         with gr.Column(scale=5, min_width=320):
-            materials = _build_materials(catalogue)
+            materials = _build_materials(catalogue, check)
         with gr.Column(scale=5, min_width=320):
             settings = _build_settings()
             with gr.Row(elem_classes="actions"):
                 start = gr.Button("Make the study", variant="primary", elem_id="study-make")
                 write = gr.Button("Plan only", elem_id="study-write", min_width=110)
                 cancel = gr.Button(text.CANCEL, elem_id="study-cancel", min_width=110)
-            results = _build_results()
+            with gr.Column(elem_classes="results"):
+                results = _build_results()
     fields = [*materials, *settings]
-    runner = StudyRunner(export, config, jobs, handover, results)
+    runner = StudyRunner(export, config, jobs, handover, previews, results)
     write.click(
         runner.write_plan, fields, results.all, api_name="study_plan", show_progress="hidden"
     )
+    reveal_on_click(start, results.status)
     start.click(
         named_fields(runner.run, StudyForm, optional=("speeches", "motions")),
         fields,
@@ -68,7 +75,7 @@ def build_study_tab(
     page.unload(runner.cancel)
 
 
-def _build_materials(catalogue: Catalogue) -> list[Any]:
+def _build_materials(catalogue: Catalogue, check: UploadCheck) -> list[Any]:
     """What is compared: the first fields of `StudyForm`."""
     title = gr.Textbox("How people move when they talk", label="Title (participants see it)")
     protocol = gr.Radio(list(PROTOCOLS), value=next(iter(PROTOCOLS)), label="Protocol")
@@ -80,6 +87,7 @@ def _build_materials(catalogue: Catalogue) -> list[Any]:
         height=150,
         elem_id="study-speech",
     )
+    check.watch(speeches, "speech")
     systems = gr.CheckboxGroup(
         list(catalogue.systems), value=list(catalogue.systems), label="Systems"
     )
@@ -89,7 +97,9 @@ def _build_materials(catalogue: Catalogue) -> list[Any]:
         file_types=[".npz"],
         type="filepath",
         height=150,
+        elem_id="study-motions",
     )
+    check.watch(motions, "motion")
     return [title, protocol, speeches, systems, motions]
 
 
@@ -99,20 +109,26 @@ def _build_settings() -> list[Any]:
         length = gr.Number(10, label="Seconds a video", minimum=0, min_width=100)
         people = gr.Number(28, label="Participants", minimum=1, min_width=100)
         seed = gr.Number(0, label="Seed of the order", minimum=0, min_width=100)
-    views = gr.CheckboxGroup(list(VIEWS), value=["front"], label="Views")
+    views = gr.CheckboxGroup(
+        [(text.VIEW_NAMES[view], view) for view in VIEWS], value=["front"], label="Views"
+    )
     post_to = gr.Textbox("", label="Address that answers are posted to (optional)")
     return [length, people, seed, views, post_to]
 
 
 def _build_results() -> StudyParts:
     return StudyParts(
-        status=gr.HTML(markup.sentence_status(text.READY), elem_id="study-status"),
-        plan=gr.DownloadButton("The plan (TOML)", visible=False, elem_id="study-plan"),
+        status=gr.HTML(markup.idle_status(text.READY), elem_id="study-status"),
+        researcher=gr.HTML(
+            "", visible=False, js_on_load=mount("study_key.js", "mountKey"),
+            apply_default_css=False, elem_id="study-researcher",
+        ),
+        preview=gr.HTML("", visible=False, elem_id="study-preview"),
         participants=gr.DownloadButton(
             "For participants: the page and its videos (zip)",
-            variant="primary",
+            variant="secondary",
             visible=False,
             elem_id="study-participants",
         ),
-        researcher=gr.HTML("", visible=False, elem_id="study-researcher"),
-    )
+        plan=gr.DownloadButton("The plan (TOML)", visible=False, elem_id="study-plan"),
+    )  # fmt: skip

@@ -16,6 +16,8 @@ from app import text
 from app.config import AppConfig
 from app.errors import RunError, visitor_sentence
 from app.page.parts import markup
+from app.page.parts.html_parts import shown
+from app.page.results.study_preview import PreviewDesk
 from app.page.serving.follow import last_share
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.researcher_part import FILE_NAME, RESEARCHER_ROUTE, Handover
@@ -34,10 +36,17 @@ NO_COOKIE = (
     "Your browser keeps no cookie of this page, without which the researcher's part cannot be "
     "kept for you alone; allow cookies and reload the page."
 )
-MADE = (
-    "No leak was found. Host the first download on any web server. The second holds the key: fetch "
-    "it now, it is deleted as it is sent, and nobody else can get it."
+MADE = "The study is made, and no leak was found. Fetch the key, look at the page, then host it."
+KEY_TITLE = "First: the key, for you alone"
+KEY_HELP = (
+    "Without it nobody can tell which video is which, you neither: answers could never be "
+    "analysed. It is deleted here as it is sent, and after {minutes} minutes in any case. Keep it "
+    "away from participants."
 )
+KEY_BUTTON = "Fetch key and records (zip, once)"
+KEY_FETCHED = "It went to this browser's downloads: see that researcher_only.zip is there."
+PREVIEW = "Preview as participant"
+PREVIEW_HELP = "In a new tab; nothing is sent."
 
 
 Export = Callable[[Path, Path, "ExportOptions", OnEvent, ShouldCancel], Workspace]
@@ -48,13 +57,14 @@ class StudyParts:
     """Where the tab shows what comes of it."""
 
     status: gr.HTML
-    plan: gr.DownloadButton
-    participants: gr.DownloadButton
     researcher: gr.HTML
+    preview: gr.HTML
+    participants: gr.DownloadButton
+    plan: gr.DownloadButton
 
     @property
     def all(self) -> list[Any]:
-        return [self.status, self.plan, self.participants, self.researcher]
+        return [self.status, self.researcher, self.preview, self.participants, self.plan]
 
 
 class StudyRunner(TabRunner[Workspace]):
@@ -68,12 +78,14 @@ class StudyRunner(TabRunner[Workspace]):
         config: AppConfig,
         jobs: JobBook,
         handover: Handover,
+        previews: PreviewDesk,
         parts: StudyParts,
     ) -> None:
         super().__init__(jobs, parts.status)
         self._export = export
         self._config = config
         self._handover = handover
+        self._previews = previews
         self._parts = parts
 
     def write_plan(self, request: gr.Request, *values: Any) -> Updates:
@@ -106,7 +118,10 @@ class StudyRunner(TabRunner[Workspace]):
             plan_path = _write_plan(form, private)
             collect_files(form, private)
             options = ExportOptions(self._config.weights, self._config.body)
-            yield _Work(self._export, plan_path, options, job, cookie, self._handover, self._parts)
+            yield _Work(
+                *(self._export, plan_path, options, job, cookie),
+                *(self._handover, self._previews, self._parts, self._config.keep_results_s),
+            )
         finally:
             shutil.rmtree(private, ignore_errors=True)
 
@@ -116,7 +131,8 @@ class StudyRunner(TabRunner[Workspace]):
             self._parts.status: markup.sentence_status(text.STARTING),
             self._parts.plan: hidden,
             self._parts.participants: hidden,
-            self._parts.researcher: gr.update(value="", visible=False),
+            self._parts.researcher: shown(""),
+            self._parts.preview: shown(""),
         }
 
     def stopped(self, status: str, message: str) -> Updates:
@@ -134,7 +150,9 @@ class _Work:
     job: Job
     cookie: str
     handover: Handover
+    previews: PreviewDesk
     parts: StudyParts
+    keep_s: float
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Workspace:
         out = self.plan_path.parent / "study"
@@ -154,11 +172,15 @@ class _Work:
         shutil.copyfile(plan, result.private / "plan.toml")
         archive = zip_folder(result.private, self.handover.private_folder() / FILE_NAME)
         token = self.handover.offer(self.cookie, archive)
+        address = self.previews.offer(
+            shutil.copytree(result.bundle, folder / "bundle"), self.cookie
+        )
         return {
             self.parts.status: markup.sentence_status(MADE),
             self.parts.plan: gr.update(value=str(plan), visible=True),
             self.parts.participants: gr.update(value=str(bundle), visible=True),
-            self.parts.researcher: gr.update(value=_fetch_button(token), visible=True),
+            self.parts.researcher: shown(_key(token, self.keep_s)),
+            self.parts.preview: shown(_preview(address)),
         }
 
 
@@ -173,10 +195,20 @@ def _write_plan(form: StudyForm, folder: Path) -> Path:
     return path
 
 
-def _fetch_button(token: str) -> str:
+def _key(token: str, keep_s: float) -> str:
+    """What must not be overlooked, before anything that can be hosted."""
     return (
+        f'<div class="key" role="note"><h3>{KEY_TITLE}</h3>'
+        f"<p>{KEY_HELP.format(minutes=round(keep_s / 60))}</p>"
         f'<form method="post" action=".{RESEARCHER_ROUTE}">'
         f'<input type="hidden" name="token" value="{html.escape(token)}">'
-        '<button type="submit" class="lg secondary">For you alone: key and records (zip, once)'
-        "</button></form>"
+        f'<button type="submit" class="lg primary">{KEY_BUTTON}</button></form>'
+        f'<p class="done">{KEY_FETCHED}</p></div>'
+    )
+
+
+def _preview(address: str) -> str:
+    return (
+        f'<p class="study-preview"><a href="{html.escape(address)}" target="_blank" rel="noopener">'
+        f"{PREVIEW}</a><span>{PREVIEW_HELP}</span></p>"
     )

@@ -4,11 +4,11 @@ import { clockText, make, relabel } from "./dom.js";
 import { WorstSeconds } from "./worst.js";
 
 const RATES = [0.25, 0.5, 1, 2];
-const MODES = { grid: "All", wipe: "Wipe", flicker: "Flicker" };
+const MODES = { grid: "All", wipe: "Wipe", flicker: "Flicker", ghost: "Ghost" };
 const CLOSE_UPS = { hands: "Hands", face: "Face", both: "Both", off: "Off" };
 const LOOP_S = 2; // what a loop holds at first
 const HOP_S = 1; // of the arrow keys
-const KEYS_HELP = "Space: play or pause. Arrows: one second. Comma and full stop: one frame. L: loop. W: worst second. C: close-up. X: the other of two. 1 to 9: enlarge.";
+const KEYS_HELP = "Space: play or pause. Arrows: one second. Comma and full stop: one frame. L: loop. W: worst second. C: close-up. X: the other of two. G: ghost, one over another. 1 to 9: enlarge.";
 
 export class Controls {
   #player;
@@ -125,6 +125,7 @@ export class Controls {
       x: () => this.#tiles.swap(),
       w: () => this.worst.toggle(),
       c: () => this.#tiles.nextCloseUp(),
+      g: () => this.#tiles.names.length > 1 && this.#tiles.setMode(this.#tiles.mode === "ghost" ? "grid" : "ghost"),
     };
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     if (/^[1-9]$/.test(key)) this.#tiles.enlargeNumber(Number(key));

@@ -39,6 +39,7 @@ class Player {
     if (run !== this.#run) this.#clear(run);
     const isWorthIt = rows.some((row) => row.motion || row.video);
     this.#root.hidden = !isWorthIt;
+    this.#root.classList.toggle("opening", plays);
     if (!isWorthIt) return;
     if (audio && !this.#audio.hasAttribute("src")) {
       this.#audio.src = audio;

@@ -21,6 +21,7 @@ class Tile {
 
   constructor(row, number, onEnlarge) {
     this.name = row.name;
+    this.noise = row.noise ?? null;
     this.#picture = make("div", { class: "picture" }, make("p", { class: "drawing" }, "being drawn"));
     this.enlarge = make(
       "button",
@@ -45,6 +46,7 @@ class Tile {
     this.dropPreview();
     this.video = make("video", { muted: true, playsinline: true, preload: "auto", disablepictureinpicture: true, "aria-label": `Motion of ${this.name}` });
     this.video.muted = true; // the attribute counts for the parser only
+    if (row.poster) this.video.poster = row.poster;
     this.video.src = url;
     this.#picture.replaceChildren(this.video);
     this.enlarge.before(this.#download(url, `${row.stem}.mp4`, "video"));
@@ -101,12 +103,16 @@ class Tile {
   }
 }
 
-/** All tiles. `mode` is grid, wipe or flicker; the last two show two tiles in one place. */
+/**
+ * All tiles. `mode` is grid, wipe, flicker or ghost; all but the first show two tiles in one place,
+ * whose bodies the server has laid onto each other.
+ */
 export class Tiles {
   #tiles = new Map();
   #player;
   #onPair;
   #handle;
+  #legend = make("p", { class: "ghost-legend", role: "note" });
   #large = null;
   #flicker = null;
   #layout = null;
@@ -152,7 +158,7 @@ export class Tiles {
         this.#arrange();
       }
     }
-    this.element.append(this.#handle);
+    this.element.append(this.#handle, this.#legend);
     this.element.dataset.count = this.#tiles.size;
     for (const row of rows) {
       const tile = this.#tiles.get(row.name);
@@ -241,13 +247,23 @@ export class Tiles {
       if (this.#large) this.enlarge(this.#large);
       this.mode = mode;
       this.element.dataset.mode = mode;
-      const [first, second] = this.names;
+      const [first, second] = this.#alike();
       this.pair = [this.pair[0] ?? first, this.pair[1] ?? second];
       this.#wipeTo(50);
     }
     if (mode === "flicker") this.#flicker = setInterval(() => this.swap(), FLICKER_MS);
     this.#arrange();
     this.#onPair();
+  }
+
+  /** The first two that were made from the same noise, else the first two. */
+  #alike() {
+    const tiles = [...this.#tiles.values()];
+    for (const { name, noise } of tiles) {
+      const other = tiles.find((each) => noise && each.noise === noise && each.name !== name);
+      if (other) return [name, other.name];
+    }
+    return this.names;
   }
 
   setPair(index, name) {
@@ -270,6 +286,17 @@ export class Tiles {
       tile.element.classList.toggle("second-of-two", place === 1);
       if (tile.video) this.#player.setActive(tile.video, this.mode === "grid" || place >= 0);
     }
+    this.#explainGhost();
+  }
+
+  /** What the two colours mean, and whether the two can be expected to agree at all. */
+  #explainGhost() {
+    if (this.mode !== "ghost") return;
+    const [first, second] = this.pair.map((name) => this.#tiles.get(name));
+    const colour = (place, tile) => make("span", {}, make("i", { class: place, "aria-hidden": "true" }), ` ${tile.name} alone`);
+    const isOther = first.noise !== second.noise;
+    const note = isOther ? " They were not made from the same noise, so they are different gestures." : "";
+    this.#legend.replaceChildren(colour("first", first), colour("second", second), make("span", {}, `Grey where both agree.${note}`));
   }
 
   #wipeTo(percent) {

@@ -14,6 +14,8 @@ from app.run.models import get_body
 from app.run.pictures.export import body_motion, render_settings
 from app.run.pictures.jerk_marks import jerk_marks
 from app.run.pictures.marked import displayed, marks_of
+from app.run.pictures.posters import POSTER_SUFFIX, write_poster
+from app.run.pictures.register import in_register
 from app.run.pictures.videos import draw_videos
 from app.run.request import MAX_COMPARED, REFERENCE_NAME, GenerateRequest, file_stem
 from app.run.result_folder import ResultFolder
@@ -59,7 +61,7 @@ def show_preview(row: Row, inputs: Inputs, folder: ResultFolder, reporter: Repor
     previews = folder.scratch("previews")
     previews.mkdir(exist_ok=True)
     path = previews / f"{file_stem(row.name)}.glb"
-    write_glb(inputs.body, body_motion(row.shown), path)
+    write_glb(inputs.body, body_motion(in_register(row.shown)), path)
     reporter.file("preview", row.name, path)
 
 
@@ -71,8 +73,8 @@ def draw_all(
     folder: ResultFolder,
     reporter: Reporter,
 ) -> Snapshots:
-    """A video for each row and view; the poses for Figure 6, from the first view, are taken on the
-    way where videos show the same, and drawn apart where they do not.
+    """A video for each row and view, all bodies in register; the poses for Figure 6, from the first
+    view, are taken on the way where videos show the same, and drawn apart where they do not.
 
     Raises:
         CancelledRun, BodyError, GLError, VideoError: see `app.run.pictures.videos.draw_videos`.
@@ -82,9 +84,14 @@ def draw_all(
     from renderer.video.pool import RenderJob
 
     reporter.progress("video", 0.0)
-    motions = {row.name: body_motion(row.shown) for row in rows}
-    drawn = {row.name: body_motion(displayed(row.shown, request.display)) for row in rows}
-    marks = {row.name: marks_of(row.shown, request.display, tip, inputs.body) for row in rows}
+    placed = {row.name: in_register(row.shown) for row in rows}
+    motions = {name: body_motion(motion) for name, motion in placed.items()}
+    drawn = {
+        name: body_motion(displayed(motion, request.display)) for name, motion in placed.items()
+    }
+    marks = {
+        name: marks_of(motion, request.display, tip, inputs.body) for name, motion in placed.items()
+    }
     shortest = min(motion.num_frames for motion in motions.values())
     frames = choose_snapshot_frames(shortest, request.start_frame)
     has_poses = request.display.is_plain and request.framing == "whole"
@@ -127,7 +134,7 @@ def draw_all(
     results = draw_videos(
         jobs,
         on_progress=lambda part: reporter.progress("video", part),
-        on_done=lambda job: _tell_of_video(job, named, folder, reporter),
+        on_done=lambda job: _tell_of_video(job, named, request.has_posters, folder, reporter),
         should_cancel=reporter.should_cancel,
     )
     reporter.progress("video", 1.0)
@@ -142,10 +149,20 @@ def draw_all(
 
 
 def _tell_of_video(
-    job: str, named: Mapping[str, str], folder: ResultFolder, reporter: Reporter
+    job: str,
+    named: Mapping[str, str],
+    has_poster: bool,
+    folder: ResultFolder,
+    reporter: Reporter,
 ) -> None:
-    if job in named:
-        reporter.file("video", named[job], folder.path(job))
+    if job not in named:
+        return
+    video = folder.path(job)
+    if has_poster:
+        poster = folder.scratch(video.with_suffix(POSTER_SUFFIX).name)
+        write_poster(video, poster)
+        reporter.file("poster", named[job], poster)
+    reporter.file("video", named[job], video)
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from app.run.display import Display
 from app.run.pictures.export import body_motion, render_settings
 from app.run.pictures.marked import displayed, marks_of
+from app.run.pictures.posters import POSTER_SUFFIX, write_poster
 from app.run.pictures.register import in_register
 from app.run.pictures.videos import draw_videos
 from app.run.request import CLOSE_UPS, Artefact, CloseUp, Framing, file_stem
@@ -36,6 +37,8 @@ class VideoOptions:
     close_ups: tuple[CloseUp, ...] = CLOSE_UPS
     has_previews: bool = False
     """Whether each motion is told of as a GLB too, to be shown while its video is drawn."""
+    has_posters: bool = False
+    """Whether the first picture of each video is told of too."""
 
 
 @dataclass(frozen=True)
@@ -113,10 +116,18 @@ def draw_own_videos(
             stage=stage,
             marks=marks_of(motion, options.display, tip, body),
         )
+
+    def on_done(name: str) -> None:
+        if options.has_posters:
+            poster = shown / f"{file_stem(name)}{POSTER_SUFFIX}"
+            write_poster(jobs[name].out, poster)
+            on_file(Artefact("poster", name, poster))
+        on_file(Artefact("video", name, jobs[name].out))
+
     draw_videos(
         jobs,
         on_progress=on_share,
-        on_done=lambda name: on_file(Artefact("video", name, jobs[name].out)),
+        on_done=on_done,
         should_cancel=lambda: False,  # on_share ends it
     )
 

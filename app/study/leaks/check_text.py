@@ -13,7 +13,8 @@ from app.study.make.participant_page import INDEX, SCRIPT, SITE, STYLE, fixed_wo
 
 _FREE_TEXTS = ("title", "consent", "postTo")
 _KNOWN_KEYS = {
-    *("study", "sound", "trials", "lists", "instruction", "questions", "words", "reasons"),
+    *("study", "sound", "minutes", "trials", "lists", "instruction", "questions", "words"),
+    "reasons",
     *_FREE_TEXTS,
 }
 _VOCABULARY = {"kind", "press", *TRIAL_KINDS, *CHOICE_VALUES}

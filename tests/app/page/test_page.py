@@ -11,11 +11,14 @@ import pytest
 from app.config import AppConfig
 from app.live.desk import LiveDesk
 from app.page.page import build_app
+from app.page.results.study_preview import PreviewDesk
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.researcher_part import Handover
 from app.page.serving.visitors import COOKIE
 from app.page.serving.workshop import Workshop
+from app.page.tabs.upload_check import UploadCheck
+from app.run.upload_check import refusal_of
 from tests.app import fakes
 
 VISITOR = SimpleNamespace(session_hash="visitor", cookies={COOKIE: "cookie"})
@@ -45,7 +48,16 @@ def page(jobs: WatchedJobs, tmp_path: Path) -> gr.Blocks:
     handover = Handover(tmp_path / "private")
     generate, live = fakes.make_generate(), LiveDesk(tmp_path)
     return build_app(
-        generate, Workshop(), fakes.CATALOGUE, AppConfig(), jobs, handover, MediaDesk(), live
+        generate,
+        Workshop(),
+        UploadCheck(refusal_of, 60.0),
+        fakes.CATALOGUE,
+        AppConfig(),
+        jobs,
+        handover,
+        PreviewDesk(),
+        MediaDesk(),
+        live,
     )
 
 
@@ -55,7 +67,7 @@ def handler(page: gr.Blocks, button: str) -> Callable[..., Any]:
         each.fn
         for each in page.fns.values()
         for target, event in each.targets
-        if event == "click" and page.blocks[target].elem_id == button
+        if event == "click" and page.blocks[target].elem_id == button and each.fn is not None
     )
     return found
 

@@ -40,9 +40,14 @@
 
   // ---------------------------------------------------------------- what is kept in the browser
 
+  const query = new URLSearchParams(location.search);
+  const isPreview = query.has("preview"); // by the researcher, who is no participant
+  const postTo = isPreview ? null : study.postTo;
+
   const store = {
     works: true,
     get(key) {
+      if (isPreview) return null;
       try {
         return localStorage.getItem(key);
       } catch (error) {
@@ -51,6 +56,7 @@
       }
     },
     set(key, value) {
+      if (isPreview) return;
       try {
         localStorage.setItem(key, value);
       } catch (error) {
@@ -59,7 +65,7 @@
     },
   };
 
-  const asked = new URLSearchParams(location.search).get("p");
+  const asked = query.get("p");
   const whoKey = `study/${study.study}/who/${asked === null ? "" : asked}`;
 
   const stateKey = (participant) => `study/${study.study}/${participant}`;
@@ -119,7 +125,7 @@
     return isDraft && typeof found.started === "string"
       && Array.isArray(answers) && answers.every((answer) => isAnswerOf(found.list, answer))
       && Number.isInteger(page) && page >= 0 && page <= last
-      && ["consent", "sound", "trial", "finish"].includes(screen) && (screen !== "trial" || page < last);
+      && ["consent", "sound", "practice", "trial", "finish"].includes(screen) && (screen !== "trial" || page < last);
   }
 
   /** A state with whatever answers a damaged one still has. */
@@ -231,10 +237,13 @@
     const total = study.lists[state.list].length;
     const place = document.getElementById("place");
     const isTrial = state.screen === "trial";
-    place.textContent = isTrial ? fill(words.progress.trial, { number: state.page + 1, total }) : "";
+    place.textContent = isTrial ? fill(words.progress.trial, { number: state.page + 1, total })
+      : state.screen === "practice" ? words.practice.place : "";
     document.getElementById("progress").value =
       state.screen === "finish" ? 1 : isTrial ? state.page / total : 0;
-    ({ consent: showConsent, sound: showSoundCheck, trial: showTrial, finish: showFinish })[state.screen]();
+    const screens = { consent: showConsent, sound: showSoundCheck, practice: showPractice,
+      trial: showTrial, finish: showFinish };
+    screens[state.screen]();
     if (!store.works) main.append(problem(words.problems.storage));
     if (state.repaired) main.append(problem(words.problems.repaired));
   }
@@ -255,7 +264,7 @@
   }
 
   function showConsent() {
-    const start = button(words.buttons.start, () => goTo(study.sound ? "sound" : "trial"), {
+    const start = button(words.buttons.start, () => goTo(study.sound ? "sound" : "practice"), {
       className: "main",
       disabled: true,
     });
@@ -264,8 +273,9 @@
     sheet(
       words.consent.heading,
       make("p", {}, study.consent || words.consent.text),
+      make("p", {}, fill(words.consent.length, { minutes: study.minutes, pages: study.lists[state.list].length })),
       make("label", { className: "agree", htmlFor: "agree" }, box, make("span", {}, words.consent.agree)),
-      make("div", { className: "actions" }, start)
+      make("div", { className: "actions next" }, start)
     );
   }
 
@@ -292,7 +302,7 @@
 
     function end(result) {
       state.headphones = result;
-      goTo("trial");
+      goTo("practice");
     }
 
     function playTones() {
@@ -355,15 +365,33 @@
 
   // ---------------------------------------------------------------- trials
 
-  function showTrial() {
-    const [id, shown] = study.lists[state.list][state.page];
-    const trial = study.trials[id];
+  function openDraft() {
     if (!state.draft) state.draft = { watched: {}, values: {}, reasons: [], before: 0, ms: 0 };
     state.draft.before = state.draft.ms;
     shownSince = performance.now();
+  }
+
+  function showTrial() {
+    const [id, shown] = study.lists[state.list][state.page];
+    const trial = study.trials[id];
+    openDraft();
     if (trial.kind === "attention") showAttention(id, trial);
-    else showVideos(id, trial, shown);
+    else {
+      showVideos(study.instruction, trial.kind, shown, makeVideo, () => finishPage(id, shown, study.questions));
+    }
     preload(state.page + 1);
+  }
+
+  /** A page like the first one with videos, of which nothing is kept. */
+  function showPractice() {
+    const pages = study.lists[state.list].map(([id, shown]) => [study.trials[id].kind, shown]);
+    const [kind, shown] = pages.find(([each]) => each !== "attention");
+    openDraft();
+    showVideos(words.practice.instruction, kind, shown.map((_, index) => `dot-${index}`), makeDot, () => {
+      state.draft = null;
+      goTo("trial");
+    });
+    preload(state.page);
   }
 
   function showAttention(id, trial) {
@@ -378,15 +406,15 @@
       next.disabled = state.draft.values.attention === undefined;
     }
 
-    show(heading, heading, choice.element, make("div", { className: "actions" }, next));
+    show(heading, heading, choice.element, make("div", { className: "actions next" }, next));
     update();
     onKey = (event) => choice.onKey(event) || enterKey(event, next);
   }
 
-  function showVideos(id, trial, shown) {
-    const isPair = trial.kind === "pair" || trial.kind === "match";
+  function showVideos(instruction, kind, shown, makeFilm, onNext) {
+    const isPair = kind === "pair" || kind === "match";
     const names = shown.map((_, i) => (isPair ? words.buttons[["left", "right"][i]] : String(i + 1)));
-    const stage = makeStage(shown, names, update);
+    const stage = makeStage(shown, names, makeFilm, update);
     const values = isPair ? [shown[0], "tie", shown[1]] : shown;
     const parts = study.questions.map((question) => {
       if (question.kind === "choice") return choiceQuestion(question, values, update);
@@ -395,7 +423,7 @@
     });
     if (isPair && study.reasons) parts.push(reasonsQuestion(update));
     const hint = make("p", { className: "hint", role: "status" });
-    const next = nextButton(() => finishPage(id, shown, study.questions));
+    const next = nextButton(onNext);
     const keys = isPair ? words.progress.keys : words.progress.keys_many;
 
     function update() {
@@ -408,14 +436,14 @@
         : !hasAnswered && study.questions.length > 1 ? words.progress.unanswered : "";
     }
 
-    const heading = make("h1", { className: "lead" }, study.instruction);
+    const heading = make("h1", { className: "lead" }, instruction);
     show(
       heading,
       heading,
       stage.element,
       hint,
       ...parts.map((part) => part.element),
-      make("div", { className: "actions" }, next),
+      make("div", { className: "actions next" }, next),
       make("p", { className: "hint keys" }, fill(keys, { videos: shown.length }))
     );
     update();
@@ -460,7 +488,7 @@
     state.repaired = false;
     const isOver = state.page >= study.lists[state.list].length;
     if (isOver) state.finished = new Date().toISOString();
-    state.unsent = Boolean(study.postTo);
+    state.unsent = Boolean(postTo);
     goTo(isOver ? "finish" : "trial");
     sendSoon();
   }
@@ -476,20 +504,13 @@
   // ---------------------------------------------------------------- videos
 
   /** The videos of a page. One plays at a time, from its start, without a way to skip ahead. */
-  function makeStage(shown, names, onChange) {
+  function makeStage(shown, names, makeFilm, onChange) {
     const cards = shown.map((id, index) => makeCard(id, names[index]));
     const count = shown.length > 3 ? "many" : String(shown.length);
     const element = make("div", { className: "videos", data: { count } }, ...cards.map((card) => card.element));
 
     function makeCard(id, name) {
-      const video = make("video", {
-        preload: "auto",
-        playsInline: true,
-        muted: !study.sound,
-        disablePictureInPicture: true,
-        "aria-label": name,
-      });
-      video.setAttribute("playsinline", "");
+      const video = makeFilm(id, name);
       const action = make("span", { className: "action" });
       const play = button("", () => toggle(card), { className: "play" });
       play.append(make("span", { className: "sign", "aria-hidden": "true" }),
@@ -521,7 +542,6 @@
         refresh();
         onChange();
       });
-      video.src = `media/${id}.mp4`;
       return card;
     }
 
@@ -544,6 +564,71 @@
 
     cards.forEach((card) => card.refresh());
     return { element, onKey };
+  }
+
+  function makeVideo(id, name) {
+    const video = make("video", {
+      preload: "auto",
+      playsInline: true,
+      muted: !study.sound,
+      disablePictureInPicture: true,
+      "aria-label": name,
+    });
+    video.setAttribute("playsinline", "");
+    video.src = `media/${id}.mp4`;
+    return video;
+  }
+
+  const DOT_S = 1.5;
+  const DOT_PX = 256;
+
+  /** What stands in for a video in the practice: a dot that crosses the picture, each in its way. */
+  function makeDot(id, name) {
+    const canvas = make("canvas", { width: DOT_PX, height: DOT_PX, role: "img", "aria-label": name });
+    const number = Number(id.split("-")[1]);
+    let began = null;
+
+    function draw(share) {
+      const context = canvas.getContext("2d");
+      const steps = 4 + 3 * number;
+      const across = number % 2 ? Math.floor(share * steps) / steps : share;
+      const y = 0.5 + 0.25 * Math.sin(2 * Math.PI * (across + number / 4));
+      context.fillStyle = "#d9d9d9";
+      context.fillRect(0, 0, DOT_PX, DOT_PX);
+      context.fillStyle = "#0f6d8c";
+      context.beginPath();
+      context.arc((0.12 + 0.76 * across) * DOT_PX, y * DOT_PX, 0.07 * DOT_PX, 0, 2 * Math.PI);
+      context.fill();
+    }
+
+    function stop() {
+      began = null;
+      canvas.dispatchEvent(new Event("pause"));
+    }
+
+    function go() {
+      if (began === null) return;
+      const share = (performance.now() - began) / (1000 * DOT_S);
+      draw(Math.min(share, 1));
+      if (share < 1) requestAnimationFrame(go);
+      else {
+        stop();
+        canvas.dispatchEvent(new Event("ended"));
+      }
+    }
+
+    Object.defineProperties(canvas, {
+      paused: { get: () => began === null },
+      currentTime: { get: () => 0, set: () => draw(0) },
+    });
+    canvas.pause = () => began !== null && stop();
+    canvas.play = async () => {
+      began = performance.now();
+      canvas.dispatchEvent(new Event("play"));
+      requestAnimationFrame(go);
+    };
+    draw(0);
+    return canvas;
   }
 
   // ---------------------------------------------------------------- questions
@@ -668,9 +753,9 @@
 
   function showFinish() {
     const text = words.finish;
-    const message = make("p", { role: "status" }, state.sent ? text.sent : study.postTo ? text.post : text.file);
-    const download = button(words.buttons.download, saveFile, { className: study.postTo ? "" : "main" });
-    const send = study.postTo && !state.sent
+    const message = make("p", { role: "status" }, state.sent ? text.sent : postTo ? text.post : text.file);
+    const download = button(words.buttons.download, saveFile, { className: postTo ? "" : "main" });
+    const send = postTo && !state.sent
       ? button(words.buttons.send, () => sendAnswers(message, send), { className: "main" }) : null;
     sheet(
       text.heading,
@@ -685,7 +770,7 @@
 
   function saveFile() {
     const content = new Blob([JSON.stringify(answersFile(), null, 1)], { type: "application/json" });
-    const link = make("a", { download: `answers-${study.study}-${state.participant}.json` });
+    const link = make("a", { download: `${isPreview ? "preview" : "answers"}-${study.study}-${state.participant}.json` });
     link.href = URL.createObjectURL(content);
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 10000);
@@ -734,7 +819,7 @@
 
   async function post() {
     try {
-      const reply = await fetch(study.postTo, {
+      const reply = await fetch(postTo, {
         method: "POST",
         headers: { "Content-Type": "application/json" },
         body: JSON.stringify(answersFile()),
@@ -761,6 +846,7 @@
     if (onKey(event)) event.preventDefault();
   });
 
+  if (isPreview) document.body.prepend(make("p", { className: "preview", role: "note" }, words.preview.text));
   if (asked !== null && !(/^\d{1,6}$/.test(asked) && Number(asked) < study.lists.length)) {
     show(null, problem(fill(words.problems.list, { list: asked, last: study.lists.length - 1 })));
   } else {

@@ -56,6 +56,7 @@ def test_every_field_of_the_form_reaches_the_run() -> None:
         size=640,
         display=Display(exaggeration=5, has_trail=True, coloring="jerk"),
         has_previews=True,
+        has_posters=True,
     )
     assert row_names(request) == (
         *("globaldiff/local", "globaldiff/local.s2"),

@@ -8,6 +8,7 @@ from app.config import AppConfig
 from app.errors import RunError
 from app.live.desk import LiveDesk
 from app.live.session import LiveAsk
+from app.page.results.kept_runs import KeptRuns
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.page.tabs.generate import FormParts, build_results
@@ -42,6 +43,7 @@ def runner(live: LiveDesk, weights: Path, tmp_path: Path) -> LiveRunner:
         MediaDesk(),
         form,
         results,
+        KeptRuns(60.0),
         live,  # type: ignore
     )
 

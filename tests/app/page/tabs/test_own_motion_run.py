@@ -17,12 +17,15 @@ from app.page.serving.media import MediaDesk
 from app.page.serving.workshop import Workshop
 from app.page.tabs.own_motion import build_own_motion_tab, build_results
 from app.page.tabs.own_motion_run import MAX_NAME, OwnMotionForm, OwnMotionRunner, display_names
+from app.page.tabs.upload_check import UploadCheck
 from app.run.diagnose import DiagnoseRequest, Diagnosis, OnShare
 from app.run.pictures.own_videos import OnFile
+from app.run.upload_check import refusal_of
 from tests.app.fakes import measures
 from tests.app.measured import diagnostics_of
 
 CONFIG = AppConfig()
+CHECK = UploadCheck(refusal_of, 60.0)
 VISITOR = SimpleNamespace(session_hash="visitor", cookies={})
 
 
@@ -148,5 +151,7 @@ def test_cancel_is_answered_at_once_and_nothing_of_the_run_is_shown(tmp_path: Pa
 
 def test_the_tab_is_built_with_its_endpoint(tmp_path: Path) -> None:
     with gr.Blocks() as page:
-        build_own_motion_tab(page, CONFIG, JobBook(tmp_path), MediaDesk(), Workshop().diagnose)
+        build_own_motion_tab(
+            page, CONFIG, JobBook(tmp_path), MediaDesk(), Workshop().diagnose, CHECK
+        )
     assert "own_motion" in {each.api_name for each in page.fns.values()}

@@ -10,6 +10,7 @@ import pytest
 
 from app import text
 from app.config import AppConfig
+from app.page.results.study_preview import PreviewDesk
 from app.page.serving.jobs import JobBook
 from app.page.serving.researcher_part import Handover
 from app.page.serving.visitors import COOKIE
@@ -22,10 +23,12 @@ VISITOR = SimpleNamespace(session_hash="visitor", cookies={COOKIE: "cookie"})
 @pytest.fixture
 def runner(tmp_path: Path) -> StudyRunner:
     with gr.Blocks():
-        parts = StudyParts(gr.HTML(), gr.DownloadButton(), gr.DownloadButton(), gr.HTML())
+        parts = StudyParts(
+            gr.HTML(), gr.HTML(), gr.HTML(), gr.DownloadButton(), gr.DownloadButton()
+        )
     handover = Handover(tmp_path / "private")
     jobs = JobBook(tmp_path / "jobs")
-    return StudyRunner(Workshop().export_study, AppConfig(), jobs, handover, parts)
+    return StudyRunner(Workshop().export_study, AppConfig(), jobs, handover, PreviewDesk(), parts)
 
 
 def click(runner: StudyRunner, speech: Path, visitor: Any = VISITOR) -> Iterator[str]:

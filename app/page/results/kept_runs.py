@@ -1,0 +1,106 @@
+"""Runs that have ended, each behind a link that opens it again for as long as its files are kept.
+
+The link holds 256 random bits. Whoever has it sees the run; a browser's own runs are listed for it
+alone, by the page's cookie.
+"""
+
+from __future__ import annotations
+
+import secrets
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from app import text
+from app.page.serving.visitors import is_same
+
+PARAMETER = "run"
+"""Of the page's address."""
+_TOKEN_BYTES = 32
+
+OpenFor = Callable[[str, Any], dict[Any, Any]]
+"""The cookie of a browser, and the parts of its page, to what these show from now on."""
+
+
+@dataclass(frozen=True)
+class KeptRun:
+    """One run that can be opened again."""
+
+    token: str
+    folder: Path
+    """Of its job; the link is as good as this is there."""
+    cookie: str
+    """Of the browser that asked for it; empty for one that keeps none."""
+    title: str
+    open_for: OpenFor
+    ended: float = field(default_factory=time.time)
+
+    @property
+    def address(self) -> str:
+        """Relative to the page."""
+        return f"?{PARAMETER}={self.token}"
+
+
+class KeptRuns:
+    """All runs that can be opened again. Safe to use from several threads."""
+
+    def __init__(self, keep_s: float) -> None:
+        """
+        Args:
+            keep_s: for as long files are kept; only to be told.
+        """
+        self._keep_s = keep_s
+        self._runs: dict[str, KeptRun] = {}
+        self._lock = threading.Lock()
+
+    def keep(self, folder: Path, cookie: str, title: str, open_for: OpenFor) -> KeptRun:
+        run = KeptRun(secrets.token_urlsafe(_TOKEN_BYTES), folder, cookie, title, open_for)
+        with self._lock:
+            for token in [token for token, one in self._runs.items() if not one.folder.is_dir()]:
+                del self._runs[token]
+            self._runs[run.token] = run
+        return run
+
+    def find(self, token: str) -> KeptRun | None:
+        """None of a token that is none, or whose files are gone."""
+        with self._lock:
+            run = self._runs.get(token)
+        return run if run is not None and run.folder.is_dir() else None
+
+    def of(self, cookie: str) -> list[KeptRun]:
+        """A browser's own, the newest first."""
+        with self._lock:
+            runs = list(self._runs.values())
+        mine = [run for run in runs if is_same(run.cookie, cookie) and run.folder.is_dir()]
+        return sorted(mine, key=lambda run: run.ended, reverse=True)
+
+    def html(self, cookie: str, shown: KeptRun | None = None) -> str:
+        """The link of the run that is shown, and the list of the browser's own; empty without any.
+
+        app/page/web/runs.js copies the link and writes times as the browser's clock has them.
+        """
+        link = ""
+        if shown is not None:
+            minutes = max(1, round((shown.ended + self._keep_s - time.time()) / 60))
+            link = (
+                f'<p class="link"><a href="{escape(shown.address)}">{text.RUN_LINK}</a>'
+                f'<button type="button">{text.COPY_LINK}</button>'
+                f"<span>{text.RUN_KEPT.format(minutes=minutes)}</span></p>"
+            )
+        items = "".join(_item(run, run == shown) for run in self.of(cookie))
+        if not link and not items:
+            return ""
+        listed = f"<details><summary>{text.YOUR_RUNS}</summary><ol>{items}</ol></details>"
+        return f'<div class="runs">{link}{listed if items else ""}</div>'
+
+
+def _item(run: KeptRun, is_shown: bool) -> str:
+    here = ' aria-current="page"' if is_shown else ""
+    return (
+        f'<li><time data-at="{run.ended:.0f}"></time>'
+        f'<a href="{escape(run.address)}"{here}>{escape(run.title)}</a></li>'
+    )

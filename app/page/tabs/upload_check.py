@@ -1,0 +1,47 @@
+"""Uploads read as soon as they have come: what no run could use is refused under its field."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import gradio as gr
+
+from app.errors import RunError, visitor_sentence
+from app.page.parts import markup
+from app.page.parts.html_parts import shown
+from app.run.upload_check import UploadKind
+
+log = logging.getLogger(__name__)
+Refuse = Callable[[UploadKind, Sequence[Path], float], str]
+"""As `app.run.upload_check.refusal_of`, in a process of its own."""
+
+
+class UploadCheck:
+    """Watches the fields of a page."""
+
+    def __init__(self, refuse: Refuse, max_speech_s: float) -> None:
+        self._refuse = refuse
+        self._max_speech_s = max_speech_s
+
+    def watch(self, field: gr.Audio | gr.File, kind: UploadKind) -> None:
+        """Say under a field why what was put there cannot be used; called right after the field."""
+        name = f"{field.elem_id}-refusal" if field.elem_id else None
+        refusal = gr.HTML("", visible=False, elem_id=name)
+        field.change(
+            lambda value: self._told(kind, value), field, refusal,
+            api_visibility="private", show_progress="hidden", concurrency_limit=4,
+        )  # fmt: skip
+
+    def _told(self, kind: UploadKind, value: str | list[str] | None) -> Any:
+        paths = [Path(path) for path in ([value] if isinstance(value, str) else value or ())]
+        try:
+            sentence = self._refuse(kind, paths, self._max_speech_s) if paths else ""
+        except Exception as error:  # of the checking, which took too long or failed itself
+            log.warning("an upload could not be checked: %s", error)
+            sentence = ""
+        if sentence:
+            sentence = visitor_sentence(RunError(sentence))
+        return shown(markup.refusal(sentence))

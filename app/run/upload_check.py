@@ -1,0 +1,46 @@
+"""A file held against what a run will want of it, before anyone asks for the run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+from app.errors import sentence_of
+
+UploadKind = Literal["speech", "reference", "motion", "transcript"]
+"""What a file is meant to be: a reference is a BEAT2 npz, a motion any file that can be read."""
+
+
+def refusal_of(kind: UploadKind, paths: Sequence[Path], max_speech_s: float) -> str:
+    """Why the first of these files that cannot be used cannot be, in one sentence; empty where all
+    can."""
+    for path in paths:
+        try:
+            _read(kind, path, max_speech_s)
+        except Exception as error:
+            sentence = sentence_of(error)
+            if sentence is None:
+                raise
+            return sentence
+    return ""
+
+
+def _read(kind: UploadKind, path: Path, max_speech_s: float) -> None:
+    match kind:
+        case "speech":
+            from model.speech.audio import SpeechLimits, load_speech
+
+            load_speech(path, SpeechLimits(max_s=max_speech_s))
+        case "reference":
+            from model.motion.motion import load_motion
+
+            load_motion(path)
+        case "motion":
+            from model.formats.read import read_any_motion
+
+            read_any_motion(path)
+        case "transcript":
+            from model.speech.transcript import read_words
+
+            read_words(path)

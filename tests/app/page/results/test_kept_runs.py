@@ -1,0 +1,38 @@
+"""Runs behind links: found by their token for as long as their files are there, listed for one."""
+
+import shutil
+from pathlib import Path
+
+from app.page.results.kept_runs import KeptRun, KeptRuns
+
+HOUR_S = 3600.0
+
+
+def kept(runs: KeptRuns, folder: Path, cookie: str, title: str = "a < b") -> KeptRun:
+    folder.mkdir(exist_ok=True)
+    return runs.keep(folder, cookie, title, lambda cookie, parts: {})
+
+
+def test_a_run_is_found_by_its_token_until_its_files_are_gone(tmp_path: Path) -> None:
+    runs = KeptRuns(HOUR_S)
+    first, second = (kept(runs, tmp_path / name, "mine") for name in "ab")
+    assert first.token != second.token and len(first.token) >= 43  # 256 bits
+    assert runs.find(first.token) == first
+    assert runs.find("") is None and runs.find(first.token[:-1]) is None
+    shutil.rmtree(first.folder)
+    assert runs.find(first.token) is None
+    assert runs.of("mine") == [second]
+
+
+def test_a_browser_is_told_of_its_own_runs_alone(tmp_path: Path) -> None:
+    runs = KeptRuns(HOUR_S)
+    mine, yours, nobodys = (
+        kept(runs, tmp_path / name, cookie)
+        for name, cookie in (("a", "mine"), ("b", "yours"), ("c", ""))
+    )
+    assert runs.of("mine") == [mine] and runs.of("") == []
+    told = runs.html("mine", mine)
+    assert mine.token in told and "a &lt; b" in told and "60 minutes" in told
+    assert yours.token not in told and nobodys.token not in told
+    assert nobodys.token in runs.html("", nobodys)  # its own link, and no list
+    assert runs.html("of a stranger") == ""

@@ -1,0 +1,134 @@
+"""A visitor's whole way through the page at three widths, over a pipeline that draws at once.
+
+Motion of one's own and the way from a study to its report have tests of their own
+(`test_own_motion`, `test_study_tab`), over the real pipeline.
+"""
+
+import json
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Literal
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from app import text
+from app.config import EXAMPLES, AppConfig
+from app.page.results.first_look_shown import EXAMPLE
+from app.page.tabs import own_motion
+from app.run.first_look import FACTS, STEADY, TREMBLING, first_look
+from app.run.request import GenerateRequest
+from model.motion.motion import load_motion, save_motion
+from model.systems.globaldiff.config import BEST
+from tests.app import fakes
+from tests.browser.conftest import PATIENCE_MS, served
+from tests.model.made import TINY_BEST, TINY_SYSTEMS, make_weights
+
+pytestmark = pytest.mark.browser
+
+LOOK_S = 2.0
+Walk = tuple[str, list[GenerateRequest]]
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Walk]:
+    """The address of a page whose example has been made, and what it has been asked for."""
+    weights = make_weights(tmp_path_factory.mktemp("weights"), {**TINY_SYSTEMS, BEST: TINY_BEST})
+    folder = tmp_path_factory.mktemp("walk")
+    config = AppConfig(port=0, weights=weights, temp=folder / "page", kept=folder / "kept")
+    look = first_look(config.kept, weights, BEST, EXAMPLES / f"{EXAMPLE}.wav")
+    look.folder.mkdir(parents=True)
+    motion = load_motion(EXAMPLES / "a_procedural_speaker.npz").part(slice(round(30 * LOOK_S)))
+    for name in (STEADY, TREMBLING):
+        save_motion(motion, look.folder / f"{name}.npz")
+        fakes.write_video(look.folder / f"{name}.mp4", LOOK_S)
+    facts = {"jerk_m_s3": {STEADY: 100, TREMBLING: 2000}, "noise_rad": 0.012, "provenance": {}}
+    (look.folder / FACTS).write_text(json.dumps(facts))
+    asked: list[GenerateRequest] = []
+    generate = fakes.make_generate(on_start=asked.append, seconds=3.0)
+    with served(config, is_warmed_up=True, generate=generate) as address:
+        yield address, asked
+    shutil.rmtree(look.folder)
+
+
+def example_of(page: Page, address: str) -> None:
+    """Open the page until its example is there: right after a start it may still be read."""
+    for _ in range(30):
+        page.goto(address)
+        page.get_by_role("button", name=text.GENERATE).wait_for()
+        page.wait_for_timeout(1_000)
+        if page.locator(".first-look").count():
+            return
+    pytest.fail("the example did not come")
+
+
+def within(page: Page, selector: str, height: int) -> bool:
+    """Whether all of an element is in the window, not scrolled."""
+    box = page.locator(selector).first.bounding_box()
+    return box is not None and box["y"] >= 0 and box["y"] + box["height"] <= height
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "scheme"),
+    [(390, 844, "light"), (1280, 900, "dark"), (1600, 1000, "light")],
+)
+def test_a_visitor_walks_from_the_example_to_a_link_for_somebody_else(
+    browser: Browser,
+    walk: Walk,
+    tmp_path: Path,
+    width: int,
+    height: int,
+    scheme: Literal["light", "dark"],
+) -> None:
+    address, asked = walk
+    context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme)
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    page.on("pageerror", lambda error: pytest.fail(str(error)))
+
+    # The example moves, and all of its picture is in the first window, the hands below the body.
+    example_of(page, address)
+    expect(page.get_by_role("heading", name=text.LOOK_QUESTION)).to_be_visible()
+    page.wait_for_function("() => document.querySelector('#player video')?.currentTime > 0.3")
+    assert within(page, "#player .picture", height)
+    page.get_by_text(text.LOOK_SHOW).click()
+    expect(page.locator(".first-look details")).to_contain_text("2,000")
+
+    # Speech of one's own, tremble made large; the page goes to what the click began.
+    page.set_input_files("#speech input[type=file]", str(EXAMPLES / f"{EXAMPLE}.wav"))
+    page.locator("#speech").get_by_label("Play", exact=True).first.wait_for()
+    page.locator("#exaggerate").get_by_text("x5", exact=True).click()
+    page.get_by_role("button", name=text.GENERATE).click()
+    page.locator("#bundle").wait_for()
+    expect(page.locator("#status [role=status]")).to_be_in_viewport()
+    assert asked[-1].display.exaggeration == 5
+    expect(page.locator("#player video")).to_have_count(len(asked[-1].systems))
+
+    # Worst second, close-up, ghost.
+    bar = page.locator("#player .controls")
+    bar.get_by_role("button", name="Worst second", exact=True).click()
+    expect(bar.locator(".worst-line")).to_contain_text(re.compile(r"1 of \d"))
+    bar.get_by_role("button", name="Face", exact=True).click()
+    bar.get_by_role("button", name="Ghost", exact=True).click()
+    expect(page.locator("#player .tile:visible")).to_have_count(2)
+    expect(page.locator("#player .ghost-legend")).to_contain_text("globaldiff/local alone")
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+    # The link, in a second browser that shares nothing with the first.
+    href = page.locator("#runs .link a").evaluate("link => link.href")
+    other = browser.new_context(viewport={"width": width, "height": height}).new_page()
+    other.set_default_timeout(PATIENCE_MS)
+    other.goto(href)
+    other.locator("#player .lane canvas").first.wait_for()
+    expect(other.locator("#player video")).to_have_count(len(asked[-1].systems))
+    expect(other.locator("#empty")).not_to_be_visible()
+    other.context.close()
+
+    # The other tabs fit the window.
+    for tab in (own_motion.TAB, text.LADDER_TAB, text.STUDY_TAB):
+        page.get_by_role("tab", name=tab, exact=True).click()
+        page.wait_for_timeout(200)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width, tab
+    context.close()
