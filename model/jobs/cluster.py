@@ -27,7 +27,7 @@ def do_by_cluster(
         from distributed import Client, as_completed
     except ImportError as error:
         raise JobsError(
-            "A scheduler needs Dask: pip install -r requirements-cluster.txt."
+            "A scheduler needs Dask: pip install --no-deps -r locks/cluster.txt."
         ) from error
     is_file = Path(scheduler).is_file()
     try:
