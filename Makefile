@@ -20,7 +20,7 @@ BIN := .venv/bin
 	@.ci/venv run
 	@touch $@
 
-.venv/.test-ready: locks/test.txt .ci/venv .ci/system-packages
+.venv/.test-ready: locks/test.txt locks/cluster.txt .ci/venv .ci/system-packages
 	@.ci/system-packages test
 	@.ci/venv test
 	@touch $@

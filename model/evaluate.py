@@ -3,46 +3,47 @@
 Three questions, each with a bootstrap interval over clips: how does generated motion move beside
 the recorded motion of the same clips, how near is its distribution, and does the right speech help
 more than the wrong one? Clips of the test split, of speakers the weights know. Writes
-``evaluation.json``, ``.md``, ``.csv`` and ``.tex``. Under torchrun the clips are shared out.
+``evaluation.json``, ``.md``, ``.csv`` and ``.tex``. Clips are shared out over processes or a Dask
+cluster; each one's numbers are kept in ``clips``, and the same command goes on with the rest.
 """
 
 import argparse
+import hashlib
 import json
 import logging
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
+from functools import cache, partial
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 import torch
-from jaxtyping import Float
 from tqdm import tqdm
 
-from model.data.recordings import DataError, read_files, read_split, speaker_of
+from model.data.recordings import DataError, fingerprint, read_split
 from model.evaluation import frechet, tables
 from model.evaluation.clip_measures import rooted_positions
-from model.evaluation.clips import RECORDED, ClipContext, ClipRow, as_table
-from model.evaluation.speech_response import speech_tracks
+from model.evaluation.clips import as_table
+from model.evaluation.kept import load_rows
+from model.evaluation.one_clip import Cast, OneClip, read_recording, speaker_in
 from model.generation.base import System
-from model.generation.clip_noise import clip_seed
 from model.generation.family import UnknownNameError
-from model.generation.windows import GenerateOptions, generate_motion
+from model.jobs.crew import Crew, Job, JobsError
 from model.measures import beats
-from model.motion.motion import Motion, MotionError, first_frames
+from model.motion.motion import Motion, MotionError
 from model.networks.autoencoder import FrozenEncoder, load_encoder
-from model.speech.audio import Speech, SpeechError
-from model.speech.encoder import SpeechEncoder
+from model.speech.audio import SpeechError
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from model.storage.files import written_atomically
 from model.systems.registry import list_systems, load_system
-from model.training.parallel import WHOLE, Shard, joined_processes
 
 log = logging.getLogger(__name__)
 
 BATCH_WINDOWS = 64
+ALONE = Crew(1)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -55,28 +56,30 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seeds", type=int, default=2, help="noise seeds for each clip")
     parser.add_argument("--guidance", type=float, default=1.0, help="strength of the speech")
     parser.add_argument("--clips", type=int, help="only the first so many clips")
-    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--processes", type=int, help="on this machine (default: all cores)")
+    parser.add_argument("--scheduler", help="a Dask scheduler, such as tcp://head:8786")
     args = parser.parse_args(arguments)
-    torch.set_num_threads(args.threads)
+    torch.set_num_threads(1)
     names = list_systems(args.weights) if args.systems == "all" else args.systems.split(",")
     try:
-        systems = [load_system(name, args.weights) for name in names]
-        judges = {
-            measure: load_encoder(args.weights, encoder)
-            for measure, encoder in frechet.ENCODERS.items()
-            if (args.weights / f"{encoder}.safetensors").is_file()
-        }
-        clips = test_clips(args.data, systems)[: args.clips]
-        with joined_processes() as shard:
-            table = evaluate(args.data, clips, systems, args.seeds, judges=judges, shard=shard,
-                             guidance=args.guidance)  # fmt: skip
-            if shard.is_first:
-                write(table, args.out)
-    except (DataError, CheckpointError, UnknownNameError, OSError, ValueError) as error:
+        cast = _load(tuple(names), args.weights.absolute())
+        clips = test_clips(args.data, cast.systems)[: args.clips]
+        table = evaluate(
+            args.data.absolute(),
+            clips,
+            cast.systems,
+            args.seeds,
+            judges=cast.judges,
+            guidance=args.guidance,
+            crew=Crew(args.processes, args.scheduler),
+            kept=args.out / "clips",
+            again=partial(_load, tuple(names), args.weights.absolute()),
+        )
+        write(table, args.out)
+    except (JobsError, CheckpointError, UnknownNameError, OSError, ValueError) as error:
         sys.stderr.write(f"{error}\n")
         return 1
-    if shard.is_first:
-        sys.stdout.write(tables.as_markdown(table))
+    sys.stdout.write(tables.as_markdown(table))
     return 0
 
 
@@ -102,7 +105,7 @@ def test_clips(folder: Path, systems: Sequence[System]) -> list[str]:
     """
     known = set.intersection(*(set(system.speakers) for system in systems))
     names = [name for name, kind in sorted(read_split(folder).items()) if kind == "test"]
-    names = [name for name in names if _speaker(name) in known]
+    names = [name for name in names if speaker_in(name) in known]
     if not names:
         raise DataError(f"{folder} has no test clip of a speaker that the systems know.")
     return names
@@ -116,7 +119,9 @@ def evaluate(
     *,
     judges: Mapping[str, FrozenEncoder] = MappingProxyType({}),
     guidance: float = 1.0,
-    shard: Shard = WHOLE,
+    crew: Crew = ALONE,
+    kept: Path | None = None,
+    again: Callable[[], Cast] | None = None,
     batch_windows: int = BATCH_WINDOWS,
 ) -> dict:
     """The table, with the row ``recorded`` for the clips' own motion; `as_table` lists its parts.
@@ -125,102 +130,101 @@ def evaluate(
     Args:
         judges: encoders by distance, see `frechet.ENCODERS`; a distance without one is left out,
             and ``left_out`` of the table says so.
+        crew: who measures the clips.
+        kept: where the numbers of each clip stay; those of the same recordings, weights and
+            options are taken from there. None keeps nothing.
+        again: gives systems and judges once more, in another process; None sends them there.
         batch_windows: windows asked at once; changes the speed and nothing else.
 
     Raises:
         DataError: if fewer than two clips can be used.
+        JobsError: if those who measure are lost.
     """
-    recordings = _read(folder, clips, systems)
-    names = list(recordings)
-    mean_speed = np.mean(
-        [
-            beats.joint_speeds(rooted_positions(motion)[:, beats.BEAT_JOINTS]).mean(0)
-            for motion in (recording.motion for recording in recordings.values())
-        ],
-        axis=0,
+    cast = Cast(tuple(systems), dict(judges))
+    motions = _usable(folder, clips, cast)
+    names = list(motions)
+    speeds = [
+        beats.joint_speeds(rooted_positions(motion)[:, beats.BEAT_JOINTS]).mean(0)
+        for motion in motions.values()
+    ]
+    one = OneClip(
+        folder=folder,
+        cast=again or partial(Cast, cast.systems, cast.judges),
+        seeds=seeds,
+        guidance=guidance,
+        batch_windows=batch_windows,
+        mean_speed=np.mean(speeds, axis=0),
     )
-    found: dict[str, dict[str, ClipRow]] = {}
-    share = [k for k in range(len(names)) if k % shard.count == shard.rank]
-    for k in tqdm(share, desc="clips", unit="clip", disable=not shard.is_first):
-        name, other = names[k], names[(k + 1) % len(names)]
-        mine, foreign = recordings[name], recordings[other]
-        motion = mine.motion
-        context = ClipContext(
-            motion, mine.speech.waveform, foreign.speech.waveform, mean_speed, judges
-        )
-        rows = {RECORDED: context.row([motion])}
-        for system in systems:
-            options = GenerateOptions(
-                speaker=_speaker(name),
-                seed=clip_seed(0, name),
-                samples=seeds,
-                guidance=guidance if system.takes_guidance else 1.0,
-            )
-            prediction = system.predict_with(
-                motion,
-                speech_tracks(mine.features(system.encoder), foreign.features(system.encoder)),
-                system.speaker_index(_speaker(name)),
-                batch_windows,
-            )
-            rows[system.name] = context.row(
-                generate_motion(system, mine.speech, options), prediction
-            )
-        found[name] = rows
-    gathered = {name: rows for part in shard.gather(found) for name, rows in part.items()}
-    table = as_table([gathered[name] for name in names], [_speaker(name) for name in names])
-    motions = [recording.motion for recording in recordings.values()]
+    stamp = _stamp(folder, names, cast, seeds, guidance)
+    with nullcontext(kept) if kept else tempfile.TemporaryDirectory() as place:
+        files = {name: (Path(place) / f"{name}-{stamp}.npz").absolute() for name in names}
+        Path(place).mkdir(parents=True, exist_ok=True)
+        jobs = [
+            Job(name, files[name].is_file, partial(one.measure, name, other, files[name]))
+            for name, other in zip(names, [*names[1:], names[0]], strict=True)
+        ]
+        todo = sum(not job.is_done() for job in jobs)
+        with tqdm(total=todo, desc="clips", unit="clip") as bar:
+
+            def on_done(name: str) -> None:
+                bar.update()
+
+            for error in crew.do_all(jobs, on_done).values():
+                raise error
+        rows = [load_rows(files[name]) for name in names]
+    table = as_table(rows, [speaker_in(name) for name in names])
     return {
         "clips": names,
         "noise_seeds": seeds,
         "guidance": guidance,
         **table,
-        "left_out": frechet.left_out(judges, motions),
+        "left_out": frechet.left_out(judges, motions.values()),
     }
 
 
-@dataclass(frozen=True)
-class Recording:
-    """A test clip: its motion, its speech, and what each encoder hears in it."""
-
-    motion: Motion
-    speech: Speech
-
-    def features(self, encoder: SpeechEncoder) -> Float[np.ndarray, "T dim"]:
-        """The speech of the motion's frames; encoded once for all systems with that encoder."""
-        if encoder.name not in self._heard:
-            found = encoder.encode(self.speech.waveform, self.motion.num_frames)
-            self._heard[encoder.name] = found
-        return self._heard[encoder.name]
-
-    @cached_property
-    def _heard(self) -> dict[str, Float[np.ndarray, "T dim"]]:
-        return {}
+@cache
+def _load(names: tuple[str, ...], weights: Path) -> Cast:
+    """Once in each process."""
+    judges = {
+        measure: load_encoder(weights, encoder)
+        for measure, encoder in frechet.ENCODERS.items()
+        if (weights / f"{encoder}.safetensors").is_file()
+    }
+    return Cast(tuple(load_system(name, weights) for name in names), judges)
 
 
-def _read(folder: Path, clips: Sequence[str], systems: Sequence[System]) -> dict[str, Recording]:
-    """Recordings by name; what cannot be used is named in the log and counted."""
-    recordings = {}
-    window = max(system.windowing.frames for system in systems)
+def _stamp(folder: Path, names: Sequence[str], cast: Cast, seeds: int, guidance: float) -> str:
+    """Tells the numbers of these recordings, weights and options from all others."""
+    told = {
+        "recordings": fingerprint(folder, names),
+        "clips": list(names),
+        "systems": {system.name: dict(system.sha256s) for system in cast.systems},
+        "judges": {measure: judge.sha256 for measure, judge in cast.judges.items()},
+        "seeds": seeds,
+        "guidance": guidance,
+    }
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _usable(folder: Path, clips: Sequence[str], cast: Cast) -> dict[str, Motion]:
+    """Motions by name; what cannot be used is named in the log and counted."""
+    motions = {}
+    window = max(system.windowing.frames for system in cast.systems)
     for name in clips:
         try:
-            motion, speech = read_files(folder, name)
-            num_frames = min(motion.num_frames, speech.num_frames)
-            if num_frames < window:
-                raise DataError(f"{num_frames} frames, {window} needed.")
+            motion = read_recording(folder, name).motion
+            if motion.num_frames < window:
+                raise DataError(f"{motion.num_frames} frames, {window} needed.")
         except (DataError, MotionError, SpeechError) as error:
             log.warning("Skipped %s: %s", name, error)
         else:
-            recordings[name] = Recording(first_frames(motion, num_frames), speech)
-    if len(recordings) < 2:
+            motions[name] = motion
+    if len(motions) < 2:
         raise DataError(
-            f"{len(recordings)} of {len(clips)} test clips in {folder} can be used; at least 2 are "
+            f"{len(motions)} of {len(clips)} test clips in {folder} can be used; at least 2 are "
             "needed."
         )
-    return recordings
-
-
-def _speaker(clip_name: str) -> str:
-    return speaker_of(clip_name)[1]
+    return motions
 
 
 if __name__ == "__main__":

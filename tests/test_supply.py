@@ -29,7 +29,11 @@ def wanted(file: str) -> list[Requirement]:
 
 @pytest.mark.parametrize(
     ("lock", "files"),
-    [("run", ["requirements.txt"]), ("test", ["requirements.txt", "requirements-dev.txt"])],
+    [
+        ("run", ["requirements.txt"]),
+        ("test", ["requirements.txt", "requirements-dev.txt"]),
+        ("cluster", ["requirements-cluster.txt"]),
+    ],
 )
 def test_the_lock_holds_what_is_required(lock: str, files: list[str]) -> None:
     locked = pins(lock) | {"torch": pins("torch-cpu")["torch"].split("+")[0]}
@@ -37,6 +41,14 @@ def test_the_lock_holds_what_is_required(lock: str, files: list[str]) -> None:
         assert requirement.specifier.contains(locked[requirement.name.lower()]), (
             f"{requirement} is not {locked[requirement.name.lower()]}; run make lock"
         )
+
+
+def test_a_cluster_stands_beside_the_rest_in_one_environment() -> None:
+    others = pins("run") | pins("test")
+    cluster = pins("cluster")
+    assert {name: others[name] for name in cluster.keys() & others.keys()}.items() <= (
+        cluster.items()
+    )
 
 
 def test_every_file_of_torch_has_its_hash_and_its_own_source() -> None:

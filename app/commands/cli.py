@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from app import text
+from app.commands.many import add_crew, crew_of, generate_over_many
 from app.commands.mechanism import add_mechanism
 from app.commands.study import add_study
 from app.config import BUNDLED_WEIGHTS, default_body
@@ -85,9 +86,14 @@ def _add_generate(commands) -> None:
         "generate",
         help="speech to motion, videos, numbers and Figure 6",
         description="Generate motion of several systems for one piece of speech, with the same "
-        "noise, and compare them: npz, mp4, comparison.mp4, figure6, diagnostics, provenance.",
+        "noise, and compare them: npz, mp4, comparison.mp4, figure6, diagnostics, provenance. Of "
+        "many pieces each gets a folder of its own; started again, it goes on with what is not "
+        "done.",
     )
-    parser.add_argument("speech", type=Path, metavar="SPEECH", help="any sound file")
+    parser.add_argument(
+        "speech", type=Path, metavar="SPEECH",
+        help="any sound file; or many: a folder of them, or a .txt with one path a line",
+    )  # fmt: skip
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of results")
     parser.add_argument(
         "--systems", type=_names, default=(), metavar="A,B,...|all", help="default: all"
@@ -130,6 +136,7 @@ def _add_generate(commands) -> None:
     _add_close_up(parser, "hands")
     _add_display(parser)
     parser.add_argument("--no-video", action="store_true", help="no videos, figure without poses")
+    parser.add_argument("--no-figures", action="store_true", help="neither Figure 6 nor jitter")
     parser.add_argument(
         "--size", type=_size, default=512, metavar="PX", help="height of a body (default: 512)"
     )
@@ -142,12 +149,14 @@ def _add_generate(commands) -> None:
     parser.add_argument(
         "--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR", help="default: bundled"
     )
+    add_crew(parser)
     parser.set_defaults(command=_generate)
 
 
 def _generate(options: argparse.Namespace) -> None:
     from app.commands.terminal import ProgressBars
     from app.findings.verdict import verdict_of
+    from app.run.many.speeches import is_many
     from app.run.pipeline import generate_all
 
     request = GenerateRequest(
@@ -175,8 +184,12 @@ def _generate(options: argparse.Namespace) -> None:
         display=_display(options),
         size=options.size,
         has_video=not options.no_video,
+        has_figures=not options.no_figures,
         max_speech_s=60 * options.max_minutes,
     )
+    if is_many(options.speech):
+        generate_over_many(request, crew_of(options))
+        return
     with ProgressBars() as bars:
         result = generate_all(request, bars.take)
     verdict = verdict_of(result.diagnostics)
@@ -234,15 +247,21 @@ def _add_diagnose(commands) -> None:
         help="a video of each motion that figures show, with close-ups and trail, in register",
     )  # fmt: skip
     _add_body(parser)
+    add_crew(parser)
     parser.set_defaults(command=_diagnose)
 
 
 def _diagnose_folders(options: argparse.Namespace) -> None:
     from app.commands.terminal import ProgressBar
-    from app.run.many_clips import ManyRequest, diagnose_folders
+    from app.run.many.motions import ManyRequest, diagnose_folders
 
     request = ManyRequest(
-        tuple(options.motions), options.out, options.reference, options.fps, options.rotations
+        folders=tuple(options.motions),
+        out=options.out,
+        reference=options.reference,
+        fps=options.fps,
+        rotations=options.rotations,
+        crew=crew_of(options),
     )
     with ProgressBar("measure clips") as bar:
         result = diagnose_folders(request, bar.show)

@@ -6,6 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from app.commands.many import add_crew, crew_of
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import RunError
 
@@ -46,6 +47,7 @@ def _add_export(parts) -> None:
     parser.add_argument(
         "--workers", type=int, default=2, metavar="N", help="videos drawn at once (default: 2)"
     )
+    add_crew(parser)
     parser.set_defaults(command=_export)
 
 
@@ -56,13 +58,19 @@ def _export(options: argparse.Namespace) -> None:
 
     if options.workers < 1:
         raise RunError(f"--workers must be at least 1; got {options.workers}.")
-    plan = read_plan(options.plan)
+    plan = read_plan(options.plan.absolute())
+    is_shared = options.processes is not None or options.scheduler is not None
     try:
         with ProgressBar("draw the videos") as bar:
             workspace = export_study(
                 plan,
                 options.out,
-                ExportOptions(options.weights, options.body, options.workers),
+                ExportOptions(
+                    options.weights.absolute(),
+                    options.body and options.body.absolute(),
+                    options.workers,
+                    crew_of(options) if is_shared else None,
+                ),
                 on_progress=bar.show,
             )
     except KeyboardInterrupt:

@@ -115,9 +115,12 @@ def launch(
         OSError: if the port is taken.
     """
     config.temp.mkdir(mode=0o700, parents=True, exist_ok=True)
-    # Gradio reads both when it is imported or launched.
+    # Gradio reads them when it is imported or launched.
     os.environ["GRADIO_TEMP_DIR"] = str(config.cache_folder)
     os.environ["GRADIO_ANALYTICS_ENABLED"] = "False"
+    # Nobody reads its tables of past events, which it makes anew, of all of them, at every click.
+    os.environ["GRADIO_ANALYTICS_MAX_EVENTS"] = "1"
+    os.environ["GRADIO_ANALYTICS_CACHE_FREQUENCY"] = str(2**31)
 
     from app.live.desk import LiveDesk
     from app.page.page import build_app

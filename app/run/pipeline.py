@@ -106,7 +106,8 @@ def _run(request: GenerateRequest, folder: ResultFolder, reporter: Reporter) -> 
         snapshots = draw_all(request, inputs, rows, tip, folder, reporter)
         beside = joined_side_by_side(rows, inputs, folder, reporter)
     with beside:
-        _draw_figures(request, rows, snapshots, tip, diagnostics, folder, reporter)
+        if request.has_figures:
+            _draw_figures(request, rows, snapshots, tip, diagnostics, folder, reporter)
     _write_provenance(request, inputs, folder, reporter)
     return GenerateResult(
         out=request.out,

@@ -113,6 +113,7 @@ class GenerateRequest:
     display: Display = field(default_factory=Display)
     """What the videos show beyond the body as it moves."""
     has_video: bool = True
+    has_figures: bool = True
     has_previews: bool = False
     """Whether each motion is told of as a GLB too, to be shown while its video is drawn."""
     has_posters: bool = False

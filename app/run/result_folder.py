@@ -125,6 +125,13 @@ def require_free_space(folder: Path, needed_bytes: int) -> None:
         )
 
 
+def remove_unfinished(out: Path) -> None:
+    """Remove what a killed run left, where no other can be at work: of a process on another machine
+    nobody here knows whether it lives."""
+    for staging in out.glob(f"{_PREFIX}*"):
+        shutil.rmtree(staging, ignore_errors=True)
+
+
 def _remove_abandoned(out: Path) -> None:
     """Remove what a killed run left, unless its process still lives."""
     for staging in out.glob(f"{_PREFIX}*"):

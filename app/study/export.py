@@ -50,14 +50,17 @@ def export_study(
     options = options or ExportOptions()
     design = make_design(plan)
     sources = read_sources(plan)
-    workspace = Workspace(out)
+    workspace = Workspace(out.absolute() if options.crew else out)
     workspace.open(_fingerprint(plan, sources, options))
     blinding = _blinding(plan, design, workspace)
     maker = Maker(
         *(plan, workspace, blinding.videos, options.weights, options.body, should_cancel),
         *(draw, options.parallel),
     )
-    maker.make_all(sources, on_progress)
+    if options.crew is None:
+        maker.make_all(sources, on_progress)
+    else:
+        maker.make_shared(sources, options.crew, on_progress)
     key = make_key(plan, design, blinding, workspace.digests)
     write_page(plan, design, blinding, workspace)
     write_adapters(plan, design, blinding, workspace)

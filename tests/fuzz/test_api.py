@@ -1,6 +1,7 @@
 """Whatever types and values a program sends to the API: a sentence comes back."""
 
 import json
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from app.config import AppConfig
 from app.page.launch import launch
-from tests.fuzz.clock import run_by_the_clock
+from tests.fuzz.clock import FOR_EVER_S, SLOWEST_S, run_by_the_clock
 from tests.fuzz.damage import HUGE
 
 FORMS: dict[str, list[Any]] = {
@@ -43,7 +44,7 @@ SENT: st.SearchStrategy[Any] = st.one_of(
 def client(weights: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
     temp = tmp_path_factory.mktemp("page")
     page = launch(AppConfig(port=0, weights=weights, temp=temp), is_warmed_up=False)
-    with httpx.Client(base_url=page.local_url, timeout=20) as client:
+    with httpx.Client(base_url=page.local_url, timeout=FOR_EVER_S) as client:
         yield client
     page.close()
 
@@ -68,7 +69,9 @@ def test_wild_values(client: httpx.Client, name: str) -> None:
         values = list(form)
         for at, value in changes:
             values[at] = value
+        before = time.process_time()  # the page's too: its threads are of this process
         answer = answer_of(client, name, values)
+        assert time.process_time() - before < SLOWEST_S, "it took too long"
         assert not any(fault in answer for fault in PROGRAM_FAULTS), answer[:500]
         assert "/site-packages/" not in answer and "\x1b" not in answer, answer[:500]
 

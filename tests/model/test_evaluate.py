@@ -13,14 +13,14 @@ from model.evaluation.clips import ClipRow, as_table
 from model.evaluation.frechet import ENCODERS
 from model.evaluation.intervals import bootstrap, bootstrap_difference, bootstrap_ratio
 from model.evaluation.tables import as_csv, as_markdown
-from model.motion.motion import load_motion, save_motion
+from model.jobs.crew import Crew
+from model.motion.motion import first_frames, load_motion, save_motion
 from model.motion.packing import Normaliser
 from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
 from model.speech.features import MelEncoder
 from model.storage.checkpoint import save_weights
 from model.systems.autoencoders.config import JUDGES
 from model.systems.registry import load_system
-from model.training.parallel import Shard
 from tests.model.made import make_data_folder, make_weights
 
 ROW = ClipRow(
@@ -151,18 +151,27 @@ def test_numbers_do_not_depend_on_batches_nor_on_processes(folders, system):
     whole = evaluate(data, CLIPS, [system], 1)
     assert_close(whole, evaluate(data, CLIPS, [system], 1, batch_windows=1))
 
-    class TwoInTurn(Shard):
-        """The second process, which hands the table what the first one found."""
+    shared = evaluate(data, CLIPS, [system], 1, crew=Crew(2), judges=untrained_judges())
+    assert shared == evaluate(data, CLIPS, [system], 1, judges=untrained_judges())
 
-        def gather(self, value):
-            return [found.pop(), value] if found else kept.append(value) or [value] * 2
 
-    kept: list[dict] = []
-    found: list[dict] = []
-    with pytest.raises(KeyError):  # the first process has one clip of two
-        evaluate(data, CLIPS, [system], 1, shard=TwoInTurn(0, 2))
-    found.append(kept.pop())
-    assert_close(whole, evaluate(data, CLIPS, [system], 1, shard=TwoInTurn(1, 2)))
+def test_a_stopped_evaluation_goes_on_with_what_is_not_measured(folders, system, tmp_path):
+    data = shutil.copytree(folders[0], tmp_path / "data")
+    kept = tmp_path / "clips"
+    whole = evaluate(data, CLIPS, [system], 1, kept=kept)
+    files = sorted(kept.iterdir())
+    assert [path.name.rpartition("-")[0] for path in files] == CLIPS
+    times = [path.stat().st_mtime_ns for path in files]
+    files[0].unlink()
+    assert evaluate(data, CLIPS, [system], 1, kept=kept) == whole
+    after = [path.stat().st_mtime_ns for path in sorted(kept.iterdir())]
+    assert after[1] == times[1] and after[0] > times[0]
+    assert sorted(kept.iterdir()) == files
+    evaluate(data, CLIPS, [system], 2, kept=kept)  # other seeds, other numbers
+    assert len(list(kept.iterdir())) == 4
+    motion = load_motion(data / "smplxflame_30" / f"{CLIPS[0]}.npz")
+    save_motion(first_frames(motion, 200), data / "smplxflame_30" / f"{CLIPS[0]}.npz")
+    assert evaluate(data, CLIPS, [system], 1, kept=kept) != whole
 
 
 def assert_close(a, b) -> None:

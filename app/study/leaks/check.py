@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import re
+import zlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,12 +23,19 @@ from app.study.design.tells import order_tells, value_tells
 from app.study.design.trials import Stimulus
 from app.study.leaks.check_text import text_leaks
 from app.study.make import media
+from app.study.make.h264 import num_picture_bytes
 from app.study.make.mp4 import Mp4, read_mp4
 from app.study.make.participant_page import DATA, DATA_START, INDEX, SCRIPT, STYLE
 from app.study.make.workspace import Workspace, sha256
 
 MAX_SIZE_SPREAD = 0.02
 """Of file sizes and bit rates within a scene."""
+MAX_PACKED_SPREAD = 0.001
+"""Of the sizes that videos of a scene have once compressed by zlib, beyond `PACKED_CHANCE`."""
+PACKED_CHANCE = 64
+"""Bytes by which compressed sizes of equally filled videos differ by chance."""
+MAX_FILLING_SPREAD = 0.1
+"""Of the bytes of the pictures alone, without what fills them up."""
 MAX_LOUDNESS_ERROR = 1.0
 """LU around -23 LUFS, after AAC."""
 _MAX_FIRST_SHARE_ERROR = 0.1
@@ -181,6 +189,34 @@ def _picture_bit_rate(file: Mp4) -> float:
     return track.num_bytes / track.duration
 
 
+def _streams(study: Study) -> Iterator[str]:
+    """What lies below the file: how large each picture is, how much of it only fills it up, and
+    how well it can be compressed, which shows filling of another kind."""
+    own: dict[Stimulus, float] = {}
+    packed: dict[Stimulus, float] = {}
+    for stimulus, blind in study.stimuli.items():
+        stream = media.picture_stream(study.workspace.video(blind))
+        own[stimulus] = float(num_picture_bytes(stream))
+        packed[stimulus] = float(len(zlib.compress(stream)))
+    for scene in study.scenes:
+        tracks = [study.files[stimulus].track("vide") for stimulus in scene]
+        sizes = {track.sizes for track in tracks if track is not None}
+        if len(sizes) > 1:
+            yield f"packet sizes: the videos of clip {scene[0].clip!r} differ in them."
+        for what, values, allowed, chance in (
+            ("filling", own, MAX_FILLING_SPREAD, 0),
+            ("compressed size", packed, MAX_PACKED_SPREAD, PACKED_CHANCE),
+        ):
+            found = [values[stimulus] for stimulus in scene]
+            spread = (max(found) - min(found) - chance) / max(min(found), 1)
+            if spread > allowed:
+                yield (
+                    f"{what}: the videos of clip {scene[0].clip!r} differ by {100 * spread:.2g} %; "
+                    f"at most {100 * allowed:g} % is allowed."
+                )
+    yield from (f"{tell}." for tell in value_tells(own, "filling"))
+
+
 def _formats(study: Study) -> Iterator[str]:
     """Length, number of frames, picture size and codec settings are equal within a scene."""
     for scene in study.scenes:
@@ -256,4 +292,4 @@ def _clips(study: Study) -> tuple[str, ...]:
     return tuple(sorted({video.clip for video in study.key.videos.values()}))
 
 
-_CHECKS = (_names, _times, _metadata, _sizes, _formats, _sounds, _lists, _texts)
+_CHECKS = (_names, _times, _metadata, _sizes, _streams, _formats, _sounds, _lists, _texts)

@@ -1,9 +1,11 @@
 """Videos of a study that differ in what they show and in nothing else that can be measured.
 
 Picture: H.264 at a fixed rate, without B-frames, a key frame each second, no encoder's note, then
-filled up so that all videos of a scene have streams of exactly the same number of bytes (a fixed
-quality would make jittery motion the larger file). One thread: with more, x264's rate control gives
-other bytes each time. Sound: one AAC stream for each speech, copied into every file.
+filled up so that the n-th pictures of all videos of a scene have exactly the same number of bytes
+(a fixed quality would make jittery motion the larger file). A light grain, the same in every video,
+takes what bits a calm picture leaves, so that hardly anything has to be filled up. One thread: with
+more, x264's rate control gives other bytes each time. Sound: one AAC stream for each speech, copied
+into every file.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from app.errors import RunError
+from app.study.make.h264 import frames_of, joined
 from app.study.make.mp4 import blank_user_data
 from model.motion.timing import FPS
 from model.speech.audio import write_wav
@@ -32,18 +35,22 @@ SILENT_LUFS = -60.0
 
 BITS_PER_PIXEL = 0.2
 MIN_BIT_RATE = 100_000
+MAX_ENCODINGS = 4
+RATE_TOLERANCE = 0.004
+"""Of the rate that the encoder was asked for."""
+RATE_STEP = 0.01
+"""Between the rates of two videos of a scene, so that chance does not decide which is filled up
+more; see `app.study.make.scenes`."""
+_GRAIN = "noise=c0s=4:c0f=t:all_seed=7"
 
 LONG_AGO_S = 946_684_800
 """2000-01-01, the modification time of every file that participants get."""
 
 _BITEXACT = ("-map_metadata", "-1", "-map_chapters", "-1", "-fflags", "+bitexact",
              "-flags", "+bitexact")  # fmt: skip
-_X264 = "nal-hrd=cbr:force-cfr=1:colorprim=bt709:transfer=bt709:colormatrix=bt709"
+_X264 = "level=40:force-cfr=1:colorprim=bt709:transfer=bt709:colormatrix=bt709"
 _TICKS = 1_200_000 // FPS
 """Of one frame, in the time base of ffmpeg's reader of bare H.264; it rounds by itself."""
-_START_CODE = re.compile(rb"\x00{2,3}\x01")
-_FILLER_START = b"\x00\x00\x00\x01\x0c"
-_FILLER_END = b"\x80"
 _LEAST_BOX = 8
 
 
@@ -86,37 +93,43 @@ def bit_rate(size: int) -> int:
     return max(MIN_BIT_RATE, round(BITS_PER_PIXEL * size * size * FPS))
 
 
-def encode_picture(drawn: Path, out: Path, size: int) -> None:
-    """The picture of a video as a bare H.264 stream at the fixed rate."""
-    rate = bit_rate(size)
-    with written_atomically(out) as part:
-        _ffmpeg(
-            *("-threads", "1", "-i", str(drawn), "-map", "0:v:0", "-an"),
-            *("-c:v", "libx264", "-preset", "fast", "-threads", "1", "-pix_fmt", "yuv420p"),
-            *("-b:v", str(rate), "-minrate", str(rate), "-maxrate", str(rate)),
-            *("-bufsize", str(rate // 2), "-bf", "0", "-g", str(FPS), "-keyint_min", str(FPS)),
-            *("-sc_threshold", "0", "-x264-params", _X264),
-            *_BITEXACT,
-            # x264 writes its settings into the stream (NAL type 6); nobody needs them.
-            *("-bsf:v", "filter_units=remove_types=6", "-f", "h264", str(part)),
-        )
-        # In an mp4 each unit has four bytes of length, so count four for each here too.
-        units = _START_CODE.split(part.read_bytes())[1:]
-        part.write_bytes(b"".join(b"\x00\x00\x00\x01" + unit for unit in units))
+def encode_picture(drawn: Path, out: Path, size: int, share: float = 1.0) -> None:
+    """The picture of a video as a bare H.264 stream of the fixed rate, with a light grain.
+
+    Args:
+        share: of the rate, which is held as nearly as the encoder can.
+    """
+    wanted = share * bit_rate(size)
+    rate, best = wanted, None
+    with tempfile.TemporaryDirectory(dir=out.parent) as folder:
+        for number in range(MAX_ENCODINGS):
+            part = Path(folder) / f"{number}.h264"
+            frames = _encode(drawn, part, round(rate))
+            found = 8 * FPS * part.stat().st_size / frames
+            if best is None or abs(found - wanted) < abs(best[0] - wanted):
+                best = found, part
+            if abs(found - wanted) <= RATE_TOLERANCE * wanted:
+                break
+            rate *= wanted / found
+        assert best is not None
+        os.replace(best[1], out)
 
 
-def fill_alike(streams: Sequence[Path]) -> None:
-    """Append filler (NAL type 12, ignored by decoders) until all streams have the same length."""
-    sizes = {path: path.stat().st_size for path in streams}
-    least = len(_FILLER_START) + len(_FILLER_END)
-    target = max(sizes.values())
-    if any(0 < target - size < least for size in sizes.values()):
-        target += least
-    for path, size in sizes.items():
-        if size < target:
-            filler = _FILLER_START + b"\xff" * (target - size - least) + _FILLER_END
-            with written_atomically(path) as part:
-                part.write_bytes(path.read_bytes() + filler)
+def _encode(drawn: Path, out: Path, rate: int) -> int:
+    """Number of frames."""
+    _ffmpeg(
+        *("-threads", "1", "-filter_threads", "1", "-i", str(drawn), "-map", "0:v:0", "-an"),
+        *("-vf", _GRAIN, "-c:v", "libx264", "-preset", "fast", "-threads", "1"),
+        *("-pix_fmt", "yuv420p", "-b:v", str(rate), "-minrate", str(rate), "-maxrate", str(rate)),
+        *("-bufsize", str(rate // 2), "-bf", "0", "-g", str(FPS), "-keyint_min", str(FPS)),
+        *("-sc_threshold", "0", "-x264-params", _X264),
+        *_BITEXACT,
+        # x264 writes its settings into the stream (NAL type 6), and what fills a frame up (12).
+        *("-bsf:v", "filter_units=remove_types=6|12", "-f", "h264", str(out)),
+    )
+    frames = frames_of(out.read_bytes())
+    out.write_bytes(joined(frames))
+    return len(frames)
 
 
 def join(stream: Path, track: Path | None, out: Path) -> None:
@@ -157,6 +170,15 @@ def sound_digest(path: Path) -> str | None:
         if "matches no streams" in str(error):
             return None
         raise
+
+
+def picture_stream(path: Path) -> bytes:
+    """The picture of a video as a bare H.264 stream."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "picture.h264"
+        copy = ("-map", "0:v:0", "-c", "copy", "-bsf:v", "h264_mp4toannexb", "-f", "h264")
+        _ffmpeg("-i", str(path), *copy, str(out))
+        return out.read_bytes()
 
 
 class MediaError(RunError):

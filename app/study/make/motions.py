@@ -45,7 +45,7 @@ def read_sources(plan: Plan) -> tuple[Source, ...]:
     Raises:
         RunError, SpeechError, MotionError: with one sentence, before anything is made.
     """
-    sources = tuple(_read_source(plan, clip) for clip in plan.clips)
+    sources = tuple(read_source(plan, clip) for clip in plan.clips)
     first = sources[0]
     for source in sources if plan.protocol == "matched" else ():
         if source.num_frames != first.num_frames:
@@ -57,7 +57,8 @@ def read_sources(plan: Plan) -> tuple[Source, ...]:
     return sources
 
 
-def _read_source(plan: Plan, clip: Clip) -> Source:
+def read_source(plan: Plan, clip: Clip) -> Source:
+    """As `read_sources`, of one clip."""
     files: dict[str, str] = {}
     speech = None
     if clip.speech is not None:

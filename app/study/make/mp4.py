@@ -21,11 +21,19 @@ class Track:
     """``vide`` or ``soun``."""
     duration: float
     """Seconds."""
-    num_samples: int
-    num_bytes: int
-    """Of all samples: the stream itself, without the file around it."""
+    sizes: tuple[int, ...]
+    """Bytes of each sample: the stream itself, without the file around it."""
     description: bytes
     """The codec's settings (`stsd`), and how its samples are timed (`stts`, `elst`)."""
+
+    @property
+    def num_samples(self) -> int:
+        return len(self.sizes)
+
+    @property
+    def num_bytes(self) -> int:
+        """Of all samples."""
+        return sum(self.sizes)
 
 
 @dataclass(frozen=True)
@@ -107,12 +115,13 @@ def _tracks(boxes: list[tuple[bytes, bytes]]) -> Iterator[Track]:
         length = 8 if header[0] == 1 else 4
         units = int.from_bytes(header[at + 4 : at + 4 + length], "big")
         fixed, count = (int.from_bytes(sizes[i : i + 4], "big") for i in (4, 8))
+        if not fixed and len(sizes) < 12 + 4 * count:
+            raise ValueError(f"it names {count} samples and not their sizes")
         each = (int.from_bytes(sizes[12 + 4 * i : 16 + 4 * i], "big") for i in range(count))
         yield Track(
             handler=found[b"hdlr"][8:12].decode("latin-1"),
             duration=units / scale,
-            num_samples=count,
-            num_bytes=fixed * count if fixed else sum(each),
+            sizes=(fixed,) * count if fixed else tuple(each),
             description=_settings(found),
         )
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from app.config import BUNDLED_WEIGHTS
 from app.run.pictures.videos import PARALLEL_VIDEOS
+from model.jobs.crew import Crew
 
 
 @dataclass(frozen=True)
@@ -18,3 +19,5 @@ class ExportOptions:
     """A licensed SMPL-X npz; None is the open body."""
     parallel: int = PARALLEL_VIDEOS
     """Videos drawn at once."""
+    crew: Crew | None = None
+    """Who makes the clips, several at once; None makes one after the other, here."""

@@ -29,6 +29,8 @@ class Workspace:
         self.private = out / PRIVATE
         self.key = self.private / "key.json"
         self.work = self.private / "unfinished"
+        self.notes = self.private / "made"
+        """Of workers elsewhere, which the export has not heard of yet."""
         self._state = self.private / "state.json"
         self._videos: dict[str, str] = {}
         self._fingerprint = ""
@@ -99,7 +101,8 @@ class Workspace:
 
     def clean(self) -> None:
         """Remove what only the making needed."""
-        shutil.rmtree(self.work, ignore_errors=True)
+        for folder in (self.work, self.notes):
+            shutil.rmtree(folder, ignore_errors=True)
 
     def _read_state(self) -> None:
         try:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from gradio import http_server
+from gradio import Blocks, http_server
 from gradio_client import Client, handle_file
 from gradio_client.exceptions import AppError
 
@@ -49,12 +49,17 @@ def test_the_page_is_made_without_what_is_slow_to_import() -> None:
 
 
 @pytest.fixture(scope="module")
-def address(weights: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """The real page with tiny weights."""
+def page(weights: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Blocks]:
+    """The real one with tiny weights."""
     temp = tmp_path_factory.mktemp("page")
     page = launch(AppConfig(port=0, weights=weights, temp=temp), is_warmed_up=False)
-    yield page.local_url
+    yield page
     page.close()
+
+
+@pytest.fixture(scope="module")
+def address(page: Blocks) -> str:
+    return page.local_url
 
 
 def test_every_route_is_there_as_soon_as_the_server_listens(
@@ -124,6 +129,14 @@ def test_a_form_that_cannot_be_done_gives_a_sentence(
     with pytest.raises(AppError) as caught:
         submit(client, speech, **changes).result(timeout=60)
     assert words in str(caught.value)
+
+
+def test_clicks_of_the_past_are_not_counted_up(client: Client, page: Blocks) -> None:
+    for _ in range(3):
+        with pytest.raises(AppError):
+            submit(client, None).result()
+    assert len(page._queue.event_analytics) <= 1
+    assert page._queue.cached_event_analytics_summary == {"functions": {}}
 
 
 def test_without_speech_the_page_asks_for_it(client: Client) -> None:

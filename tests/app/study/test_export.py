@@ -16,7 +16,9 @@ from app.study.design.plan import read_plan
 from app.study.export import export_study
 from app.study.leaks.check import check_study
 from app.study.make.mp4 import read_mp4
+from app.study.make.options import ExportOptions
 from app.study.make.workspace import Workspace, sha256
+from model.jobs.crew import Crew
 from model.motion.motion import load_motion, save_motion
 from model.speech.audio import write_wav
 from tests.app.study.made_study import FRAMES, draw_noise, tree, write_inputs, write_plan
@@ -102,6 +104,35 @@ def test_a_killed_export_keeps_its_key_and_ends_as_one_that_was_not(
     whole = export_study(plan, tmp_path / "b", draw=draw_noise)
     assert tree(whole.bundle) == tree(study.bundle)
     assert whole.key.read_bytes() == study.key.read_bytes()
+
+
+def test_clips_shared_out_give_the_same_study_also_after_a_stop(
+    inputs: Path, tmp_path: Path
+) -> None:
+    """The keys are drawn, so the copy gets that of the first."""
+    plan = plan_of(inputs)
+    shares: list[float] = []
+    export_study(plan, tmp_path / "a", draw=draw_noise)
+    key = tmp_path / "b" / "researcher_only" / "key.json"
+    key.parent.mkdir(parents=True)
+    shutil.copy(tmp_path / "a" / "researcher_only" / "key.json", key)
+    options = ExportOptions(crew=Crew(2))
+    with pytest.raises(ValueError, match="not today"):
+        export_study(plan, tmp_path / "b", options, draw=draw_but_the_garden)
+    (made,) = (len(json.loads(f.read_text())["videos"]) for f in key.parent.glob("state.json"))
+    assert made == 2  # the kitchen, from both systems
+    times = {path: path.stat().st_mtime_ns for path in (tmp_path / "b").rglob("*.mp4")}
+    export_study(plan, tmp_path / "b", options, draw=draw_noise, on_progress=shares.append)
+    assert shares == [1.0]  # of one clip that was left
+    assert tree(tmp_path / "a" / "participant_bundle") == tree(tmp_path / "b/participant_bundle")
+    assert len(times) == 2 and not (key.parent / "made").exists()
+
+
+def draw_but_the_garden(jobs, **options) -> None:
+    """The garden is the second clip of the plan."""
+    if any("clip-1" in str(job.out) for job in jobs.values()):
+        raise ValueError("not today")
+    draw_noise(jobs, **options)
 
 
 def test_finished_videos_are_kept_and_damaged_ones_made_anew(inputs: Path, tmp_path: Path) -> None:

@@ -10,10 +10,13 @@ from app.commands.cli import main
 from app.errors import RunError
 from app.study.design.key import read_key
 from app.study.leaks.check import check_study
+from app.study.make import media
+from app.study.make.h264 import frames_of, joined
 from app.study.make.media import set_time
 from app.study.make.participant_page import DATA, INDEX
 from app.study.make.workspace import Workspace
 from tests.app.study.made_study import (
+    SIZE,
     accept_video,
     change_data,
     copy_study,
@@ -174,6 +177,49 @@ def _bit_rate(study: Workspace) -> None:
     pad(study, "localnet", "garden", size - video.stat().st_size)
 
 
+def encoded(study: Workspace, system: str, share: float) -> list[list[bytes]]:
+    """The video's pictures at another share of the rate, as units of each."""
+    out = study.private / "changed.h264"
+    media.encode_picture(video_of(study, system, "garden"), out, SIZE, share)
+    return frames_of(out.read_bytes())
+
+
+def put_stream(study: Workspace, system: str, frames: list[list[bytes]]) -> None:
+    """In the place of the picture of one video, in a file of the old size."""
+    video, stream = video_of(study, system, "garden"), study.private / "changed.h264"
+    size = video.stat().st_size
+    stream.write_bytes(joined(frames))
+    media.join(stream, None, video)
+    missing = size - video.stat().st_size
+    if missing < 8:
+        accept_video(study, video)
+    else:
+        pad(study, system, "garden", missing)
+
+
+def _packets(study: Workspace) -> None:
+    """As many bytes in all, filled up at the end alone."""
+    video = video_of(study, "localnet", "garden")
+    frames = frames_of(media.picture_stream(video))
+    own = [[unit for unit in units if unit[0] & 31 != 6] for units in frames]
+    own[-1][:0] = [unit for units in frames for unit in units if unit[0] & 31 == 6]
+    put_stream(study, "localnet", own)
+
+
+def _filling(study: Workspace) -> None:
+    """Packets as large as the others', of a picture that needed less."""
+    video = video_of(study, "localnet", "garden")
+    sizes = [
+        sum(4 + len(unit) for unit in units) for units in frames_of(media.picture_stream(video))
+    ]
+    frames = encoded(study, "localnet", 0.5)
+    for units, size in zip(frames, sizes, strict=True):
+        missing = size - sum(4 + len(unit) for unit in units)
+        if missing > 6:
+            units.insert(-1, b"\x0c" + b"\xff" * (missing - 6) + b"\x80")
+    put_stream(study, "localnet", frames)
+
+
 def _one_frame_less(study: Workspace) -> None:
     change_video(study, "localnet", "garden", *COPY, "-frames:v", "14")
 
@@ -223,6 +269,9 @@ LEAKS: dict[str, tuple[Callable[[Workspace], None], str]] = {
     "a large file": (_large_file, "size: the videos of clip 'garden' differ by"),
     "slightly larger files": (_slightly_larger_files, "size: its order follows the system"),
     "a bit rate": (_bit_rate, "bit rate: the videos of clip 'garden' differ by"),
+    "sizes of packets": (_packets, "packet sizes: the videos of clip 'garden' differ"),
+    "filling up": (_filling, "filling: the videos of clip 'garden' differ by"),
+    "filling that can be compressed": (_filling, "compressed size: the videos of clip 'garden'"),
     "a shorter video": (_one_frame_less, "frames: the videos of clip 'garden' differ"),
     "sound in a silent study": (_sound, "has sound, unlike the others"),
 }

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.run.many_clips import ManyRequest, diagnose_folders, interval
+from app.run.many.motions import ManyRequest, diagnose_folders
+from app.run.many.table import interval
+from model.jobs.crew import Crew
 from model.motion.motion import save_motion
 from tests.helpers import smooth_motion_example
 
@@ -33,7 +35,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def asked(folders: Path, out: Path) -> ManyRequest:
-    return ManyRequest((folders / "lively", folders / "same"), out, folders / "gt", processes=1)
+    return ManyRequest((folders / "lively", folders / "same"), out, folders / "gt", crew=Crew(1))
 
 
 def test_clips_are_paired_told_and_kept(folders: Path, tmp_path: Path):

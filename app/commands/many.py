@@ -1,0 +1,67 @@
+"""What commands over many clips share: who works, and what is said while they do."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from app.errors import RunError, printable
+from app.run.request import GenerateRequest
+from model.jobs.crew import Crew
+
+
+def add_crew(parser: argparse.ArgumentParser) -> None:
+    """Flags that say who works on many clips."""
+    parser.add_argument(
+        "--processes", type=_count, metavar="N",
+        help="many clips: processes on this machine, one thread each",
+    )  # fmt: skip
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS",
+        help="many clips: a Dask scheduler such as tcp://head:8786, whose workers see the same "
+        "files (docs/many-clips.md)",
+    )  # fmt: skip
+
+
+def crew_of(options: argparse.Namespace) -> Crew:
+    """As the flags say."""
+    if options.processes is not None and options.scheduler is not None:
+        raise RunError("Give --processes or --scheduler; a cluster has workers of its own.")
+    return Crew(options.processes, options.scheduler)
+
+
+def generate_over_many(request: GenerateRequest, crew: Crew) -> None:
+    """Do all runs, name each folder on standard output as it is there, and say what failed.
+
+    Raises:
+        RunError: at the end, if any failed.
+    """
+    from app.commands.terminal import ProgressBar
+    from app.run.many.speeches import generate_many
+
+    with ProgressBar("generate clips") as bar:
+
+        def on_done(folder: Path, share: float) -> None:
+            bar.show(share)
+            sys.stdout.write(f"{folder}\n")
+            sys.stdout.flush()
+
+        runs = generate_many(request, crew, on_done)
+    for path in runs.files:
+        sys.stdout.write(f"{path}\n")
+    for clip, sentence in runs.failed.items():
+        sys.stderr.write(f"{printable(f'{clip}: {sentence}')}\n")
+    if runs.kept:
+        sys.stderr.write(f"{runs.kept} clips had been made before and were kept.\n")
+    if runs.failed:
+        raise RunError(
+            f"{len(runs.failed)} of {len(runs.failed) + len(runs.clips)} clips could not be made; "
+            "the same command tries these again."
+        )
+
+
+def _count(value: str) -> int:
+    if not value.isdecimal() or int(value) < 1:
+        raise argparse.ArgumentTypeError(f"{value!r} is no number of processes")
+    return int(value)

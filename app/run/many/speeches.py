@@ -1,0 +1,167 @@
+"""One run for each piece of speech of a list or folder, shared out over processes or a cluster.
+
+Each run's folder is that of a single run; ``clip.json`` comes last of all and says that the others
+are whole. Started again, the same command goes on with what has none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from app.errors import RunError, sentence_of
+from app.run.many.record import is_kept, keep, read_records, stamp_of
+from app.run.many.table import numbers_of, write_tables
+from app.run.request import REFERENCE_NAME, GenerateRequest, check_request
+from app.run.result_folder import remove_unfinished
+from model.jobs.crew import Crew, Job
+
+LIST_ENDING = ".txt"
+ENDINGS = (".wav", ".flac", ".mp3", ".ogg", ".opus", ".m4a", ".aac", ".webm")
+RECORD = "clip.json"
+
+
+@dataclass(frozen=True)
+class ManyRuns:
+    """What was written, and what could not be."""
+
+    clips: tuple[str, ...]
+    """Those that are there now."""
+    kept: int
+    """How many of them had been there before."""
+    failed: dict[str, str]
+    """A sentence by clip."""
+    files: tuple[Path, ...]
+    """The tables over all clips."""
+
+
+def is_many(speech: Path) -> bool:
+    """Whether a path stands for several pieces of speech."""
+    return speech.is_dir() or speech.suffix.lower() == LIST_ENDING
+
+
+def generate_many(
+    request: GenerateRequest,
+    crew: Crew,
+    on_done: Callable[[Path, float], None] = lambda folder, share: None,
+) -> ManyRuns:
+    """Do ``request`` for each piece of speech, into ``request.out`` by the name of its file, and
+    leave ``many.csv``, ``many.json`` and ``sheet.md`` over all that are done.
+
+    Args:
+        request: its speech is a folder of sound files, or a text file with one path a line.
+        on_done: told the folder of each run as it is there, and the share done.
+
+    Raises:
+        RunError: if nothing can be begun.
+        JobsError: if those who work are lost; what is done is kept.
+    """
+    check_request(request)
+    if request.reference is not None or request.transcript is not None:
+        raise RunError(
+            "A reference and a transcript belong to one piece of speech; leave them out of a run "
+            "over many, and compare with recordings by `python -m app diagnose`."
+        )
+    speeches = find_speeches(request.speech)
+    request = replace(request, weights=request.weights.absolute())
+    folders = {clip: (request.out / clip).absolute() for clip in speeches}
+    records = {clip: folder / RECORD for clip, folder in folders.items()}
+    jobs = []
+    for clip, speech in speeches.items():
+        own = replace(request, speech=speech, out=folders[clip])
+        stamp = _stamp(own)
+        done = partial(is_kept, records[clip], stamp)
+        jobs.append(Job(clip, done, partial(_generate_clip, own, records[clip], stamp)))
+    kept = sum(job.is_done() for job in jobs)
+    num_done = kept
+
+    def tell(clip: str) -> None:
+        nonlocal num_done
+        num_done += 1
+        on_done(folders[clip], num_done / len(jobs))
+
+    request.out.mkdir(parents=True, exist_ok=True)
+    failed = {clip: _sentence(error) for clip, error in crew.do_all(jobs, tell).items()}
+    clips = [clip for clip in speeches if clip not in failed]
+    files: tuple[Path, ...] = ()
+    if clips:
+        numbers = read_records({clip: records[clip] for clip in clips})
+        names = list(numbers[clips[0]]["systems"])
+        files = write_tables(request.out, names, clips, list(numbers.values()))
+    return ManyRuns(tuple(clips), kept, failed, files)
+
+
+def find_speeches(source: Path) -> dict[str, Path]:
+    """By the name that each one's results get: that of its file.
+
+    Args:
+        source: a folder of sound files, or a text file with one path a line, relative to it.
+
+    Raises:
+        RunError: if there is none, one is missing, or two have the same name.
+    """
+    if source.is_dir():
+        found = [path for path in sorted(source.iterdir()) if path.suffix.lower() in ENDINGS]
+        if not found:
+            raise RunError(f"{source} has no sound file ({', '.join(ENDINGS)}).")
+    else:
+        found = _listed(source)
+    speeches: dict[str, Path] = {}
+    for path in found:
+        if path.stem in speeches:
+            raise RunError(
+                f"{speeches[path.stem]} and {path} would both be called {path.stem!r}; rename one."
+            )
+        speeches[path.stem] = path.absolute()
+    return speeches
+
+
+def _listed(source: Path) -> list[Path]:
+    try:
+        lines = [line.strip() for line in source.read_text("utf-8").splitlines()]
+    except (OSError, UnicodeDecodeError) as error:
+        raise RunError(f"The list {source} cannot be read: {error}.") from error
+    found = [source.parent / line for line in lines if line and line[0] != "#"]
+    if not found:
+        raise RunError(f"{source} names no sound file; it needs one path a line.")
+    missing = [path for path in found if not path.is_file()]
+    if missing:
+        raise RunError(
+            f"{source} names {len(missing)} files that are not there; the first is {missing[0]}."
+        )
+    return found
+
+
+def _stamp(request: GenerateRequest) -> dict[str, Any]:
+    """Of everything that decides what a run's files hold; not of where they lie."""
+    asked = asdict(replace(request, speech=Path(request.speech.name), out=Path(), weights=Path()))
+    files = {"speech": request.speech}
+    files |= {path.name: path for path in sorted(request.weights.glob("*.safetensors"))}
+    return stamp_of(files if request.body is None else files | {"body": request.body}, asked)
+
+
+def _generate_clip(request: GenerateRequest, record: Path, stamp: dict[str, Any]) -> None:
+    from app.run.pipeline import generate_all
+
+    record.unlink(missing_ok=True)  # of other files, which are about to go
+    remove_unfinished(request.out)
+    result = generate_all(request)
+    diagnostics = result.diagnostics
+    motions = dict(diagnostics.systems)
+    if diagnostics.reference is not None:
+        motions[REFERENCE_NAME] = diagnostics.reference
+    systems = {
+        name: numbers_of(versions.raw, diagnostics.findings.get(name, ()))
+        for name, versions in motions.items()
+    }
+    keep(record, stamp, {"frames": result.num_frames, "systems": systems})
+
+
+def _sentence(error: Exception) -> str:
+    sentence = sentence_of(error)
+    if sentence is None:
+        raise error
+    return sentence

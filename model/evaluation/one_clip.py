@@ -1,0 +1,102 @@
+"""One test clip measured: every system's motion beside the recorded one."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from model.data.recordings import read_files, speaker_of
+from model.evaluation.clips import RECORDED, ClipContext
+from model.evaluation.kept import save_rows
+from model.evaluation.speech_response import speech_tracks
+from model.generation.base import System
+from model.generation.clip_noise import clip_seed
+from model.generation.windows import GenerateOptions, generate_motion
+from model.motion.motion import Motion, first_frames
+from model.networks.autoencoder import FrozenEncoder
+from model.speech.audio import Speech
+from model.speech.encoder import SpeechEncoder
+
+
+@dataclass(frozen=True)
+class Cast:
+    """Who is measured, and the encoders of the distances."""
+
+    systems: Sequence[System]
+    judges: Mapping[str, FrozenEncoder]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A test clip: its motion, its speech, and what each encoder hears in it."""
+
+    motion: Motion
+    speech: Speech
+
+    def features(self, encoder: SpeechEncoder) -> Float[np.ndarray, "T dim"]:
+        """The speech of the motion's frames; encoded once for all systems with that encoder."""
+        if encoder.name not in self._heard:
+            found = encoder.encode(self.speech.waveform, self.motion.num_frames)
+            self._heard[encoder.name] = found
+        return self._heard[encoder.name]
+
+    @cached_property
+    def _heard(self) -> dict[str, Float[np.ndarray, "T dim"]]:
+        return {}
+
+
+def read_recording(folder: Path, name: str) -> Recording:
+    """The frames that both motion and speech have.
+
+    Raises:
+        DataError, MotionError, SpeechError: if it cannot be used.
+    """
+    motion, speech = read_files(folder, name)
+    return Recording(first_frames(motion, min(motion.num_frames, speech.num_frames)), speech)
+
+
+def speaker_in(clip_name: str) -> str:
+    """The speaker's name."""
+    return speaker_of(clip_name)[1]
+
+
+@dataclass(frozen=True)
+class OneClip:
+    """What is the same for all clips of an evaluation."""
+
+    folder: Path
+    cast: Callable[[], Cast]
+    seeds: int
+    guidance: float
+    batch_windows: int
+    mean_speed: np.ndarray
+    """Of the joints whose beats count, over all clips."""
+
+    def measure(self, name: str, other: str, out: Path) -> None:
+        """Write the rows of clip ``name``; the speech of ``other`` is the wrong one."""
+        cast = self.cast()
+        mine, foreign = read_recording(self.folder, name), read_recording(self.folder, other)
+        motion = mine.motion
+        context = ClipContext(
+            motion, mine.speech.waveform, foreign.speech.waveform, self.mean_speed, cast.judges
+        )
+        rows = {RECORDED: context.row([motion])}
+        for system in cast.systems:
+            options = GenerateOptions(
+                speaker=speaker_in(name),
+                seed=clip_seed(0, name),
+                samples=self.seeds,
+                guidance=self.guidance if system.takes_guidance else 1.0,
+            )
+            prediction = system.predict_with(
+                motion,
+                speech_tracks(mine.features(system.encoder), foreign.features(system.encoder)),
+                system.speaker_index(speaker_in(name)),
+                self.batch_windows,
+            )
+            motions = generate_motion(system, mine.speech, options)
+            rows[system.name] = context.row(motions, prediction)
+        save_rows(out, rows)

@@ -1,0 +1,72 @@
+"""A lab's day: many clips, two systems, no videos, over Dask workers of this machine, one of which
+is killed on the way; the result is that of one process. ``LAB_CLIPS=200`` is the whole day."""
+
+import json
+import os
+import signal
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.config import BUNDLED_WEIGHTS
+from app.run.many.speeches import RECORD, generate_many
+from app.run.request import GenerateRequest
+from model.jobs.crew import Crew
+from model.speech.audio import write_wav
+from tests.model.jobs.made import wait_for
+from tests.model.made import made_waveform
+
+pytest.importorskip("distributed", reason="Dask is not installed (requirements-cluster.txt)")
+
+from tests.model.jobs.test_cluster import scheduler, workers
+
+CLIPS = int(os.environ.get("LAB_CLIPS", "6"))
+SECONDS = 10 if CLIPS > 20 else 2
+WORKERS = 4 if CLIPS > 20 else 2
+SYSTEMS = ("gan/5", "asynfusion/lcm-async")
+
+
+def test_a_labs_day(tmp_path: Path) -> None:
+    speech = tmp_path / "speech"
+    speech.mkdir()
+    for number in range(CLIPS):
+        write_wav(speech / f"clip{number:03}.wav", made_waveform(16_000 * SECONDS, number))
+
+    def asked(out: Path) -> GenerateRequest:
+        return GenerateRequest(
+            *(speech, out, BUNDLED_WEIGHTS), SYSTEMS, has_video=False, has_figures=False
+        )
+
+    apart, here = tmp_path / "cluster", tmp_path / "here"
+    told: list[str] = []
+    with scheduler(tmp_path) as (_, file), workers(file, WORKERS) as (struck, *_):
+
+        def strike() -> None:
+            wait_for(lambda: len(list(apart.glob(f"*/{RECORD}"))) >= CLIPS // 4, 600)
+            os.kill(struck.pid, signal.SIGKILL)
+
+        threading.Thread(target=strike, daemon=True).start()
+        runs = generate_many(
+            asked(apart), Crew(scheduler=file), lambda path, share: told.append(path.name)
+        )
+        assert struck.wait(10) == -signal.SIGKILL
+    clips = [f"clip{number:03}" for number in range(CLIPS)]
+    assert list(runs.clips) == sorted(told) == clips and runs.failed == {}
+    generate_many(asked(here), Crew(2 if CLIPS > 20 else 1))
+    for clip in clips:
+        assert names_in(apart / clip) == names_in(here / clip)
+        for system in ("gan-5", "asynfusion-lcm-async"):
+            one, other = (np.load(out / clip / f"{system}.npz") for out in (apart, here))
+            assert set(one) == set(other)
+            for key in one:
+                assert np.array_equal(one[key], other[key]), (clip, system, key)
+        one, other = (json.loads((out / clip / RECORD).read_text()) for out in (apart, here))
+        assert one == other
+    for table in ("many.csv", "many.json", "sheet.md"):
+        assert (apart / table).read_bytes() == (here / table).read_bytes()
+
+
+def names_in(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}

@@ -1,0 +1,145 @@
+"""A list or folder of speech: a run each, gone on with after a stop, told together."""
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.commands.cli import main
+from app.errors import RunError
+from app.run.many.speeches import RECORD, find_speeches, generate_many, is_many
+from app.run.request import GenerateRequest
+from model.jobs.crew import Crew
+from model.speech.audio import write_wav
+from tests.model.made import made_waveform
+
+HERE = Crew(1)
+
+
+@pytest.fixture
+def speeches(tmp_path: Path) -> Path:
+    folder = tmp_path / "speech"
+    folder.mkdir()
+    for number, clip in enumerate("abc"):
+        write_wav(folder / f"{clip}.wav", made_waveform(16_000, number))
+    return folder
+
+
+def request_of(source: Path, out: Path, weights: Path, **changes) -> GenerateRequest:
+    return GenerateRequest(source, out, weights, steps=1, has_video=False, **changes)
+
+
+def test_every_clip_gets_a_run_and_all_a_table(
+    speeches: Path, weights: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    told: list[tuple[str, float]] = []
+    runs = generate_many(
+        request_of(speeches, out, weights, has_figures=False),
+        HERE,
+        lambda path, share: told.append((path.name, share)),
+    )
+    assert runs.clips == ("a", "b", "c") and runs.kept == 0 and runs.failed == {}
+    assert [name for name, _ in told] == ["a", "b", "c"] and told[-1][1] == 1.0
+    for clip in runs.clips:
+        assert {"globaldiff-local.npz", "provenance.json", RECORD} <= {
+            path.name for path in (out / clip).iterdir()
+        }
+    told_of_all = json.loads((out / "many.json").read_text())
+    assert told_of_all["clips"] == ["a", "b", "c"]
+    assert {row["system"] for row in told_of_all["measures"]} == {
+        "globaldiff/local",
+        "globaldiff/global",
+    }
+    assert all(row["clips"] <= 3 for row in told_of_all["measures"])
+    motions = [np.load(out / clip / "globaldiff-local.npz")["poses"] for clip in "ab"]
+    assert not np.array_equal(*motions)
+
+
+def test_what_is_done_is_kept_and_what_was_broken_off_is_made(
+    speeches: Path, weights: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    asked = request_of(speeches, out, weights, has_figures=False)
+    generate_many(asked, HERE)
+    assert not list(out.glob("*/*.png"))
+    times = {clip: (out / clip / "globaldiff-local.npz").stat().st_mtime_ns for clip in "abc"}
+    (out / "a" / RECORD).write_text("{")
+    (out / "b" / RECORD).unlink()
+    (out / "b" / f".unfinished-{os.getpid()}-elsewhere").mkdir()  # a number that lives here too
+    runs = generate_many(asked, HERE)
+    assert runs.kept == 1 and runs.clips == ("a", "b", "c")
+    after = {clip: (out / clip / "globaldiff-local.npz").stat().st_mtime_ns for clip in "abc"}
+    assert not list(out.glob("*/.unfinished*"))
+    assert after["c"] == times["c"] and after["a"] > times["a"] and after["b"] > times["b"]
+    write_wav(speeches / "c.wav", made_waveform(16_000, 9))
+    assert generate_many(asked, HERE).kept == 2
+    assert generate_many(replace(asked, seed=1), HERE).kept == 0
+
+
+def test_clips_that_cannot_be_made_hold_up_no_other(
+    speeches: Path, weights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (speeches / "b.wav").write_bytes(b"no sound at all" * 9)
+    out = tmp_path / "out"
+    flags = [
+        "--out",
+        str(out),
+        "--weights",
+        str(weights),
+        "--steps",
+        "1",
+        "--no-video",
+        "--no-figures",
+    ]
+    asked = ["generate", str(speeches), *flags, "--processes", "1"]
+    assert main(asked) == 1
+    said = capsys.readouterr()
+    assert said.out.split() == [
+        *(str(out / name) for name in ("a", "c", "many.csv", "many.json", "sheet.md"))
+    ]
+    assert "b: b.wav" in said.err and "1 of 3 clips could not be made" in said.err
+    write_wav(speeches / "b.wav", made_waveform(16_000, 1))
+    assert main(asked) == 0
+    said = capsys.readouterr()
+    assert said.out.split()[0] == str(out / "b")
+    assert "2 clips had been made before and were kept." in said.err
+
+
+def test_a_list_names_files_relative_to_itself(speeches: Path, tmp_path: Path) -> None:
+    listed = tmp_path / "list.txt"
+    listed.write_text("# two of them\nspeech/c.wav\n\nspeech/a.wav\n")
+    assert is_many(listed) and is_many(speeches) and not is_many(speeches / "a.wav")
+    found = find_speeches(listed)
+    assert list(found) == ["c", "a"] and all(path.is_absolute() for path in found.values())
+    assert list(find_speeches(speeches)) == ["a", "b", "c"]
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("# nothing\n", "names no sound file"),
+        ("speech/a.wav\nspeech/z.wav\n", "names 1 files that are not there"),
+        ("speech/a.wav\nspeech/../speech/a.wav\n", "would both be called 'a'"),
+    ],
+)
+def test_lists_that_cannot_be_followed_are_refused(
+    speeches: Path, tmp_path: Path, content: str, words: str
+) -> None:
+    listed = tmp_path / "list.txt"
+    listed.write_text(content)
+    with pytest.raises(RunError, match=words):
+        find_speeches(listed)
+    os.makedirs(tmp_path / "empty")
+    with pytest.raises(RunError, match="has no sound file"):
+        find_speeches(tmp_path / "empty")
+
+
+def test_what_belongs_to_one_clip_is_refused(speeches: Path, weights: Path, tmp_path: Path) -> None:
+    asked = request_of(speeches, tmp_path / "out", weights, reference=tmp_path / "a.npz")
+    with pytest.raises(RunError, match="belong to one piece of speech"):
+        generate_many(asked, HERE)
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,64 @@
+"""Jobs that say what became of them."""
+
+import os
+import signal
+import sys
+import time
+from functools import partial
+from pathlib import Path
+
+from model.jobs.crew import Crew, Job
+
+
+def make_jobs(folder: Path, count: int, seconds: float = 0.0) -> list[Job]:
+    """Each takes a while, adds its name to ``log`` and leaves a file of its own."""
+    return [made_job(folder, f"job{number}", seconds) for number in range(count)]
+
+
+def made_job(folder: Path, name: str, seconds: float = 0.0, work=None) -> Job:
+    result = folder / f"{name}.done"
+    return Job(name, result.is_file, partial(work or do, folder, name, seconds))
+
+
+def do(folder: Path, name: str, seconds: float) -> None:
+    (folder / f"{name}.begun").touch()
+    time.sleep(seconds)
+    with (folder / "log").open("a") as log:
+        log.write(f"{name}\n")
+    (folder / f"{name}.done").touch()
+
+
+def fail(folder: Path, name: str, seconds: float) -> None:
+    raise ValueError(f"{name} cannot be done")
+
+
+def kill_worker_once(folder: Path, name: str, seconds: float) -> None:
+    """The second time all is well."""
+    mark = folder / f"{name}.killed"
+    if not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    do(folder, name, seconds)
+
+
+def kill_worker(folder: Path, name: str, seconds: float) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def done(folder: Path) -> list[str]:
+    """Names as they came."""
+    log = folder / "log"
+    return log.read_text().split() if log.exists() else []
+
+
+def wait_for(condition, seconds: float = 60.0) -> None:
+    until = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < until, "it did not come to that"
+        time.sleep(0.05)
+
+
+if __name__ == "__main__":
+    place, who = Path(sys.argv[1]), sys.argv[2]
+    crew = Crew(int(who)) if who.isdigit() else Crew(scheduler=who)
+    crew.do_all(make_jobs(place, 6, 0.5))

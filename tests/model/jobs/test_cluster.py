@@ -1,0 +1,93 @@
+"""The same on a Dask cluster of this machine: a scheduler and workers that are killed."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+
+from model.jobs import cluster
+from model.jobs.crew import Crew, JobsError
+from tests.helpers import ROOT
+from tests.model.jobs.made import done, fail, made_job, make_jobs, wait_for
+
+pytest.importorskip("distributed", reason="Dask is not installed (requirements-cluster.txt)")
+
+
+@contextmanager
+def dask(part: str, *arguments: str) -> Iterator[subprocess.Popen]:
+    """A scheduler or a worker, as ``dask scheduler`` and ``dask worker`` start them."""
+    command = [sys.executable, "-m", f"distributed.cli.dask_{part}", *arguments]
+    child = subprocess.Popen(
+        command, cwd=ROOT, stderr=subprocess.DEVNULL, env={**os.environ, "PYTHONPATH": str(ROOT)}
+    )
+    try:
+        yield child
+    finally:
+        child.terminate()
+        child.wait()
+
+
+@contextmanager
+def scheduler(folder: Path) -> Iterator[tuple[subprocess.Popen, str]]:
+    file = folder / "scheduler.json"
+    file.unlink(missing_ok=True)
+    local = ("--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+    with dask("scheduler", *local, "--scheduler-file", str(file)) as child:
+        wait_for(file.is_file)
+        yield child, str(file)
+
+
+@contextmanager
+def workers(file: str, count: int) -> Iterator[list[subprocess.Popen]]:
+    own = ("--scheduler-file", file, "--nthreads", "1", "--no-nanny", "--no-dashboard")
+    with ExitStack() as stack:
+        yield [stack.enter_context(dask("worker", *own)) for _ in range(count)]
+
+
+def test_a_killed_worker_costs_no_job_and_none_is_done_twice(tmp_path: Path) -> None:
+    told: list[str] = []
+    with scheduler(tmp_path) as (_, file), workers(file, 2) as (struck, _):
+        jobs = [*make_jobs(tmp_path, 8, 0.4), made_job(tmp_path, "bad", work=fail)]
+
+        def strike() -> None:
+            wait_for(lambda: len(done(tmp_path)) >= 3)
+            os.kill(struck.pid, signal.SIGKILL)
+
+        threading.Thread(target=strike, daemon=True).start()
+        failed = Crew(scheduler=file).do_all(jobs, told.append)
+        assert struck.wait() == -signal.SIGKILL
+    assert list(failed) == ["bad"] and "bad cannot be done" in str(failed["bad"])
+    assert sorted(told) == sorted(done(tmp_path)) == [f"job{n}" for n in range(8)]
+
+
+def test_after_a_kill_of_the_scheduler_the_same_call_goes_on(tmp_path: Path) -> None:
+    jobs = make_jobs(tmp_path, 6, 0.4)
+    with scheduler(tmp_path) as (head, file), workers(file, 1):
+
+        def strike() -> None:
+            wait_for(lambda: len(done(tmp_path)) >= 2)
+            os.kill(head.pid, signal.SIGKILL)
+
+        threading.Thread(target=strike, daemon=True).start()
+        with pytest.raises(JobsError, match="is gone; start one again"):
+            Crew(scheduler=file).do_all(jobs)
+    before = done(tmp_path)
+    assert 2 <= len(before) < 6
+    with scheduler(tmp_path) as (_, file), workers(file, 1):
+        assert Crew(scheduler=file).do_all(jobs) == {}
+    assert done(tmp_path)[: len(before)] == before
+    assert sorted(done(tmp_path)) == [f"job{n}" for n in range(6)]
+
+
+def test_without_a_scheduler_a_sentence_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cluster, "CONNECT_S", 1)
+    with pytest.raises(JobsError, match=r"No Dask scheduler answers at tcp://127\.0\.0\.1:9"):
+        Crew(scheduler="tcp://127.0.0.1:9").do_all(make_jobs(tmp_path, 1))

@@ -1,0 +1,73 @@
+"""Each job once, whatever is killed."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from model.jobs.crew import MAX_BREAKS, Crew, JobsError
+from tests.helpers import ROOT
+from tests.model.jobs.made import (
+    done,
+    fail,
+    kill_worker,
+    kill_worker_once,
+    made_job,
+    make_jobs,
+    wait_for,
+)
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_each_job_is_done_once(tmp_path: Path, processes: int) -> None:
+    jobs = make_jobs(tmp_path, 5)
+    (tmp_path / "job3.done").touch()
+    told: list[str] = []
+    assert Crew(processes).do_all(jobs, told.append) == {}
+    assert sorted(done(tmp_path)) == sorted(told) == ["job0", "job1", "job2", "job4"]
+    assert Crew(processes).do_all(jobs, told.append) == {} and len(told) == 4
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_a_job_that_fails_holds_up_no_other(tmp_path: Path, processes: int) -> None:
+    jobs = [made_job(tmp_path, "bad", work=fail), *make_jobs(tmp_path, 3)]
+    failed = Crew(processes).do_all(jobs)
+    assert list(failed) == ["bad"] and str(failed["bad"]) == "bad cannot be done"
+    assert sorted(done(tmp_path)) == ["job0", "job1", "job2"]
+
+
+def test_a_killed_worker_costs_no_job(tmp_path: Path) -> None:
+    jobs = [*make_jobs(tmp_path, 4, 0.1), made_job(tmp_path, "struck", work=kill_worker_once)]
+    told: list[str] = []
+    assert Crew(2).do_all(jobs, told.append) == {}
+    assert (tmp_path / "struck.killed").exists()
+    assert sorted(told) == sorted({*done(tmp_path)}) == [*(f"job{n}" for n in range(4)), "struck"]
+    assert len(done(tmp_path)) == 5
+
+
+def test_workers_that_always_die_end_it_with_a_sentence(tmp_path: Path) -> None:
+    jobs = [made_job(tmp_path, name, work=kill_worker) for name in "ab"]
+    with pytest.raises(JobsError, match=f"ended {MAX_BREAKS} times"):
+        Crew(2).do_all(jobs)
+
+
+def test_after_a_kill_of_all_the_rest_is_done_and_nothing_twice(tmp_path: Path) -> None:
+    asked = [sys.executable, "-m", "tests.model.jobs.made", str(tmp_path), "2"]
+    child = subprocess.Popen(asked, cwd=ROOT)
+    wait_for(lambda: len(done(tmp_path)) >= 2)
+    workers = children_of(child.pid)
+    os.kill(child.pid, signal.SIGKILL)
+    child.wait()
+    wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers), 10)
+    before = done(tmp_path)
+    assert len(before) < 6
+    subprocess.run(asked, cwd=ROOT, check=True)
+    assert done(tmp_path)[: len(before)] == before
+    assert sorted(done(tmp_path)) == [f"job{n}" for n in range(6)]
+
+
+def children_of(pid: int) -> list[int]:
+    return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
