@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from app import text
-from app.commands.many import add_crew, crew_of, generate_over_many
+from app.commands.many import add_crew, crew_of, generate_over_many, told_if_stopped
 from app.commands.mechanism import add_mechanism
 from app.commands.study import add_study
 from app.config import BUNDLED_WEIGHTS, default_body
@@ -263,7 +263,7 @@ def _diagnose_folders(options: argparse.Namespace) -> None:
         rotations=options.rotations,
         crew=crew_of(options),
     )
-    with ProgressBar("measure clips") as bar:
+    with ProgressBar("measure clips") as bar, told_if_stopped():
         result = diagnose_folders(request, bar.show)
     _finish(result.files, result.notes)
 

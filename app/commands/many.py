@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from app.errors import RunError, printable
@@ -47,7 +49,8 @@ def generate_over_many(request: GenerateRequest, crew: Crew) -> None:
             sys.stdout.write(f"{folder}\n")
             sys.stdout.flush()
 
-        runs = generate_many(request, crew, on_done)
+        with told_if_stopped():
+            runs = generate_many(request, crew, on_done)
     for path in runs.files:
         sys.stdout.write(f"{path}\n")
     for clip, sentence in runs.failed.items():
@@ -59,6 +62,19 @@ def generate_over_many(request: GenerateRequest, crew: Crew) -> None:
             f"{len(runs.failed)} of {len(runs.failed) + len(runs.clips)} clips could not be made; "
             "the same command tries these again."
         )
+
+
+@contextmanager
+def told_if_stopped() -> Iterator[None]:
+    """Say that work on many clips that a person stops goes on later.
+
+    Raises:
+        RunError: in place of KeyboardInterrupt.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise RunError("stopped; what is done is kept, and the same command goes on.") from None
 
 
 def _count(value: str) -> int:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from app.commands.cli import main
+from app.commands.terminal import ProgressBar
 from app.errors import RunError
 from app.run.many.speeches import RECORD, find_speeches, generate_many, is_many
 from app.run.request import GenerateRequest
@@ -107,6 +108,23 @@ def test_clips_that_cannot_be_made_hold_up_no_other(
     said = capsys.readouterr()
     assert said.out.split()[0] == str(out / "b")
     assert "2 clips had been made before and were kept." in said.err
+
+
+def test_a_person_who_stops_it_is_told_that_it_goes_on(
+    speeches: Path, weights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    def press_control_c(bar: ProgressBar, share: float) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(ProgressBar, "show", press_control_c)
+    flags = ["--out", str(tmp_path / "out"), "--weights", str(weights), "--steps", "1"]
+    asked = ["generate", str(speeches), *flags, "--no-video", "--no-figures", "--processes", "1"]
+    assert main(asked) == 1
+    assert capsys.readouterr().err == (
+        "stopped; what is done is kept, and the same command goes on.\n"
+    )
+    assert (tmp_path / "out" / "a" / RECORD).is_file()
 
 
 def test_a_list_names_files_relative_to_itself(speeches: Path, tmp_path: Path) -> None:
