@@ -87,6 +87,7 @@ LOOK_ANSWER = (
     "other {steady:,}. The time line shows it, and Worst second leads to it."
 )
 LOOK_OWN = "Make your own"
+LOOK_COMING = "A first example is being made; it plays here in about a minute."
 EMPTY_TITLE = "Nothing generated yet"
 EMPTY_STEPS = (
     ("Give it speech", "Upload, record, or take one of the examples."),

@@ -13,7 +13,7 @@ from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import reveal_on_click
 from app.page.parts.named_fields import named_fields
 from app.page.results.first_look_shown import FirstLookDesk
-from app.page.results.kept_runs import KeptRuns
+from app.page.results.kept_runs import PARAMETER, KeptRuns
 from app.page.results.study_preview import PreviewDesk
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
@@ -31,6 +31,9 @@ from app.page.tabs.study import build_study_tab
 from app.page.tabs.study_analysis import build_analysis
 from app.page.tabs.systems import build_systems_tab
 from app.page.tabs.upload_check import UploadCheck
+
+EXAMPLE_EVERY_S = 3.0
+"""How often a page asks for an example that is being made."""
 
 
 def build_app(
@@ -83,6 +86,8 @@ def build_app(
                 )
                 build_analysis(page, jobs, workshop.analyse_study)
         runner = GenerateRunner(generate, catalogue, config, jobs, desk, form, results, kept)
+        if first_look is not None:
+            _await_example(page, form, results, first_look)
         _wire(page, form, results, runner)
 
         def opened(request: gr.Request) -> Updates:
@@ -93,6 +98,34 @@ def build_app(
             show_progress="hidden",
         )  # fmt: skip
     return page
+
+
+def _await_example(
+    page: gr.Blocks, form: FormParts, results: ResultParts, first_look: FirstLookDesk
+) -> None:
+    """An example that is still being made plays as soon as it is there, unless the visitor shows
+    or begins a run meanwhile."""
+    timer = gr.Timer(EXAMPLE_EVERY_S, active=False)
+
+    def wait(request: gr.Request) -> gr.Timer:
+        return gr.Timer(active=first_look.is_coming and PARAMETER not in request.query_params)
+
+    def look() -> Updates:
+        if first_look.is_coming:
+            return {timer: gr.skip()}
+        player, empty = first_look.updates()
+        return {results.player: player, results.empty: empty, timer: gr.Timer(active=False)}
+
+    page.load(wait, outputs=timer, queue=False, api_visibility="private", show_progress="hidden")
+    timer.tick(
+        look, outputs=[results.player, results.empty, timer], queue=False,
+        api_visibility="private", show_progress="hidden",
+    )  # fmt: skip
+    # Listeners of a click are served in turn: before the run, which would come first otherwise.
+    form.generate.click(
+        lambda: gr.Timer(active=False), outputs=timer, queue=False, api_visibility="private",
+        show_progress="hidden",
+    )  # fmt: skip
 
 
 def _wire(page: gr.Blocks, form: FormParts, results: ResultParts, runner: GenerateRunner) -> None:

@@ -30,14 +30,19 @@ def heading(title: str, explanation: str = "") -> str:
     return f'<div class="part"><h2>{escape(title)}</h2>{below}</div>'
 
 
-def empty_state() -> str:
-    """What the visitor sees before the first run."""
+def empty_state(news: str = "") -> str:
+    """What the visitor sees before the first run.
+
+    Args:
+        news: a sentence on what will come of itself.
+    """
+    told = f"<p>{escape(news)}</p>" if news else ""
     steps = "".join(
         f"<li><b>{escape(title)}</b><span>{escape(body)}</span></li>"
         for title, body in text.EMPTY_STEPS
     )
     return (
-        f'<div class="empty">{_ILLUSTRATION}<h2>{escape(text.EMPTY_TITLE)}</h2>'
+        f'<div class="empty">{_ILLUSTRATION}<h2>{escape(text.EMPTY_TITLE)}</h2>{told}'
         f"<ol>{steps}</ol></div>"
     )
 

@@ -12,6 +12,7 @@ import gradio as gr
 
 from app import text
 from app.config import AppConfig
+from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
 from app.page.results.player import Showing, picture_layout, write_own_sound
 from app.page.serving.jobs import JobBook
@@ -49,6 +50,8 @@ class FirstLookDesk:
         if BEST in catalogue.systems and EXAMPLE in paths:
             self._look = first_look(config.kept, config.weights, BEST, paths[EXAMPLE])
         self._shown: tuple[dict[str, Any], str] | None = None
+        self.is_coming = self._look is not None
+        """Whether it will be there in a while; false where it is, or could not be made."""
 
     @property
     def is_made(self) -> bool:
@@ -72,12 +75,14 @@ class FirstLookDesk:
             self._shown = self._offered(self._look)
         except Exception:
             log.exception("the example of the page could not be made")
+        finally:
+            self.is_coming = False
 
     def updates(self) -> tuple[Any, Any]:
         """Of the player and of what stands in the place of results, for a page that opens."""
-        if self._shown is None:
-            return gr.skip(), gr.skip()
-        return self._shown
+        if self._shown is not None:
+            return self._shown
+        return gr.skip(), markup.empty_state(text.LOOK_COMING) if self.is_coming else gr.skip()
 
     def _offered(self, look: FirstLook) -> tuple[dict[str, Any], str]:
         from app.run.diagnose import DiagnoseRequest

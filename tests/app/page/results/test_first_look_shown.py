@@ -3,6 +3,7 @@
 import shutil
 from pathlib import Path
 
+from app import text
 from app.config import EXAMPLES, AppConfig
 from app.page.parts.catalogue import Catalogue, Example
 from app.page.results.first_look_shown import EXAMPLE, FirstLookDesk, question
@@ -52,7 +53,9 @@ def test_what_has_been_made_is_shown_to_every_visitor_without_a_cookie(tmp_path:
     catalogue = Catalogue((BEST,), ("ann",), "", (Example("Three reasons", speech),))
     desk = FirstLookDesk(config, catalogue, JobBook(tmp_path / "jobs"), media, made_already)
     assert not isinstance(desk.updates()[0].get("rows"), list)
+    assert desk.is_coming and text.LOOK_COMING in desk.updates()[1]
     desk.make()
+    assert not desk.is_coming
     value, told = desk.updates()
     assert value["plays"] and [row["name"] for row in value["rows"]] == [STEADY, TREMBLING]
     for row in value["rows"]:
@@ -60,6 +63,19 @@ def test_what_has_been_made_is_shown_to_every_visitor_without_a_cookie(tmp_path:
     assert media.find(value["timeline"].rsplit("/", 1)[-1], "") is not None
     assert "Which hand trembles?" in told
     shutil.rmtree(look.folder)
+
+
+def test_an_example_that_cannot_be_made_is_awaited_no_longer(tmp_path: Path) -> None:
+    weights = tmp_path / "weights"
+    weights.mkdir()
+    (weights / f"{BEST.replace('/', '-')}.json").write_text("{}")
+    config = AppConfig(weights=weights, kept=tmp_path / "kept")
+    example = Example("Three reasons", EXAMPLES / f"{EXAMPLE}.wav")
+    catalogue = Catalogue((BEST,), ("ann",), "", (example,))
+    desk = FirstLookDesk(config, catalogue, JobBook(tmp_path / "jobs"), MediaDesk(), made_already)
+    assert desk.is_coming
+    desk.make()
+    assert not desk.is_coming and not isinstance(desk.updates()[1], str)
 
 
 def test_the_answer_is_folded_away_and_has_the_numbers() -> None:
