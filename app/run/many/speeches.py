@@ -17,6 +17,7 @@ from app.run.many.record import is_kept, keep, read_records, stamp_of
 from app.run.many.table import numbers_of, write_tables
 from app.run.request import REFERENCE_NAME, GenerateRequest, check_request
 from app.run.result_folder import remove_unfinished
+from model.generation.clip_noise import clip_seed
 from model.jobs.crew import Crew, Job
 
 LIST_ENDING = ".txt"
@@ -49,7 +50,8 @@ def generate_many(
     on_done: Callable[[Path, float], None] = lambda folder, share: None,
 ) -> ManyRuns:
     """Do ``request`` for each piece of speech, into ``request.out`` by the name of its file, and
-    leave ``many.csv``, ``many.json`` and ``sheet.md`` over all that are done.
+    leave ``many.csv``, ``many.json`` and ``sheet.md`` over all that are done. Each has noise of its
+    own, the same for all systems; its seed stands in its provenance.
 
     Args:
         request: its speech is a folder of sound files, or a text file with one path a line.
@@ -71,7 +73,8 @@ def generate_many(
     records = {clip: folder / RECORD for clip, folder in folders.items()}
     jobs = []
     for clip, speech in speeches.items():
-        own = replace(request, speech=speech, out=folders[clip])
+        seed = clip_seed(request.seed, clip)
+        own = replace(request, speech=speech, out=folders[clip], seed=seed)
         stamp = _stamp(own)
         done = partial(is_kept, records[clip], stamp)
         jobs.append(Job(clip, done, partial(_generate_clip, own, records[clip], stamp)))

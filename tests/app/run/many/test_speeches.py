@@ -13,6 +13,7 @@ from app.commands.terminal import ProgressBar
 from app.errors import RunError
 from app.run.many.speeches import RECORD, find_speeches, generate_many, is_many
 from app.run.request import GenerateRequest
+from model.generation.clip_noise import clip_seed
 from model.jobs.crew import Crew
 from model.speech.audio import write_wav
 from tests.model.made import made_waveform
@@ -56,6 +57,9 @@ def test_every_clip_gets_a_run_and_all_a_table(
         "globaldiff/global",
     }
     assert all(row["clips"] <= 3 for row in told_of_all["measures"])
+    records = [json.loads((out / clip / "provenance.json").read_text()) for clip in runs.clips]
+    seeds = [record["options"]["seed"] for record in records]
+    assert seeds == [clip_seed(0, clip) for clip in runs.clips]  # or all would move alike
     motions = [np.load(out / clip / "globaldiff-local.npz")["poses"] for clip in "ab"]
     assert not np.array_equal(*motions)
 
