@@ -35,7 +35,10 @@ MAX_PACKED_SPREAD = 0.001
 PACKED_CHANCE = 64
 """Bytes by which compressed sizes of equally filled videos differ by chance."""
 MAX_FILLING_SPREAD = 0.1
-"""Of the bytes of the pictures alone, without what fills them up."""
+"""Of the bytes of the pictures alone, without what fills them up, beyond `FILLING_CHANCE`."""
+FILLING_CHANCE = 512
+"""Bytes by which the encoder misses its rate: a step of its quantiser in one key frame, which is
+much of a video of half a second and nothing of one of ten."""
 MAX_LOUDNESS_ERROR = 1.0
 """LU around -23 LUFS, after AAC."""
 _MAX_FIRST_SHARE_ERROR = 0.1
@@ -204,7 +207,7 @@ def _streams(study: Study) -> Iterator[str]:
         if len(sizes) > 1:
             yield f"packet sizes: the videos of clip {scene[0].clip!r} differ in them."
         for what, values, allowed, chance in (
-            ("filling", own, MAX_FILLING_SPREAD, 0),
+            ("filling", own, MAX_FILLING_SPREAD, FILLING_CHANCE),
             ("compressed size", packed, MAX_PACKED_SPREAD, PACKED_CHANCE),
         ):
             found = [values[stimulus] for stimulus in scene]
@@ -214,7 +217,8 @@ def _streams(study: Study) -> Iterator[str]:
                     f"{what}: the videos of clip {scene[0].clip!r} differ by {100 * spread:.2g} %; "
                     f"at most {100 * allowed:g} % is allowed."
                 )
-    yield from (f"{tell}." for tell in value_tells(own, "filling"))
+    steps = {stimulus: num_bytes // FILLING_CHANCE for stimulus, num_bytes in own.items()}
+    yield from (f"{tell}." for tell in value_tells(steps, "filling"))
 
 
 def _formats(study: Study) -> Iterator[str]:

@@ -61,12 +61,22 @@ def write_plan(
 
 
 def draw_noise(
-    jobs, on_progress, on_done, should_cancel, parallel, on_start: Callable[[str], None] = bool
+    jobs,
+    on_progress,
+    on_done,
+    should_cancel,
+    parallel,
+    on_start: Callable[[str], None] = bool,
+    seeds: Sequence[int] = (),
 ) -> None:
-    """In place of `app.run.pictures.videos.draw_videos`: noise, as much as each motion decides."""
+    """In place of `app.run.pictures.videos.draw_videos`: noise, as much as each motion decides.
+
+    Args:
+        seeds: by number of the motion, in place of what it decides.
+    """
     for number, (name, job) in enumerate(jobs.items()):
         on_start(name)
-        seed = int(np.abs(job.motion.poses).sum() * 1e3)
+        seed = seeds[number] if seeds else int(np.abs(job.motion.poses).sum() * 1e3)
         rng = np.random.default_rng(seed)
         shape = (job.motion.num_frames, job.settings.height, job.settings.width, 3)
         pictures = rng.integers(0, 1 + seed % 200, shape, np.uint8)

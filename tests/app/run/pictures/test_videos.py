@@ -2,6 +2,7 @@
 
 import threading
 from concurrent.futures import Future
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -44,7 +45,8 @@ def test_at_the_end_none_is_drawn_alone(
 
     monkeypatch.setattr(pool.RenderPool, "submit", submit)
     monkeypatch.setattr(pool, "num_cores", lambda: cores)
-    monkeypatch.setattr(videos.time, "sleep", end_the_first)
+    # Not `time.sleep` itself: other threads of the process sleep too.
+    monkeypatch.setattr(videos, "time", SimpleNamespace(sleep=end_the_first))
     done: list[str] = []
     jobs = {f"{k}.mp4": RenderJob(waving_motion(3)) for k in range(count)}
     results = videos.draw_videos(jobs, lambda part: None, done.append, lambda: False)
