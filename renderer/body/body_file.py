@@ -11,11 +11,12 @@ import tokenize
 import zipfile
 import zlib
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
-from jaxtyping import Float32, Int32
+from jaxtyping import Float32, Int32, Int64
 
 from renderer.body.body_npz import BodyError, BodyNpz
 from renderer.body.joints import NUM_JOINTS, PARENTS
@@ -72,6 +73,11 @@ class BodyArrays:
     """(3 P, 486): corrective offset per entry of (R - I) of joints 1 to 54; sparse or dense."""
     regions: Int32[np.ndarray, " V"] | None
     """Index of the painted region of each vertex (``renderer.body.look``), if the file has it."""
+
+    @cached_property
+    def main_joints(self) -> Int64[np.ndarray, " V"]:
+        """The joint that each vertex follows most."""
+        return self.weights.toarray().argmax(axis=1)  # 50 times as fast as of a sparse matrix
 
 
 def read_body_file(path: Path, build: str = BUILDS[0]) -> BodyArrays:

@@ -20,6 +20,9 @@ _DULL = 0.8
 """Facing below which nothing gleams: its power is less than a tenth of a grey level."""
 _EDGE = 0.10
 _INSIDE = 0.35
+_OUTSIDE = -1e9
+_SLIVER = 1e-7
+"""Of a sample, by which each row of a triangle is wider, lest rounding leaves a crack."""
 
 
 @compiled
@@ -128,61 +131,81 @@ def fill_triangles(
         tone = 1.0 if area < 0.0 else _INSIDE
         scale = 1.0 / area
         step_b, step_c = (yc - ya) * scale, (ya - yb) * scale
+        step_a = -step_b - step_c
+        # Columns from ``left`` on at which a share becomes zero, in the uppermost row: no share is
+        # negative between the largest of those at which one grows and the least of the others.
+        dy, dx = top + 0.5 - ya, left + 0.5 - xa
+        share_b = (dx * (yc - ya) - dy * (xc - xa)) * scale
+        share_c = (dy * (xb - xa) - dx * (yb - ya)) * scale
+        down_b, down_c = (xa - xc) * scale, (xb - xa) * scale
+        first, second, first_down, second_down = _OUTSIDE, _OUTSIDE, 0.0, 0.0
+        last, next_last, last_down, next_last_down = -_OUTSIDE, -_OUTSIDE, 0.0, 0.0
+        for share, step, down in (
+            (1.0 - share_b - share_c, step_a, -down_b - down_c),
+            (share_b, step_b, down_b),
+            (share_c, step_c, down_c),
+        ):
+            if step == 0.0:
+                continue
+            per = -1.0 / step
+            if step > 0.0:
+                second, second_down = first, first_down
+                first, first_down = share * per, down * per
+            else:
+                next_last, next_last_down = last, last_down
+                last, last_down = share * per, down * per
+        inverse_at = wa + share_b * (wb - wa) + share_c * (wc - wa)
+        inverse_step = step_b * (wb - wa) + step_c * (wc - wa)
+        inverse_down = down_b * (wb - wa) + down_c * (wc - wa)
         is_seen = False
         ra, ga, ba, rb, gb, bb, rc, gc, bc = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for row in range(top, bottom + 1):
-            dy = row + 0.5 - ya
-            dx = left + 0.5 - xa
-            share_b = (dx * (yc - ya) - dy * (xc - xa)) * scale
-            share_c = (dy * (xb - xa) - dx * (yb - ya)) * scale
-            was_inside = False
-            for column in range(left, right + 1):
-                share_a = 1.0 - share_b - share_c
-                if share_a >= 0.0 and share_b >= 0.0 and share_c >= 0.0:
-                    was_inside = True
-                    inverse = share_a * wa + share_b * wb + share_c * wc
-                    if inverse > inverse_depth[row, column]:
-                        if not is_seen:
-                            is_seen = True
-                            for v in (a, b, c):
-                                if not is_lit[v]:
-                                    is_lit[v] = True
-                                    _shade(
-                                        vertices[v], normals[v], colors[v], eye, towards, lights,
-                                        ambient, lit[v],
-                                    )  # fmt: skip
-                            # Divided by depth on the way, colours follow the surface in
-                            # perspective.
-                            ra, ga, ba = (
-                                tone * wa * lit[a, 0],
-                                tone * wa * lit[a, 1],
-                                tone * wa * lit[a, 2],
-                            )
-                            rb, gb, bb = (
-                                tone * wb * lit[b, 0],
-                                tone * wb * lit[b, 1],
-                                tone * wb * lit[b, 2],
-                            )
-                            rc, gc, bc = (
-                                tone * wc * lit[c, 0],
-                                tone * wc * lit[c, 1],
-                                tone * wc * lit[c, 2],
-                            )
-                        inverse_depth[row, column] = inverse
-                        depth = 1.0 / inverse
-                        canvas[row, column, 0] = depth * (
-                            share_a * ra + share_b * rb + share_c * rc
+        for below in range(bottom - top + 1):
+            row = top + below
+            begin = max(first + below * first_down, second + below * second_down) - _SLIVER
+            end = min(last + below * last_down, next_last + below * next_last_down) + _SLIVER
+            if begin > end:
+                continue
+            inverse_left = inverse_at + below * inverse_down
+            for n in range(
+                int(np.ceil(max(begin, 0.0))), int(np.floor(min(end, right - left))) + 1
+            ):
+                column = left + n
+                inverse = inverse_left + n * inverse_step
+                if inverse > inverse_depth[row, column]:
+                    if not is_seen:
+                        is_seen = True
+                        for v in (a, b, c):
+                            if not is_lit[v]:
+                                is_lit[v] = True
+                                _shade(
+                                    vertices[v], normals[v], colors[v], eye, towards, lights,
+                                    ambient, lit[v],
+                                )  # fmt: skip
+                        # Divided by depth on the way, colours follow the surface in
+                        # perspective.
+                        ra, ga, ba = (
+                            tone * wa * lit[a, 0],
+                            tone * wa * lit[a, 1],
+                            tone * wa * lit[a, 2],
                         )
-                        canvas[row, column, 1] = depth * (
-                            share_a * ga + share_b * gb + share_c * gc
+                        rb, gb, bb = (
+                            tone * wb * lit[b, 0],
+                            tone * wb * lit[b, 1],
+                            tone * wb * lit[b, 2],
                         )
-                        canvas[row, column, 2] = depth * (
-                            share_a * ba + share_b * bb + share_c * bc
+                        rc, gc, bc = (
+                            tone * wc * lit[c, 0],
+                            tone * wc * lit[c, 1],
+                            tone * wc * lit[c, 2],
                         )
-                elif was_inside:
-                    break
-                share_b += step_b
-                share_c += step_c
+                    inverse_depth[row, column] = inverse
+                    at_b = share_b + n * step_b + below * down_b
+                    at_c = share_c + n * step_c + below * down_c
+                    at_a = 1.0 - at_b - at_c
+                    depth = 1.0 / inverse
+                    canvas[row, column, 0] = depth * (at_a * ra + at_b * rb + at_c * rc)
+                    canvas[row, column, 1] = depth * (at_a * ga + at_b * gb + at_c * gc)
+                    canvas[row, column, 2] = depth * (at_a * ba + at_b * bb + at_c * bc)
         if is_seen:
             for row in range(top, bottom + 1):
                 spans[row, 0] = min(spans[row, 0], left)

@@ -89,8 +89,7 @@ class Cutout:
 def cut_out(body: Body, view: str) -> Cutout:
     """The part of a body that a close-up shows."""
     drawn = [any(part in name for part in _DRAWN[view]) for name in JOINT_NAMES]
-    owner = np.asarray(body.arrays.weights.argmax(axis=1)).ravel()
-    is_kept = np.array(drawn)[owner]
+    is_kept = np.array(drawn)[body.arrays.main_joints]
     faces = body.faces[is_kept[body.faces].all(axis=1)]
     vertices = np.unique(faces)
     place = np.zeros(body.num_vertices, np.int32)
