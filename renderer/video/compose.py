@@ -2,6 +2,7 @@
 
 import tempfile
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +21,8 @@ from renderer.video.encoder import (
 )
 
 MAX_VIDEOS = 6
-MAX_WIDTH_PX = 1920
-"""Wider than this, a comparison gets a second row: few screens show more."""
+MAX_WIDTH_PX, MAX_HEIGHT_PX = 1920, 1080
+"""What most screens show whole; larger comparisons are made smaller."""
 _SMALLEST_LABEL = 0.35
 """Letters this high, as a share of the band, can still be read; longer labels are cut."""
 _INK, _PAPER = (38, 42, 50), (255, 255, 255)
@@ -38,9 +39,9 @@ def compose_videos(
 ) -> None:
     """Write videos beside one another, each row with a band of labels above its pictures.
 
-    There are as many rows as it takes to stay within ``MAX_WIDTH_PX``, about equally long. Frame n
-    of the result shows frame n of every video; a shorter video holds its last frame. ffmpeg decodes
-    and encodes in its own process, so memory does not grow with the length.
+    Rows, about equally long, are as many as leave the pictures largest on a screen. Frame n of the
+    result shows frame n of every video; a shorter video holds its last frame. ffmpeg decodes and
+    encodes in its own process, so memory does not grow with the length.
 
     Args:
         labels: one for each video; drawn smaller, or cut, if it is too long for its picture.
@@ -66,24 +67,24 @@ def compose_videos(
             )
     check_sound(speech_wav)
     num_frames = max(each.num_frames for each in facts)
-    shorter = min(first.width, first.height)
-    rows = rows_of(len(videos), first.width)
-    width = first.width * max(len(row) for row in rows)
+    grid = fit_grid(len(videos), first.width, first.height)
     with tempfile.TemporaryDirectory() as folder:
         inputs = [part for video in videos for part in ("-i", str(video))]
-        for number, row in enumerate(rows):
-            band = Path(folder) / f"labels{number}.png"
+        for number, row in enumerate(grid.rows):
+            path = Path(folder) / f"labels{number}.png"
             names = [labels[i] for i in row]
-            Image.fromarray(label_band(names, first.width, shorter, width)).save(band)
-            inputs += ["-i", str(band)]
+            shorter = min(grid.picture_width, grid.picture_height)
+            band = label_band(names, grid.picture_width, shorter, grid.width)
+            Image.fromarray(band).save(path)
+            inputs += ["-i", str(path)]
         if speech_wav is not None:
             inputs += ["-i", str(speech_wav)]
-        sound_input = None if speech_wav is None else len(videos) + len(rows)
+        sound_input = None if speech_wav is None else len(videos) + len(grid.rows)
         encoder = Encoder(
             out,
             [
                 *inputs,
-                *("-filter_complex", _filter(facts, rows, num_frames), "-map", "[out]"),
+                *("-filter_complex", _filter(facts, grid, num_frames), "-map", "[out]"),
                 *encoding(num_frames, crf, sound_input),
             ],
             stdin=False,
@@ -110,23 +111,62 @@ def _run(
     encoder.finish()
 
 
-def rows_of(count: int, picture_width: int) -> list[range]:
-    """Which videos stand in which row, from the top; the last row may be shorter."""
+@dataclass(frozen=True)
+class Grid:
+    """How equal pictures stand beside and below one another."""
+
+    rows: tuple[range, ...]
+    """Which pictures stand in which row, from the top; the last row may be shorter."""
+    picture_width: int
+    picture_height: int
+
+    @property
+    def width(self) -> int:
+        return self.picture_width * len(self.rows[0])
+
+    @property
+    def band(self) -> int:
+        """Height of the labels above each row."""
+        return band_height(min(self.picture_width, self.picture_height))
+
+
+def fit_grid(count: int, picture_width: int, picture_height: int) -> Grid:
+    """The grid in which pictures are largest on a screen, and never larger than they are; of two
+    such the one of fewer rows."""
+    best, best_scale = None, 0.0
+    for num_rows in range(1, count + 1):
+        rows = _rows(count, -(-count // num_rows))
+        room = MAX_HEIGHT_PX / len(rows) - band_height(min(picture_width, picture_height))
+        scale = min(MAX_WIDTH_PX / len(rows[0]) / picture_width, room / picture_height, 1.0)
+        if best is None or scale > best_scale:
+            width, height = (
+                2 * int(scale * side / 2 + 1e-6) for side in (picture_width, picture_height)
+            )
+            best, best_scale = Grid(rows, width, height), scale
+    assert best is not None
+    return best
+
+
+def rows_of(count: int, picture_width: int) -> tuple[range, ...]:
+    """Which pictures stand in which row where as many stand side by side as a screen is wide."""
     longest = max(1, MAX_WIDTH_PX // picture_width)
-    num_rows = -(-count // longest)
-    num_columns = -(-count // num_rows)
-    return [range(i, min(i + num_columns, count)) for i in range(0, count, num_columns)]
+    return _rows(count, -(-count // -(-count // longest)))
 
 
-def _filter(facts: Sequence[VideoFacts], rows: Sequence[range], num_frames: int) -> str:
+def _rows(count: int, num_columns: int) -> tuple[range, ...]:
+    return tuple(range(i, min(i + num_columns, count)) for i in range(0, count, num_columns))
+
+
+def _filter(facts: Sequence[VideoFacts], grid: Grid, num_frames: int) -> str:
     """ffmpeg's filter graph: hold last frames, stack rows, lay each row's band above it."""
+    picture_width, band, width, rows = grid.picture_width, grid.band, grid.width, grid.rows
+    fitted = f"scale={picture_width}:{grid.picture_height}:flags=bicubic"
+    shrink = "" if picture_width == facts[0].width else f",{fitted}"
     parts = [
-        f"[{i}:v]setpts=PTS-STARTPTS,tpad=stop={num_frames - each.num_frames}:stop_mode=clone[v{i}]"
+        f"[{i}:v]setpts=PTS-STARTPTS{shrink},"
+        f"tpad=stop={num_frames - each.num_frames}:stop_mode=clone[v{i}]"
         for i, each in enumerate(facts)
     ]
-    picture_width = facts[0].width
-    band = band_height(min(picture_width, facts[0].height))
-    width = picture_width * len(rows[0])
     for number, row in enumerate(rows):
         joined = "".join(f"[v{i}]" for i in row)
         joined += f"hstack=inputs={len(row)}" if len(row) > 1 else "null"

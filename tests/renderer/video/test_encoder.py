@@ -9,7 +9,7 @@ import av
 import numpy as np
 import pytest
 
-from renderer.video.compose import band_height, compose_videos, label_band, rows_of
+from renderer.video.compose import band_height, compose_videos, fit_grid, label_band, rows_of
 from renderer.video.encoder import Cancelled, VideoError, VideoWriter, read_facts
 
 SIZE = (96, 64)
@@ -268,8 +268,47 @@ def test_a_comparison_wider_than_a_screen_gets_rows(count, width, lengths):
     assert [i for row in rows for i in row] == list(range(count))
 
 
+@pytest.mark.parametrize(
+    ("count", "width", "height", "lengths", "picture"),
+    [
+        (1, 512, 512, [1], (512, 512)),
+        (3, 512, 512, [3], (512, 512)),
+        (5, 640, 1280, [5], (384, 768)),  # with close-ups above and below
+        (5, 640, 640, [3, 2], (494, 494)),
+        (6, 320, 640, [6], (320, 640)),
+        (2, 1080, 1080, [2], (960, 960)),
+        (2, 640, 1280, [2], (516, 1034)),
+        (4, 1920, 300, [1, 1, 1, 1], (1574, 246)),
+    ],
+)
+def test_a_comparison_fits_a_screen_with_pictures_as_large_as_can_be(
+    count, width, height, lengths, picture
+):
+    grid = fit_grid(count, width, height)
+    assert [len(row) for row in grid.rows] == lengths
+    assert (grid.picture_width, grid.picture_height) == picture
+    assert grid.width <= 1920
+    assert len(grid.rows) * (grid.picture_height + grid.band) <= 1080
+
+
+def test_larger_videos_are_made_smaller(tmp_path, monkeypatch):
+    monkeypatch.setattr("renderer.video.compose.MAX_WIDTH_PX", 128)
+    monkeypatch.setattr("renderer.video.compose.MAX_HEIGHT_PX", 100)
+    levels = np.linspace(40, 220, 4)
+    videos = [write_video(tmp_path / f"{i}.mp4", levels, tint=TINTS[i]) for i in range(2)]
+    compose_videos(videos, ["a", "b"], tmp_path / "all.mp4")
+    frames = decoded_frames(tmp_path / "all.mp4").astype(float)
+    width, height = 64, 2 * int(64 / SIZE[0] * SIZE[1] / 2)
+    band = band_height(min(width, height))
+    assert frames.shape == (4, height + band, 2 * width, 3)
+    for i in range(2):
+        picture = frames[:, band + 8 : -8, width * i + 8 : width * (i + 1) - 8].mean(axis=(1, 2))
+        np.testing.assert_allclose(picture, levels[:, None] * TINTS[i], atol=14)
+
+
 def test_rows_stand_below_one_another_each_under_its_labels(tmp_path, monkeypatch):
     monkeypatch.setattr("renderer.video.compose.MAX_WIDTH_PX", 400)
+    monkeypatch.setattr("renderer.video.compose.MAX_HEIGHT_PX", 10_000)
     levels, size = np.linspace(40, 220, 8), (126, 96)
     videos = [
         write_video(tmp_path / f"{i}.mp4", levels, tint=TINTS[i], size=size) for i in range(5)
