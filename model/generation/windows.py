@@ -12,7 +12,6 @@ from jaxtyping import Float
 from torch import Tensor
 
 from model.generation.base import Draw, System, Window
-from model.generation.one_thread import one_thread
 from model.generation.speech_stream import SpeechStream, SpeechWindow
 from model.generation.stitching import num_windows
 from model.motion.kinematics import local_from_global
@@ -59,7 +58,6 @@ class GenerateOptions:
             raise ValueError(f"seed is {self.seed}; it must not be negative.")
 
 
-@one_thread()
 def generate_motion(
     system: System,
     speech: Speech,

@@ -23,8 +23,10 @@ _NO_MEMORY = ("allocate memory", "not enough memory", "bad_alloc")
 
 def generate(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
     from app.run.pipeline import generate_all
+    from model.generation.one_thread import one_thread
 
-    return generate_all(request, on_event, should_cancel)
+    with one_thread():  # the visitor's browser, or another visitor, works beside it
+        return generate_all(request, on_event, should_cancel)
 
 
 def diagnose(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
@@ -49,8 +51,10 @@ def make_first_look(
 
 def measure_steps(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
     from app.run.step_curve import measure_step_curve
+    from model.generation.one_thread import one_thread
 
-    return measure_step_curve(request, share_teller("numbers", on_event, should_cancel))
+    with one_thread():
+        return measure_step_curve(request, share_teller("numbers", on_event, should_cancel))
 
 
 def export_study(

@@ -79,20 +79,6 @@ def test_progress_rises_to_one_and_cancel_stops_before_the_next_window(system):
     assert len(seen) == 2
 
 
-def test_motion_is_made_in_one_thread_and_the_others_come_back(system):
-    before, seen = torch.get_num_threads(), []
-    torch.set_num_threads(2)
-    try:
-        ask = lambda: seen.append(torch.get_num_threads())  # noqa: E731
-        generate_motion(system, made_speech(16_000 * 2), OPTIONS, should_cancel=ask)
-        assert set(seen) == {1}
-        with pytest.raises(Cancelled):
-            generate_motion(system, made_speech(16_000), OPTIONS, should_cancel=lambda: True)
-        assert torch.get_num_threads() == 2
-    finally:
-        torch.set_num_threads(before)
-
-
 @pytest.mark.parametrize(
     "changes", [{"samples": 0}, {"steps": 0}, {"seed": -1}, {"guidance": -1.0}, {"guidance": 99.0}]
 )
