@@ -142,7 +142,7 @@ def launch(
     keep_uploads_tidy()
     lodging = Lodging(config)
     jobs = JobBook(config.jobs_folder, config.num_slots, config.max_waiting, lodging)
-    lodging.keep_swept(jobs.folders_in_use)
+    lodging.keep_swept(jobs.in_use)
     atexit.register(jobs.cancel_all)
 
     handover = Handover(config.private_folder, config.keep_results_s)

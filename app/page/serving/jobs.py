@@ -34,6 +34,8 @@ class Job:
         self.folder = folder
         self.address = address
         """Of the machine that asks; visitors behind one share its turns."""
+        self.uploads: list[Path] = []
+        """What the visitor has given it to work with."""
         self.is_turned_out = False
         """Has lost its place to a visitor who had fewer."""
         self._stop = threading.Event()
@@ -82,16 +84,18 @@ class JobBook:
         user can enter.
 
         Args:
-            uses: values of a form; the uploads among them are kept for as long as a new one.
+            uses: values of a form; the uploads among them are kept until it ends, and then for as
+                long as a new one.
 
         Raises:
             RunError: when too many runs wait already, or there is no room for what they leave.
         """
-        if self._lodging is not None:
-            self._lodging.admit(address)
-            self._lodging.touch(uses)
         folder = self.root / secrets.token_hex(16)
         job = Job(visitor, tab, folder, address)
+        if self._lodging is not None:
+            self._lodging.admit(address)
+            job.uploads = self._lodging.uploads_of(uses)
+            self._lodging.touch(job.uploads)
         with self._changed:
             if len(self._jobs) >= self.num_slots + self.max_waiting:
                 self._make_room(job)
@@ -123,6 +127,7 @@ class JobBook:
                 self._jobs.remove(job)
             self._leave(job)
         if self._lodging is not None:
+            self._lodging.touch(job.uploads)
             self._lodging.charge(job.address, size_of(job.folder))
 
     @contextmanager
@@ -209,7 +214,7 @@ class JobBook:
         self._jobs.remove(last.job)
         self._changed.notify_all()
 
-    def folders_in_use(self) -> list[Path]:
-        """Of runs that have not ended."""
+    def in_use(self) -> list[Path]:
+        """Folders and uploads of runs that have not ended."""
         with self._changed:
-            return [job.folder for job in self._jobs]
+            return [path for job in self._jobs for path in (job.folder, *job.uploads)]
