@@ -3,7 +3,7 @@
 # make check   the quick part of it: style, types, import rules
 # make bench   milliseconds per frame by stage, against the naive loops: a table and bench.json
 # make fuzz    an hour of damaged files and wild requests (make test gives it a minute)
-# make soak    half an hour of four visitors at once: memory, temporary files, what is left
+# make soak    half an hour of four visitors at once: memory and files; then twenty and an attacker
 # make lock    pin every package anew, with hashes, after a change of requirements
 # make audit   known faults of what is locked, where the database can be asked
 # make sbom    what is installed, as CycloneDX: sbom.json
@@ -42,7 +42,7 @@ fuzz: .venv/.test-ready
 	FUZZ_SECONDS=3600 $(BIN)/python -m pytest tests/fuzz
 
 soak: .venv/.test-ready
-	SOAK_SECONDS=1800 $(BIN)/python -m pytest tests/soak
+	SOAK_SECONDS=1800 ATTACKED_VISITORS=20 $(BIN)/python -m pytest tests/soak
 
 bench: .venv/.run-ready
 	$(BIN)/python -m app.commands.bench

@@ -67,7 +67,7 @@ class Visitor(AbstractContextManager["Visitor"]):
         # The page holds this open; where it breaks off, the visitor has gone.
         with self._client.stream("GET", f"gradio_api/heartbeat/{self._session}"):
             outputs: list[Any] = []
-            for news in self._events(name, form):
+            for news in self.events(name, form):
                 outputs.append(news)
                 if len(outputs) == leaves_after:
                     return []
@@ -116,7 +116,7 @@ class Visitor(AbstractContextManager["Visitor"]):
                     raise Refused(message)
                 count += 1
 
-    def _events(self, name: str, form: Mapping[str, Any]) -> Iterator[Any]:
+    def events(self, name: str, form: Mapping[str, Any]) -> Iterator[Any]:
         """What a run tells, one after the other; the last is its result."""
         fields = self._forms[f"/{name}"]["parameters"]
         unknown = set(form) - {field["parameter_name"] for field in fields}

@@ -186,3 +186,35 @@ def test_a_file_that_is_told_of_is_there_however_late_it_is_looked_at(
     request = GenerateRequest(speech, tmp_path / "out", weights, steps=1, has_video=False)
     done = workshop.generate(request, on_event, lambda: False)
     assert done.files and shares and files
+
+
+def test_a_run_that_has_stepped_aside_goes_on_slowly_until_the_others_have_ended(
+    hours: tuple[Path, ...], tmp_path: Path
+) -> None:
+    workshop = Workshop(limits=Limits(seconds=300), num_aside=1)
+    long = DiagnoseRequest(hours[:1], tmp_path / "long", has_pictures=False)
+    states: list[str] = []
+    ended = threading.Event()
+
+    def work() -> None:
+        workshop.diagnose(long, lambda share: None)
+        ended.set()
+
+    def look(share: float) -> None:
+        if len(workshop._busy) == 2:
+            status = Path(f"/proc/{workshop._busy[0]._child.pid}/stat").read_text()
+            states.append(status.rpartition(") ")[2][0])
+
+    try:
+        thread = threading.Thread(target=work)
+        thread.start()
+        while not workshop._busy:
+            time.sleep(0.05)
+        for name in "ab":
+            workshop.diagnose(small(tmp_path, name), look)
+        assert 0.5 < states.count("T") / len(states) < 0.95
+        thread.join(120)
+        assert ended.is_set() and len(workshop._all) == 1
+        assert workshop.diagnose(small(tmp_path, "next"), lambda share: None).files
+    finally:
+        workshop.close()
