@@ -19,7 +19,7 @@ from tests.soak.visitor import Refused, Visitor
 VISITORS = int(os.environ.get("ATTACKED_VISITORS", "0"))
 PAGES = 6
 """Of the attacker, each with an upload of its own."""
-SYSTEMS = ["gan/5"]
+SYSTEMS = ["gan/5", "asynfusion/lcm-async"]
 MOST_GROWTH = 1.5
 """Of the time from a visitor's click to the last file, attacked and not."""
 

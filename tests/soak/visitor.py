@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import secrets
+import ssl
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
 from types import TracebackType
 from typing import Any
-from urllib.parse import urlsplit
 
 import httpx
 from websockets.sync.client import connect
@@ -24,15 +24,32 @@ class Refused(Exception):
 class Visitor(AbstractContextManager["Visitor"]):
     """One open page in one browser, of an address of its own on this machine's loopback."""
 
-    def __init__(self, address: str, number: int) -> None:
+    def __init__(
+        self,
+        address: str,
+        number: int,
+        tls: ssl.SSLContext | None = None,
+        account: tuple[str, str] | None = None,
+    ) -> None:
+        """
+        Args:
+            address: of the page.
+            number: of the visitor, from 0 on.
+            tls: who is trusted, where the page has https.
+            account: name and password, where the page asks for them.
+        """
+        self._tls = tls
         self._own = f"127.0.{1 + number // 200}.{1 + number % 200}"
         self._session = secrets.token_hex(6)
         self._client = httpx.Client(
             base_url=address,
-            transport=httpx.HTTPTransport(local_address=self._own),
-            headers={"Origin": address.rstrip("/")},
+            transport=httpx.HTTPTransport(verify=tls or True, local_address=self._own),
+            headers={"Origin": address.rstrip("/"), "X-Forwarded-For": "8.8.8.8"},
             timeout=PATIENCE_S,
         )
+        if account is not None:
+            login = {"username": account[0], "password": account[1]}
+            self._client.post("login", data=login).raise_for_status()
         assert self._client.get("").status_code == 200
         config = self._client.get("config").json()
         self._functions = {each["api_name"]: each["id"] for each in config["dependencies"]}
@@ -83,20 +100,28 @@ class Visitor(AbstractContextManager["Visitor"]):
         """Whether a file is still given."""
         return self._client.get(address).status_code == 200
 
-    def speak(self, samples: bytes, leaves: bool = False) -> int:
+    def speak(
+        self,
+        samples: bytes,
+        system: str = "gan/5",
+        speaker: str = "anna",
+        leaves: bool = False,
+    ) -> int:
         """Speak live in the time that it takes; returns how many messages with frames came.
 
         Args:
             samples: 16-bit numbers of 16 kHz.
             leaves: break the connection off, as a closed lid does.
         """
-        port = urlsplit(str(self._client.base_url)).port
+        page = str(self._client.base_url).rstrip("/")
+        cookies = "; ".join(f"{name}={value}" for name, value in self._client.cookies.items())
         count = 0
         with connect(
-            f"ws://127.0.0.1:{port}/live/speak",
-            additional_headers={"Origin": f"http://127.0.0.1:{port}"},
+            f"{page.replace('http', 'ws', 1)}/live/speak",
+            ssl=self._tls,
+            additional_headers={"Origin": page, "Cookie": cookies},
         ) as socket:
-            socket.send(json.dumps({"system": "gan/5", "speaker": "anna", "seed": 1}))
+            socket.send(json.dumps({"system": system, "speaker": speaker, "seed": 1}))
             ready = json.loads(socket.recv())
             if "end" in ready:
                 raise Refused(ready["end"])
