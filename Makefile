@@ -3,6 +3,7 @@
 # make check   the quick part of it: style, types, import rules
 # make bench   milliseconds per frame by stage, against the naive loops: a table and bench.json
 # make fuzz    an hour of damaged files and wild requests (make test gives it a minute)
+# make soak    half an hour of four visitors at once: memory and files; then twenty and an attacker
 # make lock    pin every package anew, with hashes, after a change of requirements
 # make audit   known faults of what is locked, where the database can be asked
 # make sbom    what is installed, as CycloneDX: sbom.json
@@ -12,7 +13,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 export PYTHON
 BIN := .venv/bin
 
-.PHONY: demo test check fuzz bench golden lock audit sbom clean
+.PHONY: demo test check fuzz soak bench golden lock audit sbom clean
 .DEFAULT_GOAL := demo
 
 .venv/.run-ready: locks/run.txt .ci/venv .ci/system-packages
@@ -39,6 +40,9 @@ test: check
 
 fuzz: .venv/.test-ready
 	FUZZ_SECONDS=3600 $(BIN)/python -m pytest tests/fuzz
+
+soak: .venv/.test-ready
+	SOAK_SECONDS=1800 ATTACKED_VISITORS=20 $(BIN)/python -m pytest tests/soak
 
 bench: .venv/.run-ready
 	$(BIN)/python -m app.commands.bench

@@ -1,4 +1,4 @@
-"""``python -m app study``: export, check, analyse, simulate."""
+"""``python -m app study``: export, check, links, analyse, simulate."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from app.errors import RunError
 
 
 def add_study(commands) -> None:
-    """Add the command and its four parts."""
+    """Add the command and its parts."""
     parser = commands.add_parser(
         "study",
         help="blind user study: export videos and page, test for leaks, analyse answers",
@@ -22,6 +22,7 @@ def add_study(commands) -> None:
     parts = parser.add_subparsers(title="parts", required=True, metavar="PART")
     _add_export(parts)
     _add_check(parts)
+    _add_links(parts)
     _add_analyse(parts)
     _add_simulate(parts)
 
@@ -105,6 +106,44 @@ def _check(options: argparse.Namespace) -> None:
         found = "1 leak was found" if len(leaks) == 1 else f"{len(leaks)} leaks were found"
         raise RunError(f"{found}; do not host this bundle.")
     sys.stdout.write("No leak was found.\n")
+
+
+def _add_links(parts) -> None:
+    parser = parts.add_parser(
+        "links",
+        help="signed links for participants, each good for once",
+        description="Write participant, list and link of each as CSV. From then on the analysis "
+        "sets answers aside that came by no link, a forged one, or one that was used before. "
+        "Called again, it gives the same links.",
+    )
+    parser.add_argument("study", type=Path, metavar="DIR", help="folder that the export made")
+    parser.add_argument(
+        "--address", required=True, metavar="URL", help="where participant_bundle is hosted"
+    )
+    parser.add_argument(
+        "--participants", type=int, metavar="N", help="default: as many as are planned"
+    )
+    parser.set_defaults(command=_links)
+
+
+def _links(options: argparse.Namespace) -> None:
+    import csv
+    from dataclasses import replace
+
+    from app.study.design.key import read_key, write_key
+    from app.study.design.links import MAX_LINKS, link_of, list_of, new_secret
+
+    path = options.study / "researcher_only" / "key.json"
+    key = read_key(path)
+    count = key.participants if options.participants is None else options.participants
+    if not 1 <= count <= MAX_LINKS:
+        raise RunError(f"--participants must be 1 to {MAX_LINKS}; got {count}.")
+    is_new = key.link_secret is None
+    key = replace(key, link_secret=key.link_secret or new_secret())
+    rows = [(n, list_of(key, n), link_of(key, n, options.address)) for n in range(count)]
+    if is_new:
+        write_key(key, path)
+    csv.writer(sys.stdout).writerows([("participant", "list", "link"), *rows])
 
 
 def _add_analyse(parts) -> None:

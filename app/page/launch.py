@@ -128,7 +128,7 @@ def launch(
     from app.page.results.first_look_shown import FirstLookDesk
     from app.page.results.study_preview import PreviewDesk, preview_routes
     from app.page.serving.guard import HostNames, guarded
-    from app.page.serving.jobs import JobBook
+    from app.page.serving.jobs import NUM_ASIDE, JobBook
     from app.page.serving.live_route import live_routes
     from app.page.serving.lodging import Lodging
     from app.page.serving.media import MediaDesk, media_routes
@@ -142,7 +142,7 @@ def launch(
     keep_uploads_tidy()
     lodging = Lodging(config)
     jobs = JobBook(config.jobs_folder, config.num_slots, config.max_waiting, lodging)
-    lodging.keep_swept(jobs.folders_in_use)
+    lodging.keep_swept(jobs.in_use)
     atexit.register(jobs.cancel_all)
 
     handover = Handover(config.private_folder, config.keep_results_s)
@@ -154,6 +154,7 @@ def launch(
         config.num_slots,
         Limits(config.max_run_bytes, config.max_run_s),
         warm=(config.weights, config.body) if is_warmed_up else None,
+        num_aside=NUM_ASIDE,
     )
     atexit.register(workshop.close)
     # Apart from the runs: nobody should wait for another's run to hear that a file is silent.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from app.errors import RunError
@@ -61,7 +61,8 @@ def export_study(
         maker.make_all(sources, on_progress)
     else:
         maker.make_shared(sources, options.crew, on_progress)
-    key = make_key(plan, design, blinding, workspace.digests)
+    secret = read_key(workspace.key).link_secret
+    key = replace(make_key(plan, design, blinding, workspace.digests), link_secret=secret)
     write_page(plan, design, blinding, workspace)
     write_adapters(plan, design, blinding, workspace)
     write_records(plan, design, blinding, sources, options, workspace)

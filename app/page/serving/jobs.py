@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import secrets
 import threading
+import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -20,6 +21,11 @@ from typing import Any, Literal
 from app import text
 from app.errors import CancelledRun, RunError
 from app.page.serving.lodging import Lodging, size_of
+
+LONG_S = 20.0
+"""At work; what takes longer steps aside for others."""
+NUM_ASIDE = 1
+"""Runs that have stepped aside; each takes the memory of one at work."""
 
 Tab = Literal["generate", "own_motion", "live", "mechanism", "steps", "study", "analysis"]
 """The part of the page that starts a run, and whose button stops it."""
@@ -34,6 +40,10 @@ class Job:
         self.folder = folder
         self.address = address
         """Of the machine that asks; visitors behind one share its turns."""
+        self.uploads: list[Path] = []
+        """What the visitor has given it to work with."""
+        self.begun_at = float("inf")
+        """When it came to work, by time.monotonic."""
         self.is_turned_out = False
         """Has lost its place to a visitor who had fewer."""
         self._stop = threading.Event()
@@ -70,6 +80,7 @@ class JobBook:
         self.max_waiting = max_waiting
         self._places: list[_Place] = []
         self._working: list[Job] = []
+        self._aside: list[Job] = []
         self._jobs: list[Job] = []
         self._numbers = itertools.count()
         self._num_begun = 0
@@ -82,18 +93,20 @@ class JobBook:
         user can enter.
 
         Args:
-            uses: values of a form; the uploads among them are kept for as long as a new one.
+            uses: values of a form; the uploads among them are kept until it ends, and then for as
+                long as a new one.
 
         Raises:
             RunError: when too many runs wait already, or there is no room for what they leave.
         """
-        if self._lodging is not None:
-            self._lodging.admit(address)
-            self._lodging.touch(uses)
         folder = self.root / secrets.token_hex(16)
         job = Job(visitor, tab, folder, address)
+        if self._lodging is not None:
+            self._lodging.admit(address)
+            job.uploads = self._lodging.uploads_of(uses)
+            self._lodging.touch(job.uploads)
         with self._changed:
-            if len(self._jobs) >= self.num_slots + self.max_waiting:
+            if len(self._jobs) - len(self._aside) >= self.num_slots + self.max_waiting:
                 self._make_room(job)
             folder.mkdir(parents=True, mode=0o700)
             self._jobs.append(job)
@@ -123,6 +136,7 @@ class JobBook:
                 self._jobs.remove(job)
             self._leave(job)
         if self._lodging is not None:
+            self._lodging.touch(job.uploads)
             self._lodging.charge(job.address, size_of(job.folder))
 
     @contextmanager
@@ -150,9 +164,11 @@ class JobBook:
                     raise RunError(text.TURNED_OUT.format(limit=self.max_waiting))
                 if job.is_cancelled():
                     raise CancelledRun
+                self._step_aside(job)
                 order = [place.job for place in sorted(self._places, key=self._turn)]
                 ahead = order.index(job) + len(self._working)
-                if order[0] is job and len(self._working) < self.num_slots:
+                is_next = order[0] is job and len(self._working) < self.num_slots
+                if is_next and not self._has_one_aside(job):
                     self._begin(job)
                     return
                 if ahead == told:
@@ -161,17 +177,33 @@ class JobBook:
             told = ahead
             yield ahead
 
-    def _turn(self, place: _Place) -> tuple[float, float, int]:
+    def _step_aside(self, waiting: Job) -> None:
+        """Make way for a job that waits, where a run of another address takes long."""
+        if self._has_one_aside(waiting) or len(self._working) < self.num_slots:
+            return
+        for job in self._working:
+            is_long = time.monotonic() - job.begun_at > LONG_S
+            if is_long and job.address != waiting.address and len(self._aside) < NUM_ASIDE:
+                self._working.remove(job)
+                self._aside.append(job)
+                self._changed.notify_all()
+                return
+
+    def _has_one_aside(self, job: Job) -> bool:
+        return any(other.address == job.address for other in self._aside)
+
+    def _turn(self, place: _Place) -> tuple[bool, float, float, int]:
         """What sorts the places: whose last run began longest ago goes first."""
         turns = [
             max(self._last_begun.get(name, 0.0), place.num_begun)
             for name in (f"address {place.job.address}", f"visitor {place.job.visitor}")
         ]
-        return turns[0], turns[1], place.number
+        return self._has_one_aside(place.job), turns[0], turns[1], place.number
 
     def _begin(self, job: Job) -> None:
         self._places = [place for place in self._places if place.job is not job]
         self._working.append(job)
+        job.begun_at = time.monotonic()
         self._num_begun += 1
         for name in (f"address {job.address}", f"visitor {job.visitor}"):
             self._last_begun[name] = self._num_begun + 0.5  # behind those who came meanwhile
@@ -179,8 +211,9 @@ class JobBook:
 
     def _leave(self, job: Job) -> None:
         self._places = [place for place in self._places if place.job is not job]
-        if job in self._working:
-            self._working.remove(job)
+        for jobs in (self._working, self._aside):
+            if job in jobs:
+                jobs.remove(job)
         if not self._places and not self._working:
             self._last_begun.clear()
         self._changed.notify_all()
@@ -209,7 +242,7 @@ class JobBook:
         self._jobs.remove(last.job)
         self._changed.notify_all()
 
-    def folders_in_use(self) -> list[Path]:
-        """Of runs that have not ended."""
+    def in_use(self) -> list[Path]:
+        """Folders and uploads of runs that have not ended."""
         with self._changed:
-            return [job.folder for job in self._jobs]
+            return [path for job in self._jobs for path in (job.folder, *job.uploads)]

@@ -103,20 +103,27 @@ class Lodging:
         """All that is there, in bytes."""
         return size_of(self.root)
 
-    def touch(self, values: Iterable[Any]) -> None:
-        """Keep the uploads among a form's values as if they had come now."""
+    def uploads_of(self, values: Iterable[Any]) -> list[Path]:
+        """The uploads among a form's values."""
         cache = self.root / "gradio"
+        found: list[Path] = []
         for value in values:
             if isinstance(value, list):
-                self.touch(value)
+                found += self.uploads_of(value)
             elif isinstance(value, str) and value.startswith(f"{cache}{os.sep}"):
-                try:
-                    os.utime(value)
-                except OSError:
-                    continue  # a reader says that it is gone
+                found.append(Path(value))
+        return found
+
+    def touch(self, uploads: Iterable[Path]) -> None:
+        """Keep them as if they had come now."""
+        for upload in uploads:
+            try:
+                os.utime(upload)
+            except (OSError, ValueError):
+                continue  # a reader says that it is gone
 
     def sweep(self, in_use: Iterable[Path] = ()) -> None:
-        """Delete what was last touched longer ago than it is kept, but for folders in use."""
+        """Delete what was last touched longer ago than it is kept, but for what is in use."""
         before = time.time() - self._bounds.keep_results_s
         kept = set(in_use)
         for folder in _entries(self.root / "jobs"):
@@ -125,7 +132,7 @@ class Lodging:
         for file in sorted((self.root / "gradio").rglob("*"), reverse=True):
             if file.is_dir() and not file.is_symlink():
                 _remove_empty(file, before)
-            elif _last_touched(file) < before:
+            elif file not in kept and _last_touched(file) < before:
                 file.unlink(missing_ok=True)
         with self._lock:
             for address, left in list(self._left.items()):

@@ -2,7 +2,8 @@
 
 A process reads its models once and is kept for the next run. It is ended when a visitor cancels
 and it does not hear that at once, when it takes too long or says nothing new for long, and when a
-run has left it much larger than it was.
+run has left it much larger than it was. A run that has stepped aside (`app.page.serving.jobs`) gets
+a quarter of the time while others work.
 """
 
 from __future__ import annotations
@@ -48,6 +49,8 @@ GROWN_BYTES = 10**9
 HEARD = True
 """Sent back for a file that has been told of: only then may the child move it."""
 _POLL_S = 0.05
+_ROUND_S, _REST = 0.4, 0.75
+"""A run that has stepped aside rests for this share of each round."""
 
 TOO_LONG = (
     "This run took longer than the {minutes:.0f} minutes that a run may take here; ask for less."
@@ -89,18 +92,25 @@ class Workshop:
         num_processes: int = 1,
         limits: Limits = Limits(),
         warm: tuple[Path, Path | None] | None = None,
+        num_aside: int = 0,
     ) -> None:
         """
         Args:
+            num_processes: that are ready for runs.
             warm: weights and body that every process reads before its first run; None reads what a
                 run needs when it needs it.
+            num_aside: more processes, started when they are needed; then the runs that began first
+                have stepped aside.
         """
+        self._num_ready = num_processes
         self._limits = limits
         self._warm = warm
         self._is_closed = False
-        self._free: queue.SimpleQueue[_Process | None] = queue.SimpleQueue()
+        self._free: queue.LifoQueue[_Process | None] = queue.LifoQueue()
         self._all: set[_Process] = set()
-        for _ in range(num_processes):
+        self._busy: list[_Process] = []
+        """Whose run began first stands first."""
+        for _ in range(num_processes + num_aside):
             self._free.put(None)
 
     def generate(
@@ -163,8 +173,8 @@ class Workshop:
 
     def start(self) -> None:
         """Start all processes, so that the first visitors need not wait for that."""
-        for _ in range(self._free.qsize()):
-            self._free.put(self._fit(self._free.get()))
+        for process in [self._fit(self._free.get()) for _ in range(self._num_ready)]:
+            self._free.put(process)
 
     def do(
         self, task: str, arguments: tuple[Any, ...], on_event: OnEvent, should_cancel: ShouldCancel
@@ -181,11 +191,19 @@ class Workshop:
             if should_cancel():
                 raise CancelledRun
             process = self._fit(process)
-            return process.do((task, arguments), self._limits, on_event, should_cancel)
+            work = (task, arguments)
+            self._busy.append(process)
+            return process.do(work, self._limits, on_event, should_cancel, self._is_aside)
         finally:
-            if process is not None and not process.is_fit():
+            if process in self._busy:
+                self._busy.remove(process)
+            num_idle = len(self._all) - len(self._busy)
+            if self._is_closed or num_idle > self._num_ready:
+                self._drop(process)
+                process = None
+            elif process is not None and not process.is_fit():
                 # At once: the next visitor should find its models read.
-                process = None if self._is_closed else self._fit(process)
+                process = self._fit(process)
             self._free.put(process)
 
     def close(self) -> None:
@@ -193,6 +211,9 @@ class Workshop:
         self._is_closed = True
         for process in list(self._all):
             self._drop(process)
+
+    def _is_aside(self, process: _Process) -> bool:
+        return process in self._busy[: -self._num_ready]
 
     def _fit(self, process: _Process | None) -> _Process:
         """This one, or another in its place."""
@@ -241,6 +262,7 @@ class _Process:
     def __init__(self, warm: tuple[Path, Path | None] | None) -> None:
         self._channel, theirs = Pipe()
         self._is_idle = True
+        self._is_resting = False
         self._grown = 0
         self._child = subprocess.Popen(
             [
@@ -267,18 +289,23 @@ class _Process:
         limits: Limits,
         on_event: OnEvent,
         should_cancel: ShouldCancel,
+        is_aside: Callable[[_Process], bool],
     ) -> Any:
         self._is_idle = False
-        started = told_at = time.monotonic()
+        started = told_at = looked_at = time.monotonic()
         news: object = None
         stop_by: float | None = None
         try:
             self._send((*work, limits.memory_bytes))
             while True:
                 now = time.monotonic()
+                told_at += now - looked_at if self._is_resting else 0.0
+                looked_at = now
                 if stop_by is None and should_cancel():
                     stop_by = now + GRACE_S
                     self._send(None)
+                is_time = now % _ROUND_S < _REST * _ROUND_S
+                self._rest(is_time and stop_by is None and is_aside(self))
                 if stop_by is not None and now > stop_by:
                     raise CancelledRun
                 if now - started > limits.seconds:
@@ -301,6 +328,8 @@ class _Process:
             if stop_by is not None:
                 raise CancelledRun from error
             raise RunError(ENDED.format(gigabytes=limits.memory_bytes / 1e9)) from error
+        finally:
+            self._rest(False)
 
     def _send(self, message: object) -> None:
         try:
@@ -324,6 +353,14 @@ class _Process:
         if kind == "sentence":
             raise RunError(value)
         raise FaultInWorkshop(value)
+
+    def _rest(self, is_due: bool) -> None:
+        if is_due != self._is_resting:
+            self._is_resting = is_due
+            try:
+                os.killpg(self._child.pid, signal.SIGSTOP if is_due else signal.SIGCONT)
+            except ProcessLookupError:
+                return  # it has ended, as is seen next
 
     def end(self) -> None:
         """Kill it with its ffmpeg; what draws for it ends when its pipes close."""

@@ -97,6 +97,8 @@ class Key:
     """How many are planned."""
     video_s: float | None = None
     """How long each video lasts; None where they differ."""
+    link_secret: str | None = None
+    """Signs participants' links; None where answers need none (`app.study.design.links`)."""
 
     def __post_init__(self) -> None:
         """
@@ -179,6 +181,7 @@ def _key_of(fields: Fields) -> Key:
         max_failed=fields.inner("attention_rule").whole("max_failed", 0, MAX_TRIALS_OF_LIST),
         participants=fields.whole("participants", 1, MAX_PARTICIPANTS),
         video_s=_seconds(fields.raw("video_s")),
+        link_secret=fields.text_or_none("link_secret"),
     )
 
 
@@ -238,6 +241,7 @@ def _json_of(key: Key) -> dict[str, Any]:
         "attention_rule": {"max_failed": key.max_failed},
         "participants": key.participants,
         "video_s": key.video_s,
+        **({} if key.link_secret is None else {"link_secret": key.link_secret}),
     }
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from app.errors import RunError
 from app.study.design.key import Key, read_key
+from app.study.design.links import token_of
 from app.study.simulate.raters import RaterModel, World
 from app.study.statistics.answers import FORMAT, TRUTH_NAME
 from model.storage.files import written_atomically
@@ -71,6 +72,7 @@ def answers_file(world: World, rater: int) -> dict[str, Any]:
         "finished": (_START + duration).isoformat(),
         "device": {"width": 1280, "height": 900, "touch": False},
         "headphones": "skipped",
+        **({"link": token_of(world.key, rater)} if world.key.link_secret else {}),
         "answers": answers,
     }
 

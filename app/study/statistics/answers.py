@@ -53,6 +53,8 @@ class Participant:
     started: datetime
     answers: tuple[Answer, ...]
     headphones: str | None = None
+    link: str | None = None
+    """Token of the link by which they came."""
 
 
 @dataclass(frozen=True)
@@ -133,6 +135,7 @@ def participant_of(fields: Fields, key: Key, source: str) -> tuple[Participant, 
         started=_time(fields, "started"),
         answers=tuple(accepted.values()),
         headphones=headphones if is_text(headphones) else None,
+        link=fields.text_or_none("link"),
     )
     return participant, refused
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from app.study.design.fields import is_number
 from app.study.design.key import Expected, Key
+from app.study.design.links import doubt_of
 from app.study.statistics.answers import Participant
 from app.study.statistics.plausibility import doubts
 
@@ -29,7 +30,8 @@ class Screened:
     kept: tuple[Participant, ...]
     dropped: tuple[Dropped, ...]
     set_aside: tuple[Dropped, ...] = ()
-    """Finished and attentive, but not as anyone answers (`app.study.statistics.plausibility`)."""
+    """Finished and attentive, but not by a link of theirs, where the study has links, or not as
+    anyone answers (`app.study.statistics.plausibility`)."""
 
 
 def screen(participants: Iterable[Participant], key: Key) -> Screened:
@@ -53,12 +55,28 @@ def screen(participants: Iterable[Participant], key: Key) -> Screened:
             )
         else:
             kept.append(participant)
-    why = doubts(kept, key)
+    why = _link_doubts(kept, key)
+    why |= doubts([one for one in kept if one.id not in why], key)
     return Screened(
         kept=tuple(participant for participant in kept if participant.id not in why),
         dropped=tuple(dropped),
         set_aside=tuple(Dropped(one, why[one.id]) for one in kept if one.id in why),
     )
+
+
+def _link_doubts(participants: Iterable[Participant], key: Key) -> dict[str, str]:
+    """By participant why they did not come by a link of their own. Of several by one link, the one
+    who finished first did."""
+    found: dict[str, str] = {}
+    used: dict[str, Participant] = {}
+    for one in sorted(participants, key=lambda one: one.finished or one.started):
+        why = doubt_of(key, one.link, one.list_number)
+        if why is None and key.link_secret is not None and one.link is not None:
+            first = used.setdefault(one.link, one)
+            why = f"the link was used by {first.source} before" if first is not one else None
+        if why is not None:
+            found[one.id] = why
+    return found
 
 
 def failed_checks(participant: Participant, key: Key) -> int:

@@ -66,7 +66,8 @@
   };
 
   const asked = query.get("p");
-  const whoKey = `study/${study.study}/who/${asked === null ? "" : asked}`;
+  const token = /^\d{1,6}-[0-9a-f]{32}$/.test(query.get("t") || "") ? query.get("t") : null; // a signed link
+  const whoKey = `study/${study.study}/who/${asked === null ? "" : asked}${token ? `/${token}` : ""}`;
 
   const stateKey = (participant) => `study/${study.study}/${participant}`;
   const writerKey = (participant) => `${stateKey(participant)}/writer`;
@@ -209,6 +210,7 @@
         touch: navigator.maxTouchPoints > 0,
       },
       headphones: state.headphones,
+      ...(token ? { link: token } : {}),
       answers: state.answers,
     };
   }

@@ -1,12 +1,10 @@
 """Who is let in: by host name, by the page that asks, by account, and through a proxy."""
 
 import os
-import shutil
 import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -142,51 +140,6 @@ def test_with_accounts_nothing_is_given_before_the_login(weights: Path, tmp_path
     file.write_text("ann\n")
     with pytest.raises(RunError, match="NAME:PASSWORD"):
         parse_config(["--auth", str(file)])
-
-
-def without_tls(conf: str, port: int, page: str) -> str:
-    """The file of the docs, in plain HTTP on a port of the test's."""
-    server = conf[: conf.rindex("server {")]
-    lines = [line for line in server.splitlines() if "ssl_certificate" not in line]
-    changed = "\n".join(lines).replace("listen 443 ssl;", f"listen 127.0.0.1:{port};")
-    return changed.replace("http://127.0.0.1:7860", page)
-
-
-def test_behind_nginx_as_the_docs_say(weights: Path, tmp_path: Path) -> None:
-    nginx = shutil.which("nginx") or shutil.which("nginx", path="/usr/sbin")
-    if nginx is None:
-        pytest.skip("there is no nginx (apt-get install nginx-light)")
-    with served(weights, tmp_path / "page", host_names=("lab.example",)) as client:
-        port = 18_443
-        page = f"http://{own_host(client)}"
-        conf = without_tls((ROOT / "docs/hosting/nginx.conf").read_text(), port, page)
-        (tmp_path / "nginx.conf").write_text(
-            f"daemon off; pid {tmp_path}/pid; error_log {tmp_path}/log; events {{}}\n"
-            f"http {{ access_log off; client_body_temp_path {tmp_path}/body;\n{conf}\n}}\n"
-        )
-        proxy = subprocess.Popen([nginx, "-c", str(tmp_path / "nginx.conf"), "-p", str(tmp_path)])
-        try:
-            outside = httpx.Client(
-                base_url=f"http://127.0.0.1:{port}", headers={"Host": "lab.example"}, timeout=20
-            )
-            for _ in range(100):
-                try:
-                    assert outside.get("config").status_code == 200
-                    break
-                except httpx.ConnectError:
-                    time.sleep(0.1)
-            own = {"Origin": "http://lab.example"}
-            assert outside.post("gradio_api/upload", files=UPLOAD, headers=own).status_code == 200
-            foreign = {"Origin": "https://evil.example"}
-            answer = outside.post("gradio_api/upload", files=UPLOAD, headers=foreign)
-            assert answer.status_code == 403
-            assert outside.get("config", headers={"Host": "evil.example"}).status_code == 421
-            with live_socket(port, "lab.example", f"http://lab.example:{port}") as speech:
-                speech.send("{}")
-                assert "Choose a system" in str(speech.recv())
-        finally:
-            proxy.terminate()
-            proxy.wait(10)
 
 
 def test_a_server_that_is_ended_leaves_nothing(weights: Path, tmp_path: Path) -> None:

@@ -162,3 +162,40 @@ def test_a_closed_run_is_forgotten_and_the_visitors_other_run_is_not(tmp_path: P
     assert jobs.cancel("one", "study") and new.is_cancelled() and not old.is_cancelled()
     jobs.close(new)
     assert not jobs.cancel("one", "study")
+
+
+def test_what_takes_long_steps_aside_for_another_address(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.page.serving.jobs.LONG_S", 0.3)
+    jobs = JobBook(tmp_path)
+    long, more = (jobs.open("flood", "own_motion", "10.0.0.1") for _ in range(2))
+
+    def newcomer(number: int) -> Job:
+        return jobs.open("newcomer", "generate", f"10.0.1.{number}")
+
+    with jobs.slot(more) as held:
+        with jobs.slot(long) as turn:
+            list(turn)
+            began = time.monotonic()
+            with jobs.slot(newcomer(1)) as waiting:
+                assert list(waiting) == [1] and time.monotonic() - began > 0.3
+                assert next(held) == 1
+            with jobs.slot(newcomer(2)) as waiting:
+                assert list(waiting) == []  # `more` came first, but its address has one aside
+                time.sleep(0.4)
+                with jobs.slot(newcomer(3)) as another:
+                    assert next(another) == 1  # one is aside already
+        assert list(held) in ([], [0])
+
+
+def test_among_runs_of_one_address_none_steps_aside(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.page.serving.jobs.LONG_S", 0.0)
+    jobs = JobBook(tmp_path)
+    first, second = (jobs.open(name, "generate", "10.0.0.1") for name in "ab")
+    with jobs.slot(first) as turn:
+        list(turn)
+        with jobs.slot(second) as waiting:
+            assert next(waiting) == 1 and jobs._aside == []

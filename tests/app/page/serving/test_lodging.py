@@ -16,6 +16,7 @@ from app import text
 from app.config import AppConfig
 from app.errors import RunError
 from app.page.launch import launch
+from app.page.serving.jobs import JobBook
 from app.page.serving.lodging import Lodging, claim_folder
 from tests.helpers import ROOT
 
@@ -43,9 +44,25 @@ def test_what_is_old_goes_and_what_is_in_use_stays(tmp_path: Path) -> None:
     write(tmp_path / "gradio" / "cc" / "new.wav")
     write(tmp_path / "jobs" / "ended" / "a.mp4", age_s=2 * KEEP_S)
     running = write(tmp_path / "jobs" / "running" / "a.mp4", age_s=2 * KEEP_S)
-    lodging.touch([None, 3, "/etc/passwd", [str(touched)]])
+    lodging.touch(lodging.uploads_of([None, 3, "/etc/passwd", [str(touched)]]))
     lodging.sweep(in_use=[running.parent])
     assert left(tmp_path) == ["gradio/bb/waiting.wav", "gradio/cc/new.wav", "jobs/running/a.mp4"]
+
+
+def test_an_upload_stays_for_as_long_as_its_run_waits_or_goes_on(tmp_path: Path) -> None:
+    lodging = Lodging(AppConfig(temp=tmp_path, keep_results_s=KEEP_S))
+    jobs = JobBook(tmp_path / "jobs", lodging=lodging)
+    upload = write(tmp_path / "gradio" / "aa" / "waiting.wav")
+    job = jobs.open("visitor", "generate", uses=["a form", str(upload)])
+    write(upload, age_s=2 * KEEP_S)  # while others' runs go on
+    lodging.sweep(jobs.in_use())
+    assert upload.exists() and job.folder.exists()
+    jobs.close(job)
+    lodging.sweep(jobs.in_use())
+    assert upload.exists()
+    write(upload, age_s=2 * KEEP_S)
+    lodging.sweep(jobs.in_use())
+    assert not upload.exists()
 
 
 def test_there_is_a_bound_for_each_address_and_for_all(tmp_path: Path) -> None:

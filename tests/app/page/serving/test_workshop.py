@@ -204,3 +204,35 @@ def test_motion_is_made_in_one_thread_beside_the_visitors_browser(
     monkeypatch.setattr(work, lambda *asked: seen.append(torch.get_num_threads()))
     task(None, print, bool)
     assert seen == [1]
+
+
+def test_a_run_that_has_stepped_aside_goes_on_slowly_until_the_others_have_ended(
+    hours: tuple[Path, ...], tmp_path: Path
+) -> None:
+    workshop = Workshop(limits=Limits(seconds=300), num_aside=1)
+    long = DiagnoseRequest(hours[:1], tmp_path / "long", has_pictures=False)
+    states: list[str] = []
+    ended = threading.Event()
+
+    def work() -> None:
+        workshop.diagnose(long, lambda share: None)
+        ended.set()
+
+    def look(share: float) -> None:
+        if len(workshop._busy) == 2:
+            status = Path(f"/proc/{workshop._busy[0]._child.pid}/stat").read_text()
+            states.append(status.rpartition(") ")[2][0])
+
+    try:
+        thread = threading.Thread(target=work)
+        thread.start()
+        while not workshop._busy:
+            time.sleep(0.05)
+        for name in "ab":
+            workshop.diagnose(small(tmp_path, name), look)
+        assert 0.3 < states.count("T") / len(states) < 0.98  # three quarters, on an idle machine
+        thread.join(120)
+        assert ended.is_set() and len(workshop._all) == 1
+        assert workshop.diagnose(small(tmp_path, "next"), lambda share: None).files
+    finally:
+        workshop.close()

@@ -1,0 +1,1 @@
+"""The real server under visitors for long: opt-in, by `make soak`."""
