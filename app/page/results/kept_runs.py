@@ -9,21 +9,17 @@ from __future__ import annotations
 import secrets
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from html import escape
-from pathlib import Path
-from typing import Any
 
 from app import text
+from app.page.results.ended_run import EndedRun
+from app.page.serving.jobs import Job
 from app.page.serving.visitors import is_same
 
 PARAMETER = "run"
 """Of the page's address."""
 _TOKEN_BYTES = 32
-
-OpenFor = Callable[[str, Any], dict[Any, Any]]
-"""The cookie of a browser, and the parts of its page, to what these show from now on."""
 
 
 @dataclass(frozen=True)
@@ -31,18 +27,21 @@ class KeptRun:
     """One run that can be opened again."""
 
     token: str
-    folder: Path
-    """Of its job; the link is as good as this is there."""
+    job: Job
+    """The link is as good as its folder is there."""
     cookie: str
     """Of the browser that asked for it; empty for one that keeps none."""
-    title: str
-    open_for: OpenFor
+    run: EndedRun
     ended: float = field(default_factory=time.time)
 
     @property
     def address(self) -> str:
         """Relative to the page."""
         return f"?{PARAMETER}={self.token}"
+
+    @property
+    def is_there(self) -> bool:
+        return self.job.folder.is_dir()
 
 
 class KeptRuns:
@@ -57,25 +56,25 @@ class KeptRuns:
         self._runs: dict[str, KeptRun] = {}
         self._lock = threading.Lock()
 
-    def keep(self, folder: Path, cookie: str, title: str, open_for: OpenFor) -> KeptRun:
-        run = KeptRun(secrets.token_urlsafe(_TOKEN_BYTES), folder, cookie, title, open_for)
+    def keep(self, job: Job, cookie: str, run: EndedRun) -> KeptRun:
+        kept = KeptRun(secrets.token_urlsafe(_TOKEN_BYTES), job, cookie, run)
         with self._lock:
-            for token in [token for token, one in self._runs.items() if not one.folder.is_dir()]:
+            for token in [token for token, one in self._runs.items() if not one.is_there]:
                 del self._runs[token]
-            self._runs[run.token] = run
-        return run
+            self._runs[kept.token] = kept
+        return kept
 
     def find(self, token: str) -> KeptRun | None:
         """None of a token that is none, or whose files are gone."""
         with self._lock:
             run = self._runs.get(token)
-        return run if run is not None and run.folder.is_dir() else None
+        return run if run is not None and run.is_there else None
 
     def of(self, cookie: str) -> list[KeptRun]:
         """A browser's own, the newest first."""
         with self._lock:
             runs = list(self._runs.values())
-        mine = [run for run in runs if is_same(run.cookie, cookie) and run.folder.is_dir()]
+        mine = [run for run in runs if is_same(run.cookie, cookie) and run.is_there]
         return sorted(mine, key=lambda run: run.ended, reverse=True)
 
     def html(self, cookie: str, shown: KeptRun | None = None) -> str:
@@ -102,5 +101,5 @@ def _item(run: KeptRun, is_shown: bool) -> str:
     here = ' aria-current="page"' if is_shown else ""
     return (
         f'<li><time data-at="{run.ended:.0f}"></time>'
-        f'<a href="{escape(run.address)}"{here}>{escape(run.title)}</a></li>'
+        f'<a href="{escape(run.address)}"{here}>{escape(run.run.title)}</a></li>'
     )

@@ -1,4 +1,4 @@
-"""The parts of the tab "Motion": what the visitor fills in, and where results appear."""
+"""The form of the tab "Motion": what the visitor fills in."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from app import text
 from app.config import AppConfig
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue, point_choices
-from app.page.parts.html_parts import mount, player_part, results_parts
 from app.page.tabs.generate_form import SEED_LIMIT
 from app.page.tabs.upload_check import UploadCheck
 from app.run.display import FACTORS
@@ -32,41 +31,6 @@ class FormParts:
     """In the order of `Form`."""
     generate: gr.Button
     cancel: gr.Button
-
-
-@dataclass(frozen=True)
-class ResultParts:
-    """The right column, from top to bottom."""
-
-    message: gr.HTML
-    status: gr.HTML
-    runs: gr.HTML
-    """The link to the run that is shown, and the visitor's others."""
-    empty: gr.HTML
-    verdict: gr.HTML
-    player: gr.HTML
-    """Its value is a `Showing` as a dictionary; without rows it takes no room."""
-    figures: gr.HTML
-    numbers: gr.HTML
-    downloads_part: gr.Column
-    bundle: gr.DownloadButton
-    files: gr.File
-
-    @property
-    def all(self) -> list[Any]:
-        return [
-            self.message,
-            self.status,
-            self.runs,
-            self.empty,
-            self.verdict,
-            self.player,
-            self.figures,
-            self.numbers,
-            self.downloads_part,
-            self.bundle,
-            self.files,
-        ]
 
 
 def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> FormParts:
@@ -189,39 +153,6 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
         *(exaggeration, has_trail, is_colored, is_whole),
     )
     return FormParts(fields, start, cancel)
-
-
-def build_results(prefix: str = "", ready: str = text.READY, empty: str = "") -> ResultParts:
-    """What a run shows; what has nothing to show yet is hidden.
-
-    Args:
-        prefix: of the parts' ids on the page, with its hyphen.
-        ready: the status before the first run.
-        empty: what stands in the place of results, as HTML.
-    """
-    message = gr.HTML("", visible=False, elem_id=prefix + "message")
-    status = gr.HTML(markup.idle_status(ready), elem_id=prefix + "status")
-    runs = gr.HTML(
-        "", visible=False, js_on_load=mount("runs.js", "mountRuns"), apply_default_css=False,
-        elem_id=prefix + "runs",
-    )  # fmt: skip
-    empty_part = gr.HTML(empty, visible=bool(empty), elem_id=prefix + "empty")
-    verdict = gr.HTML("", visible=False, elem_id=prefix + "verdict")
-    player = player_part(prefix)
-    figures, numbers, downloads_part, bundle, files = results_parts(prefix)
-    return ResultParts(
-        message,
-        status,
-        runs,
-        empty_part,
-        verdict,
-        player,
-        figures,
-        numbers,
-        downloads_part,
-        bundle,
-        files,
-    )
 
 
 def default_systems(systems: Sequence[str]) -> list[str]:
