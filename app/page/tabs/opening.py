@@ -13,13 +13,14 @@ from app.page.parts.html_parts import shown
 from app.page.results.first_look_shown import FirstLookDesk
 from app.page.results.kept_runs import PARAMETER, KeptRun, KeptRuns
 from app.page.results.result_parts import ResultParts
+from app.page.results.run_pair import RunPair
 from app.page.serving.runner import Updates
 from app.page.serving.visitors import cookie_of
 
 
 class Opening:
-    """The run whose link led to the page, in the tab that it came from; else the example. And in
-    each tab the visitor's runs."""
+    """The run whose link led to the page, in the tab that it came from, or two beside each other;
+    else the example. And in each tab the visitor's runs."""
 
     def __init__(
         self,
@@ -49,17 +50,27 @@ class Opening:
         cookie = cookie_of(request)
         listed = shown(self._kept.html(cookie))
         updates: Updates = {parts.runs: listed for parts in self._places.values()}
-        token = dict(request.query_params).get(PARAMETER, "")
-        run = self._kept.find(token)
-        if run is not None:
-            return {**updates, **self._run_opened(run, cookie)}
+        tokens = request.query_params.getlist(PARAMETER)[:2]
+        runs = [run for run in map(self._kept.find, tokens) if run is not None]
+        if len(runs) == 2 and runs[0] != runs[1]:
+            return {**updates, **self._pair_opened(RunPair.of(*runs), cookie)}
+        if runs and len(tokens) == len(runs):
+            return {**updates, **self._run_opened(runs[0], cookie)}
         parts = next(iter(self._places.values()))
         if self._first_look is not None:
             updates[parts.player], updates[parts.empty] = self._first_look.updates()
-        if token:
+        if tokens:
             gone = text.RUN_GONE.format(minutes=round(self._keep_s / 60))
             updates[parts.message] = shown(markup.notes_message([gone]))
         return updates
+
+    def _pair_opened(self, pair: RunPair, cookie: str) -> Updates:
+        parts = next(iter(self._places.values()))
+        return {
+            **pair.updates(parts, cookie),
+            parts.runs: shown(self._kept.html(cookie, pair.a, pair.b)),
+            parts.empty: gr.update(visible=False),
+        }
 
     def _run_opened(self, run: KeptRun, cookie: str) -> Updates:
         tab = run.job.tab if run.job.tab in self._places else next(iter(self._places))

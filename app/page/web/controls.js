@@ -85,7 +85,7 @@ export class Controls {
     this.pairBox.hidden = mode === "grid";
     for (const [index, select] of this.pair.entries()) {
       if (select.options.length !== names.length) {
-        select.replaceChildren(...names.map((name) => make("option", { value: name }, name)));
+        select.replaceChildren(...names.map((name) => make("option", { value: name }, this.#tiles.labelOf(name))));
       }
       select.value = pair[index] ?? "";
     }

@@ -70,12 +70,12 @@ export class Timeline {
     this.wave = make("canvas", {});
     this.position = make("div", { class: "plot", role: "slider", tabindex: "0", "aria-label": "Position", "aria-valuemin": "0", "aria-valuemax": data.duration_s.toFixed(2) }, this.wave);
     const parts = [];
-    if (data.peaks.length) parts.push(this.#lane("Speech", "", this.position));
-    if (data.words.length) parts.push(this.#lane("Words", "", this.#words(data)));
+    if (data.peaks.length) parts.push(this.#lane({ name: "Speech" }, "", this.position));
+    if (data.words.length) parts.push(this.#lane({ name: "Words" }, "", this.#words(data)));
     for (const row of this.#rows) {
-      const canvas = make("canvas", { role: "img", "aria-label": `${data.point} of ${row.name} over time` });
+      const canvas = make("canvas", { role: "img", "aria-label": `${data.point} of ${row.label ?? row.name} over time` });
       const value = make("small", {});
-      const lane = this.#lane(row.name, value, make("div", { class: "plot" }, canvas));
+      const lane = this.#lane(row, value, make("div", { class: "plot" }, canvas));
       lane.dataset.name = row.name;
       lane.style.setProperty("--series", row.is_reference ? "var(--reference-ink)" : row.color);
       this.#lanes.set(row.name, { canvas, value });
@@ -103,8 +103,8 @@ export class Timeline {
     this.clear();
   }
 
-  #lane(name, value, plot) {
-    return make("div", { class: "lane" }, make("div", { class: "name", title: name }, nameOf(name), value), plot);
+  #lane(row, value, plot) {
+    return make("div", { class: "lane" }, make("div", { class: "name", title: row.name }, nameOf(row), value), plot);
   }
 
   #words({ words, duration_s }) {
