@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import secrets
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import gradio as gr
@@ -11,7 +15,7 @@ import gradio as gr
 from app import text
 from app.config import AppConfig
 from app.page.parts import markup
-from app.page.parts.catalogue import Catalogue, point_choices
+from app.page.parts.catalogue import Catalogue, Example, point_choices
 from app.page.tabs.generate_form import SEED_LIMIT
 from app.page.tabs.upload_check import UploadCheck
 from app.run.display import FACTORS
@@ -52,14 +56,7 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
     )
     gr.HTML(f'<p class="hint">{limits}</p>')
     if catalogue.examples:
-        gr.Examples(
-            examples=[[str(example.path)] for example in catalogue.examples],
-            example_labels=[example.label for example in catalogue.examples],
-            inputs=[speech],
-            label=text.EXAMPLES_LABEL,
-            elem_id="examples",
-            api_visibility="private",
-        )
+        _offer_examples(catalogue.examples, speech, config.cache_folder / "examples")
     gr.HTML(markup.step(2, text.STEP_SYSTEMS))
     systems = gr.CheckboxGroup(
         choices=list(catalogue.systems),
@@ -153,6 +150,33 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
         *(exaggeration, has_trail, is_colored, is_whole),
     )
     return FormParts(fields, start, cancel)
+
+
+def _offer_examples(examples: Sequence[Example], speech: gr.Audio, folder: Path) -> None:
+    """Buttons that fill in the speech. Not `gr.Examples`, whose copies are made once, at the start,
+    and are swept like any upload."""
+    labels = [example.label for example in examples]
+    offered = gr.Dataset(
+        components=[gr.Textbox(visible=False)],
+        samples=[[label] for label in labels],
+        label=text.EXAMPLES_LABEL,
+        type="index",
+        elem_id="examples",
+    )
+    offered.click(
+        lambda index: str(fresh_copy(examples[index].path, folder)),
+        offered, speech, queue=False, api_visibility="private", show_progress="hidden",
+    )  # fmt: skip
+
+
+def fresh_copy(path: Path, folder: Path) -> Path:
+    """A copy that is as new as an upload would be, and is kept for as long."""
+    folder.mkdir(parents=True, exist_ok=True)
+    copy = folder / path.name
+    partial = copy.with_name(f".{secrets.token_hex(8)}.partial")
+    shutil.copyfile(path, partial)
+    os.replace(partial, copy)
+    return copy
 
 
 def default_systems(systems: Sequence[str]) -> list[str]:
