@@ -37,6 +37,7 @@ def test_two_files_of_ones_own_are_measured_and_drawn(
     for figure in page.locator("#own-figures figure img").all():
         page.wait_for_function("image => image.naturalWidth > 500", arg=figure.element_handle())
     expect(page.locator("#own-figures")).to_contain_text("right middle fingertip jerk")
+    page.locator("#own-files-fold button").first.click()
     expect(page.locator("#own-files")).to_contain_text("error_growth")
 
     # The link, in a second browser: in the tab that it came from.

@@ -70,6 +70,7 @@ def test_speech_becomes_videos_that_play_a_figure_numbers_and_downloads(
     expect(page.locator('#numbers tr[data-measure="Jerk"] td .raw').first).to_have_text(
         re.compile(r"\d")
     )
+    page.locator("#files-fold button").first.click()
     expect(page.locator("#files")).to_contain_text("diagnostics")
     with page.expect_download() as download:
         page.locator("#bundle").click()

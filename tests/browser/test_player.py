@@ -153,6 +153,45 @@ def test_keys_play_step_hop_loop_and_enlarge(player: Page) -> None:
     expect(large).to_have_count(0)
 
 
+SHOWN = """() => {
+    const lanes = document.querySelector('#player .lanes');
+    const share = Number(getComputedStyle(lanes).getPropertyValue('--at'));
+    return document.querySelector('#player .cursor').hidden ? null : share;
+}"""
+"""Where the present moment stands on the time line."""
+
+
+def test_the_time_line_zooms_by_buttons_keys_and_wheel(player: Page) -> None:
+    zoom = player.get_by_role("group", name="Zoom of the time line")
+    whole = zoom.get_by_role("button", name="Show all of it")
+    seek = "seconds => document.querySelector('.lockstep').lockstep.seek(seconds)"
+    player.evaluate(seek, 3.0)  # of 6
+    assert player.evaluate(SHOWN) == pytest.approx(0.5, abs=0.01)
+    expect(whole).to_be_disabled()
+    zoom.get_by_role("button", name="Show less time, larger").click()
+    assert player.evaluate(SHOWN) == pytest.approx(0.5, abs=0.01)  # it stays where it was
+    player.evaluate(seek, 3.75)  # a quarter of the clip on, of 6 / 1.6 s that are shown
+    assert player.evaluate(SHOWN) == pytest.approx(0.5 + 0.75 / 3.75, abs=0.01)
+    player.evaluate(seek, 0.0)  # the page turns
+    assert player.evaluate(SHOWN) == pytest.approx(0.0, abs=0.01)
+    player.keyboard.press("0")
+    expect(whole).to_be_disabled()
+
+    plot = player.locator("#player .lane .plot").first
+    box = plot.bounding_box()
+    assert box is not None
+    player.mouse.move(box["x"] + box["width"] - 1, box["y"] + 5)
+    player.keyboard.down("Control")
+    player.mouse.wheel(0, -300)
+    player.keyboard.up("Control")
+    expect(whole).to_be_enabled()
+    player.wait_for_function(f"() => ({SHOWN})() === null")  # 0 s is not among the last ones
+    player.mouse.click(box["x"] + 1, box["y"] + 5)
+    assert player.evaluate("document.querySelector('.lockstep').lockstep.time") > 3.0
+    player.keyboard.press("0")
+    assert player.evaluate(SHOWN) > 0.5
+
+
 def test_the_worst_second_is_played_slowly_again_and_again(player: Page) -> None:
     bar = player.locator("#player .controls")
     worst = bar.get_by_role("button", name="Worst second", exact=True)

@@ -99,7 +99,7 @@ class Player {
     const isOurs = this.#root.contains(target) || target === document.body;
     if (!isOurs || target.closest(KEEPS_ITS_KEYS)) return;
     if (event.key === " " && target.closest(PRESSES)) return;
-    if (this.controls.press(event)) event.preventDefault();
+    if (this.controls.press(event) || this.timeline.press(event)) event.preventDefault();
   }
 }
 
