@@ -143,7 +143,9 @@ FILTERED = "Filtered"
 FILTER_SWITCH = "Filter of plots and measures, for all systems alike"
 NEAREST_LEGEND = "nearest to the reference"
 NO_REFERENCE_LEGEND = "Give a reference motion to see which system is nearest to it."
-SORT_HELP = "Order the systems by this measure"
+SORT_HELP = "Click: order the systems by this measure."
+ALL_MEASURES = "Show all {count} measures"
+FEWER_MEASURES = "Show fewer"
 CSV_LABEL = "Save as CSV"
 FINDINGS_TITLE = "What stands out, the gravest first"
 ALSO_FOUND = "Also found"
@@ -162,8 +164,26 @@ VIEW_NAMES = {
 }
 RUN_LINK = "Link to this run"
 COPY_LINK = "Copy link"
-RUN_KEPT = "Whoever has it can open this run, for {minutes} minutes more."
+RUN_KEPT = "Whoever has it can open it, for {minutes} minutes more."
 YOUR_RUNS = "Your runs"
+COMPARE = "Compare the two that are ticked"
+COMPARE_THIS = "Compare {title}"
+COMPARE_HELP = "Tick two runs to see them together."
+COMPARE_LAST = "Compare with your run before"
+PAIR_LINK = "Link to this comparison"
+PAIR_STATUS = "Two runs beside each other."
+PAIR_SAME_SETTINGS = "All settings are the same."
+PAIR_ONE_SPEECH = "Both had the same speech, {speech}: their videos play together."
+PAIR_ONLY_SEED = (
+    "Same speech, same settings but for the seed: this is how far chance alone moved the numbers."
+)
+PAIR_OTHER_SPEECH = (
+    "They did not have the same speech ({first} against {second}), so their videos do not play "
+    "together, and the numbers differ by the speech as well."
+)
+PAIR_LEGEND = "A is the earlier run. Differences are B less A."
+PAIR_DIFFERENCE = "B \N{MINUS SIGN} A"
+PAIR_SETTINGS = "All settings"
 RUN_GONE = "This run is kept no longer: runs and their files are deleted after {minutes} minutes."
 
 STAGE_NAMES = {

@@ -25,55 +25,98 @@ class Measure:
     group: str
     title: str
     unit: str
+    about: str
+    """What it is, for somebody who has not met it."""
     read: Callable[[Measures], float | None]
     """None or NaN where there is no such number."""
     scale: float = 1.0
     """From the unit of the file to that of the table."""
     has_target: bool = True
     """Whether nearness to the reference says something; not for chance or for errors."""
+    is_first: bool = False
+    """Whether it is among the few that are shown before the others are asked for."""
 
 
+_POINT, _JOINTS, _FEET, _POSTURE = "Followed point", "All joints", "Feet", "Posture"
+_HANDS, _ERROR = "Hands", "Error against the reference"
+_BEATS, _DIVERSITY = "Beat alignment", "Diversity"
 MEASURES = (
-    Measure("Followed point", "Speed", "m/s", lambda m: m.point.tip_path_m_s),
-    Measure("Followed point", "Acceleration", "m/s²", lambda m: m.point.tip_acceleration_m_s2),
-    Measure("Followed point", "Jerk", "m/s³", lambda m: m.point.tip_jerk_m_s3),
-    Measure("Followed point", "Power above 5 Hz", "%",
+    Measure(_POINT, "Speed", "m/s",
+            "Mean speed. Compare jerk at equal speed: what hardly moves is always smooth.",
+            lambda m: m.point.tip_path_m_s, is_first=True),
+    Measure(_POINT, "Acceleration", "m/s²", "Mean change of velocity.",
+            lambda m: m.point.tip_acceleration_m_s2),
+    Measure(_POINT, "Jerk", "m/s³", "Mean change of acceleration: how much it trembles and jolts.",
+            lambda m: m.point.tip_jerk_m_s3, is_first=True),
+    Measure(_POINT, "Power above 5 Hz", "%",
+            "Share of the velocity's power that is faster than gestures are: mostly tremble.",
             lambda m: m.point.tip_velocity_power_above_5hz, 100),
-    Measure("Followed point", "SPARC", "", lambda m: m.point.tip_sparc),
-    Measure("Followed point", "Log dimensionless jerk", "",
+    Measure(_POINT, "SPARC", "",
+            "Spectral arc length of the speed: nearer to 0 is smoother.",
+            lambda m: m.point.tip_sparc),
+    Measure(_POINT, "Log dimensionless jerk", "",
+            "Jerk for the speed and length of the movement, as a logarithm: nearer to 0 is "
+            "smoother.",
             lambda m: m.point.tip_log_dimensionless_jerk),
-    Measure("All joints", "Mean jerk", "m/s³", lambda m: mean(m.positions.joint_jerk_m_s3)),
-    Measure("All joints", "Rotation noise", "°",
+    Measure(_JOINTS, "Mean jerk", "m/s³", "Of all 55 joints' positions.",
+            lambda m: mean(m.positions.joint_jerk_m_s3), is_first=True),
+    Measure(_JOINTS, "Rotation noise", "°",
+            "White noise that the joints' rotations seem to hold; recordings have under 0.3.",
             lambda m: mean(m.rotations.joint_rotation_noise_deg)),
-    Measure("All joints", "Peak jerk at joins", "times elsewhere",
-            lambda m: m.seams.seam_jerk_ratio),
-    Measure("Feet", "Slide on the ground", "cm/s", lambda m: m.posture.foot_slide_m_s, 100),
-    Measure("Feet", "Height, left, 95 %", "cm", lambda m: m.posture.foot_height_m.left.p95, 100),
-    Measure("Feet", "Height, right, 95 %", "cm", lambda m: m.posture.foot_height_m.right.p95, 100),
-    Measure("Posture", "Spine tilt, mean", "°", lambda m: m.posture.spine_tilt_deg.mean),
-    Measure("Posture", "Spine tilt, 95 %", "°", lambda m: m.posture.spine_tilt_deg.p95),
-    Measure("Posture", "Drift of the pelvis", "cm", lambda m: m.posture.root_drift_m, 100),
-    Measure("Hands", "Moving alike", "correlation", lambda m: m.posture.hand_speed_symmetry),
-    Measure("Hands", "Fingers beyond range", "%",
+    Measure(_JOINTS, "Peak jerk at joins", "times elsewhere",
+            "Where windows of generated motion join; 1 means that joins cannot be told from the "
+            "rest.",
+            lambda m: m.seams.seam_jerk_ratio, is_first=True),
+    Measure(_FEET, "Slide on the ground", "cm/s",
+            "Mean horizontal speed of a foot while it is on the ground.",
+            lambda m: m.posture.foot_slide_m_s, 100, is_first=True),
+    Measure(_FEET, "Height, left, 95 %", "cm",
+            "The foot is lower than this in 95 % of the frames.",
+            lambda m: m.posture.foot_height_m.left.p95, 100),
+    Measure(_FEET, "Height, right, 95 %", "cm",
+            "The foot is lower than this in 95 % of the frames.",
+            lambda m: m.posture.foot_height_m.right.p95, 100),
+    Measure(_POSTURE, "Spine tilt, mean", "°",
+            "Angle between the vertical and the line from pelvis to neck.",
+            lambda m: m.posture.spine_tilt_deg.mean),
+    Measure(_POSTURE, "Spine tilt, 95 %", "°", "The spine is straighter in 95 % of the frames.",
+            lambda m: m.posture.spine_tilt_deg.p95),
+    Measure(_POSTURE, "Drift of the pelvis", "cm",
+            "Distance between its places in the first and in the last second.",
+            lambda m: m.posture.root_drift_m, 100),
+    Measure(_HANDS, "Moving alike", "correlation",
+            "Of the two wrists' speeds: 1 where both always move at once.",
+            lambda m: m.posture.hand_speed_symmetry),
+    Measure(_HANDS, "Fingers beyond range", "%",
+            "Frames and finger joints bent further than a hand can.",
             lambda m: m.ranges.finger_angle_outside_share, 100),
-    Measure("Hands", "Left fingers still", "%",
+    Measure(_HANDS, "Left fingers still", "%", "Frames in which no joint of the hand turns.",
             lambda m: m.rotations.fingers_still_share.left, 100),
-    Measure("Hands", "Right fingers still", "%",
+    Measure(_HANDS, "Right fingers still", "%", "Frames in which no joint of the hand turns.",
             lambda m: m.rotations.fingers_still_share.right, 100),
-    Measure("Error against the reference", "Pelvis", "cm",
+    Measure(_ERROR, "Pelvis", "cm", "Mean distance of the two pelvises.",
             lambda m: m.errors and m.errors.root_error_m, 100, False),
-    Measure("Error against the reference", "Joints about the pelvis", "cm",
+    Measure(_ERROR, "Joints about the pelvis", "cm",
+            "Mean distance of the joints, the pelvises laid onto each other.",
             lambda m: m.errors and mean(m.errors.position_error_m), 100, False),
-    Measure("Error against the reference", "Global rotation", "°",
+    Measure(_ERROR, "Global rotation", "°", "Mean angle between the rotations in the world.",
             lambda m: m.errors and mean(m.errors.global_rotation_error_deg), 1, False),
-    Measure("Error against the reference", "Local rotation", "°",
+    Measure(_ERROR, "Local rotation", "°",
+            "Mean angle between the rotations relative to the parent joint.",
             lambda m: m.errors and mean(m.errors.local_rotation_error_deg), 1, False),
-    Measure("Beat alignment", "BeatAlign", "0 to 1", lambda m: m.beats and m.beats.beat_align),
-    Measure("Beat alignment", "BeatAlign by chance", "0 to 1",
+    Measure(_BEATS, "BeatAlign", "0 to 1",
+            "How near each onset of the speech is to the next beat of the motion; says nothing "
+            "without its chance level.",
+            lambda m: m.beats and m.beats.beat_align, is_first=True),
+    Measure(_BEATS, "BeatAlign by chance", "0 to 1",
+            "The same for onsets shifted in time: what any rhythm gets on this motion.",
             lambda m: m.beats and m.beats.beat_align_chance, 1, False),
-    Measure("Beat alignment", "Beats of each joint", "1/s",
+    Measure(_BEATS, "Beats of each joint", "1/s",
+            "Moments in a second at which a joint is slowest.",
             lambda m: m.beats and m.beats.beats_per_joint_s),
-    Measure("Diversity", "L1 diversity", "m", lambda m: m.diversity.l1_diversity_m),
+    Measure(_DIVERSITY, "L1 diversity", "m",
+            "How far poses lie from the clip's mean pose, summed over all coordinates.",
+            lambda m: m.diversity.l1_diversity_m),
 )  # fmt: skip
 
 
@@ -99,3 +142,11 @@ def written(value: float | None) -> str:
         digits = f"{value:.3g}"
         return f"{float(digits):,.0f}" if "e" in digits else digits
     return f"{value:.1e}"
+
+
+def signed(value: float | None) -> str:
+    """The same of a difference, with its sign."""
+    if value is None:
+        return "n/a"
+    sign = "+" if value > 0 else "\N{MINUS SIGN}" if value < 0 else ""
+    return sign + written(abs(value))

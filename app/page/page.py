@@ -14,6 +14,7 @@ from app.page.parts.html_parts import reveal_on_click
 from app.page.parts.named_fields import named_fields
 from app.page.results.first_look_shown import FirstLookDesk
 from app.page.results.kept_runs import PARAMETER, KeptRuns
+from app.page.results.result_parts import ResultParts, build_results
 from app.page.results.study_preview import PreviewDesk
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
@@ -22,10 +23,11 @@ from app.page.serving.runner import Updates
 from app.page.serving.workshop import Workshop
 from app.page.tabs import live as live_tab
 from app.page.tabs import own_motion as own_motion_tab
-from app.page.tabs.generate import FormParts, ResultParts, build_form, build_results
+from app.page.tabs.generate import FormParts, build_form
 from app.page.tabs.generate_form import Form
 from app.page.tabs.generate_run import Generate, GenerateRunner
 from app.page.tabs.mechanism import build_mechanism
+from app.page.tabs.opening import Opening
 from app.page.tabs.step_curve import build_step_curve
 from app.page.tabs.study import build_study_tab
 from app.page.tabs.study_analysis import build_analysis
@@ -64,17 +66,17 @@ def build_app(
         fill_width=True,
     ) as page:
         gr.HTML(markup.header(catalogue.trained_on))
-        with gr.Tabs(overflow_behavior="wrap"):  # a phone would hide some in a menu
-            with gr.Tab(text.MOTION_TAB), gr.Row(elem_classes="columns"):
+        with gr.Tabs(overflow_behavior="wrap") as tabs:  # a phone would hide some in a menu
+            with gr.Tab(text.MOTION_TAB, id="generate"), gr.Row(elem_classes="columns"):
                 with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
                     form = build_form(catalogue, config, check)
                 with gr.Column(scale=9, min_width=320, elem_classes="results"):
                     results = build_results(empty=markup.empty_state())
             with gr.Tab(live_tab.TAB):
                 live_tab.build_live_tab(page, generate, catalogue, config, jobs, desk, live, kept)
-            with gr.Tab(own_motion_tab.TAB):
-                own_motion_tab.build_own_motion_tab(
-                    page, config, jobs, desk, workshop.diagnose, check
+            with gr.Tab(own_motion_tab.TAB, id="own_motion"):
+                own_results = own_motion_tab.build_own_motion_tab(
+                    page, config, jobs, desk, workshop.diagnose, check, kept
                 )
             with gr.Tab(text.LADDER_TAB):
                 build_mechanism(page, config, jobs, desk, workshop.show_mechanism)
@@ -89,12 +91,10 @@ def build_app(
         if first_look is not None:
             _await_example(page, form, results, first_look)
         _wire(page, form, results, runner)
-
-        def opened(request: gr.Request) -> Updates:
-            return runner.opened(request, first_look)
-
+        places = {"generate": results, "own_motion": own_results}
+        opening = Opening(kept, config.keep_results_s, tabs, places, first_look)
         page.load(
-            opened, outputs=results.all, queue=False, api_visibility="private",
+            opening.opened, outputs=opening.outputs, queue=False, api_visibility="private",
             show_progress="hidden",
         )  # fmt: skip
     return page

@@ -1,5 +1,6 @@
 """A visitor speaks into a fake microphone, in a real Chromium, and the body moves."""
 
+import re
 from collections.abc import Iterator
 
 import pytest
@@ -60,8 +61,11 @@ def test_one_speaks_and_the_body_moves_and_the_minute_is_kept(speaking: Page) ->
     expect(page.locator("#live-status")).to_contain_text("Done in", timeout=4 * PATIENCE_MS)
     expect(page.locator("#live-message")).to_contain_text("made while the speech was spoken")
     expect(page.locator("#live-player .tile")).to_have_count(1)
+    page.locator("#live-files-fold button").first.click()
     expect(page.locator("#live-files")).to_contain_text("provenance")
     page.wait_for_function("() => document.querySelector('#live-player video').duration > 2")
+    expect(page.locator("#live-runs .link a")).to_have_attribute("href", re.compile(r"^\?run="))
+    expect(page.locator("#live-runs li")).to_contain_text("live:")
 
 
 def test_a_lost_connection_and_a_denied_microphone_are_told(speaking: Page) -> None:

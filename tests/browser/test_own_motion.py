@@ -37,4 +37,15 @@ def test_two_files_of_ones_own_are_measured_and_drawn(
     for figure in page.locator("#own-figures figure img").all():
         page.wait_for_function("image => image.naturalWidth > 500", arg=figure.element_handle())
     expect(page.locator("#own-figures")).to_contain_text("right middle fingertip jerk")
+    page.locator("#own-files-fold button").first.click()
     expect(page.locator("#own-files")).to_contain_text("error_growth")
+
+    # The link, in a second browser: in the tab that it came from.
+    href = page.locator("#own-runs .link a").evaluate("link => link.href")
+    other = visit()
+    other.goto(href)
+    expect(other.locator("#own-numbers thead th[data-name]")).to_have_text(["mine", "theirs"])
+    expect(other.get_by_role("tab", name=TAB)).to_have_attribute("aria-selected", "true")
+    expect(other.locator("#own-player video")).to_have_count(2)
+    for video in other.locator("#own-player video").all():
+        other.wait_for_function("video => video.duration > 1", arg=video.element_handle())

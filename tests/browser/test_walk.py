@@ -113,7 +113,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_for_somebody_else(
     bar.get_by_role("button", name="Face", exact=True).click()
     bar.get_by_role("button", name="Ghost", exact=True).click()
     expect(page.locator("#player .tile:visible")).to_have_count(2)
-    expect(page.locator("#player .ghost-legend")).to_contain_text("globaldiff/local alone")
+    expect(page.locator("#player .ghost-legend")).to_contain_text("local alone")
     assert page.evaluate("document.documentElement.scrollWidth") <= width
 
     # The link, in a second browser that shares nothing with the first.
@@ -125,6 +125,38 @@ def test_a_visitor_walks_from_the_example_to_a_link_for_somebody_else(
     expect(other.locator("#player video")).to_have_count(len(asked[-1].systems))
     expect(other.locator("#empty")).not_to_be_visible()
     other.context.close()
+
+    # Another seed of the same speech, beside the first run: in one player, in one table.
+    page.get_by_label(text.SEED_LABEL).fill("7")
+    page.get_by_role("button", name=text.GENERATE).click()
+    with context.expect_page() as opened:
+        page.locator("#runs").get_by_role("link", name=text.COMPARE_LAST).click()
+    both = opened.value
+    both.set_default_timeout(PATIENCE_MS)
+    both.on("pageerror", lambda error: pytest.fail(str(error)))
+    expect(both.locator("#verdict")).to_contain_text("Seed 0 against 7.", timeout=PATIENCE_MS)
+    both.locator("#player .lane[data-name] canvas").first.wait_for()
+    names = both.locator("#player .tile header b")
+    assert names.all_inner_texts()[:2] == ["priorflow (A)", "priorflow (B)"]
+    expect(both.locator("#player video")).to_have_count(2 * len(asked[-1].systems))
+    both.locator("#player .controls .play").click()
+    both.wait_for_function(
+        "() => { const seen = [...document.querySelectorAll('#player video')].slice(0, 2);"
+        " return seen.every((video) => video.currentTime > 0.3); }"
+    )
+    expect(both.locator('#numbers tr[data-measure="Jerk"]')).to_contain_text("110")
+    assert both.evaluate("document.documentElement.scrollWidth") <= width
+    both.close()
+
+    # The same by ticking two in the list.
+    page.locator("#runs summary").click()
+    compare = page.locator("#runs").get_by_role("button", name=text.COMPARE)
+    expect(compare).to_be_disabled()  # the run that is shown is ticked, and no other
+    page.locator("#runs input[type=checkbox]:not(:checked)").first.check()
+    with context.expect_page() as opened:
+        compare.click()
+    assert opened.value.url.count("run=") == 2
+    opened.value.close()
 
     # The other tabs fit the window.
     for tab in (own_motion.TAB, text.LADDER_TAB, text.STUDY_TAB):

@@ -55,12 +55,13 @@ def results_parts(
     with gr.Column(visible=False) as downloads:
         gr.HTML(markup.heading(text.DOWNLOADS_HEADING))
         bundle = gr.DownloadButton(text.ZIP_LABEL, variant="primary", elem_id=prefix + "bundle")
-        files = gr.File(
-            label=text.FILES_LABEL,
-            file_count="multiple",
-            interactive=False,
-            elem_id=prefix + "files",
-        )
+        with gr.Accordion(text.FILES_LABEL, open=False, elem_id=prefix + "files-fold"):
+            files = gr.File(
+                show_label=False,
+                file_count="multiple",
+                interactive=False,
+                elem_id=prefix + "files",
+            )
     return figures, numbers, downloads, bundle, files
 
 

@@ -9,21 +9,17 @@ from __future__ import annotations
 import secrets
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from html import escape
-from pathlib import Path
-from typing import Any
 
 from app import text
+from app.page.results.ended_run import EndedRun
+from app.page.serving.jobs import Job
 from app.page.serving.visitors import is_same
 
 PARAMETER = "run"
 """Of the page's address."""
 _TOKEN_BYTES = 32
-
-OpenFor = Callable[[str, Any], dict[Any, Any]]
-"""The cookie of a browser, and the parts of its page, to what these show from now on."""
 
 
 @dataclass(frozen=True)
@@ -31,18 +27,16 @@ class KeptRun:
     """One run that can be opened again."""
 
     token: str
-    folder: Path
-    """Of its job; the link is as good as this is there."""
+    job: Job
+    """The link is as good as its folder is there."""
     cookie: str
     """Of the browser that asked for it; empty for one that keeps none."""
-    title: str
-    open_for: OpenFor
+    run: EndedRun
     ended: float = field(default_factory=time.time)
 
     @property
-    def address(self) -> str:
-        """Relative to the page."""
-        return f"?{PARAMETER}={self.token}"
+    def is_there(self) -> bool:
+        return self.job.folder.is_dir()
 
 
 class KeptRuns:
@@ -57,50 +51,91 @@ class KeptRuns:
         self._runs: dict[str, KeptRun] = {}
         self._lock = threading.Lock()
 
-    def keep(self, folder: Path, cookie: str, title: str, open_for: OpenFor) -> KeptRun:
-        run = KeptRun(secrets.token_urlsafe(_TOKEN_BYTES), folder, cookie, title, open_for)
+    def keep(self, job: Job, cookie: str, run: EndedRun) -> KeptRun:
+        kept = KeptRun(secrets.token_urlsafe(_TOKEN_BYTES), job, cookie, run)
         with self._lock:
-            for token in [token for token, one in self._runs.items() if not one.folder.is_dir()]:
+            for token in [token for token, one in self._runs.items() if not one.is_there]:
                 del self._runs[token]
-            self._runs[run.token] = run
-        return run
+            self._runs[kept.token] = kept
+        return kept
 
     def find(self, token: str) -> KeptRun | None:
         """None of a token that is none, or whose files are gone."""
         with self._lock:
             run = self._runs.get(token)
-        return run if run is not None and run.folder.is_dir() else None
+        return run if run is not None and run.is_there else None
 
     def of(self, cookie: str) -> list[KeptRun]:
         """A browser's own, the newest first."""
         with self._lock:
             runs = list(self._runs.values())
-        mine = [run for run in runs if is_same(run.cookie, cookie) and run.folder.is_dir()]
+        mine = [run for run in runs if is_same(run.cookie, cookie) and run.is_there]
         return sorted(mine, key=lambda run: run.ended, reverse=True)
 
-    def html(self, cookie: str, shown: KeptRun | None = None) -> str:
-        """The link of the run that is shown, and the list of the browser's own; empty without any.
+    def html(self, cookie: str, *opened: KeptRun) -> str:
+        """The link of the run that is shown, or of two beside each other, and the list of the
+        browser's own; empty without any.
 
-        app/page/web/runs.js copies the link and writes times as the browser's clock has them.
+        app/page/web/runs.js copies the link, sees that two are ticked, and writes times as the
+        browser's clock has them.
         """
-        link = ""
-        if shown is not None:
-            minutes = max(1, round((shown.ended + self._keep_s - time.time()) / 60))
-            link = (
-                f'<p class="link"><a href="{escape(shown.address)}">{text.RUN_LINK}</a>'
-                f'<button type="button">{text.COPY_LINK}</button>'
-                f"<span>{text.RUN_KEPT.format(minutes=minutes)}</span></p>"
-            )
-        items = "".join(_item(run, run == shown) for run in self.of(cookie))
-        if not link and not items:
+        mine = self.of(cookie)
+        items = "".join(_item(run, run in opened, len(mine) > 1) for run in mine)
+        if not opened and not items:
             return ""
-        listed = f"<details><summary>{text.YOUR_RUNS}</summary><ol>{items}</ol></details>"
+        link = ""
+        if opened:
+            minutes = (min(run.ended for run in opened) + self._keep_s - time.time()) / 60
+            words = text.RUN_LINK if len(opened) == 1 else text.PAIR_LINK
+            link = (
+                f'<p class="link"><a href="{escape(address_of(*opened))}">{words}</a>'
+                f'<button type="button">{text.COPY_LINK}</button>'
+                f"<span>{text.RUN_KEPT.format(minutes=max(1, round(minutes)))}</span></p>"
+                f"{_beside(opened, mine)}"
+            )
+        compare = f'<button>{text.COMPARE}</button><span class="how">{text.COMPARE_HELP}</span>'
+        listed = (
+            f"<details><summary>{text.YOUR_RUNS} ({len(mine)})</summary>"
+            f'<form method="get" target="_blank"><ol>{items}</ol>'
+            f"{compare if len(mine) > 1 else ''}</form></details>"
+        )
         return f'<div class="runs">{link}{listed if items else ""}</div>'
 
 
-def _item(run: KeptRun, is_shown: bool) -> str:
-    here = ' aria-current="page"' if is_shown else ""
+def address_of(*runs: KeptRun) -> str:
+    """Of one run, or of two beside each other; relative to the page."""
+    return "?" + "&".join(f"{PARAMETER}={run.token}" for run in runs)
+
+
+def _beside(opened: tuple[KeptRun, ...], mine: list[KeptRun]) -> str:
+    """The shortest way to what most want to see: a run beside the one before, of the same
+    speech."""
+    (shown, *others) = opened
+    if others or not shown.run.speech_sha256:
+        return ""
+    before = [
+        run
+        for run in mine
+        if run.ended < shown.ended and run.run.speech_sha256 == shown.run.speech_sha256
+    ]
+    if not before:
+        return ""
+    address = escape(address_of(before[0], shown))
     return (
-        f'<li><time data-at="{run.ended:.0f}"></time>'
-        f'<a href="{escape(run.address)}"{here}>{escape(run.title)}</a></li>'
+        f'<p><a href="{address}" target="_blank" title="{escape(before[0].run.title)}">'
+        f"{text.COMPARE_LAST}</a></p>"
+    )
+
+
+def _item(run: KeptRun, is_shown: bool, is_ticked_off: bool) -> str:
+    here = ' aria-current="page"' if is_shown else ""
+    title = escape(run.run.title)
+    tick = (
+        f'<input type="checkbox" name="{PARAMETER}" value="{escape(run.token)}" '
+        f'aria-label="{text.COMPARE_THIS.format(title=title)}"{" checked" if is_shown else ""}>'
+    )
+    return (
+        f"<li>{tick if is_ticked_off else ''}"
+        f'<time data-at="{run.ended:.0f}"></time>'
+        f'<a href="{escape(address_of(run))}"{here}>{title}</a></li>'
     )

@@ -5,17 +5,19 @@ app/page/web/measures.js turns the switch, orders the columns and saves the CSV.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from html import escape
 from itertools import groupby
 from math import isfinite
 from typing import TYPE_CHECKING
 
 from app import text
-from app.findings.measure_rows import MEASURES, Measure, nearest, written
+from app.findings.measure_rows import MEASURES, Measure, nearest, signed, written
 from app.findings.points import point_title
 from app.findings.ranking import GRAVEST
 from app.findings.sentences import sentences_of
+from app.findings.verdict import short_names
 from app.page.parts import markup
 from app.run.request import REFERENCE_NAME
 
@@ -24,40 +26,85 @@ if TYPE_CHECKING:
     from model.measures.faults.finding import Finding
 
 _KINDS: tuple[Kind, ...] = ("raw", "savgol")
-Columns = Mapping[str, "Versions"]
-"""By name of a motion its measures, raw and filtered."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One motion of a table, or how far two of them lie apart."""
+
+    name: str
+    label: str
+    """What its head says."""
+    read: Callable[[Measure, Kind], float | None]
+    is_reference: bool = False
+    is_difference: bool = False
+
+    @classmethod
+    def of(cls, name: str, label: str, versions: Versions, is_reference: bool = False) -> Column:
+        return cls(name, label, lambda measure, kind: _value(measure, versions, kind), is_reference)
+
+    def less(self, other: Column, name: str, label: str) -> Column:
+        """By how much another motion has less."""
+
+        def read(measure: Measure, kind: Kind) -> float | None:
+            own, others = self.read(measure, kind), other.read(measure, kind)
+            return None if own is None or others is None else own - others
+
+        return Column(name, label, read, is_difference=True)
 
 
 def measures_table(diagnostics: Diagnostics) -> str:
     """The reference first, then the systems; a row for each measure that any of them has."""
-    reference, columns = diagnostics.reference, diagnostics.systems
+    reference, systems = diagnostics.reference, diagnostics.systems
+    labels = short_names(systems)
+    columns = [Column.of(name, labels[name], versions) for name, versions in systems.items()]
     if reference is not None:
-        columns = {REFERENCE_NAME: reference, **columns}
-    head = "".join(_column_head(name) for name in columns)
+        columns.insert(0, Column.of(REFERENCE_NAME, REFERENCE_NAME, reference, True))
+    above = f"{_findings(diagnostics.findings)}{_beats(diagnostics)}"
+    legend = text.NEAREST_LEGEND if reference is not None else text.NO_REFERENCE_LEGEND
+    return table_of(columns, point_title(diagnostics.point), legend, above)
+
+
+def table_of(
+    columns: Sequence[Column],
+    point: str,
+    legend: str,
+    above: str = "",
+    is_sortable: bool = True,
+) -> str:
+    """A part of the page: heading, switches and the table.
+
+    Args:
+        point: the title of the one that was followed.
+        legend: a sentence beside the switches; it gets the sign of what is nearest to a reference
+            where there is one.
+        above: what stands before the table, as HTML.
+        is_sortable: whether a click on a measure orders the columns.
+    """
     shown = [measure for measure in MEASURES if _is_known(measure, columns)]
+    firsts = {measure.group for measure in shown if measure.is_first}
+    head = "".join(_column_head(column) for column in columns)
     body = "".join(
-        _group_head(group, len(columns) + 1) + "".join(_row(each, columns) for each in measures)
+        _group_head(group, len(columns) + 1, group in firsts)
+        + "".join(_row(each, columns, is_sortable) for each in measures)
         for group, measures in groupby(shown, key=lambda measure: measure.group)
     )
     return (
         '<div class="measures" data-filter="raw">'
-        f"{markup.heading(text.NUMBERS_HEADING, _explanation(diagnostics.point))}"
-        f"{_findings(diagnostics.findings)}"
-        f"{_beats(diagnostics)}"
-        f"{_bar(has_reference=reference is not None)}"
+        f"{markup.heading(text.NUMBERS_HEADING, _explanation(point))}{above}"
+        f"{_bar(legend, any(column.is_reference for column in columns))}"
         f'<div class="scroll" role="region" aria-label="{escape(text.NUMBERS_HEADING)}" '
         'tabindex="0"><table>'
         f'<thead><tr><th scope="col">Measure</th>{head}</tr></thead>'
-        f"<tbody>{body}</tbody></table></div></div>"
+        f"<tbody>{body}</tbody></table></div>{_more(shown)}</div>"
     )
 
 
 def _explanation(point: str) -> str:
-    return text.NUMBERS_HELP.format(point=point_title(point).lower())
+    return text.NUMBERS_HELP.format(point=point.lower())
 
 
-def _bar(has_reference: bool) -> str:
-    legend = text.NEAREST_LEGEND if has_reference else text.NO_REFERENCE_LEGEND
+def _bar(legend: str, has_reference: bool) -> str:
     mark = '<i class="near" aria-hidden="true"></i>' if has_reference else ""
     return (
         f'<div class="bar"><div class="switch" role="group" aria-label="{text.FILTER_SWITCH}">'
@@ -68,59 +115,73 @@ def _bar(has_reference: bool) -> str:
     )
 
 
-def _column_head(name: str) -> str:
-    return f'<th scope="col"{_reference_class(name)} data-name="{escape(name)}">{escape(name)}</th>'
-
-
-def _reference_class(name: str) -> str:
-    return ' class="reference"' if name == REFERENCE_NAME else ""
-
-
-def _group_head(title: str, width: int) -> str:
+def _more(shown: Sequence[Measure]) -> str:
+    """What asks for all measures, where some are not among the first."""
+    if all(measure.is_first for measure in shown):
+        return ""
+    words = text.ALL_MEASURES.format(count=len(shown))
     return (
-        f'<tr class="group"><th scope="colgroup" colspan="{width}">'
-        f"<span>{escape(title)}</span></th></tr>"
+        f'<button type="button" class="more" aria-expanded="false" '
+        f'data-fewer="{text.FEWER_MEASURES}">{words}</button>'
     )
 
 
-def _row(measure: Measure, columns: Columns) -> str:
+def _column_head(column: Column) -> str:
+    return (
+        f'<th scope="col"{_column_class(column)} data-name="{escape(column.name)}" '
+        f'title="{escape(column.name)}">{escape(column.label)}</th>'
+    )
+
+
+def _column_class(column: Column) -> str:
+    name = "reference" if column.is_reference else "difference" if column.is_difference else ""
+    return f' class="{name}"' if name else ""
+
+
+def _group_head(title: str, width: int, has_first: bool) -> str:
+    return (
+        f'<tr class="group{"" if has_first else " later"}">'
+        f'<th scope="colgroup" colspan="{width}"><span>{escape(title)}</span></th></tr>'
+    )
+
+
+def _row(measure: Measure, columns: Sequence[Column], is_sortable: bool) -> str:
     near = {kind: _nearest_names(measure, columns, kind) for kind in _KINDS}
-    cells = "".join(_cell(measure, name, columns[name], near) for name in columns)
+    cells = "".join(_cell(measure, column, near) for column in columns)
     unit = f"<small>{escape(measure.unit)}</small>" if measure.unit else ""
+    later = "" if measure.is_first else ' class="later"'
+    about = f"{measure.about} {text.SORT_HELP}" if is_sortable else measure.about
+    name = f'<span title="{escape(about)}">{escape(measure.title)}</span>{unit}'
+    head = f'<button type="button">{name}</button>' if is_sortable else f"<div>{name}</div>"
     return (
-        f'<tr data-measure="{escape(measure.title)}" data-unit="{escape(measure.unit)}">'
-        f'<th scope="row"><button type="button" title="{text.SORT_HELP}">'
-        f"{escape(measure.title)}{unit}</button></th>{cells}</tr>"
+        f'<tr data-measure="{escape(measure.title)}" data-unit="{escape(measure.unit)}"{later}>'
+        f'<th scope="row">{head}</th>{cells}</tr>'
     )
 
 
-def _cell(
-    measure: Measure,
-    name: str,
-    versions: Versions,
-    near: Mapping[str, Sequence[str]],
-) -> str:
-    values = {kind: _value(measure, versions, kind) for kind in _KINDS}
+def _cell(measure: Measure, column: Column, near: Mapping[str, Sequence[str]]) -> str:
+    values = {kind: column.read(measure, kind) for kind in _KINDS}
     data = "".join(
         f' data-{kind}="{value!r}"' for kind, value in values.items() if value is not None
     )
+    write = signed if column.is_difference else written
     spans = "".join(
-        f'<span class="{kind}{" near" if name in near[kind] else ""}">{written(value)}'
-        f"{_NEAR_WORDS if name in near[kind] else ''}</span>"
+        f'<span class="{kind}{" near" if column.name in near[kind] else ""}">{write(value)}'
+        f"{_NEAR_WORDS if column.name in near[kind] else ''}</span>"
         for kind, value in values.items()
     )
-    return f"<td{_reference_class(name)}{data}>{spans}</td>"
+    return f"<td{_column_class(column)}{data}>{spans}</td>"
 
 
 _NEAR_WORDS = f'<span class="unseen">, {text.NEAREST_LEGEND}</span>'
 
 
-def _nearest_names(measure: Measure, columns: Columns, kind: Kind) -> tuple[str, ...]:
-    if not measure.has_target or REFERENCE_NAME not in columns:
+def _nearest_names(measure: Measure, columns: Sequence[Column], kind: Kind) -> tuple[str, ...]:
+    target = next((each.read(measure, kind) for each in columns if each.is_reference), None)
+    if not measure.has_target or target is None:
         return ()
-    values = {name: _value(measure, versions, kind) for name, versions in columns.items()}
-    target = values.pop(REFERENCE_NAME)
-    return nearest(values, target)
+    motions = [each for each in columns if not each.is_reference and not each.is_difference]
+    return nearest({each.name: each.read(measure, kind) for each in motions}, target)
 
 
 def _value(measure: Measure, versions: Versions, kind: Kind) -> float | None:
@@ -128,12 +189,8 @@ def _value(measure: Measure, versions: Versions, kind: Kind) -> float | None:
     return None if value is None or not isfinite(value) else measure.scale * value
 
 
-def _is_known(measure: Measure, columns: Columns) -> bool:
-    return any(
-        _value(measure, versions, kind) is not None
-        for versions in columns.values()
-        for kind in _KINDS
-    )
+def _is_known(measure: Measure, columns: Sequence[Column]) -> bool:
+    return any(column.read(measure, kind) is not None for column in columns for kind in _KINDS)
 
 
 def _beats(diagnostics: Diagnostics) -> str:

@@ -11,6 +11,7 @@ from copy import copy
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from app.findings.verdict import short_names
 from app.page.results.timeline import Version, make_timeline, series_looks, waveform_peaks
 from app.page.serving.media import MediaDesk
 from app.run.models import get_body
@@ -67,9 +68,14 @@ class Showing:
         self._folder = folder
         self._desk = desk
         self._visitor = visitor
-        looks = series_looks(tuple(names))
+        looks, labels = series_looks(tuple(names)), short_names(names)
         self._rows: dict[str, dict[str, Any]] = {
-            name: {"name": name, "color": looks[name].color, "dashes": list(looks[name].dashes)}
+            name: {
+                "name": name,
+                "label": labels[name],
+                "color": looks[name].color,
+                "dashes": list(looks[name].dashes),
+            }
             for name in names
         }
         self._files: dict[str, dict[str, Path]] = {name: {} for name in names}
@@ -140,6 +146,10 @@ class Showing:
             "layout": self._layout,
             **sound,
         }
+
+    def timeline(self) -> dict[str, Any]:
+        """What the time line shows, waited for; empty where nothing has come."""
+        return {} if self._made is None else json.loads(self._made.result()[1].read_text())
 
     @property
     def _motions(self) -> dict[str, Path]:

@@ -47,6 +47,17 @@ def worst_seconds(
     return found
 
 
+def worst_of_both(
+    first: list[dict[str, Any]], second: list[dict[str, Any]], count: int = NUM_SECONDS
+) -> list[dict[str, Any]]:
+    """The worst of two such lists, without overlap."""
+    kept: list[dict[str, Any]] = []
+    for each in sorted([*first, *second], key=lambda one: -one["jerk_m_s3"]):
+        if all(each["start_s"] >= k["end_s"] or each["end_s"] <= k["start_s"] for k in kept):
+            kept.append(each)
+    return kept[:count]
+
+
 def _means(jerk: np.ndarray, num_frames: int) -> np.ndarray:
     """Mean jerk of the stretch that begins at each frame, over what lies whole within it."""
     entries = min(num_frames - 3, len(jerk))

@@ -1,9 +1,13 @@
-"""The parts of the tab "Motion": what the visitor fills in, and where results appear."""
+"""The form of the tab "Motion": what the visitor fills in."""
 
 from __future__ import annotations
 
+import os
+import secrets
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import gradio as gr
@@ -11,8 +15,7 @@ import gradio as gr
 from app import text
 from app.config import AppConfig
 from app.page.parts import markup
-from app.page.parts.catalogue import Catalogue, point_choices
-from app.page.parts.html_parts import mount, player_part, results_parts
+from app.page.parts.catalogue import Catalogue, Example, point_choices
 from app.page.tabs.generate_form import SEED_LIMIT
 from app.page.tabs.upload_check import UploadCheck
 from app.run.display import FACTORS
@@ -34,41 +37,6 @@ class FormParts:
     cancel: gr.Button
 
 
-@dataclass(frozen=True)
-class ResultParts:
-    """The right column, from top to bottom."""
-
-    message: gr.HTML
-    status: gr.HTML
-    runs: gr.HTML
-    """The link to the run that is shown, and the visitor's others."""
-    empty: gr.HTML
-    verdict: gr.HTML
-    player: gr.HTML
-    """Its value is a `Showing` as a dictionary; without rows it takes no room."""
-    figures: gr.HTML
-    numbers: gr.HTML
-    downloads_part: gr.Column
-    bundle: gr.DownloadButton
-    files: gr.File
-
-    @property
-    def all(self) -> list[Any]:
-        return [
-            self.message,
-            self.status,
-            self.runs,
-            self.empty,
-            self.verdict,
-            self.player,
-            self.figures,
-            self.numbers,
-            self.downloads_part,
-            self.bundle,
-            self.files,
-        ]
-
-
 def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> FormParts:
     """The left column: speech, systems, settings, and the buttons."""
     gr.HTML(markup.step(1, text.STEP_SPEECH))
@@ -88,14 +56,7 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
     )
     gr.HTML(f'<p class="hint">{limits}</p>')
     if catalogue.examples:
-        gr.Examples(
-            examples=[[str(example.path)] for example in catalogue.examples],
-            example_labels=[example.label for example in catalogue.examples],
-            inputs=[speech],
-            label=text.EXAMPLES_LABEL,
-            elem_id="examples",
-            api_visibility="private",
-        )
+        _offer_examples(catalogue.examples, speech, config.cache_folder / "examples")
     gr.HTML(markup.step(2, text.STEP_SYSTEMS))
     systems = gr.CheckboxGroup(
         choices=list(catalogue.systems),
@@ -191,37 +152,31 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
     return FormParts(fields, start, cancel)
 
 
-def build_results(prefix: str = "", ready: str = text.READY, empty: str = "") -> ResultParts:
-    """What a run shows; what has nothing to show yet is hidden.
-
-    Args:
-        prefix: of the parts' ids on the page, with its hyphen.
-        ready: the status before the first run.
-        empty: what stands in the place of results, as HTML.
-    """
-    message = gr.HTML("", visible=False, elem_id=prefix + "message")
-    status = gr.HTML(markup.idle_status(ready), elem_id=prefix + "status")
-    runs = gr.HTML(
-        "", visible=False, js_on_load=mount("runs.js", "mountRuns"), apply_default_css=False,
-        elem_id=prefix + "runs",
-    )  # fmt: skip
-    empty_part = gr.HTML(empty, visible=bool(empty), elem_id=prefix + "empty")
-    verdict = gr.HTML("", visible=False, elem_id=prefix + "verdict")
-    player = player_part(prefix)
-    figures, numbers, downloads_part, bundle, files = results_parts(prefix)
-    return ResultParts(
-        message,
-        status,
-        runs,
-        empty_part,
-        verdict,
-        player,
-        figures,
-        numbers,
-        downloads_part,
-        bundle,
-        files,
+def _offer_examples(examples: Sequence[Example], speech: gr.Audio, folder: Path) -> None:
+    """Buttons that fill in the speech. Not `gr.Examples`, whose copies are made once, at the start,
+    and are swept like any upload."""
+    labels = [example.label for example in examples]
+    offered = gr.Dataset(
+        components=[gr.Textbox(visible=False)],
+        samples=[[label] for label in labels],
+        label=text.EXAMPLES_LABEL,
+        type="index",
+        elem_id="examples",
     )
+    offered.click(
+        lambda index: str(fresh_copy(examples[index].path, folder)),
+        offered, speech, queue=False, api_visibility="private", show_progress="hidden",
+    )  # fmt: skip
+
+
+def fresh_copy(path: Path, folder: Path) -> Path:
+    """A copy that is as new as an upload would be, and is kept for as long."""
+    folder.mkdir(parents=True, exist_ok=True)
+    copy = folder / path.name
+    partial = copy.with_name(f".{secrets.token_hex(8)}.partial")
+    shutil.copyfile(path, partial)
+    os.replace(partial, copy)
+    return copy
 
 
 def default_systems(systems: Sequence[str]) -> list[str]:

@@ -5,29 +5,28 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass, field
 from typing import Any
 
 import gradio as gr
 
 from app import text
 from app.config import AppConfig
-from app.findings.verdict import verdict_of
+from app.findings.verdict import short_names, verdict_of
 from app.page.parts import markup
 from app.page.parts.asked import form_of
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import shown
+from app.page.results.ended_run import EndedRun, sha256_of
 from app.page.results.figures_shown import FiguresShown
-from app.page.results.first_look_shown import FirstLookDesk
-from app.page.results.kept_runs import PARAMETER, KeptRuns
-from app.page.results.measures_table import measures_table
+from app.page.results.kept_runs import KeptRuns
 from app.page.results.player import NOTHING, Showing
+from app.page.results.result_parts import ResultParts
+from app.page.results.settings import settings_of_run
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.runner import TabRunner, Updates
-from app.page.serving.visitors import cookie_of
-from app.page.tabs.generate import FormParts, ResultParts
+from app.page.tabs.generate import FormParts
 from app.page.tabs.generate_form import Form, request_from_form, row_names
 from app.run.request import (
     Artefact,
@@ -115,26 +114,6 @@ class GenerateRunner(TabRunner[GenerateResult]):
             at_the_end=self._buttons(is_running=False),
         )
 
-    def opened(self, request: gr.Request, first_look: FirstLookDesk | None) -> Updates:
-        """What a page shows that has just been opened: the run whose link led there, else the
-        example; and the visitor's runs."""
-        parts, cookie = self._results, cookie_of(request)
-        token = dict(request.query_params).get(PARAMETER, "")
-        run = self._kept.find(token)
-        if run is not None:
-            return {
-                **run.open_for(cookie, parts),
-                parts.runs: shown(self._kept.html(cookie, run)),
-                parts.empty: gr.update(visible=False),
-            }
-        updates: Updates = {parts.runs: shown(self._kept.html(cookie))}
-        if first_look is not None:
-            updates[parts.player], updates[parts.empty] = first_look.updates()
-        if token:
-            gone = text.RUN_GONE.format(minutes=round(self._config.keep_results_s / 60))
-            updates[parts.message] = shown(markup.notes_message([gone]))
-        return updates
-
     def asked(self, job: Job, cookie: str, values: tuple[Any, ...]) -> GenerateRequest:
         """The run that the form asks for; arguments and errors as of `begin`."""
         return request_from_form(form_of(Form, values), job.folder, self._catalogue, self._config)
@@ -211,20 +190,22 @@ class _Work:
         return updates
 
     def finished(self, result: GenerateResult) -> Updates:
-        over = self._over(result)
-        kept = self.kept.keep(self.job.folder, self.cookie, _title(self.asked), over.for_visitor)
+        ended = self._ended(result)
+        kept = self.kept.keep(self.job, self.cookie, ended)
         runs = {self.parts.runs: shown(self.kept.html(self.cookie, kept))}
-        return {**over.updates(self.parts), **runs, **self.at_the_end}
+        return {**ended.updates(self.parts), **runs, **self.at_the_end}
 
-    def _over(self, result: GenerateResult) -> _Over:
+    def _ended(self, result: GenerateResult) -> EndedRun:
         rows = f"{len(result.names)} {'motion' if len(result.names) == 1 else 'motions'}"
         line = text.DONE.format(seconds=self.view.seconds, rows=rows, frames=result.num_frames)
-        self.figures.html(result.diagnostics)
-        return _Over(
+        return EndedRun(
+            title=_title(self.asked),
+            settings=settings_of_run(self.asked),
+            speech_sha256=sha256_of(self.asked.speech),
             status=markup.status(line, dict.fromkeys(self.view.fractions, 1.0), {}),
-            notes=markup.notes_message(result.notes),
+            notes=result.notes,
             verdict=_verdict(result),
-            numbers=measures_table(result.diagnostics),
+            diagnostics=result.diagnostics,
             showing=self.showing,
             figures=self.figures,
             bundle=zip_files(result.files, self.job.folder / "co-speech-motion.zip"),
@@ -232,40 +213,9 @@ class _Work:
         )
 
 
-@dataclass(frozen=True)
-class _Over:
-    """A run that has ended, as any browser can be shown it."""
-
-    status: str
-    notes: str
-    verdict: str
-    numbers: str
-    showing: Showing
-    figures: FiguresShown
-    bundle: Path
-    files: tuple[Path, ...]
-
-    def updates(self, parts: ResultParts) -> Updates:
-        return {
-            parts.status: self.status,
-            parts.message: shown(self.notes),
-            parts.verdict: shown(self.verdict),
-            parts.player: self.showing.value(is_over=True),
-            parts.figures: shown(self.figures.html()),
-            parts.numbers: shown(self.numbers),
-            parts.downloads_part: gr.update(visible=True),
-            parts.bundle: gr.update(value=str(self.bundle)),
-            parts.files: [str(file) for file in self.files],
-        }
-
-    def for_visitor(self, cookie: str, parts: ResultParts) -> Updates:
-        """For another browser, whose files have addresses of their own."""
-        showing, figures = self.showing.for_visitor(cookie), self.figures.for_visitor(cookie)
-        return replace(self, showing=showing, figures=figures).updates(parts)
-
-
 def _title(asked: GenerateRequest) -> str:
-    return f"{asked.speech.stem}: {', '.join(asked.systems)}"
+    systems = ", ".join(short_names(asked.systems).values())
+    return f"{asked.speech.stem}: {systems}; seed {asked.seed}"
 
 
 def _verdict(result: GenerateResult) -> str:

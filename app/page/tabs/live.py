@@ -12,10 +12,11 @@ from app.live.desk import LiveDesk
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import mount, reveal_on_click
 from app.page.results.kept_runs import KeptRuns
+from app.page.results.result_parts import build_results
 from app.page.serving.jobs import JobBook
 from app.page.serving.live_route import EXAMPLE_ROUTE
 from app.page.serving.media import MediaDesk
-from app.page.tabs.generate import FormParts, build_results
+from app.page.tabs.generate import FormParts
 from app.page.tabs.generate_run import Generate
 from app.page.tabs.live_run import LiveRunner
 

@@ -8,11 +8,14 @@ from app.config import AppConfig
 from app.live.desk import LiveDesk
 from app.page.parts.catalogue import Catalogue
 from app.page.results.kept_runs import KeptRuns
+from app.page.results.result_parts import ResultParts
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
-from app.page.tabs.generate import FormParts, ResultParts
+from app.page.tabs.generate import FormParts
+from app.page.tabs.generate_form import PAGE_SIZE_PX
 from app.page.tabs.generate_run import Generate, GenerateRunner
-from app.run.request import GenerateRequest, Take
+from app.run.display import Display
+from app.run.request import CLOSE_UPS, GenerateRequest, Take
 
 _MAX_TOKEN = 100
 
@@ -59,7 +62,11 @@ class LiveRunner(GenerateRunner):
             speaker=session.ask.speaker,
             seed=session.ask.seed,
             body=self._config.body,
+            display=Display(has_trail=True),
+            size=PAGE_SIZE_PX,
+            close_ups=CLOSE_UPS,
             has_previews=self._config.body is None,
+            has_posters=True,
             max_speech_s=self._config.max_speech_s,
             take=Take(npz, kept.facts),
         )

@@ -10,16 +10,16 @@ import gradio as gr
 
 from app import text
 from app.config import AppConfig
-from app.page.parts import markup
 from app.page.parts.catalogue import point_choices
-from app.page.parts.html_parts import player_part, results_parts, reveal_on_click
+from app.page.parts.html_parts import reveal_on_click
 from app.page.parts.named_fields import named_fields
+from app.page.results.kept_runs import KeptRuns
+from app.page.results.result_parts import ResultParts, build_results
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.page.tabs.own_motion_run import (
     Diagnose,
     OwnMotionForm,
-    OwnMotionParts,
     OwnMotionRunner,
     display_names,
 )
@@ -53,8 +53,9 @@ def build_own_motion_tab(
     desk: MediaDesk,
     diagnose: Diagnose,
     check: UploadCheck,
-) -> None:
-    """Lay out the tab inside the current context and wire it.
+    kept: KeptRuns,
+) -> ResultParts:
+    """Lay out the tab inside the current context and wire it; returns where it shows results.
 
     Args:
         diagnose: does the measuring, as `app.run.diagnose.diagnose_files`.
@@ -64,8 +65,8 @@ def build_own_motion_tab(
         with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
             form = _build_form(check)
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
-            parts = build_results()
-    runner = OwnMotionRunner(diagnose, config, jobs, desk, parts)
+            parts = build_results("own-")
+    runner = OwnMotionRunner(diagnose, config, jobs, desk, parts, kept)
     asks = {
         "inputs": form.fields,
         "outputs": parts.all,
@@ -89,6 +90,7 @@ def build_own_motion_tab(
     ).then(runner.run, **asks, api_visibility="private")
     form.cancel.click(runner.cancel, queue=False, api_visibility="private", show_progress="hidden")
     page.unload(runner.cancel)
+    return parts
 
 
 @dataclass(frozen=True)
@@ -168,10 +170,3 @@ def _choices(paths: list[str] | None) -> Any:
     names = display_names([Path(path).stem for path in paths or ()])
     first = list(names[:MAX_COMPARED])
     return gr.update(choices=list(names), value=first, visible=len(names) >= MAX_COMPARED)
-
-
-def build_results() -> OwnMotionParts:
-    """What is measured, drawn and said; all but the status is hidden until there is something."""
-    status = gr.HTML(markup.idle_status(text.READY), elem_id="own-status")
-    message = gr.HTML("", visible=False, elem_id="own-message")
-    return OwnMotionParts(status, message, player_part("own-"), *results_parts("own-"))

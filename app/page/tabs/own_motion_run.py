@@ -16,9 +16,12 @@ from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.asked import form_of
 from app.page.parts.html_parts import shown
+from app.page.results.ended_run import EndedRun, sha256_of
 from app.page.results.figures_shown import FiguresShown
-from app.page.results.measures_table import measures_table
+from app.page.results.kept_runs import KeptRuns
 from app.page.results.player import NOTHING, Showing, picture_layout, write_own_sound
+from app.page.results.result_parts import ResultParts
+from app.page.results.settings import settings_of_own
 from app.page.serving.follow import last_share
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
@@ -51,27 +54,11 @@ MAX_FRAMES = 108_000
 """Of all files of a run, an hour; the command line has no such limit."""
 MAX_NAME = 60
 """Characters of a file's name that figures and tables show."""
+MAX_NAMED = 3
+"""Files that a run's title names."""
 
 VIDEO_SIZE_PX = 512
 Diagnose = Callable[["DiagnoseRequest", Callable[[float], None], OnFile], "Diagnosis"]
-
-
-@dataclass(frozen=True)
-class OwnMotionParts:
-    """Where the tab shows what comes of it."""
-
-    status: gr.HTML
-    message: gr.HTML
-    player: gr.HTML
-    figures: gr.HTML
-    numbers: gr.HTML
-    downloads: gr.Column
-    bundle: gr.DownloadButton
-    files: gr.File
-
-    @property
-    def all(self) -> list[Any]:
-        return [getattr(self, name) for name in self.__dataclass_fields__]
 
 
 @dataclass(frozen=True)
@@ -183,9 +170,11 @@ class OwnMotionRunner(TabRunner["Diagnosis"]):
         config: AppConfig,
         jobs: JobBook,
         desk: MediaDesk,
-        parts: OwnMotionParts,
+        parts: ResultParts,
+        kept: KeptRuns,
     ) -> None:
         super().__init__(jobs, parts.status)
+        self._kept = kept
         self._diagnose = diagnose
         self._config = config
         self._desk = desk
@@ -196,13 +185,14 @@ class OwnMotionRunner(TabRunner["Diagnosis"]):
         asked = form_of(OwnMotionForm, values).to_request(job.folder / "results", self._config)
         showing = None if asked.videos is None else _showing(asked, job, self._desk, cookie)
         figures = FiguresShown(self._desk, cookie)
-        yield _Work(self._diagnose, asked, job, figures, showing, self._parts)
+        yield _Work(self._diagnose, asked, job, cookie, figures, showing, self._parts, self._kept)
 
     def blank(self) -> Updates:
         return {
             **self._without_results(),
             self._parts.status: markup.sentence_status(text.STARTING),
             self._parts.message: shown(""),
+            self._parts.runs: shown(""),
         }
 
     def stopped(self, status: str, message: str) -> Updates:
@@ -217,7 +207,7 @@ class OwnMotionRunner(TabRunner["Diagnosis"]):
             self._parts.player: NOTHING,
             self._parts.figures: shown(""),
             self._parts.numbers: shown(""),
-            self._parts.downloads: gr.update(visible=False),
+            self._parts.downloads_part: gr.update(visible=False),
         }
 
 
@@ -239,9 +229,11 @@ class _Work:
     diagnose: Diagnose
     asked: DiagnoseRequest
     job: Job
+    cookie: str
     figures: FiguresShown
     showing: Showing | None
-    parts: OwnMotionParts
+    parts: ResultParts
+    kept: KeptRuns
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Diagnosis:
         on_progress = share_teller("numbers", on_event, should_cancel)
@@ -259,18 +251,32 @@ class _Work:
         return updates
 
     def finished(self, result: Diagnosis) -> Updates:
-        parts = self.parts
+        ended = self._ended(result)
+        kept = self.kept.keep(self.job, self.cookie, ended)
+        runs = {self.parts.runs: shown(self.kept.html(self.cookie, kept))}
+        return {**ended.updates(self.parts), **runs}
+
+    def _ended(self, result: Diagnosis) -> EndedRun:
         self.figures.take_files(result.files)
-        bundle = zip_files(result.files, self.job.folder / "own-motion.zip")
         count = len(result.diagnostics.systems)
         line = MEASURED.format(motions=f"{count} motion{'s' if count > 1 else ''}")
-        return {
-            parts.status: markup.sentence_status(line),
-            parts.message: shown(markup.notes_message(result.notes)),
-            parts.player: NOTHING if self.showing is None else self.showing.value(is_over=True),
-            parts.figures: shown(self.figures.html(result.diagnostics)),
-            parts.numbers: shown(measures_table(result.diagnostics)),
-            parts.downloads: gr.update(visible=True),
-            parts.bundle: gr.update(value=str(bundle)),
-            parts.files: [str(path) for path in result.files],
-        }
+        return EndedRun(
+            title=_title(self.asked),
+            settings=settings_of_own(self.asked),
+            speech_sha256=sha256_of(self.asked.speech),
+            status=markup.sentence_status(line),
+            notes=result.notes,
+            verdict="",
+            diagnostics=result.diagnostics,
+            showing=self.showing,
+            figures=self.figures,
+            bundle=zip_files(result.files, self.job.folder / "own-motion.zip"),
+            files=result.files,
+        )
+
+
+def _title(asked: DiagnoseRequest) -> str:
+    beside = f" beside {asked.reference.stem}" if asked.reference else ""
+    more = len(asked.names) - MAX_NAMED
+    others = f" and {more} more" if more > 0 else ""
+    return f"{', '.join(asked.names[:MAX_NAMED])}{others}{beside}"

@@ -8,7 +8,7 @@ const MODES = { grid: "All", wipe: "Wipe", flicker: "Flicker", ghost: "Ghost" };
 const CLOSE_UPS = { hands: "Hands", face: "Face", both: "Both", off: "Off" };
 const LOOP_S = 2; // what a loop holds at first
 const HOP_S = 1; // of the arrow keys
-const KEYS_HELP = "Space: play or pause. Arrows: one second. Comma and full stop: one frame. L: loop. W: worst second. C: close-up. X: the other of two. G: ghost, one over another. 1 to 9: enlarge.";
+const KEYS_HELP = "Space: play or pause. Arrows: one second. Comma and full stop: one frame. L: loop. W: worst second. C: close-up. X: the other of two. G: ghost, one over another. 1 to 9: enlarge. Plus, minus, 0: zoom of the time line.";
 
 export class Controls {
   #player;
@@ -85,7 +85,7 @@ export class Controls {
     this.pairBox.hidden = mode === "grid";
     for (const [index, select] of this.pair.entries()) {
       if (select.options.length !== names.length) {
-        select.replaceChildren(...names.map((name) => make("option", { value: name }, name)));
+        select.replaceChildren(...names.map((name) => make("option", { value: name }, this.#tiles.labelOf(name))));
       }
       select.value = pair[index] ?? "";
     }

@@ -52,8 +52,7 @@ export function clockText(seconds) {
   return `${minutes}:${String(Math.floor(rest / 100)).padStart(2, "0")}.${String(rest % 100).padStart(2, "0")}`;
 }
 
-/** A motion's name; what comes before its last slash can be left out where room is short. */
-export function nameOf(name) {
-  const cut = name.lastIndexOf("/") + 1;
-  return make("b", { title: name }, ...(cut ? [make("span", { class: "family" }, name.slice(0, cut))] : []), name.slice(cut));
+/** A motion's name as it is shown, with its whole name on hover. */
+export function nameOf({ name, label }) {
+  return make("b", { title: name }, label ?? name);
 }

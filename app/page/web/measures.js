@@ -30,12 +30,23 @@ function goTo(button, root) {
 function wireTable(root) {
   const columns = readColumns(root);
   for (const row of root.querySelectorAll("tr[data-measure]")) {
-    row.querySelector("button").onclick = () => order(root, row, columns);
+    const button = row.querySelector("th button"); // a table of two runs has none: A stands beside B
+    if (button) button.onclick = () => order(root, row, columns);
   }
+  const more = root.querySelector(".more");
+  if (more) more.onclick = () => showMore(root, more);
   root.querySelector(".csv").onclick = () => save(root);
   for (const button of root.querySelectorAll(".findings .go")) button.onclick = () => goTo(button, root);
   const ends = [wireSwitch(root.querySelector(".switch")), followFilter((name) => root.setAttribute("data-filter", name))];
   return () => ends.forEach((end) => end());
+}
+
+/** All measures, or the few that are there at first. */
+function showMore(root, button) {
+  const { fewer } = button.dataset;
+  button.dataset.fewer = button.textContent;
+  button.textContent = fewer;
+  button.setAttribute("aria-expanded", String(root.classList.toggle("all")));
 }
 
 /** Names of the systems in the server's order; the reference keeps its place. */

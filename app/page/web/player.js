@@ -35,7 +35,7 @@ class Player {
   }
 
   /** Show a run as far as it has come; nothing where there is none. */
-  show({ run = null, rows = [], layout = null, audio = null, timeline = null, plays = false }) {
+  show({ run = null, rows = [], layout = null, audio = null, timeline = null, plays = false, paired = false }) {
     if (run !== this.#run) this.#clear(run);
     const isWorthIt = rows.some((row) => row.motion || row.video);
     this.#root.hidden = !isWorthIt;
@@ -45,6 +45,7 @@ class Player {
       this.#audio.src = audio;
       this.#lockstep.setSound(this.#audio);
     }
+    this.tiles.element.classList.toggle("paired", paired);
     this.tiles.setLayout(layout);
     this.tiles.show(rows);
     this.controls.update();
@@ -72,7 +73,7 @@ class Player {
     const data = await response.json();
     if (url !== this.#timelineUrl) return;
     this.timeline.show(data, rows);
-    this.controls.worst.set(data.worst);
+    this.controls.worst.set(data.worst.map((each) => ({ ...each, name: this.tiles.labelOf(each.name) })));
   }
 
   #clear(run) {
@@ -98,7 +99,7 @@ class Player {
     const isOurs = this.#root.contains(target) || target === document.body;
     if (!isOurs || target.closest(KEEPS_ITS_KEYS)) return;
     if (event.key === " " && target.closest(PRESSES)) return;
-    if (this.controls.press(event)) event.preventDefault();
+    if (this.controls.press(event) || this.timeline.press(event)) event.preventDefault();
   }
 }
 

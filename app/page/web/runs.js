@@ -1,4 +1,7 @@
-/** The link of a run, copied on click, and the times of a visitor's runs by the visitor's clock. */
+/**
+ * The link of a run, copied on click; the times of a visitor's runs by the visitor's clock; and two
+ * of them that are ticked, which the form opens beside each other.
+ */
 
 const COPIED_MS = 2000;
 
@@ -17,12 +20,18 @@ export function mountRuns(element, props, watch) {
       prompt(words, href); // a page without https may not write there
     }
   });
+  const tick = () => {
+    const button = element.querySelector("form button");
+    if (button) button.disabled = element.querySelectorAll("input:checked").length !== 2;
+  };
+  element.addEventListener("change", tick);
   const show = () => {
     for (const time of element.querySelectorAll("time")) {
       const at = new Date(1000 * Number(time.dataset.at));
       time.dateTime = at.toISOString();
       time.textContent = at.toLocaleTimeString([], { hour: "2-digit", minute: "2-digit" });
     }
+    tick();
   };
   watch("value", () => requestAnimationFrame(show)); // after Gradio has put it there
   show();

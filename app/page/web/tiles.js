@@ -21,18 +21,21 @@ class Tile {
 
   constructor(row, number, onEnlarge) {
     this.name = row.name;
+    this.label = row.label ?? row.name;
+    this.layout = row.layout ?? null; // where it is not that of all
+    this.run = row.run ?? null;
     this.noise = row.noise ?? null;
     this.#picture = make("div", { class: "picture" }, make("p", { class: "drawing" }, "being drawn"));
     this.enlarge = make(
       "button",
-      { type: "button", class: "enlarge", "aria-label": `Enlarge ${row.name}`, title: "Enlarge", "aria-pressed": "false", onclick: () => onEnlarge(this) },
+      { type: "button", class: "enlarge", "aria-label": `Enlarge ${this.label}`, title: "Enlarge", "aria-pressed": "false", onclick: () => onEnlarge(this) },
       icon("large"),
     );
     this.#tools = make("span", { class: "tools" }, this.enlarge);
     const swatch = make("i", { class: row.dashes.length ? "dashed" : "solid", "aria-hidden": "true" });
     const key = number <= 9 ? make("kbd", { "aria-hidden": "true" }, String(number)) : "";
-    const head = make("header", {}, swatch, nameOf(row.name), key, this.#tools);
-    this.element = make("article", { class: "tile", "data-name": row.name, "aria-label": row.name }, head, this.#picture);
+    const head = make("header", {}, swatch, nameOf(row), key, this.#tools);
+    this.element = make("article", { class: "tile", "data-name": row.name, "aria-label": this.label }, head, this.#picture);
     this.element.style.setProperty("--series", row.is_reference ? "var(--reference-ink)" : row.color);
     this.#picture.addEventListener("dblclick", () => onEnlarge(this));
   }
@@ -44,7 +47,7 @@ class Tile {
   /** Put the video in place of what was there; returns it. */
   showVideo(url, row) {
     this.dropPreview();
-    this.video = make("video", { muted: true, playsinline: true, preload: "auto", disablepictureinpicture: true, "aria-label": `Motion of ${this.name}` });
+    this.video = make("video", { muted: true, playsinline: true, preload: "auto", disablepictureinpicture: true, "aria-label": `Motion of ${this.label}` });
     this.video.muted = true; // the attribute counts for the parser only
     if (row.poster) this.video.poster = row.poster;
     this.video.src = url;
@@ -59,14 +62,14 @@ class Tile {
   }
 
   #download(url, fileName, kind) {
-    const label = `Save the ${kind === "video" ? "video" : "motion (npz)"} of ${this.name}`;
+    const label = `Save the ${kind === "video" ? "video" : "motion (npz)"} of ${this.label}`;
     const children = kind === "video" ? [icon("save")] : ["npz"];
     return make("a", { href: url, download: fileName, "aria-label": label, title: label }, ...children);
   }
 
   /** Show the motion in 3D until the video is there; without WebGL the words stay. */
   async showPreview(url, time) {
-    const canvas = make("canvas", { width: PREVIEW_PX, height: PREVIEW_PX, role: "img", "aria-label": `3D preview of ${this.name}` });
+    const canvas = make("canvas", { width: PREVIEW_PX, height: PREVIEW_PX, role: "img", "aria-label": `3D preview of ${this.label}` });
     let view;
     try {
       view = new GlbView(canvas);
@@ -142,6 +145,10 @@ export class Tiles {
     return [...this.#tiles.keys()];
   }
 
+  labelOf(name) {
+    return this.#tiles.get(name)?.label ?? name;
+  }
+
   /** Make or complete the tiles of `rows`. */
   show(rows) {
     for (const row of rows) {
@@ -150,6 +157,7 @@ export class Tiles {
         tile = new Tile(row, this.#tiles.size + 1, (which) => this.enlarge(which.name));
         this.#tiles.set(row.name, tile);
         this.element.append(tile.element);
+        this.#showCloseUp();
         this.#arrange();
       }
       if (row.motion) tile.offerMotion(row.motion, row);
@@ -179,9 +187,14 @@ export class Tiles {
     this.#showCloseUp();
   }
 
-  /** What may be chosen. */
+  get #layouts() {
+    const own = [...this.#tiles.values()].map(({ layout }) => layout).filter(Boolean);
+    return [this.#layout ?? {}, ...own];
+  }
+
+  /** What may be chosen: what all pictures hold. */
   get closeUps() {
-    const { face, hands } = this.#layout ?? {};
+    const [face, hands] = ["face", "hands"].map((name) => this.#layouts.every((layout) => layout[name]));
     return [...(hands ? ["hands"] : []), ...(face ? ["face"] : []), ...(face && hands ? ["both"] : []), "off"];
   }
 
@@ -200,12 +213,16 @@ export class Tiles {
   #showCloseUp() {
     if (!this.#layout) return;
     if (!this.closeUps.includes(this.closeUp)) this.closeUp = this.closeUps[0];
-    const { aspect, body, face, hands } = this.#layout;
+    this.#cut(this.element, this.#layout);
+    for (const { element, layout } of this.#tiles.values()) if (layout) this.#cut(element, layout);
+  }
+
+  #cut(element, { aspect, body, face, hands }) {
     const wanted = { hands: [hands], face: [face], both: [face, hands], off: [] }[this.closeUp];
     const top = Math.min(body[0], ...wanted.map(([upper]) => upper));
     const bottom = Math.max(body[1], ...wanted.map(([, lower]) => lower));
     const shown = bottom - top;
-    const set = (name, value) => this.element.style.setProperty(name, String(value));
+    const set = (name, value) => element.style.setProperty(name, String(value));
     set("--aspect", aspect / shown);
     set("--zoom", 1 / shown);
     set("--top", top / shown);
@@ -293,9 +310,11 @@ export class Tiles {
   #explainGhost() {
     if (this.mode !== "ghost") return;
     const [first, second] = this.pair.map((name) => this.#tiles.get(name));
-    const colour = (place, tile) => make("span", {}, make("i", { class: place, "aria-hidden": "true" }), ` ${tile.name} alone`);
+    const colour = (place, tile) => make("span", {}, make("i", { class: place, "aria-hidden": "true" }), ` ${tile.label} alone`);
     const isOther = first.noise !== second.noise;
-    const note = isOther ? " They were not made from the same noise, so they are different gestures." : "";
+    const ofNoise = isOther ? " They were not made from the same noise, so they are different gestures." : "";
+    const ofRuns = first.run !== second.run ? " Each run has a camera of its own, so they may stand a little apart." : "";
+    const note = ofNoise + ofRuns;
     this.#legend.replaceChildren(colour("first", first), colour("second", second), make("span", {}, `Grey where both agree.${note}`));
   }
 

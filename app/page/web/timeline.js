@@ -2,13 +2,18 @@
 
 import { make, nameOf } from "./dom.js";
 import { currentFilter, followFilter, wireSwitch } from "./filter_switch.js";
+import { FPS } from "./lockstep.js";
 
 const CURVES = {
   jerk_m_s3: { label: "Jerk", unit: "m/s³", digits: 0 },
   speed_m_s: { label: "Speed", unit: "m/s", digits: 2 },
 };
 const WAVE_SHARE = 0.92; // of the lane's height
+const FRAME_S = 1 / FPS;
 const NUDGE_S = 0.1; // of a loop's end by key
+const LEAST_S = 0.5; // of time on the whole width
+const ZOOM = 1.6; // of one key or click
+const WHEEL_ZOOM = 0.004; // of one pixel of the wheel, as an exponent
 
 export class Timeline {
   #player;
@@ -17,12 +22,14 @@ export class Timeline {
   #lanes = new Map(); // name -> { canvas, value, curve }
   #curve = "jerk_m_s3";
   #unfollow;
+  #view = [0, 0]; // the seconds that are shown
+  #fingers = new Map(); // touching the lanes: pointer -> clientX
   #observer = new ResizeObserver(() => this.#draw());
 
   constructor(player) {
     this.#player = player;
     this.#build();
-    player.addEventListener("time", () => this.#showTime());
+    player.addEventListener("time", () => this.#follow());
     player.addEventListener("state", () => this.#showLoop());
     this.#unfollow = followFilter(() => this.#draw());
   }
@@ -38,10 +45,21 @@ export class Timeline {
     );
     wireSwitch(filter);
     this.scale = make("span", { class: "scale" });
+    const button = (label, sign, onclick) => make("button", { type: "button", "aria-label": label, title: label, onclick }, sign);
+    this.zooming = make(
+      "div",
+      { class: "switch zooming", role: "group", "aria-label": "Zoom of the time line" },
+      button("Show less time, larger", "+", () => this.zoom(ZOOM)),
+      button("Show more time", "\u2212", () => this.zoom(1 / ZOOM)),
+      (this.whole = button("Show all of it", "All", () => this.zoom(0))),
+    );
     this.lanes = make("div", { class: "lanes", onpointerdown: (event) => this.#press(event) });
+    this.lanes.addEventListener("pointermove", (event) => this.#pinch(event));
+    for (const end of ["pointerup", "pointercancel"]) this.lanes.addEventListener(end, ({ pointerId }) => this.#fingers.delete(pointerId));
+    this.lanes.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
     this.cursor = make("div", { class: "cursor", "aria-hidden": "true" });
     this.range = make("div", { class: "range", hidden: true }, ...["Start", "End"].map((name, end) => this.#handle(name, end)));
-    this.element = make("div", { class: "timeline", hidden: true }, make("div", { class: "bar" }, this.select, filter, this.scale), this.lanes);
+    this.element = make("div", { class: "timeline", hidden: true }, make("div", { class: "bar" }, this.select, filter, this.scale, this.zooming), this.lanes);
   }
 
   /** One end of the loop; can be dragged, and moved by arrow keys. */
@@ -65,17 +83,18 @@ export class Timeline {
   /** Show what the server has worked out; `rows` say how each motion looks. */
   show(data, rows) {
     this.#data = data;
+    this.#view = [0, data.duration_s];
     this.#rows = rows.filter(({ name }) => data.curves[name]);
     this.#lanes.clear();
     this.wave = make("canvas", {});
     this.position = make("div", { class: "plot", role: "slider", tabindex: "0", "aria-label": "Position", "aria-valuemin": "0", "aria-valuemax": data.duration_s.toFixed(2) }, this.wave);
     const parts = [];
-    if (data.peaks.length) parts.push(this.#lane("Speech", "", this.position));
-    if (data.words.length) parts.push(this.#lane("Words", "", this.#words(data)));
+    if (data.peaks.length) parts.push(this.#lane({ name: "Speech" }, "", this.position));
+    if (data.words.length) parts.push(this.#lane({ name: "Words" }, "", this.#words(data)));
     for (const row of this.#rows) {
-      const canvas = make("canvas", { role: "img", "aria-label": `${data.point} of ${row.name} over time` });
+      const canvas = make("canvas", { role: "img", "aria-label": `${data.point} of ${row.label ?? row.name} over time` });
       const value = make("small", {});
-      const lane = this.#lane(row.name, value, make("div", { class: "plot" }, canvas));
+      const lane = this.#lane(row, value, make("div", { class: "plot" }, canvas));
       lane.dataset.name = row.name;
       lane.style.setProperty("--series", row.is_reference ? "var(--reference-ink)" : row.color);
       this.#lanes.set(row.name, { canvas, value });
@@ -103,19 +122,60 @@ export class Timeline {
     this.clear();
   }
 
-  #lane(name, value, plot) {
-    return make("div", { class: "lane" }, make("div", { class: "name", title: name }, nameOf(name), value), plot);
+  #lane(row, value, plot) {
+    return make("div", { class: "lane" }, make("div", { class: "name", title: row.name }, nameOf(row), value), plot);
   }
 
-  #words({ words, duration_s }) {
-    const box = make("div", { class: "plot words" });
-    for (const [start, end, word] of words) {
-      const piece = make("span", { title: word }, word);
-      piece.style.left = `${(100 * start) / duration_s}%`;
-      piece.style.width = `${(100 * (end - start)) / duration_s}%`;
-      box.append(piece);
+  #words({ words }) {
+    return (this.wordBox = make("div", { class: "plot words" }, ...words.map(([, , word]) => make("span", { title: word }, word))));
+  }
+
+  #placeWords() {
+    for (const [i, [start, end]] of this.#data.words.entries()) {
+      const { style } = this.wordBox.children[i];
+      style.left = `${100 * this.#share(start)}%`;
+      style.width = `${100 * (this.#share(end) - this.#share(start))}%`;
     }
-    return box;
+  }
+
+  /** Where a moment stands on the width: 0 to 1 if it is shown. */
+  #share(seconds) {
+    const [start, end] = this.#view;
+    return (seconds - start) / (end - start);
+  }
+
+  /** Show less time (`factor` above 1) or more around a moment, by itself the present one; 0: all. */
+  zoom(factor, around = this.#player.time) {
+    if (!this.#data) return;
+    const { duration_s } = this.#data;
+    const share = inside(this.#share(around));
+    const [start, end] = this.#view;
+    const length = factor ? Math.max(Math.min(LEAST_S, duration_s), Math.min(duration_s, (end - start) / factor)) : duration_s;
+    const moment = start + share * (end - start);
+    this.#show(moment - share * length, length);
+  }
+
+  #show(start, length) {
+    const from = Math.max(0, Math.min(start, this.#data.duration_s - length));
+    this.#view = [from, from + length];
+    this.#draw();
+    this.#showLoop();
+  }
+
+  get #isWhole() {
+    return this.#view[1] - this.#view[0] >= this.#data.duration_s - 1e-6;
+  }
+
+  /** With Ctrl, as browsers tell of a pinch on a touchpad too, it zooms; sideways it moves on. */
+  #wheel(event) {
+    if (!this.#data) return;
+    const [start, end] = this.#view;
+    const sideways = event.shiftKey ? event.deltaY || event.deltaX : event.deltaX;
+    if (event.ctrlKey || event.metaKey) this.zoom(Math.exp(-WHEEL_ZOOM * event.deltaY), this.#secondsAt(event.clientX));
+    else if (!this.#isWhole && Math.abs(sideways) > Math.abs(event.shiftKey ? 0 : event.deltaY)) {
+      this.#show(start + (sideways / this.position.clientWidth) * (end - start), end - start);
+    } else return; // the page scrolls
+    event.preventDefault();
   }
 
   #choose(curve) {
@@ -129,7 +189,9 @@ export class Timeline {
 
   #draw() {
     if (!this.#data || !this.lanes.clientWidth) return;
-    if (this.#data.peaks.length) drawWave(this.wave, this.#data);
+    this.whole.disabled = this.#isWhole;
+    if (this.#data.peaks.length) drawWave(this.wave, this.#data, (seconds) => this.#share(seconds));
+    if (this.#data.words.length) this.#placeWords();
     const known = this.#rows.map(({ name }) => this.#curveOf(name)).filter(Boolean);
     const highest = known.reduce((most, { values }) => values.reduce((a, b) => Math.max(a, b), most), 0);
     const { unit, digits } = CURVES[this.#curve];
@@ -137,16 +199,32 @@ export class Timeline {
     this.scale.textContent = this.#data.point + scale;
     for (const row of this.#rows) {
       const curve = this.#curveOf(row.name);
-      drawCurve(this.#lanes.get(row.name).canvas, curve, highest, this.#data.duration_s);
+      drawCurve(this.#lanes.get(row.name).canvas, curve, highest, (seconds) => this.#share(seconds));
     }
     this.#showTime();
+  }
+
+  /** The present moment; where it is not within a frame of what is shown, `isLost`. */
+  get #now() {
+    const [start, end] = this.#view;
+    const seconds = Math.min(this.#player.time, this.#data.duration_s);
+    return { seconds, isLost: seconds < start - FRAME_S || seconds > end + FRAME_S };
+  }
+
+  /** Turn the page when the present moment leaves it. */
+  #follow() {
+    if (!this.#data) return;
+    const { seconds, isLost } = this.#now;
+    if (isLost) this.#show(seconds, this.#view[1] - this.#view[0]);
+    else this.#showTime();
   }
 
   #showTime() {
     if (!this.#data) return;
     const { time, frame } = this.#player;
-    const { duration_s } = this.#data;
-    this.lanes.style.setProperty("--at", String(Math.min(1, time / duration_s)));
+    const { seconds, isLost } = this.#now;
+    this.cursor.hidden = isLost;
+    this.lanes.style.setProperty("--at", String(inside(this.#share(seconds))));
     this.position.setAttribute("aria-valuenow", time.toFixed(2));
     this.position.setAttribute("aria-valuetext", `${time.toFixed(2)} s, frame ${frame}`);
     const { unit, digits } = CURVES[this.#curve];
@@ -159,11 +237,10 @@ export class Timeline {
 
   #showLoop() {
     const { loop } = this.#player;
-    this.range.hidden = !loop || !this.#data;
+    this.range.hidden = !loop || !this.#data || loop[1] < this.#view[0] || loop[0] > this.#view[1];
     if (this.range.hidden) return;
-    const { duration_s } = this.#data;
     for (const [end, seconds] of loop.entries()) {
-      this.lanes.style.setProperty(`--loop-${end}`, String(Math.min(1, seconds / duration_s)));
+      this.lanes.style.setProperty(`--loop-${end}`, String(inside(this.#share(seconds))));
       this.range.children[end].setAttribute("aria-valuenow", seconds.toFixed(2));
     }
   }
@@ -177,15 +254,37 @@ export class Timeline {
 
   #secondsAt(clientX) {
     const { left, right } = this.lanes.querySelector(".plot").getBoundingClientRect();
-    const share = (clientX - left) / (right - left);
-    return Math.max(0, Math.min(1, share)) * this.#data.duration_s;
+    const share = inside((clientX - left) / (right - left));
+    const [start, end] = this.#view;
+    return start + share * (end - start);
   }
 
   #press(event) {
     if (event.button !== 0 || !event.target.closest(".plot")) return;
-    const seek = ({ clientX }) => this.#player.seek(this.#secondsAt(clientX));
+    if (event.pointerType === "touch") this.#fingers.set(event.pointerId, event.clientX);
+    const seek = ({ clientX }) => {
+      if (this.#fingers.size < 2) this.#player.seek(this.#secondsAt(clientX));
+    };
     seek(event);
     this.#drag(event, seek);
+  }
+
+  /** Two fingers that move apart or together. */
+  #pinch({ pointerId, clientX }) {
+    if (!this.#fingers.has(pointerId)) return;
+    const spread = () => Math.max(...this.#fingers.values()) - Math.min(...this.#fingers.values());
+    const before = spread();
+    this.#fingers.set(pointerId, clientX);
+    const [first, second] = this.#fingers.values();
+    if (this.#fingers.size === 2) this.zoom(Math.max(spread(), 1) / Math.max(before, 1), this.#secondsAt((first + second) / 2));
+  }
+
+  /** What a key does; true if it does anything. */
+  press(event) {
+    const factor = { "+": ZOOM, "=": ZOOM, "-": 1 / ZOOM, 0: 0 }[event.key];
+    if (factor === undefined || event.ctrlKey || event.metaKey || event.altKey || !this.#data) return false;
+    this.zoom(factor);
+    return true;
   }
 
   #drag(event, move) {
@@ -199,6 +298,11 @@ export class Timeline {
   }
 }
 
+/** A share, 0 to 1. */
+function inside(share) {
+  return Math.max(0, Math.min(1, share));
+}
+
 /** A context as large as its canvas is on this screen, cleared; coordinates are CSS pixels. */
 function freshContext(canvas) {
   const { clientWidth: width, clientHeight: height } = canvas;
@@ -210,22 +314,23 @@ function freshContext(canvas) {
   return { context, width, height, style: getComputedStyle(canvas) };
 }
 
-function drawWave(canvas, { peaks, onsets_s, duration_s }) {
+function drawWave(canvas, { peaks, onsets_s, duration_s }, share) {
   const { context, width, height, style } = freshContext(canvas);
   context.fillStyle = style.getPropertyValue("--wave");
-  const step = width / peaks.length;
+  const x = (seconds) => share(seconds) * width;
+  const step = x(duration_s / peaks.length) - x(0);
   for (const [i, peak] of peaks.entries()) {
     const tall = Math.max(1, (WAVE_SHARE * height * peak) / 100);
-    context.fillRect(i * step, (height - tall) / 2, Math.max(step * 0.8, 0.5), tall);
+    context.fillRect(x((i * duration_s) / peaks.length), (height - tall) / 2, Math.max(step * 0.8, 0.5), tall);
   }
   context.fillStyle = style.getPropertyValue("--onset");
-  for (const onset of onsets_s) context.fillRect((onset / duration_s) * width, 0, 1, height);
+  for (const onset of onsets_s) context.fillRect(x(onset), 0, 1, height);
 }
 
-function drawCurve(canvas, curve, highest, duration) {
+function drawCurve(canvas, curve, highest, share) {
   const { context, width, height, style } = freshContext(canvas);
   if (!curve || !curve.values.length || highest <= 0) return;
-  const x = (i) => ((curve.start_s + i * curve.step_s) / duration) * width;
+  const x = (i) => share(curve.start_s + i * curve.step_s) * width;
   const y = (value) => height - 1 - (value / highest) * (height - 3);
   context.beginPath();
   for (const [i, value] of curve.values.entries()) context.lineTo(x(i), y(value));

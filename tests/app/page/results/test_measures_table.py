@@ -42,6 +42,16 @@ def test_units_of_the_table_are_those_it_says() -> None:
     assert 'data-unit="cm/s"' in slide and '<span class="raw">1</span>' in slide  # 0.01 m/s
 
 
+def test_few_are_there_at_first_and_all_on_demand_each_explained() -> None:
+    table = measures_table(diagnostics(**{"globaldiff/local": 300.0}))
+    rows = re.findall("<tr data-measure.*?</tr>", table)
+    first = [row for row in rows if 'class="later"' not in row.split(">")[0]]
+    assert 0 < len(first) <= 6 < len(rows) and f"Show all {len(rows)} measures" in table
+    assert 'title="Mean change of acceleration' in row(table, "Jerk")
+    assert '<tr class="group"><th scope="colgroup" colspan="3"><span>Feet<' in table
+    assert 'title="globaldiff/local">local</th>' in table
+
+
 def test_without_a_reference_nothing_is_marked() -> None:
     table = measures_table(replace(diagnostics(a=1.0, b=2.0), reference=None))
     assert 'class="raw near"' not in table and 'class="reference"' not in table

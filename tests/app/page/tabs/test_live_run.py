@@ -9,11 +9,13 @@ from app.errors import RunError
 from app.live.desk import LiveDesk
 from app.live.session import LiveAsk
 from app.page.results.kept_runs import KeptRuns
+from app.page.results.result_parts import build_results
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
-from app.page.tabs.generate import FormParts, build_results
+from app.page.tabs.generate import FormParts
 from app.page.tabs.live import USUAL, offered
 from app.page.tabs.live_run import LiveRunner
+from app.run.request import CLOSE_UPS
 from model.motion.motion import load_motion
 from model.speech.audio import load_speech
 from tests.app.fakes import CATALOGUE
@@ -60,6 +62,7 @@ def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder(
     asked = runner.asked(job, "mine", (session.token,))
     assert (asked.systems, asked.speaker, asked.seed) == (("globaldiff/global",), "bob", 7)
     assert asked.speech.parent == job.folder and asked.take is not None
+    assert asked.close_ups == CLOSE_UPS and asked.has_posters  # as any other run on the page
     assert asked.take.motion.parent == job.folder and asked.out.parent == job.folder
     speech, motion = load_speech(asked.speech), load_motion(asked.take.motion)
     assert speech.num_frames == motion.num_frames == session.kept().minute.motion.num_frames

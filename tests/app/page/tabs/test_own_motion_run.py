@@ -12,10 +12,12 @@ import pytest
 from app import text
 from app.config import AppConfig
 from app.errors import RunError
+from app.page.results.kept_runs import KeptRuns
+from app.page.results.result_parts import build_results
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.workshop import Workshop
-from app.page.tabs.own_motion import build_own_motion_tab, build_results
+from app.page.tabs.own_motion import build_own_motion_tab
 from app.page.tabs.own_motion_run import MAX_NAME, OwnMotionForm, OwnMotionRunner, display_names
 from app.page.tabs.upload_check import UploadCheck
 from app.run.diagnose import DiagnoseRequest, Diagnosis, OnShare
@@ -25,6 +27,7 @@ from tests.app.fakes import measures
 from tests.app.measured import diagnostics_of
 
 CONFIG = AppConfig()
+KEPT = KeptRuns(CONFIG.keep_results_s)
 CHECK = UploadCheck(refusal_of, 60.0)
 VISITOR = SimpleNamespace(session_hash="visitor", cookies={})
 
@@ -81,7 +84,7 @@ def runs(tmp_path: Path) -> Runs:
         with gr.Blocks():
             parts = build_results()
         names = {getattr(parts, name): name for name in parts.__dataclass_fields__}
-        runner = OwnMotionRunner(diagnose, CONFIG, JobBook(tmp_path), MediaDesk(), parts)
+        runner = OwnMotionRunner(diagnose, CONFIG, JobBook(tmp_path), MediaDesk(), parts, KEPT)
         updates = []
         try:
             for update in runner.run(VISITOR, *values):  # type: ignore[arg-type]
@@ -107,8 +110,9 @@ def test_numbers_figures_and_downloads_of_the_run_are_shown(runs: Runs) -> None:
     assert "Measured 1 motion." in last["status"]
     assert "A &lt;note&gt;." in last["message"]["value"]
     assert "&lt;b&gt;" in last["numbers"]["value"] and "<b>.npz" not in last["numbers"]["value"]
+    assert "?run=" in last["runs"]["value"]
     assert last["figures"]["visible"] and "<img" in last["figures"]["value"]
-    assert last["downloads"]["visible"]
+    assert last["downloads_part"]["visible"]
     assert [Path(file).name for file in last["files"]] == ["diagnostics.json", "jitter.png"]
     assert Path(last["bundle"]["value"]).stat().st_size > 0
 
@@ -120,7 +124,7 @@ def test_an_error_is_told_and_nothing_old_stays(runs: Runs) -> None:
     *_, shown, raised = runs(diagnose, ["/up/a.npz"], None, None, "right_middle", 0)
     assert raised == {"error": "a.npz has 60 frames a second; 30 are needed."}
     assert "60 frames a second" in shown["message"]["value"]
-    assert not shown["numbers"]["visible"] and not shown["downloads"]["visible"]
+    assert not shown["numbers"]["visible"] and not shown["downloads_part"]["visible"]
 
 
 def test_cancel_is_answered_at_once_and_nothing_of_the_run_is_shown(tmp_path: Path) -> None:
@@ -134,7 +138,7 @@ def test_cancel_is_answered_at_once_and_nothing_of_the_run_is_shown(tmp_path: Pa
 
     with gr.Blocks():
         parts = build_results()
-    runner = OwnMotionRunner(diagnose, CONFIG, JobBook(tmp_path), MediaDesk(), parts)
+    runner = OwnMotionRunner(diagnose, CONFIG, JobBook(tmp_path), MediaDesk(), parts, KEPT)
 
     def cancel() -> None:
         is_at_work.wait(20)
@@ -152,6 +156,6 @@ def test_cancel_is_answered_at_once_and_nothing_of_the_run_is_shown(tmp_path: Pa
 def test_the_tab_is_built_with_its_endpoint(tmp_path: Path) -> None:
     with gr.Blocks() as page:
         build_own_motion_tab(
-            page, CONFIG, JobBook(tmp_path), MediaDesk(), Workshop().diagnose, CHECK
+            page, CONFIG, JobBook(tmp_path), MediaDesk(), Workshop().diagnose, CHECK, KEPT
         )
     assert "own_motion" in {each.api_name for each in page.fns.values()}

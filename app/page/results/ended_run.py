@@ -1,0 +1,71 @@
+"""A run that has ended, as any browser can be shown it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import gradio as gr
+
+from app.page.parts import markup
+from app.page.parts.html_parts import shown
+from app.page.results.figures_shown import FiguresShown
+from app.page.results.measures_table import measures_table
+from app.page.results.player import NOTHING, Showing
+from app.page.results.result_parts import ResultParts
+from app.page.serving.runner import Updates
+
+if TYPE_CHECKING:
+    from model.measures.diagnostics import Diagnostics
+
+
+@dataclass(frozen=True)
+class EndedRun:
+    """Everything that a tab shows of it."""
+
+    title: str
+    """What it was made of, in a few words."""
+    settings: Mapping[str, str]
+    """What was asked for, in words, as `app.page.results.settings` has it."""
+    speech_sha256: str
+    """Of its file; empty where there was none."""
+    status: str
+    notes: tuple[str, ...]
+    verdict: str
+    diagnostics: Diagnostics
+    showing: Showing | None
+    """None where nothing was drawn."""
+    figures: FiguresShown
+    bundle: Path
+    files: tuple[Path, ...]
+
+    def updates(self, parts: ResultParts) -> Updates:
+        """For the browser that asked for it."""
+        player = NOTHING if self.showing is None else self.showing.value(is_over=True)
+        return {
+            parts.status: self.status,
+            parts.message: shown(markup.notes_message(self.notes)),
+            parts.verdict: shown(self.verdict),
+            parts.player: player,
+            parts.figures: shown(self.figures.html(self.diagnostics)),
+            parts.numbers: shown(measures_table(self.diagnostics)),
+            parts.downloads_part: gr.update(visible=True),
+            parts.bundle: gr.update(value=str(self.bundle)),
+            parts.files: [str(file) for file in self.files],
+        }
+
+    def for_visitor(self, cookie: str) -> EndedRun:
+        """For another browser, whose files have addresses of their own."""
+        showing = None if self.showing is None else self.showing.for_visitor(cookie)
+        return replace(self, showing=showing, figures=self.figures.for_visitor(cookie))
+
+
+def sha256_of(path: Path | None) -> str:
+    """Of a file that somebody gave; empty of none, or of one that is gone."""
+    if path is None or not path.is_file():
+        return ""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

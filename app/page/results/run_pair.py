@@ -1,0 +1,285 @@
+"""Two runs that have ended, beside each other: what was asked for, numbers, and in one player."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import gradio as gr
+
+from app import text
+from app.findings.comparison import plain
+from app.findings.points import point_title
+from app.findings.samples import number_of
+from app.findings.sentences import jerk_of
+from app.findings.verdict import short_names
+from app.page.parts import markup
+from app.page.parts.html_parts import shown
+from app.page.results.ended_run import EndedRun
+from app.page.results.kept_runs import KeptRun, address_of
+from app.page.results.measures_table import Column, table_of
+from app.page.results.player import NOTHING
+from app.page.results.result_parts import ResultParts
+from app.page.results.settings import NONE, SEED, SPEECH, differing
+from app.page.results.timeline import series_looks
+from app.page.results.worst import worst_of_both
+from app.page.serving.runner import Updates
+from app.run.request import REFERENCE_NAME
+
+if TYPE_CHECKING:
+    from model.measures.diagnostics import Versions
+
+MAX_VIDEOS = 12
+
+
+@dataclass(frozen=True)
+class RunPair:
+    """The earlier run is A, the later one B."""
+
+    a: KeptRun
+    b: KeptRun
+
+    @classmethod
+    def of(cls, first: KeptRun, second: KeptRun) -> RunPair:
+        return cls(*sorted((first, second), key=lambda run: run.ended))
+
+    @property
+    def has_one_speech(self) -> bool:
+        """Whether both were given the same file of sound."""
+        first, second = self.a.run.speech_sha256, self.b.run.speech_sha256
+        return bool(first) and first == second
+
+    def updates(self, parts: ResultParts, cookie: str) -> Updates:
+        """For a browser that opens both."""
+        a, b = self.a.run.for_visitor(cookie), self.b.run.for_visitor(cookie)
+        return {
+            parts.status: markup.sentence_status(text.PAIR_STATUS),
+            parts.message: shown(""),
+            parts.verdict: shown(self._head()),
+            parts.player: joined(a, b) if self.has_one_speech else NOTHING,
+            parts.figures: shown(""),
+            parts.numbers: shown(pair_table(a, b)),
+            parts.downloads_part: gr.update(visible=False),
+        }
+
+    def _head(self) -> str:
+        a, b = self.a.run, self.b.run
+        links = "".join(
+            f'<li><b>{letter}</b><a href="{escape(address_of(kept))}">{escape(kept.run.title)}'
+            "</a></li>"
+            for letter, kept in (("A", self.a), ("B", self.b))
+        )
+        said = [told_speech(a, b, self.has_one_speech), jerk_line(a, b)]
+        below = "".join(f"<p>{escape(sentence)}</p>" for sentence in said if sentence)
+        return (
+            f'<div class="verdict pair-head"><ol>{links}</ol><b>{escape(told_settings(a, b))}</b>'
+            f"{below}{_settings_table(a, b)}</div>"
+        )
+
+
+def told_settings(a: EndedRun, b: EndedRun) -> str:
+    """The settings that differ, in one sentence."""
+    differ = differing(a.settings, b.settings)
+    if not differ:
+        return text.PAIR_SAME_SETTINGS
+    told = "; ".join(f"{name} {first} against {second}" for name, (first, second) in differ.items())
+    return f"{told[0].upper()}{told[1:]}."
+
+
+def told_speech(a: EndedRun, b: EndedRun, is_one: bool) -> str:
+    """Whether the speech is the same, and what that means."""
+    first, second = a.settings.get(SPEECH, NONE), b.settings.get(SPEECH, NONE)
+    if not is_one:
+        return text.PAIR_OTHER_SPEECH.format(first=first, second=second)
+    only_chance = list(differing(a.settings, b.settings)) == [SEED]
+    return text.PAIR_ONLY_SEED if only_chance else text.PAIR_ONE_SPEECH.format(speech=first)
+
+
+def jerk_line(a: EndedRun, b: EndedRun) -> str:
+    """The followed point's jerk in both; empty where the points are not the same."""
+    if a.diagnostics.point != b.diagnostics.point:
+        return ""
+    jerk = [
+        {
+            name: value
+            for name, versions in run.diagnostics.systems.items()
+            if (value := number_of(versions, jerk_of, "raw")) is not None
+        }
+        for run in (a, b)
+    ]
+    told = "; ".join(_jerk_of(jerk, pair) for pair in pairs_of(list(jerk[0]), list(jerk[1])))
+    return f"{point_title(a.diagnostics.point)} jerk in m/s³: {told}." if told else ""
+
+
+def _jerk_of(jerk: Sequence[Mapping[str, float]], names: tuple[str, str]) -> str:
+    """In both runs, of what stands beside each other there."""
+    labels = short_names(dict.fromkeys(name for name in names if name))
+    told = [
+        ("" if i and name == names[0] else f"{labels[name]} ") + f"{plain(jerk[i][name])} in {run}"
+        for i, (name, run) in enumerate(zip(names, "AB", strict=True))
+        if name
+    ]
+    return " and ".join(told)
+
+
+def pairs_of(a: Sequence[str], b: Sequence[str]) -> list[tuple[str, str]]:
+    """What stands beside what: equal names, and of the others those that are the only one of their
+    run; an empty name where there is nothing to stand beside."""
+    only_a, only_b = (
+        [name for name in own if name not in other] for own, other in ((a, b), (b, a))
+    )
+    pairs = [(name, name) for name in a if name in b]
+    if len(only_a) == len(only_b) == 1:
+        return [*pairs, (only_a[0], only_b[0])]
+    return [*pairs, *((name, "") for name in only_a), *(("", name) for name in only_b)]
+
+
+def pair_table(a: EndedRun, b: EndedRun) -> str:
+    """The numbers of both and their difference, motion by motion."""
+    columns: list[Column] = []
+    runs = (a.diagnostics, b.diagnostics)
+    references = [run.reference for run in runs]
+    if is_one_reference(a, b) and references[0] is not None:
+        columns.append(Column.of(REFERENCE_NAME, REFERENCE_NAME, references[0], is_reference=True))
+    else:
+        for letter, reference in zip("AB", references, strict=True):
+            if reference is not None:
+                name = f"{REFERENCE_NAME} ({letter})"
+                columns.append(Column.of(name, name, reference))
+    for pair in pairs_of(list(runs[0].systems), list(runs[1].systems)):
+        columns += _columns(
+            [run.systems.get(name) for run, name in zip(runs, pair, strict=True)], pair
+        )
+    points = dict.fromkeys(point_title(run.point) for run in runs)
+    return table_of(columns, " and ".join(points), text.PAIR_LEGEND, is_sortable=False)
+
+
+def _columns(versions: Sequence[Versions | None], names: Sequence[str]) -> list[Column]:
+    labels = short_names(dict.fromkeys(name for name in names if name))
+    found = [
+        Column.of(lettered(name, letter), lettered(labels[name], letter), each)
+        for each, name, letter in zip(versions, names, "AB", strict=True)
+        if each is not None
+    ]
+    if len(found) < 2:
+        return found
+    name = f"{' and '.join(dict.fromkeys(labels.values()))}: {text.PAIR_DIFFERENCE}"
+    return [*found, found[1].less(found[0], name, text.PAIR_DIFFERENCE)]
+
+
+def lettered(name: str, letter: str) -> str:
+    return f"{name} ({letter})"
+
+
+def is_one_reference(a: EndedRun, b: EndedRun) -> bool:
+    """Whether both stand beside the same recording: its numbers are the same."""
+    first, second = a.diagnostics.reference, b.diagnostics.reference
+    return bool(first and second and first.as_json() == second.as_json())
+
+
+def joined(a: EndedRun, b: EndedRun) -> dict[str, Any]:
+    """Both for one player, in lock-step under the sound of whichever is longer; nothing where one
+    of them has no videos."""
+    if a.showing is None or b.showing is None:
+        return NOTHING
+    values = [run.showing.value(is_over=True) for run in (a, b) if run.showing]
+    lines = [run.showing.timeline() for run in (a, b) if run.showing]
+    rows = _rows(a, b, values)
+    longest = max((0, 1), key=lambda i: lines[i].get("duration_s", 0.0))
+    value = {
+        "run": " ".join(value["run"] for value in values),
+        "rows": rows,
+        "layout": values[0]["layout"],
+        "paired": True,
+    }
+    if not all(lines):
+        return value
+    timeline = _timeline(lines, longest, [row["name"] for row in rows])
+    data = base64.b64encode(json.dumps(timeline).encode()).decode("ascii")
+    return value | {
+        "audio": values[longest]["audio"],
+        "timeline": f"data:application/json;base64,{data}",
+    }
+
+
+def _rows(a: EndedRun, b: EndedRun, values: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """A beside B, motion by motion; of too many the first."""
+    by_name = [{row["name"]: row for row in value["rows"]} for value in values]
+    seeds = [run.settings.get(SEED, "") for run in (a, b)]
+    is_one = is_one_reference(a, b)
+    systems = [[name for name in rows if name != REFERENCE_NAME] for rows in by_name]
+    last = [REFERENCE_NAME if REFERENCE_NAME in rows else "" for rows in by_name]
+    if is_one:
+        last[1] = ""
+    rows: list[dict[str, Any]] = []
+    for pair in [*pairs_of(*systems), last]:
+        for i, name in enumerate(pair):
+            if not name:
+                continue
+            row, letter = by_name[i][name], "AB"[i]
+            rows.append(
+                {
+                    **row,
+                    "name": _name(name, letter, is_one),
+                    "label": _name(row["label"], letter, is_one),
+                    "stem": f"{row['stem']}-{letter}",
+                    "noise": row["noise"] and f"{row['noise']} of seed {seeds[i]}",
+                    "run": values[i]["run"],
+                    "layout": values[i]["layout"],
+                }
+            )
+    looks = series_looks(tuple(row["name"] for row in rows))
+    for row in rows:
+        look = looks[row["name"]]
+        row |= {"color": look.color, "dashes": list(look.dashes)}
+    return rows[:MAX_VIDEOS]
+
+
+def _name(name: str, letter: str, is_one_reference: bool) -> str:
+    return name if name == REFERENCE_NAME and is_one_reference else lettered(name, letter)
+
+
+def _timeline(
+    lines: Sequence[dict[str, Any]], longest: int, names: Sequence[str]
+) -> dict[str, Any]:
+    """One time line of both, of the motions that have a row."""
+    curves, worst = {}, []
+    for line, letter in zip(lines, "AB", strict=True):
+        new = {
+            name: next(each for each in (lettered(name, letter), name) if each in names)
+            for name in line["curves"]
+            if lettered(name, letter) in names or name in names
+        }
+        curves |= {new[name]: curve for name, curve in line["curves"].items() if name in new}
+        worst.append(
+            [each | {"name": new[each["name"]]} for each in line["worst"] if each["name"] in new]
+        )
+    points = dict.fromkeys(line["point"] for line in lines)
+    words = next((line["words"] for line in lines if line["words"]), [])
+    return lines[longest] | {
+        "curves": curves,
+        "worst": worst_of_both(*worst),
+        "point": " and ".join(points),
+        "words": words,
+    }
+
+
+def _settings_table(a: EndedRun, b: EndedRun) -> str:
+    """Every setting of both, those that differ first."""
+    names = list({**a.settings, **b.settings})
+    differ = {name for name in names if a.settings.get(name, NONE) != b.settings.get(name, NONE)}
+    rows = "".join(
+        f'<tr{" class=differs" if name in differ else ""}><th scope="row">{escape(name)}</th>'
+        + "".join(f"<td>{escape(run.settings.get(name, NONE))}</td>" for run in (a, b))
+        + "</tr>"
+        for name in sorted(names, key=lambda name: name not in differ)
+    )
+    head = '<tr><th scope="col">Setting</th><th scope="col">A</th><th scope="col">B</th></tr>'
+    return (
+        f"<details><summary>{text.PAIR_SETTINGS}</summary><table><thead>{head}</thead>"
+        f"<tbody>{rows}</tbody></table></details>"
+    )

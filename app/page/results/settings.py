@@ -1,0 +1,79 @@
+"""What a run was asked for, in words, and where two runs were asked for different things."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from app import text
+from app.findings.points import point_title
+from app.findings.verdict import short_names
+from app.run.display import Display
+from app.run.request import Framing, GenerateRequest, Steps
+
+if TYPE_CHECKING:
+    from app.run.diagnose import DiagnoseRequest
+
+Settings = Mapping[str, str]
+"""By name of a setting its value, both for a person."""
+SPEECH = "speech"
+SEED = "seed"
+USUAL, NONE = "usual", "none"
+_FILTERS = {"none": NONE, "savgol": "Savitzky-Golay 7/2"}
+_FRAMINGS: dict[Framing, str] = {"whole": "whole body", "knees": "knees up"}
+
+
+def settings_of_run(asked: GenerateRequest) -> Settings:
+    """Of generated motion."""
+    reference = asked.reference
+    return {
+        SPEECH: asked.speech.stem,
+        "systems": ", ".join(short_names(asked.systems).values()),
+        "speaker": asked.speaker or USUAL,
+        SEED: str(asked.seed),
+        "samples": str(asked.samples),
+        "steps": _steps(asked.steps),
+        "steps of the face": _steps(asked.face_steps),
+        "sampler": text.SAMPLER_NAMES.get(asked.sampler or "", asked.sampler or USUAL),
+        "filter": _FILTERS[asked.post_filter],
+        "reference": reference.name if reference else NONE,
+        "followed point": point_title(asked.joint).lower(),
+        "framing": _FRAMINGS[asked.framing],
+        **_display(asked.display),
+    }
+
+
+def settings_of_own(asked: DiagnoseRequest) -> Settings:
+    """Of motion files that somebody brought."""
+    options = asked.videos
+    return {
+        SPEECH: asked.speech.stem if asked.speech else NONE,
+        "motions": ", ".join(asked.names),
+        "reference": asked.reference.name if asked.reference else NONE,
+        "followed point": point_title(asked.joint).lower(),
+        "windows": f"{asked.window} frames, {asked.overlap} shared" if asked.window else NONE,
+        **({} if options is None else {"framing": _FRAMINGS[options.framing]}),
+        **({} if options is None else _display(options.display)),
+    }
+
+
+def differing(first: Settings, second: Settings) -> dict[str, tuple[str, str]]:
+    """The settings that are not the same, but for the speech, with both values."""
+    names = [name for name in {**first, **second} if name != SPEECH]
+    pairs = {name: (first.get(name, NONE), second.get(name, NONE)) for name in names}
+    return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
+
+
+def _display(display: Display) -> Settings:
+    return {
+        "tremble shown": f"x{display.exaggeration}",
+        "trail": "on" if display.has_trail else "off",
+        "coloured by jerk": "on" if display.coloring == "jerk" else "off",
+    }
+
+
+def _steps(asked: Steps) -> str:
+    if isinstance(asked, Mapping):
+        names = short_names(asked)
+        return ", ".join(f"{names[name]} {count}" for name, count in asked.items()) or USUAL
+    return USUAL if asked is None else str(asked)
