@@ -413,10 +413,19 @@ def kept_state(page: Page) -> str:
     return next(key for key in keys if re.fullmatch(r"study/[0-9a-f]{16}/[0-9a-f]{16}", key))
 
 
+@pytest.mark.parametrize("has_locks", [True, False])
 def test_two_tabs_lose_no_answer(
-    take_part: Callable[..., Page], host: tuple[str, Path, type[_Host]], tmp_path: Path
+    take_part: Callable[..., Page],
+    host: tuple[str, Path, type[_Host]],
+    tmp_path: Path,
+    has_locks: bool,
 ) -> None:
-    first = take_part("pairwise", "?p=0")
+    token = "5-" + "0" * 32
+    first = take_part("pairwise", f"?p=0&t={token}")
+    if not has_locks:  # as over plain HTTP
+        hidden = "Object.defineProperty(navigator, 'locks', { value: undefined })"
+        first.context.add_init_script(hidden)
+        first.reload()
     agree(first)
     answer_pairs(first, until=2)
     second = first.context.new_page()
@@ -431,8 +440,30 @@ def test_two_tabs_lose_no_answer(
     answer_pairs(first)
     saved_answers(first, tmp_path)
     (participant,) = collect([tmp_path], key_of(host, "pairwise")).participants
-    assert participant.finished is not None
+    assert participant.finished is not None and participant.link == token
     assert len(participant.answers) == len(key_of(host, "pairwise").lists[0])
+
+
+def test_the_browsers_own_lock_lets_one_tab_write(take_part: Callable[..., Page]) -> None:
+    page = take_part("pairwise")
+    agree(page)
+    name = f"{kept_state(page)}/writer"
+    held = "navigator.locks.query().then((all) => all.held.map((lock) => lock.name))"
+    assert page.evaluate(held) == [name]
+    before = page.evaluate(f"localStorage['{kept_state(page)}']")
+    # Another tab that has the lock, and whose mark in the storage was lost.
+    other = page.context.new_page()
+    other.goto(page.url.replace("index.html", "study.css"))
+    other.evaluate(
+        "(name) => new Promise((got) => navigator.locks.request(name, { steal: true }, () => "
+        "{ got(); return new Promise(() => {}); }))",
+        name,
+    )
+    expect(page.get_by_text(WORDS["problems"]["elsewhere"])).to_be_visible()
+    assert page.evaluate(f"localStorage['{kept_state(page)}']") == before
+    page.get_by_role("button", name=BUTTONS["here"]).click()
+    expect(page.get_by_text(WORDS["problems"]["elsewhere"])).to_have_count(0)
+    assert page.evaluate(held) == [name]
 
 
 @pytest.mark.parametrize("damage", ["cut", "answers", "page"])

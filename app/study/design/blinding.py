@@ -100,6 +100,7 @@ def blinding_of(key: Key, plan: Plan, design: Design) -> Blinding:
         is_same = made_anew == replace(
             key,
             videos={name: replace(video, sha256=NOT_MADE) for name, video in key.videos.items()},
+            link_secret=None,
         )
     if not is_same:
         raise RunError(

@@ -161,13 +161,35 @@
 
   // One tab writes; what another one has written before is joined and never overwritten.
 
+  // The browser's own lock says which, and the token decides where there is none (no HTTPS).
+
+  let locks = isPreview ? null : navigator.locks || null;
+  let turn = 0; // of this tab's requests for the lock
+  let isLost = false;
+
   function isWriter() {
+    if (isLost) return false;
     const held = store.get(writerKey(state.participant));
     return held === null || held === writer;
   }
 
   function takeOver() {
-    store.set(writerKey(state.participant), writer);
+    const name = writerKey(state.participant);
+    const mine = (turn += 1);
+    const write = () => store.set(name, writer);
+    isLost = false;
+    write();
+    if (!locks) return;
+    locks.request(name, { steal: true }, () => {
+      if (mine === turn) write(); // the last to get the lock is the last to say so
+      return new Promise(() => {}); // until another tab takes it
+    }).catch((error) => {
+      if (error.name !== "AbortError") locks = null;
+      else if (mine === turn) {
+        isLost = true;
+        stepBack();
+      }
+    });
   }
 
   function stepBack() {

@@ -14,9 +14,12 @@ from app.commands.cli import main
 from app.study.analyse import analyse
 from app.study.design.key import read_key, write_key
 from app.study.design.links import list_of, new_secret, token_of
+from app.study.design.plan import read_plan
+from app.study.export import export_study
 from app.study.statistics.answers import Participant
 from app.study.statistics.screening import screen
 from tests.app.study.made import made_files, made_key, made_participants, written_study
+from tests.app.study.made_study import draw_noise, make_study, write_plan
 
 KEY = replace(made_key(num_clips=6), video_s=2.0, link_secret=new_secret())
 
@@ -103,3 +106,15 @@ def test_the_command_gives_the_same_links_again(
     assert path.stat().st_mode & 0o777 == 0o600 and str(key.link_secret) not in first
     assert main([*command[:-1], "lab.example"]) != 0
     assert main([*command, "--participants", "0"]) != 0
+
+
+def test_an_export_that_goes_on_keeps_the_secret(tmp_path: Path) -> None:
+    systems, clips = ["localnet", "globalnet"], ["kitchen"]
+    make_study(tmp_path, systems, clips)
+    path = tmp_path / "study" / "researcher_only" / "key.json"
+    assert main(["study", "links", str(tmp_path / "study"), "--address", "https://a.example/"]) == 0
+    before = path.read_bytes()
+    export_study(
+        read_plan(write_plan(tmp_path, systems, clips)), tmp_path / "study", draw=draw_noise
+    )
+    assert path.read_bytes() == before and read_key(path).link_secret is not None
