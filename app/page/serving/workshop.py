@@ -2,8 +2,8 @@
 
 A process reads its models once and is kept for the next run. It is ended when a visitor cancels
 and it does not hear that at once, when it takes too long or says nothing new for long, and when a
-run has left it much larger than it was. A run that has stepped aside (`app.page.serving.jobs`) gets
-a quarter of the time while others work.
+run has left it much larger than it was. The process of a run that has stepped aside
+(`app.page.serving.jobs`) works while the others leave it a core, and is not kept.
 """
 
 from __future__ import annotations
@@ -49,8 +49,10 @@ GROWN_BYTES = 10**9
 HEARD = True
 """Sent back for a file that has been told of: only then may the child move it."""
 _POLL_S = 0.05
-_ROUND_S, _REST = 0.4, 0.75
-"""A run that has stepped aside rests for this share of each round."""
+_LEAST_URGENT = 19
+"""Niceness: gets a seventieth of what others get where both want the same core."""
+_PATIENCE = 4.0
+"""So many times as long a run that has stepped aside may be silent."""
 
 TOO_LONG = (
     "This run took longer than the {minutes:.0f} minutes that a run may take here; ask for less."
@@ -197,11 +199,12 @@ class Workshop:
         finally:
             if process in self._busy:
                 self._busy.remove(process)
-            num_idle = len(self._all) - len(self._busy)
-            if self._is_closed or num_idle > self._num_ready:
+            is_fit = process is not None and process.is_fit()
+            num_ready = len(self._all) - (len(self._busy) if is_fit else 0)
+            if self._is_closed or num_ready > self._num_ready:
                 self._drop(process)
                 process = None
-            elif process is not None and not process.is_fit():
+            elif process is not None and not is_fit:
                 # At once: the next visitor should find its models read.
                 process = self._fit(process)
             self._free.put(process)
@@ -262,7 +265,7 @@ class _Process:
     def __init__(self, warm: tuple[Path, Path | None] | None) -> None:
         self._channel, theirs = Pipe()
         self._is_idle = True
-        self._is_resting = False
+        self._is_last = False
         self._grown = 0
         self._child = subprocess.Popen(
             [
@@ -281,7 +284,8 @@ class _Process:
 
     def is_fit(self) -> bool:
         """Whether it can take another run."""
-        return self._is_idle and self.is_alive() and self._grown < GROWN_BYTES
+        is_urgent = not self._is_last  # it cannot be made so again
+        return self._is_idle and is_urgent and self.is_alive() and self._grown < GROWN_BYTES
 
     def do(
         self,
@@ -292,26 +296,25 @@ class _Process:
         is_aside: Callable[[_Process], bool],
     ) -> Any:
         self._is_idle = False
-        started = told_at = looked_at = time.monotonic()
+        started = told_at = time.monotonic()
         news: object = None
         stop_by: float | None = None
         try:
             self._send((*work, limits.memory_bytes))
             while True:
                 now = time.monotonic()
-                told_at += now - looked_at if self._is_resting else 0.0
-                looked_at = now
                 if stop_by is None and should_cancel():
                     stop_by = now + GRACE_S
                     self._send(None)
-                is_time = now % _ROUND_S < _REST * _ROUND_S
-                self._rest(is_time and stop_by is None and is_aside(self))
+                if not self._is_last and is_aside(self):
+                    self._come_last()
                 if stop_by is not None and now > stop_by:
                     raise CancelledRun
                 if now - started > limits.seconds:
                     raise RunError(TOO_LONG.format(minutes=limits.seconds / 60))
-                if now - told_at > limits.silent_s:
-                    raise RunError(SILENT.format(seconds=limits.silent_s))
+                silent_s = limits.silent_s * (_PATIENCE if self._is_last else 1)
+                if now - told_at > silent_s:
+                    raise RunError(SILENT.format(seconds=silent_s))
                 told = self._receive()
                 if told is None:
                     continue
@@ -328,8 +331,6 @@ class _Process:
             if stop_by is not None:
                 raise CancelledRun from error
             raise RunError(ENDED.format(gigabytes=limits.memory_bytes / 1e9)) from error
-        finally:
-            self._rest(False)
 
     def _send(self, message: object) -> None:
         try:
@@ -354,13 +355,13 @@ class _Process:
             raise RunError(value)
         raise FaultInWorkshop(value)
 
-    def _rest(self, is_due: bool) -> None:
-        if is_due != self._is_resting:
-            self._is_resting = is_due
-            try:
-                os.killpg(self._child.pid, signal.SIGSTOP if is_due else signal.SIGCONT)
-            except ProcessLookupError:
-                return  # it has ended, as is seen next
+    def _come_last(self) -> None:
+        """Work only while nobody else wants to. What draws a video for it draws that to its end."""
+        self._is_last = True
+        try:
+            os.setpriority(os.PRIO_PGRP, self._child.pid, _LEAST_URGENT)
+        except ProcessLookupError:
+            return  # it has ended, as is seen next
 
     def end(self) -> None:
         """Kill it with its ffmpeg; what draws for it ends when its pipes close."""
