@@ -15,7 +15,7 @@ import stat
 import threading
 import time
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -129,7 +129,7 @@ class Lodging:
         for folder in _entries(self.root / "jobs"):
             if folder not in kept and _last_touched(folder) < before:
                 shutil.rmtree(folder, ignore_errors=True)
-        for file in sorted((self.root / "gradio").rglob("*"), reverse=True):
+        for file in sorted(_below(self.root / "gradio"), reverse=True):
             if file.is_dir() and not file.is_symlink():
                 _remove_empty(file, before)
             elif file not in kept and _last_touched(file) < before:
@@ -165,7 +165,7 @@ class Lodging:
 def size_of(folder: Path) -> int:
     """Bytes of all files in it; one that has several names counts once."""
     sizes: dict[int, int] = {}
-    for path in folder.rglob("*"):
+    for path in _below(folder):
         try:
             found = path.lstat()
         except OSError:
@@ -173,6 +173,12 @@ def size_of(folder: Path) -> int:
         if stat.S_ISREG(found.st_mode):
             sizes[found.st_ino] = found.st_size
     return sum(sizes.values())
+
+
+def _below(folder: Path) -> Iterator[Path]:
+    """All files and folders in it; what goes meanwhile is passed over, where `rglob` fails."""
+    for parent, folders, files in os.walk(folder):
+        yield from (Path(parent, name) for name in (*folders, *files))
 
 
 def _entries(folder: Path) -> list[Path]:

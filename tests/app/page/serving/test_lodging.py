@@ -1,12 +1,14 @@
 """What visitors leave: bounded, and gone when promised."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
@@ -17,7 +19,7 @@ from app.config import AppConfig
 from app.errors import RunError
 from app.page.launch import launch
 from app.page.serving.jobs import JobBook
-from app.page.serving.lodging import Lodging, claim_folder
+from app.page.serving.lodging import Lodging, claim_folder, size_of
 from tests.helpers import ROOT
 
 KEEP_S = 1000.0
@@ -89,6 +91,7 @@ def test_there_is_a_bound_for_each_address_and_for_all(tmp_path: Path) -> None:
 HOLD = """
 import sys, time
 from pathlib import Path
+from typing import Any
 from app.page.serving.lodging import claim_folder
 folder = claim_folder(Path(sys.argv[1]))
 (folder / "upload").write_text("a voice")
@@ -195,3 +198,20 @@ def test_a_full_disk_is_said_and_leaves_nothing(
     monkeypatch.undo()
     assert [name for name in left(temp / "gradio") if "tmp" in name] == []
     assert upload(client, 10**6).status_code == 200
+
+
+def test_a_folder_that_goes_while_it_is_measured_is_passed_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    (tmp_path / "a" / "b" / "gone").write_bytes(b"12345")
+    (tmp_path / "stays").write_bytes(b"123")
+    look = os.scandir
+
+    def scandir(folder: Any) -> Any:
+        if str(folder) == str(tmp_path / "a"):
+            shutil.rmtree(folder)
+        return look(folder)
+
+    monkeypatch.setattr(os, "scandir", scandir)
+    assert size_of(tmp_path) == 3
