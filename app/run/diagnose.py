@@ -121,7 +121,7 @@ def diagnose_files(
         RunError, MotionError, SpeechError, TranscriptError, BodyError, GLError, FigureError,
         WriteError: each with one sentence.
     """
-    from model.speech.transcript import read_words
+    from model.speech.transcript import read_transcript
 
     measured = 1.0 if request.videos is None else _BEFORE_VIDEOS
 
@@ -134,7 +134,7 @@ def diagnose_files(
     shown = _shown(request, read)
     check_start(request.start_frame, min(motion.num_frames for motion in read.all.values()))
     with ResultFolder(request.out) as folder:
-        words = read_words(request.transcript) if request.transcript else None
+        words = read_transcript(request.transcript).words if request.transcript else None
         diagnostics = _measure(request, read, tip, on_measured)
         write_diagnostics(diagnostics, folder, words)
         growth = _grow_errors(read.all, request.joint, on_measured)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from model.motion.motion import Motion
     from model.motion.tracks import Tracks
     from model.speech.audio import Speech
-    from model.speech.transcript import Word
+    from model.speech.transcript import Interval
 
 CSV_HEADER = ("name", "post_filter", "measure", "index", "value")
 _KEPT_CLIPS = 8
@@ -94,7 +94,7 @@ def onsets_of(speech: Speech) -> np.ndarray:
 
 
 def write_diagnostics(
-    diagnostics: Diagnostics, folder: ResultFolder, words: Sequence[Word] | None = None
+    diagnostics: Diagnostics, folder: ResultFolder, words: Sequence[Interval] | None = None
 ) -> tuple[Path, Path]:
     """Write diagnostics.json and .csv. The table has one row for each number; arrays are told apart
     by ``index``.

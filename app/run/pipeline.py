@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from model.measures.diagnostics import Diagnostics
     from model.measures.joins.seams import Windows
     from model.speech.audio import Speech
-    from model.speech.transcript import Word
+    from model.speech.transcript import Interval
 
 _M_MMAP_THRESHOLD = -3  # malloc.h
 _LARGE_BYTES = 1 << 20
@@ -84,7 +84,7 @@ def generate_all(
 
 
 def _run(request: GenerateRequest, folder: ResultFolder, reporter: Reporter) -> GenerateResult:
-    from model.speech.transcript import read_words
+    from model.speech.transcript import read_transcript
 
     reporter.progress("speech", 0.0)
     inputs, speech = read_inputs(request, folder.scratch("speech.wav"), request.out, reporter)
@@ -92,7 +92,7 @@ def _run(request: GenerateRequest, folder: ResultFolder, reporter: Reporter) -> 
     tip = choose_tip_source(inputs.body, request.body, request.joint)
     compared = (inputs, inputs.reference) if inputs.reference is not None else (inputs,)
     check_start(request.start_frame, min(each.num_frames for each in compared))
-    words = read_words(request.transcript) if request.transcript else None
+    words = read_transcript(request.transcript).words if request.transcript else None
 
     rows = _generate(request, inputs, speech, folder, reporter)
     onsets_s = onsets_of(speech)
@@ -155,7 +155,7 @@ def _generate(
             save_motion(shown, path)
             reporter.file("motion", row.name, path)
             if request.has_previews:
-                show_preview(row, inputs, folder, reporter)
+                show_preview(request, row, inputs, folder, reporter)
             rows.append(row)
     if inputs.reference is not None:
         raw = inputs.reference
@@ -167,7 +167,7 @@ def _measure(
     rows: Sequence[Row],
     inputs: Inputs,
     onsets_s: np.ndarray,
-    words: Sequence[Word] | None,
+    words: Sequence[Interval] | None,
     tip: TipSource,
     folder: ResultFolder,
     reporter: Reporter,

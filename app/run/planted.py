@@ -12,7 +12,7 @@ from app.config import EXAMPLES
 if TYPE_CHECKING:
     from model.motion.motion import Motion
 
-CLEAN = EXAMPLES / "a_procedural_speaker.npz"
+CLEAN = EXAMPLES / "procedural_speaker" / "a_procedural_speaker.npz"
 NOISE_RAD = 0.012
 SLIDE_M, SLIDE_S = 0.35, 2.5
 """How far feet slide to the side and back, and how long one way takes."""
@@ -21,8 +21,8 @@ JUMP_RAD, JUMP_EVERY = 0.06, 52
 CALMER = 0.9
 
 
-def planted_files(folder: Path) -> tuple[list[str], str]:
-    """The motions and their reference as files; they are made once."""
+def planted_files(folder: Path) -> tuple[list[str], str, str, str]:
+    """The motions, which are made once, and their reference, speech and transcript as files."""
     from model.motion.motion import load_motion, save_motion
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -33,7 +33,7 @@ def planted_files(folder: Path) -> tuple[list[str], str]:
         if not path.is_file():
             save_motion(plant(clean), path)
         paths.append(str(path))
-    return paths, str(CLEAN)
+    return paths, str(CLEAN), str(CLEAN.with_suffix(".wav")), str(CLEAN.with_suffix(".TextGrid"))
 
 
 def _calmer_face(motion: Motion) -> Motion:

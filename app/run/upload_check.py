@@ -41,6 +41,6 @@ def _read(kind: UploadKind, path: Path, max_speech_s: float) -> None:
 
             read_any_motion(path)
         case "transcript":
-            from model.speech.transcript import read_words
+            from model.speech.transcript import read_transcript
 
-            read_words(path)
+            read_transcript(path)

@@ -1,4 +1,5 @@
-"""Words with their times, from a Praat TextGrid as BEAT2 and forced aligners write them."""
+"""Words and gestures with their times, from a Praat TextGrid as BEAT2, forced aligners and our
+corpus write them."""
 
 import codecs
 import re
@@ -8,7 +9,11 @@ from pathlib import Path
 MAX_BYTES = 8 * 2**20
 """An hour of speech with all its phones has less than 4 MiB."""
 MAX_WORDS = 50_000
+"""Intervals of a tier."""
+MAX_GESTURE_TIERS = 4
 WORD_TIERS = ("words", "word")
+GESTURE_TIER = re.compile(r"gesture|phase|stroke", re.IGNORECASE)
+"""Part of the name of a tier that says what hands do."""
 _ITEM = re.compile(r"^[ \t]*item \[\d+\]:", re.MULTILINE)
 _TIER = re.compile(r'class = "IntervalTier"\s+name = "(?P<name>(?:[^"]|"")*)"')
 _INTERVAL = re.compile(
@@ -21,18 +26,38 @@ class TranscriptError(ValueError):
 
 
 @dataclass(frozen=True)
-class Word:
-    """One word and when it is said, in seconds from the start of the speech."""
+class Interval:
+    """A word or part of a gesture, and when it comes, in seconds from the start of the speech."""
 
     start_s: float
     end_s: float
     text: str
 
 
-def read_words(path: str | Path) -> tuple[Word, ...]:
-    """The words of a TextGrid in Praat's long text format, pauses left out.
+@dataclass(frozen=True)
+class GestureTier:
+    """What somebody has called the parts of gestures, by one name for each hand or scheme."""
 
-    They are taken from the tier called words or word, or from the only interval tier there is.
+    name: str
+    phases: tuple[Interval, ...]
+
+
+@dataclass(frozen=True)
+class Transcript:
+    """What was said, and what hands did meanwhile where that was written down, too."""
+
+    words: tuple[Interval, ...] = ()
+    gestures: tuple[GestureTier, ...] = ()
+
+
+NOTHING_SAID = Transcript()
+
+
+def read_transcript(path: str | Path) -> Transcript:
+    """The words and gestures of a TextGrid in Praat's long text format, pauses left out.
+
+    Words are taken from the tier called words or word, or from the only interval tier there is;
+    gestures from the first `MAX_GESTURE_TIERS` that `GESTURE_TIER` finds in their names.
 
     Raises:
         TranscriptError: if the file is missing, too large, no such TextGrid, or has no words.
@@ -45,36 +70,46 @@ def read_words(path: str | Path) -> tuple[Word, ...]:
     for part in _ITEM.split(text)[1:]:
         header = _TIER.search(part)
         if header:
-            tiers[header["name"]] = part[header.end() :]
+            tiers[header["name"].replace('""', '"')] = part[header.end() :]
     named = [name for name in tiers if name.lower() in WORD_TIERS]
     if not named and len(tiers) != 1:
         found = ", ".join(name[:40] for name in list(tiers)[:8]) or "no interval tier"
         raise TranscriptError(f"{path.name} has no tier called words; it has {found}.")
-    words = []
-    for interval in _INTERVAL.finditer(tiers[named[0] if named else next(iter(tiers))]):
-        label = interval["text"].replace('""', '"').strip()
-        if label:
-            words.append(_word(interval["start"], interval["end"], label, path.name))
+    of_words = named[0] if named else next(iter(tiers))
+    words = _intervals(tiers[of_words], "word", path.name)
     if not words:
         raise TranscriptError(f"{path.name} holds no words.")
-    if len(words) > MAX_WORDS:
-        raise TranscriptError(
-            f"{path.name} holds {len(words)} words; at most {MAX_WORDS} are read."
-        )
-    return tuple(sorted(words, key=lambda word: word.start_s))
+    of_gestures = [name for name in tiers if name != of_words and GESTURE_TIER.search(name)]
+    found_gestures = [
+        GestureTier(name, _intervals(tiers[name], "gesture", path.name))
+        for name in of_gestures[:MAX_GESTURE_TIERS]
+    ]
+    return Transcript(words, tuple(tier for tier in found_gestures if tier.phases))
 
 
-def _word(start: str, end: str, text: str, name: str) -> Word:
+def _intervals(tier: str, what: str, name: str) -> tuple[Interval, ...]:
+    """Those with a label, in time."""
+    found = []
+    for interval in _INTERVAL.finditer(tier):
+        label = interval["text"].replace('""', '"').strip()
+        if label:
+            found.append(_interval(interval["start"], interval["end"], label, what, name))
+    if len(found) > MAX_WORDS:
+        raise TranscriptError(f"{name} holds {len(found)} {what}s; at most {MAX_WORDS} are read.")
+    return tuple(sorted(found, key=lambda interval: interval.start_s))
+
+
+def _interval(start: str, end: str, text: str, what: str, name: str) -> Interval:
     try:
         start_s, end_s = float(start), float(end)
     except ValueError:
         start_s = end_s = float("nan")
     if not 0 <= start_s < end_s < float("inf"):
         raise TranscriptError(
-            f"{name} has the word '{text[:40]}' from {start[:20]} to {end[:20]} s; a word must end "
-            "after it begins."
+            f"{name} has the {what} '{text[:40]}' from {start[:20]} to {end[:20]} s; a {what} must "
+            "end after it begins."
         )
-    return Word(start_s, end_s, text)
+    return Interval(start_s, end_s, text)
 
 
 def _read_text(path: Path) -> str:

@@ -22,7 +22,7 @@ from renderer.body.look import CLAY
 from renderer.body.normals import VertexNormals
 from renderer.files.written import written_whole
 from renderer.stage.camera import Z_NEAR_M, Camera
-from renderer.stage.stage import camera_track, set_stage
+from renderer.stage.stage import Framing, camera_track, set_stage
 from renderer.video.encoder import FPS
 
 INFLUENCES = 4
@@ -36,18 +36,25 @@ _COMPONENTS = {"float32": 5126, "uint32": 5125, "uint16": 5123, "int16": 5122, "
 _TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
 
-def write_glb(body: Body, motion: BodyMotion, out: Path) -> None:
+def write_glb(
+    body: Body, motion: BodyMotion, out: Path, aspect: float = 1.0, framing: Framing = "whole"
+) -> None:
     """Write the moving body to ``out``.
+
+    Args:
+        aspect, framing: of the picture that its camera takes, as of `set_stage`.
 
     Raises:
         OSError: if ``out`` cannot be written; nothing half-written stays behind.
     """
-    content = glb_bytes(body, motion)
+    content = glb_bytes(body, motion, aspect, framing)
     with written_whole(out) as file:
         file.write(content)
 
 
-def glb_bytes(body: Body, motion: BodyMotion) -> bytes:
+def glb_bytes(
+    body: Body, motion: BodyMotion, aspect: float = 1.0, framing: Framing = "whole"
+) -> bytes:
     """The file as bytes; about 0.25 MB for each 10 s on top of 1.5 MB for the body."""
     vertices, joints = body.shaped(motion)
     buffer = _Buffer()
@@ -67,7 +74,7 @@ def glb_bytes(body: Body, motion: BodyMotion) -> bytes:
     }
     used = _used_expressions(body, motion)
     mesh = _mesh(buffer, body, vertices, used)
-    stage = set_stage(body, [motion], _CAMERA_VIEW)
+    stage = set_stage(body, [motion], _CAMERA_VIEW, aspect, framing=framing)
     animation = _animation(buffer, motion, offsets[0], nodes, used)
     if stage.is_following:
         track = camera_track(body, motion, _CAMERA_VIEW, stage) + stage.camera.eye
@@ -79,7 +86,7 @@ def glb_bytes(body: Body, motion: BodyMotion) -> bytes:
         "scene": 0,
         "scenes": [{"nodes": [0, _BODY_NODE, _CAMERA_NODE]}],
         "nodes": nodes,
-        "cameras": [_camera(stage.camera)],
+        "cameras": [_camera(stage.camera, aspect)],
         "skins": [skin],
         "meshes": [mesh],
         "materials": [
@@ -286,11 +293,10 @@ def _animation(
     return animation
 
 
-def _camera(camera: Camera) -> dict:
-    """For pictures as high as wide."""
+def _camera(camera: Camera, aspect: float) -> dict:
     return {
         "type": "perspective",
-        "perspective": {"yfov": camera.yfov_rad, "aspectRatio": 1.0, "znear": Z_NEAR_M},
+        "perspective": {"yfov": camera.yfov_rad, "aspectRatio": aspect, "znear": Z_NEAR_M},
     }
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page
+from scipy.spatial.transform import Rotation
 
 from app.run.models import get_system
 from app.run.pictures.export import body_motion
@@ -57,9 +58,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the server shows."""
     folder = tmp_path_factory.mktemp("viewer")
     (folder / "index.html").write_text(PAGE)
-    (folder / "glb_view.js").write_bytes(
-        (ROOT / "app" / "page" / "web" / "glb_view.js").read_bytes()
-    )
+    for name in ("glb_view.js", "orbit.js"):
+        (folder / name).write_bytes((ROOT / "app" / "page" / "web" / name).read_bytes())
     return folder
 
 
@@ -197,6 +197,73 @@ def test_a_file_that_cannot_be_shown_is_refused_and_the_one_before_stays(
     said = page.evaluate(refused, "missing.glb")
     assert said == "The 3D file cannot be fetched: the server answers 404."
     np.testing.assert_array_equal(picture(page, 0), before)
+
+
+def test_the_camera_that_a_person_moves_turns_around_what_it_looks_at(page: Page) -> None:
+    eyes = page.evaluate(
+        """async () => {
+            const { Orbit } = await import("./orbit.js");
+            const orbit = new Orbit();
+            const camera = [1, 0, 0, 0,  0, 1, 0, 1,  0, 0, 1, 4];  // looks at 0, 1, 0
+            const seen = {};
+            const after = (name, move) => { orbit.reset(); move(); seen[name] = orbit.from(camera, 4); };
+            after("front", () => {});
+            after("side", () => orbit.turn(Math.PI / 2, 0));
+            after("above", () => orbit.turn(0, 100));
+            after("near", () => orbit.nearer(2));
+            after("lower", () => { orbit.nearer(2); orbit.shift(0, 0.5); });
+            orbit.reset();
+            return [seen, orbit.isMoved];
+        }"""
+    )
+    seen, is_moved = eyes
+    assert not is_moved
+    cameras = {name: np.reshape(rows, (3, 4)) for name, rows in seen.items()}
+    for camera in cameras.values():
+        np.testing.assert_allclose(camera[:, :3] @ camera[:, :3].T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(camera[:, :3]) == pytest.approx(1)
+    np.testing.assert_allclose(cameras["front"], [[1, 0, 0, 0], [0, 1, 0, 1], [0, 0, 1, 4]])
+    np.testing.assert_allclose(cameras["side"][:, 3], [4, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(cameras["side"][:, 2], [1, 0, 0], atol=1e-12)  # back, to the eye
+    steep = 1.48
+    np.testing.assert_allclose(
+        cameras["above"][:, 3], [0, 1 + 4 * np.sin(steep), 4 * np.cos(steep)], atol=1e-12
+    )
+    np.testing.assert_allclose(cameras["near"][:, 3], [0, 1, 2])
+    np.testing.assert_allclose(cameras["lower"][:, 3], [0, 0.5, 2])
+
+
+def test_from_the_side_a_body_looks_as_one_that_has_turned(
+    page: Page, show: Callable[[BodyMotion], str]
+) -> None:
+    motion = waving_motion(3)
+    orbit = """async (yaw) => {
+        const { Orbit } = await import("./orbit.js");
+        view.orbit = new Orbit();
+        view.orbit.turn(yaw, 0);
+    }"""
+    quarter = np.pi / 2
+    show(motion)
+    page.evaluate(orbit, -quarter)
+    moved = picture(page, 0)
+    page.evaluate("view.orbit = null")
+    front = picture(page, 0)
+    turned = Rotation.from_rotvec([0, quarter, 0])
+    poses = motion.poses.copy()
+    poses[:, :3] = (turned * Rotation.from_rotvec(poses[:, :3])).as_rotvec()
+    show(replace(motion, poses=poses))
+    page.evaluate("view.orbit = null")
+    assert overlap(covered(moved), covered(front)) < 0.8
+    # The file frames a body that has turned a little differently, so the shapes are compared.
+    assert overlap(cut_to_size(covered(moved)), cut_to_size(covered(picture(page, 0)))) > 0.93
+
+
+def cut_to_size(shape: np.ndarray) -> np.ndarray:
+    """The part that is covered, scaled to a square."""
+    rows, columns = np.nonzero(shape.any(axis=1))[0], np.nonzero(shape.any(axis=0))[0]
+    part = shape[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    places = [np.linspace(0, count - 1, SIZE_PX).round().astype(int) for count in part.shape]
+    return part[np.ix_(*places)]
 
 
 def test_a_view_that_is_closed_frees_its_context_and_ends_what_it_loads(

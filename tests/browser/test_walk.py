@@ -40,7 +40,9 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Walk]:
     config = AppConfig(port=0, weights=weights, temp=folder / "page", kept=folder / "kept")
     look = first_look(config.kept, weights, BEST, EXAMPLES / f"{EXAMPLE}.wav")
     look.folder.mkdir(parents=True)
-    motion = load_motion(EXAMPLES / "a_procedural_speaker.npz").part(slice(round(30 * LOOK_S)))
+    motion = load_motion(EXAMPLES / "procedural_speaker" / "a_procedural_speaker.npz").part(
+        slice(round(30 * LOOK_S))
+    )
     for name in (STEADY, TREMBLING):
         save_motion(motion, look.folder / f"{name}.npz")
         fakes.write_video(look.folder / f"{name}.mp4", LOOK_S)

@@ -21,7 +21,7 @@ from app.study.statistics.screening import screen
 from model.formats.read import read_any_motion
 from model.motion.motion import load_motion, save_motion
 from model.speech.audio import load_speech
-from model.speech.transcript import read_words
+from model.speech.transcript import read_transcript
 from renderer.body.body import load_body
 from renderer.files.bvh import write_bvh
 from tests.app.study.made import made_files, made_key
@@ -237,6 +237,6 @@ def test_wild_answers_and_keys(protocol: str, tmp_path: Path) -> None:
 def test_damaged_transcripts(tmp_path: Path) -> None:
     @given(damaged(TEXTGRID.encode()))
     def check(content: bytes) -> None:
-        is_read_or_refused(read_words, tmp_path / "it.TextGrid", content)
+        is_read_or_refused(read_transcript, tmp_path / "it.TextGrid", content)
 
     run_by_the_clock(check)

@@ -15,6 +15,8 @@ import httpx
 from websockets.sync.client import connect
 
 PATIENCE_S = 600.0
+SILENT_S = 2.0
+"""After the last frames of live speech."""
 
 
 class Refused(Exception):
@@ -134,7 +136,7 @@ class Visitor(AbstractContextManager["Visitor"]):
                 return 0
             while True:
                 try:
-                    message = socket.recv(2)
+                    message = socket.recv(SILENT_S if count else PATIENCE_S)
                 except TimeoutError:
                     return count
                 if not isinstance(message, bytes):

@@ -12,7 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.findings.verdict import short_names
-from app.page.results.timeline import Version, make_timeline, series_looks, waveform_peaks
+from app.page.results.timeline import (
+    Version,
+    make_timeline,
+    series_looks,
+    tiers_of,
+    waveform_peaks,
+)
 from app.page.serving.media import MediaDesk
 from app.run.models import get_body
 from app.run.pictures.export import render_settings
@@ -27,7 +33,7 @@ from app.run.request import (
     View,
     file_stem,
 )
-from model.speech.transcript import Word
+from model.speech.transcript import NOTHING_SAID, Transcript
 
 if TYPE_CHECKING:
     from app.run.diagnose import DiagnoseRequest
@@ -90,18 +96,18 @@ class Showing:
         folder: Path,
         desk: MediaDesk,
         visitor: str,
-        words: Sequence[Word] = (),
+        said: Transcript = NOTHING_SAID,
     ) -> Showing:
         """Of generated motion, and of its speech.
 
         Args:
-            words: of the speech, where a transcript was given.
+            said: in the speech, where a transcript was given.
         """
         awaited = [name for name in names if name != REFERENCE_NAME]
         layout = picture_layout(request.views[0], request.size, request.close_ups, request.framing)
         return cls(
             *(names, awaited, layout),
-            lambda paths: write_sound(request, paths, folder, words),
+            lambda paths: write_sound(request, paths, folder, said),
             *(folder, desk, visitor),
         )
 
@@ -216,7 +222,7 @@ def write_sound(
     request: GenerateRequest,
     paths: Mapping[str, Path],
     folder: Path,
-    words: Sequence[Word] = (),
+    said: Transcript = NOTHING_SAID,
 ) -> tuple[Path, Path]:
     """The speech as the player plays it, and the time line as JSON.
 
@@ -238,7 +244,7 @@ def write_sound(
         reference = first_frames(load_motion(request.reference), speech.num_frames)
         recorded = make_timeline(None, {REFERENCE_NAME: reference}, "raw", tip)
         timeline["curves"] |= recorded["curves"]
-    timeline["words"] = [(word.start_s, word.end_s, word.text) for word in words]
+    timeline |= tiers_of(said)
     path = folder / "timeline.json"
     path.write_text(json.dumps(timeline, allow_nan=False, separators=(",", ":")))
     return wav, path
@@ -258,6 +264,7 @@ def write_own_sound(
     from model.motion.motion import load_motion
     from model.motion.timing import SAMPLE_RATE
     from model.speech.audio import load_speech, write_wav
+    from model.speech.transcript import read_transcript
 
     motions = {name: load_motion(path) for name, path in paths.items()}
     longest_s = max(motion.duration_s for motion in motions.values())
@@ -271,7 +278,9 @@ def write_own_sound(
     timeline = make_timeline(speech, motions, "raw", tip)
     timeline["duration_s"] = round(max(longest_s, timeline["duration_s"]), 4)
     timeline["worst"] = [each for each in timeline["worst"] if each["name"] != REFERENCE_NAME]
-    timeline |= {"words": [], "peaks": [] if speech is None else waveform_peaks(waveform)}
+    said = read_transcript(request.transcript) if request.transcript else NOTHING_SAID
+    timeline |= tiers_of(said)
+    timeline["peaks"] = [] if speech is None else waveform_peaks(waveform)
     path = folder / "timeline.json"
     path.write_text(json.dumps(timeline, allow_nan=False, separators=(",", ":")))
     return wav, path

@@ -38,7 +38,7 @@ from app.run.request import (
     Stage,
 )
 from app.run.result_folder import zip_files
-from model.speech.transcript import read_words
+from model.speech.transcript import NOTHING_SAID, read_transcript
 
 Generate = Callable[[GenerateRequest, OnEvent, ShouldCancel], GenerateResult]
 
@@ -99,13 +99,13 @@ class GenerateRunner(TabRunner[GenerateResult]):
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
         asked = self.asked(job, cookie, values)
-        words = read_words(asked.transcript) if asked.transcript else ()
+        said = read_transcript(asked.transcript) if asked.transcript else NOTHING_SAID
         yield _Work(
             generate=self._generate,
             asked=asked,
             job=job,
             showing=Showing.of_run(
-                *(asked, row_names(asked), job.folder, self._desk, cookie, words)
+                *(asked, row_names(asked), job.folder, self._desk, cookie, said)
             ),
             figures=FiguresShown(self._desk, cookie),
             parts=self._results,

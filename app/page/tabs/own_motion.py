@@ -76,14 +76,14 @@ def build_own_motion_tab(
     for button in (form.start, form.planted):
         reveal_on_click(button, parts.status)
     form.start.click(
-        named_fields(runner.run, OwnMotionForm, optional=("reference", "speech")),
+        named_fields(runner.run, OwnMotionForm, optional=("reference", "speech", "transcript")),
         **asks,
         api_name="own_motion",
         trigger_mode="once",
     )
     form.planted.click(
         lambda: planted_files(config.temp / "planted"),
-        outputs=form.fields[:2],
+        outputs=form.of_planted,
         api_visibility="private",
         show_progress="hidden",
         trigger_mode="once",
@@ -101,6 +101,8 @@ class FormParts:
     start: gr.Button
     cancel: gr.Button
     planted: gr.Button
+    of_planted: list[Any]
+    """Fields that the planted example fills in."""
 
 
 def _build_form(check: UploadCheck) -> FormParts:
@@ -142,6 +144,14 @@ def _build_form(check: UploadCheck) -> FormParts:
         elem_id="own-speech",
     )
     check.watch(speech, "speech")
+    transcript = gr.File(
+        label=text.TRANSCRIPT_LABEL,
+        file_types=[".TextGrid"],
+        type="filepath",
+        height=120,
+        elem_id="own-transcript",
+    )
+    check.watch(transcript, "transcript")
     with gr.Row(elem_classes="pair"):
         point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
         start_frame = gr.Number(value=0, minimum=0, label=text.START_LABEL)
@@ -161,8 +171,8 @@ def _build_form(check: UploadCheck) -> FormParts:
         start = gr.Button("Measure and compare", variant="primary", elem_id="own-start")
         cancel = gr.Button(text.CANCEL, elem_id="own-cancel", min_width=110)
     fields = [motions, reference, speech, point, start_frame, window, overlap, shown]
-    fields += [has_videos, has_trail, exaggeration]
-    return FormParts(fields, start, cancel, planted)
+    fields += [has_videos, has_trail, exaggeration, transcript]
+    return FormParts(fields, start, cancel, planted, [motions, reference, speech, transcript])
 
 
 def _choices(paths: list[str] | None) -> Any:

@@ -77,6 +77,7 @@ class OwnMotionForm:
     has_videos: bool = True
     has_trail: bool = True
     exaggeration: int = 1
+    transcript: str | None = None
 
     def to_request(self, out: Path, config: AppConfig) -> DiagnoseRequest:
         """The measuring that the form asks for.
@@ -103,6 +104,7 @@ class OwnMotionForm:
             names=display_names([path.stem for path in paths]),
             reference=Path(self.reference) if self.reference else None,
             speech=Path(self.speech) if self.speech else None,
+            transcript=Path(self.transcript) if self.transcript else None,
             shown=tuple(self.shown or ()) if len(paths) > limit else (),
             joint=self.point,
             start_frame=int(start),

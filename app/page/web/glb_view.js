@@ -65,6 +65,8 @@ export class GlbView {
 
   /** Whether the processor has to draw, as there is no GPU: a tenth of a second a picture. */
   isSlow;
+  /** An Orbit that moves the file's camera; null leaves it where it is. */
+  orbit = null;
 
   /**
    * `antialias` smooths edges, which takes a processor that draws three times as long.
@@ -121,6 +123,11 @@ export class GlbView {
     this.#draw((motion) => motion.moveAs(position, rotations, weights));
   }
 
+  /** The same pose, after `orbit` has moved. */
+  redraw() {
+    this.#draw(() => {});
+  }
+
   #draw(move) {
     const gl = this.#gl;
     if (!this.#model || gl.isContextLost()) return;
@@ -131,7 +138,7 @@ export class GlbView {
     gl.enable(gl.DEPTH_TEST);
     gl.useProgram(this.#program);
     move(this.#model.motion);
-    const camera = this.#model.place(width / height);
+    const camera = this.#model.place(width / height, this.orbit);
     gl.uniformMatrix4fv(gl.getUniformLocation(this.#program, "clip_from_world"), true, camera);
     this.#model.draw();
     gl.deleteSync(this.#fence);
@@ -334,6 +341,11 @@ function product(a, b) {
   return result;
 }
 
+/** How far in front of a camera something stands; both 3 x 4 matrices. */
+function depth(camera, other) {
+  return [0, 4, 8].reduce((sum, row) => sum + camera[row + 2] * (camera[row + 3] - other[row + 3]), 0);
+}
+
 /** The 4 x 4 matrix, row by row, of a camera at `world`, whose picture is never cut narrower. */
 function clipFromWorld(world, { yfov, aspectRatio, znear }, aspect) {
   const tangent = Math.tan(yfov / 2) * Math.max(1, aspectRatio / aspect);
@@ -357,7 +369,7 @@ function clipFromWorld(world, { yfov, aspectRatio, znear }, aspect) {
 class Model {
   #gl;
   #joints; // the node of each, and its inverse bind matrix
-  #camera; // its node and its lens
+  #camera; // its node, its lens, and how far away the pelvis is at first
   #rest; // positions
   #targets; // each { indices, values }
   #buffers = {};
@@ -377,7 +389,9 @@ class Model {
       return { node, bind };
     });
     const node = document.nodes.findIndex(({ camera }) => camera === 0);
-    this.#camera = { node, lens: document.cameras[0].perspective };
+    this.motion.moveTo(0);
+    const distance = depth(this.motion.world(node), this.motion.world(skin.joints[0]));
+    this.#camera = { node, lens: document.cameras[0].perspective, distance };
     this.#rest = array(primitive.attributes.POSITION);
     this.#targets = (primitive.targets ?? []).map(({ POSITION }) => array(POSITION));
     this.#gl = gl;
@@ -396,11 +410,12 @@ class Model {
   }
 
   /** Move body and face to where `motion` is; gives the matrix of the camera there. */
-  place(aspect) {
+  place(aspect, orbit) {
     if (this.#targets.length) this.#moveFace();
     this.#moveJoints();
-    const { node, lens } = this.#camera;
-    return clipFromWorld(this.motion.world(node), lens, aspect);
+    const { node, lens, distance } = this.#camera;
+    const own = this.motion.world(node);
+    return clipFromWorld(orbit ? orbit.from(own, distance) : own, lens, aspect);
   }
 
   draw() {

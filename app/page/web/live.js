@@ -8,6 +8,7 @@ import { make } from "./dom.js";
 import { GlbView, isDrawingSlow } from "./glb_view.js";
 import { Playout } from "./live_playout.js";
 import { Sound } from "./live_sound.js";
+import { ORBIT_HELP, Orbit } from "./orbit.js";
 
 const PICTURE_PX = 640;
 const SLOW_PICTURE_PX = 360; // where the processor draws
@@ -86,7 +87,7 @@ class Live {
     this.button = make("button", { class: "start", type: "button", onclick: () => (this.#socket ? this.stop() : this.start()) }, "Start");
     this.level = make("meter", { min: 0, max: 1, value: 0, "aria-label": "Loudness of what is heard" });
     this.status = make("p", { role: "status", "aria-live": "polite" }, READY);
-    this.canvas = make("canvas", { width: PICTURE_PX, height: PICTURE_PX, role: "img", "aria-label": "The body that follows your speech" });
+    this.canvas = make("canvas", { width: PICTURE_PX, height: PICTURE_PX, role: "application", tabindex: "0", "aria-label": `The body that follows your speech. ${ORBIT_HELP}`, title: ORBIT_HELP });
     this.number = make("b", {}, "–");
     this.parts = make("small");
     this.#root.replaceChildren(
@@ -156,8 +157,11 @@ class Live {
     if (isSlow) this.canvas.width = this.canvas.height = SLOW_PICTURE_PX;
     const view = new GlbView(this.canvas, { antialias: !isSlow });
     await view.load("live/body.glb");
+    view.orbit = new Orbit();
     view.seek(0);
     this.#view = view;
+    view.orbit.hold(this.canvas);
+    view.orbit.addEventListener("change", () => this.#run || view.redraw()); // while it moves, the next picture comes anyhow
   }
 
   /** Of the sound that is played; null for the microphone. */

@@ -1,110 +1,13 @@
 /** The grid of videos: one tile for each motion, and two of them on top of each other. */
 
-import { icon, make, nameOf } from "./dom.js";
-import { GlbView } from "./glb_view.js";
+import { make } from "./dom.js";
 import { FPS } from "./lockstep.js";
+import { Orbit } from "./orbit.js";
+import { Tile } from "./tile.js";
 
 const FLICKER_MS = 500; // one change in half a second: far below what can do harm to anyone
-const MOST_PREVIEWS = 2; // each takes a WebGL context and, without a GPU, the visitor's processor
-const PREVIEW_PX = 384;
-const PREVIEW_MS = 80; // between two pictures while it plays
-const SLOW_PREVIEW_MS = 600; // where the processor has to draw them
-
-/** One motion: its name, and its video or what stands in for it until that is drawn. */
-class Tile {
-  video = null;
-  #picture;
-  #tools;
-  #preview = null;
-  #motion = null;
-  #previewed = -Infinity; // when it was last drawn
-
-  constructor(row, number, onEnlarge) {
-    this.name = row.name;
-    this.label = row.label ?? row.name;
-    this.layout = row.layout ?? null; // where it is not that of all
-    this.run = row.run ?? null;
-    this.noise = row.noise ?? null;
-    this.#picture = make("div", { class: "picture" }, make("p", { class: "drawing" }, "being drawn"));
-    this.enlarge = make(
-      "button",
-      { type: "button", class: "enlarge", "aria-label": `Enlarge ${this.label}`, title: "Enlarge", "aria-pressed": "false", onclick: () => onEnlarge(this) },
-      icon("large"),
-    );
-    this.#tools = make("span", { class: "tools" }, this.enlarge);
-    const swatch = make("i", { class: row.dashes.length ? "dashed" : "solid", "aria-hidden": "true" });
-    const key = number <= 9 ? make("kbd", { "aria-hidden": "true" }, String(number)) : "";
-    const head = make("header", {}, swatch, nameOf(row), key, this.#tools);
-    this.element = make("article", { class: "tile", "data-name": row.name, "aria-label": this.label }, head, this.#picture);
-    this.element.style.setProperty("--series", row.is_reference ? "var(--reference-ink)" : row.color);
-    this.#picture.addEventListener("dblclick", () => onEnlarge(this));
-  }
-
-  get hasPreview() {
-    return this.#preview !== null;
-  }
-
-  /** Put the video in place of what was there; returns it. */
-  showVideo(url, row) {
-    this.dropPreview();
-    this.video = make("video", { muted: true, playsinline: true, preload: "auto", disablepictureinpicture: true, "aria-label": `Motion of ${this.label}` });
-    this.video.muted = true; // the attribute counts for the parser only
-    if (row.poster) this.video.poster = row.poster;
-    this.video.src = url;
-    this.#picture.replaceChildren(this.video);
-    this.enlarge.before(this.#download(url, `${row.stem}.mp4`, "video"));
-    return this.video;
-  }
-
-  /** Offer the motion file as soon as there is one. */
-  offerMotion(url, row) {
-    if (!this.#motion) this.#tools.prepend((this.#motion = this.#download(url, `${row.stem}.npz`, "npz")));
-  }
-
-  #download(url, fileName, kind) {
-    const label = `Save the ${kind === "video" ? "video" : "motion (npz)"} of ${this.label}`;
-    const children = kind === "video" ? [icon("save")] : ["npz"];
-    return make("a", { href: url, download: fileName, "aria-label": label, title: label }, ...children);
-  }
-
-  /** Show the motion in 3D until the video is there; without WebGL the words stay. */
-  async showPreview(url, time) {
-    const canvas = make("canvas", { width: PREVIEW_PX, height: PREVIEW_PX, role: "img", "aria-label": `3D preview of ${this.label}` });
-    let view;
-    try {
-      view = new GlbView(canvas);
-    } catch {
-      return; // no WebGL here
-    }
-    this.#preview = view;
-    try {
-      await view.load(url);
-    } catch {
-      if (this.#preview === view) this.dropPreview();
-      return;
-    }
-    if (this.#preview !== view) return; // the video was faster
-    this.#picture.prepend(canvas);
-    this.element.classList.add("previewed");
-    view.seek(time());
-  }
-
-  /** Draw a moment in 3D, where that is still to be seen; while it plays, not every one. */
-  seekPreview(seconds, isPlaying) {
-    if (!this.#preview) return;
-    const now = performance.now();
-    if (isPlaying && now - this.#previewed < (this.#preview.isSlow ? SLOW_PREVIEW_MS : PREVIEW_MS)) return;
-    this.#previewed = now;
-    this.#preview.seek(seconds);
-  }
-
-  dropPreview() {
-    this.#preview?.dispose();
-    this.#preview = null;
-    this.element.classList.remove("previewed");
-    this.#picture.querySelector("canvas")?.remove();
-  }
-}
+const MOST_PREVIEWS = 2; // that nobody asked for: without a GPU they take the visitor's processor
+const MOST_3D = 6; // each takes a WebGL context, of which a page has sixteen
 
 /**
  * All tiles. `mode` is grid, wipe, flicker or ghost; all but the first show two tiles in one place,
@@ -119,6 +22,8 @@ export class Tiles {
   #large = null;
   #flicker = null;
   #layout = null;
+  #turned = []; // tiles in 3D that somebody asked for
+  orbit = new Orbit();
   mode = "grid";
   pair = [null, null];
   closeUp = "hands";
@@ -138,7 +43,7 @@ export class Tiles {
       onpointerdown: (event) => this.#dragWipe(event),
       onkeydown: (event) => this.#keyWipe(event),
     });
-    player.addEventListener("time", () => this.#seekPreviews());
+    player.addEventListener("time", () => this.#seek3d());
   }
 
   get names() {
@@ -154,13 +59,14 @@ export class Tiles {
     for (const row of rows) {
       let tile = this.#tiles.get(row.name);
       if (!tile) {
-        tile = new Tile(row, this.#tiles.size + 1, (which) => this.enlarge(which.name));
+        tile = new Tile(row, this.#tiles.size + 1, this);
         this.#tiles.set(row.name, tile);
         this.element.append(tile.element);
         this.#showCloseUp();
         this.#arrange();
       }
       if (row.motion) tile.offerMotion(row.motion, row);
+      if (row.preview) tile.offer3d(row.preview);
       if (row.video && !tile.video) {
         this.#player.add(tile.showVideo(row.video, row));
         this.#arrange();
@@ -170,10 +76,10 @@ export class Tiles {
     this.element.dataset.count = this.#tiles.size;
     for (const row of rows) {
       const tile = this.#tiles.get(row.name);
-      const live = [...this.#tiles.values()].filter(({ hasPreview }) => hasPreview).length;
-      if (row.preview && !tile.video && !tile.hasPreview && !tile.wasTried && live < MOST_PREVIEWS) {
+      const open = [...this.#tiles.values()].filter(({ is3d }) => is3d).length;
+      if (row.preview && !tile.video && !tile.is3d && !tile.wasTried && open < MOST_PREVIEWS) {
         tile.wasTried = true;
-        tile.showPreview(row.preview, () => this.#player.time);
+        tile.open3d(row.preview);
       }
     }
   }
@@ -232,8 +138,10 @@ export class Tiles {
 
   clear() {
     this.setMode("grid");
-    for (const tile of this.#tiles.values()) tile.dropPreview();
+    for (const tile of this.#tiles.values()) tile.close3d();
     this.#tiles.clear();
+    this.#turned = [];
+    this.orbit.reset();
     this.#large = null;
     this.pair = [null, null];
     this.element.replaceChildren();
@@ -344,7 +252,18 @@ export class Tiles {
     this.#wipeTo(Number(this.#handle.getAttribute("aria-valuenow")) + step);
   }
 
-  #seekPreviews() {
-    for (const tile of this.#tiles.values()) tile.seekPreview((this.#player.frame + 0.5) / FPS, this.#player.isPlaying);
+  /** The middle of the present frame. */
+  get seconds() {
+    return (this.#player.frame + 0.5) / FPS;
+  }
+
+  /** The first of too many 3D views goes when another is asked for. */
+  wanted3d(tile) {
+    this.#turned = [...this.#turned.filter((each) => each !== tile && each.is3d), tile];
+    if (this.#turned.length > MOST_3D) this.#turned.shift().close3d();
+  }
+
+  #seek3d() {
+    for (const tile of this.#tiles.values()) tile.seek3d(this.seconds, this.#player.isPlaying);
   }
 }

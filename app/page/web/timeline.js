@@ -1,4 +1,4 @@
-/** Speech, onsets, words and the fingertip of each motion over time, under one cursor. */
+/** Speech, onsets, words, gestures and the fingertip of each motion over time, under one cursor. */
 
 import { make, nameOf } from "./dom.js";
 import { currentFilter, followFilter, wireSwitch } from "./filter_switch.js";
@@ -15,11 +15,15 @@ const LEAST_S = 0.5; // of time on the whole width
 const ZOOM = 1.6; // of one key or click
 const WHEEL_ZOOM = 0.004; // of one pixel of the wheel, as an exponent
 
+const IS_REST = /^rest\b/i; // nothing to be shown of it
+const PHASES = [[/^prep/i, "preparation"], [/^(stroke|beat)/i, "stroke"], [/^hold|hold$/i, "hold"], [/^(retract|recover)/i, "retraction"]];
+
 export class Timeline {
   #player;
   #data = null;
   #rows = [];
   #lanes = new Map(); // name -> { canvas, value, curve }
+  #tiers = []; // each a lane's box, and [start, end, label] of what stands in it
   #curve = "jerk_m_s3";
   #unfollow;
   #view = [0, 0]; // the seconds that are shown
@@ -90,7 +94,9 @@ export class Timeline {
     this.position = make("div", { class: "plot", role: "slider", tabindex: "0", "aria-label": "Position", "aria-valuemin": "0", "aria-valuemax": data.duration_s.toFixed(2) }, this.wave);
     const parts = [];
     if (data.peaks.length) parts.push(this.#lane({ name: "Speech" }, "", this.position));
-    if (data.words.length) parts.push(this.#lane({ name: "Words" }, "", this.#words(data)));
+    this.#tiers = [];
+    if (data.words.length) parts.push(this.#tier("Words", data.words));
+    for (const [name, phases] of Object.entries(data.gestures)) parts.push(this.#tier(spoken(name), phases.filter(([, , label]) => !IS_REST.test(label)), phaseOf));
     for (const row of this.#rows) {
       const canvas = make("canvas", { role: "img", "aria-label": `${data.point} of ${row.label ?? row.name} over time` });
       const value = make("small", {});
@@ -126,15 +132,21 @@ export class Timeline {
     return make("div", { class: "lane" }, make("div", { class: "name", title: row.name }, nameOf(row), value), plot);
   }
 
-  #words({ words }) {
-    return (this.wordBox = make("div", { class: "plot words" }, ...words.map(([, , word]) => make("span", { title: word }, word))));
+  /** A lane of labels; `kindOf` says how one of them looks. */
+  #tier(name, intervals, kindOf = () => "") {
+    const labels = intervals.map(([start, end, label]) => make("span", { class: kindOf(label), title: `${label}, ${start.toFixed(2)} to ${end.toFixed(2)} s` }, label));
+    const box = make("div", { class: "plot words" }, ...labels);
+    this.#tiers.push([box, intervals]);
+    return this.#lane({ name }, "", box);
   }
 
-  #placeWords() {
-    for (const [i, [start, end]] of this.#data.words.entries()) {
-      const { style } = this.wordBox.children[i];
-      style.left = `${100 * this.#share(start)}%`;
-      style.width = `${100 * (this.#share(end) - this.#share(start))}%`;
+  #placeTiers() {
+    for (const [box, intervals] of this.#tiers) {
+      for (const [i, [start, end]] of intervals.entries()) {
+        const { style } = box.children[i];
+        style.left = `${100 * this.#share(start)}%`;
+        style.width = `${100 * (this.#share(end) - this.#share(start))}%`;
+      }
     }
   }
 
@@ -191,7 +203,7 @@ export class Timeline {
     if (!this.#data || !this.lanes.clientWidth) return;
     this.whole.disabled = this.#isWhole;
     if (this.#data.peaks.length) drawWave(this.wave, this.#data, (seconds) => this.#share(seconds));
-    if (this.#data.words.length) this.#placeWords();
+    this.#placeTiers();
     const known = this.#rows.map(({ name }) => this.#curveOf(name)).filter(Boolean);
     const highest = known.reduce((most, { values }) => values.reduce((a, b) => Math.max(a, b), most), 0);
     const { unit, digits } = CURVES[this.#curve];
@@ -296,6 +308,17 @@ export class Timeline {
     const end = () => target.removeEventListener("pointermove", move);
     target.addEventListener("lostpointercapture", end, { once: true });
   }
+}
+
+/** Of a gesture, as Kendon calls it; nothing where its label says nothing of that. */
+function phaseOf(label) {
+  return PHASES.find(([pattern]) => pattern.test(label))?.[1] ?? "";
+}
+
+/** The name of a tier as a person would write it. */
+function spoken(name) {
+  const words = name.replaceAll("_", " ");
+  return words[0].toUpperCase() + words.slice(1);
 }
 
 /** A share, 0 to 1. */

@@ -90,6 +90,7 @@ def draw_own_videos(
         BodyError, GLError, VideoError: see `app.run.pictures.videos.draw_videos`.
     """
     from model.motion.motion import save_motion
+    from renderer.files.glb import write_glb
     from renderer.video.frames import stage_for
     from renderer.video.pool import RenderJob
 
@@ -106,7 +107,9 @@ def draw_own_videos(
         save_motion(motion, path)
         on_file(Artefact("motion", name, path))
         if options.has_previews:
-            on_file(Artefact("preview", name, _preview(body, motion, path.with_suffix(".glb"))))
+            preview = path.with_suffix(".glb")
+            write_glb(body, body_motion(motion), preview, settings.aspect, options.framing)
+            on_file(Artefact("preview", name, preview))
         jobs[name] = RenderJob(
             motion=body_motion(displayed(motion, options.display)),
             out=folder.path(f"{file_stem(name)}.mp4"),
@@ -130,10 +133,3 @@ def draw_own_videos(
         on_done=on_done,
         should_cancel=lambda: False,  # on_share ends it
     )
-
-
-def _preview(body: Body, motion: Motion, path: Path) -> Path:
-    from renderer.files.glb import write_glb
-
-    write_glb(body, body_motion(motion), path)
-    return path

@@ -14,7 +14,7 @@ from model.measures.diagnostics import diagnose
 from model.measures.results import Spectrum
 from model.motion.skeleton import open_body_skeleton
 from model.speech.audio import Speech
-from model.speech.transcript import Word
+from model.speech.transcript import Interval
 from renderer.body.body import load_body
 from tests.app.measured import both, diagnostics_of
 from tests.helpers import smooth_motion_example
@@ -27,7 +27,7 @@ def test_the_json_is_what_was_measured_and_the_csv_has_each_number_once(tmp_path
         both(foot_slide_m_s=0.5), **{"a/b": both(tip_jerk_m_s3=1.5, tip_spectrum=spectrum)}
     )
     with ResultFolder(tmp_path) as folder:
-        write_diagnostics(found, folder, [Word(0.2, 0.5, "hello")])
+        write_diagnostics(found, folder, [Interval(0.2, 0.5, "hello")])
         folder.publish()
     content = json.loads((tmp_path / "diagnostics.json").read_text())
     assert content.pop("words") == [{"start_s": 0.2, "end_s": 0.5, "text": "hello"}]

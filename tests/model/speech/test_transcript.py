@@ -2,10 +2,20 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from app.run.planted import CLEAN
 from model.corpus.layout import _interval_tier
-from model.speech.transcript import TranscriptError, Word, read_words
+from model.motion.motion import load_motion
+from model.speech.audio import load_speech
+from model.speech.transcript import (
+    MAX_GESTURE_TIERS,
+    GestureTier,
+    Interval,
+    TranscriptError,
+    read_transcript,
+)
 
 HEAD = (
     'File type = "ooTextFile"\nObject class = "TextGrid"\n\nxmin = 0\nxmax = 2\n'
@@ -24,7 +34,7 @@ def grid(*tiers: tuple[str, list]) -> str:
 
 def refusal(path: Path) -> str:
     with pytest.raises(TranscriptError) as caught:
-        read_words(path)
+        read_transcript(path)
     sentence = str(caught.value)
     assert path.name in sentence and sentence.endswith(".") and "\n" not in sentence
     return sentence
@@ -38,13 +48,53 @@ def test_words_come_with_their_times_and_without_pauses(
     tiers = [("words", SPOKEN), ("phones", PHONES)]
     path = tmp_path / "a.TextGrid"
     path.write_text(grid(*(tiers if is_first else tiers[::-1])), encoding=encoding)
-    assert read_words(path) == (Word(0.1, 0.4, "hello"), Word(0.5, 1.25, 'so-called "art"'))
+    said = read_transcript(path)
+    assert said.words == (Interval(0.1, 0.4, "hello"), Interval(0.5, 1.25, 'so-called "art"'))
+    assert said.gestures == ()
 
 
 def test_the_only_tier_may_have_any_name(tmp_path: Path):
     path = tmp_path / "a.TextGrid"
     path.write_text(grid(("maus", SPOKEN)))
-    assert read_words(path)[0].text == "hello"
+    assert read_transcript(path).words[0].text == "hello"
+
+
+@pytest.mark.parametrize("name", ["gesture_left", "G-Phase", "Strokes RH"])
+def test_tiers_of_gestures_are_known_by_their_names(tmp_path: Path, name: str):
+    path = tmp_path / "a.TextGrid"
+    phases = [(0.0, 0.5, "preparation"), (0.5, 0.75, "stroke beat")]
+    path.write_text(grid(("words", SPOKEN), ("phones", PHONES), (name, phases), ("gesture", [])))
+    found = tuple(Interval(*phase) for phase in phases)
+    assert read_transcript(path).gestures == (GestureTier(name, found),)
+
+
+def test_at_most_so_many_tiers_of_gestures_are_read(tmp_path: Path):
+    path = tmp_path / "a.TextGrid"
+    tiers = [(f"gesture {number}", PHONES) for number in range(MAX_GESTURE_TIERS + 1)]
+    path.write_text(grid(("words", SPOKEN), *tiers))
+    gestures = read_transcript(path).gestures
+    assert [tier.name for tier in gestures] == [name for name, _ in tiers[:-1]]
+
+
+def test_a_gesture_that_ends_before_it_begins_is_refused(tmp_path: Path):
+    path = tmp_path / "a.TextGrid"
+    good = grid(("words", SPOKEN), ("gesture", [(0.25, 0.5, "stroke")]))
+    path.write_text(good.replace("xmin = 0.2500", "xmin = 0.7500"))
+    assert "has the gesture 'stroke' from 0.7500 to 0.5000 s; a gesture must end" in refusal(path)
+
+
+def test_the_example_s_tiers_belong_to_its_speech_and_motion():
+    said = read_transcript(CLEAN.with_suffix(".TextGrid"))
+    speech = load_speech(CLEAN.with_suffix(".wav"))
+    assert speech.duration_s == load_motion(CLEAN).num_frames / 30
+    assert [tier.name for tier in said.gestures] == ["gesture_left", "gesture_right"]
+    ends = [each[-1].end_s for each in (said.words, *(tier.phases for tier in said.gestures))]
+    assert all(13 < end <= speech.duration_s for end in ends)
+    # Words are louder than what is between them, so they stand where they are said.
+    loud = np.zeros(len(speech.waveform), bool)
+    for word in said.words:
+        loud[int(16_000 * word.start_s) : int(16_000 * word.end_s)] = True
+    assert np.abs(speech.waveform[loud]).mean() > 3 * np.abs(speech.waveform[~loud]).mean()
 
 
 def test_what_is_no_transcript(tmp_path: Path):

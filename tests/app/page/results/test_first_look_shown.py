@@ -42,7 +42,9 @@ def test_what_has_been_made_is_shown_to_every_visitor_without_a_cookie(tmp_path:
     config = AppConfig(weights=weights, kept=tmp_path / "kept")
     look = first_look(config.kept, weights, BEST, speech)
     look.folder.mkdir(parents=True)
-    clean = load_motion(EXAMPLES / "a_procedural_speaker.npz").part(slice(40))
+    clean = load_motion(EXAMPLES / "procedural_speaker" / "a_procedural_speaker.npz").part(
+        slice(40)
+    )
     for name in (STEADY, TREMBLING):
         save_motion(clean, look.folder / f"{name}.npz")
         write_video(look.folder / f"{name}.mp4")

@@ -53,7 +53,7 @@ def test_only_what_can_be_drawn_in_time_is_drawn(monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.gl
 def test_each_file_keeps_its_length_and_is_told_of(tmp_path: Path) -> None:
-    paths, reference = planted_files(tmp_path / "planted")
+    paths, reference, *_ = planted_files(tmp_path / "planted")
     assert [Path(path).stem for path in paths] == list(PLANTS)
     told: list[Artefact] = []
     request = DiagnoseRequest(
@@ -78,11 +78,18 @@ def test_each_file_keeps_its_length_and_is_told_of(tmp_path: Path) -> None:
 
 
 def test_every_planted_example_is_found(tmp_path: Path) -> None:
-    paths, reference = planted_files(tmp_path)
+    paths, reference, speech, transcript = planted_files(tmp_path)
     request = DiagnoseRequest(
-        tuple(map(Path, paths)), tmp_path / "out", reference=Path(reference), has_pictures=False
+        tuple(map(Path, paths)),
+        tmp_path / "out",
+        reference=Path(reference),
+        speech=Path(speech),
+        transcript=Path(transcript),
+        has_pictures=False,
     )
-    findings = diagnose_files(request).diagnostics.findings
+    result = diagnose_files(request)
+    assert result.notes == ()
+    findings = result.diagnostics.findings
     wanted = ("joint_noise", "foot_slide", "period", "identical")
     for name, kind in zip(PLANTS, wanted, strict=True):
         assert kind in {finding.kind for finding in findings[name]}, name

@@ -1,0 +1,142 @@
+/**
+ * A camera that a person moves around a body. Views that share one show the same side.
+ *
+ *     const orbit = new Orbit();
+ *     orbit.addEventListener("change", () => draw());
+ *     const letGo = orbit.hold(canvas);   // dragging, wheel, fingers and keys there
+ *     const eye = orbit.from(camera, 4);  // in place of the camera 4 m in front of the body
+ */
+
+export const ORBIT_HELP = "Drag or arrow keys: turn. Plus, minus or wheel: nearer, farther. Shift and drag: move. Home: back to the front.";
+const TURN = 0.008; // radians of one pixel
+const STEEPEST = 1.48; // radians, from level
+const KEY_TURN = Math.PI / 12;
+const KEY_ZOOM = 1.25;
+const WHEEL_ZOOM = 0.0015; // of one pixel of the wheel, as an exponent
+const ZOOMS = [0.4, 10];
+const FARTHEST = 1.5; // metres to the side
+
+export class Orbit extends EventTarget {
+  #yaw = 0;
+  #pitch = 0;
+  #zoom = 1;
+  #aside = [0, 0]; // metres to the right and up
+
+  /** Whether it stands anywhere else than where the file puts it. */
+  get isMoved() {
+    return this.#yaw !== 0 || this.#pitch !== 0 || this.#zoom !== 1 || this.#aside.some((part) => part !== 0);
+  }
+
+  reset() {
+    [this.#yaw, this.#pitch, this.#zoom, this.#aside] = [0, 0, 1, [0, 0]];
+    this.#tell();
+  }
+
+  /** Around the body, and above it; radians. */
+  turn(yaw, pitch) {
+    this.#yaw += yaw;
+    this.#pitch = within(this.#pitch + pitch, -STEEPEST, STEEPEST);
+    this.#tell();
+  }
+
+  /** Nearer by a factor. */
+  nearer(factor) {
+    this.#zoom = within(this.#zoom * factor, ...ZOOMS);
+    this.#tell();
+  }
+
+  /** The body in the picture, by shares of the picture's height. */
+  shift(right, up) {
+    const metres = 2 / this.#zoom; // about what the height shows
+    this.#aside = [this.#aside[0] - metres * right, this.#aside[1] - metres * up].map((part) => within(part, -FARTHEST, FARTHEST));
+    this.#tell();
+  }
+
+  #tell() {
+    this.dispatchEvent(new Event("change"));
+  }
+
+  /**
+   * Where the camera stands instead of at `camera` (3 x 4, row by row; it looks along its negative
+   * third axis), which is `distance` metres from what it is moved around.
+   */
+  from(camera, distance) {
+    const axis = (index) => [camera[index], camera[4 + index], camera[8 + index]];
+    const middle = axis(3).map((part, i) => part - distance * axis(2)[i]);
+    const [sin, cos] = [Math.sin(this.#yaw), Math.cos(this.#yaw)];
+    const [right, up, back] = [0, 1, 2].map((index) => {
+      const [x, y, z] = axis(index);
+      return [cos * x + sin * z, y, cos * z - sin * x];
+    });
+    const level = Math.asin(within(back[1], -1, 1));
+    const pitch = within(level + this.#pitch, -STEEPEST, STEEPEST) - level;
+    const [rise, run] = [Math.sin(pitch), Math.cos(pitch)];
+    const above = up.map((part, i) => run * part - rise * back[i]);
+    const behind = back.map((part, i) => run * part + rise * up[i]);
+    const eye = middle.map((part, i) => {
+      return part + this.#aside[0] * right[i] + this.#aside[1] * above[i] + (distance / this.#zoom) * behind[i];
+    });
+    return [0, 1, 2].flatMap((i) => [right[i], above[i], behind[i], eye[i]]);
+  }
+
+  /** Let a person move it on an element; returns what ends that. */
+  hold(element) {
+    const ending = new AbortController();
+    const on = (name, listener) => element.addEventListener(name, listener, { signal: ending.signal, passive: false });
+    const fingers = new Map(); // pointer -> [x, y]
+    const size = () => element.clientHeight || 1;
+    on("pointerdown", (event) => {
+      if (event.button > 2) return;
+      event.preventDefault();
+      element.focus({ preventScroll: true });
+      element.setPointerCapture(event.pointerId);
+      fingers.set(event.pointerId, [event.clientX, event.clientY]);
+    });
+    on("pointermove", (event) => {
+      const before = fingers.get(event.pointerId);
+      if (!before) return;
+      const [dx, dy] = [event.clientX - before[0], event.clientY - before[1]];
+      const spread = spreadOf(fingers);
+      fingers.set(event.pointerId, [event.clientX, event.clientY]);
+      if (fingers.size > 1) {
+        this.shift(dx / size() / fingers.size, -dy / size() / fingers.size);
+        this.nearer(Math.max(spreadOf(fingers), 1) / Math.max(spread, 1));
+      } else if (event.shiftKey || event.buttons & 6) this.shift(dx / size(), -dy / size());
+      else this.turn(-TURN * dx, TURN * dy);
+    });
+    for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) on(name, ({ pointerId }) => fingers.delete(pointerId));
+    on("contextmenu", (event) => event.preventDefault()); // the right button moves
+    on("wheel", (event) => {
+      if (document.activeElement !== element && !event.ctrlKey) return; // the page scrolls
+      event.preventDefault();
+      this.nearer(Math.exp(-WHEEL_ZOOM * event.deltaY));
+    });
+    on("keydown", (event) => {
+      if (event.ctrlKey || event.metaKey || event.altKey) return;
+      const does = {
+        ArrowLeft: () => this.turn(KEY_TURN, 0),
+        ArrowRight: () => this.turn(-KEY_TURN, 0),
+        ArrowUp: () => this.turn(0, KEY_TURN),
+        ArrowDown: () => this.turn(0, -KEY_TURN),
+        "+": () => this.nearer(KEY_ZOOM),
+        "=": () => this.nearer(KEY_ZOOM),
+        "-": () => this.nearer(1 / KEY_ZOOM),
+        Home: () => this.reset(),
+      }[event.key];
+      if (!does) return;
+      event.preventDefault();
+      does();
+    });
+    return () => ending.abort();
+  }
+}
+
+/** Pixels between two fingers; 0 for one. */
+function spreadOf(fingers) {
+  const [first, second] = fingers.values();
+  return second ? Math.hypot(first[0] - second[0], first[1] - second[1]) : 0;
+}
+
+function within(value, least, most) {
+  return Math.max(least, Math.min(most, value));
+}
