@@ -206,7 +206,11 @@ def test_the_camera_that_a_person_moves_turns_around_what_it_looks_at(page: Page
             const orbit = new Orbit();
             const camera = [1, 0, 0, 0,  0, 1, 0, 1,  0, 0, 1, 4];  // looks at 0, 1, 0
             const seen = {};
-            const after = (name, move) => { orbit.reset(); move(); seen[name] = orbit.from(camera, 4); };
+            const after = (name, move) => {
+                orbit.reset();
+                move();
+                seen[name] = orbit.from(camera, 4);
+            };
             after("front", () => {});
             after("side", () => orbit.turn(Math.PI / 2, 0));
             after("above", () => orbit.turn(0, 100));

@@ -4,12 +4,35 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Position, expect
 
 from app.page.tabs.own_motion import TAB
 from model.motion.motion import save_motion
 from tests.browser.conftest import PATIENCE_MS
 from tests.helpers import smooth_motion_example
+
+END: Position = {"x": 120, "y": 70}
+GESTURES = """File type = "ooTextFile"
+Object class = "TextGrid"
+item [1]:
+ class = "IntervalTier"
+ name = "words"
+ intervals [1]:
+ xmin = 0.2
+ xmax = 0.5
+ text = "hello"
+item [2]:
+ class = "IntervalTier"
+ name = "gesture_left"
+ intervals [1]:
+ xmin = 0
+ xmax = 0.3
+ text = "rest"
+ intervals [2]:
+ xmin = 0.3
+ xmax = 0.6
+ text = "stroke beat"
+"""
 
 pytestmark = [pytest.mark.browser, pytest.mark.gl]
 
@@ -20,6 +43,8 @@ def test_two_files_of_ones_own_are_measured_and_drawn(
     paths = [tmp_path / f"{name}.npz" for name in ("mine", "theirs")]
     for seed, path in enumerate(paths):
         save_motion(smooth_motion_example(45, seed=seed), path)
+    transcript = tmp_path / "said.TextGrid"
+    transcript.write_text(GESTURES)
     page = visit()
     page.get_by_role("tab", name=TAB).click()
     page.get_by_role("button", name="Measure and compare").click()
@@ -27,6 +52,8 @@ def test_two_files_of_ones_own_are_measured_and_drawn(
 
     page.set_input_files("#own-motions input[type=file]", [str(path) for path in paths])
     expect(page.locator("#own-motions")).to_contain_text("theirs")
+    page.set_input_files("#own-transcript input[type=file]", str(transcript))
+    expect(page.locator("#own-transcript")).to_contain_text("said")
     page.get_by_role("button", name="Measure and compare").click()
 
     expect(page.locator("#own-status")).to_contain_text(
@@ -49,3 +76,32 @@ def test_two_files_of_ones_own_are_measured_and_drawn(
     expect(other.locator("#own-player video")).to_have_count(2)
     for video in other.locator("#own-player video").all():
         other.wait_for_function("video => video.duration > 1", arg=video.element_handle())
+
+    # Gestures stand below the words; rest is not drawn.
+    lanes = other.locator("#own-player .lane:has(.words)")
+    expect(lanes).to_contain_text(["Words", "Gesture left"])
+    assert lanes.locator("span").evaluate_all("labels => labels.map((each) => each.className)") == [
+        "",
+        "stroke",
+    ]
+
+    # Both in 3D: who turns one turns the other, and keys bring them back.
+    tiles = other.locator("#own-player .tile")
+    other.evaluate("document.querySelector('#own-player').scrollIntoView()")
+    for tile in tiles.all():
+        tile.get_by_role("button", name="in 3D").click()
+    views = other.locator("#own-player .view-3d canvas")
+    expect(views).to_have_count(2)
+    back = other.locator("#own-player").get_by_role("button", name="Back to the front")
+    expect(back).to_have_count(0)
+    views.first.drag_to(views.first, source_position={"x": 60, "y": 60}, target_position=END)
+    expect(back).to_have_count(2)
+    views.first.press("ArrowLeft")
+    frame = other.locator("#own-player .lockstep").evaluate("root => root.lockstep.frame")
+    assert frame == 0, "the arrow turned the body, not the time"
+    views.first.press("Home")
+    expect(back).to_have_count(0)
+    tiles.first.get_by_role("button", name="in 3D").click()
+    expect(views).to_have_count(1)
+    assert other.locator("#own-player video").count() == 2
+    other.context.close()
