@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from app.config import AppConfig
 from app.page.launch import launch
+from app.page.tabs.study_form import PROTOCOLS
 from tests.fuzz.clock import FOR_EVER_S, SLOWEST_S, run_by_the_clock
 from tests.fuzz.damage import HUGE
 
@@ -23,7 +24,7 @@ FORMS: dict[str, list[Any]] = {
     ],
     "own_motion": [None, None, None, "right_middle", 0, None, None],
     "steps": [[], None],  # with a system it would be measured on an example
-    "study_plan": ["A", "pairwise", None, ["globaldiff/global"], None, 2, 4, 0, ["front"], ""],
+    "study_plan": ["A", next(iter(PROTOCOLS)), None, ["globaldiff/global"], None, 2, 4, 0, ["front"], ""],
 }  # fmt: skip
 PROGRAM_FAULTS = ("inside the program", "Traceback")
 """Gradio itself says of a field which type it expects."""
@@ -76,3 +77,22 @@ def test_wild_values(client: httpx.Client, name: str) -> None:
         assert "/site-packages/" not in answer and "\x1b" not in answer, answer[:500]
 
     run_by_the_clock(check)
+
+
+@pytest.mark.parametrize(
+    ("name", "at", "value", "words"),
+    [
+        ("generate", 6, ["euler"], "The field sampler cannot be used"),
+        ("generate", 9, ["right_middle"], "The field point cannot be used"),
+        ("generate", 12, float("nan"), "The field body_steps cannot be used"),
+        ("generate", 4, float("nan"), "The field samples cannot be used"),
+    ],
+    ids=["a list as sampler", "a list as point", "steps NaN", "samples NaN"],
+)
+def test_wrong_types_that_were_once_faults_of_the_program(
+    client: httpx.Client, name: str, at: int, value: Any, words: str
+) -> None:
+    values = list(FORMS[name])
+    values[at] = value
+    answer = answer_of(client, name, values)
+    assert words in answer and not any(fault in answer for fault in PROGRAM_FAULTS), answer[:900]

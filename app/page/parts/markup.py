@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 
 from app import text
+from app.page.parts.glossary import explained
 from app.run.request import STAGES, Stage
 
 
@@ -26,7 +27,7 @@ def step(number: int, title: str) -> str:
 
 def heading(title: str, explanation: str = "") -> str:
     """Heading of one part of the results."""
-    below = f"<p>{escape(explanation)}</p>" if explanation else ""
+    below = f"<p>{explained(explanation)}</p>" if explanation else ""
     return f'<div class="part"><h2>{escape(title)}</h2>{below}</div>'
 
 
@@ -97,8 +98,8 @@ def verdict(numbers: str, judgement: str) -> str:
     """What the numbers of a run say, above its videos; nothing of no numbers."""
     if not numbers:
         return ""
-    below = f"<p>{escape(judgement)}</p>" if judgement else ""
-    return f'<div class="verdict"><b>{escape(numbers)}</b>{below}</div>'
+    below = f"<p>{explained(judgement)}</p>" if judgement else ""
+    return f'<div class="verdict"><b>{explained(numbers)}</b>{below}</div>'
 
 
 def notes_message(notes: Sequence[str]) -> str:

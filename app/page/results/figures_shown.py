@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from app import text
 from app.findings.sentences import sentences_of
 from app.page.parts import markup
+from app.page.parts.glossary import explained
 from app.page.serving.media import MediaDesk
 from app.run.request import Artefact
 
@@ -71,7 +72,9 @@ def _figure(stem: str, urls: Mapping[str, str], sentences: Mapping[str, str]) ->
         for ending in _DOWNLOADS
         if ending in urls
     )
-    said = "".join(f"<p>{escape(sentences[key])}</p>" for key in about.says if sentences.get(key))
+    said = "".join(
+        f"<p>{explained(sentences[key])}</p>" for key in about.says if sentences.get(key)
+    )
     return (
         f"{markup.heading(about.title, about.help)}"
         f'<figure class="plot"><button type="button" class="zoom" '

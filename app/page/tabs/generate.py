@@ -14,6 +14,7 @@ import gradio as gr
 
 from app import text
 from app.config import AppConfig
+from app.findings.verdict import short_names
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue, Example, point_choices
 from app.page.tabs.generate_form import SEED_LIMIT
@@ -59,7 +60,7 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
         _offer_examples(catalogue.examples, speech, config.cache_folder / "examples")
     gr.HTML(markup.step(2, text.STEP_SYSTEMS))
     systems = gr.CheckboxGroup(
-        choices=list(catalogue.systems),
+        choices=[(label, name) for name, label in short_names(catalogue.systems).items()],
         value=default_systems(catalogue.systems),
         label=text.SYSTEMS_LABEL,
         info=text.SYSTEMS_HELP,
@@ -71,11 +72,12 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
             choices=list(catalogue.speakers),
             value=catalogue.speakers[0] if catalogue.speakers else None,
             label=text.SPEAKER_LABEL,
+            info=text.SPEAKER_HELP,
             min_width=120,
         )
         seed = gr.Number(
             value=0, minimum=0, maximum=SEED_LIMIT, label=text.SEED_LABEL,
-            min_width=100,
+            info=text.SEED_HELP, min_width=100,
         )  # fmt: skip
     samples = gr.Slider(
         1, 4, value=1, step=1, label=text.SAMPLES_LABEL, info=text.SAMPLES_HELP, buttons=[]
@@ -120,6 +122,7 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
             ],
             value="",
             label=text.SAMPLER_LABEL,
+            info=text.SAMPLER_HELP,
         )
         reference = gr.File(
             label=text.REFERENCE_LABEL,

@@ -9,6 +9,7 @@ from pathlib import Path
 from app import text
 from app.config import AppConfig
 from app.errors import RunError
+from app.findings.verdict import short_names
 from app.page.parts.asked import whole_number
 from app.page.parts.catalogue import Catalogue
 from app.run.display import COLORINGS, Display
@@ -130,8 +131,12 @@ def request_from_form(
 
 
 def _steps(form: Form, body_steps: int, systems: tuple[str, ...], catalogue: Catalogue) -> Steps:
-    """What is written by name, then the slider of the systems that it is for, then the rest."""
+    """What is written by name, whole or as the form shows it, then the slider of the systems that
+    it is for, then the rest."""
     written = parse_steps(form.steps)
+    if isinstance(written, dict):
+        whole = {label: name for name, label in short_names(catalogue.systems).items()}
+        written = {whole.get(name, name): count for name, count in written.items()}
     if not body_steps:
         return written
     asked = {name: steps_of(written, name) for name in systems}

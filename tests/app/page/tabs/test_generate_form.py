@@ -111,3 +111,4 @@ def test_steps_of_face_and_body_go_to_the_systems_that_have_them() -> None:
     assert asked(steps="", body_steps=9) == ({"globaldiff/global": 9}, None)
     by_name = {"globaldiff/global": 5}
     assert asked(steps="globaldiff/global=5", body_steps=9) == (by_name, None)
+    assert asked(steps="global=5", body_steps=9) == (by_name, None), "as the form calls it"

@@ -53,6 +53,13 @@ def test_what_is_missing_is_said(changes: dict, words: str) -> None:
     assert words in str(caught.value)
 
 
+def test_what_a_program_leaves_out_is_as_if_empty(tmp_path: Path) -> None:
+    bare = replace(FORM, title=None, seed=None, post_to=None)
+    (tmp_path / "plan.toml").write_text(plan_text(bare), "utf-8")
+    plan = read_plan(tmp_path / "plan.toml")
+    assert (plan.seed, plan.post_to) == (0, None)
+
+
 def test_a_text_cannot_become_settings(tmp_path: Path) -> None:
     path = tmp_path / "plan.toml"
     path.write_text(plan_text(replace(FORM, title='x"\nface = "moving"\ny = "')), "utf-8")
