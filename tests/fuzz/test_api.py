@@ -24,7 +24,9 @@ FORMS: dict[str, list[Any]] = {
     ],
     "own_motion": [None, None, None, "right_middle", 0, None, None],
     "steps": [[], None],  # with a system it would be measured on an example
-    "study_plan": ["A", next(iter(PROTOCOLS)), None, ["globaldiff/global"], None, 2, 4, 0, ["front"], ""],
+    "study_plan": [
+        "A", next(iter(PROTOCOLS)), None, ["globaldiff/global"], None, 2, 4, 0, ["front"], "",
+    ],
 }  # fmt: skip
 PROGRAM_FAULTS = ("inside the program", "Traceback")
 """Gradio itself says of a field which type it expects."""
