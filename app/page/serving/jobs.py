@@ -22,7 +22,7 @@ from app import text
 from app.errors import CancelledRun, RunError
 from app.page.serving.lodging import Lodging, size_of
 
-LONG_S = 20.0
+LONG_S = 12.0
 """At work; what takes longer steps aside for others."""
 NUM_ASIDE = 1
 """Runs that have stepped aside; each takes the memory of one at work."""
