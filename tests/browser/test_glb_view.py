@@ -59,7 +59,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("viewer")
     (folder / "index.html").write_text(PAGE)
     for name in ("glb_view.js", "orbit.js"):
-        (folder / name).write_bytes((ROOT / "app" / "page" / "web" / name).read_bytes())
+        (folder / name).write_bytes((ROOT / "app" / "page" / "web" / "body" / name).read_bytes())
     return folder
 
 

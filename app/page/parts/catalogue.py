@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,13 @@ from typing import Any
 from app import text
 from app.errors import RunError
 from app.findings.points import point_title
+from model.systems.globaldiff.config import BEST
 from model.systems.registry import family_of, list_speakers, list_systems, read_card
 from renderer.body.joints import JOINT_NAMES, TIP_VERTICES
+
+MAX_DEFAULT_SYSTEMS = 3
+_PREFERRED = (BEST, "globaldiff/local", "globaldiff/global")
+"""What is ticked at first where there are more: what moves best, and the paper's first question."""
 
 
 @dataclass(frozen=True)
@@ -90,3 +96,13 @@ def _trained_on(cards: list[dict[str, Any]]) -> str:
     # A corpus made by this project describes itself; of any other folder only the name is known.
     what = "procedural motion made by a program" if isinstance(data, dict) else f"“{data}”"
     return f"{hours:.1f} hours of {what}"
+
+
+def default_systems(systems: Sequence[str]) -> list[str]:
+    """All systems where they are few, else three of them."""
+    if len(systems) <= MAX_DEFAULT_SYSTEMS:
+        return list(systems)
+    preferred = [name for name in systems if name in _PREFERRED]
+    others = [name for name in systems if name not in _PREFERRED]
+    chosen = [*preferred, *others][:MAX_DEFAULT_SYSTEMS]
+    return [name for name in systems if name in chosen]

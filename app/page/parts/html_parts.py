@@ -76,7 +76,7 @@ def player_part(prefix: str) -> gr.HTML:
     return gr.HTML(
         {},
         html_template='<div class="lockstep" hidden></div>',
-        js_on_load=mount("player.js", "mountPlayer"),
+        js_on_load=mount("player/player.js", "mountPlayer"),
         apply_default_css=False,
         elem_id=prefix + "player",
     )

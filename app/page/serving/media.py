@@ -53,7 +53,11 @@ class MediaDesk:
 
 def media_routes(desk: MediaDesk) -> list[APIRoute]:
     """Serve the player's files and the page's own modules."""
-    modules = {path.name: path for path in WEB_FOLDER.iterdir() if path.suffix in _WEB_TYPES}
+    modules = {
+        path.relative_to(WEB_FOLDER).as_posix(): path
+        for path in WEB_FOLDER.rglob("*")
+        if path.suffix in _WEB_TYPES
+    }
 
     def media(token: str, request: Request) -> Response:
         path = desk.find(token, cookie_of(request))
@@ -77,5 +81,5 @@ def media_routes(desk: MediaDesk) -> list[APIRoute]:
     methods = ["GET", "HEAD"]
     return [
         APIRoute(MEDIA_ROUTE + "/{token}", media, methods=methods, include_in_schema=False),
-        APIRoute(WEB_ROUTE + "/{name}", web, methods=methods, include_in_schema=False),
+        APIRoute(WEB_ROUTE + "/{name:path}", web, methods=methods, include_in_schema=False),
     ]

@@ -16,16 +16,11 @@ from app import text
 from app.config import AppConfig
 from app.findings.verdict import short_names
 from app.page.parts import markup
-from app.page.parts.catalogue import Catalogue, Example, point_choices
+from app.page.parts.catalogue import Catalogue, Example, default_systems, point_choices
 from app.page.tabs.generate_form import SEED_LIMIT
 from app.page.tabs.upload_check import UploadCheck
 from app.run.display import FACTORS
 from app.run.pictures.followed_point import TIP
-from model.systems.globaldiff.config import BEST
-
-MAX_DEFAULT_SYSTEMS = 3
-_PREFERRED = (BEST, "globaldiff/local", "globaldiff/global")
-"""What is ticked at first where there are more: what moves best, and the paper's first question."""
 
 
 @dataclass(frozen=True)
@@ -180,13 +175,3 @@ def fresh_copy(path: Path, folder: Path) -> Path:
     shutil.copyfile(path, partial)
     os.replace(partial, copy)
     return copy
-
-
-def default_systems(systems: Sequence[str]) -> list[str]:
-    """All systems where they are few, else three of them."""
-    if len(systems) <= MAX_DEFAULT_SYSTEMS:
-        return list(systems)
-    preferred = [name for name in systems if name in _PREFERRED]
-    others = [name for name in systems if name not in _PREFERRED]
-    chosen = [*preferred, *others][:MAX_DEFAULT_SYSTEMS]
-    return [name for name in systems if name in chosen]

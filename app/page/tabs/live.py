@@ -51,7 +51,7 @@ def build_live_tab(
     gr.HTML(
         offered(catalogue),
         html_template='<div class="live"></div>',
-        js_on_load=mount("live.js", "mountLive"),
+        js_on_load=mount("live/live.js", "mountLive"),
         apply_default_css=False,
         elem_id="live",
     )

@@ -8,8 +8,9 @@ import gradio as gr
 
 from app import text
 from app.config import AppConfig
+from app.findings.verdict import short_names
 from app.page.parts import markup
-from app.page.parts.catalogue import Catalogue
+from app.page.parts.catalogue import Catalogue, default_systems
 from app.page.parts.html_parts import mount, reveal_on_click
 from app.page.parts.named_fields import named_fields
 from app.page.results.study_preview import PreviewDesk
@@ -89,7 +90,10 @@ def _build_materials(catalogue: Catalogue, check: UploadCheck) -> list[Any]:
     )
     check.watch(speeches, "speech")
     systems = gr.CheckboxGroup(
-        list(catalogue.systems), value=list(catalogue.systems), label="Systems"
+        [(label, name) for name, label in short_names(catalogue.systems).items()],
+        value=default_systems(catalogue.systems),
+        label="Systems",
+        info=text.STUDY_SYSTEMS_HELP,
     )
     motions = gr.File(
         label=f"Other motion, each file named <system>{SEPARATOR}<clip>.npz (optional)",

@@ -73,7 +73,7 @@ def test_every_route_is_there_as_soon_as_the_server_listens(
         """What a browser meets that asks before anything else has happened."""
         started = start_server(*args, **options)
         with httpx.Client(base_url=started[2], timeout=10) as client:
-            answers.append(client.get("web/player.js").status_code)
+            answers.append(client.get("web/player/player.js").status_code)
             answers.append(client.post("study/visitor").status_code)
             answers.append(client.get("media/none").status_code)
             assert client.get("media/none").text == GONE

@@ -57,7 +57,7 @@ def live_socket(port: int, host: str, origin: str) -> ClientConnection:
 
 @pytest.mark.parametrize("host", ["evil.example", "", "lab.example.evil.example", "[", "\x1b[2J"])
 def test_a_foreign_host_is_refused_with_the_way_out(client: httpx.Client, host: str) -> None:
-    for path in ("/", "config", "gradio_api/info", "web/player.js"):
+    for path in ("/", "config", "gradio_api/info", "web/player/player.js"):
         answer = client.get(path, headers={"Host": host})
         assert answer.status_code == 421 and "--host-name" in answer.text
         assert answer.text.isprintable()

@@ -69,8 +69,8 @@ def test_what_a_browser_could_run_is_only_downloaded(
 
 
 def test_modules_of_the_page_are_served_and_nothing_else(client: TestClient) -> None:
-    answer = client.get("web/player.js")
-    assert answer.content == (WEB_FOLDER / "player.js").read_bytes()
+    answer = client.get("web/player/player.js")
+    assert answer.content == (WEB_FOLDER / "player" / "player.js").read_bytes()
     assert answer.headers["content-type"].startswith("text/javascript")
-    for name in ("..%2Fpage.py", "%2e%2e/page.py", "absent.js"):
+    for name in ("..%2Fpage.py", "%2e%2e/page.py", "player/../../page.py", "absent.js", "player"):
         assert client.get(f"web/{name}").status_code == 404

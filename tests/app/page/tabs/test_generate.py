@@ -2,7 +2,8 @@ import os
 import time
 from pathlib import Path
 
-from app.page.tabs.generate import default_systems, fresh_copy
+from app.page.parts.catalogue import default_systems
+from app.page.tabs.generate import fresh_copy
 from model.systems.globaldiff.config import BEST, SYSTEMS
 
 

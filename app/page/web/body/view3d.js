@@ -1,6 +1,6 @@
 /** A motion in 3D, in place of its video or until that is drawn; the mouse and keys turn it. */
 
-import { make } from "./dom.js";
+import { make } from "../dom.js";
 import { GlbView } from "./glb_view.js";
 import { ORBIT_HELP } from "./orbit.js";
 

@@ -1,8 +1,8 @@
 /** The grid of videos: one tile for each motion, and two of them on top of each other. */
 
-import { make } from "./dom.js";
+import { make } from "../dom.js";
 import { FPS } from "./lockstep.js";
-import { Orbit } from "./orbit.js";
+import { Orbit } from "../body/orbit.js";
 import { Tile } from "./tile.js";
 
 const FLICKER_MS = 500; // one change in half a second: far below what can do harm to anyone

@@ -1,6 +1,6 @@
 /** The bar under the videos: play, frame by frame, speed, loop, sound, and how they are compared. */
 
-import { clockText, make, relabel } from "./dom.js";
+import { clockText, make, relabel } from "../dom.js";
 import { WorstSeconds } from "./worst.js";
 
 const RATES = [0.25, 0.5, 1, 2];

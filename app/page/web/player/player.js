@@ -4,7 +4,7 @@
  */
 
 import { Controls } from "./controls.js";
-import { make } from "./dom.js";
+import { make } from "../dom.js";
 import { Lockstep } from "./lockstep.js";
 import { Tiles } from "./tiles.js";
 import { Timeline } from "./timeline.js";

@@ -4,11 +4,11 @@
  * keeps the last minute of it, which `kept` names.
  */
 
-import { make } from "./dom.js";
-import { GlbView, isDrawingSlow } from "./glb_view.js";
-import { Playout } from "./live_playout.js";
-import { Sound } from "./live_sound.js";
-import { ORBIT_HELP, Orbit } from "./orbit.js";
+import { make } from "../dom.js";
+import { GlbView, isDrawingSlow } from "../body/glb_view.js";
+import { Playout } from "./playout.js";
+import { Sound } from "./sound.js";
+import { ORBIT_HELP, Orbit } from "../body/orbit.js";
 
 const PICTURE_PX = 640;
 const SLOW_PICTURE_PX = 360; // where the processor draws

@@ -1,6 +1,6 @@
 /** Leads to the seconds in which the followed point jerks most, and plays each slowly again and again. */
 
-import { make, relabel } from "./dom.js";
+import { make, relabel } from "../dom.js";
 
 const SLOWLY = 0.25;
 

@@ -1,7 +1,7 @@
 /** One tile of the grid of videos. */
 
-import { icon, make, nameOf } from "./dom.js";
-import { View3d } from "./view3d.js";
+import { icon, make, nameOf } from "../dom.js";
+import { View3d } from "../body/view3d.js";
 
 /** One motion: its name, and its video or what stands in for it until that is drawn. */
 export class Tile {

@@ -1,7 +1,7 @@
 /** Speech, onsets, words, gestures and the fingertip of each motion over time, under one cursor. */
 
-import { make, nameOf } from "./dom.js";
-import { currentFilter, followFilter, wireSwitch } from "./filter_switch.js";
+import { make, nameOf } from "../dom.js";
+import { currentFilter, followFilter, wireSwitch } from "../filter_switch.js";
 import { FPS } from "./lockstep.js";
 
 const CURVES = {
