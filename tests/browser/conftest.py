@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 from playwright.sync_api import Browser, BrowserContext, BrowserType, Page, sync_playwright
@@ -31,10 +31,29 @@ CHROMIUM = next(
 PATIENCE_MS = 120_000
 """Longest that any one thing may take on a busy machine."""
 
+Scheme = Literal["light", "dark"]
+SCHEMES: tuple[Scheme, ...] = ("light", "dark")
+WINDOWS = ((390, 844), (1280, 900), (1600, 1000))
+LOOKS = [(*size, scheme) for size in WINDOWS for scheme in SCHEMES]
+"""Width and height of a phone, a laptop and a large screen, each light and dark."""
+
 SECONDS = 6.0
 FRAMES = round(30 * SECONDS)
 FAKED_SYSTEMS = ("globaldiff/local", "globaldiff/global", "globaldiff/full")
 """Of the page over a pipeline that draws numbered pictures at once."""
+
+
+def in_every_look(page: Page) -> Iterator[int]:
+    """The page in each of `LOOKS`, no wider than the window; gives the window's height."""
+    for width, height, scheme in LOOKS:
+        page.set_viewport_size({"width": width, "height": height})
+        page.emulate_media(color_scheme=scheme)
+        if page.locator("gradio-app, .gradio-container").count():  # it asks but once
+            page.evaluate("dark => document.body.classList.toggle('dark', dark)", scheme == "dark")
+        page.wait_for_timeout(300)
+        wide = page.evaluate("document.documentElement.scrollWidth")
+        assert wide <= width, (width, scheme, wide)
+        yield height
 
 
 @contextmanager

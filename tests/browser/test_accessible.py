@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
@@ -11,12 +11,10 @@ from playwright.sync_api import Browser, Page, expect
 from app import text
 from app.page.tabs import live, own_motion
 from tests.app.study.made_study import make_study
-from tests.browser.conftest import PATIENCE_MS, Stage, open_page, start
+from tests.browser.conftest import PATIENCE_MS, SCHEMES, Scheme, Stage, open_page, start
 
 pytestmark = pytest.mark.browser
 
-Scheme = Literal["light", "dark"]
-SCHEMES: tuple[Scheme, ...] = ("light", "dark")
 TABS = (text.MOTION_TAB, live.TAB, own_motion.TAB, text.LADDER_TAB, text.STUDY_TAB)
 GRAVE = ("serious", "critical")
 

@@ -8,7 +8,7 @@ from playwright.sync_api import Page, Position, expect
 
 from app.page.tabs.own_motion import TAB
 from model.motion.motion import save_motion
-from tests.browser.conftest import PATIENCE_MS
+from tests.browser.conftest import PATIENCE_MS, in_every_look
 from tests.helpers import smooth_motion_example
 
 END: Position = {"x": 120, "y": 70}
@@ -84,6 +84,21 @@ def test_two_files_of_ones_own_are_measured_and_drawn(
         "",
         "stroke",
     ]
+
+    # All of it fits a phone, a laptop and a large screen, light and dark.
+    bar = other.locator("#own-player .controls")
+    for height in in_every_look(other):
+        for mode in ("Ghost", "All"):
+            bar.get_by_role("button", name=mode, exact=True).click()
+            picture = other.locator("#own-player .tile:visible .picture").first
+            picture.scroll_into_view_if_needed()
+            box = picture.bounding_box()
+            assert box is not None and 100 < box["height"] < height
+    other.set_viewport_size({"width": 1280, "height": 900})
+    bar.get_by_role("button", name="Worst second", exact=True).click()
+    expect(bar.locator(".worst-line")).to_contain_text("1 of")
+    other.reload()
+    expect(other.locator("#own-player video")).to_have_count(2)
 
     # Both in 3D: who turns one turns the other, and keys bring them back.
     tiles = other.locator("#own-player .tile")

@@ -12,7 +12,7 @@ from playwright.sync_api import Page, expect
 from app import text
 from app.page.tabs.study_run import PREVIEW
 from app.study.leaks.check import check_study
-from tests.browser.conftest import PATIENCE_MS
+from tests.browser.conftest import PATIENCE_MS, in_every_look
 from tests.browser.test_study import agree, answer_pairs, practise, saved_answers
 
 pytestmark = [pytest.mark.browser, pytest.mark.gl]
@@ -65,6 +65,9 @@ def test_a_study_is_made_on_the_page(
     preview = opened.value
     agree(preview)
     practise(preview)
+    for height in in_every_look(preview):
+        box = preview.locator("#next").bounding_box()
+        assert box is not None and box["y"] + box["height"] <= height, "Next is below the fold"
     answer_pairs(preview)
     answers = saved_answers(preview, tmp_path)
     assert answers.name.startswith("preview-")
@@ -80,6 +83,11 @@ def test_a_study_is_made_on_the_page(
         "How people move when they talk", timeout=2 * PATIENCE_MS
     )
     expect(page.locator("#analysis-files")).to_contain_text("results")
+    for height in in_every_look(page):
+        key = page.locator("#study-researcher button")
+        key.scroll_into_view_if_needed()
+        box = key.bounding_box()
+        assert box is not None and box["y"] + box["height"] <= height
 
     page.locator("#study-researcher button").click()
     expect(page.get_by_text("There is nothing to fetch here")).to_be_visible()

@@ -9,7 +9,6 @@ import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
@@ -23,7 +22,7 @@ from app.run.request import GenerateRequest
 from model.motion.motion import load_motion, save_motion
 from model.systems.globaldiff.config import BEST
 from tests.app import fakes
-from tests.browser.conftest import PATIENCE_MS, served
+from tests.browser.conftest import LOOKS, PATIENCE_MS, Scheme, served
 from tests.model.made import TINY_BEST, TINY_SYSTEMS, make_weights
 
 pytestmark = pytest.mark.browser
@@ -74,7 +73,7 @@ def within(page: Page, selector: str, height: int) -> bool:
 
 @pytest.mark.parametrize(
     ("width", "height", "scheme"),
-    [(390, 844, "light"), (1280, 900, "dark"), (1600, 1000, "light")],
+    LOOKS,
 )
 def test_a_visitor_walks_from_the_example_to_a_link_for_somebody_else(
     browser: Browser,
@@ -82,7 +81,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_for_somebody_else(
     tmp_path: Path,
     width: int,
     height: int,
-    scheme: Literal["light", "dark"],
+    scheme: Scheme,
 ) -> None:
     address, asked = walk
     context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme)
