@@ -55,7 +55,7 @@ Object class = "TextGrid"
 xmin = 0
 xmax = 2
 tiers? <exists>
-size = 1
+size = 2
 item []:
     item [1]:
         class = "IntervalTier"
@@ -71,6 +71,16 @@ item []:
             xmin = 1.2
             xmax = 2
             text = "there"
+    item [2]:
+        class = "IntervalTier"
+        name = "gesture_left"
+        xmin = 0
+        xmax = 2
+        intervals: size = 1
+        intervals [1]:
+            xmin = 0.25
+            xmax = 0.5
+            text = "stroke beat"
 """
 
 
