@@ -18,6 +18,7 @@ from app.config import EXAMPLES, AppConfig
 from app.page.results.first_look_shown import EXAMPLE
 from app.page.tabs import own_motion
 from app.run.first_look import FACTS, STEADY, TREMBLING, first_look
+from app.run.planted import CLEAN
 from app.run.request import GenerateRequest
 from model.motion.motion import load_motion, save_motion
 from model.systems.globaldiff.config import BEST
@@ -39,9 +40,7 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Walk]:
     config = AppConfig(port=0, weights=weights, temp=folder / "page", kept=folder / "kept")
     look = first_look(config.kept, weights, BEST, EXAMPLES / f"{EXAMPLE}.wav")
     look.folder.mkdir(parents=True)
-    motion = load_motion(EXAMPLES / "procedural_speaker" / "a_procedural_speaker.npz").part(
-        slice(round(30 * LOOK_S))
-    )
+    motion = load_motion(CLEAN).part(slice(round(30 * LOOK_S)))
     for name in (STEADY, TREMBLING):
         save_motion(motion, look.folder / f"{name}.npz")
         fakes.write_video(look.folder / f"{name}.mp4", LOOK_S)

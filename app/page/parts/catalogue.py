@@ -10,6 +10,7 @@ from typing import Any
 from app import text
 from app.errors import RunError
 from app.findings.points import point_title
+from app.findings.verdict import short_names
 from model.systems.globaldiff.config import BEST
 from model.systems.registry import family_of, list_speakers, list_systems, read_card
 from renderer.body.joints import JOINT_NAMES, TIP_VERTICES
@@ -42,6 +43,11 @@ class Catalogue:
     """How many steps systems take where nothing is asked for, for a person."""
     with_face_steps: tuple[str, ...] = ()
     """Systems that draw the face by steps of its own."""
+
+    @property
+    def system_choices(self) -> list[tuple[str, str]]:
+        """Of each system the name that a form shows, and its whole name."""
+        return [(label, name) for name, label in short_names(self.systems).items()]
 
 
 def read_catalogue(weights: Path, examples: tuple[Example, ...] = ()) -> Catalogue:

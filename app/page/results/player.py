@@ -244,10 +244,7 @@ def write_sound(
         reference = first_frames(load_motion(request.reference), speech.num_frames)
         recorded = make_timeline(None, {REFERENCE_NAME: reference}, "raw", tip)
         timeline["curves"] |= recorded["curves"]
-    timeline |= tiers_of(said)
-    path = folder / "timeline.json"
-    path.write_text(json.dumps(timeline, allow_nan=False, separators=(",", ":")))
-    return wav, path
+    return wav, _write_timeline(timeline, said, folder)
 
 
 def write_own_sound(
@@ -278,9 +275,13 @@ def write_own_sound(
     timeline = make_timeline(speech, motions, "raw", tip)
     timeline["duration_s"] = round(max(longest_s, timeline["duration_s"]), 4)
     timeline["worst"] = [each for each in timeline["worst"] if each["name"] != REFERENCE_NAME]
-    said = read_transcript(request.transcript) if request.transcript else NOTHING_SAID
-    timeline |= tiers_of(said)
     timeline["peaks"] = [] if speech is None else waveform_peaks(waveform)
+    said = read_transcript(request.transcript) if request.transcript else NOTHING_SAID
+    return wav, _write_timeline(timeline, said, folder)
+
+
+def _write_timeline(timeline: Mapping[str, Any], said: Transcript, folder: Path) -> Path:
     path = folder / "timeline.json"
-    path.write_text(json.dumps(timeline, allow_nan=False, separators=(",", ":")))
-    return wav, path
+    whole = {**timeline, **tiers_of(said)}
+    path.write_text(json.dumps(whole, allow_nan=False, separators=(",", ":")))
+    return path

@@ -14,7 +14,6 @@ import gradio as gr
 
 from app import text
 from app.config import AppConfig
-from app.findings.verdict import short_names
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue, Example, default_systems, point_choices
 from app.page.tabs.generate_form import SEED_LIMIT
@@ -55,7 +54,7 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
         _offer_examples(catalogue.examples, speech, config.cache_folder / "examples")
     gr.HTML(markup.step(2, text.STEP_SYSTEMS))
     systems = gr.CheckboxGroup(
-        choices=[(label, name) for name, label in short_names(catalogue.systems).items()],
+        choices=catalogue.system_choices,
         value=default_systems(catalogue.systems),
         label=text.SYSTEMS_LABEL,
         info=text.SYSTEMS_HELP,
@@ -119,22 +118,10 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
             label=text.SAMPLER_LABEL,
             info=text.SAMPLER_HELP,
         )
-        reference = gr.File(
-            label=text.REFERENCE_LABEL,
-            file_types=[".npz"],
-            type="filepath",
-            height=150,
-            elem_id="reference",
+        reference = check.file("reference", text.REFERENCE_LABEL, [".npz"], "reference", height=150)
+        transcript = check.file(
+            "transcript", text.TRANSCRIPT_LABEL, [".TextGrid"], "transcript", height=150
         )
-        check.watch(reference, "reference")
-        transcript = gr.File(
-            label=text.TRANSCRIPT_LABEL,
-            file_types=[".TextGrid"],
-            type="filepath",
-            height=150,
-            elem_id="transcript",
-        )
-        check.watch(transcript, "transcript")
         point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
         start_frame = gr.Number(value=0, minimum=0, label=text.START_LABEL, elem_id="start-frame")
     with gr.Row(elem_classes="actions"):

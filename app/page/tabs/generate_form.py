@@ -9,7 +9,6 @@ from pathlib import Path
 from app import text
 from app.config import AppConfig
 from app.errors import RunError
-from app.findings.verdict import short_names
 from app.page.parts.asked import whole_number
 from app.page.parts.catalogue import Catalogue
 from app.run.display import COLORINGS, Display
@@ -135,7 +134,7 @@ def _steps(form: Form, body_steps: int, systems: tuple[str, ...], catalogue: Cat
     it is for, then the rest."""
     written = parse_steps(form.steps)
     if isinstance(written, dict):
-        whole = {label: name for name, label in short_names(catalogue.systems).items()}
+        whole = dict(catalogue.system_choices)
         written = {whole.get(name, name): count for name, count in written.items()}
     if not body_steps:
         return written

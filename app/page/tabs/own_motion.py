@@ -107,15 +107,14 @@ class FormParts:
 
 def _build_form(check: UploadCheck) -> FormParts:
     planted = gr.Button(PLANTED_LABEL, elem_id="own-planted", size="sm")
-    motions = gr.File(
-        label="Motions to compare (.npz, .npy or .bvh)",
-        file_count="multiple",
-        file_types=[".npz", ".npy", ".bvh"],
-        type="filepath",
+    motions = check.file(
+        "motion",
+        "Motions to compare (.npz, .npy or .bvh)",
+        [".npz", ".npy", ".bvh"],
+        "own-motions",
         height=170,
-        elem_id="own-motions",
+        file_count="multiple",
     )
-    check.watch(motions, "motion")
     shown = gr.Dropdown(
         choices=[],
         multiselect=True,
@@ -128,30 +127,19 @@ def _build_form(check: UploadCheck) -> FormParts:
     motions.change(
         _choices, motions, shown, queue=False, api_visibility="private", show_progress="hidden"
     )
-    reference = gr.File(
-        label=text.REFERENCE_LABEL,
-        file_types=[".npz", ".npy", ".bvh"],
-        type="filepath",
-        height=120,
-        elem_id="own-reference",
+    reference = check.file(
+        "motion", text.REFERENCE_LABEL, [".npz", ".npy", ".bvh"], "own-reference", height=120
     )
-    check.watch(reference, "motion")
-    speech = gr.File(
-        label="Speech of all of them (optional, for BeatAlign)",
-        file_types=["audio"],
-        type="filepath",
+    speech = check.file(
+        "speech",
+        "Speech of all of them (optional, for BeatAlign)",
+        ["audio"],
+        "own-speech",
         height=120,
-        elem_id="own-speech",
     )
-    check.watch(speech, "speech")
-    transcript = gr.File(
-        label=text.TRANSCRIPT_LABEL,
-        file_types=[".TextGrid"],
-        type="filepath",
-        height=120,
-        elem_id="own-transcript",
+    transcript = check.file(
+        "transcript", text.TRANSCRIPT_LABEL, [".TextGrid"], "own-transcript", height=120
     )
-    check.watch(transcript, "transcript")
     with gr.Row(elem_classes="pair"):
         point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
         start_frame = gr.Number(value=0, minimum=0, label=text.START_LABEL)

@@ -8,7 +8,6 @@ import gradio as gr
 
 from app import text
 from app.config import AppConfig
-from app.findings.verdict import short_names
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue, default_systems
 from app.page.parts.html_parts import mount, reveal_on_click
@@ -80,30 +79,28 @@ def _build_materials(catalogue: Catalogue, check: UploadCheck) -> list[Any]:
     """What is compared: the first fields of `StudyForm`."""
     title = gr.Textbox("How people move when they talk", label="Title (participants see it)")
     protocol = gr.Radio(list(PROTOCOLS), value=next(iter(PROTOCOLS)), label="Protocol")
-    speeches = gr.File(
-        label="Speech, one file for each clip",
-        file_count="multiple",
-        file_types=["audio"],
-        type="filepath",
+    speeches = check.file(
+        "speech",
+        "Speech, one file for each clip",
+        ["audio"],
+        "study-speech",
         height=150,
-        elem_id="study-speech",
+        file_count="multiple",
     )
-    check.watch(speeches, "speech")
     systems = gr.CheckboxGroup(
-        [(label, name) for name, label in short_names(catalogue.systems).items()],
+        catalogue.system_choices,
         value=default_systems(catalogue.systems),
         label="Systems",
         info=text.STUDY_SYSTEMS_HELP,
     )
-    motions = gr.File(
-        label=f"Other motion, each file named <system>{SEPARATOR}<clip>.npz (optional)",
-        file_count="multiple",
-        file_types=[".npz"],
-        type="filepath",
+    motions = check.file(
+        "motion",
+        f"Other motion, each file named <system>{SEPARATOR}<clip>.npz (optional)",
+        [".npz"],
+        "study-motions",
         height=150,
-        elem_id="study-motions",
+        file_count="multiple",
     )
-    check.watch(motions, "motion")
     return [title, protocol, speeches, systems, motions]
 
 

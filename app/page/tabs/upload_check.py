@@ -26,6 +26,16 @@ class UploadCheck:
         self._refuse = refuse
         self._max_speech_s = max_speech_s
 
+    def file(
+        self, kind: UploadKind, label: str, file_types: list[str], elem_id: str, **options: Any
+    ) -> gr.File:
+        """A watched field for files; ``options`` are Gradio's."""
+        field = gr.File(
+            label=label, file_types=file_types, type="filepath", elem_id=elem_id, **options
+        )
+        self.watch(field, kind)
+        return field
+
     def watch(self, field: gr.Audio | gr.File, kind: UploadKind) -> None:
         """Say under a field why what was put there cannot be used; called right after the field."""
         name = f"{field.elem_id}-refusal" if field.elem_id else None

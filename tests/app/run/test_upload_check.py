@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.config import EXAMPLES
+from app.run.planted import CLEAN
 from app.run.upload_check import refusal_of
 from model.speech.audio import write_wav
 from tests.model.made import made_waveform
@@ -20,7 +20,7 @@ def wav(path: Path, seconds: float, loudness: float = 1.0) -> Path:
 
 def test_what_can_be_used_is_not_refused(tmp_path: Path) -> None:
     assert refusal_of("speech", [wav(tmp_path / "a.wav", 1.0)], MAX_S) == ""
-    motion = EXAMPLES / "procedural_speaker" / "a_procedural_speaker.npz"
+    motion = CLEAN
     assert refusal_of("reference", [motion], MAX_S) == ""
     assert refusal_of("motion", [motion], MAX_S) == ""
     assert refusal_of("motion", [], MAX_S) == ""

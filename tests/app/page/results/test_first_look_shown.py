@@ -10,6 +10,7 @@ from app.page.results.first_look_shown import EXAMPLE, FirstLookDesk, question
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.run.first_look import FACTS, STEADY, TREMBLING, FirstLook, first_look
+from app.run.planted import CLEAN
 from model.motion.motion import load_motion, save_motion
 from model.systems.globaldiff.config import BEST
 from tests.app.fakes import write_video
@@ -42,9 +43,7 @@ def test_what_has_been_made_is_shown_to_every_visitor_without_a_cookie(tmp_path:
     config = AppConfig(weights=weights, kept=tmp_path / "kept")
     look = first_look(config.kept, weights, BEST, speech)
     look.folder.mkdir(parents=True)
-    clean = load_motion(EXAMPLES / "procedural_speaker" / "a_procedural_speaker.npz").part(
-        slice(40)
-    )
+    clean = load_motion(CLEAN).part(slice(40))
     for name in (STEADY, TREMBLING):
         save_motion(clean, look.folder / f"{name}.npz")
         write_video(look.folder / f"{name}.mp4")

@@ -91,7 +91,6 @@ def test_there_is_a_bound_for_each_address_and_for_all(tmp_path: Path) -> None:
 HOLD = """
 import sys, time
 from pathlib import Path
-from typing import Any
 from app.page.serving.lodging import claim_folder
 folder = claim_folder(Path(sys.argv[1]))
 (folder / "upload").write_text("a voice")
