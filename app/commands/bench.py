@@ -330,7 +330,7 @@ def measure_memory(speech: Path, weights: Path, folder: Path) -> list[Figure]:
 
     system = list_systems(weights)[-1]
     imports = (
-        "import app.run.pipeline, librosa, model.measures.diagnostics, model.generation.windows, "
+        "import app.run.pipeline, model.measures.diagnostics, model.generation.windows, "
         "renderer.figures.figure6.figure6"
     )
     imports_mb = _peak_mb("-c", imports)

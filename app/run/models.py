@@ -56,8 +56,7 @@ def _load_body(path: Path | None, look: str, modified: float) -> Body:
 def warm_up(weights: Path, body: Path | None) -> None:
     """Do once what the first visitor would otherwise wait for.
 
-    Reads every system and the body, generates a moment of motion (librosa compiles at its first
-    use), and finds out what can draw.
+    Reads every system and the body, generates a moment of motion, and finds out what can draw.
     """
     import numpy as np
 

@@ -1,7 +1,8 @@
 """BeatAlign: do beats of motion and of speech fall together? In both directions, with chance.
 
 Motion beats are local minima of a joint's speed (in a neighbourhood of 7 frames on either side)
-above 0.3 of that joint's mean speed; speech beats are librosa's onsets at 512 samples. The
+above 0.3 of that joint's mean speed; speech beats are onsets as librosa
+finds them at 512 samples (`model.speech.onsets`). The
 direction of EMAGE asks for each onset how near the next motion beat is (sigma 0.3 s; mean over
 onsets, then over the 13 upper-body joints; a joint without beats counts 0). That of AsynFusion asks
 for each motion beat how near the next onset is (here sigma 0.1 s; the paper names none). Onsets in
@@ -21,6 +22,7 @@ from scipy.signal import argrelextrema
 
 from model.motion.skeleton import NUM_JOINTS, UPPER_BODY
 from model.motion.timing import FPS, SAMPLE_RATE
+from model.speech.onsets import onset_times
 from model.storage.npz import MotionError
 
 BEAT_JOINTS = list(UPPER_BODY)
@@ -35,9 +37,7 @@ MAX_SPEEDS_BYTES = 64 * 1024
 
 def speech_onsets(waveform: Float[np.ndarray, " N"]) -> Float[np.ndarray, " onsets"]:
     """Times in seconds at which sounds begin."""
-    import librosa  # takes a second to import
-
-    return librosa.onset.onset_detect(y=waveform, sr=SAMPLE_RATE, hop_length=512, units="time")
+    return onset_times(waveform, SAMPLE_RATE)
 
 
 def read_mean_speeds(path: Path) -> Float[np.ndarray, " 13"]:

@@ -4,7 +4,6 @@ Everything is computed at 100 Hz (160 samples; 16000 / 30 is no integer) and ave
 exact span of each motion frame. Blocks bound the memory, and give the same numbers for any size.
 """
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,11 +12,14 @@ from jaxtyping import Bool, Float, Float32, Float64
 from torch import Tensor
 
 from model.motion.timing import FPS, SAMPLE_RATE
+from model.speech.mel import mel_filters
+from model.speech.pitch import fundamentals
 
 HOP = 160  # 10 ms
 WINDOW = 400  # 25 ms of speech under each spectrum
 FFT_SIZE = 512
 NUM_MELS = 64
+LOWEST_MEL_HZ = 50.0
 PITCH_WINDOW = 1024  # 64 ms: two periods of 31 Hz
 PITCH_RANGE_HZ = (60.0, 420.0)
 BLOCK_FRAMES = 1000  # 10 s
@@ -137,7 +139,7 @@ def _log_mel(
     waveform: Float32[np.ndarray, " N"], first: int, last: int
 ) -> tuple[Float64[np.ndarray, "hops mels"], Float64[np.ndarray, " hops"]]:
     """Mel power and total power in dB."""
-    filters = _mel_filters()
+    filters = mel_filters(SAMPLE_RATE, FFT_SIZE, NUM_MELS, LOWEST_MEL_HZ)
     taper = np.hanning(WINDOW).astype(np.float32)
     log_mel = np.empty((last - first, NUM_MELS))
     energy = np.empty(last - first)
@@ -151,29 +153,15 @@ def _log_mel(
     return log_mel, energy
 
 
-@functools.cache
-def _mel_filters() -> Float32[np.ndarray, "mels bins"]:
-    import librosa  # takes a second to import
-
-    return librosa.filters.mel(sr=SAMPLE_RATE, n_fft=FFT_SIZE, n_mels=NUM_MELS, fmin=50.0)
-
-
 def _fundamental(
     waveform: Float32[np.ndarray, " N"], first: int, last: int
 ) -> Float64[np.ndarray, " hops"]:
     """In Hz, whether there is one or not."""
-    import librosa
-
-    low, high = PITCH_RANGE_HZ
     found = np.empty(last - first)
     for start in range(first, last, BLOCK_FRAMES):
         stop = min(last, start + BLOCK_FRAMES)
         windows = _windows(waveform, start, stop, PITCH_WINDOW)
-        samples = np.concatenate([windows[:, :HOP].ravel(), windows[-1, HOP:]])
-        found[start - first : stop - first] = librosa.yin(
-            samples, fmin=low, fmax=high, sr=SAMPLE_RATE,
-            frame_length=PITCH_WINDOW, hop_length=HOP, center=False,
-        )  # fmt: skip
+        found[start - first : stop - first] = fundamentals(windows, SAMPLE_RATE, *PITCH_RANGE_HZ)
     return found
 
 

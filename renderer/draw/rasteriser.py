@@ -7,9 +7,12 @@ compares their pictures.
 Depth is kept as its inverse ``1 / z``, which is linear across the picture: 0 is infinitely far.
 """
 
+import functools
+from pathlib import Path
+
 import numpy as np
 
-from renderer.draw.compiled import compiled
+from renderer.draw.compiled import inner, loop, prepare
 
 _GROUND_BOUNCE = (0.72, 0.68, 0.65)
 _SKY = (1.05, 1.10, 1.20)
@@ -25,7 +28,7 @@ _SLIVER = 1e-7
 """Of a sample, by which each row of a triangle is wider, lest rounding leaves a crack."""
 
 
-@compiled
+@loop("void(f4[:,::1], f8[::1], f8[:,::1], f8, f8[::1], f8[:,::1])")
 def project(vertices, eye, axes, focal, middle, corners):
     """Fill ``corners`` (V, 3): column and row in samples, and inverse depth, of each vertex.
 
@@ -45,7 +48,7 @@ def project(vertices, eye, axes, focal, middle, corners):
         corners[v, 2] = inverse
 
 
-@compiled
+@inner
 def _shade(point, normal, base, eye, towards, lights, ambient, lit):
     """Fill ``lit`` (3,) with the display colour of one vertex, 0 to 1; see `fill_triangles`."""
     nx, ny, nz = normal
@@ -83,7 +86,10 @@ def _shade(point, normal, base, eye, towards, lights, ambient, lit):
         lit[channel] = np.sqrt(min(max(value, 0.0), 1.0))
 
 
-@compiled
+@loop(
+    "void(f4[:,::1], f4[:,::1], f4[:,::1], f8[:,::1], i4[:,::1], b1[::1], f8[::1], f8[:,::1], "
+    "f8[:,::1], f8, f8, f4[:,::1], b1[::1], f4[:,::1], f4[:,:,::1], i4[:,::1])"
+)
 def fill_triangles(
     vertices, normals, colors, corners, faces, has_back, eye, towards, lights, ambient, nearest,
     lit, is_lit, inverse_depth, canvas, spans,
@@ -212,7 +218,7 @@ def fill_triangles(
                 spans[row, 1] = max(spans[row, 1], right)
 
 
-@compiled
+@loop("void(i8, f8[:,::1], f8[::1], u1[:,:,::1], f8[::1], u1[:,:,::1])")
 def fill_floor(scale, ray, floor, texture, backdrop, pixels):
     """The picture without a body: the floor over the background, one sample a pixel.
 
@@ -272,7 +278,7 @@ def fill_floor(scale, ray, floor, texture, backdrop, pixels):
                 )
 
 
-@compiled
+@loop("void(f4[:,:,::1], f4[:,::1], i4[:,::1], i8, f8[:,::1], f8[::1], u1[:,:,::1])")
 def lay_body(canvas, inverse_depth, spans, scale, ray, floor, pixels):
     """Lay the body over the picture of `fill_floor`, or over nothing.
 
@@ -317,3 +323,30 @@ def lay_body(canvas, inverse_depth, spans, scale, ray, floor, pixels):
             pixels[row, column, 0] = np.uint8(by * red + behind * pixels[row, column, 0] + half)
             pixels[row, column, 1] = np.uint8(by * green + behind * pixels[row, column, 1] + half)
             pixels[row, column, 2] = np.uint8(by * blue + behind * pixels[row, column, 2] + half)
+
+
+@functools.cache
+def make_ready() -> None:
+    """Have the loops' machine code at hand, as every process must before it calls one."""
+    prepare((project, fill_triangles, fill_floor, lay_body), Path(__file__), _draw_one_triangle)
+
+
+def _draw_one_triangle() -> None:
+    """Call each loop once, for a picture of four pixels."""
+    side, one = 4, np.ones(3)
+    vertices = np.array([[-1, -1, -2], [1, -1, -2], [0, 1, -2]], np.float32)
+    corners, axes = np.empty((3, 3)), np.eye(3)
+    project(vertices, np.zeros(3), axes, float(side), np.array([2.0, 2.0]), corners)
+    depth, canvas = np.zeros((side, side), np.float32), np.zeros((side, side, 3), np.float32)
+    spans = np.tile(np.array([side, -1], np.int32), (side, 1))
+    normals = np.tile(np.array([0, 0, 1], np.float32), (3, 1))
+    faces = np.array([[0, 1, 2]], np.int32)
+    fill_triangles(
+        *(vertices, normals, normals, corners, faces, np.ones(1, np.bool_), np.zeros(3)),
+        *(normals.astype(np.float64), np.eye(3), 0.5, 10.0, np.empty((3, 3), np.float32)),
+        *(np.zeros(3, np.bool_), depth, canvas, spans),
+    )
+    pixels = np.zeros((2, 2, 3), np.uint8)
+    floor = np.array([0.0, 1.0, 0.0, 0.0, -1.0, -1.0, 2.0])
+    fill_floor(2, axes, floor, np.zeros((4, 4, 3), np.uint8), one, pixels)
+    lay_body(canvas, depth, spans, 2, axes, floor, pixels)

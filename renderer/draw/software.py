@@ -28,7 +28,10 @@ class SoftwareRenderer:
         Raises:
             ValueError: if the picture has no pixel.
         """
+        from renderer.draw import rasteriser
+
         check_picture_size(width, height)
+        rasteriser.make_ready()
         self._antialias: Antialias = antialias
         self._scale = 1 if antialias == "none" else SUPERSAMPLE
         samples = (height * self._scale, width * self._scale)

@@ -221,9 +221,9 @@ def run_without_opengl(folder: Path, code: str, **environment: str) -> str:
 
 
 COMPILE = """
-from renderer.draw.compiled import compiled
 from renderer.draw import rasteriser
 import numpy as np
+rasteriser.make_ready()
 rasteriser.project(np.zeros((1, 3), np.float32), np.ones(3), np.eye(3), 1.0, np.ones(2),
                    np.zeros((1, 3)))
 print("drawn")
@@ -240,7 +240,10 @@ def test_machine_code_is_kept_in_the_users_cache_and_nowhere_else(tmp_path):
 
 def test_a_cache_that_cannot_be_written_is_done_without(tmp_path):
     (tmp_path / "file").write_text("")
-    environment = {"XDG_CACHE_HOME": str(tmp_path / "file"), "NUMBA_CACHE_DIR": ""}
+    environment = {
+        **{"XDG_CACHE_HOME": str(tmp_path / "file"), "NUMBA_CACHE_DIR": ""},
+        "TMPDIR": str(tmp_path / "none"),
+    }
     assert "drawn" in run_without_opengl(tmp_path, COMPILE, **environment)
 
 

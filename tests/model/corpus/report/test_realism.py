@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
-from sklearn.linear_model import LogisticRegression  # librosa needs it, so it is always there
+from sklearn.linear_model import LogisticRegression
 
 from model.corpus.people.rig import JOINT, forward_kinematics, matrices, open_body_rig
 from model.corpus.report.realism import (

@@ -1,0 +1,121 @@
+"""Machine code that several processes share from their first moment on."""
+
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+ROUNDS = int(os.environ.get("COLD_STARTS", "2"))
+"""More than two before a release: each takes some seconds."""
+DRAW = """
+import hashlib, sys
+import numpy as np
+from renderer.draw import rasteriser
+from renderer.draw.probe import try_backend
+assert try_backend("software").works
+corners = np.empty((5, 3))
+points = np.arange(15, dtype=np.float32).reshape(5, 3) - 20
+rasteriser.project(points, np.zeros(3), np.eye(3), 2.0, np.ones(2), corners)
+print("drawn", hashlib.sha256(corners.tobytes()).hexdigest())
+"""
+
+
+def start(cache: Path, code: str = DRAW) -> subprocess.Popen:
+    return subprocess.Popen(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        env={**os.environ, "XDG_CACHE_HOME": str(cache), "NUMBA_CACHE_DIR": ""},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def told(child: subprocess.Popen) -> tuple[str, str]:
+    """What it drew and what it said; it must have ended well."""
+    out, error = child.communicate(timeout=120)
+    assert child.returncode == 0, error
+    assert out.startswith("drawn ")
+    return out, error
+
+
+def kept(cache: Path) -> Path:
+    """The one folder of code."""
+    (facts,) = cache.glob("co-speech-motion/machine-code/*/complete.json")
+    return facts.parent
+
+
+@pytest.mark.parametrize("round_", range(ROUNDS))
+def test_processes_that_begin_at_once_share_one_code_though_the_first_is_killed(tmp_path, round_):
+    first = start(tmp_path)
+    time.sleep(0.6 + 1.2 * round_ / ROUNDS)  # somewhere between its imports and its code
+    others = [start(tmp_path) for _ in range(4)]
+    first.send_signal(signal.SIGKILL)
+    drawn = {told(child) for child in others}
+    first.communicate()
+    assert len(drawn) == 1, drawn
+    before = {path: path.stat().st_mtime_ns for path in kept(tmp_path).rglob("*")}
+    assert told(start(tmp_path)) in drawn
+    assert {path: path.stat().st_mtime_ns for path in kept(tmp_path).rglob("*")} == before
+    assert not list(tmp_path.rglob("*unfinished*"))
+
+
+def test_damaged_code_is_made_anew_with_a_sentence(tmp_path):
+    whole = told(start(tmp_path))
+    code = max(kept(tmp_path).rglob("*.nbc"), key=lambda path: path.stat().st_size)
+    content = code.read_bytes()
+    code.write_bytes(content[: len(content) // 2] + bytes(len(content) - len(content) // 2))
+    drawn, said = told(start(tmp_path))
+    assert drawn == whole[0]
+    assert "was damaged (a file is not what was written); made anew" in said
+    assert told(start(tmp_path)) == whole
+
+
+def test_code_in_which_a_process_ended_is_made_anew_with_a_sentence(tmp_path):
+    whole = told(start(tmp_path))
+    crash = DRAW.replace("from renderer.draw import rasteriser", CRASH)
+    child = start(tmp_path, crash)
+    child.communicate(timeout=120)
+    assert child.returncode == -signal.SIGSEGV
+    drawn, said = told(start(tmp_path))
+    assert drawn == whole[0]
+    assert "a process ended while it tried the code" in said
+    assert told(start(tmp_path)) == whole
+
+
+CRASH = """
+import os, signal
+from renderer.draw import compiled, rasteriser
+def crash(): os.kill(os.getpid(), signal.SIGSEGV)
+loops = rasteriser.project, rasteriser.fill_triangles, rasteriser.fill_floor, rasteriser.lay_body
+compiled.prepare(loops, __import__("pathlib").Path(rasteriser.__file__), crash)
+"""
+
+
+def test_code_that_others_could_have_left_is_not_run(tmp_path):
+    folder = tmp_path / "co-speech-motion" / "machine-code"
+    folder.mkdir(parents=True)
+    folder.chmod(0o777)
+    told(start(tmp_path, f"import tempfile; tempfile.tempdir = {str(tmp_path)!r}" + DRAW))
+    assert not list(folder.iterdir())
+    (own,) = tmp_path.glob("co-speech-motion-*")
+    assert own.stat().st_mode & 0o777 == 0o700
+    assert list(own.glob("*/complete.json"))
+
+
+def test_checksums_cover_every_file_of_code(tmp_path):
+    told(start(tmp_path))
+    written = json.loads((kept(tmp_path) / "complete.json").read_text())
+    files = [path for path in kept(tmp_path).rglob("*.nb[ci]")]
+    assert len(files) == 8  # four loops, an index and code of each
+    assert written == {
+        str(path.relative_to(kept(tmp_path))): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in files
+    }
