@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 CLIP_S = 10.0
 SAMPLES = 5
 LADDER = "globaldiff/"
+BUSY_SYSTEMS = ("globaldiff/local", "globaldiff/global", "globaldiff/full")
 PAGE_SIZE_PX = 640
 """Height of a body in the page's player."""
 SHORT_S, LONG_S = 60.0, 600.0
@@ -90,6 +91,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         warm_up(options.weights, None)
         add(time_motion(clip, options.weights))
         add(time_training(options.weights))
+        add(time_beside_busy_cores(clip, options.weights, folder))
         add(time_run(clip, options.weights, folder))
         add(time_page_run(clip, options.weights, folder))
         add(time_measures(next((folder / "run").glob("globaldiff-*.npz"))))
@@ -175,7 +177,37 @@ def time_training(weights: Path) -> list[Figure]:
             title = f"training, {name}, {config} size, {kind}"
             figures.append(Figure(title, rate, "windows/s", f"at least {aim}" if is_fast else ""))
     rate = training_rate("globaldiff/full", weights)
-    return [*figures, Figure("training, globaldiff/full, demo size, as trained", rate, "windows/s")]
+    figures.append(Figure("training, globaldiff/full, demo size, as trained", rate, "windows/s"))
+    for instructions in ("AVX512_CORE", "AVX2"):  # of processors without AMX, and without AVX-512
+        code = (
+            "from pathlib import Path; from model.bench import training_rate; "
+            f"print(training_rate('globaldiff/global', Path({str(weights.resolve())!r})))"
+        )
+        environment = {"ONEDNN_MAX_CPU_ISA": instructions, "ATEN_CPU_CAPABILITY": "avx2"}
+        rate = float(_told("-c", code, **environment))
+        title = f"training, globaldiff/global, demo size, {instructions}"
+        figures.append(Figure(title, rate, "windows/s"))
+    return figures
+
+
+def time_beside_busy_cores(clip: Path, weights: Path, folder: Path) -> list[Figure]:
+    """The command line with three systems: alone, beside one busy process, and beside one on each
+    core."""
+    figures = []
+    for busy in (0, 1, os.cpu_count() or 1):
+        out = folder / f"beside-{busy}"
+        flags = ["--systems", ",".join(BUSY_SYSTEMS), "--no-video", "--out", str(out)]
+        loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(busy)]
+        try:
+            started = time.perf_counter()
+            _told("-m", "app", "generate", str(clip), *flags, "--weights", str(weights.resolve()))
+            wall_s = time.perf_counter() - started
+        finally:
+            for loop in loops:
+                loop.kill()
+                loop.wait()
+        figures.append(Figure(f"three systems beside {busy} busy processes", wall_s, "s"))
+    return figures
 
 
 def time_run(clip: Path, weights: Path, folder: Path) -> list[Figure]:
@@ -358,6 +390,17 @@ def _peak_mb(*arguments: str) -> float:
     if status:
         raise RuntimeError(f"It failed: {' '.join(command)}")
     return usage.ru_maxrss / 1024  # kilobytes on Linux
+
+
+def _told(*arguments: str, **environment: str) -> str:
+    """What Python with these arguments writes."""
+    child = subprocess.run(
+        [sys.executable, *arguments], cwd=PROJECT, env={**os.environ, **environment},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if child.returncode:
+        raise RuntimeError(f"It failed: {' '.join(arguments)}\n{child.stderr}")
+    return child.stdout
 
 
 def _ms_per_frame(started: float, num_frames: int) -> float:

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from model.generation.base import Draw, System, Window
+from model.generation.one_thread import one_thread
 from model.generation.speech_stream import SpeechStream, SpeechWindow
 from model.generation.stitching import num_windows
 from model.motion.kinematics import local_from_global
@@ -67,7 +68,8 @@ def generate_motion(
 ) -> list[Motion]:
     """One motion for each sample, exactly ``speech.num_frames`` frames at 30 fps.
 
-    Speech shorter than a window is padded with silence inside, and the motion cut again.
+    Speech shorter than a window is padded with silence inside, and the motion cut again. Torch
+    works in one thread meanwhile (`one_thread`).
 
     Args:
         on_progress: called with the share done, 0 to 1.
@@ -78,6 +80,17 @@ def generate_motion(
         ValueError: if guidance, or steps of the face, are asked of a system that takes none.
         Cancelled: if ``should_cancel`` said so.
     """
+    with one_thread():
+        return _generated(system, speech, options, on_progress, should_cancel)
+
+
+def _generated(
+    system: System,
+    speech: Speech,
+    options: GenerateOptions,
+    on_progress: Callable[[float], None] | None,
+    should_cancel: Callable[[], bool] | None,
+) -> list[Motion]:
     cut = system.windowing
     count = num_windows(speech.num_frames, cut.frames, cut.overlap)
     features = torch.from_numpy(
