@@ -1,0 +1,48 @@
+"""The command of the installed form, where this file stands above ``app``, ``model`` and
+``renderer`` as ``co_speech_motion/__main__.py``; a checkout has ``python -m app`` instead.
+
+Installed under names of their own, the three would be ``app`` and ``model`` to every other program
+of the environment. So they lie in one folder, which is searched by this program and its children
+alone.
+"""
+
+import runpy
+import sys
+from pathlib import Path
+
+PROGRAM = "co-speech-motion"
+MODULES = {
+    "page": "app.page.launch",
+    "bench": "app.commands.bench",
+    "corpus": "model.corpus",
+    "train": "model.train",
+    "evaluate": "model.evaluate",
+}
+"""Words of the command that are programs of their own; every other is one of ``python -m app``."""
+
+
+def main() -> int:
+    """Run one command; without any, say which there are."""
+    sys.path.insert(0, str(Path(__file__).resolve().parent))
+    word = sys.argv[1] if len(sys.argv) > 1 else ""
+    if word == "page":
+        from app.page.launch import main as serve
+
+        serve(sys.argv[2:])
+        return 0
+    if word in MODULES:
+        sys.argv[:2] = [f"{PROGRAM} {word}"]
+        runpy.run_module(MODULES[word], run_name="__main__", alter_sys=True)
+        return 0
+    from app.commands.cli import main as command
+
+    if word in ("", "-h", "--help"):
+        sys.stdout.write(
+            f"{PROGRAM} page [...]               opens the page; --help says with what\n"
+            f"{PROGRAM} corpus|train|evaluate    as python -m model.corpus and so on\n\n"
+        )
+    return command(sys.argv[1:] or ["--help"])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

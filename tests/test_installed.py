@@ -1,0 +1,147 @@
+"""What `pip install .` makes, used outside of the checkout; and the container's steps."""
+
+import os
+import re
+import resource
+import shutil
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from tests.helpers import ROOT
+
+GIGABYTE = 2**30
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder as site-packages is after the install; what is needed besides is in this one."""
+    folder = tmp_path_factory.mktemp("installed")
+    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-index"]
+    command += ["--no-build-isolation", "--wheel-dir", str(folder), str(ROOT)]
+    subprocess.run(command, check=True, capture_output=True)
+    (wheel,) = folder.glob("co_speech_motion-*.whl")
+    with zipfile.ZipFile(wheel) as packed:
+        packed.extractall(folder / "site")
+    wheel.unlink()
+    return folder / "site"
+
+
+def installed(
+    site: Path, *arguments: str, cwd: Path, one_core: bool = False, **environment: str
+) -> subprocess.Popen:
+    """The command, as the script that pip writes calls it."""
+    code = "import sys; from co_speech_motion.__main__ import main; sys.exit(main())"
+    command = [sys.executable, "-c", code, *arguments]
+    if one_core and (taskset := shutil.which("taskset")):
+        command = [taskset, "--cpu-list", str(min(os.sched_getaffinity(0))), *command]
+    variables = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    return subprocess.Popen(
+        command,
+        cwd=cwd,
+        env={**variables, "PYTHONPATH": str(site), **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def answer(child: subprocess.Popen) -> str:
+    out, error = child.communicate(timeout=300)
+    assert child.returncode == 0, out + error
+    return out
+
+
+def test_one_name_stands_beside_the_packages_of_others(site: Path) -> None:
+    names = {path.name for path in site.iterdir() if not path.name.endswith(".dist-info")}
+    assert names == {"co_speech_motion"}
+    entry = next(site.glob("*.dist-info/entry_points.txt")).read_text()
+    assert "co-speech-motion = co_speech_motion.__main__:main" in entry
+    root = site / "co_speech_motion"
+    shipped = {str(path.relative_to(root)) for path in root.rglob("*.*")}
+    assert {"renderer/draw/shaders/mesh.vert", "model/weights/expression.json"} <= shipped
+    assert not [name for name in shipped if "__pycache__" in name or name.startswith("tests")]
+
+
+def test_every_file_of_the_three_roots_is_in_it(site: Path) -> None:
+    listed = subprocess.run(
+        ["git", "ls-files", "app", "model", "renderer", "examples"],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    ).stdout.split()  # fmt: skip
+    if not listed:
+        pytest.skip("not a git checkout, so the files cannot be listed")
+    there = [name for name in listed if (ROOT / name).exists()]
+    assert [name for name in there if not (site / "co_speech_motion" / name).exists()] == []
+
+
+def test_the_command_works_where_nothing_but_its_output_can_be_written(
+    site: Path, tmp_path: Path
+) -> None:
+    """No home, one core, and as much memory as a machine of 4 GB has left."""
+    home = tmp_path / "home"
+    home.write_text("a file, in which no cache can be made")
+    speech = site / "co_speech_motion" / "examples" / "three_reasons.wav"
+    child = installed(
+        site,
+        *("generate", str(speech), "--systems", "globaldiff/global", "--steps", "1"),
+        *("--out", "results", "--no-video"),
+        cwd=tmp_path, one_core=True,
+        HOME=str(home), XDG_CACHE_HOME=str(home), XDG_CONFIG_HOME=str(home),
+    )  # fmt: skip
+    resource.prlimit(child.pid, resource.RLIMIT_DATA, (3 * GIGABYTE, 3 * GIGABYTE))
+    answer(child)
+    assert (tmp_path / "results" / "globaldiff-global.npz").is_file()
+    assert (tmp_path / "results" / "figure6.png").is_file()
+    assert "--data" in answer(installed(site, "train", "--help", cwd=tmp_path))
+
+
+def test_the_installed_page_opens_and_ends(site: Path, tmp_path: Path) -> None:
+    port = 7950
+    flags = ("page", "--port", str(port))
+    child = installed(site, *flags, cwd=tmp_path, TMPDIR=str(tmp_path), HOME=str(tmp_path))
+    try:
+        deadline = time.monotonic() + 120
+        while time.monotonic() < deadline and child.poll() is None:
+            try:
+                urllib.request.urlopen(f"http://127.0.0.1:{port}/config", timeout=5)
+                break
+            except urllib.error.URLError:
+                time.sleep(0.3)
+        assert child.poll() is None, child.communicate()
+        assert urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=30).status == 200
+    finally:
+        child.terminate()
+        _, error = child.communicate(timeout=60)
+    assert child.returncode == 0, error
+    assert "Traceback" not in error
+
+
+def test_the_container_is_made_by_the_scripts_of_make_demo() -> None:
+    steps = re.findall(r"^RUN (\S+ run)\b", (ROOT / "Dockerfile").read_text(), re.MULTILINE)
+    makefile = (ROOT / "Makefile").read_text()
+    recipe = makefile[makefile.index(".venv/.run-ready:") :].split("\n\n")[0]
+    assert steps == re.findall(r"@(\.ci/\S+ run)\b", recipe) == [
+        ".ci/system-packages run",
+        ".ci/venv run",
+    ]  # fmt: skip
+
+
+def test_the_container_is_given_every_file_that_its_steps_and_the_page_need() -> None:
+    text = (ROOT / "Dockerfile").read_text()
+    given = {name for line in re.findall(r"^COPY (.*) \S+$", text, re.M) for name in line.split()}
+    ignored = (ROOT / ".dockerignore").read_text().split()
+    assert given == {
+        ".ci", "requirements.txt", "requirements-cluster.txt", "locks",
+        "app.py", "app", "model", "renderer", "examples",
+    }  # fmt: skip
+    assert not given & set(ignored)
+    assert all((ROOT / name).exists() for name in given)
+    assert re.search(r"^USER (?!root)\w+$", text, re.M)
+    user = text.index("\nUSER")
+    assert user < text.index("\nHEALTHCHECK") and user < text.index("\nCMD")
