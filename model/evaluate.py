@@ -54,7 +54,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--weights", type=Path, default=BUNDLED_WEIGHTS)
     parser.add_argument("--seeds", type=int, default=2, help="noise seeds for each clip")
-    parser.add_argument("--guidance", type=float, default=1.0, help="strength of the speech")
+    parser.add_argument(
+        "--guidance", type=float, help="strength of the speech (default: each system's usual one)"
+    )
     parser.add_argument("--clips", type=int, help="only the first so many clips")
     parser.add_argument("--processes", type=int, help="on this machine (default: all cores)")
     parser.add_argument("--scheduler", help="a Dask scheduler, such as tcp://head:8786")
@@ -118,7 +120,7 @@ def evaluate(
     seeds: int,
     *,
     judges: Mapping[str, FrozenEncoder] = MappingProxyType({}),
-    guidance: float = 1.0,
+    guidance: float | None = None,
     crew: Crew = ALONE,
     kept: Path | None = None,
     again: Callable[[], Cast] | None = None,
@@ -176,7 +178,7 @@ def evaluate(
     return {
         "clips": names,
         "noise_seeds": seeds,
-        "guidance": guidance,
+        "guidance": _strengths(cast.systems, guidance),
         **table,
         "left_out": frechet.left_out(judges, motions.values()),
     }
@@ -193,7 +195,16 @@ def _load(names: tuple[str, ...], weights: Path) -> Cast:
     return Cast(tuple(load_system(name, weights) for name in names), judges)
 
 
-def _stamp(folder: Path, names: Sequence[str], cast: Cast, seeds: int, guidance: float) -> str:
+def _strengths(systems: Sequence[System], guidance: float | None) -> dict[str, float]:
+    """With which each hears its speech; those that cannot be asked hear it as trained."""
+    return {
+        each.name: each.strength(None if each.guidance is None else guidance) for each in systems
+    }
+
+
+def _stamp(
+    folder: Path, names: Sequence[str], cast: Cast, seeds: int, guidance: float | None
+) -> str:
     """Tells the numbers of these recordings, weights and options from all others."""
     told = {
         "recordings": fingerprint(folder, names),
@@ -201,7 +212,7 @@ def _stamp(folder: Path, names: Sequence[str], cast: Cast, seeds: int, guidance:
         "systems": {system.name: dict(system.sha256s) for system in cast.systems},
         "judges": {measure: judge.sha256 for measure, judge in cast.judges.items()},
         "seeds": seeds,
-        "guidance": guidance,
+        "guidance": _strengths(cast.systems, guidance),
     }
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
 

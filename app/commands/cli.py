@@ -117,8 +117,9 @@ def _add_generate(commands) -> None:
         help="of systems that have it (default: each its usual one)",
     )
     parser.add_argument(
-        "--guidance", type=float, default=1.0, metavar="N",
-        help="strength of the speech, 0 to 10; other values than 1 take twice as long (default: 1)",
+        "--guidance", type=float, metavar="N",
+        help="strength of the speech, 0 to 10; 1 is as trained, and as the papers' own code draws\n"
+        "(default: as suits each system)",
     )  # fmt: skip
     parser.add_argument(
         "--post-filter", choices=POST_FILTERS, default="none",

@@ -126,9 +126,8 @@ def _options(
         raise RunError(
             f"There is no sampler {request.sampler!r}; choose one of {', '.join(names)}."
         )
-    guided = [system.name for system in systems if system.takes_guidance]
-    if request.guidance != 1 and not guided:
-        raise RunError("None of these systems takes guidance; leave it at 1.")
+    if request.guidance not in (None, 1) and all(each.guidance is None for each in systems):
+        raise RunError("None of these systems takes guidance; leave it out.")
     options: dict[str, GenerateOptions] = {}
     for system in systems:
         chosen = request.sampler if system.name in with_sampler else None
@@ -137,8 +136,8 @@ def _options(
             reporter.note(
                 f"{system.name} has no sampler {request.sampler}; it took {sampler.name}."
             )
-        guidance = request.guidance if system.takes_guidance else 1.0
-        if guidance != request.guidance:
+        guidance = system.strength(None if system.guidance is None else request.guidance)
+        if request.guidance not in (None, guidance):
             reporter.note(f"{system.name} takes no guidance.")
         face_steps = steps_of(request.face_steps, system.name)
         if face_steps is not None and sampler.face_steps is None:

@@ -85,9 +85,9 @@ class GenerateRequest:
     """Of the systems that draw the face by steps of its own; the others have none."""
     sampler: str | None = None
     """Of the systems that have it; the others, and all for None, take their usual one."""
-    guidance: float = 1.0
+    guidance: float | None = None
     """Strength of the speech, 0 (deaf) to 10 (classifier-free guidance), of the systems whose it
-    can be chosen; 1 is as trained."""
+    can be chosen; 1 is as trained, None as suits each."""
     post_filter: PostFilter = "none"
     transcript: Path | None = None
     """A TextGrid of the speech; its words go to the numbers."""
@@ -170,7 +170,7 @@ def check_request(request: GenerateRequest) -> None:
         raise RunError(f"Samples must be 1 to {MAX_SAMPLES}; got {request.samples}.")
     _check_steps("Steps", request.steps)
     _check_steps("Face steps", request.face_steps)
-    if not 0 <= request.guidance <= MAX_GUIDANCE:
+    if request.guidance is not None and not 0 <= request.guidance <= MAX_GUIDANCE:
         raise RunError(f"Guidance must be 0 to {MAX_GUIDANCE}; got {request.guidance:g}.")
     if request.seed < 0:
         raise RunError(f"The seed must not be negative; got {request.seed}.")

@@ -70,7 +70,7 @@ class OneClip:
     folder: Path
     cast: Callable[[], Cast]
     seeds: int
-    guidance: float
+    guidance: float | None
     batch_windows: int
     mean_speed: np.ndarray
     """Of the joints whose beats count, over all clips."""
@@ -89,7 +89,7 @@ class OneClip:
                 speaker=speaker_in(name),
                 seed=clip_seed(0, name),
                 samples=self.seeds,
-                guidance=self.guidance if system.takes_guidance else 1.0,
+                guidance=None if system.guidance is None else self.guidance,
             )
             prediction = system.predict_with(
                 motion,

@@ -117,8 +117,8 @@ class System(ABC):
     """In which the rotations of its windows are told, and joined."""
     root_motion: RootMotion
     expression_basis: ExpressionBasis = "arkit52"
-    takes_guidance: bool = False
-    """Whether the strength of the speech can be chosen."""
+    guidance: float | None = None
+    """The usual strength of the speech; None where it cannot be chosen, and is that of training."""
 
     def speaker_index(self, speaker: str) -> int:
         """Index of a speaker by name.
@@ -145,6 +145,18 @@ class System(ABC):
                 return sampler
         names = ", ".join(sampler.name for sampler in self.samplers)
         raise UnknownNameError(f"{self.name} has no sampler {name!r}; it has {names}.")
+
+    def strength(self, guidance: float | None) -> float:
+        """The strength of the speech that is asked for, or the usual one.
+
+        Raises:
+            ValueError: if it cannot be chosen.
+        """
+        if guidance is None:
+            return 1.0 if self.guidance is None else self.guidance
+        if guidance != 1 and self.guidance is None:
+            raise ValueError(f"{self.name} takes no guidance; leave it out, or at 1.")
+        return guidance
 
     @abstractmethod
     def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> Window:

@@ -67,6 +67,8 @@ class Family:
     """Networks that are trained like systems and serve them."""
     own_samplers: Mapping[str, tuple[Sampler, ...]] = field(default_factory=dict)
     """By generator, where they are not the family's."""
+    guidance: Mapping[str, float] = field(default_factory=dict)
+    """By generator, the usual strength of the speech; those that are not in it take none."""
     shared_weights: Mapping[str, str] = field(default_factory=dict)
     """Generators that move with the weights of another, and whose."""
 
@@ -83,6 +85,10 @@ class Family:
     def samplers_of(self, system: str) -> tuple[Sampler, ...]:
         """The samplers of a generator; the first is the usual one."""
         return self.own_samplers.get(system, self.samplers)
+
+    def guidance_of(self, system: str) -> float | None:
+        """The usual strength of the speech of a generator; None where it cannot be chosen."""
+        return self.guidance.get(system)
 
     def weights_of(self, system: str) -> str:
         """Under whose name the weights of a generator are saved."""

@@ -41,10 +41,9 @@ class GenerateOptions:
     """Of systems that draw the face by steps of its own; None is the sampler's usual share."""
     sampler: str | None = None
     """One of the system's own; None is its first."""
-    guidance: float = 1.0
-    """Strength of the speech: x_1 without speech plus this times what speech changes in it
-    (classifier-free guidance). 1 is the network as trained, 0 is deaf; any other value than 1 asks
-    the network twice at each evaluation."""
+    guidance: float | None = None
+    """Strength of the speech (`model.sampling.guidance`): 1 is the network as trained, 0 is deaf;
+    None is the system's usual one. Any other than 1 asks the network for a batch of two."""
 
     def __post_init__(self) -> None:
         if self.samples < 1:
@@ -53,7 +52,7 @@ class GenerateOptions:
             count = getattr(self, name)
             if count is not None and count < 1:
                 raise ValueError(f"{name} is {count}; at least 1 is needed.")
-        if not 0 <= self.guidance <= 10:
+        if self.guidance is not None and not 0 <= self.guidance <= 10:
             raise ValueError(f"guidance is {self.guidance}; it must lie between 0 and 10.")
         if self.seed < 0:
             raise ValueError(f"seed is {self.seed}; it must not be negative.")
@@ -217,8 +216,6 @@ def _draw(system: System, options: GenerateOptions) -> Draw:
         UnknownNameError, ValueError: see `stream_motion`.
     """
     sampler = system.sampler(options.sampler)
-    if options.guidance != 1 and not system.takes_guidance:
-        raise ValueError(f"{system.name} takes no guidance; leave it at 1.")
     if options.face_steps is not None and sampler.face_steps is None:
         raise ValueError(f"{system.name} takes no steps for the face alone; leave them out.")
     steps, face_steps = sampler.counts(options.steps, options.face_steps)
@@ -230,7 +227,7 @@ def _draw(system: System, options: GenerateOptions) -> Draw:
         sampler=sampler.name,
         steps=steps,
         face_steps=face_steps,
-        guidance=options.guidance,
+        guidance=system.strength(options.guidance),
     )
 
 

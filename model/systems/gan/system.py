@@ -11,7 +11,9 @@ from model.generation.base import Draw
 from model.motion.decoding import rotations
 from model.motion.packing import Normaliser
 from model.motion.spaces import ROOT_DIM
+from model.networks.branch import shown
 from model.sampling.flow import seeded_noise
+from model.sampling.guidance import SpeechGuide
 from model.sampling.prior import GaussianPrior
 from model.speech.encoders import make_encoder
 from model.storage.cards import CheckpointError
@@ -64,21 +66,31 @@ class GanSystem(FacedSystem):
         the earlier time from the posterior; a solver follows the mean of x_0 instead."""
         config, size = self.config, draw.samples
         known = torch.zeros(size, config.seed_frames, config.channels) if seed is None else seed
+        guide = SpeechGuide(draw.guidance, self.normaliser, "axis-angle")
+        copies, hears = guide.copies(size), guide.hears(size)
         has_seed = torch.full((size,), seed is not None)
-        tokens = self.network.hear(speech[None], torch.ones(1, dtype=torch.bool))
+        tokens = self.network.hear(guide.twice(speech[None]), guide.hears(1))
         conditions = {
-            "tokens": tokens.expand(size, -1, -1),
-            "face": expression.expand(size, -1, -1),
-            "seed": known,
-            "speaker": torch.full((size,), draw.speaker),
-            "has_seed": has_seed,
+            "tokens": tokens.repeat_interleave(size, dim=0),
+            "face": shown(expression.expand(copies, -1, -1), hears),
+            "seed": guide.twice(known),
+            "speaker": torch.full((copies,), draw.speaker),
+            "has_seed": guide.twice(has_seed),
         }
+
+        def expected(x: Tensor, *at: Tensor) -> tuple[Tensor, Tensor]:
+            """Mean of x_0, guided, and the deviation of what is left open, as it is heard."""
+            answers, open_ = self.network.denoised(
+                guide.twice(x), *(guide.twice(each) for each in at), **conditions
+            )
+            return guide.guided(answers), open_[..., :size]
+
         noise = draw.noise((config.window_frames, config.channels))
         if draw.sampler in SOLVERS:
 
             def predict(x: Tensor, now: float, before: float) -> Tensor:
                 at = torch.full((size,), now), torch.full((size,), before)
-                return self.network.denoised(x, *at, **conditions)[0]
+                return expected(x, *at)[0]
 
             solver = SOLVERS[SOLVERS.index(draw.sampler)]
             return solve(predict, noise, solver=solver, steps=draw.steps)
@@ -86,8 +98,8 @@ class GanSystem(FacedSystem):
         way = [torch.full((size,), t) for t in times(draw.steps)]
         for k in range(draw.steps):
             again, latent = self.step_noise(draw, k + 1).unbind(1)
-            expected, open_ = self.network.denoised(x, way[k], way[k + 1], **conditions)
-            x_0 = self.network.drawn(expected, open_, latent, has_seed)
+            mean_x_0, open_ = expected(x, way[k], way[k + 1])
+            x_0 = self.network.drawn(mean_x_0, open_, latent, has_seed)
             mean, deviation = posterior(x, x_0, way[k + 1], way[k])
             x = mean + deviation * again
         return x
@@ -128,6 +140,7 @@ def load(name: str, folder: Path) -> GanSystem:
         encoder=encoder,
         windowing=shared_windowing(weights, config, face),
         samplers=FAMILY.samplers_of(name),
+        guidance=FAMILY.guidance_of(name),
         frame="parent",
         root_motion="place",
         config=config,

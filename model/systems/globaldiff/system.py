@@ -16,6 +16,7 @@ from model.motion.rotations import rot6d_from_matrix
 from model.motion.spaces import ROOT_DIM
 from model.networks.prior_network import PriorNetwork
 from model.sampling.flow import sample
+from model.sampling.guidance import SpeechGuide
 from model.sampling.names import FLOW_SAMPLERS
 from model.sampling.prior import GaussianPrior
 from model.speech.encoders import make_encoder
@@ -81,24 +82,20 @@ class GlobalDiffSystem(FacedSystem):
         x_0 = draw.noise((config.window_frames, config.motion_dim))
         known = torch.zeros(size, config.seed_frames, x_0.shape[-1]) if seed is None else seed
         last: dict[str, Tensor] = {}
-        guided = draw.guidance != 1
-        copies = 2 * size if guided else size
+        guide = SpeechGuide(draw.guidance, self.normaliser, config.rotation_space)
+        copies = guide.copies(size)
         conditions = {
             "speech": speech.expand(copies, -1, -1),
             "expression": expression.expand(copies, -1, -1),
-            "seed": torch.cat([known, known]) if guided else known,
+            "seed": guide.twice(known),
             "speaker": torch.full((copies,), draw.speaker),
             "has_seed": torch.full((copies,), seed is not None),
-            "has_speech": torch.arange(copies) < size,
+            "has_speech": guide.hears(size),
         }
 
         def predict(x_t: Tensor, t: float) -> Tensor:
-            twice = torch.cat([x_t, x_t]) if guided else x_t
-            x_1 = self.network(twice, torch.full((copies,), t), **conditions)
-            if guided:
-                with_speech, without = x_1.chunk(2)
-                x_1 = without + draw.guidance * (with_speech - without)
-            last["x_1"] = x_1
+            answers = self.network(guide.twice(x_t), torch.full((copies,), t), **conditions)
+            last["x_1"] = x_1 = guide.guided(answers)
             if seed is None or prior is not None or t >= INPAINT_UNTIL:
                 return x_1
             return torch.cat([seed, x_1[:, config.seed_frames :]], dim=1)
@@ -152,7 +149,7 @@ def load(name: str, folder: Path) -> GlobalDiffSystem:
         samplers=FAMILY.samplers,
         frame="world" if config.rotation_space == "global" else "parent",
         root_motion=config.root,
-        takes_guidance=True,
+        guidance=FAMILY.guidance_of(name),
         config=config,
         network=network,
         normaliser=normaliser,

@@ -105,9 +105,26 @@ def test_a_window_goes_on_from_the_one_before(system):
     assert apart < 0.3 * unlike
 
 
-def test_no_guidance_is_taken(system):
-    with pytest.raises(ValueError, match="gan/5 takes no guidance"):
-        generate_motion(system, SPEECH, GenerateOptions("ann", guidance=2.0))
+def test_guidance_1_asks_once_and_others_a_batch_of_two(system):
+    sizes = []
+    forward = system.network.denoised
+
+    def watched(x_t, *rest, **told):
+        sizes.append(len(x_t))
+        return forward(x_t, *rest, **told)
+
+    system.network.denoised = watched
+    try:
+        plain, again, louder, deaf = (
+            generate_motion(system, SPEECH, GenerateOptions("ann", guidance=guidance))[0].poses
+            for guidance in (1.0, 1.0, 3.0, 0.0)
+        )
+    finally:
+        del system.network.denoised
+    count = len(sizes) // 4
+    assert sizes == [1] * 2 * count + [2] * 2 * count
+    np.testing.assert_array_equal(plain, again)
+    assert np.abs(louder - plain).max() > 1e-3 and np.abs(deaf - plain).max() > 1e-3
 
 
 def test_a_card_that_misstates_the_generator_is_told(folder, tmp_path):
