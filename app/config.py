@@ -39,6 +39,10 @@ class AppConfig:
     """Of all that visitors have left at a time; further uploads and runs are refused."""
     max_kept_bytes_each: int = 4 * 10**9
     """Of one address in the time that results are kept."""
+    max_kept_files: int = 25_000
+    """Of all visitors at a time; each file counts 4 KB beside its content."""
+    max_kept_files_each: int = 2_500
+    """Of one address in the time that results are kept."""
     min_free_bytes: int = 10**9
     """Of the disk, which is never filled further."""
     host_names: tuple[str, ...] = ()

@@ -226,6 +226,11 @@ TOO_MUCH_KEPT = (
     "From your address {limit:.3g} GB came within {minutes} minutes, the most that is kept; try "
     "again in a while."
 )
+TOO_MANY_KEPT = (
+    "From your address {limit} files came within {minutes} minutes, the most that are kept; try "
+    "again in a while."
+)
+CLOSING = "This page is closing and takes nothing more; load it again in a minute."
 DISK_FULL = "This machine has no room for more files just now; try again in a while."
 FAULT = (
     "Something went wrong inside the program, not with your input. Please report it with this "

@@ -22,11 +22,14 @@ from starlette.websockets import WebSocketClose
 
 from app.errors import RunError, printable
 from app.page.serving.lodging import Lodging
+from app.page.serving.uploads import MAX_FILES, NO_ROOM, TOO_MANY_AT_ONCE
 from app.page.serving.visitors import address_of
 
 OWN_ROUTES = ("/media/", "/live/", "/study/")
 """Gradio asks for a login before its own routes; these stand beside them."""
 UPLOAD_ROUTE = "/gradio_api/upload"
+UNUSED_ROUTES = ("/gradio_api/component_server", "/gradio_api/process_recording")
+"""Gradio has them for parts that this page has not; they take files that nobody counts."""
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 _CHECK_BYTES = 1 << 24
 """Of an upload between two looks at the room there is."""
@@ -37,6 +40,7 @@ UNKNOWN_HOST = (
     "This page does not answer to the name {name}; who runs it can allow it: --host-name {name}."
 )
 LOG_IN = "Log in first."
+UNUSED = "This page takes nothing there; upload files by the fields of its forms."
 
 
 class Refusal(Exception):
@@ -45,6 +49,8 @@ class Refusal(Exception):
     def __init__(self, sentence: str, status: int) -> None:
         super().__init__(sentence)
         self.status = status
+        self.is_heard_out = False
+        """All of the request has come already."""
 
 
 class HostNames:
@@ -132,6 +138,8 @@ class Guard:
         changes = scope.get("method", "GET") not in SAFE_METHODS
         if is_foreign or (changes and headers.get("sec-fetch-site") == "cross-site"):
             raise Refusal(FOREIGN, 403)
+        if scope["path"].rstrip("/").endswith(UNUSED_ROUTES):
+            raise Refusal(UNUSED, 404)
         if self._app.auth is not None and scope["path"].startswith(OWN_ROUTES):
             if not self._is_logged_in(HTTPConnection(scope)):
                 raise Refusal(LOG_IN, 401)
@@ -149,18 +157,33 @@ class Guard:
         """
         address = address_of(HTTPConnection(scope))
         stated = Headers(scope=scope).get("content-length", "0")
-        uncharged = 0
+        uncharged = num_files = 0
+        has_more = True
         refusal: Refusal | None = None
 
-        def admit(size: int) -> None:
+        def admit(size: int, num_files: int = 0) -> None:
             try:
-                self._lodging.admit(address, size)
+                self._lodging.admit(address, size, num_files)
             except RunError as error:
                 raise Refusal(str(error), 507) from error
 
+        def no_room_for_a_file() -> str:
+            nonlocal num_files, refusal
+            try:
+                if num_files == MAX_FILES:
+                    raise Refusal(TOO_MANY_AT_ONCE.format(limit=MAX_FILES), 413)
+                admit(0, num_files=1)
+            except Refusal as error:
+                refusal = error
+                return str(error)
+            num_files += 1
+            self._lodging.charge(address, 0, num_files=1)
+            return ""
+
         async def counted() -> Message:
-            nonlocal uncharged, refusal
+            nonlocal uncharged, refusal, has_more
             message = await receive()
+            has_more = message.get("more_body", False)
             uncharged += len(message.get("body", b""))
             if uncharged < _CHECK_BYTES:
                 return message
@@ -177,6 +200,7 @@ class Guard:
             if refusal is None:
                 await send(message)
 
+        NO_ROOM.set(no_room_for_a_file)
         admit(int(stated) if stated.isdecimal() else 0)
         try:
             await self._inner(scope, counted, told)
@@ -185,6 +209,7 @@ class Guard:
         finally:
             self._lodging.charge(address, uncharged)
         if refusal is not None:
+            refusal.is_heard_out = not has_more
             raise refusal
 
 
@@ -205,7 +230,7 @@ async def _refuse(refusal: Refusal, scope: Scope, receive: Receive, send: Send) 
     if scope["type"] == "websocket":
         await WebSocketClose(code=4000 + refusal.status)(scope, receive, send)
         return
-    message: Message = {"more_body": _is_upload(scope)}
+    message: Message = {"more_body": _is_upload(scope) and not refusal.is_heard_out}
     while message.get("more_body"):  # a browser that still sends would not hear the sentence
         message = await receive()
     headers = {"Connection": "close", "X-Content-Type-Options": "nosniff"}
