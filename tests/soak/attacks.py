@@ -68,6 +68,7 @@ class TricklingSockets(contextlib.AbstractContextManager["TricklingSockets"]):
     def __init__(self, address: str, count: int, own: str, every_s: float = 9.0) -> None:
         self._every_s = every_s
         self._over = threading.Event()
+        self._sockets = contextlib.ExitStack()
         self._open: list[ClientConnection] = []
         self.endings: list[str] = []
         """What those were told who got no place, or lost it."""
@@ -85,21 +86,19 @@ class TricklingSockets(contextlib.AbstractContextManager["TricklingSockets"]):
     ) -> None:
         self._over.set()
         self._thread.join()
-        for socket in self._open:
-            socket.close()
+        self._sockets.close()
 
     @property
     def num_open(self) -> int:
         return len(self._open)
 
     def _ask(self, address: str, own: str) -> None:
-        socket = live_socket(address, own)
+        socket = self._sockets.enter_context(live_socket(address, own))
         told = str(socket.recv())
         if "token" in told:
             self._open.append(socket)
         else:
             self.endings.append(told)
-            socket.close()
 
     def _trickle(self) -> None:
         sent_at = 0.0
@@ -121,16 +120,17 @@ class TricklingSockets(contextlib.AbstractContextManager["TricklingSockets"]):
                 sent_at = time.monotonic()
 
 
-def live_socket(address: str, own: str) -> ClientConnection:
+@contextlib.contextmanager
+def live_socket(address: str, own: str) -> Iterator[ClientConnection]:
     """A WebSocket that has asked for a live session, from the address ``own``."""
     page = only_here(address).rstrip("/")
-    socket = connect(
+    with connect(
         f"{page.replace('http', 'ws', 1)}/live/speak",
         additional_headers={"Origin": page},
         source_address=(own, 0),
-    )
-    socket.send(json.dumps(ASK_LIVE))
-    return socket
+    ) as socket:
+        socket.send(json.dumps(ASK_LIVE))
+        yield socket
 
 
 class HoursOfNothing(contextlib.AbstractContextManager["HoursOfNothing"]):
