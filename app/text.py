@@ -202,6 +202,10 @@ READY = "Ready."
 STARTING = "Starting."
 WAITING = "Waiting: {ahead} ahead of you on this machine."
 WAITING_ONE = "Waiting: one run ahead of you on this machine."
+PUT_BACK = (
+    "This run takes long, and others wait: it stops, and begins anew once the long run of your "
+    "address has ended."
+)
 DONE = "Done in {seconds:.0f} s: {rows}, {frames} frames each at 30 per second."
 STOPPED = "Stopped. Nothing was kept."
 STOPPING = "Stopping: the step at work ends first."
