@@ -30,6 +30,10 @@ OWN_ROUTES = ("/media/", "/live/", "/study/")
 UPLOAD_ROUTE = "/gradio_api/upload"
 UNUSED_ROUTES = ("/gradio_api/component_server", "/gradio_api/process_recording")
 """Gradio has them for parts that this page has not; they take files that nobody counts."""
+PROXY_ROUTE = "/gradio_api/proxy="
+"""Of Gradio, for pages of others within this one, which has none."""
+_SPACES = ("https://huggingface.co", "https://*.hf.space")
+"""Where a hosted space is shown in a frame."""
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 _CHECK_BYTES = 1 << 24
 """Of an upload between two looks at the room there is."""
@@ -41,6 +45,7 @@ UNKNOWN_HOST = (
 )
 LOG_IN = "Log in first."
 UNUSED = "This page takes nothing there; upload files by the fields of its forms."
+NO_PROXY = "This page fetches no pages of others; ask for them at their own address."
 
 
 class Refusal(Exception):
@@ -82,6 +87,31 @@ def _space() -> str:
     return os.environ.get("SPACE_HOST") or "localhost"
 
 
+class Framing:
+    """Which sites may show the page in a frame: clicks in a frame can be led astray."""
+
+    def __init__(self, embedders: Collection[str] = ()) -> None:
+        """
+        Args:
+            embedders: origins, besides the page's own.
+        """
+        hosts = _SPACES if os.environ.get("SPACE_HOST") else ()
+        policy = " ".join(("frame-ancestors 'self'", *hosts, *embedders))
+        self.headers = [(b"content-security-policy", policy.encode("ascii"))]
+        if not hosts and not embedders:  # it can name no others
+            self.headers.append((b"x-frame-options", b"SAMEORIGIN"))
+
+    def framed(self, send: Send) -> Send:
+        """Sends every response with it."""
+
+        async def told(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message.get("headers", ()), *self.headers]
+            await send(message)
+
+        return told
+
+
 def _name_of(host: str) -> str:
     try:
         return (urlsplit(f"//{host}").hostname or "").lower()
@@ -90,14 +120,19 @@ def _name_of(host: str) -> str:
 
 
 def guarded(
-    names: HostNames, lodging: Lodging
+    names: HostNames, lodging: Lodging, framing: Framing, *, has_proxy: bool = False
 ) -> Callable[[FastAPI], contextlib.AbstractAsyncContextManager[None]]:
-    """A lifespan that puts the guard before all of an app, its CORS headers among it."""
+    """A lifespan that puts the guard before all of an app, its CORS headers among it.
+
+    Args:
+        has_proxy: whether who runs the page has named one; see `_forget_forwarded`.
+    """
+    is_believed = has_proxy or bool(os.environ.get("SPACE_HOST"))
 
     @contextlib.asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         inner = app.middleware_stack or app.build_middleware_stack()
-        app.middleware_stack = Guard(inner, app, names, lodging)
+        app.middleware_stack = Guard(inner, app, names, lodging, framing, is_believed)
         yield
 
     return lifespan
@@ -106,15 +141,30 @@ def guarded(
 class Guard:
     """Refuses what must not come in; everything else goes on to the app."""
 
-    def __init__(self, inner: ASGIApp, app: Any, names: HostNames, lodging: Lodging) -> None:
+    def __init__(
+        self,
+        inner: ASGIApp,
+        app: Any,
+        names: HostNames,
+        lodging: Lodging,
+        framing: Framing,
+        is_believed: bool = False,
+    ) -> None:
+        """
+        Args:
+            is_believed: whether a proxy says under which of the page's names it was asked.
+        """
         self._inner, self._app, self._names, self._lodging = inner, app, names, lodging
+        self._framing, self._is_believed = framing, is_believed
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
             await self._inner(scope, receive, send)
             return
+        send = self._framing.framed(send)
         try:
             self._check(scope)
+            self._forget_forwarded(scope)
             if scope["type"] == "http" and _is_upload(scope):
                 await self._take_upload(scope, receive, send)
                 return
@@ -140,9 +190,27 @@ class Guard:
             raise Refusal(FOREIGN, 403)
         if scope["path"].rstrip("/").endswith(UNUSED_ROUTES):
             raise Refusal(UNUSED, 404)
+        if PROXY_ROUTE in scope["path"]:
+            raise Refusal(NO_PROXY, 404)
         if self._app.auth is not None and scope["path"].startswith(OWN_ROUTES):
             if not self._is_logged_in(HTTPConnection(scope)):
                 raise Refusal(LOG_IN, 401)
+
+    def _forget_forwarded(self, scope: Scope) -> None:
+        """Take out what anyone may claim of the page's address: Gradio makes links of it."""
+        is_https = scope["scheme"] in ("https", "wss")  # as a proxy has said that is trusted
+
+        def is_good(name: bytes, value: bytes) -> bool:
+            if name == b"x-forwarded-host":
+                host = value.decode("latin-1").split(",")[0].strip()
+                return self._is_believed and host in self._names
+            if name == b"x-forwarded-proto":
+                return self._is_believed or is_https
+            return name != b"x-gradio-server"
+
+        scope["headers"] = [
+            (name, value) for name, value in scope["headers"] if is_good(name, value)
+        ]
 
     def _is_logged_in(self, asked: HTTPConnection) -> bool:
         names = (f"access-token-{self._app.cookie_id}",)

@@ -3,7 +3,8 @@ begins."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import asyncio
+from collections.abc import AsyncGenerator, Callable
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ MAX_FILES = 250
 """In one request."""
 MAX_FIELD_BYTES = 1 << 16
 """Of a field that is no file, which is held in memory."""
+_PARTS_AT_ONCE, _PIECE_BYTES = 16, 2048
 TOO_MANY_AT_ONCE = "At most {limit} files can be uploaded at once; send the others after them."
 FIELD_TOO_LONG = "A field that is no file may have {limit} bytes, and one of this upload has more."
 
@@ -43,6 +45,7 @@ class TidyParser(route_utils.GradioMultiPartParser):
         super().on_part_data(data, start, end)
 
     async def parse(self) -> Any:
+        self.stream = _in_pieces(self.stream)
         try:
             return await super().parse()
         except BaseException as error:
@@ -52,6 +55,17 @@ class TidyParser(route_utils.GradioMultiPartParser):
             if is_disk_full(error):
                 raise MultiPartException(text.DISK_FULL) from error
             raise
+
+
+async def _in_pieces(stream: AsyncGenerator[bytes, None]) -> AsyncGenerator[bytes, None]:
+    """What comes, and of many small parts a few at a time: others have their turn in between."""
+    async for chunk in stream:
+        if chunk.count(b"\r\n--") <= _PARTS_AT_ONCE:
+            yield chunk
+            continue
+        for at in range(0, len(chunk), _PIECE_BYTES):
+            yield chunk[at : at + _PIECE_BYTES]
+            await asyncio.sleep(0)
 
 
 def keep_uploads_tidy() -> None:
