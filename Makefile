@@ -42,7 +42,7 @@ fuzz: .venv/.test-ready
 	FUZZ_SECONDS=3600 $(BIN)/python -m pytest tests/fuzz
 
 soak: .venv/.test-ready
-	SOAK_SECONDS=1800 ATTACKED_VISITORS=20 $(BIN)/python -m pytest tests/soak
+	SOAK_SECONDS=1800 ATTACKED_VISITORS=20 ATTACK_BODIES=34 $(BIN)/python -m pytest tests/soak
 
 bench: .venv/.run-ready
 	$(BIN)/python -m app.commands.bench

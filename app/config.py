@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ipaddress
 import os
+import re
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +14,9 @@ from app.errors import RunError
 PROJECT = Path(__file__).resolve().parents[1]
 BUNDLED_WEIGHTS = PROJECT / "model" / "weights"
 EXAMPLES = PROJECT / "examples"
+LOCAL_PROXIES = ("127.0.0.1", "::1")
+"""Their X-Forwarded-For and -Proto are believed without a word."""
+_ORIGIN = re.compile(r"https?://(\*\.)?[a-z0-9.-]+(:[0-9]{1,5})?", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -39,10 +44,18 @@ class AppConfig:
     """Of all that visitors have left at a time; further uploads and runs are refused."""
     max_kept_bytes_each: int = 4 * 10**9
     """Of one address in the time that results are kept."""
+    max_kept_files: int = 25_000
+    """Of all visitors at a time; each file counts 4 KB beside its content."""
+    max_kept_files_each: int = 2_500
+    """Of one address in the time that results are kept."""
     min_free_bytes: int = 10**9
     """Of the disk, which is never filled further."""
     host_names: tuple[str, ...] = ()
     """Names under which the page answers, besides this machine's own and `host`."""
+    proxies: tuple[str, ...] = ()
+    """Addresses of proxies that were named; with any, X-Forwarded-Host is believed."""
+    embedders: tuple[str, ...] = ()
+    """Origins of sites that may show the page in a frame."""
     accounts: tuple[tuple[str, str], ...] = ()
     """Names and passwords; without any, nobody need log in."""
     temp: Path = field(default_factory=lambda: Path(tempfile.gettempdir()) / f"cospeech-{_user()}")
@@ -52,6 +65,14 @@ class AppConfig:
     def __post_init__(self) -> None:
         if not 0 <= self.port <= 65535:
             raise RunError(f"The port must be from 0 to 65535; got {self.port}.")
+        for proxy in self.proxies:
+            if not _is_network(proxy):
+                raise RunError(
+                    f"--proxy takes an address as 10.0.0.2 or a network as 10.0.0.0/8; got {proxy}."
+                )
+        for origin in self.embedders:
+            if not _ORIGIN.fullmatch(origin):
+                raise RunError(f"--embed-in takes a site as https://lab.example; got {origin}.")
         if self.body is not None and not self.body.is_file():
             raise RunError(f"There is no body file at {self.body}.")
 
@@ -86,6 +107,14 @@ def default_body() -> Path | None:
     """The licensed SMPL-X file named by SMPLX_MODEL, if any."""
     value = os.environ.get("SMPLX_MODEL")
     return Path(value) if value else None
+
+
+def _is_network(value: str) -> bool:
+    try:
+        ipaddress.ip_network(value)
+    except ValueError:
+        return False
+    return True
 
 
 def _user() -> str:

@@ -202,6 +202,10 @@ READY = "Ready."
 STARTING = "Starting."
 WAITING = "Waiting: {ahead} ahead of you on this machine."
 WAITING_ONE = "Waiting: one run ahead of you on this machine."
+PUT_BACK = (
+    "This run takes long, and others wait: it stops, and begins anew once the long run of your "
+    "address has ended."
+)
 DONE = "Done in {seconds:.0f} s: {rows}, {frames} frames each at 30 per second."
 STOPPED = "Stopped. Nothing was kept."
 STOPPING = "Stopping: the step at work ends first."
@@ -226,6 +230,11 @@ TOO_MUCH_KEPT = (
     "From your address {limit:.3g} GB came within {minutes} minutes, the most that is kept; try "
     "again in a while."
 )
+TOO_MANY_KEPT = (
+    "From your address {limit} files came within {minutes} minutes, the most that are kept; try "
+    "again in a while."
+)
+CLOSING = "This page is closing and takes nothing more; load it again in a minute."
 DISK_FULL = "This machine has no room for more files just now; try again in a while."
 FAULT = (
     "Something went wrong inside the program, not with your input. Please report it with this "

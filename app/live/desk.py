@@ -18,12 +18,18 @@ if TYPE_CHECKING:
     from model.generation.base import System
 
 MAX_SESSIONS = 10
+MAX_SESSIONS_EACH = 6
+"""Of one address, so that the others have places left."""
 KEEP_S = 600.0
 """How long the last minute of a session that has ended can still be kept."""
 KEPT_SESSIONS = 20
 FULL = (
     "{limit} visitors speak live on this machine already, and more would make all of them wait; "
     "try again in a few minutes."
+)
+FULL_EACH = (
+    "{limit} visitors speak live from your address already, the most of one address; try again "
+    "when one of them has ended."
 )
 TAKEN_OVER = "The live session goes on in another tab of this browser."
 NOT_THERE = "There is no live minute to keep, or it was kept no longer; start the live session."
@@ -37,8 +43,10 @@ class LiveDesk:
         weights: Path,
         load: Callable[[str, Path], System] = get_system,
         max_sessions: int = MAX_SESSIONS,
+        max_sessions_each: int = MAX_SESSIONS_EACH,
     ) -> None:
         self._weights, self._load, self._max_sessions = weights, load, max_sessions
+        self._max_sessions_each = max_sessions_each
         self._changed = threading.Condition()
         self._turns: deque[LiveSession] = deque()
         """Open sessions; whoever has waited longest is first."""
@@ -46,24 +54,32 @@ class LiveDesk:
         self._worker: threading.Thread | None = None
         self._rehearsed: set[str] = set()
 
-    def open(self, ask: LiveAsk, cookie: str, tell: Callable[[bytes | str], None]) -> LiveSession:
+    def open(
+        self,
+        ask: LiveAsk,
+        cookie: str,
+        tell: Callable[[bytes | str], None],
+        address: str = "",
+    ) -> LiveSession:
         """A session for one browser; an earlier one of the same browser ends.
 
         Args:
             cookie: of the browser; empty for one that keeps none.
+            address: of the visitor; empty where it is not known.
 
         Raises:
-            RunError: when too many visitors are there, or the system cannot be had live.
+            RunError: when too many visitors are there, in all or of this address, or the system
+                cannot be had live.
             UnknownNameError, CheckpointError: see `model.systems.registry.load_system`.
         """
-        self._refuse_too_many(cookie)
+        self._refuse_too_many(cookie, address)
         system = self._load(ask.system, self._weights)
         if ask.system not in self._rehearsed:
             rehearse(system, ask)
             self._rehearsed.add(ask.system)
-        session = LiveSession(system, ask, cookie, tell)
+        session = LiveSession(system, ask, cookie, tell, address=address)
         with self._changed:
-            self._refuse_too_many(cookie)
+            self._refuse_too_many(cookie, address)
             for other in [each for each in self._turns if cookie and each.cookie == cookie]:
                 self._end(other, TAKEN_OVER)
             self._turns.append(session)
@@ -104,10 +120,13 @@ class LiveDesk:
     def num_open(self) -> int:
         return len(self._turns)
 
-    def _refuse_too_many(self, cookie: str) -> None:
+    def _refuse_too_many(self, cookie: str, address: str) -> None:
         others = [each for each in self._turns if not cookie or each.cookie != cookie]
         if len(others) >= self._max_sessions:
             raise RunError(FULL.format(limit=self._max_sessions))
+        near = sum(each.address == address for each in others) if address else 0
+        if near >= self._max_sessions_each:
+            raise RunError(FULL_EACH.format(limit=self._max_sessions_each))
 
     def _end(self, session: LiveSession, sentence: str) -> None:
         if session in self._turns:

@@ -28,11 +28,25 @@ BEHIND_S = 8.0
 """Speech without its motion after which a machine is too slow."""
 MAX_WINDOW_MS = 400.0
 """Of one processor: with more, a body alone on the machine follows later than in 1.5 s."""
+WATCHED_S = 20.0
+"""A session that sends sound for less than a quarter of such a time does not need its place."""
+QUIET_S = 180.0
+"""Without any sound that could be heard, a microphone has been forgotten."""
+AUDIBLE = 0.001
+"""Of full scale, -60 dB; what a microphone that is switched off stays below."""
 TRIAL_WINDOWS = 3
 SEED_LIMIT = 2**31 - 1
 
 TOO_LONG = "A live session lasts at most {minutes:g} minutes; start another one."
 TOO_FAST = "Sound came faster than it can be spoken; start again."
+TOO_LITTLE = (
+    "Only {came:.1f} s of sound came in the last {seconds:.0f} s, and live speech needs all of it: "
+    "look after your connection, then start again."
+)
+TOO_QUIET = (
+    "Nothing could be heard for {minutes:g} minutes, and others may wait for the place: look after "
+    "your microphone, then start again."
+)
 TOO_SLOW = (
     "This machine cannot keep up with {visitors}: the body is {behind:.0f} s behind. Try again "
     "later, or choose a system that takes fewer steps."
@@ -90,10 +104,12 @@ class LiveSession:
         cookie: str,
         tell: Callable[[bytes | str], None],
         clock: Callable[[], float] = time.monotonic,
+        address: str = "",
     ) -> None:
         """
         Args:
             tell: takes frames as bytes, and as text the sentence with which the session ends.
+            address: of the visitor; empty where it is not known.
         """
         from model.generation.live import LiveMotion, Pace
         from model.generation.windows import GenerateOptions
@@ -105,7 +121,7 @@ class LiveSession:
                 "choose another system."
             )
         self.token = secrets.token_urlsafe(32)
-        self.ask, self.cookie, self.pace = ask, cookie, Pace()
+        self.ask, self.cookie, self.address, self.pace = ask, cookie, address, Pace()
         self.minute = LastMinute()
         self.has_ended = False
         self._tell, self._clock = tell, clock
@@ -115,7 +131,8 @@ class LiveSession:
         self._lock = threading.Lock()  # of the minute and the inbox
         self._inbox: deque[np.ndarray] = deque()
         self._samples = 0
-        self._begun = clock()
+        self._begun = self._watched_since = self._heard_at = clock()
+        self._watched_samples = 0
         self._due_since = 0.0
         self._costs: deque[float] = deque(maxlen=64)
         self.windows = 0
@@ -124,7 +141,7 @@ class LiveSession:
         """The next sound.
 
         Raises:
-            RunError: if it is no sound, too much or too fast.
+            RunError: if it is no sound, too much or too fast, or if next to none has come lately.
         """
         if self.has_ended:
             return
@@ -135,9 +152,30 @@ class LiveSession:
             raise RunError(TOO_LONG.format(minutes=MAX_S / 60))
         if spoken_s > self._clock() - self._begun + AHEAD_S:
             raise RunError(TOO_FAST)
+        self._watch(samples)
         with self._lock:
             self._inbox.append(samples)
             self.minute.add_sound(samples)
+
+    def _watch(self, samples: np.ndarray) -> None:
+        """See that a place is used.
+
+        Raises:
+            RunError: if it is not.
+        """
+        now = self._clock()
+        if np.abs(samples).max() > AUDIBLE:
+            self._heard_at = now
+        elif now - self._heard_at > QUIET_S:
+            raise RunError(TOO_QUIET.format(minutes=QUIET_S / 60))
+        self._watched_samples += len(samples)
+        watched_s = now - self._watched_since
+        if watched_s < WATCHED_S:
+            return
+        came_s = self._watched_samples / SAMPLE_RATE
+        if came_s < watched_s / 4:
+            raise RunError(TOO_LITTLE.format(came=came_s, seconds=watched_s))
+        self._watched_since, self._watched_samples = now, 0
 
     @property
     def has_work(self) -> bool:

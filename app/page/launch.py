@@ -10,6 +10,7 @@ import shutil
 import signal
 import sys
 import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +19,7 @@ from app import text
 from app.config import (
     BUNDLED_WEIGHTS,
     EXAMPLES,
+    LOCAL_PROXIES,
     AppConfig,
     default_body,
     default_host,
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
+_ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 CHECK_BYTES, CHECK_S = 2 * 10**9, 30.0
 """Memory and time that the check of an upload may take."""
 
@@ -66,6 +69,16 @@ def parse_config(argv: list[str] | None = None) -> AppConfig:
         "(default: this machine's own and --host)",
     )  # fmt: skip
     parser.add_argument(
+        "--proxy", action="append", default=[], metavar="ADDRESS",
+        help="address of a proxy whose X-Forwarded headers are believed; may be given again\n"
+        "(default: one on this machine, without X-Forwarded-Host)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--embed-in", action="append", default=[], metavar="ORIGIN",
+        help="a site that may show the page in a frame, as https://lab.example; may be given\n"
+        "again (default: none but the page itself; for a hosted space its host's too)",
+    )  # fmt: skip
+    parser.add_argument(
         "--auth", type=Path, metavar="FILE", help="lines of NAME:PASSWORD; visitors must log in"
     )
     parser.add_argument(
@@ -80,6 +93,8 @@ def parse_config(argv: list[str] | None = None) -> AppConfig:
         weights=options.weights,
         max_speech_s=60 * options.max_minutes,
         host_names=tuple(options.host_name),
+        proxies=tuple(options.proxy),
+        embedders=tuple(options.embed_in),
         accounts=read_accounts(options.auth) if options.auth else (),
     )
 
@@ -115,6 +130,8 @@ def launch(
         OSError: if the port is taken.
     """
     config.temp.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if config.proxies:  # uvicorn reads it
+        os.environ["FORWARDED_ALLOW_IPS"] = ",".join((*LOCAL_PROXIES, *config.proxies))
     # Gradio reads them when it is imported or launched.
     os.environ["GRADIO_TEMP_DIR"] = str(config.cache_folder)
     os.environ["GRADIO_ANALYTICS_ENABLED"] = "False"
@@ -127,11 +144,12 @@ def launch(
     from app.page.parts.catalogue import find_examples, read_catalogue
     from app.page.results.first_look_shown import FirstLookDesk
     from app.page.results.study_preview import PreviewDesk, preview_routes
-    from app.page.serving.guard import HostNames, guarded
+    from app.page.serving.guard import Framing, HostNames, guarded
     from app.page.serving.jobs import NUM_ASIDE, JobBook
     from app.page.serving.live_route import live_routes
     from app.page.serving.lodging import Lodging
     from app.page.serving.media import MediaDesk, media_routes
+    from app.page.serving.refusals import quieten_sockets, refuse_unknown_functions
     from app.page.serving.researcher_part import Handover, study_routes
     from app.page.serving.uploads import keep_uploads_tidy
     from app.page.serving.workshop import Limits, Workshop
@@ -140,7 +158,10 @@ def launch(
 
     catalogue = read_catalogue(config.weights, find_examples(EXAMPLES))
     keep_uploads_tidy()
+    refuse_unknown_functions()
+    quieten_sockets()
     lodging = Lodging(config)
+    atexit.register(lodging.close)
     jobs = JobBook(config.jobs_folder, config.num_slots, config.max_waiting, lodging)
     lodging.keep_swept(jobs.in_use)
     atexit.register(jobs.cancel_all)
@@ -207,7 +228,12 @@ def launch(
         # Before Gradio's own routes, and there as soon as anyone can ask.
         app_kwargs={
             "routes": routes,
-            "lifespan": guarded(HostNames(config.host, config.host_names), lodging),
+            "lifespan": guarded(
+                HostNames(config.host, config.host_names),
+                lodging,
+                Framing(config.embedders),
+                has_proxy=bool(config.proxies),
+            ),
         },
         auth=list(config.accounts) or None,
     )
@@ -242,13 +268,27 @@ def own_folders(config: AppConfig) -> AppConfig:
     scratch = temp / "scratch"
     scratch.mkdir(mode=0o700)
     os.environ["TMPDIR"] = str(scratch)  # of what libraries and children write for a moment
-    atexit.register(shutil.rmtree, temp, ignore_errors=True)
-    signal.signal(signal.SIGTERM, _end)
+    atexit.register(_remove, temp)
+    for number in _ENDING:
+        if signal.getsignal(number) != signal.SIG_IGN:  # as under nohup
+            signal.signal(number, _end)
     return replace(config, temp=temp)
 
 
 def _end(number: int, frame: object) -> None:
+    """End, once: who asks again would only keep it from removing what visitors have left."""
+    for each in _ENDING:
+        signal.signal(each, signal.SIG_IGN)
     sys.exit(0)
+
+
+def _remove(folder: Path) -> None:
+    """Also what comes in between, from uploads that were let in before the end began."""
+    for _ in range(20):
+        shutil.rmtree(folder, ignore_errors=True)
+        if not folder.exists():
+            return
+        time.sleep(0.1)
 
 
 def _warm_up(config: AppConfig, first_look: FirstLookDesk | None) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 import shutil
+import time
 import zipfile
 from collections.abc import Iterable
 from pathlib import Path
@@ -13,6 +14,7 @@ from types import TracebackType
 from app.errors import RunError, disk_full_sentence, is_disk_full
 
 _PREFIX = ".unfinished-"
+_ABANDONED_S = 24 * 3600.0
 _ALREADY_SMALL = {".mp4", ".png", ".npz", ".pdf", ".glb"}
 _NO_TIME = (2000, 1, 1, 0, 0, 0)
 
@@ -133,11 +135,21 @@ def remove_unfinished(out: Path) -> None:
 
 
 def _remove_abandoned(out: Path) -> None:
-    """Remove what a killed run left, unless its process still lives."""
+    """Remove what a killed run left: its process lives no more, or has written nothing for a day;
+    its number may long be another's."""
     for staging in out.glob(f"{_PREFIX}*"):
         pid = staging.name.removeprefix(_PREFIX).split("-")[0]
-        if pid.isdigit() and not _is_alive(int(pid)):
+        is_dead = pid.isdigit() and not _is_alive(int(pid))
+        if is_dead or time.time() - _last_written(staging) > _ABANDONED_S:
             shutil.rmtree(staging, ignore_errors=True)
+
+
+def _last_written(staging: Path) -> float:
+    """When anything in it was; what goes meanwhile was in no time to come."""
+    try:
+        return max(path.lstat().st_mtime for path in (staging, *staging.rglob("*")))
+    except OSError:
+        return float("inf")
 
 
 def _is_alive(pid: int) -> bool:

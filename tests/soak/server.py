@@ -18,7 +18,7 @@ from tests.helpers import ROOT
 AHEAD_S = 3700
 """What SIGUSR1 puts the server's clock forward by."""
 _START = f"""
-import signal, sys, time
+import functools, signal, sys, time
 from dataclasses import replace
 
 ahead, now = 0, time.time
@@ -29,8 +29,9 @@ time.time = lambda: now() + ahead
 signal.signal(signal.SIGUSR1, put_forward)
 
 from app.page import launch
-parse, keep_s = launch.parse_config, float(sys.argv.pop(1))
+parse, keep_s, is_warm = launch.parse_config, float(sys.argv.pop(1)), sys.argv.pop(1) == "warm"
 launch.parse_config = lambda argv: replace(parse(argv), keep_results_s=keep_s)
+launch.launch = functools.partial(launch.launch, is_warmed_up=is_warm)
 launch.main()
 """
 
@@ -42,6 +43,7 @@ class Server:
     address: str
     process: subprocess.Popen[str]
     temp: Path
+    log: Path
 
     def memory(self) -> int:
         """Bytes in memory of the server and of all its children."""
@@ -64,25 +66,31 @@ class Server:
 
 
 @contextmanager
-def server(folder: Path, keep_s: float = 3600.0) -> Iterator[Server]:
-    """``python app.py`` with the bundled weights, once its first example is drawn.
+def server(folder: Path, keep_s: float = 3600.0, weights: Path | None = None) -> Iterator[Server]:
+    """``python app.py``, once its first example is drawn.
 
     Args:
         keep_s: how long results are kept.
+        weights: others than the bundled ones; then it is there as soon as it answers, and reads
+            models and draws only what a visitor asks for.
     """
     temp, kept, log = folder / "temp", folder / "kept", folder / "log"
     temp.mkdir()
     environment = {**os.environ, "TMPDIR": str(temp), "XDG_CACHE_HOME": str(kept)}
+    arguments = [str(keep_s), "cold" if weights else "warm", "--port", "0"]
+    if weights is not None:
+        arguments += ["--weights", str(weights)]
     with log.open("w") as told:
         process = subprocess.Popen(
-            [sys.executable, "-c", _START, str(keep_s), "--port", "0"],
+            [sys.executable, "-c", _START, *arguments],
             cwd=ROOT, env=environment, stderr=told, text=True,
         )  # fmt: skip
     try:
         _wait_for(lambda: "open at" in log.read_text(), process)
-        _wait_for(lambda: any(kept.rglob("first_look.json")), process)
+        if weights is None:
+            _wait_for(lambda: any(kept.rglob("first_look.json")), process)
         address = log.read_text().split("open at ")[1].split()[0]
-        yield Server(address, process, temp)
+        yield Server(address, process, temp, log)
         assert "Traceback" not in log.read_text(), log.read_text()
     finally:
         process.terminate()

@@ -22,11 +22,18 @@ from starlette.websockets import WebSocketClose
 
 from app.errors import RunError, printable
 from app.page.serving.lodging import Lodging
+from app.page.serving.uploads import MAX_FILES, NO_ROOM, TOO_MANY_AT_ONCE
 from app.page.serving.visitors import address_of
 
 OWN_ROUTES = ("/media/", "/live/", "/study/")
 """Gradio asks for a login before its own routes; these stand beside them."""
 UPLOAD_ROUTE = "/gradio_api/upload"
+UNUSED_ROUTES = ("/gradio_api/component_server", "/gradio_api/process_recording")
+"""Gradio has them for parts that this page has not; they take files that nobody counts."""
+PROXY_ROUTE = "/gradio_api/proxy="
+"""Of Gradio, for pages of others within this one, which has none."""
+_SPACES = ("https://huggingface.co", "https://*.hf.space")
+"""Where a hosted space is shown in a frame."""
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 _CHECK_BYTES = 1 << 24
 """Of an upload between two looks at the room there is."""
@@ -37,6 +44,8 @@ UNKNOWN_HOST = (
     "This page does not answer to the name {name}; who runs it can allow it: --host-name {name}."
 )
 LOG_IN = "Log in first."
+UNUSED = "This page takes nothing there; upload files by the fields of its forms."
+NO_PROXY = "This page fetches no pages of others; ask for them at their own address."
 
 
 class Refusal(Exception):
@@ -45,6 +54,8 @@ class Refusal(Exception):
     def __init__(self, sentence: str, status: int) -> None:
         super().__init__(sentence)
         self.status = status
+        self.is_heard_out = False
+        """All of the request has come already."""
 
 
 class HostNames:
@@ -76,6 +87,31 @@ def _space() -> str:
     return os.environ.get("SPACE_HOST") or "localhost"
 
 
+class Framing:
+    """Which sites may show the page in a frame: clicks in a frame can be led astray."""
+
+    def __init__(self, embedders: Collection[str] = ()) -> None:
+        """
+        Args:
+            embedders: origins, besides the page's own.
+        """
+        hosts = _SPACES if os.environ.get("SPACE_HOST") else ()
+        policy = " ".join(("frame-ancestors 'self'", *hosts, *embedders))
+        self.headers = [(b"content-security-policy", policy.encode("ascii"))]
+        if not hosts and not embedders:  # it can name no others
+            self.headers.append((b"x-frame-options", b"SAMEORIGIN"))
+
+    def framed(self, send: Send) -> Send:
+        """Sends every response with it."""
+
+        async def told(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message.get("headers", ()), *self.headers]
+            await send(message)
+
+        return told
+
+
 def _name_of(host: str) -> str:
     try:
         return (urlsplit(f"//{host}").hostname or "").lower()
@@ -84,14 +120,19 @@ def _name_of(host: str) -> str:
 
 
 def guarded(
-    names: HostNames, lodging: Lodging
+    names: HostNames, lodging: Lodging, framing: Framing, *, has_proxy: bool = False
 ) -> Callable[[FastAPI], contextlib.AbstractAsyncContextManager[None]]:
-    """A lifespan that puts the guard before all of an app, its CORS headers among it."""
+    """A lifespan that puts the guard before all of an app, its CORS headers among it.
+
+    Args:
+        has_proxy: whether who runs the page has named one; see `_forget_forwarded`.
+    """
+    is_believed = has_proxy or bool(os.environ.get("SPACE_HOST"))
 
     @contextlib.asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         inner = app.middleware_stack or app.build_middleware_stack()
-        app.middleware_stack = Guard(inner, app, names, lodging)
+        app.middleware_stack = Guard(inner, app, names, lodging, framing, is_believed)
         yield
 
     return lifespan
@@ -100,15 +141,30 @@ def guarded(
 class Guard:
     """Refuses what must not come in; everything else goes on to the app."""
 
-    def __init__(self, inner: ASGIApp, app: Any, names: HostNames, lodging: Lodging) -> None:
+    def __init__(
+        self,
+        inner: ASGIApp,
+        app: Any,
+        names: HostNames,
+        lodging: Lodging,
+        framing: Framing,
+        is_believed: bool = False,
+    ) -> None:
+        """
+        Args:
+            is_believed: whether a proxy says under which of the page's names it was asked.
+        """
         self._inner, self._app, self._names, self._lodging = inner, app, names, lodging
+        self._framing, self._is_believed = framing, is_believed
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
             await self._inner(scope, receive, send)
             return
+        send = self._framing.framed(send)
         try:
             self._check(scope)
+            self._forget_forwarded(scope)
             if scope["type"] == "http" and _is_upload(scope):
                 await self._take_upload(scope, receive, send)
                 return
@@ -132,9 +188,29 @@ class Guard:
         changes = scope.get("method", "GET") not in SAFE_METHODS
         if is_foreign or (changes and headers.get("sec-fetch-site") == "cross-site"):
             raise Refusal(FOREIGN, 403)
+        if scope["path"].rstrip("/").endswith(UNUSED_ROUTES):
+            raise Refusal(UNUSED, 404)
+        if PROXY_ROUTE in scope["path"]:
+            raise Refusal(NO_PROXY, 404)
         if self._app.auth is not None and scope["path"].startswith(OWN_ROUTES):
             if not self._is_logged_in(HTTPConnection(scope)):
                 raise Refusal(LOG_IN, 401)
+
+    def _forget_forwarded(self, scope: Scope) -> None:
+        """Take out what anyone may claim of the page's address: Gradio makes links of it."""
+        is_https = scope["scheme"] in ("https", "wss")  # as a proxy has said that is trusted
+
+        def is_good(name: bytes, value: bytes) -> bool:
+            if name == b"x-forwarded-host":
+                host = value.decode("latin-1").split(",")[0].strip()
+                return self._is_believed and host in self._names
+            if name == b"x-forwarded-proto":
+                return self._is_believed or is_https
+            return name != b"x-gradio-server"
+
+        scope["headers"] = [
+            (name, value) for name, value in scope["headers"] if is_good(name, value)
+        ]
 
     def _is_logged_in(self, asked: HTTPConnection) -> bool:
         names = (f"access-token-{self._app.cookie_id}",)
@@ -149,18 +225,33 @@ class Guard:
         """
         address = address_of(HTTPConnection(scope))
         stated = Headers(scope=scope).get("content-length", "0")
-        uncharged = 0
+        uncharged = num_files = 0
+        has_more = True
         refusal: Refusal | None = None
 
-        def admit(size: int) -> None:
+        def admit(size: int, num_files: int = 0) -> None:
             try:
-                self._lodging.admit(address, size)
+                self._lodging.admit(address, size, num_files)
             except RunError as error:
                 raise Refusal(str(error), 507) from error
 
+        def no_room_for_a_file() -> str:
+            nonlocal num_files, refusal
+            try:
+                if num_files == MAX_FILES:
+                    raise Refusal(TOO_MANY_AT_ONCE.format(limit=MAX_FILES), 413)
+                admit(0, num_files=1)
+            except Refusal as error:
+                refusal = error
+                return str(error)
+            num_files += 1
+            self._lodging.charge(address, 0, num_files=1)
+            return ""
+
         async def counted() -> Message:
-            nonlocal uncharged, refusal
+            nonlocal uncharged, refusal, has_more
             message = await receive()
+            has_more = message.get("more_body", False)
             uncharged += len(message.get("body", b""))
             if uncharged < _CHECK_BYTES:
                 return message
@@ -177,6 +268,7 @@ class Guard:
             if refusal is None:
                 await send(message)
 
+        NO_ROOM.set(no_room_for_a_file)
         admit(int(stated) if stated.isdecimal() else 0)
         try:
             await self._inner(scope, counted, told)
@@ -185,6 +277,7 @@ class Guard:
         finally:
             self._lodging.charge(address, uncharged)
         if refusal is not None:
+            refusal.is_heard_out = not has_more
             raise refusal
 
 
@@ -205,7 +298,7 @@ async def _refuse(refusal: Refusal, scope: Scope, receive: Receive, send: Send) 
     if scope["type"] == "websocket":
         await WebSocketClose(code=4000 + refusal.status)(scope, receive, send)
         return
-    message: Message = {"more_body": _is_upload(scope)}
+    message: Message = {"more_body": _is_upload(scope) and not refusal.is_heard_out}
     while message.get("more_body"):  # a browser that still sends would not hear the sentence
         message = await receive()
     headers = {"Connection": "close", "X-Content-Type-Options": "nosniff"}

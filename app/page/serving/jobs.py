@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import secrets
+import shutil
 import threading
 import time
 from collections import Counter
@@ -20,10 +21,18 @@ from typing import Any, Literal
 
 from app import text
 from app.errors import CancelledRun, RunError
+from app.page.serving.burden import is_large
 from app.page.serving.lodging import Lodging, size_of
 
 LONG_S = 12.0
 """At work; what takes longer steps aside for others."""
+LARGE_S = 2.0
+"""The same of a large run, for a small one of its own address."""
+BACK_S = 60.0
+"""At work; what takes longer is put back for another visitor of its own address, where its address
+has one aside already. For other addresses that is `LONG_S`."""
+PATIENCE_S = 120.0
+"""A large run that has waited so long has its turn like a small one."""
 NUM_ASIDE = 1
 """Runs that have stepped aside; each takes the memory of one at work."""
 
@@ -44,15 +53,20 @@ class Job:
         """What the visitor has given it to work with."""
         self.begun_at = float("inf")
         """When it came to work, by time.monotonic."""
+        self.is_large = False
+        """Goes after the small ones of its address: for what it was given, or as it took long."""
         self.is_turned_out = False
         """Has lost its place to a visitor who had fewer."""
-        self._stop = threading.Event()
+        self.is_put_back = False
+        """Stops for others, to begin anew; see `JobBook.again`."""
+        self.is_cancelled_by_visitor = False
 
     def cancel(self) -> None:
-        self._stop.set()
+        self.is_cancelled_by_visitor = True
 
     def is_cancelled(self) -> bool:
-        return self._stop.is_set()
+        """Whether its work is to stop."""
+        return self.is_cancelled_by_visitor or self.is_put_back
 
 
 @dataclass
@@ -62,6 +76,8 @@ class _Place:
     job: Job
     number: int
     num_begun: int
+    since: float
+    """By time.monotonic."""
 
 
 class JobBook:
@@ -105,13 +121,34 @@ class JobBook:
             self._lodging.admit(address)
             job.uploads = self._lodging.uploads_of(uses)
             self._lodging.touch(job.uploads)
+            job.is_large = is_large(job.uploads)
         with self._changed:
             if len(self._jobs) - len(self._aside) >= self.num_slots + self.max_waiting:
                 self._make_room(job)
-            folder.mkdir(parents=True, mode=0o700)
-            self._jobs.append(job)
-            self._places.append(_Place(job, next(self._numbers), self._num_begun))
+            self._enter(job)
         return job
+
+    def again(self, job: Job) -> Job | None:
+        """The same run anew, in a folder of its own, if it was put back and nobody has cancelled it
+        since; the old one is forgotten, and its folder removed."""
+        if not job.is_put_back:
+            return None
+        anew = Job(job.visitor, job.tab, self.root / secrets.token_hex(16), job.address)
+        anew.uploads, anew.is_large = job.uploads, True
+        with self._changed:
+            if job not in self._jobs or job.is_cancelled_by_visitor:
+                return None
+            self._jobs.remove(job)
+            self._leave(job)
+            self._enter(anew)
+        shutil.rmtree(job.folder, ignore_errors=True)
+        return anew
+
+    def _enter(self, job: Job) -> None:
+        job.folder.mkdir(parents=True, mode=0o700)
+        self._jobs.append(job)
+        place = _Place(job, next(self._numbers), self._num_begun, time.monotonic())
+        self._places.append(place)
 
     def cancel(self, visitor: str, tab: Tab) -> bool:
         """Stop the runs that the visitor started in that tab; False when there is none."""
@@ -168,7 +205,7 @@ class JobBook:
                 order = [place.job for place in sorted(self._places, key=self._turn)]
                 ahead = order.index(job) + len(self._working)
                 is_next = order[0] is job and len(self._working) < self.num_slots
-                if is_next and not self._has_one_aside(job):
+                if is_next and not self._is_held_back(job, self._aside):
                     self._begin(job)
                     return
                 if ahead == told:
@@ -178,27 +215,44 @@ class JobBook:
             yield ahead
 
     def _step_aside(self, waiting: Job) -> None:
-        """Make way for a job that waits, where a run of another address takes long."""
-        if self._has_one_aside(waiting) or len(self._working) < self.num_slots:
+        """Make way for a job that waits, where a run of another takes long."""
+        if self._is_held_back(waiting, self._aside) or len(self._working) < self.num_slots:
             return
         for job in self._working:
-            is_long = time.monotonic() - job.begun_at > LONG_S
-            if is_long and job.address != waiting.address and len(self._aside) < NUM_ASIDE:
-                self._working.remove(job)
-                self._aside.append(job)
-                self._changed.notify_all()
-                return
+            if (job.address, job.visitor) == (waiting.address, waiting.visitor):
+                continue
+            at_work_s = time.monotonic() - job.begun_at
+            is_near = job.address == waiting.address
+            is_alone = not any(other.address == job.address for other in self._aside)
+            if is_alone and len(self._aside) < NUM_ASIDE:
+                is_quick = is_near and job.is_large and not waiting.is_large
+                if at_work_s > (LARGE_S if is_quick else LONG_S):
+                    if not self._is_held_back(waiting, [*self._aside, job]):
+                        self._working.remove(job)
+                        self._aside.append(job)
+                        self._changed.notify_all()
+                        return
+            elif not is_alone and not job.is_large:
+                if at_work_s > (BACK_S if is_near else LONG_S):
+                    job.is_put_back = True  # it leaves as soon as it has stopped
 
-    def _has_one_aside(self, job: Job) -> bool:
-        return any(other.address == job.address for other in self._aside)
+    def _is_held_back(self, job: Job, aside: Sequence[Job]) -> bool:
+        """Whether it waits for one that has stepped aside."""
+        return any(
+            other.address == job.address and (job.is_large or other.visitor == job.visitor)
+            for other in aside
+        )
 
-    def _turn(self, place: _Place) -> tuple[bool, float, float, int]:
-        """What sorts the places: whose last run began longest ago goes first."""
+    def _turn(self, place: _Place) -> tuple[bool, float, bool, float, int]:
+        """What sorts the places: whose last run began longest ago goes first, and of one address
+        the small runs before the large."""
         turns = [
             max(self._last_begun.get(name, 0.0), place.num_begun)
             for name in (f"address {place.job.address}", f"visitor {place.job.visitor}")
         ]
-        return self._has_one_aside(place.job), turns[0], turns[1], place.number
+        is_held_back = self._is_held_back(place.job, self._aside)
+        goes_after = place.job.is_large and time.monotonic() - place.since < PATIENCE_S
+        return is_held_back, turns[0], goes_after, turns[1], place.number
 
     def _begin(self, job: Job) -> None:
         self._places = [place for place in self._places if place.job is not job]

@@ -24,7 +24,7 @@ from app.live.desk import LiveDesk
 from app.live.session import LiveAsk, LiveSession
 from app.live.stage import body_glb, face_names
 from app.page.serving.guard import is_from_page
-from app.page.serving.visitors import COOKIE
+from app.page.serving.visitors import COOKIE, address_of
 
 SPEAK_ROUTE = "/live/speak"
 BODY_ROUTE = "/live/body.glb"
@@ -86,7 +86,7 @@ async def _serve(socket: WebSocket, desk: LiveDesk) -> None:
     try:
         ask = LiveAsk.of(await _ask(socket))
         cookie = socket.cookies.get(COOKIE, "")
-        session = await run_in_threadpool(desk.open, ask, cookie, tell)
+        session = await run_in_threadpool(desk.open, ask, cookie, tell, address_of(socket))
         told = {
             "token": session.token,
             "hop": session.pace.hop,

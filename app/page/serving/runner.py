@@ -59,18 +59,15 @@ class TabRunner(ABC, Generic[Result]):
         job: Job | None = None
         try:
             job = self._jobs.open(visitor_of(request), self.tab, address_of(request), values)
-            with self.begin(job, cookie_of(request), values) as work:
-                yield self.blank()
-                with self._jobs.slot(job) as turn:
-                    for ahead in turn:
-                        yield self._says(waiting_line(ahead))
-                    for news in follow_run(work.run, job):
-                        if not isinstance(news, list):
-                            yield work.finished(news)
-                        elif job.is_cancelled():
-                            yield self._says(text.STOPPING)
-                        elif updates := work.progress(news):
-                            yield updates
+            while True:
+                try:
+                    yield from self._attempt(job, cookie_of(request), values)
+                    return
+                except CancelledRun:
+                    anew = self._jobs.again(job)
+                    if anew is None:
+                        raise
+                    job = anew
         except CancelledRun:
             yield self.stopped(markup.sentence_status(text.CANCELLED), "")
         except Exception as error:
@@ -80,6 +77,27 @@ class TabRunner(ABC, Generic[Result]):
         finally:
             if job is not None:
                 self._jobs.close(job)
+
+    def _attempt(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[Updates]:
+        """The run from its turn to its end.
+
+        Raises:
+            CancelledRun: where the visitor has cancelled it, or it was put back for others.
+        """
+        with self.begin(job, cookie, values) as work:
+            yield self.blank()
+            with self._jobs.slot(job) as turn:
+                for ahead in turn:
+                    yield self._says(waiting_line(ahead))
+                for news in follow_run(work.run, job):
+                    if not isinstance(news, list):
+                        yield work.finished(news)
+                    elif job.is_put_back:
+                        yield self._says(text.PUT_BACK)
+                    elif job.is_cancelled():
+                        yield self._says(text.STOPPING)
+                    elif updates := work.progress(news):
+                        yield updates
 
     def cancel(self, request: gr.Request) -> None:
         """The visitor has pressed the button, or closed the page."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 import secrets
 
 import fastapi
@@ -20,9 +21,19 @@ def visitor_of(request: gr.Request) -> str:
 
 
 def address_of(request: gr.Request | HTTPConnection) -> str:
-    """The machine that asks, as far as this server can see it."""
+    """The machine that asks, as far as this server can see it. Of an IPv6 address it is the network
+    of 64 bits: whoever has one address of that has all of them."""
     client = getattr(request, "client", None)  # of a caller within the program there is none
-    return client.host if client else ""
+    host = client.host if client else ""
+    try:
+        address = ipaddress.ip_address(host)
+    except ValueError:
+        return host
+    if not isinstance(address, ipaddress.IPv6Address):
+        return host
+    if address.ipv4_mapped is not None:
+        return str(address.ipv4_mapped)
+    return str(ipaddress.ip_network((address.packed, 64), strict=False))
 
 
 def cookie_of(request: gr.Request | fastapi.Request) -> str:

@@ -18,6 +18,7 @@ from app.page.parts.asked import form_of
 from app.page.parts.html_parts import reveal_on_click, shown
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.runner import TabRunner, Updates
+from app.page.serving.uploads import MAX_FILES
 from app.run.request import Event, OnEvent, ShouldCancel
 
 TITLE = "Analyse the answers"
@@ -28,7 +29,6 @@ INTRODUCTION = (
 )
 NO_ANSWERS = "There are no answers yet: drop in at least one file that a participant saved."
 NO_KEY = "The key is missing: drop in key.json from the researcher's zip."
-MAX_FILES = 1000
 TOO_MANY = "At most {limit} files are analysed here; {count} were given. Use the command line."
 ANALYSED = "Analysed. The report stands below; its files are the ones to keep."
 

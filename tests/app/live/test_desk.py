@@ -60,6 +60,20 @@ def test_the_eleventh_is_told_until_one_has_gone(desk: LiveDesk) -> None:
     assert desk.num_open == 10
 
 
+def test_one_address_leaves_places_for_others(desk: LiveDesk) -> None:
+    sessions = [desk.open(ASK, "", nothing, "10.0.0.1") for _ in range(6)]
+    with pytest.raises(RunError, match="6 visitors speak live from your address already"):
+        desk.open(ASK, "", nothing, "10.0.0.1")
+    for k in range(3):
+        desk.open(ASK, str(k), nothing, f"10.0.1.{k}")
+    desk.close(sessions[0])
+    desk.open(ASK, "mine", nothing, "10.0.0.1")
+    desk.open(ASK, "mine", nothing, "10.0.0.1")  # in another tab: the first ends
+    with pytest.raises(RunError, match="from your address"):
+        desk.open(ASK, "another", nothing, "10.0.0.1")
+    assert desk.num_open == 9
+
+
 def test_a_browser_has_one_session_and_no_other_browser_ends_it(desk: LiveDesk) -> None:
     told: list[bytes | str] = []
     desk.open(ASK, "mine", told.append)

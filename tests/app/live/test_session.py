@@ -93,6 +93,40 @@ def test_caps_of_speed_and_length_are_told(
             session.put(block)
 
 
+def test_a_place_that_is_not_used_is_lost(session: LiveSession, clock: Clock) -> None:
+    with pytest.raises(RunError, match=r"Only 0\.0 s of sound came in the last 27 s"):
+        for _ in range(9):
+            clock.now += 9.0
+            session.put(b"\0\0")
+
+
+def test_sound_with_gaps_keeps_its_place(session: LiveSession, clock: Clock) -> None:
+    block = sound(1.0, size=16_000)[0]
+    for _ in range(60):  # a third of the time, as over a bad connection
+        clock.now += 3.0
+        session.put(block)
+    with pytest.raises(RunError, match="needs all of it"):
+        for _ in range(20):
+            clock.now += 5.0
+            session.put(block)
+
+
+def test_a_microphone_that_was_forgotten_frees_its_place(
+    session: LiveSession, clock: Clock
+) -> None:
+    def say(block: bytes, seconds: int) -> None:
+        for _ in range(seconds):
+            clock.now += 1.0
+            session.put(block)
+
+    silence, word = bytes(32_000), sound(1.0, size=16_000)[0]
+    for _ in range(3):
+        say(silence, 170)
+        say(word, 1)
+    with pytest.raises(RunError, match="Nothing could be heard for 3 minutes"):
+        say(silence, 185)
+
+
 def test_a_machine_that_cannot_keep_up_is_told(session: LiveSession, clock: Clock) -> None:
     for block in sound(9.5):
         clock.now += 0.04

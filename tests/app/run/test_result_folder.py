@@ -1,6 +1,7 @@
 import os
 import subprocess
 import sys
+import time
 import zipfile
 from pathlib import Path
 
@@ -44,6 +45,21 @@ def test_what_a_killed_run_left_is_removed_but_not_what_a_living_one_writes(tmp_
     with ResultFolder(tmp_path) as folder:
         folder.publish()
     assert [path.name for path in tmp_path.iterdir()] == [f".unfinished-{os.getppid()}-abc"]
+
+
+def test_what_nobody_has_written_to_for_a_day_is_removed_whoever_has_its_number_now(
+    tmp_path: Path,
+) -> None:
+    old, new = (tmp_path / f".unfinished-{os.getppid()}-{name}" for name in ("old", "new"))
+    yesterday = time.time() - 25 * 3600
+    for folder in (old, new):
+        folder.mkdir()
+        (folder / "a.mp4").write_text("half")
+        os.utime(folder, (yesterday, yesterday))
+    os.utime(old / "a.mp4", (yesterday, yesterday))
+    with ResultFolder(tmp_path) as folder:
+        folder.publish()
+    assert [path.name for path in tmp_path.iterdir()] == [new.name]
 
 
 @pytest.mark.parametrize("place", ["file", "file/below", "/proc/nowhere"])

@@ -1,5 +1,7 @@
 """Who is let in: by host name, by the page that asks, by account, and through a proxy."""
 
+import itertools
+import logging
 import os
 import signal
 import socket
@@ -12,13 +14,13 @@ from pathlib import Path
 import httpx
 import pytest
 from gradio_client import Client
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from app.config import AppConfig
 from app.errors import RunError
 from app.page.launch import launch, parse_config
-from app.page.serving.guard import HostNames
+from app.page.serving.guard import Framing, HostNames
 from tests.helpers import ROOT
 
 UPLOAD = {"files": ("a.wav", b"sound")}
@@ -140,6 +142,115 @@ def test_with_accounts_nothing_is_given_before_the_login(weights: Path, tmp_path
     file.write_text("ann\n")
     with pytest.raises(RunError, match="NAME:PASSWORD"):
         parse_config(["--auth", str(file)])
+
+
+def test_no_other_site_shows_the_page_in_a_frame(
+    client: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for path in ("/", "config", "web/player/player.js", "media/x"):
+        headers = client.get(path).headers
+        assert "frame-ancestors 'self'" in headers["content-security-policy"].split(", ")
+        assert headers["x-frame-options"] == "SAMEORIGIN"
+    refused = client.get("/", headers={"Host": "evil.example"})
+    assert refused.headers["content-security-policy"] == "frame-ancestors 'self'"
+    told = dict(Framing(("https://lab.example",)).headers)
+    assert told == {b"content-security-policy": b"frame-ancestors 'self' https://lab.example"}
+    monkeypatch.setenv("SPACE_HOST", "us-page.hf.space")
+    told = dict(Framing().headers)
+    assert told[b"content-security-policy"].endswith(b"https://huggingface.co https://*.hf.space")
+    assert b"x-frame-options" not in told
+
+
+@pytest.mark.parametrize("name", ["X-Forwarded-Host", "X-Gradio-Server"])
+def test_nobody_can_claim_another_address_for_the_page(client: httpx.Client, name: str) -> None:
+    for host in ("evil.example", "lab.example"):  # its own, too: no proxy was named
+        value = host if name == "X-Forwarded-Host" else f"https://{host}"
+        root = client.get("config", headers={name: value}).json()["root"]
+        assert root == str(client.base_url).rstrip("/")
+
+
+def test_a_proxy_that_was_named_is_believed_what_the_page_answers_to(
+    weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("FORWARDED_ALLOW_IPS", raising=False)
+    config = parse_config(["--proxy", "10.0.0.2", "--proxy", "10.1.0.0/16"])
+    assert config.proxies == ("10.0.0.2", "10.1.0.0/16")
+    names = {"proxies": config.proxies, "host_names": ("lab.example",)}
+    with served(weights, tmp_path, **names) as client:
+        assert os.environ["FORWARDED_ALLOW_IPS"] == "127.0.0.1,::1,10.0.0.2,10.1.0.0/16"
+        forwarded = {"X-Forwarded-Host": "lab.example", "X-Forwarded-Proto": "https"}
+        assert client.get("config", headers=forwarded).json()["root"] == "https://lab.example"
+        forwarded = {"X-Forwarded-Host": "evil.example"}
+        assert "evil" not in client.get("config", headers=forwarded).json()["root"]
+
+
+@pytest.mark.parametrize(
+    ("flag", "value"),
+    [("--proxy", "lab.example"), ("--embed-in", "lab.example"), ("--embed-in", "https://a; b")],
+)
+def test_what_is_no_proxy_and_no_site_is_told(flag: str, value: str) -> None:
+    with pytest.raises(RunError, match=f"{flag} takes .*; got {value}"):
+        parse_config([flag, value])
+
+
+@pytest.mark.parametrize("number", [99_999, -1])
+def test_a_function_that_is_not_there_is_told(client: httpx.Client, number: int) -> None:
+    asked = {"data": [], "fn_index": number, "session_hash": "a"}
+    for path, body in (("queue/join", asked), ("call/nothing", {"data": []})):
+        answer = client.post(f"gradio_api/{path}", json=body)
+        assert answer.status_code == 404 and "no such function" in answer.text
+
+
+@pytest.mark.parametrize("page", ["%00", "", "https://evil.example/", "x"])
+def test_pages_of_others_are_not_fetched(client: httpx.Client, page: str) -> None:
+    answer = client.get(f"gradio_api/proxy={page}")
+    assert answer.status_code == 404 and "their own address" in answer.text
+
+
+def test_a_frame_that_is_no_text_ends_its_socket_and_is_no_fault(client: httpx.Client) -> None:
+    logged: list[logging.LogRecord] = []
+
+    class Noted(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            logged.append(record)
+
+    noted = Noted()
+    logging.getLogger("uvicorn.error").addHandler(noted)
+    port = client.base_url.port or 0
+    try:
+        with live_socket(port, "127.0.0.1", f"http://127.0.0.1:{port}") as speech:
+            speech.send(b"\xff\xfe", text=True)
+            with pytest.raises(ConnectionClosed):
+                speech.recv(10)
+        assert client.get("config").status_code == 200
+    finally:
+        logging.getLogger("uvicorn.error").removeHandler(noted)
+    assert [record for record in logged if record.exc_info] == []
+
+
+def test_whoever_asks_it_to_end_again_and_again_leaves_nothing_either(
+    weights: Path, tmp_path: Path
+) -> None:
+    environment = {**os.environ, "TMPDIR": str(tmp_path), "OMP_NUM_THREADS": "1"}
+    child = subprocess.Popen(
+        [sys.executable, "app.py", "--port", "0", "--weights", str(weights)],
+        cwd=ROOT, env=environment, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert child.stderr is not None
+    line = next(line for line in child.stderr if "open at" in line)
+    address = line.split()[-1]
+    path = Path(httpx.post(f"{address}gradio_api/upload", files=UPLOAD, timeout=20).json()[0])
+    for number in range(12_560):
+        (path.parent / str(number)).touch()
+    for again in itertools.count():
+        child.send_signal((signal.SIGTERM, signal.SIGINT)[again % 2])
+        try:
+            child.wait(0.02)
+            break
+        except subprocess.TimeoutExpired:
+            assert again < 1500
+    assert [p for p in tmp_path.rglob("*") if p.is_file() and p.name != ".lock"] == []
+    assert "Traceback" not in child.stderr.read()
 
 
 def test_a_server_that_is_ended_leaves_nothing(weights: Path, tmp_path: Path) -> None:

@@ -4,8 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from app.config import AppConfig
 from app.errors import CancelledRun, RunError
 from app.page.serving.jobs import Job, JobBook
+from app.page.serving.lodging import Lodging
+from tests.app.page.serving.test_workshop import zeros
 
 
 def test_each_job_has_a_folder_of_its_own_that_others_cannot_enter(tmp_path: Path) -> None:
@@ -189,13 +192,108 @@ def test_what_takes_long_steps_aside_for_another_address(
         assert list(held) in ([], [0])
 
 
-def test_among_runs_of_one_address_none_steps_aside(
+def test_what_takes_long_steps_aside_for_another_visitor_of_its_address(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("app.page.serving.jobs.LONG_S", 0.0)
     jobs = JobBook(tmp_path)
-    first, second = (jobs.open(name, "generate", "10.0.0.1") for name in "ab")
+    first, more, second = (jobs.open(name, "generate", "10.0.0.1") for name in "aab")
     with jobs.slot(first) as turn:
         list(turn)
-        with jobs.slot(second) as waiting:
-            assert next(waiting) == 1 and jobs._aside == []
+        with jobs.slot(more) as held:
+            assert next(held) == 2 and jobs._aside == []  # among one visitor's own none does
+            with jobs.slot(second) as waiting:
+                assert list(waiting) in ([], [1]) and jobs._aside == [first]
+            assert next(held) == 0  # it waits for the one aside
+
+
+def hours(jobs: JobBook, names: str, address: str = "10.0.0.1") -> list[Job]:
+    opened = [jobs.open(name, "own_motion", address) for name in names]
+    for job in opened:
+        job.is_large = True
+    return opened
+
+
+def test_six_hours_let_a_short_run_of_another_tab_through_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.page.serving.jobs.LARGE_S", 0.0)
+    jobs = JobBook(tmp_path)
+    large = hours(jobs, "uvwxyz")
+    with jobs.slot(large[0]) as turn:
+        list(turn)
+        with jobs.slot(large[1]) as held:
+            assert next(held) == 1 and jobs._aside == []  # large ones go one after the other
+            for name in "ab":
+                with jobs.slot(jobs.open(name, "generate", "10.0.0.1")) as waiting:
+                    assert all(ahead == 1 for ahead in waiting)
+            assert jobs._aside == large[:1] and jobs._working == []
+            with jobs.slot(jobs.open("c", "generate", "10.0.0.2")) as waiting:
+                assert list(waiting) == []
+
+
+def test_a_large_run_has_its_turn_after_a_while_however_many_small_ones_come(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    jobs = JobBook(tmp_path)
+    first = jobs.open("first", "generate", "10.0.0.1")
+    (large,) = hours(jobs, "z")
+    small = jobs.open("small", "generate", "10.0.0.1")
+    with jobs.slot(first) as turn:
+        list(turn)
+        with jobs.slot(large) as patient, jobs.slot(small) as waiting:
+            assert (next(patient), next(waiting)) == (2, 1)
+            monkeypatch.setattr("app.page.serving.jobs.PATIENCE_S", 0.0)
+            assert (next(patient), next(waiting)) == (1, 2)
+
+
+def test_a_second_long_run_of_an_address_is_put_back_once_for_another_address(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.page.serving.jobs.LONG_S", 0.0)
+    jobs = JobBook(tmp_path)
+    one, two, three = (jobs.open(name, "generate", "10.0.0.1") for name in "abc")
+    with jobs.slot(one) as turn:
+        list(turn)
+        with jobs.slot(two) as turn:
+            list(turn)
+            assert jobs._aside == [one] and jobs.again(two) is None
+            with jobs.slot(three) as near:
+                assert next(near) == 1 and not two.is_put_back  # of its own address: not so soon
+            with jobs.slot(jobs.open("d", "generate", "10.0.0.2")) as far:
+                assert next(far) == 1 and two.is_put_back and two.is_cancelled()
+        anew = jobs.again(two)
+        assert anew is not None and anew.folder.is_dir() and not two.folder.exists()
+        assert (anew.visitor, anew.tab, anew.is_cancelled()) == ("b", "generate", False)
+        with jobs.slot(anew) as held:
+            assert next(held) == 0  # until the one aside has ended
+            jobs.close(one)
+            assert list(held) == []
+            with jobs.slot(jobs.open("e", "generate", "10.0.0.2")) as far:
+                assert list(far) in ([], [1]) and not anew.is_put_back and jobs._aside == [anew]
+
+
+def test_a_run_that_its_visitor_cancels_does_not_begin_anew(tmp_path: Path) -> None:
+    jobs = JobBook(tmp_path)
+    job = jobs.open("a", "generate", "10.0.0.1")
+    job.is_put_back = True
+    assert jobs.cancel("a", "generate") and jobs.again(job) is None
+
+
+def test_what_was_uploaded_tells_which_runs_are_large(tmp_path: Path) -> None:
+    lodging = Lodging(AppConfig(temp=tmp_path, min_free_bytes=0))
+    jobs = JobBook(tmp_path / "jobs", lodging=lodging)
+    uploads = tmp_path / "gradio"
+    uploads.mkdir()
+    zeros(uploads / "hour.npz", 108_000)
+    zeros(uploads / "short.npz", 100)
+    (uploads / "broken.npz").write_bytes(b"PK")
+    (uploads / "minutes.mp3").write_bytes(bytes(2 * 10**6))
+    (uploads / "seconds.wav").write_bytes(bytes(2 * 10**6))
+    found = {
+        path.name
+        for path in uploads.iterdir()
+        if jobs.open("a", "own_motion", uses=[[str(path)], 3]).is_large
+    }
+    assert (uploads / "hour.npz").stat().st_size < 10**6
+    assert found == {"hour.npz", "minutes.mp3"}

@@ -143,6 +143,24 @@ def test_one_too_many_is_told(client: TestClient) -> None:
         assert "2 visitors speak live" in told(three)["end"]
 
 
+def test_one_too_many_of_one_address_is_told(weights: Path) -> None:
+    desk = LiveDesk(weights, max_sessions_each=1)
+    routes = live_routes(desk)
+    with TestClient(FastAPI(routes=routes), client=("10.0.0.1", 1)) as near:
+        far = TestClient(FastAPI(routes=routes), client=("10.0.0.2", 1))
+        with (
+            near.websocket_connect(SPEAK_ROUTE, headers=OWN) as one,
+            near.websocket_connect(SPEAK_ROUTE, headers=OWN) as two,
+            far.websocket_connect(SPEAK_ROUTE, headers=OWN) as other,
+        ):
+            answers = []
+            for socket in (one, two, other):
+                socket.send_text(json.dumps(ASK))
+                answers.append(told(socket))
+        assert "token" in answers[0] and "token" in answers[2]
+        assert "1 visitors speak live from your address" in answers[1]["end"]
+
+
 def test_body_and_examples_are_there_and_nothing_else(client: TestClient, speech: Path) -> None:
     body = client.get("/live/body.glb")
     assert body.status_code == 200 and body.content[:4] == b"glTF"

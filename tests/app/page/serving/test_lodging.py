@@ -19,8 +19,10 @@ from app.config import AppConfig
 from app.errors import RunError
 from app.page.launch import launch
 from app.page.serving.jobs import JobBook
-from app.page.serving.lodging import Lodging, claim_folder, size_of
+from app.page.serving.lodging import LEAST_BYTES, Lodging, claim_folder, size_of
+from app.page.serving.uploads import MAX_FILES
 from tests.helpers import ROOT
+from tests.soak.attacks import tiny_files
 
 KEEP_S = 1000.0
 
@@ -69,23 +71,113 @@ def test_an_upload_stays_for_as_long_as_its_run_waits_or_goes_on(tmp_path: Path)
 
 def test_there_is_a_bound_for_each_address_and_for_all(tmp_path: Path) -> None:
     config = AppConfig(
-        temp=tmp_path, max_kept_bytes=1000, max_kept_bytes_each=600, min_free_bytes=0
+        temp=tmp_path, max_kept_bytes=100_000, max_kept_bytes_each=60_000, min_free_bytes=0
     )
     lodging = Lodging(config)
-    lodging.charge("one", 550)
-    lodging.admit("one", 50)
-    lodging.admit("two", 51)
+    lodging.charge("one", 55_000)
+    lodging.admit("one", 5_000)
+    lodging.admit("two", 45_000)
     with pytest.raises(RunError, match="From your address"):
-        lodging.admit("one", 51)
-    write(tmp_path / "jobs" / "a" / "b", 990)
+        lodging.admit("one", 5_001)
     with pytest.raises(RunError, match="no room"):
-        lodging.admit("two", 51)
+        lodging.admit("two", 45_001)
+    write(tmp_path / "jobs" / "a" / "b", 99_000)
+    lodging.sweep()  # what is charged and not there is forgotten, what is there is found
+    with pytest.raises(RunError, match="no room"):
+        lodging.admit("two", 1_001)
+    lodging.admit("two", 1_000)
     os.utime(tmp_path / "jobs" / "a", (0, 0))
     lodging.sweep()
-    lodging.admit("two", 51)
+    lodging.admit("two", 1_001)
     full = Lodging(AppConfig(temp=tmp_path, min_free_bytes=10**18))
     with pytest.raises(RunError, match="no room"):
         full.admit("anyone")
+
+
+def test_a_tiny_file_counts_as_what_it_takes_of_the_disk(tmp_path: Path) -> None:
+    config = AppConfig(
+        temp=tmp_path, max_kept_bytes=20 * 4096, max_kept_bytes_each=10 * 4096, min_free_bytes=0
+    )
+    lodging = Lodging(config)
+    lodging.charge("one", 0, num_files=9)
+    lodging.admit("one", num_files=1)
+    with pytest.raises(RunError, match="From your address"):
+        lodging.admit("one", num_files=2)
+    for number in range(20):
+        write(tmp_path / "gradio" / str(number) / "a", 1)
+    assert size_of(tmp_path) == 20 * 4096
+    lodging.count()
+    with pytest.raises(RunError, match="no room"):
+        lodging.admit("two", num_files=1)
+
+
+def test_files_are_bounded_by_number_too_for_each_address_and_for_all(tmp_path: Path) -> None:
+    config = AppConfig(temp=tmp_path, max_kept_files=7, max_kept_files_each=5, min_free_bytes=0)
+    lodging = Lodging(config)
+    lodging.charge("one", 0, num_files=5)
+    with pytest.raises(RunError, match="From your address 5 files came within 60 minutes"):
+        lodging.admit("one", num_files=1)
+    lodging.admit("two", num_files=2)
+    lodging.charge("two", 0, num_files=2)
+    with pytest.raises(RunError, match="no room"):
+        lodging.admit("three", num_files=1)
+
+
+def test_whether_there_is_room_is_answered_without_a_look_at_the_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lodging = Lodging(AppConfig(temp=tmp_path, min_free_bytes=0, max_kept_files=3))
+    for number in range(3):
+        write(tmp_path / "gradio" / str(number) / "a", 1)
+    lodging.sweep()
+
+    def never(*_: object) -> None:
+        raise AssertionError("visitors wait while the folder is looked at")
+
+    for name in ("walk", "scandir", "listdir"):
+        monkeypatch.setattr(os, name, never)
+    lodging.admit("one", 100)
+    with pytest.raises(RunError, match="no room"):
+        lodging.admit("one", 100, num_files=1)
+
+
+def test_what_comes_while_the_files_are_counted_is_not_forgotten(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lodging = Lodging(AppConfig(temp=tmp_path, min_free_bytes=0, max_kept_bytes=100_000))
+    lodging.charge("one", 60_000)
+    look = os.scandir
+
+    def scandir(folder: Any) -> Any:
+        with pytest.raises(RunError, match="no room"):  # what came before still counts
+            lodging.admit("two", 50_000)
+        lodging.charge("two", 30_000)
+        return look(folder)
+
+    monkeypatch.setattr(os, "scandir", scandir)
+    lodging.count()
+    monkeypatch.undo()
+    with pytest.raises(RunError, match="no room"):
+        lodging.admit("three", 80_000)
+
+
+def test_what_an_address_has_left_is_forgotten_in_time_and_kept_small(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = time.time()
+    monkeypatch.setattr(time, "time", lambda: now)
+    lodging = Lodging(AppConfig(temp=tmp_path, keep_results_s=60, max_kept_files_each=1000))
+    for _ in range(1000):
+        lodging.charge("one", 10, num_files=1)
+        now += 0.05
+    assert len(lodging._left["one"]._spans) < 61
+    with pytest.raises(RunError, match="From your address"):
+        lodging.admit("one", num_files=1)
+    now += 40
+    lodging.admit("one", num_files=400)
+    now += 60
+    lodging.sweep()
+    assert not lodging._left
 
 
 HOLD = """
@@ -124,7 +216,12 @@ def temp(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def client(weights: Path, temp: Path) -> Iterator[httpx.Client]:
     config = AppConfig(
-        port=0, weights=weights, temp=temp, keep_results_s=4, max_kept_bytes_each=60 * 10**6
+        port=0,
+        weights=weights,
+        temp=temp,
+        keep_results_s=4,
+        max_kept_bytes_each=60 * 10**6,
+        max_kept_files_each=MAX_FILES + 50,
     )
     page = launch(config, is_warmed_up=False)
     with httpx.Client(base_url=page.local_url, timeout=20) as client:
@@ -183,6 +280,40 @@ def test_too_much_of_one_address_is_refused_in_a_sentence_and_heals(
     assert upload(client, 10**6).status_code == 200
 
 
+def tiny(client: httpx.Client, count: int) -> httpx.Response:
+    body, boundary = tiny_files(count)
+    headers = {"Content-Type": f"multipart/form-data; boundary={boundary}"}
+    return client.post("gradio_api/upload", content=body, headers=headers)
+
+
+def test_many_tiny_files_are_refused_by_their_number_and_leave_nothing(
+    client: httpx.Client, temp: Path
+) -> None:
+    time.sleep(6)
+    before = left(temp / "gradio")
+    answer = tiny(client, MAX_FILES + 1)
+    assert answer.status_code == 413 and f"At most {MAX_FILES} files" in answer.text
+    assert left(temp / "gradio") == before
+    time.sleep(6)  # they counted nevertheless
+    assert len(tiny(client, MAX_FILES).json()) == MAX_FILES
+    before = left(temp / "gradio")
+    answer = tiny(client, 51)
+    assert answer.status_code == 507 and "From your address 300 files came" in answer.text
+    assert left(temp / "gradio") == before
+    assert client.get("config").status_code == 200
+
+
+@pytest.mark.parametrize("path", ["component_server", "component_server/", "process_recording"])
+def test_what_takes_files_uncounted_is_closed(client: httpx.Client, path: str) -> None:
+    answer = client.post(f"gradio_api/{path}", files={"video": ("a.wav", b"sound")})
+    assert answer.status_code == 404 and "fields of its forms" in answer.text
+
+
+def test_a_long_field_that_is_no_file_is_refused(client: httpx.Client) -> None:
+    answer = client.post("gradio_api/upload", data={"a": "x" * 70_000}, files={"files": b"sound"})
+    assert answer.status_code == 400 and "may have 65536 bytes" in answer.text
+
+
 def test_a_full_disk_is_said_and_leaves_nothing(
     client: httpx.Client, temp: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -213,4 +344,4 @@ def test_a_folder_that_goes_while_it_is_measured_is_passed_over(
         return look(folder)
 
     monkeypatch.setattr(os, "scandir", scandir)
-    assert size_of(tmp_path) == 3
+    assert size_of(tmp_path) == LEAST_BYTES

@@ -1,6 +1,7 @@
 """What all tabs do alike between a click and the end of a run."""
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -140,3 +141,30 @@ def test_who_waits_is_told_and_can_stop_waiting(tmp_path: Path) -> None:
         assert text.CANCELLED in next(clicked)["status"]
         assert next(clicked, None) is None
     assert runner.has_ended
+
+
+def test_a_run_that_is_put_back_begins_anew_and_comes_to_its_end(tmp_path: Path) -> None:
+    jobs = JobBook(tmp_path)
+    begun = threading.Event()
+    folders: list[Path] = []
+
+    def do(on_event: OnEvent, should_cancel: ShouldCancel) -> str:
+        (job,) = jobs._jobs
+        folders.append(job.folder)
+        if len(folders) == 1:
+            begun.set()
+            on_event(Progress("numbers", 0.5))
+            while not should_cancel():
+                time.sleep(0.01)
+            raise CancelledRun
+        return "done"
+
+    runner = Runner(jobs, do)
+    told: list[Updates] = []
+    for updates in click(runner, "form"):
+        told.append(updates)
+        if begun.is_set():
+            begun.clear()
+            jobs._jobs[0].is_put_back = True
+    assert told[-1] == {"result": "done"} and {"blank": True} in told[1:]
+    assert len(runner.begun) == 2 and not folders[0].exists() and not jobs._jobs

@@ -1,0 +1,139 @@
+"""How much of a motion its speech decides, and how much chance.
+
+Two motions of one system that share the speech and not the noise are alike in what the speech
+decides; two that share the noise and not the speech, in what the noise decides; two that share
+neither show what is always alike. Likeness is the correlation over time of a track: how fast the
+arms and the head turn, how high the brows are, how wide the jaw opens. The share that speech
+decides is the first less the third, that of noise the second less the third.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.ndimage import gaussian_filter1d
+
+from model.measures.face.face_and_hands import head_speed
+from model.measures.face.face_measures import unit_columns
+from model.motion.motion import Motion
+from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
+from model.motion.skeleton import JOINT_INDEX
+from model.motion.timing import FPS
+
+SMOOTH_FRAMES = 4.0
+"""Of the Gaussian over speeds: a stroke lasts longer."""
+LEAST_FRAMES = 3 * FPS
+"""Of two motions that are compared."""
+ARMS = [JOINT_INDEX[f"{side}_{j}"] for side in ("left", "right") for j in ("shoulder", "elbow")]
+
+Grid = Mapping[tuple[str, int], Motion]
+"""Motions of one system and speaker by speech and noise seed."""
+
+
+@dataclass(frozen=True)
+class Decided:
+    """Mean correlations of one track over pairs of motions."""
+
+    same_speech: float
+    """Other noise."""
+    same_noise: float
+    """Other speech."""
+    neither: float
+
+    @property
+    def by_speech(self) -> float:
+        """The share that speech decides."""
+        return self.same_speech - self.neither
+
+    @property
+    def by_noise(self) -> float:
+        """The share that noise decides."""
+        return self.same_noise - self.neither
+
+
+def arm_speed(motion: Motion) -> Float[np.ndarray, " T1"]:
+    """Angular speeds of both shoulders and elbows, summed and smoothed, degrees a second."""
+    poses = torch.from_numpy(motion.poses).unflatten(-1, (-1, 3))[:, ARMS]
+    turned = matrix_from_axis_angle(poses)
+    steps = axis_angle_from_matrix(turned[:-1].mT @ turned[1:]).norm(dim=-1)
+    return _smooth(np.rad2deg(steps.sum(-1).numpy()) * FPS)
+
+
+def _head_speed(motion: Motion) -> Float[np.ndarray, " T1"]:
+    return _smooth(head_speed(motion))
+
+
+def _brows(motion: Motion) -> Float[np.ndarray, " T"] | None:
+    if motion.expression_basis != "arkit52":
+        return None
+    return motion.expressions[:, unit_columns("browInnerUp")].mean(1)
+
+
+def _jaw(motion: Motion) -> Float[np.ndarray, " T"]:
+    jaw = 3 * JOINT_INDEX["jaw"]
+    return np.linalg.norm(motion.poses[:, jaw : jaw + 3], axis=-1)
+
+
+TRACKS: Mapping[str, Callable[[Motion], np.ndarray | None]] = {
+    "arms": arm_speed, "head": _head_speed, "brows": _brows, "jaw": _jaw,
+}  # fmt: skip
+"""By part of the body; None where a motion has no such part."""
+
+
+def likeness(one: Float[np.ndarray, " n"], other: Float[np.ndarray, " m"]) -> float:
+    """Correlation over the frames that both have; 0 for what does not move."""
+    frames = min(len(one), len(other))
+    first, second = one[:frames] - one[:frames].mean(), other[:frames] - other[:frames].mean()
+    size = np.sqrt(np.square(first).sum() * np.square(second).sum())
+    return float((first * second).sum() / size) if size > 1e-9 else 0.0
+
+
+def arm_rotations_alike(one: Motion, other: Motion) -> float:
+    """Correlation over time of shoulders' and elbows' axis-angle numbers, mean over the 12."""
+    columns = [3 * joint + k for joint in ARMS for k in range(3)]
+    pairs = zip(one.poses[:, columns].T, other.poses[:, columns].T, strict=True)
+    return float(np.mean([likeness(*pair) for pair in pairs]))
+
+
+def decided(motions: Grid) -> dict[str, Decided]:
+    """By part of the body, of what several speeches with several noise seeds made.
+
+    Raises:
+        ValueError: unless there are two speeches, each with the same two seeds or more, and each
+            motion lasts `LEAST_FRAMES` or longer.
+    """
+    speeches, seeds = (sorted({key[k] for key in motions}) for k in (0, 1))
+    if len(speeches) < 2 or len(seeds) < 2 or len(motions) != len(speeches) * len(seeds):
+        raise ValueError(
+            f"Two speeches and two noise seeds or more are compared, each with each; there are "
+            f"{len(motions)} motions of {len(speeches)} speeches and {len(seeds)} seeds."
+        )
+    shortest = min(motion.num_frames for motion in motions.values())
+    if shortest < LEAST_FRAMES:
+        raise ValueError(
+            f"Each motion must last {LEAST_FRAMES / FPS:g} s to be compared; one has "
+            f"{shortest / FPS:.1f} s."
+        )
+    found = {}
+    for part, track_of in TRACKS.items():
+        tracks = {key: track_of(motion) for key, motion in motions.items()}
+        if any(track is None for track in tracks.values()):
+            continue
+        found[part] = _decided(list(tracks.items()))
+    return found
+
+
+def _decided(tracks: Sequence[tuple[tuple[str, int], np.ndarray]]) -> Decided:
+    alike: dict[tuple[bool, bool], list[float]] = {}
+    for ((speech, seed), one), ((speech_, seed_), other) in combinations(tracks, 2):
+        alike.setdefault((speech == speech_, seed == seed_), []).append(likeness(one, other))
+    return Decided(
+        *(float(np.mean(alike[k])) for k in ((True, False), (False, True), (False, False)))
+    )
+
+
+def _smooth(speed: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    return gaussian_filter1d(np.asarray(speed, np.float64), SMOOTH_FRAMES)

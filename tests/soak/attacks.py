@@ -1,0 +1,208 @@
+"""Attacks that cost who makes them next to nothing, against a page on this machine's loopback.
+
+All of them are bounded in count and time, and come from one address. Each tells what it got.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import secrets
+import statistics
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any
+from urllib.parse import urlsplit
+
+import httpx
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+
+from tests.soak.visitor import Refused, Visitor
+
+TINY_BYTES = 8
+ASK_LIVE = {"system": "globaldiff/global", "speaker": "ann", "seed": 1}
+
+
+def only_here(address: str) -> str:
+    """The address of a page, which must be on this machine.
+
+    Raises:
+        ValueError: if it is not; nobody else is ever attacked.
+    """
+    if urlsplit(address).hostname != "127.0.0.1":
+        raise ValueError(f"Only a page on 127.0.0.1 is attacked; got {address}.")
+    return address
+
+
+def tiny_files(count: int) -> tuple[bytes, str]:
+    """A multipart body of so many files of eight bytes, no two alike, and its boundary."""
+    boundary = secrets.token_hex(8)
+    head = f'--{boundary}\r\nContent-Disposition: form-data; name="files"; filename="%d"\r\n\r\n'
+    parts = [(head % k).encode() + secrets.token_bytes(TINY_BYTES) + b"\r\n" for k in range(count)]
+    return b"".join(parts) + f"--{boundary}--\r\n".encode(), boundary
+
+
+def send_tiny_files(address: str, bodies: int, count: int, own: str) -> list[int]:
+    """Send so many such bodies from the address ``own``; returns the status of each answer."""
+    transport = httpx.HTTPTransport(local_address=own)
+    statuses: list[int] = []
+    with httpx.Client(base_url=only_here(address), transport=transport, timeout=60) as client:
+        for _ in range(bodies):
+            body, boundary = tiny_files(count)
+            headers = {"Content-Type": f"multipart/form-data; boundary={boundary}"}
+            try:
+                answer = client.post("gradio_api/upload", content=body, headers=headers)
+                statuses.append(answer.status_code)
+            except httpx.TransportError:  # cut off in the middle
+                statuses.append(0)
+    return statuses
+
+
+class TricklingSockets(contextlib.AbstractContextManager["TricklingSockets"]):
+    """Live sessions of one address that send two bytes now and then and are heard no more of."""
+
+    def __init__(self, address: str, count: int, own: str, every_s: float = 9.0) -> None:
+        self._every_s = every_s
+        self._over = threading.Event()
+        self._sockets = contextlib.ExitStack()
+        self._open: list[ClientConnection] = []
+        self.endings: list[str] = []
+        """What those were told who got no place, or lost it."""
+        for _ in range(count):
+            self._ask(address, own)
+        self.num_let_in = len(self._open)
+        self._thread = threading.Thread(target=self._trickle, daemon=True)
+        self._thread.start()
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._over.set()
+        self._thread.join()
+        self._sockets.close()
+
+    @property
+    def num_open(self) -> int:
+        return len(self._open)
+
+    def _ask(self, address: str, own: str) -> None:
+        socket = self._sockets.enter_context(live_socket(address, own))
+        told = str(socket.recv())
+        if "token" in told:
+            self._open.append(socket)
+        else:
+            self.endings.append(told)
+
+    def _trickle(self) -> None:
+        sent_at = 0.0
+        while not self._over.wait(0.2):
+            is_time = time.monotonic() - sent_at > self._every_s
+            for socket in list(self._open):
+                try:
+                    if is_time:
+                        socket.send(b"\0\0")
+                    told = socket.recv(timeout=0.0)
+                    if isinstance(told, str):
+                        self.endings.append(told)
+                        self._open.remove(socket)
+                except TimeoutError:
+                    continue
+                except ConnectionClosed:
+                    self._open.remove(socket)
+            if is_time:
+                sent_at = time.monotonic()
+
+
+@contextlib.contextmanager
+def live_socket(address: str, own: str) -> Iterator[ClientConnection]:
+    """A WebSocket that has asked for a live session, from the address ``own``."""
+    page = only_here(address).rstrip("/")
+    with connect(
+        f"{page.replace('http', 'ws', 1)}/live/speak",
+        additional_headers={"Origin": page},
+        source_address=(own, 0),
+    ) as socket:
+        socket.send(json.dumps(ASK_LIVE))
+        yield socket
+
+
+class HoursOfNothing(contextlib.AbstractContextManager["HoursOfNothing"]):
+    """So many pages of one address, each of which wants an hour of zeros measured."""
+
+    def __init__(self, address: str, number: int, hour: bytes, pages: int) -> None:
+        self._over = threading.Event()
+        self._address = only_here(address)
+        self._number, self._hour = number, hour
+        self.num_done = 0
+        """Of runs that came to their end."""
+        self._asked = threading.Semaphore(0)
+        self._threads = [
+            threading.Thread(target=self._ask, args=(k,), daemon=True) for k in range(pages)
+        ]
+        for thread in self._threads:
+            thread.start()
+            self._asked.acquire(timeout=30)
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._over.set()
+        for thread in self._threads:
+            thread.join(60)
+
+    def _ask(self, page: int) -> None:
+        with Visitor(self._address, self._number) as visitor:
+            motions = [visitor.upload(f"{page}.npz", self._hour)]
+            self._asked.release()
+            with contextlib.suppress(Refused):
+                for _ in visitor.events("own_motion", {"motions": motions}):
+                    if self._over.is_set():
+                        return
+                self.num_done += 1
+
+
+@dataclass
+class Times:
+    """How long something took, each time, in seconds."""
+
+    taken: list[float] = field(default_factory=list)
+
+    def of(self, act: Callable[[], Any]) -> Any:
+        begun = time.monotonic()
+        result = act()
+        self.taken.append(time.monotonic() - begun)
+        return result
+
+    def __str__(self) -> str:
+        middle, most = (1000 * f(self.taken) for f in (statistics.median, max))
+        return f"{middle:.0f} ms in the middle, {most:.0f} ms at most, of {len(self.taken)}"
+
+
+@contextlib.contextmanager
+def looking_on(address: str, own: str) -> Iterator[Times]:
+    """Another visitor, who asks for a small file again and again meanwhile."""
+    times, over = Times(), threading.Event()
+
+    def look() -> None:
+        transport = httpx.HTTPTransport(local_address=own)
+        with httpx.Client(base_url=only_here(address), transport=transport, timeout=60) as client:
+            while not over.wait(0.02) or len(times.taken) < 10:
+                times.of(lambda: client.get("web/player/player.js").raise_for_status())
+
+    thread = threading.Thread(target=look)
+    thread.start()
+    try:
+        yield times
+    finally:
+        over.set()
+        thread.join()
