@@ -19,6 +19,7 @@ from app.run.request import REFERENCE_NAME, GenerateRequest, check_request
 from app.run.result_folder import remove_unfinished
 from model.generation.clip_noise import clip_seed
 from model.jobs.crew import Crew, Job
+from model.storage.harmless import printable
 
 LIST_ENDING = ".txt"
 ENDINGS = (".wav", ".flac", ".mp3", ".ogg", ".opus", ".m4a", ".aac", ".webm")
@@ -114,11 +115,12 @@ def find_speeches(source: Path) -> dict[str, Path]:
         found = _listed(source)
     speeches: dict[str, Path] = {}
     for path in found:
-        if path.stem in speeches:
+        name = printable(path.stem)
+        if name in speeches:
             raise RunError(
-                f"{speeches[path.stem]} and {path} would both be called {path.stem!r}; rename one."
+                f"{speeches[name]} and {path} would both be called {name!r}; rename one."
             )
-        speeches[path.stem] = path.absolute()
+        speeches[name] = path.absolute()
     return speeches
 
 
