@@ -92,8 +92,8 @@ def _told(error: Exception, job: Job) -> Exception:
 
     if isinstance(error, KilledWorker):
         return JobsError(
-            f"Every worker that began {job.name} ended before it was done, most likely for want "
-            "of memory."
+            f"Every worker that began {job.name} ended before it was done; the logs of the workers "
+            "say how."
         )
     return error
 

@@ -45,6 +45,27 @@ def kill_worker(folder: Path, name: str, seconds: float) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+def crash(folder: Path, name: str, seconds: float) -> None:
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def leave(folder: Path, name: str, seconds: float) -> None:
+    sys.stderr.write("the last words of it\n")
+    sys.stderr.flush()
+    os._exit(3)
+
+
+def run_out_of_memory(folder: Path, name: str, seconds: float) -> None:
+    """As C++ does where nobody catches it."""
+    sys.stderr.write("terminate called after throwing an instance of 'std::bad_alloc'\n")
+    sys.stderr.flush()
+    os.abort()
+
+
+def leave_python(folder: Path, name: str, seconds: float) -> None:
+    sys.exit(3)
+
+
 def done(folder: Path) -> list[str]:
     """Names as they came."""
     log = folder / "log"
