@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import RunError
+from app.run.held_folder import held_folder
 from app.run.many.record import is_kept, keep, read_records, stamp_of
 from app.run.many.table import numbers_of, write_tables
 from app.run.request import REFERENCE_NAME
@@ -64,6 +65,17 @@ def diagnose_folders(
         for name, found in files.items()
         if len(found) > len(clips)
     ]
+    with held_folder(request.out):
+        return _diagnose_clips(request, files, clips, notes, on_progress)
+
+
+def _diagnose_clips(
+    request: ManyRequest,
+    files: dict[str, dict[str, Path]],
+    clips: list[str],
+    notes: list[str],
+    on_progress: Callable[[float], None],
+) -> ManyResult:
     kept = request.out / "clips"
     kept.mkdir(parents=True, exist_ok=True)
     records = {clip: (kept / f"{clip}.json").absolute() for clip in clips}

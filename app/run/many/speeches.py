@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import RunError, sentence_of
+from app.run.held_folder import held_folder
 from app.run.many.record import is_kept, keep, read_records, stamp_of
 from app.run.many.table import numbers_of, write_tables
 from app.run.request import REFERENCE_NAME, GenerateRequest, check_request
@@ -87,14 +88,14 @@ def generate_many(
         num_done += 1
         on_done(folders[clip], num_done / len(jobs))
 
-    request.out.mkdir(parents=True, exist_ok=True)
-    failed = {clip: _sentence(error) for clip, error in crew.do_all(jobs, tell).items()}
-    clips = [clip for clip in speeches if clip not in failed]
-    files: tuple[Path, ...] = ()
-    if clips:
-        numbers = read_records({clip: records[clip] for clip in clips})
-        names = list(numbers[clips[0]]["systems"])
-        files = write_tables(request.out, names, clips, list(numbers.values()))
+    with held_folder(request.out):
+        failed = {clip: _sentence(error) for clip, error in crew.do_all(jobs, tell).items()}
+        clips = [clip for clip in speeches if clip not in failed]
+        files: tuple[Path, ...] = ()
+        if clips:
+            numbers = read_records({clip: records[clip] for clip in clips})
+            names = list(numbers[clips[0]]["systems"])
+            files = write_tables(request.out, names, clips, list(numbers.values()))
     return ManyRuns(tuple(clips), kept, failed, files)
 
 
