@@ -7,7 +7,7 @@ import time
 from functools import partial
 from pathlib import Path
 
-from model.jobs.crew import Crew, Job
+from model.jobs.crew import Crew, Job, JobsError
 
 
 def make_jobs(folder: Path, count: int, seconds: float = 0.0) -> list[Job]:
@@ -82,4 +82,7 @@ def wait_for(condition, seconds: float = 60.0) -> None:
 if __name__ == "__main__":
     place, who = Path(sys.argv[1]), sys.argv[2]
     crew = Crew(int(who)) if who.isdigit() else Crew(scheduler=who)
-    crew.do_all(make_jobs(place, 6, 0.5))
+    try:
+        crew.do_all(make_jobs(place, 6, 0.5))
+    except JobsError as error:
+        sys.exit(str(error))
