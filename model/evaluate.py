@@ -38,6 +38,7 @@ from model.networks.autoencoder import FrozenEncoder, load_encoder
 from model.speech.audio import SpeechError
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from model.storage.files import written_atomically
+from model.storage.harmless import printable
 from model.systems.registry import list_systems, load_system
 
 log = logging.getLogger(__name__)
@@ -79,7 +80,7 @@ def main(arguments: list[str] | None = None) -> int:
         )
         write(table, args.out)
     except (JobsError, CheckpointError, UnknownNameError, OSError, ValueError) as error:
-        sys.stderr.write(f"{error}\n")
+        sys.stderr.write(f"{printable(str(error))}\n")
         return 1
     sys.stdout.write(tables.as_markdown(table))
     return 0
