@@ -1,4 +1,4 @@
-"""The command line: generate, diagnose, steps, render, mechanism, study, doctor.
+"""The command line: generate, diagnose, steps, hearing, render, mechanism, study, doctor.
 
 Exit status: 0 done, 1 failed with one sentence on standard error, 2 wrong arguments.
 """
@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from app import text
+from app.commands.hearing import add_hearing
 from app.commands.many import add_crew, crew_of, generate_over_many, told_if_stopped
 from app.commands.mechanism import add_mechanism
 from app.commands.said import LogLines, Parser, name_file, say
@@ -78,6 +79,7 @@ def make_parser() -> argparse.ArgumentParser:
     _add_diagnose(commands)
     _add_steps(commands)
     _add_render(commands)
+    add_hearing(commands)
     add_mechanism(commands)
     _add_doctor(commands)
     add_study(commands)
