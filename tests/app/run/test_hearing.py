@@ -92,10 +92,12 @@ def test_guidance_makes_two_speeches_differ_more(
     def apart(guidance: float) -> float:
         out = tmp_path / str(guidance)
         request = HearingRequest(
-            out, speeches, ("gan/5",), weights=weights, guidance=guidance, seeds=2
+            out, speeches, ("globaldiff/global",), weights=weights, guidance=guidance
         )
         measure_hearing(request)
-        one, two = (load_motion(out / f"gan-5__{stem}__0.npz") for stem in ("one", "two"))
+        one, two = (
+            load_motion(out / f"globaldiff-global__{stem}__0.npz") for stem in ("one", "two")
+        )
         return float(np.abs(one.poses - two.poses).mean())
 
     assert apart(0.0) < apart(1.0) < apart(4.0)
