@@ -34,9 +34,16 @@ STUDY_SYSTEMS_HELP = "Each more is one more video of every clip, and more pairs 
 SPEAKER_LABEL = "Speaker style"
 SPEAKER_HELP = "Whose manner it takes on."
 SEED_LABEL = "Seed"
-SEED_HELP = "Same seed, same motion."
+SEED_HELP = "Same seed and speech, same motion."
 SAMPLES_LABEL = "Samples per system"
 SAMPLES_HELP = "More than one shows how much chance decides."
+GUIDANCE_LABEL = "Strength of the speech"
+GUIDANCE_HELP = (
+    "How much what is said changes the gestures. The papers' own code draws with 1, where other "
+    "speech with the same seed gives nearly the same gestures; AsynFusion has no other."
+)
+USUAL_GUIDANCE = "as suits each system"
+GUIDANCE_NAMES = {1.0: "1, as trained"}
 ADVANCED_LABEL = "Advanced"
 STEPS_LABEL = "Sampler steps"
 STEPS_HELP = "Empty: what each system usually takes. A number for all, or full=20, local=5, …"

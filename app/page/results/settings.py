@@ -35,6 +35,7 @@ def settings_of_run(asked: GenerateRequest) -> Settings:
         "steps": _steps(asked.steps),
         "steps of the face": _steps(asked.face_steps),
         "sampler": text.SAMPLER_NAMES.get(asked.sampler or "", asked.sampler or USUAL),
+        "strength of the speech": USUAL if asked.guidance is None else f"{asked.guidance:g}",
         "filter": _FILTERS[asked.post_filter],
         "reference": reference.name if reference else NONE,
         "followed point": point_title(asked.joint).lower(),

@@ -16,7 +16,7 @@ from app import text
 from app.config import AppConfig
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue, Example, default_systems, point_choices
-from app.page.tabs.generate_form import SEED_LIMIT
+from app.page.tabs.generate_form import GUIDANCE_CHOICES, SEED_LIMIT, USUAL_GUIDANCE
 from app.page.tabs.upload_check import UploadCheck
 from app.run.display import FACTORS
 from app.run.pictures.followed_point import TIP
@@ -76,6 +76,16 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
     samples = gr.Slider(
         1, 4, value=1, step=1, label=text.SAMPLES_LABEL, info=text.SAMPLES_HELP, buttons=[]
     )
+    guidance = gr.Dropdown(
+        choices=[
+            (text.USUAL_GUIDANCE, USUAL_GUIDANCE),
+            *((text.GUIDANCE_NAMES.get(value, f"{value:g}"), value) for value in GUIDANCE_CHOICES),
+        ],
+        value=USUAL_GUIDANCE,
+        label=text.GUIDANCE_LABEL,
+        info=text.GUIDANCE_HELP,
+        elem_id="guidance",
+    )
     with gr.Column(visible=False, elem_id="two-steps") as two_steps:
         body_steps, face_steps = (
             gr.Slider(0, 50, value=0, step=1, label=label, info=help_, buttons=[])
@@ -132,7 +142,7 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
     fields = (
         *(speech, systems, speaker, seed, samples, steps, sampler, is_smoothed, reference),
         *(point, start_frame, transcript, body_steps, face_steps),
-        *(exaggeration, has_trail, is_colored, is_whole),
+        *(exaggeration, has_trail, is_colored, is_whole, guidance),
     )
     return FormParts(fields, start, cancel)
 

@@ -13,7 +13,10 @@ def asked(**changes) -> GenerateRequest:
 
 
 def test_a_run_is_told_in_words() -> None:
-    told = settings_of_run(asked(seed=3, steps={"globaldiff/local": 10}, sampler="heun"))
+    told = settings_of_run(
+        asked(seed=3, steps={"globaldiff/local": 10}, sampler="heun", guidance=1.5)
+    )
+    assert told["strength of the speech"] == "1.5"
     assert (told["speech"], told["systems"], told["seed"]) == ("talk", "local, gan/5", "3")
     assert (told["steps"], told["filter"]) == ("local 10", "none")
     assert told["sampler"].startswith("Heun")

@@ -112,3 +112,11 @@ def test_steps_of_face_and_body_go_to_the_systems_that_have_them() -> None:
     by_name = {"globaldiff/global": 5}
     assert asked(steps="globaldiff/global=5", body_steps=9) == (by_name, None)
     assert asked(steps="global=5", body_steps=9) == (by_name, None), "as the form calls it"
+
+
+def test_the_strength_of_the_speech_is_each_systems_usual_one_or_what_is_chosen() -> None:
+    assert read(FORM).guidance is None
+    assert read(replace(FORM, guidance=2.5)).guidance == 2.5
+    assert read(replace(FORM, guidance=1.0)).guidance == 1.0
+    with pytest.raises(RunError, match="0 to 10; got 11"):
+        read(replace(FORM, guidance=11.0))
