@@ -26,6 +26,7 @@ from app.page.tabs import own_motion as own_motion_tab
 from app.page.tabs.generate import FormParts, build_form
 from app.page.tabs.generate_form import Form
 from app.page.tabs.generate_run import Generate, GenerateRunner
+from app.page.tabs.hearing import build_hearing
 from app.page.tabs.mechanism import build_mechanism
 from app.page.tabs.opening import Opening
 from app.page.tabs.step_curve import build_step_curve
@@ -81,6 +82,7 @@ def build_app(
             with gr.Tab(text.LADDER_TAB):
                 build_mechanism(page, config, jobs, desk, workshop.show_mechanism)
                 build_systems_tab(catalogue.systems)
+                build_hearing(page, catalogue, config, jobs, desk, workshop.measure_hearing)
                 build_step_curve(page, catalogue, config, jobs, desk, workshop.measure_steps)
             with gr.Tab(text.STUDY_TAB):
                 build_study_tab(

@@ -36,7 +36,9 @@ PATIENCE_S = 120.0
 NUM_ASIDE = 1
 """Runs that have stepped aside; each takes the memory of one at work."""
 
-Tab = Literal["generate", "own_motion", "live", "mechanism", "steps", "study", "analysis"]
+Tab = Literal[
+    "generate", "own_motion", "live", "mechanism", "hearing", "steps", "study", "analysis"
+]  # fmt: skip
 """The part of the page that starts a run, and whose button stops it."""
 
 

@@ -35,6 +35,7 @@ from model.jobs.ended import ChildLog, Ended, memory_kills
 if TYPE_CHECKING:
     from app.run.diagnose import DiagnoseRequest, Diagnosis
     from app.run.first_look import FirstLook
+    from app.run.hearing import Hearing, HearingRequest
     from app.run.mechanism import MechanismRequest
     from app.run.step_curve import StepCurve, StepCurveRequest
     from app.run.upload_check import UploadKind
@@ -147,6 +148,12 @@ class Workshop:
     ) -> StepCurve:
         """As `app.run.step_curve.measure_step_curve`."""
         return self._with_shares("measure_steps", (request,), on_share)
+
+    def measure_hearing(
+        self, request: HearingRequest, on_share: Callable[[float], None]
+    ) -> Hearing:
+        """As `app.run.hearing.measure_hearing`."""
+        return self._with_shares("measure_hearing", (request,), on_share)
 
     def export_study(
         self,

@@ -23,10 +23,8 @@ _NO_MEMORY = ("allocate memory", "not enough memory", "bad_alloc")
 
 def generate(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
     from app.run.pipeline import generate_all
-    from model.generation.one_thread import one_thread
 
-    with one_thread():  # the visitor's browser, or another visitor, works beside it
-        return generate_all(request, on_event, should_cancel)
+    return generate_all(request, on_event, should_cancel)
 
 
 def diagnose(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
@@ -51,10 +49,14 @@ def make_first_look(
 
 def measure_steps(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
     from app.run.step_curve import measure_step_curve
-    from model.generation.one_thread import one_thread
 
-    with one_thread():
-        return measure_step_curve(request, share_teller("numbers", on_event, should_cancel))
+    return measure_step_curve(request, share_teller("numbers", on_event, should_cancel))
+
+
+def measure_hearing(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
+    from app.run.hearing import measure_hearing as measure
+
+    return measure(request, share_teller("numbers", on_event, should_cancel))
 
 
 def export_study(
@@ -90,7 +92,7 @@ def refuse(
 
 
 _ALL = (
-    *(generate, diagnose, show_mechanism, make_first_look, measure_steps),
+    *(generate, diagnose, show_mechanism, make_first_look, measure_steps, measure_hearing),
     *(export_study, analyse_study, refuse),
 )
 TASKS: dict[str, Callable[..., Any]] = {task.__name__: task for task in _ALL}

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,14 +15,9 @@ from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.asked import form_of
 from app.page.parts.catalogue import Catalogue
-from app.page.parts.html_parts import mount, reveal_on_click, shown
-from app.page.results.figures_shown import FiguresShown
-from app.page.serving.follow import last_share
-from app.page.serving.jobs import Job, JobBook
+from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
-from app.page.serving.runner import TabRunner, Updates
-from app.run.request import Event, OnEvent, ShouldCancel
-from app.run.telling import share_teller
+from app.page.tabs.measured_figure import FigureRunner, build_figure_parts
 from model.systems.globaldiff.config import BEST
 
 if TYPE_CHECKING:
@@ -38,19 +32,9 @@ INTRODUCTION = (
 AT_FIRST = ("globaldiff/full", BEST, "asynfusion/lcm-async", "gan/5")
 NO_SYSTEM = "Tick at least one system to measure."
 NO_SPEECH = "Upload speech to measure with; this installation has no examples."
-MEASURING = "Measuring: {share:.0%}"
 MEASURED = "Measured {count} motions."
 
 Measure = Callable[["StepCurveRequest", Callable[[float], None]], "StepCurve"]
-
-
-@dataclass(frozen=True)
-class StepCurveParts:
-    """Where the plot and what is said of it are shown."""
-
-    status: gr.HTML
-    message: gr.HTML
-    figure: gr.HTML
 
 
 def build_step_curve(
@@ -85,28 +69,10 @@ def build_step_curve(
                 start = gr.Button("Measure", variant="primary", elem_id="steps-start")
                 cancel = gr.Button(text.CANCEL, elem_id="steps-cancel", min_width=110)
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
-            parts = StepCurveParts(
-                gr.HTML(markup.idle_status(text.READY), elem_id="steps-status"),
-                gr.HTML("", visible=False),
-                gr.HTML(
-                    "", visible=False, js_on_load=mount("figures.js", "mountFigures"),
-                    apply_default_css=False, elem_id="steps-figures",
-                ),
-            )  # fmt: skip
-    example = catalogue.examples[0].path if catalogue.examples else None
-    runner = StepCurveRunner(measure, example, config, jobs, desk, parts)
-    reveal_on_click(start, parts.status)
-    start.click(
-        runner.run,
-        inputs=[systems, speech],
-        outputs=[parts.status, parts.message, parts.figure],
-        api_name="steps",
-        show_progress="hidden",
-        trigger_mode="once",
-        concurrency_limit=None,  # JobBook lets them in one by one
-    )
-    cancel.click(runner.cancel, queue=False, api_visibility="private", show_progress="hidden")
-    page.unload(runner.cancel)
+            parts = build_figure_parts("steps")
+    examples = tuple(example.path for example in catalogue.examples)
+    runner = StepCurveRunner(measure, examples, config, jobs, desk, parts)
+    runner.wire(page, start, cancel, [systems, speech])
 
 
 @dataclass(frozen=True)
@@ -117,80 +83,29 @@ class StepCurveForm:
     speech: str | None
 
 
-class StepCurveRunner(TabRunner["StepCurve"]):
+class StepCurveRunner(FigureRunner["StepCurveRequest", "StepCurve"]):
     """Measures ticked systems with few and with many steps."""
 
     tab = "steps"
 
-    def __init__(
-        self,
-        measure: Measure,
-        example: Path | None,
-        config: AppConfig,
-        jobs: JobBook,
-        desk: MediaDesk,
-        parts: StepCurveParts,
-    ) -> None:
-        super().__init__(jobs, parts.status)
-        self._measure = measure
-        self._example = example
-        self._config = config
-        self._desk = desk
-        self._parts = parts
-
-    @contextmanager
-    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
+    def request(self, values: tuple[Any, ...], out: Path) -> StepCurveRequest:
+        """See `FigureRunner.request`."""
         from app.run.step_curve import StepCurveRequest
 
         form = form_of(StepCurveForm, values)
-        systems, path = form.systems, Path(form.speech) if form.speech else self._example
-        if not systems:
+        path = Path(form.speech) if form.speech else next(iter(self.examples), None)
+        if not form.systems:
             raise RunError(NO_SYSTEM)
         if path is None:
             raise RunError(NO_SPEECH)
-        asked = StepCurveRequest(
+        return StepCurveRequest(
             speech=path,
-            out=job.folder / "results",
-            systems=tuple(systems),
-            weights=self._config.weights,
-            max_speech_s=self._config.max_speech_s,
+            out=out,
+            systems=tuple(form.systems),
+            weights=self.config.weights,
+            max_speech_s=self.config.max_speech_s,
         )
-        yield _Work(self._measure, asked, FiguresShown(self._desk, cookie), self._parts)
 
-    def blank(self) -> Updates:
-        return self.stopped(markup.sentence_status(text.STARTING), "")
-
-    def stopped(self, status: str, message: str) -> Updates:
-        return {
-            self._parts.status: status,
-            self._parts.message: shown(message),
-            self._parts.figure: shown(""),
-        }
-
-
-@dataclass(frozen=True)
-class _Work:
-    """One run of the measuring."""
-
-    measure: Measure
-    asked: StepCurveRequest
-    figures: FiguresShown
-    parts: StepCurveParts
-
-    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> StepCurve:
-        on_progress = share_teller("numbers", on_event, should_cancel)
-        return self.measure(self.asked, on_progress)
-
-    def progress(self, events: list[Event]) -> Updates:
-        share = last_share(events)
-        if share is None:
-            return {}
-        return {self.parts.status: markup.sentence_status(MEASURING.format(share=share))}
-
-    def finished(self, result: StepCurve) -> Updates:
-        self.figures.take_files(result.files)
-        line = MEASURED.format(count=len(result.points))
-        return {
-            self.parts.status: markup.sentence_status(line),
-            self.parts.figure: shown(self.figures.html()),
-        }
+    def told(self, found: StepCurve) -> str:
+        """See `FigureRunner.told`."""
+        return MEASURED.format(count=len(found.points))

@@ -9,10 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from app.errors import CancelledRun, RunError
-from app.page.serving import workshop_child
 from app.page.serving.workshop import FaultInWorkshop, Limits, Workshop
 from app.run.diagnose import DiagnoseRequest
 from app.run.request import Artefact, Event, GenerateRequest, Progress
@@ -251,22 +249,6 @@ def test_a_file_that_is_told_of_is_there_however_late_it_is_looked_at(
     request = GenerateRequest(speech, tmp_path / "out", weights, steps=1, has_video=False)
     done = workshop.generate(request, on_event, lambda: False)
     assert done.files and shares and files
-
-
-@pytest.mark.parametrize(
-    ("task", "work"),
-    [
-        (workshop_child.generate, "app.run.pipeline.generate_all"),
-        (workshop_child.measure_steps, "app.run.step_curve.measure_step_curve"),
-    ],
-)
-def test_motion_is_made_in_one_thread_beside_the_visitors_browser(
-    task: Callable[..., object], work: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    seen = []
-    monkeypatch.setattr(work, lambda *asked: seen.append(torch.get_num_threads()))
-    task(None, print, bool)
-    assert seen == [1]
 
 
 def test_a_run_that_has_stepped_aside_comes_last_and_its_process_is_not_kept(

@@ -12,7 +12,8 @@ from app.config import AppConfig
 from app.errors import RunError
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
-from app.page.tabs.step_curve import StepCurveParts, StepCurveRunner
+from app.page.tabs.measured_figure import FigureParts
+from app.page.tabs.step_curve import StepCurveRunner
 from app.run.step_curve import StepCurve, StepCurveRequest, StepPoint
 
 VISITOR = SimpleNamespace(session_hash="visitor", cookies={})
@@ -25,10 +26,15 @@ Runs = Callable[..., list[dict[Any, Any]]]
 def runs(tmp_path: Path) -> Runs:
     def run(measure: Any, *values: Any, example: Path | None = EXAMPLE) -> list[dict[Any, Any]]:
         with gr.Blocks():
-            parts = StepCurveParts(gr.HTML(), gr.HTML(), gr.HTML())
+            parts = FigureParts(gr.HTML(), gr.HTML(), gr.HTML())
         names = {getattr(parts, name): name for name in parts.__dataclass_fields__}
         runner = StepCurveRunner(
-            measure, example, AppConfig(), JobBook(tmp_path), MediaDesk(), parts
+            measure,
+            (example,) if example else (),
+            AppConfig(),
+            JobBook(tmp_path),
+            MediaDesk(),
+            parts,
         )
         updates = []
         try:

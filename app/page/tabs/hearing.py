@@ -1,0 +1,125 @@
+"""The part of the tab "Systems" that shows what speech decides of a motion, and what chance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import gradio as gr
+
+from app import text
+from app.config import AppConfig
+from app.errors import RunError
+from app.page.parts import markup
+from app.page.parts.asked import form_of
+from app.page.parts.catalogue import Catalogue
+from app.page.serving.jobs import JobBook
+from app.page.serving.media import MediaDesk
+from app.page.tabs.measured_figure import FigureRunner, build_figure_parts
+from model.systems.globaldiff.config import BEST
+
+if TYPE_CHECKING:
+    from app.run.hearing import Hearing, HearingRequest
+
+TITLE = "Does it hear?"
+INTRODUCTION = (
+    "Two speeches by two noise seeds, four motions of each system: where it hears, motions of one "
+    "speech rise and fall together; where it is deaf, those of one seed. The same as <code>python "
+    "-m app hearing</code>, which takes anyone's motion too."
+)
+AT_FIRST = (BEST, "globaldiff/global", "asynfusion/lcm-async", "gan/5")
+STRENGTHS = (("as suits each system", -1.0), ("1, as trained", 1.0), ("2", 2.0), ("3", 3.0))
+NO_SYSTEM = "Tick at least one system to compare."
+NO_SPEECH = "Upload two speeches to compare; this installation has fewer than two examples."
+USUAL = -1.0
+
+Measure = Callable[["HearingRequest", Callable[[float], None]], "Hearing"]
+
+
+def build_hearing(
+    page: gr.Blocks,
+    catalogue: Catalogue,
+    config: AppConfig,
+    jobs: JobBook,
+    desk: MediaDesk,
+    measure: Measure,
+) -> None:
+    """Lay out the part inside the current context and wire it.
+
+    Args:
+        measure: does the measuring, as `app.run.hearing.measure_hearing`.
+    """
+    gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{INTRODUCTION}</p>')
+    with gr.Row(elem_classes="columns"):
+        with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
+            systems = gr.CheckboxGroup(
+                choices=list(catalogue.systems),
+                value=[name for name in AT_FIRST if name in catalogue.systems],
+                label="Systems",
+                elem_id="hearing-systems",
+            )
+            with gr.Row(elem_classes="pair"):
+                first, second = (
+                    gr.File(
+                        label=f"Speech {letter} (optional: an example otherwise)",
+                        file_types=["audio"],
+                        type="filepath",
+                        height=110,
+                        min_width=140,
+                    )
+                    for letter in "AB"
+                )
+            strength = gr.Radio(
+                list(STRENGTHS), value=USUAL, label=text.GUIDANCE_LABEL, elem_id="hearing-strength"
+            )
+            with gr.Row(elem_classes="actions"):
+                start = gr.Button("Compare", variant="primary", elem_id="hearing-start")
+                cancel = gr.Button(text.CANCEL, elem_id="hearing-cancel", min_width=110)
+        with gr.Column(scale=9, min_width=320, elem_classes="results"):
+            parts = build_figure_parts("hearing")
+    examples = tuple(example.path for example in catalogue.examples)
+    runner = HearingRunner(measure, examples, config, jobs, desk, parts)
+    runner.wire(page, start, cancel, [systems, first, second, strength])
+
+
+@dataclass(frozen=True)
+class HearingForm:
+    """What the visitor has filled in, as Gradio hands it over."""
+
+    systems: list[str]
+    first: str | None
+    second: str | None
+    strength: float
+
+
+class HearingRunner(FigureRunner["HearingRequest", "Hearing"]):
+    """Compares two speeches by two seeds."""
+
+    tab = "hearing"
+
+    def request(self, values: tuple[Any, ...], out: Path) -> HearingRequest:
+        """See `FigureRunner.request`."""
+        from app.run.hearing import HearingRequest
+
+        form = form_of(HearingForm, values)
+        if not form.systems:
+            raise RunError(NO_SYSTEM)
+        given = [Path(path) for path in (form.first, form.second) if path]
+        missing = 2 - len(given)
+        spare = [path for path in self.examples if path.stem not in {p.stem for p in given}]
+        if len(spare) < missing:
+            raise RunError(NO_SPEECH)
+        return HearingRequest(
+            out=out,
+            speeches=(*given, *spare[:missing]),
+            systems=tuple(form.systems),
+            guidance=None if form.strength == USUAL else form.strength,
+            weights=self.config.weights,
+            max_speech_s=self.config.max_speech_s,
+        )
+
+    def told(self, found: Hearing) -> str:
+        """See `FigureRunner.told`."""
+        return " ".join(found.sentences())

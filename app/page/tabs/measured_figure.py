@@ -1,0 +1,145 @@
+"""What parts of a tab share that measure something in a run and show it as a figure."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, Protocol, TypeVar
+
+import gradio as gr
+
+from app import text
+from app.config import AppConfig
+from app.page.parts import markup
+from app.page.parts.html_parts import mount, reveal_on_click, shown
+from app.page.results.figures_shown import FiguresShown
+from app.page.serving.follow import last_share
+from app.page.serving.jobs import Job, JobBook
+from app.page.serving.media import MediaDesk
+from app.page.serving.runner import TabRunner, Updates
+from app.run.request import Event, OnEvent, ShouldCancel
+from app.run.telling import share_teller
+
+MEASURING = "Measuring: {share:.0%}"
+
+
+class Measured(Protocol):
+    """What a measurement leaves."""
+
+    @property
+    def files(self) -> tuple[Path, ...]: ...
+
+
+Asked = TypeVar("Asked")
+Found = TypeVar("Found", bound=Measured)
+
+
+@dataclass(frozen=True)
+class FigureParts:
+    """Where the figure and what is said of it are shown."""
+
+    status: gr.HTML
+    message: gr.HTML
+    figure: gr.HTML
+
+
+def build_figure_parts(name: str) -> FigureParts:
+    """Lay them out; their ids begin with ``name``."""
+    return FigureParts(
+        gr.HTML(markup.idle_status(text.READY), elem_id=f"{name}-status"),
+        gr.HTML("", visible=False),
+        gr.HTML(
+            "", visible=False, js_on_load=mount("figures.js", "mountFigures"),
+            apply_default_css=False, elem_id=f"{name}-figures",
+        ),
+    )  # fmt: skip
+
+
+class FigureRunner(TabRunner[Found], Generic[Asked, Found]):
+    """Asks for a measurement, follows it, and shows its figure."""
+
+    def __init__(
+        self,
+        measure: Callable[[Asked, Callable[[float], None]], Found],
+        examples: tuple[Path, ...],
+        config: AppConfig,
+        jobs: JobBook,
+        desk: MediaDesk,
+        parts: FigureParts,
+    ) -> None:
+        super().__init__(jobs, parts.status)
+        self.examples = examples
+        self.config = config
+        self.measure = measure
+        self.parts = parts
+        self._desk = desk
+
+    @abstractmethod
+    def request(self, values: tuple[Any, ...], out: Path) -> Asked:
+        """What the fields ask for.
+
+        Raises:
+            RunError: a sentence for the visitor.
+        """
+
+    @abstractmethod
+    def told(self, found: Found) -> str:
+        """A line of what was measured."""
+
+    @contextmanager
+    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
+        asked = self.request(values, job.folder / "results")
+        yield _Work(self, asked, FiguresShown(self._desk, cookie))
+
+    def blank(self) -> Updates:
+        return self.stopped(markup.sentence_status(text.STARTING), "")
+
+    def stopped(self, status: str, message: str) -> Updates:
+        return {
+            self.parts.status: status,
+            self.parts.message: shown(message),
+            self.parts.figure: shown(""),
+        }
+
+    def wire(self, page: gr.Blocks, start: gr.Button, cancel: gr.Button, fields: list[Any]) -> None:
+        """Let the buttons begin and end it; the tab's name is that of the API."""
+        reveal_on_click(start, self.parts.status)
+        start.click(
+            self.run,
+            inputs=fields,
+            outputs=[self.parts.status, self.parts.message, self.parts.figure],
+            api_name=self.tab,
+            show_progress="hidden",
+            trigger_mode="once",
+            concurrency_limit=None,  # JobBook lets them in one by one
+        )
+        cancel.click(self.cancel, queue=False, api_visibility="private", show_progress="hidden")
+        page.unload(self.cancel)
+
+
+@dataclass(frozen=True)
+class _Work(Generic[Asked, Found]):
+    """One measurement."""
+
+    runner: FigureRunner[Asked, Found]
+    asked: Asked
+    figures: FiguresShown
+
+    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Found:
+        return self.runner.measure(self.asked, share_teller("numbers", on_event, should_cancel))
+
+    def progress(self, events: list[Event]) -> Updates:
+        share = last_share(events)
+        if share is None:
+            return {}
+        return {self.runner.parts.status: markup.sentence_status(MEASURING.format(share=share))}
+
+    def finished(self, result: Found) -> Updates:
+        self.figures.take_files(result.files)
+        return {
+            self.runner.parts.status: markup.sentence_status(self.runner.told(result)),
+            self.runner.parts.figure: shown(self.figures.html()),
+        }
