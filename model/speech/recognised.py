@@ -22,7 +22,7 @@ SURE = 0.5
 """Confidence under which a word is left out. Of words recognised in clear speech about nine in ten
 that are surer are right, and six in ten of the others (docs/words.md)."""
 MOST_UNSURE = 0.4
-"""Share of sure words under which none is used: English of seven clips has 0.5 to 0.9, French 0.2,
+"""Share of sure words under which none is used: English of eleven clips has 0.5 to 0.9, French 0.2,
 and speech played backwards 0.1 to 0.4."""
 FEW_WORDS = 8
 """Too few to tell by them what language was spoken."""
