@@ -82,7 +82,9 @@ EXAGGERATE_HELP = "All above 5 Hz, in the videos only; they say so. Numbers stay
 REFERENCE_LABEL = "Reference motion (BEAT2 .npz, optional)"
 POINT_LABEL = "Point to follow in plots and measures"
 START_LABEL = "First frame of the figure"
-TRANSCRIPT_LABEL = "Words and gestures with their times (.TextGrid, optional)"
+TRANSCRIPT_LABEL = "What is said (.TextGrid with times, or .txt in English; optional)"
+WORDS_LABEL = "Recognise words"
+WORDS_HELP = "Of English, where no text is given; beside the drawing."
 GENERATE = "Generate motion"
 CANCEL = "Cancel"
 

@@ -32,6 +32,7 @@ from app.run.request import (
     LOOKS,
     POST_FILTERS,
     VIEWS,
+    WORDS_ASKED,
     CloseUp,
     Framing,
     GenerateRequest,
@@ -180,6 +181,7 @@ def _generate(options: argparse.Namespace) -> None:
         post_filter=options.post_filter,
         reference=options.reference,
         transcript=options.transcript,
+        words=options.words,
         joint=options.joint,
         start_frame=options.start,
         body=options.body,
@@ -289,6 +291,7 @@ def _diagnose(options: argparse.Namespace) -> None:
         speech=options.speech,
         mean_speeds=options.mean_speeds,
         transcript=options.transcript,
+        words=options.words,
         shown=options.show,
         joint=options.joint,
         start_frame=options.start,
@@ -358,8 +361,15 @@ def _steps_command(options: argparse.Namespace) -> None:
 
 def _add_point(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--transcript", type=Path, metavar="FILE", help="a TextGrid; its words go to the numbers"
-    )
+        "--transcript", type=Path, metavar="FILE",
+        help="what is said: a TextGrid, or a plain English text (.txt), which is looked for in the "
+        "speech; the words go to the numbers",
+    )  # fmt: skip
+    parser.add_argument(
+        "--words", choices=WORDS_ASKED, default="none",
+        help="recognise English words where there is no transcript; a fifth of the speech's length "
+        "on one core (default: %(default)s)",
+    )  # fmt: skip
     parser.add_argument(
         "--joint", default=TIP, metavar="NAME",
         help="fingertip or joint to follow, such as left_index or right_wrist "

@@ -17,8 +17,10 @@ from app.run.pictures.figures import check_start, draw_error_growth, draw_figure
 from app.run.pictures.followed_point import TIP, TipSource, choose_tip_source
 from app.run.pictures.own_videos import OnFile, VideoOptions, draw_own_videos, picture_motions
 from app.run.pictures.register import SOLE_M
-from app.run.request import MAX_COMPARED, REFERENCE_NAME
+from app.run.request import MAX_COMPARED, REFERENCE_NAME, WordsAsked
 from app.run.result_folder import ResultFolder
+from app.run.words import SpokenWords
+from model.speech.transcript import NOTHING_SAID, Transcript
 from model.storage.harmless import printable
 
 if TYPE_CHECKING:
@@ -35,6 +37,10 @@ _READ, _MEASURED, _GROWN, _GROWTH_DRAWN, _SHEET_DRAWN, _POSES_DRAWN = 0.1, 0.5, 
 """Shares of the whole that are done after each part of it."""
 _BEFORE_VIDEOS = 0.3
 """Share of the whole where videos are drawn, too."""
+_NO_SPEECH = (
+    "Words are looked for in the speech, and none was given: add it (--speech), or give words with "
+    "their times as a TextGrid."
+)
 LENGTHS_APART_S = 1.0
 """Recordings of sound and motion that belong together differ by less."""
 
@@ -54,7 +60,9 @@ class DiagnoseRequest:
     """EMAGE's published speeds of the joints (``mean_vel_smplxflame_30.npy``), for a BeatAlign that
     can be held against papers."""
     transcript: Path | None = None
-    """A TextGrid of that speech, for the time line."""
+    """A TextGrid of that speech, or a plain text (.txt) of it, for numbers and time line."""
+    words: WordsAsked = "none"
+    """Whether the words of the speech are recognised where there is no transcript."""
     shown: tuple[str, ...] = ()
     """Names of the motions that the figures show, where there are more than `MAX_COMPARED`; by
     default the first. All are measured."""
@@ -86,6 +94,8 @@ class Diagnosis:
     diagnostics: Diagnostics
     error_growth: dict[str, Any] | None
     """None where no rotation moves the followed point."""
+    said: Transcript = NOTHING_SAID
+    """In the speech, where that was given or found."""
 
 
 @dataclass(frozen=True)
@@ -122,8 +132,15 @@ def diagnose_files(
         RunError, MotionError, SpeechError, TranscriptError, BodyError, GLError, FigureError,
         WriteError: each with one sentence.
     """
-    from model.speech.transcript import read_transcript
+    with SpokenWords(request.transcript, request.words) as words:
+        if words.need_speech and request.speech is None:
+            raise RunError(_NO_SPEECH)
+        return _diagnose(request, words, on_progress, on_file)
 
+
+def _diagnose(
+    request: DiagnoseRequest, words: SpokenWords, on_progress: OnShare, on_file: OnFile
+) -> Diagnosis:
     measured = 1.0 if request.videos is None else _BEFORE_VIDEOS
 
     def on_measured(share: float) -> None:
@@ -135,9 +152,7 @@ def diagnose_files(
     shown = _shown(request, read)
     check_start(request.start_frame, min(motion.num_frames for motion in read.all.values()))
     with ResultFolder(request.out) as folder:
-        words = read_transcript(request.transcript).words if request.transcript else None
-        diagnostics = _measure(request, read, tip, on_measured)
-        write_diagnostics(diagnostics, folder, words)
+        diagnostics = _measure(request, read, tip, words, on_measured)
         growth = _grow_errors(read.all, request.joint, on_measured)
         if growth is not None:
             text = json.dumps(growth, indent=1, allow_nan=False) + "\n"
@@ -167,7 +182,10 @@ def diagnose_files(
                 f"The figures show the first {MAX_COMPARED} motions; say which with --show, or on"
                 " the page."
             )
-        return Diagnosis(folder.publish(), tuple(notes), diagnostics, growth)
+        said, notes_of_words = words.found(lambda: on_progress(1.0))
+        notes += notes_of_words
+        write_diagnostics(diagnostics, folder, said)
+        return Diagnosis(folder.publish(), tuple(notes), diagnostics, growth, said)
 
 
 def _shown(request: DiagnoseRequest, read: _Read) -> dict[str, Motion]:
@@ -266,7 +284,11 @@ def _check_frames(request: DiagnoseRequest, motions: Iterable[Motion]) -> None:
 
 
 def _measure(
-    request: DiagnoseRequest, read: _Read, tip: TipSource, on_progress: OnShare
+    request: DiagnoseRequest,
+    read: _Read,
+    tip: TipSource,
+    words: SpokenWords,
+    on_progress: OnShare,
 ) -> Diagnostics:
     from model.measures.beats import read_mean_speeds
     from model.measures.faults.timing import loudness_of
@@ -283,6 +305,7 @@ def _measure(
         on_progress(_READ)
         onsets_s = onsets_of(speech)
         loudness = loudness_of(speech.waveform)
+        words.begin(speech.waveform)
     return measure_motions(
         read.all,
         tip,

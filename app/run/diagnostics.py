@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from app.run.pictures.followed_point import TipSource
 from app.run.request import REFERENCE_NAME
 from app.run.result_folder import ResultFolder
+from model.speech.transcript import NOTHING_SAID
 from model.storage.harmless import csv_text
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from model.motion.motion import Motion
     from model.motion.tracks import Tracks
     from model.speech.audio import Speech
-    from model.speech.transcript import Interval
+    from model.speech.transcript import Transcript
 
 CSV_HEADER = ("name", "post_filter", "measure", "index", "value")
 _KEPT_CLIPS = 8
@@ -94,17 +95,20 @@ def onsets_of(speech: Speech) -> np.ndarray:
 
 
 def write_diagnostics(
-    diagnostics: Diagnostics, folder: ResultFolder, words: Sequence[Interval] | None = None
+    diagnostics: Diagnostics, folder: ResultFolder, said: Transcript = NOTHING_SAID
 ) -> tuple[Path, Path]:
     """Write diagnostics.json and .csv. The table has one row for each number; arrays are told apart
     by ``index``.
 
     Args:
-        words: of the speech, which are only handed on.
+        said: in the speech; its words and phones are only handed on.
     """
     content = diagnostics.as_json()
-    if words is not None:
-        content["words"] = [asdict(word) for word in words]
+    if said.words:
+        content["words_origin"] = said.origin
+        content["words"] = [asdict(word) for word in said.words]
+    if said.phones:
+        content["phones"] = [asdict(phone) for phone in said.phones]
     json_path, csv_path = folder.path("diagnostics.json"), folder.path("diagnostics.csv")
     json_path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
     csv_path.write_text(csv_text([CSV_HEADER, *_rows(diagnostics)]), "utf-8", newline="")

@@ -38,6 +38,7 @@ from app.run.request import (
 )
 from app.run.result_folder import ResultFolder
 from app.run.telling import Reporter
+from app.run.words import SpokenWords
 from model.storage.harmless import printable
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
     from model.measures.diagnostics import Diagnostics
     from model.measures.joins.seams import Windows
     from model.speech.audio import Speech
-    from model.speech.transcript import Interval
+    from model.speech.transcript import Transcript
 
 _M_MMAP_THRESHOLD = -3  # malloc.h
 _LARGE_BYTES = 1 << 20
@@ -77,31 +78,32 @@ def generate_all(
     reporter = Reporter(on_event, should_cancel)
     with ResultFolder(request.out) as folder:
         try:
-            return _run(request, folder, reporter)
+            with SpokenWords(request.transcript, request.words) as words:
+                return _run(request, folder, reporter, words)
         except Exception as error:
             if _is_cancellation(error):
                 raise CancelledRun from error
             raise
 
 
-def _run(request: GenerateRequest, folder: ResultFolder, reporter: Reporter) -> GenerateResult:
-    from model.speech.transcript import read_transcript
-
+def _run(
+    request: GenerateRequest, folder: ResultFolder, reporter: Reporter, words: SpokenWords
+) -> GenerateResult:
     reporter.progress("speech", 0.0)
     inputs, speech = read_inputs(request, folder.scratch("speech.wav"), request.out, reporter)
     reporter.progress("speech", 1.0)
     tip = choose_tip_source(inputs.body, request.body, request.joint)
     compared = (inputs, inputs.reference) if inputs.reference is not None else (inputs,)
     check_start(request.start_frame, min(each.num_frames for each in compared))
-    words = read_transcript(request.transcript).words if request.transcript else None
 
     rows = _generate(request, inputs, speech, folder, reporter)
     onsets_s = onsets_of(speech)
+    words.begin(speech.waveform)  # beside the numbers and pictures, never before the motions
     del speech
     for row in rows:
         notes = inputs.body.notes(body_motion(row.shown))
         reporter.note(*(f"{row.name}: {note}" for note in notes))
-    diagnostics = _measure(rows, inputs, onsets_s, words, tip, folder, reporter)
+    diagnostics = _measure(rows, inputs, onsets_s, tip, reporter)
     snapshots, beside = Snapshots(), nullcontext()
     if request.has_video:
         snapshots = draw_all(request, inputs, rows, tip, folder, reporter)
@@ -109,7 +111,11 @@ def _run(request: GenerateRequest, folder: ResultFolder, reporter: Reporter) -> 
     with beside:
         if request.has_figures:
             _draw_figures(request, rows, snapshots, tip, diagnostics, folder, reporter)
-    _write_provenance(request, inputs, folder, reporter)
+    said, notes = words.found(reporter.stop_if_asked)
+    reporter.note(*notes)
+    for path in write_diagnostics(diagnostics, folder, said):
+        reporter.file("diagnostics", "diagnostics", path)
+    _write_provenance(request, inputs, said, folder, reporter)
     return GenerateResult(
         out=request.out,
         files=folder.publish(),
@@ -117,6 +123,7 @@ def _run(request: GenerateRequest, folder: ResultFolder, reporter: Reporter) -> 
         num_frames=inputs.num_frames,
         diagnostics=diagnostics,
         notes=tuple(reporter.notes),
+        said=said,
     )
 
 
@@ -168,9 +175,7 @@ def _measure(
     rows: Sequence[Row],
     inputs: Inputs,
     onsets_s: np.ndarray,
-    words: Sequence[Interval] | None,
     tip: TipSource,
-    folder: ResultFolder,
     reporter: Reporter,
 ) -> Diagnostics:
     def on_share(part: float) -> None:
@@ -181,8 +186,6 @@ def _measure(
     motions = {row.name: row.raw for row in rows}
     diagnostics = measure_motions(motions, tip, onsets_s, on_share, _windows(rows, inputs))
     reporter.note(*diagnostics.notes)
-    for path in write_diagnostics(diagnostics, folder, words):
-        reporter.file("diagnostics", "diagnostics", path)
     reporter.progress("numbers", 1.0)
     return diagnostics
 
@@ -236,7 +239,11 @@ def _draw_figures(
 
 
 def _write_provenance(
-    request: GenerateRequest, inputs: Inputs, folder: ResultFolder, reporter: Reporter
+    request: GenerateRequest,
+    inputs: Inputs,
+    said: Transcript,
+    folder: ResultFolder,
+    reporter: Reporter,
 ) -> None:
     record = make_provenance(
         inputs.systems,
@@ -245,6 +252,7 @@ def _write_provenance(
             "sha256": inputs.speech_sha256,
             "duration_s": round(inputs.speech_s, 6),
             "frames": inputs.num_frames,
+            "words": {"origin": said.origin, "count": len(said.words)} if said.words else None,
         },
         options={
             "speaker": inputs.speaker,
@@ -259,6 +267,8 @@ def _write_provenance(
             "sampler": {name: asked.sampler for name, asked in inputs.options.items()},
             "guidance": {name: asked.guidance for name, asked in inputs.options.items()},
             "post_filter": request.post_filter,
+            "transcript": request.transcript.name if request.transcript else None,
+            "words": request.words,
             "joint": request.joint,
             "start_frame": request.start_frame,
             "reference": request.reference.name if request.reference else None,

@@ -8,7 +8,7 @@ import platform
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-_PACKAGES = ("torch", "numpy", "scipy", "numba", "matplotlib", "imageio-ffmpeg")
+_PACKAGES = ("torch", "numpy", "scipy", "numba", "matplotlib", "imageio-ffmpeg", "pocketsphinx")
 
 
 def versions() -> dict[str, str]:

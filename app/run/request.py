@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from app.errors import RunError
 from app.run.display import Display, check_display
+from model.speech.transcript import NOTHING_SAID, Transcript
 
 if TYPE_CHECKING:
     from model.measures.diagnostics import Diagnostics
 
 PostFilter = Literal["none", "savgol"]
 POST_FILTERS: tuple[PostFilter, ...] = get_args(PostFilter)
+WordsAsked = Literal["recognise", "none"]
+WORDS_ASKED: tuple[WordsAsked, ...] = get_args(WordsAsked)
 View = Literal["front", "three_quarter", "side", "face", "left_hand", "right_hand"]
 VIEWS: tuple[View, ...] = get_args(View)
 CloseUp = Literal["face", "hands"]
@@ -90,7 +93,10 @@ class GenerateRequest:
     can be chosen; 1 is as trained, None as suits each."""
     post_filter: PostFilter = "none"
     transcript: Path | None = None
-    """A TextGrid of the speech; its words go to the numbers."""
+    """A TextGrid of the speech, or a plain text (.txt) of it, whose words are looked for in it; the
+    words go to the numbers."""
+    words: WordsAsked = "none"
+    """Whether words are recognised where there is no transcript: ``recognise`` or ``none``."""
     joint: str = "right_middle"
     """The fingertip or joint that figure and tip measures follow; see
     `app.run.pictures.followed_point`."""
@@ -157,6 +163,7 @@ def check_request(request: GenerateRequest) -> None:
     """
     for value, allowed, what in (
         (request.post_filter, POST_FILTERS, "post-filter"),
+        (request.words, WORDS_ASKED, "way to words"),
         *((view, VIEWS, "view") for view in request.views),
         (request.framing, FRAMINGS, "framing"),
         *((close_up, CLOSE_UPS, "close-up") for close_up in request.close_ups),
@@ -239,6 +246,8 @@ class GenerateResult:
     diagnostics: Diagnostics
     notes: tuple[str, ...] = field(default=())
     """Sentences the person should read, such as what was done to the speech."""
+    said: Transcript = NOTHING_SAID
+    """What was said in the speech, where that was given or found."""
 
 
 def sample_name(system: str, sample: int) -> str:

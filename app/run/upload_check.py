@@ -41,6 +41,6 @@ def _read(kind: UploadKind, path: Path, max_speech_s: float) -> None:
 
             read_any_motion(path)
         case "transcript":
-            from model.speech.transcript import read_transcript
+            from model.speech.transcript import read_words
 
-            read_transcript(path)
+            read_words(path)

@@ -1,17 +1,25 @@
-"""Words and gestures with their times, from a Praat TextGrid as BEAT2, forced aligners and our
-corpus write them."""
+"""Words, phones and gestures with their times, from a Praat TextGrid as BEAT2, forced aligners and
+our corpus write them; and plain texts, whose times are still to be found."""
 
 import codecs
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 MAX_BYTES = 8 * 2**20
 """An hour of speech with all its phones has less than 4 MiB."""
 MAX_WORDS = 50_000
 """Intervals of a tier."""
 MAX_GESTURE_TIERS = 4
+MAX_TEXT_BYTES = 256 * 2**10
+"""Of a plain text; what is said in an hour has less than 80 KiB."""
+TEXT_SUFFIX = ".txt"
 WORD_TIERS = ("words", "word")
+PHONE_TIERS = ("phones", "phone")
+Origin = Literal["given", "aligned", "recognised"]
+"""Where words and their times come from: a TextGrid; a plain text, looked for in the speech; or the
+speech alone."""
 GESTURE_TIER = re.compile(r"gesture|phase|stroke", re.IGNORECASE)
 """Part of the name of a tier that says what hands do."""
 _ITEM = re.compile(r"^[ \t]*item \[\d+\]:", re.MULTILINE)
@@ -35,6 +43,14 @@ class Interval:
 
 
 @dataclass(frozen=True)
+class Word(Interval):
+    """A word, and how sure it is that it was said there."""
+
+    confidence: float = 1.0
+    """0 to 1; 1 of what a person has given."""
+
+
+@dataclass(frozen=True)
 class GestureTier:
     """What somebody has called the parts of gestures, by one name for each hand or scheme."""
 
@@ -46,25 +62,29 @@ class GestureTier:
 class Transcript:
     """What was said, and what hands did meanwhile where that was written down, too."""
 
-    words: tuple[Interval, ...] = ()
+    words: tuple[Word, ...] = ()
     gestures: tuple[GestureTier, ...] = ()
+    origin: Origin = "given"
+    phones: tuple[Interval, ...] = ()
+    """Sounds of the words, where they are known."""
 
 
 NOTHING_SAID = Transcript()
 
 
 def read_transcript(path: str | Path) -> Transcript:
-    """The words and gestures of a TextGrid in Praat's long text format, pauses left out.
+    """The words, phones and gestures of a TextGrid in Praat's long text format, pauses left out.
 
     Words are taken from the tier called words or word, or from the only interval tier there is;
-    gestures from the first `MAX_GESTURE_TIERS` that `GESTURE_TIER` finds in their names.
+    phones from that called phones or phone, if it can be read; gestures from the first
+    `MAX_GESTURE_TIERS` that `GESTURE_TIER` finds in their names.
 
     Raises:
         TranscriptError: if the file is missing, too large, no such TextGrid, or has no words.
     """
     path = Path(path)
-    text = _read_text(path)
-    if "ooTextFile" not in text[:200] or "TextGrid" not in text[:200]:
+    text = _read_text(path, MAX_BYTES)
+    if not _is_grid(text):
         raise TranscriptError(f"{path.name} is no TextGrid; save one in Praat's long text format.")
     tiers = {}
     for part in _ITEM.split(text)[1:]:
@@ -84,7 +104,60 @@ def read_transcript(path: str | Path) -> Transcript:
         GestureTier(name, _intervals(tiers[name], "gesture", path.name))
         for name in of_gestures[:MAX_GESTURE_TIERS]
     ]
-    return Transcript(words, tuple(tier for tier in found_gestures if tier.phases))
+    return Transcript(
+        tuple(Word(word.start_s, word.end_s, word.text) for word in words),
+        tuple(tier for tier in found_gestures if tier.phases),
+        phones=_phones(tiers, path.name),
+    )
+
+
+def read_words(path: str | Path) -> Transcript | str:
+    """A TextGrid as a transcript, or a plain text (.txt) as it is, without any times.
+
+    Raises:
+        TranscriptError: as `read_transcript`, or if a plain text is too large or has no words.
+    """
+    path = Path(path)
+    if path.suffix.lower() != TEXT_SUFFIX:
+        return read_transcript(path)
+    try:
+        with path.open("rb") as file:
+            head = file.read(400)
+    except OSError:
+        head = b""  # which `read_text` tells of
+    # UTF-16 has a zero beside each of these letters.
+    is_grid = _is_grid(head.replace(b"\0", b"").decode("latin-1"))
+    return read_transcript(path) if is_grid else read_text(path)
+
+
+def read_text(path: str | Path) -> str:
+    """A plain text of what is said, in UTF-8 or UTF-16.
+
+    Raises:
+        TranscriptError: if it is missing, too large, no text, or has no words.
+    """
+    path = Path(path)
+    text = _read_text(path, MAX_TEXT_BYTES)
+    if any(ord(sign) < 32 and not sign.isspace() for sign in text):
+        raise TranscriptError(f"{path.name} is no plain text; save it as UTF-8.")
+    if not any(sign.isalnum() for sign in text):
+        raise TranscriptError(f"{path.name} holds no words.")
+    return text
+
+
+def _is_grid(text: str) -> bool:
+    return "ooTextFile" in text[:200] and "TextGrid" in text[:200]
+
+
+def _phones(tiers: dict[str, str], name: str) -> tuple[Interval, ...]:
+    """Of the tier that has them; one that is damaged is left out, and the words are not."""
+    for each, tier in tiers.items():
+        if each.lower() in PHONE_TIERS:
+            try:
+                return _intervals(tier, "phone", name)
+            except TranscriptError:
+                return ()
+    return ()
 
 
 def _intervals(tier: str, what: str, name: str) -> tuple[Interval, ...]:
@@ -112,19 +185,18 @@ def _interval(start: str, end: str, text: str, what: str, name: str) -> Interval
     return Interval(start_s, end_s, text)
 
 
-def _read_text(path: Path) -> str:
+def _read_text(path: Path, max_bytes: int) -> str:
     """Praat writes UTF-8, or UTF-16 with a byte order mark."""
     try:
         with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
+            data = file.read(max_bytes + 1)
     except OSError as error:
         raise TranscriptError(
             f"{path.name} could not be read: {(error.strerror or str(error)).lower()}."
         ) from error
-    if len(data) > MAX_BYTES:
-        raise TranscriptError(
-            f"{path.name} is larger than {MAX_BYTES // 2**20} MiB, the most that is read."
-        )
+    if len(data) > max_bytes:
+        most = f"{max_bytes // 2**20} MiB" if max_bytes >= 2**20 else f"{max_bytes // 2**10} KiB"
+        raise TranscriptError(f"{path.name} is larger than {most}, the most that is read.")
     is_utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     try:
         return data.decode("utf-16" if is_utf16 else "utf-8-sig")

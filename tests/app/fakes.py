@@ -26,6 +26,7 @@ from app.run.result_folder import ResultFolder
 from model.measures.diagnostics import Versions
 from model.motion.motion import Motion, save_motion
 from model.motion.skeleton import JOINT_INDEX
+from model.speech.transcript import NOTHING_SAID, Transcript, Word
 from tests.app.measured import diagnostics_of, measured
 
 CATALOGUE = Catalogue(
@@ -36,6 +37,7 @@ CATALOGUE = Catalogue(
 )
 
 
+RECOGNISED = Transcript((Word(0.2, 0.6, "hello", 0.75),), origin="recognised")
 FRAME_BITS = 10
 """Of a frame's number, as black and white columns of its picture, the highest bit first."""
 
@@ -136,6 +138,9 @@ def make_generate(
             },
         )
         num_frames = round(30 * seconds)
-        return GenerateResult(request.out, files, names, num_frames, diagnostics, ("A note.",))
+        said = RECOGNISED if request.words == "recognise" else NOTHING_SAID
+        return GenerateResult(
+            request.out, files, names, num_frames, diagnostics, ("A note.",), said
+        )
 
     return generate

@@ -430,6 +430,23 @@ def test_videos_appear_one_by_one_beside_a_reference_and_a_cancelled_run_leaves_
     page.context.close()
 
 
+def test_recognised_words_come_into_the_time_line_when_the_run_ends_and_say_what_they_are(
+    browser: Browser, fake_address: str, stage: Stage, speech: Path
+) -> None:
+    stage.hold(1)
+    page = open_page(browser, fake_address)
+    page.get_by_role("button", name=text.ADVANCED_LABEL).click()
+    page.get_by_label(text.WORDS_LABEL).check()
+    start(page, speech)
+    expect(page.locator("#player .lane[data-name]")).to_have_count(3, timeout=PATIENCE_MS)
+    expect(page.locator("#player .words")).to_have_count(0)
+    stage.hold(12)
+    expect(page.locator("#player .words span")).to_have_text("hello", timeout=PATIENCE_MS)
+    names = page.locator("#player .lane:has(.words) .name")
+    expect(names).to_have_text("Words (recognised)")
+    page.context.close()
+
+
 @pytest.mark.parametrize("width", [390])
 def test_results_are_no_wider_than_the_window(player: Page, width: int) -> None:
     player.set_viewport_size({"width": width, "height": 800})

@@ -33,6 +33,7 @@ from app.run.request import (
     View,
     file_stem,
 )
+from app.run.words import given_words
 from model.speech.transcript import NOTHING_SAID, Transcript
 
 if TYPE_CHECKING:
@@ -157,6 +158,17 @@ class Showing:
         """What the time line shows, waited for; empty where nothing has come."""
         return {} if self._made is None else json.loads(self._made.result()[1].read_text())
 
+    def add_words(self, said: Transcript) -> None:
+        """Words that were looked for while the time line was there already. The whole time line
+        gets another address, so that a browser takes it anew."""
+        if said.origin == "given" or self._made is None:
+            return
+        wav, _ = self._made.result()
+        made: Future[tuple[Path, Path]] = Future()
+        path = _write_timeline(self.timeline(), said, self._folder, "timeline_with_words.json")
+        made.set_result((wav, path))
+        self._made = made
+
     @property
     def _motions(self) -> dict[str, Path]:
         return {name: files["motion"] for name, files in self._files.items() if "motion" in files}
@@ -261,7 +273,6 @@ def write_own_sound(
     from model.motion.motion import load_motion
     from model.motion.timing import SAMPLE_RATE
     from model.speech.audio import load_speech, write_wav
-    from model.speech.transcript import read_transcript
 
     motions = {name: load_motion(path) for name, path in paths.items()}
     longest_s = max(motion.duration_s for motion in motions.values())
@@ -276,12 +287,13 @@ def write_own_sound(
     timeline["duration_s"] = round(max(longest_s, timeline["duration_s"]), 4)
     timeline["worst"] = [each for each in timeline["worst"] if each["name"] != REFERENCE_NAME]
     timeline["peaks"] = [] if speech is None else waveform_peaks(waveform)
-    said = read_transcript(request.transcript) if request.transcript else NOTHING_SAID
-    return wav, _write_timeline(timeline, said, folder)
+    return wav, _write_timeline(timeline, given_words(request.transcript), folder)
 
 
-def _write_timeline(timeline: Mapping[str, Any], said: Transcript, folder: Path) -> Path:
-    path = folder / "timeline.json"
+def _write_timeline(
+    timeline: Mapping[str, Any], said: Transcript, folder: Path, name: str = "timeline.json"
+) -> Path:
+    path = folder / name
     whole = {**timeline, **tiers_of(said)}
     path.write_text(json.dumps(whole, allow_nan=False, separators=(",", ":")))
     return path

@@ -38,6 +38,7 @@ def settings_of_run(asked: GenerateRequest) -> Settings:
         "strength of the speech": USUAL if asked.guidance is None else f"{asked.guidance:g}",
         "filter": _FILTERS[asked.post_filter],
         "reference": reference.name if reference else NONE,
+        "words": _words(asked),
         "followed point": point_title(asked.joint).lower(),
         "framing": _FRAMINGS[asked.framing],
         **_display(asked.display),
@@ -51,6 +52,7 @@ def settings_of_own(asked: DiagnoseRequest) -> Settings:
         SPEECH: asked.speech.stem if asked.speech else NONE,
         "motions": ", ".join(asked.names),
         "reference": asked.reference.name if asked.reference else NONE,
+        "words": _words(asked),
         "followed point": point_title(asked.joint).lower(),
         "windows": f"{asked.window} frames, {asked.overlap} shared" if asked.window else NONE,
         **({} if options is None else {"framing": _FRAMINGS[options.framing]}),
@@ -63,6 +65,12 @@ def differing(first: Settings, second: Settings) -> dict[str, tuple[str, str]]:
     names = [name for name in {**first, **second} if name != SPEECH]
     pairs = {name: (first.get(name, NONE), second.get(name, NONE)) for name in names}
     return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
+
+
+def _words(asked: GenerateRequest | DiagnoseRequest) -> str:
+    if asked.transcript is not None:
+        return asked.transcript.name
+    return "recognised" if asked.words == "recognise" else NONE
 
 
 def _display(display: Display) -> Settings:

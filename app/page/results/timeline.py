@@ -5,7 +5,7 @@ over time. Pure functions of sound and motion; the result is small and goes to t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -18,7 +18,7 @@ from app.run.request import REFERENCE_NAME
 if TYPE_CHECKING:
     from model.motion.motion import Motion
     from model.speech.audio import Speech
-    from model.speech.transcript import Transcript
+    from model.speech.transcript import Interval, Transcript
 
 MAX_POINTS = 1800
 """Of one curve: every frame of a minute; longer clips keep the highest of neighbouring frames."""
@@ -93,13 +93,17 @@ def make_timeline(
 
 
 def tiers_of(said: Transcript) -> dict[str, Any]:
-    """``words`` and, by the name of a tier, ``gestures``: of each (start_s, end_s, text)."""
+    """``words``, where they come from as ``words_origin``, and, by the name of a tier,
+    ``gestures``: of each (start_s, end_s, text)."""
     return {
-        "words": [astuple(word) for word in said.words],
-        "gestures": {
-            tier.name: [astuple(phase) for phase in tier.phases] for tier in said.gestures
-        },
+        "words": [_times(word) for word in said.words],
+        "words_origin": said.origin,
+        "gestures": {tier.name: [_times(phase) for phase in tier.phases] for tier in said.gestures},
     }
+
+
+def _times(interval: Interval) -> tuple[float, float, str]:
+    return interval.start_s, interval.end_s, interval.text
 
 
 def waveform_peaks(waveform: np.ndarray, num_peaks: int = NUM_PEAKS) -> list[int]:

@@ -130,7 +130,10 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
         )
         reference = check.file("reference", text.REFERENCE_LABEL, [".npz"], "reference", height=150)
         transcript = check.file(
-            "transcript", text.TRANSCRIPT_LABEL, [".TextGrid"], "transcript", height=150
+            "transcript", text.TRANSCRIPT_LABEL, [".TextGrid", ".txt"], "transcript", height=150
+        )
+        has_words = gr.Checkbox(
+            False, label=text.WORDS_LABEL, info=text.WORDS_HELP, elem_id="recognise-words"
         )
         point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
         start_frame = gr.Number(value=0, minimum=0, label=text.START_LABEL, elem_id="start-frame")
@@ -142,7 +145,7 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
     fields = (
         *(speech, systems, speaker, seed, samples, steps, sampler, is_smoothed, reference),
         *(point, start_frame, transcript, body_steps, face_steps),
-        *(exaggeration, has_trail, is_colored, is_whole, guidance),
+        *(exaggeration, has_trail, is_colored, is_whole, guidance, has_words),
     )
     return FormParts(fields, start, cancel)
 

@@ -62,6 +62,8 @@ class Form:
     """All of the body in the videos, rather than from the knees up."""
     guidance: float | None = USUAL_GUIDANCE
     """Strength of the speech."""
+    has_words: bool = False
+    """Recognised, where there is no transcript."""
 
 
 def request_from_form(
@@ -117,6 +119,7 @@ def request_from_form(
         post_filter=POST_FILTERS[bool(form.is_smoothed)],
         reference=Path(form.reference) if form.reference else None,
         transcript=Path(form.transcript) if form.transcript else None,
+        words="recognise" if form.has_words else "none",
         joint=form.point,
         start_frame=int(start_frame),
         body=config.body,

@@ -38,7 +38,7 @@ from app.run.request import (
     Stage,
 )
 from app.run.result_folder import zip_files
-from model.speech.transcript import NOTHING_SAID, read_transcript
+from app.run.words import given_words
 
 Generate = Callable[[GenerateRequest, OnEvent, ShouldCancel], GenerateResult]
 
@@ -99,7 +99,7 @@ class GenerateRunner(TabRunner[GenerateResult]):
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
         asked = self.asked(job, cookie, values)
-        said = read_transcript(asked.transcript) if asked.transcript else NOTHING_SAID
+        said = given_words(asked.transcript)
         yield _Work(
             generate=self._generate,
             asked=asked,
@@ -196,6 +196,7 @@ class _Work:
         return {**ended.updates(self.parts), **runs, **self.at_the_end}
 
     def _ended(self, result: GenerateResult) -> EndedRun:
+        self.showing.add_words(result.said)
         rows = f"{len(result.names)} {'motion' if len(result.names) == 1 else 'motions'}"
         line = text.DONE.format(seconds=self.view.seconds, rows=rows, frames=result.num_frames)
         return EndedRun(

@@ -138,8 +138,9 @@ def _build_form(check: UploadCheck) -> FormParts:
         height=120,
     )
     transcript = check.file(
-        "transcript", text.TRANSCRIPT_LABEL, [".TextGrid"], "own-transcript", height=120
+        "transcript", text.TRANSCRIPT_LABEL, [".TextGrid", ".txt"], "own-transcript", height=120
     )
+    has_words = gr.Checkbox(False, label=text.WORDS_LABEL, info=text.WORDS_HELP)
     with gr.Row(elem_classes="pair"):
         point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
         start_frame = gr.Number(value=0, minimum=0, label=text.START_LABEL)
@@ -159,7 +160,7 @@ def _build_form(check: UploadCheck) -> FormParts:
         start = gr.Button("Measure and compare", variant="primary", elem_id="own-start")
         cancel = gr.Button(text.CANCEL, elem_id="own-cancel", min_width=110)
     fields = [motions, reference, speech, point, start_frame, window, overlap, shown]
-    fields += [has_videos, has_trail, exaggeration, transcript]
+    fields += [has_videos, has_trail, exaggeration, transcript, has_words]
     return FormParts(fields, start, cancel, planted, [motions, reference, speech, transcript])
 
 

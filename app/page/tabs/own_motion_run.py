@@ -79,6 +79,8 @@ class OwnMotionForm:
     has_trail: bool = True
     exaggeration: int = 1
     transcript: str | None = None
+    has_words: bool = False
+    """Recognised, where there is no transcript."""
 
     def to_request(self, out: Path, config: AppConfig) -> DiagnoseRequest:
         """The measuring that the form asks for.
@@ -106,6 +108,7 @@ class OwnMotionForm:
             reference=Path(self.reference) if self.reference else None,
             speech=Path(self.speech) if self.speech else None,
             transcript=Path(self.transcript) if self.transcript else None,
+            words="recognise" if self.has_words else "none",
             shown=tuple(self.shown or ()) if len(paths) > limit else (),
             joint=self.point,
             start_frame=int(start),
@@ -261,6 +264,8 @@ class _Work:
 
     def _ended(self, result: Diagnosis) -> EndedRun:
         self.figures.take_files(result.files)
+        if self.showing is not None:
+            self.showing.add_words(result.said)
         count = len(result.diagnostics.systems)
         line = MEASURED.format(motions=f"{count} motion{'s' if count > 1 else ''}")
         return EndedRun(

@@ -94,7 +94,11 @@ def test_generate_follows_another_point_and_takes_words(
     assert main(argv) == 0
     found = json.loads((out / "diagnostics.json").read_text())
     assert found["joint"] == "left_wrist"
-    assert found["words"] == [{"start_s": 0.1, "end_s": 0.4, "text": "hello"}]
+    assert found["words"] == [{"start_s": 0.1, "end_s": 0.4, "text": "hello", "confidence": 1.0}]
+    assert found["words_origin"] == "given" and "phones" not in found
+    provenance = json.loads((out / "provenance.json").read_text())
+    assert provenance["options"]["transcript"] == "speech.TextGrid"
+    assert provenance["speech"]["words"] == {"origin": "given", "count": 1}
 
 
 def test_generate_refuses_a_transcript_that_is_none(

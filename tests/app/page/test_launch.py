@@ -41,6 +41,7 @@ FORM = {
 def test_the_page_is_made_without_what_is_slow_to_import() -> None:
     """torch alone takes longer to import than all of the page; the warm-up does, behind it."""
     heavy = {"torch", "scipy", "matplotlib", "librosa", "numba", "trimesh", "pyrender"}
+    heavy |= {"pocketsphinx", "model.speech.recognised"}
     code = f"import sys, app.page.page; print(sorted({heavy} & set(sys.modules)))"
     child = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True

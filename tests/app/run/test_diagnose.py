@@ -13,8 +13,10 @@ import pytest
 from app.commands.cli import main
 from app.errors import CancelledRun, RunError
 from app.run.diagnose import DiagnoseRequest, diagnose_files, unique_names
+from app.run.planted import CLEAN
 from model.corpus.layout import _interval_tier
 from model.motion.motion import save_motion
+from model.speech.transcript import read_transcript
 from tests.helpers import smooth_motion_example
 
 FIGURES = ("figure6", "jitter", "error_growth")
@@ -71,7 +73,8 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
     assert (diagnostics["joint"], diagnostics["tip"]) == ("left_wrist", None)
     assert len(raw["local_rotation_error_deg"]) == 55
     assert raw["beat_align"] is raw["beat_align_chance"] is None  # no onset is 2 s from the ends
-    assert diagnostics["words"] == [{"start_s": 0.2, "end_s": 0.5, "text": "hello"}]
+    (word,) = diagnostics["words"]
+    assert word == {"start_s": 0.2, "end_s": 0.5, "text": "hello", "confidence": 1.0}
     growth = json.loads((out / "error_growth.json").read_text())
     assert (growth["joint"], set(growth["motions"])) == ("left_wrist", {"clip", "reference"})
     assert growth["motions"]["clip"]["ratio"] > 1
@@ -89,6 +92,27 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
         "reference: 52 of 55 joints shake",
     ):
         assert words_said in said
+
+
+def test_a_plain_text_is_found_in_the_speech_and_told_with_its_phones(tmp_path: Path) -> None:
+    text = tmp_path / "said.txt"
+    text.write_text(" ".join(w.text for w in read_transcript(CLEAN.with_suffix(".TextGrid")).words))
+    request = DiagnoseRequest(
+        motions=(CLEAN,),
+        out=tmp_path / "out",
+        speech=CLEAN.with_suffix(".wav"),
+        transcript=text,
+        words="recognise",  # which a text is better than
+        has_pictures=False,
+    )
+    shares: list[float] = []
+    said = diagnose_files(request, shares.append).said
+    assert shares == sorted(shares) and shares[-1] == 1.0
+    told = json.loads((tmp_path / "out" / "diagnostics.json").read_text())
+    assert told["words_origin"] == said.origin == "aligned"
+    assert [word["text"] for word in told["words"]][:3] == ["arms", "drank", "more"]
+    assert all(0.5 <= word["confidence"] <= 1.0 for word in told["words"])
+    assert len(told["phones"]) == len(said.phones) > 2 * len(said.words)
 
 
 def test_one_frame_and_a_still_motion_are_measured_under_names_from_the_page(
@@ -128,7 +152,12 @@ def test_what_cannot_be_measured_is_refused_and_nothing_is_left(
     assert "frame 0 to 69; got 70" in refusal(motion, "--start", "70", capsys=capsys)
     text = tmp_path / "words.txt"
     text.write_text("hello")
-    assert "no TextGrid" in refusal(motion, "--transcript", str(text), capsys=capsys)
+    without_speech = refusal(motion, "--transcript", str(text), capsys=capsys)
+    assert without_speech == refusal(motion, "--words", "recognise", capsys=capsys)
+    assert "add it (--speech), or give words with their times" in without_speech
+    grid = tmp_path / "words.TextGrid"
+    grid.write_text("hello")
+    assert "no TextGrid" in refusal(motion, "--transcript", str(grid), capsys=capsys)
     assert "words.txt" in refusal(motion, "--speech", str(text), capsys=capsys)
 
 

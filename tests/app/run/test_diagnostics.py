@@ -14,7 +14,7 @@ from model.measures.diagnostics import diagnose
 from model.measures.results import Spectrum
 from model.motion.skeleton import open_body_skeleton
 from model.speech.audio import Speech
-from model.speech.transcript import Interval
+from model.speech.transcript import Interval, Transcript, Word
 from renderer.body.body import load_body
 from tests.app.measured import both, diagnostics_of
 from tests.helpers import smooth_motion_example
@@ -26,11 +26,17 @@ def test_the_json_is_what_was_measured_and_the_csv_has_each_number_once(tmp_path
     found = diagnostics_of(
         both(foot_slide_m_s=0.5), **{"a/b": both(tip_jerk_m_s3=1.5, tip_spectrum=spectrum)}
     )
+    said = Transcript(
+        (Word(0.2, 0.5, "hello", 0.75),), (), "recognised", (Interval(0.2, 0.3, "HH"),)
+    )
     with ResultFolder(tmp_path) as folder:
-        write_diagnostics(found, folder, [Interval(0.2, 0.5, "hello")])
+        write_diagnostics(found, folder, said)
         folder.publish()
     content = json.loads((tmp_path / "diagnostics.json").read_text())
-    assert content.pop("words") == [{"start_s": 0.2, "end_s": 0.5, "text": "hello"}]
+    (word,) = content.pop("words")
+    assert word == {"start_s": 0.2, "end_s": 0.5, "text": "hello", "confidence": 0.75}
+    assert content.pop("words_origin") == "recognised"
+    assert content.pop("phones") == [{"start_s": 0.2, "end_s": 0.3, "text": "HH"}]
     assert content == found.as_json()
     assert content["systems"]["a/b"]["raw"]["tip_path_m_s"] is None
     with (tmp_path / "diagnostics.csv").open() as file:

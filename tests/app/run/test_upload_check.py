@@ -24,6 +24,12 @@ def test_what_can_be_used_is_not_refused(tmp_path: Path) -> None:
     assert refusal_of("reference", [motion], MAX_S) == ""
     assert refusal_of("motion", [motion], MAX_S) == ""
     assert refusal_of("motion", [], MAX_S) == ""
+    assert refusal_of("transcript", [motion.with_suffix(".TextGrid")], MAX_S) == ""
+    text = tmp_path / "said.txt"
+    text.write_text("Hello, world.")
+    assert refusal_of("transcript", [text], MAX_S) == ""
+    text.write_text("?")
+    assert refusal_of("transcript", [text], MAX_S) == "said.txt holds no words."
 
 
 @pytest.mark.parametrize(

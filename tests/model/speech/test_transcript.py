@@ -11,10 +11,14 @@ from model.motion.motion import load_motion
 from model.speech.audio import load_speech
 from model.speech.transcript import (
     MAX_GESTURE_TIERS,
+    MAX_TEXT_BYTES,
     GestureTier,
     Interval,
     TranscriptError,
+    Word,
+    read_text,
     read_transcript,
+    read_words,
 )
 
 HEAD = (
@@ -49,7 +53,9 @@ def test_words_come_with_their_times_and_without_pauses(
     path = tmp_path / "a.TextGrid"
     path.write_text(grid(*(tiers if is_first else tiers[::-1])), encoding=encoding)
     said = read_transcript(path)
-    assert said.words == (Interval(0.1, 0.4, "hello"), Interval(0.5, 1.25, 'so-called "art"'))
+    assert said.words == (Word(0.1, 0.4, "hello"), Word(0.5, 1.25, 'so-called "art"'))
+    assert said.origin == "given" and {word.confidence for word in said.words} == {1.0}
+    assert said.phones == (Interval(0.1, 0.2, "h"), Interval(0.2, 0.4, "o"))
     assert said.gestures == ()
 
 
@@ -113,3 +119,42 @@ def test_what_is_no_transcript(tmp_path: Path):
     with path.open("wb") as file:
         file.truncate(9 * 2**20)
     assert "larger than 8 MiB" in refusal(path)
+
+
+def test_damaged_phones_do_not_spoil_the_words(tmp_path: Path):
+    path = tmp_path / "a.TextGrid"
+    path.write_text(
+        grid(("words", SPOKEN), ("phones", PHONES)).replace("xmin = 0.2000", "xmin = 9")
+    )
+    said = read_transcript(path)
+    assert len(said.words) == 2 and said.phones == ()
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_a_plain_text_is_taken_as_it_is_and_a_grid_by_what_it_holds(tmp_path: Path, encoding: str):
+    path = tmp_path / "said.txt"
+    path.write_text("Hello,\nworld!", encoding=encoding)
+    assert read_words(path) == "Hello,\nworld!"
+    path.write_text(grid(("words", SPOKEN)), encoding=encoding)
+    assert read_words(path) == read_transcript(path)
+
+
+def test_what_is_no_plain_text(tmp_path: Path):
+    path = tmp_path / "said.txt"
+    for read in (read_words, read_text):
+        with pytest.raises(TranscriptError, match=r"said.txt could not be read: no such file"):
+            read(path)
+    for content, sentence in (
+        (b" \n...", "said.txt holds no words."),
+        (b"RIFF\0\0\0\1", "said.txt is no plain text; save it as UTF-8."),
+        (b"\xff\xff\x00\xd8", "said.txt is no text in UTF-8 or UTF-16."),
+        (b"a" * (MAX_TEXT_BYTES + 1), "said.txt is larger than 256 KiB, the most that is read."),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(TranscriptError) as caught:
+            read_words(path)
+        assert str(caught.value) == sentence
+    path = tmp_path / "said.doc"
+    path.write_text("hello world")
+    with pytest.raises(TranscriptError, match="is no TextGrid"):
+        read_words(path)

@@ -15,6 +15,7 @@ const LEAST_S = 0.5; // of time on the whole width
 const ZOOM = 1.6; // of one key or click
 const WHEEL_ZOOM = 0.004; // of one pixel of the wheel, as an exponent
 
+const WORDS_FROM = { given: "Words", aligned: "Words (aligned)", recognised: "Words (recognised)" };
 const IS_REST = /^rest\b/i; // nothing to be shown of it
 const PHASES = [[/^prep/i, "preparation"], [/^(stroke|beat)/i, "stroke"], [/^hold|hold$/i, "hold"], [/^(retract|recover)/i, "retraction"]];
 
@@ -95,7 +96,7 @@ export class Timeline {
     const parts = [];
     if (data.peaks.length) parts.push(this.#lane({ name: "Speech" }, "", this.position));
     this.#tiers = [];
-    if (data.words.length) parts.push(this.#tier("Words", data.words));
+    if (data.words.length) parts.push(this.#tier(WORDS_FROM[data.words_origin] ?? "Words", data.words));
     for (const [name, phases] of Object.entries(data.gestures)) parts.push(this.#tier(spoken(name), phases.filter(([, , label]) => !IS_REST.test(label)), phaseOf));
     for (const row of this.#rows) {
       const canvas = make("canvas", { role: "img", "aria-label": `${data.point} of ${row.label ?? row.name} over time` });

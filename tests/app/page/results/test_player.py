@@ -10,7 +10,7 @@ from app.page.serving.media import MediaDesk
 from app.run.pictures.followed_point import choose_tip_source
 from app.run.request import Artefact, GenerateRequest
 from model.motion.motion import first_frames, load_motion, save_motion
-from model.speech.transcript import GestureTier, Interval, Transcript
+from model.speech.transcript import GestureTier, Interval, Transcript, Word
 from renderer.body.body import load_body
 from tests.app.fakes import made_motion
 from tests.helpers import smooth_motion_example
@@ -31,7 +31,7 @@ def request_with_reference(speech: Path, tmp_path: Path) -> GenerateRequest:
 @pytest.fixture
 def showing(request_with_reference: GenerateRequest, tmp_path: Path) -> Showing:
     said = Transcript(
-        (Interval(0.25, 0.5, "hello"),),
+        (Word(0.25, 0.5, "hello"),),
         (GestureTier("gesture_left", (Interval(0.2, 0.4, "stroke beat"),)),),
     )
     return Showing.of_run(
@@ -88,6 +88,16 @@ def test_the_time_line_follows_the_last_motion_and_holds_the_reference(
     timeline = json.loads((tmp_path / "timeline.json").read_text())
     assert timeline["duration_s"] == pytest.approx(37 / 30, abs=1e-3)
     assert timeline["words"] == [[0.25, 0.5, "hello"]]
+    assert timeline["words_origin"] == "given"
+    before = showing.value(is_over=True)
+    showing.add_words(Transcript((Word(0.3, 0.4, "hell", 0.7),)))  # given, and shown from the first
+    assert showing.value() == before
+    showing.add_words(Transcript((Word(0.3, 0.4, "hell", 0.7),), origin="recognised"))
+    after = showing.value()
+    assert after["timeline"] != before["timeline"] and after["audio"] == before["audio"]
+    anew = showing.timeline()
+    assert (anew["words"], anew["words_origin"]) == ([[0.3, 0.4, "hell"]], "recognised")
+    assert anew["curves"] == timeline["curves"]
     assert timeline["gestures"] == {"gesture_left": [[0.2, 0.4, "stroke beat"]]}
     lengths = {
         name: len(curves["raw"]["jerk_m_s3"]["values"])

@@ -21,6 +21,10 @@ def test_a_run_is_told_in_words() -> None:
     assert (told["steps"], told["filter"]) == ("local 10", "none")
     assert told["sampler"].startswith("Heun")
     assert told["followed point"] == "right middle fingertip"
+    assert told["words"] == "none"
+    assert settings_of_run(asked(words="recognise"))["words"] == "recognised"
+    given = asked(words="recognise", transcript=Path("/up/said.txt"))
+    assert settings_of_run(given)["words"] == "said.txt"
 
 
 def test_only_what_differs_is_found() -> None:

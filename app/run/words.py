@@ -1,0 +1,78 @@
+"""The words of a run's speech: given with their times, or looked for while the run goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from model.speech.transcript import NOTHING_SAID, Transcript, read_words
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from app.run.request import WordsAsked
+    from model.speech.recognised import Hearing
+
+_LOOK_EVERY_S = 0.1
+
+
+def given_words(path: Path | None) -> Transcript:
+    """What a transcript tells at once: all of a TextGrid, nothing of a plain text, whose words are
+    still to be found.
+
+    Raises:
+        TranscriptError: as `read_words`.
+    """
+    said = NOTHING_SAID if path is None else read_words(path)
+    return NOTHING_SAID if isinstance(said, str) else said
+
+
+class SpokenWords:
+    """Of one run: a TextGrid wins, then a plain text, then what is recognised, if that is asked
+    for. Use it as a context: leaving it ends the looking for words."""
+
+    def __init__(self, transcript: Path | None, asked: WordsAsked) -> None:
+        """
+        Raises:
+            TranscriptError: if the transcript cannot be used.
+        """
+        self._given = None if transcript is None else read_words(transcript)
+        self._asked: WordsAsked = asked
+        self._hearing: Hearing | None = None
+
+    def __enter__(self) -> SpokenWords:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        if self._hearing is not None:
+            self._hearing.__exit__()
+
+    @property
+    def need_speech(self) -> bool:
+        """Whether words are to be looked for in the speech."""
+        if self._given is None:
+            return self._asked == "recognise"
+        return isinstance(self._given, str)
+
+    def begin(self, waveform: np.ndarray) -> None:
+        """Look for them in this speech, if they are to be looked for, and return at once."""
+        from model.speech.recognised import Hearing
+
+        if self.need_speech:
+            text = self._given if isinstance(self._given, str) else None
+            self._hearing = Hearing(waveform, text)
+
+    def found(self, on_wait: Callable[[], None]) -> tuple[Transcript, tuple[str, ...]]:
+        """What was said, with what a person should know of it.
+
+        Args:
+            on_wait: called again and again while they are still looked for; what it raises ends
+                that.
+        """
+        if self._hearing is None:
+            return (self._given if isinstance(self._given, Transcript) else NOTHING_SAID), ()
+        while not self._hearing.is_over(_LOOK_EVERY_S):
+            on_wait()
+        heard = self._hearing.heard()
+        return heard.transcript, heard.notes

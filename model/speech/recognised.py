@@ -1,0 +1,179 @@
+"""Words and phones of speech without a TextGrid: of a plain text, where they are said, or of none,
+as a recogniser hears them. English only; the work is done in a child process (`listener`)."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32
+
+from model.motion.timing import SAMPLE_RATE
+from model.speech.transcript import NOTHING_SAID, Interval, Origin, Transcript, Word
+
+SURE = 0.5
+"""Confidence under which a word is left out. Of words recognised in clear speech about nine in ten
+that are surer are right, and six in ten of the others (docs/words.md)."""
+MOST_UNSURE = 0.4
+"""Share of sure words under which none is used: English of eleven clips has 0.5 to 0.9, French 0.2,
+and speech played backwards 0.1 to 0.4."""
+FEW_WORDS = 8
+"""Too few to tell by them what language was spoken."""
+MAX_WORDS_A_SECOND = 8
+"""Nobody speaks faster for long; a longer text belongs to other speech."""
+PATIENCE = (60.0, 6.0)
+"""Seconds that are waited, and for each second of speech. On one free core it takes 0.3."""
+_PROJECT = Path(__file__).resolve().parents[2]
+
+UNSURE_NOTE = (
+    "{unsure} of {count} recognised words are unsure: the speech is probably in another language "
+    "than English, or hard to hear. No words are used; motion and measures need none."
+)
+FEW_NOTE = "{unsure} of {count} recognised words were unsure and are left out."
+SILENT_NOTE = "No words were recognised in the speech."
+MISMATCH_NOTE = (
+    "The text could not be followed in the speech: {found}. Its words are not used; give what is "
+    "said, in English, in the order in which it is said."
+)
+PART_NOTE = "{unsure} of the {count} words of the text were not found where they should be said."
+FAILED_NOTE = "Words could not be found in the speech, and are missing from the results: {why}."
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What was said, and what a person should know of it."""
+
+    transcript: Transcript = NOTHING_SAID
+    notes: tuple[str, ...] = ()
+
+
+class Hearing:
+    """Words that are being looked for, meanwhile something else can be done.
+
+    Use it as a context: leaving it ends the looking. Whatever goes wrong is a note of `heard`.
+    """
+
+    def __init__(self, waveform: Float32[np.ndarray, " N"], text: str | None = None) -> None:
+        """Begin at once.
+
+        Args:
+            waveform: 16 kHz mono, full scale 1.
+            text: what is said; None to recognise it.
+        """
+        self._text = text
+        duration_s = len(waveform) / SAMPLE_RATE
+        self._heard: Heard | None = None
+        self._child: subprocess.Popen[bytes] | None = None
+        self._output = b""
+        self._is_late = False
+        self._ends = time.monotonic() + PATIENCE[0] + PATIENCE[1] * duration_s
+        most = MAX_WORDS_A_SECOND * (duration_s + 1.0)
+        if text is not None and len(text.split()) > most:
+            count = len(text.split())
+            found = f"it has {count} words, more than are said in {duration_s:.1f} s"
+            self._heard = Heard(notes=(MISMATCH_NOTE.format(found=found),))
+            return
+        asked = json.dumps({"text": text}).encode() + b"\n"
+        sound = (np.clip(waveform, -1.0, 1.0) * 32767).astype("<i2").tobytes()
+        try:
+            self._child = subprocess.Popen(
+                [sys.executable, "-m", "model.speech.listener"],
+                cwd=_PROJECT,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+            )
+        except OSError as error:
+            why = f"no process could be started ({(error.strerror or str(error)).lower()})"
+            self._heard = Heard(notes=(FAILED_NOTE.format(why=why),))
+            return
+        self._errors = b""
+        self._thread = threading.Thread(
+            target=self._talk, args=(self._child, asked + sound), name="hearing", daemon=True
+        )
+        self._thread.start()
+
+    def __enter__(self) -> Hearing:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._child is not None:
+            self._child.kill()
+            self._thread.join()
+
+    def is_over(self, wait_s: float = 0.0) -> bool:
+        """Whether all was heard that can be, after at most so many seconds."""
+        if self._heard is not None or self._child is None:
+            return True
+        self._thread.join(wait_s)
+        if self._thread.is_alive() and time.monotonic() > self._ends:
+            self._is_late = True
+            self._child.kill()
+            self._thread.join()
+        return not self._thread.is_alive()
+
+    def heard(self) -> Heard:
+        """What was said, waited for. It never raises."""
+        while not self.is_over(0.5):
+            pass
+        if self._heard is None:
+            self._heard = self._understood()
+        return self._heard
+
+    def _talk(self, child: subprocess.Popen[bytes], said: bytes) -> None:
+        try:
+            self._output, self._errors = child.communicate(said)
+        except (OSError, ValueError) as error:  # it has ended before it had heard all
+            self._errors = str(error).encode()
+
+    def _understood(self) -> Heard:
+        assert self._child is not None
+        if self._is_late:
+            return Heard(notes=(FAILED_NOTE.format(why="it took too long"),))
+        try:
+            words = [_word(*each) for each in json.loads(self._output)["words"]]
+        except (ValueError, TypeError, KeyError):
+            return Heard(notes=(FAILED_NOTE.format(why=self._reason()),))
+        return _judged(words, is_aligned=self._text is not None)
+
+    def _reason(self) -> str:
+        assert self._child is not None
+        if b"No module named 'pocketsphinx'" in self._errors:
+            return "the package pocketsphinx is not installed; python -m pip install pocketsphinx"
+        last = self._errors.decode(errors="replace").strip().splitlines()[-1:]
+        return f"the recogniser ended with {self._child.returncode} ({(last or ['no reason'])[0]})"
+
+
+def _word(
+    text: str, start_s: float, end_s: float, confidence: float, phones: list[Any]
+) -> tuple[Word, tuple[Interval, ...]]:
+    found = tuple(Interval(begin, end, name) for name, begin, end in phones)
+    return Word(start_s, end_s, text, confidence), found
+
+
+def _judged(words: list[tuple[Word, tuple[Interval, ...]]], is_aligned: bool) -> Heard:
+    """Without what is unsure, or without anything."""
+    sure = [(word, phones) for word, phones in words if word.confidence >= SURE]
+    count, unsure = len(words), len(words) - len(sure)
+    share = len(sure) / max(1, count)
+    if is_aligned and share < MOST_UNSURE:
+        found = f"{unsure} of its {count} words are not where they should be"
+        return Heard(notes=(MISMATCH_NOTE.format(found=found if words else "it is not said"),))
+    if not words:
+        return Heard(notes=(SILENT_NOTE,))
+    if count >= FEW_WORDS and share < MOST_UNSURE:
+        return Heard(notes=(UNSURE_NOTE.format(unsure=unsure, count=count),))
+    notes: tuple[str, ...] = ()
+    if unsure:
+        note = PART_NOTE if is_aligned else FEW_NOTE
+        notes = (note.format(unsure=unsure, count=count),)
+    origin: Origin = "aligned" if is_aligned else "recognised"
+    phones = tuple(phone for _, phones in sure for phone in phones)
+    return Heard(Transcript(tuple(word for word, _ in sure), (), origin, phones), notes)

@@ -1,0 +1,182 @@
+"""Words and phones that are found in speech: where they are, which they are, and what is told when
+they cannot be."""
+
+import re
+import sys
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.run.planted import CLEAN
+from model.motion.timing import SAMPLE_RATE
+from model.speech import recognised
+from model.speech.audio import load_speech
+from model.speech.listener import PIECE_S, pieces
+from model.speech.recognised import SURE, Heard, Hearing
+from model.speech.transcript import NOTHING_SAID, Transcript, read_transcript
+from tests.helpers import ROOT, foreign_folder
+
+EXAMPLES = ROOT / "examples"
+PHONE = re.compile(r"[A-Z]{1,3}")
+
+
+def heard(waveform: np.ndarray, text: str | None = None) -> Heard:
+    with Hearing(waveform, text) as hearing:
+        return hearing.heard()
+
+
+def example(name: str) -> tuple[np.ndarray, str]:
+    text = (EXAMPLES / f"{name}.txt").read_text()
+    return load_speech(EXAMPLES / f"{name}.wav").waveform, text
+
+
+def spelt(said: Transcript) -> list[str]:
+    return [re.sub("[^a-z']", "", word.text.lower()) for word in said.words]
+
+
+def test_a_text_is_found_where_it_is_said_with_its_phones() -> None:
+    exact = read_transcript(CLEAN.with_suffix(".TextGrid")).words
+    said = heard(
+        load_speech(CLEAN.with_suffix(".wav")).waveform, " ".join(word.text for word in exact)
+    )
+    assert said.notes == () and said.transcript.origin == "aligned"
+    words, phones = said.transcript.words, said.transcript.phones
+    assert [word.text for word in words] == [word.text for word in exact]
+    off = [abs(word.start_s - given.start_s) for word, given in zip(words, exact, strict=True)]
+    assert np.median(off) < 0.02 and np.percentile(off, 90) < 0.08 and max(off) < 0.3
+    for word in words:
+        own = [each for each in phones if word.start_s <= each.start_s < word.end_s]
+        assert own[0].start_s == word.start_s and own[-1].end_s == word.end_s
+        assert all(PHONE.fullmatch(each.text) for each in own)
+        assert all(a.end_s == b.start_s for a, b in pairwise(own))
+
+
+def test_a_text_keeps_its_writing_and_may_hold_words_of_no_dictionary() -> None:
+    waveform, text = example("a_long_drive")
+    written = text.replace("driving", "dryving").replace("one hand", "1 hand")
+    said = heard(waveform, written).transcript
+    assert "dryving" in [word.text for word in said.words]
+    assert (said.words[0].text, said.words[-1].text) == ("Stop", "again")
+    plain = heard(waveform, text).transcript
+    assert [w.start_s for w in said.words] == pytest.approx(
+        [w.start_s for w in plain.words], abs=0.1
+    )
+
+
+def test_a_sentence_that_nobody_has_said_spoils_its_neighbourhood_only() -> None:
+    waveform, text = example("a_long_drive")
+    exact = heard(waveform, text).transcript
+    more = text.replace("Wow,", "My mother gave me an apple. Wow,")
+    said = heard(waveform, more)
+    assert not {"mother", "gave", "apple"} & set(spelt(said.transcript))
+    assert len(said.transcript.words) > 0.8 * len(exact.words)
+    assert said.transcript.words[-1].start_s == pytest.approx(exact.words[-1].start_s, abs=0.02)
+    (note,) = said.notes
+    assert re.fullmatch(r"\d+ of the 50 words of the text were not found where .*\.", note)
+
+
+def test_another_text_is_not_used() -> None:
+    waveform, _ = example("a_long_drive")
+    _, other = example("three_reasons")
+    for text in (other, "中文", "word " * 200):
+        said = heard(waveform, text)
+        assert said.transcript == NOTHING_SAID
+        assert len(said.notes) == 1 and "Its words are not used; give what is said" in said.notes[0]
+
+
+def test_clear_speech_is_recognised() -> None:
+    waveform, text = example("three_reasons")
+    said = heard(waveform).transcript
+    assert said.origin == "recognised"
+    assert min(word.confidence for word in said.words) >= SURE
+    written = re.findall("[a-z']+", text.lower())
+    assert len(set(written) & set(spelt(said))) > 0.8 * len(set(written))
+    assert len(set(spelt(said)) - set(written)) <= 2
+    exact = {each.text.lower(): each for each in heard(waveform, text).transcript.words}
+    share = next(word for word in said.words if word.text == "share")
+    assert share.start_s == pytest.approx(exact["share"].start_s, abs=0.05)
+    assert "SH EH R" in " ".join(
+        phone.text for phone in said.phones if phone.start_s >= share.start_s
+    )
+
+
+def test_unsure_words_are_left_out_and_counted() -> None:
+    waveform, _ = example("the_huge_box")
+    said = heard(waveform)
+    assert "docks" not in spelt(said.transcript)  # heard for "box", and unsure
+    assert "completely" in spelt(said.transcript)
+    assert re.fullmatch(
+        r"\d+ of \d+ recognised words were unsure and are left out\.", said.notes[0]
+    )
+
+
+def test_speech_of_another_language_is_told_so_and_no_words_are_used() -> None:
+    said = heard(load_speech(foreign_folder() / "talkshow_french.wav").waveform)
+    assert said.transcript == NOTHING_SAID
+    assert "probably in another language than English" in said.notes[0]
+
+
+def test_speech_backwards_is_no_english() -> None:
+    waveform, _ = example("three_reasons")
+    said = heard(np.ascontiguousarray(waveform[::-1]))
+    assert said.transcript == NOTHING_SAID
+    assert "probably in another language than English" in said.notes[0]
+
+
+@pytest.mark.parametrize("seconds", [0.02, 0.5, 3.0])
+def test_a_tone_holds_no_words_and_no_length_is_a_failure(seconds: float) -> None:
+    times = np.arange(round(seconds * SAMPLE_RATE)) / SAMPLE_RATE
+    said = heard(np.sin(440 * 2 * np.pi * times).astype(np.float32))
+    assert len(said.transcript.words) <= 1
+    assert not any("could not be found" in note for note in said.notes)
+
+
+def test_it_ends_at_once_when_nobody_waits_any_more() -> None:
+    waveform, _ = example("a_long_drive")
+    with Hearing(np.tile(waveform, 20)) as hearing:
+        assert not hearing.is_over(0.5)
+        child = hearing._child
+        started = time.monotonic()
+    assert time.monotonic() - started < 2
+    assert child is not None and child.returncode == -9
+
+
+def test_whatever_goes_wrong_is_one_note(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    waveform, _ = example("a_long_drive")
+    with Hearing(waveform) as hearing:
+        assert hearing._child is not None
+        hearing._child.terminate()
+        (note,) = hearing.heard().notes
+    assert "the recogniser ended with -15" in note and note.endswith(".")
+    monkeypatch.setattr(recognised, "PATIENCE", (0.0, 0.0))
+    (note,) = heard(waveform).notes
+    assert note.endswith("are missing from the results: it took too long.")
+    monkeypatch.undo()
+    # A package of that name which cannot be imported, as if it were not installed.
+    (tmp_path / "pocketsphinx.py").write_text(
+        "raise ModuleNotFoundError(\"No module named 'pocketsphinx'\")"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    (note,) = heard(waveform).notes
+    assert "the package pocketsphinx is not installed" in note
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "no python"))
+    (note,) = heard(waveform).notes
+    assert "no process could be started (no such file" in note
+
+
+def test_long_speech_is_cut_where_it_is_quiet() -> None:
+    rng = np.random.default_rng(0)
+    sound = (3000 * rng.standard_normal(60 * SAMPLE_RATE)).astype("<i2")
+    for second in (10, 21, 33):
+        sound[second * SAMPLE_RATE : second * SAMPLE_RATE + SAMPLE_RATE // 2] = 0
+    cuts = list(pieces(sound))
+    assert cuts[0][0] == 0 and cuts[-1][1] == len(sound)
+    assert all(a[1] == b[0] for a, b in pairwise(cuts))
+    lengths = [(stop - start) / SAMPLE_RATE for start, stop in cuts]
+    assert max(lengths) <= PIECE_S[1] + 0.01 and min(lengths[:-1]) >= PIECE_S[0]
+    for second, (_, stop) in zip((10, 21, 33), cuts, strict=False):
+        assert second < stop / SAMPLE_RATE < second + 0.5
+    assert list(pieces(sound[:100])) == [(0, 100)]
