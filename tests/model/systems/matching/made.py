@@ -11,7 +11,7 @@ from model.data.prepared import Clip, PreparedData
 from model.motion.motion import Motion
 from model.motion.skeleton import JOINT_INDEX
 from model.networks.config import MatchingConfig
-from model.networks.matching import MatchingJudge, load_judge
+from model.networks.matching import MatchingJudge
 from model.storage.checkpoint import save_weights
 from model.systems.matching.config import HEARING_JUDGE, MatchingTrainConfig, named_config
 from model.systems.matching.task import make_task
@@ -86,8 +86,17 @@ def trained(folder: Path, steps: int = 60) -> tuple[DescentTask, PreparedData]:
     return task, data
 
 
-def saved_judge(task: DescentTask, folder: Path) -> MatchingJudge:
-    """The judge as it comes back from its files."""
+def save_task(task: DescentTask, folder: Path) -> None:
+    """The files of a trained judge."""
+    _save(task.export(), folder)
+
+
+def save_judge(judge: MatchingJudge, folder: Path) -> None:
+    """The files of a judge once more."""
+    tensors = {f"network.{name}": t for name, t in judge.network.state_dict().items()}
+    _save(tensors | judge.normaliser.tensors(), folder)
+
+
+def _save(tensors: dict[str, torch.Tensor], folder: Path) -> None:
     card = {"config": {"matching": vars(SHAPE)}, "speakers": {}}
-    save_weights(folder, HEARING_JUDGE, task.export(), card)
-    return load_judge(folder, HEARING_JUDGE)
+    save_weights(folder, HEARING_JUDGE, tensors, card)
