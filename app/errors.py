@@ -9,6 +9,7 @@ import secrets
 from pathlib import Path
 
 from app import text
+from model.storage.harmless import printable
 
 log = logging.getLogger(__name__)
 
@@ -42,12 +43,6 @@ def sentence_of(error: BaseException) -> str | None:
     if isinstance(error, MemoryError):
         return "The machine ran out of memory; use shorter speech, fewer systems or samples."
     return None
-
-
-def printable(sentence: str) -> str:
-    """With ? for what a terminal would obey and for what turns the text around: names in a sentence
-    may be anyone's."""
-    return "".join(char if char.isprintable() else "?" for char in sentence)
 
 
 def visitor_sentence(error: BaseException) -> str:

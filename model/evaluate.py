@@ -40,6 +40,7 @@ from model.networks.matching import MatchingJudge, load_judge
 from model.speech.audio import SpeechError
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from model.storage.files import written_atomically
+from model.storage.harmless import printable
 from model.systems.matching.config import HEARING_JUDGE
 from model.systems.registry import list_systems, load_system
 
@@ -83,7 +84,7 @@ def main(arguments: list[str] | None = None) -> int:
         )
         write(table, args.out)
     except (JobsError, CheckpointError, UnknownNameError, OSError, ValueError) as error:
-        sys.stderr.write(f"{error}\n")
+        sys.stderr.write(f"{printable(str(error))}\n")
         return 1
     sys.stdout.write(tables.as_markdown(table))
     return 0

@@ -14,6 +14,7 @@ import torch
 
 from model.data.prepared import DataError
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
+from model.storage.harmless import printable
 from model.storage.settings import with_setting
 from model.systems.registry import families, family_of
 from model.training.loop import train
@@ -79,10 +80,11 @@ def main(arguments: list[str] | None = None) -> int:
                 may_compile=not args.no_compile,
             )
     except (TrainingError, DataError, CheckpointError, ValueError) as error:
-        sys.stderr.write(f"{error}\n")
+        sys.stderr.write(f"{printable(str(error))}\n")
         return 1
     except (FloatingPointError, OSError) as error:
-        sys.stderr.write(f"Training stopped: {error} The last saved state is kept.\n")
+        sentence = printable(str(error))
+        sys.stderr.write(f"Training stopped: {sentence} The last saved state is kept.\n")
         return 1
     except RuntimeError as error:
         from torch._dynamo.exc import TorchDynamoException

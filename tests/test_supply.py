@@ -1,6 +1,7 @@
 """What is installed is what was looked at: locks with hashes, one source for each file."""
 
 import re
+import subprocess
 
 import pytest
 from packaging.requirements import Requirement
@@ -64,3 +65,26 @@ def test_no_package_can_come_from_a_second_index() -> None:
     installer = (ROOT / ".ci" / "venv").read_text()
     locked = [line for line in installer.splitlines() if "$pip " in line and "-r " in line]
     assert all("$locked" in line or line.strip().startswith("exec") for line in locked)
+
+
+def test_git_hides_no_source_file() -> None:
+    """What git ignores, ruff does not read either."""
+    sources = "app/new.py model/data/new.py model/runs/new.py renderer/out/new.py".split()
+    hidden = subprocess.run(
+        ["git", "check-ignore", "--no-index", *sources],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if hidden.returncode == 128:
+        pytest.skip("this is no checkout of git")
+    assert hidden.stdout.split() == []
+
+
+def test_git_ignores_what_runs_leave() -> None:
+    left = ["data/a.npz", "runs/a/state.pt", "out/a.mp4"]
+    hidden = subprocess.run(
+        ["git", "check-ignore", "--no-index", *left],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if hidden.returncode == 128:
+        pytest.skip("this is no checkout of git")
+    assert hidden.stdout.split() == left

@@ -1,4 +1,4 @@
-"""The command line: generate, diagnose, steps, render, mechanism, study, doctor.
+"""The command line: generate, diagnose, steps, hearing, render, mechanism, study, doctor.
 
 Exit status: 0 done, 1 failed with one sentence on standard error, 2 wrong arguments.
 """
@@ -13,11 +13,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from app import text
+from app.commands.hearing import add_hearing
 from app.commands.many import add_crew, crew_of, generate_over_many, told_if_stopped
 from app.commands.mechanism import add_mechanism
+from app.commands.said import LogLines, Parser, name_file, say
 from app.commands.study import add_study
 from app.config import BUNDLED_WEIGHTS, default_body
-from app.errors import CancelledRun, RunError, printable, sentence_of
+from app.errors import CancelledRun, RunError, sentence_of
 from app.findings.ranking import told_findings
 from app.findings.sentences import sentences_of
 from app.run.display import COLORINGS, FACTORS, Display
@@ -46,7 +48,9 @@ _ROTATIONS = ("axis-angle", "6d", "quaternion-wxyz", "quaternion-xyzw", "matrix"
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status."""
-    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    log_to = logging.StreamHandler()
+    log_to.setFormatter(LogLines("%(levelname)s %(name)s: %(message)s"))
+    logging.basicConfig(level=logging.WARNING, handlers=[log_to])
     options = make_parser().parse_args(argv)
     command: Command = options.command
     # A termination must pass through every `with`, so that it leaves no half file or child.
@@ -54,13 +58,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         command(options)
     except (KeyboardInterrupt, CancelledRun):
-        _say("stopped; nothing was kept.")
+        say("stopped; nothing was kept.")
         return 1
     except Exception as error:
         sentence = sentence_of(error)
         if sentence is None:
             raise
-        _say(sentence)
+        say(sentence)
         return 1
     finally:
         signal.signal(signal.SIGTERM, previous)
@@ -69,12 +73,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> argparse.ArgumentParser:
     """All commands with their flags."""
-    parser = argparse.ArgumentParser(prog="python -m app", description=text.TAGLINE)
+    parser = Parser(prog="python -m app", description=text.TAGLINE)
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_generate(commands)
     _add_diagnose(commands)
     _add_steps(commands)
     _add_render(commands)
+    add_hearing(commands)
     add_mechanism(commands)
     _add_doctor(commands)
     add_study(commands)
@@ -344,7 +349,7 @@ def _steps_command(options: argparse.Namespace) -> None:
     with ProgressBar("measure") as bar:
         curve = measure_step_curve(request, bar.show)
     for point in curve.points:
-        _say(
+        say(
             f"{point.system}, {point.steps} steps: {point.ms_per_frame:.2f} ms a frame, jerk "
             f"{point.tip_jerk_m_s3:.0f} m/s3, {point.distance_cm:.1f} cm from most steps"
         )
@@ -559,13 +564,9 @@ def _size(value: str) -> int:
 def _finish(files: Sequence[Path], notes: Sequence[str]) -> None:
     """Notes for a person on standard error, files for a script on standard output."""
     for note in notes:
-        _say(note)
+        say(note)
     for path in files:
-        sys.stdout.write(f"{path}\n")
-
-
-def _say(sentence: str) -> None:
-    sys.stderr.write(f"{printable(sentence)}\n")
+        name_file(path)
 
 
 def _interrupt(number: int, frame: object) -> None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from app.errors import RunError, printable
+from app.commands.said import name_file, say
+from app.errors import RunError
 from app.run.request import GenerateRequest
 from model.jobs.crew import Crew
 
@@ -46,17 +46,16 @@ def generate_over_many(request: GenerateRequest, crew: Crew) -> None:
 
         def on_done(folder: Path, share: float) -> None:
             bar.show(share)
-            sys.stdout.write(f"{folder}\n")
-            sys.stdout.flush()
+            name_file(folder)
 
         with told_if_stopped():
             runs = generate_many(request, crew, on_done)
     for path in runs.files:
-        sys.stdout.write(f"{path}\n")
+        name_file(path)
     for clip, sentence in runs.failed.items():
-        sys.stderr.write(f"{printable(f'{clip}: {sentence}')}\n")
+        say(f"{clip}: {sentence}")
     if runs.kept:
-        sys.stderr.write(f"{runs.kept} clips had been made before and were kept.\n")
+        say(f"{runs.kept} clips had been made before and were kept.")
     if runs.failed:
         raise RunError(
             f"{len(runs.failed)} of {len(runs.failed) + len(runs.clips)} clips could not be made; "

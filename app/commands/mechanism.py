@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
+from app.commands.said import name_file, say
 from app.config import default_body
 from app.run.mechanism import NOISE_RAD, MechanismRequest, show_mechanism
 from app.run.pictures.followed_point import TIP
@@ -60,5 +60,5 @@ def _mechanism(options: argparse.Namespace) -> None:
     with ProgressBar(f"draw {options.out.name}") as bar:
         path, sentences = show_mechanism(request, bar.show)
     for sentence in sentences:
-        sys.stderr.write(f"{sentence}\n")
-    sys.stdout.write(f"{path}\n")
+        say(sentence)
+    name_file(path)

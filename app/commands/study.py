@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from app.commands.many import add_crew, crew_of
+from app.commands.said import name_file, say
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import RunError
 
@@ -78,11 +79,12 @@ def _export(options: argparse.Namespace) -> None:
         raise RunError(
             "stopped; the key and the finished videos are kept, so the same command goes on."
         ) from None
-    sys.stderr.write(
+    say(
         f"{len(plan.clips)} clips, {len(plan.systems)} systems, {plan.participants} lists; no leak "
-        "was found. Host the first folder; keep the second one to yourself.\n"
+        "was found. Host the first folder; keep the second one to yourself."
     )
-    sys.stdout.write(f"{workspace.bundle}\n{workspace.private}\n")
+    name_file(workspace.bundle)
+    name_file(workspace.private)
 
 
 def _add_check(parts) -> None:
@@ -101,7 +103,7 @@ def _check(options: argparse.Namespace) -> None:
 
     leaks = check_study(options.study)
     for leak in leaks:
-        sys.stderr.write(f"LEAK {leak}\n")
+        say(f"LEAK {leak}")
     if leaks:
         found = "1 leak was found" if len(leaks) == 1 else f"{len(leaks)} leaks were found"
         raise RunError(f"{found}; do not host this bundle.")
@@ -127,11 +129,11 @@ def _add_links(parts) -> None:
 
 
 def _links(options: argparse.Namespace) -> None:
-    import csv
     from dataclasses import replace
 
     from app.study.design.key import read_key, write_key
     from app.study.design.links import MAX_LINKS, link_of, list_of, new_secret
+    from model.storage.harmless import csv_text
 
     path = options.study / "researcher_only" / "key.json"
     key = read_key(path)
@@ -143,7 +145,7 @@ def _links(options: argparse.Namespace) -> None:
     rows = [(n, list_of(key, n), link_of(key, n, options.address)) for n in range(count)]
     if is_new:
         write_key(key, path)
-    csv.writer(sys.stdout).writerows([("participant", "list", "link"), *rows])
+    sys.stdout.write(csv_text([("participant", "list", "link"), *rows]))
 
 
 def _add_analyse(parts) -> None:

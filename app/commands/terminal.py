@@ -9,6 +9,7 @@ from tqdm import tqdm
 
 from app import text
 from app.run.request import Event, Progress, Stage
+from model.storage.harmless import printable
 
 
 class ProgressBar:
@@ -17,7 +18,7 @@ class ProgressBar:
     def __init__(self, title: str) -> None:
         self._bar: Any = tqdm(
             total=100,
-            desc=title,
+            desc=printable(title),
             unit="%",
             bar_format="{desc:<22} {percentage:3.0f} % |{bar}| {elapsed}",
             disable=not sys.stderr.isatty(),

@@ -19,6 +19,7 @@ from app.run.pictures.own_videos import OnFile, VideoOptions, draw_own_videos, p
 from app.run.pictures.register import SOLE_M
 from app.run.request import MAX_COMPARED, REFERENCE_NAME
 from app.run.result_folder import ResultFolder
+from model.storage.harmless import printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -176,7 +177,8 @@ def _shown(request: DiagnoseRequest, read: _Read) -> dict[str, Motion]:
         RunError: if there is no motion of a name that was asked for, or too many were.
     """
     limit = MAX_COMPARED - (read.reference is not None)
-    names = [name for name in dict.fromkeys(request.shown) if name != REFERENCE_NAME]
+    asked = dict.fromkeys(map(printable, request.shown))
+    names = [name for name in asked if name != REFERENCE_NAME]
     unknown = [name for name in names if name not in read.motions]
     if unknown:
         raise RunError(
@@ -207,7 +209,7 @@ def _on_the_floor(motion: Motion) -> Motion:
 
 
 def unique_names(paths: Sequence[Path]) -> list[str]:
-    """The stem of each file, with its folder where two files have the same stem.
+    """The stem of each file, as it can be printed, with its folder where two have the same stem.
 
     Raises:
         RunError: if two files cannot be told apart even so.
@@ -217,6 +219,7 @@ def unique_names(paths: Sequence[Path]) -> list[str]:
         f"{path.resolve().parent.name}/{path.stem}" if stems.count(path.stem) > 1 else path.stem
         for path in paths
     ]
+    names = [printable(name) for name in names]
     _check_names(names)
     return names
 

@@ -5,7 +5,6 @@ Generated motion and anyone else's go this one way.
 
 from __future__ import annotations
 
-import csv
 import json
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from app.run.pictures.followed_point import TipSource
 from app.run.request import REFERENCE_NAME
 from app.run.result_folder import ResultFolder
+from model.storage.harmless import csv_text
 
 if TYPE_CHECKING:
     import numpy as np
@@ -107,10 +107,7 @@ def write_diagnostics(
         content["words"] = [asdict(word) for word in words]
     json_path, csv_path = folder.path("diagnostics.json"), folder.path("diagnostics.csv")
     json_path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
-    with csv_path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(CSV_HEADER)
-        writer.writerows(_rows(diagnostics))
+    csv_path.write_text(csv_text([CSV_HEADER, *_rows(diagnostics)]), "utf-8", newline="")
     return json_path, csv_path
 
 

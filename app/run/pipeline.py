@@ -38,6 +38,7 @@ from app.run.request import (
 )
 from app.run.result_folder import ResultFolder
 from app.run.telling import Reporter
+from model.storage.harmless import printable
 
 if TYPE_CHECKING:
     import numpy as np
@@ -213,7 +214,7 @@ def _draw_figures(
     reporter.progress("figure", 0.0)
     reporter.stop_if_asked()
     shown = {row.name: row.shown for row in rows_that_fit(rows, reporter)}
-    clip = request.speech.stem
+    clip = printable(request.speech.stem)
     for path in draw_figure6(
         shown,
         snapshots,

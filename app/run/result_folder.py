@@ -12,6 +12,7 @@ from pathlib import Path
 from types import TracebackType
 
 from app.errors import RunError, disk_full_sentence, is_disk_full
+from app.run.held_folder import held_folder
 
 _PREFIX = ".unfinished-"
 _ABANDONED_S = 24 * 3600.0
@@ -23,27 +24,24 @@ class ResultFolder:
     """Collects files beside their final place and moves them there when all are done.
 
     Files of an earlier run with the same names are replaced only then; an interrupted run
-    removes what it had made, and the folder too if it made that. A disk that fills up in between
+    removes what it had made, and the folder too if it made that. Others are kept out of the folder
+    meanwhile. A disk that fills up in between
     is told as a `RunError`.
     """
 
     def __init__(self, out: Path) -> None:
         self.out = out
         self._names: list[str] = []
-        self._made_folder = False
+        self._held = held_folder(out)
         self._staging = out / f"{_PREFIX}{os.getpid()}-{secrets.token_hex(4)}"
 
     def __enter__(self) -> ResultFolder:
-        if self.out.exists() and not self.out.is_dir():
-            raise RunError(f"{self.out} is a file; name a folder for the results.")
+        self._held.__enter__()
         try:
-            self._made_folder = not self.out.exists()
-            self.out.mkdir(parents=True, exist_ok=True)
             _remove_abandoned(self.out)
             self._staging.mkdir(mode=0o700)
         except OSError as error:
-            if self._made_folder and self.out.is_dir():
-                _remove_if_empty(self.out)
+            self._held.__exit__(None, None, None)
             raise RunError(
                 f"The folder {self.out} cannot be written to ({_reason(error)}); choose another."
             ) from error
@@ -72,8 +70,7 @@ class ResultFolder:
         traceback: TracebackType | None,
     ) -> None:
         shutil.rmtree(self._staging, ignore_errors=True)
-        if error is not None and self._made_folder:
-            _remove_if_empty(self.out)
+        self._held.__exit__(None, None, None)
         if is_disk_full(error):
             raise RunError(disk_full_sentence(self.out)) from error
 
@@ -128,10 +125,16 @@ def require_free_space(folder: Path, needed_bytes: int) -> None:
 
 
 def remove_unfinished(out: Path) -> None:
-    """Remove what a killed run left, where no other can be at work: of a process on another machine
-    nobody here knows whether it lives."""
-    for staging in out.glob(f"{_PREFIX}*"):
-        shutil.rmtree(staging, ignore_errors=True)
+    """Remove what killed runs left, of whatever machine: who is at work there holds the folder.
+
+    Raises:
+        RunError: if another command is at work there.
+    """
+    if not out.is_dir():
+        return
+    with held_folder(out):
+        for staging in out.glob(f"{_PREFIX}*"):
+            shutil.rmtree(staging, ignore_errors=True)
 
 
 def _remove_abandoned(out: Path) -> None:
@@ -160,13 +163,6 @@ def _is_alive(pid: int) -> bool:
     except PermissionError:
         return True
     return True
-
-
-def _remove_if_empty(folder: Path) -> None:
-    try:
-        folder.rmdir()
-    except OSError:
-        pass  # someone else has put something there
 
 
 def _reason(error: OSError) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import time
 from collections.abc import Callable
@@ -14,6 +13,7 @@ from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
 from app.run.models import get_system
 from app.run.result_folder import ResultFolder
+from model.storage.harmless import csv_text
 from renderer.figures.style import MAX_SYSTEMS
 
 if TYPE_CHECKING:
@@ -164,7 +164,5 @@ def _places_and_jerk(motion: Motion) -> tuple[np.ndarray, float]:
 
 def _write_csv(points: list[StepPoint], path: Path) -> None:
     names = [field.name for field in fields(StepPoint)]
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, names)
-        writer.writeheader()
-        writer.writerows(asdict(point) for point in points)
+    rows = [names, *(asdict(point).values() for point in points)]
+    path.write_text(csv_text(rows), "utf-8", newline="")

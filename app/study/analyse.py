@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from app.errors import RunError
+from app.run.held_folder import held_folder
 from app.study.design.key import read_key
 from app.study.report.figures import preference_bars, write_pdf
 from app.study.report.html import Findings, page_of
@@ -46,12 +47,12 @@ def analyse(
     everyone = [*screened.kept, *(one.participant for one in screened.set_aside)]
     with_all = analyse_participants(everyone, key) if screened.set_aside else []
     findings = Findings(key, collected, screened, balance, results, with_all)
-    out.mkdir(parents=True, exist_ok=True)
-    with written_atomically(out / "results.csv") as part:
-        write_csv(results, key, part)
-    with written_atomically(out / "table.tex") as part:
-        part.write_text(latex_table(results, key), "utf-8")
-    with written_atomically(out / "preference.pdf") as part:
-        write_pdf(preference_bars(results, key), part)
-    with written_atomically(out / "report.html") as part:
-        part.write_text(page_of(findings), "utf-8", errors="replace")  # names of files
+    with held_folder(out):
+        with written_atomically(out / "results.csv") as part:
+            write_csv(results, key, part)
+        with written_atomically(out / "table.tex") as part:
+            part.write_text(latex_table(results, key), "utf-8")
+        with written_atomically(out / "preference.pdf") as part:
+            write_pdf(preference_bars(results, key), part)
+        with written_atomically(out / "report.html") as part:
+            part.write_text(page_of(findings), "utf-8", errors="replace")  # names of files

@@ -9,6 +9,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from app.errors import RunError
+from app.run.held_folder import held_folder
 from app.run.models import get_system
 from app.run.pictures.videos import draw_videos
 from app.study.design.blinding import Blinding, blinding_of, draw_blinding, make_key
@@ -51,7 +52,26 @@ def export_study(
     design = make_design(plan)
     sources = read_sources(plan)
     workspace = Workspace(out.absolute() if options.crew else out)
-    workspace.open(_fingerprint(plan, sources, options))
+    fingerprint = _fingerprint(plan, sources, options)
+    with held_folder(out):
+        workspace.open(fingerprint)
+        _make(plan, design, sources, options, workspace, on_progress, should_cancel, draw)
+        leaks = check_study(out)
+    if leaks:
+        raise RunError(f"The export is not blind: {leaks[0]}")
+    return workspace
+
+
+def _make(
+    plan: Plan,
+    design: Design,
+    sources: tuple[Source, ...],
+    options: ExportOptions,
+    workspace: Workspace,
+    on_progress: Callable[[float], None],
+    should_cancel: Callable[[], bool],
+    draw: Draw,
+) -> None:
     blinding = _blinding(plan, design, workspace)
     maker = Maker(
         *(plan, workspace, blinding.videos, options.weights, options.body, should_cancel),
@@ -68,10 +88,6 @@ def export_study(
     write_records(plan, design, blinding, sources, options, workspace)
     workspace.clean()
     write_key(key, workspace.key)
-    leaks = check_study(out)
-    if leaks:
-        raise RunError(f"The export is not blind: {leaks[0]}")
-    return workspace
 
 
 def _blinding(plan: Plan, design: Design, workspace: Workspace) -> Blinding:

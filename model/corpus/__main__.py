@@ -9,6 +9,7 @@ from tqdm import tqdm
 
 from model.corpus.build import CorpusError, build_corpus
 from model.corpus.people.voice import VoiceError
+from model.storage.harmless import printable
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -25,7 +26,7 @@ def main(argv: list[str] | None = None) -> int:
     try:
         build_corpus(arguments.out, arguments.hours, arguments.seed, arguments.workers, on_clip)
     except (CorpusError, VoiceError) as error:
-        sys.stderr.write(f"{error}\n")
+        sys.stderr.write(f"{printable(str(error))}\n")
         return 1
     except KeyboardInterrupt:
         sys.stderr.write("Interrupted; the same command continues where it stopped.\n")

@@ -15,6 +15,7 @@ from model.corpus.people.rig import open_body_rig
 from model.corpus.people.speakers import SPEAKERS, Speaker
 from model.corpus.people.voice import require_flite
 from model.corpus.words.texts import Split
+from model.jobs.ended import WorkerLog, log_to
 from model.storage.files import WriteError
 
 FORMAT = 2  # raised whenever the same seed gives other bytes
@@ -86,11 +87,6 @@ def build_corpus(
         _make_clips(jobs, workers, on_clip)
         rows = [(job.clip_id, job.split) for job in jobs]
         write_bytes(root / SPLIT_TABLE, split_table(rows).encode())
-    except BrokenProcessPool as error:
-        raise CorpusError(
-            "A worker process was ended from outside, perhaps for want of memory;"
-            " the same command with fewer --workers continues."
-        ) from error
     except WriteError as error:
         is_full = error.errno in (errno.ENOSPC, errno.EDQUOT)
         need = " An hour takes about 230 MB; the same command continues." if is_full else ""
@@ -177,13 +173,27 @@ def _make_clips(
             report()
         return
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(workers, len(missing)), mp_context=context) as pool:
+    others = multiprocessing.active_children()
+    with (
+        WorkerLog() as log,
+        ProcessPoolExecutor(
+            *(min(workers, len(missing)), context), initializer=log_to, initargs=(log.end,)
+        ) as pool,
+    ):
         futures = [pool.submit(make_job, job) for job in missing]
+        crew = [each for each in multiprocessing.active_children() if each not in others]
         try:
             for future in as_completed(futures):
                 future.result()
                 done += 1
                 report()
+        except BrokenProcessPool as error:
+            pool.shutdown(cancel_futures=True)
+            again = "the same command continues"
+            told = log.ended(crew).sentences(
+                "A worker process", f"{again} with fewer --workers", again
+            )
+            raise CorpusError(told) from error
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise

@@ -20,10 +20,6 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from tqdm import tqdm
 
-from model.storage.files import written_atomically
-from model.motion.kinematics import mirror_transl
-from model.motion.mirror import mirror_face_units, mirror_poses
-from model.motion.motion import Motion, MotionError
 from model.data.recordings import (
     NUM_FACE_UNITS,
     DataError,
@@ -35,8 +31,12 @@ from model.data.recordings import (
     read_split,
     speaker_of,
 )
+from model.motion.kinematics import mirror_transl
+from model.motion.mirror import mirror_face_units, mirror_poses
+from model.motion.motion import Motion, MotionError
 from model.speech.audio import Speech, SpeechError
 from model.speech.encoder import SpeechEncoder
+from model.storage.files import written_atomically
 
 log = logging.getLogger(__name__)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from model.measures import hearing
 from model.measures.diagnostics import measures, track_points
 from model.measures.diversity import l1_to_mean
 from model.motion.motion import Motion
@@ -40,6 +41,30 @@ def clip_measures(motion: Motion, recorded: Motion, skeleton: RestSkeleton) -> C
     if motion is not recorded and motion.expression_basis == recorded.expression_basis:
         numbers["face_mse"] = face_error(motion, recorded)
     return ClipMeasures(numbers, found["jerk_by_depth_m_s3"])
+
+
+def hearing_measures(motions: Sequence[Motion], elsewhere: Sequence[Motion]) -> dict[str, float]:
+    """What speech and what noise decide, by part of the body (`model.measures.hearing`).
+
+    Args:
+        motions: of one speech, one for each noise seed.
+        elsewhere: of another speech, with the same noise; none for recorded motion, of which these
+            numbers are not known.
+    """
+    grid = {("own", seed): motion for seed, motion in enumerate(motions)}
+    grid |= {("foreign", seed): motion for seed, motion in enumerate(elsewhere)}
+    shortest = min(motion.num_frames for motion in grid.values())
+    if len(motions) < 2 or len(elsewhere) < 2 or shortest < hearing.LEAST_FRAMES:
+        return {}
+    found: dict[str, float] = {}
+    for part, told in hearing.decided(grid).items():
+        found[f"{part}_by_speech"] = told.by_speech
+        found[f"{part}_same_noise"] = told.same_noise
+    pairs = zip(motions, elsewhere, strict=True)
+    found["arm_rotations_same_noise"] = float(
+        np.mean([hearing.arm_rotations_alike(*pair) for pair in pairs])
+    )
+    return found
 
 
 def wander(motion: Motion) -> float:

@@ -7,7 +7,12 @@ from functools import cached_property
 import numpy as np
 
 from model.evaluation import frechet, speech_response
-from model.evaluation.clip_measures import clip_measures, mean_pairwise_l1, rooted_positions
+from model.evaluation.clip_measures import (
+    clip_measures,
+    hearing_measures,
+    mean_pairwise_l1,
+    rooted_positions,
+)
 from model.evaluation.intervals import (
     Interval,
     bootstrap,
@@ -102,11 +107,13 @@ class ClipContext:
         self,
         motions: Sequence[Motion],
         prediction: Prediction | None = None,
+        elsewhere: Sequence[Motion] = (),
     ) -> ClipRow:
         """One row's numbers.
 
         Args:
             prediction: for a system that can tell x_1 of this clip.
+            elsewhere: what the system made of the foreign speech with the same noise.
         """
         measured = [clip_measures(m, self.recorded, open_body_skeleton()) for m in motions]
         positions = [rooted_positions(motion) for motion in motions]
@@ -128,7 +135,7 @@ class ClipContext:
             if len(found) == len(motions):
                 features[name] = np.concatenate(found)
         return ClipRow(
-            measures=_mean_of(numbers),
+            measures=_mean_of(numbers) | hearing_measures(motions, elsewhere),
             by_depth=by_depth,
             couplings={
                 kind: float(np.mean([coupling(p, track) for p in positions]))

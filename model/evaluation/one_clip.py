@@ -102,5 +102,6 @@ class OneClip:
                 self.batch_windows,
             )
             motions = generate_motion(system, mine.speech, options)
-            rows[system.name] = context.row(motions, prediction)
+            elsewhere = generate_motion(system, foreign.speech, options)
+            rows[system.name] = context.row(motions, prediction, elsewhere)
         save_rows(out, rows)

@@ -1,9 +1,7 @@
 """The evaluation's table as Markdown, CSV and LaTeX; every value with its interval."""
 
-import csv
-import io
-
 from model.evaluation.intervals import Interval
+from model.storage import harmless
 
 COLUMNS = {
     "fmd": "FMD",
@@ -28,6 +26,13 @@ COLUMNS = {
     "jaw_loudness": "jaw with loudness",
     "brow_with_hands": "brow with hands, beyond chance",
     "head_with_hands": "head with hands, beyond chance",
+    "arms_by_speech": "arm speed decided by speech",
+    "head_by_speech": "head speed decided by speech",
+    "brows_by_speech": "brows decided by speech",
+    "jaw_by_speech": "jaw decided by speech",
+    "arms_same_noise": "same noise, other speech: arm speed",
+    "head_same_noise": "head speed",
+    "arm_rotations_same_noise": "arm rotations",
     "tip_jerk_m_s3": "tip jerk, m/s^3",
     "tip_jerk_m_s3_ratio": "of recorded",
     "tip_path_m_s": "tip path, m/s",
@@ -63,7 +68,7 @@ def as_markdown(table: dict) -> str:
     """The parts of the table one below the other, systems in columns so that they stay narrow."""
     rows = table["motion"]
     lines = _markdown(
-        [f"{len(table['clips'])} test clips", *rows],
+        [f"{len(table['clips'])} test clips", *map(harmless.markdown, rows)],
         [
             [heading, *(_cell(columns, measure) for columns in rows.values())]
             for measure, heading in COLUMNS.items()
@@ -79,7 +84,11 @@ def as_markdown(table: dict) -> str:
     lines += _markdown(
         ["x_1 error above that with right speech, %", "shifted 4 s", "foreign"],
         [
-            [name, _percent_above_1(kinds, "shifted"), _percent_above_1(kinds, "foreign")]
+            [
+                harmless.markdown(name),
+                _percent_above_1(kinds, "shifted"),
+                _percent_above_1(kinds, "foreign"),
+            ]
             for name, kinds in table["wrong_speech"].items()
         ],
     )
@@ -87,7 +96,7 @@ def as_markdown(table: dict) -> str:
     lines += _markdown(
         ["wrist speed with loudness, correlation", *(kind.replace("_", " ") for kind in kinds)],
         [
-            [name, *(_cell(columns, kind) for kind in kinds)]
+            [harmless.markdown(name), *(_cell(columns, kind) for kind in kinds)]
             for name, columns in table["coupling"].items()
         ],
     )
@@ -96,34 +105,30 @@ def as_markdown(table: dict) -> str:
         depths = range(len(next(iter(having.values()), [])))
         lines += _markdown(
             [f"{key} by depth", *map(str, depths)],
-            [[name, *(f"{value:.3g}" for value in values)] for name, values in having.items()],
+            [
+                [harmless.markdown(name), *(f"{value:.3g}" for value in values)]
+                for name, values in having.items()
+            ],
         )
     return "\n".join(lines)
 
 
 def as_csv(table: dict) -> str:
     """One line for each value: part, row, measure, mean, low, high."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["part", "row", "measure", "mean", "low", "high"])
+    lines: list[list[object]] = [["part", "row", "measure", "mean", "low", "high"]]
     for part in ("motion", "wrong_speech", "coupling"):
         for row, columns in table[part].items():
             for measure, value in columns.items():
-                writer.writerow([part, row, measure, value["mean"], value["low"], value["high"]])
+                lines.append([part, row, measure, value["mean"], value["low"], value["high"]])
     for floor in (f"{measure}_floor" for measure in COLUMNS):
         if floor in table:
             value = table[floor]
-            writer.writerow(
-                ["motion", "recorded", floor, value["mean"], value["low"], value["high"]]
-            )
+            lines.append(["motion", "recorded", floor, value["mean"], value["low"], value["high"]])
     for row, columns in table["by_depth"].items():
         for measure, values in columns.items():
             for depth, value in enumerate(values):
-                writer.writerow(["by_depth", row, f"{measure}_{depth}", value, "", ""])
-    return text.getvalue()
-
-
-_LATEX = str.maketrans({"_": r"\_", "^": r"\^{}", "%": r"\%", "&": r"\&", ">": "$>$"})
+                lines.append(["by_depth", row, f"{measure}_{depth}", value, "", ""])
+    return harmless.csv_text(lines, line_end="\n")
 
 
 def as_latex(table: dict) -> str:
@@ -132,11 +137,11 @@ def as_latex(table: dict) -> str:
     lines = [
         r"\begin{tabular}{l" + "r" * len(rows) + "}",
         r"\hline",
-        " & ".join(["", *(name.translate(_LATEX) for name in rows)]) + r" \\",
+        " & ".join(["", *map(harmless.tex, rows)]) + r" \\",
         r"\hline",
     ]
     for measure, heading in COLUMNS.items():
         if any(measure in columns for columns in rows.values()):
             cells = [_cell(columns, measure) for columns in rows.values()]
-            lines.append(" & ".join([heading.translate(_LATEX), *cells]) + r" \\")
+            lines.append(" & ".join([harmless.tex(heading), *cells]) + r" \\")
     return "\n".join([*lines, r"\hline", r"\end{tabular}", ""])

@@ -4,6 +4,8 @@ Dask brings the queue: it hands jobs to workers as they get free, and those of a
 others. It is no requirement of this project; see ``requirements-cluster.txt``.
 """
 
+import asyncio
+import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -15,6 +17,9 @@ from model.jobs.crew import Job, JobsError, use_one_thread
 CONNECT_S = 30
 SEEN_WITHIN_S = 30.0
 """Until a result that a worker has written must be seen here, on a shared disk."""
+_TELL_OF_LOSS = ("distributed.client", "distributed.core", "distributed.utils")
+_GIVEN_UP = "Failed to reconnect to scheduler"
+"""Loggers of Dask that print tracebacks when a scheduler is lost, or this."""
 _ONE_AT_A_TIME = threading.Lock()
 """Of a worker with several threads: jobs are made for processes."""
 
@@ -29,6 +34,8 @@ def do_by_cluster(
         raise JobsError(
             "A scheduler needs Dask: pip install --no-deps -r locks/cluster.txt."
         ) from error
+    for name in _TELL_OF_LOSS:
+        logging.getLogger(name).addFilter(_is_no_lost_connection)
     is_file = Path(scheduler).is_file()
     try:
         client = Client(
@@ -67,6 +74,15 @@ def do_by_cluster(
     return failed
 
 
+def _is_no_lost_connection(record: logging.LogRecord) -> bool:
+    """Whether a line of Dask's log is none that our own sentence tells, with its tracebacks."""
+    from distributed.comm.core import CommClosedError
+
+    lost = (CommClosedError, OSError, TimeoutError, CancelledError, asyncio.CancelledError)
+    error = record.exc_info[1] if record.exc_info else None
+    return not (isinstance(error, lost) or str(record.msg).startswith(_GIVEN_UP))
+
+
 def _key(job: Job) -> str:
     return f"{job.name}-{time.time_ns()}"
 
@@ -92,8 +108,8 @@ def _told(error: Exception, job: Job) -> Exception:
 
     if isinstance(error, KilledWorker):
         return JobsError(
-            f"Every worker that began {job.name} ended before it was done, most likely for want "
-            "of memory."
+            f"Every worker that began {job.name} ended before it was done; the logs of the workers "
+            "say how."
         )
     return error
 

@@ -11,7 +11,10 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
+
+from model.jobs.ended import Ended, WorkerLog, log_to
 
 MAX_BREAKS = 3
 """Worker processes that may end abruptly one after another without any job done between."""
@@ -95,20 +98,33 @@ def _do_by_processes(
     failed: dict[str, Exception] = {}
     finished: set[str] = set()
     breaks = 0
+    ended: Ended | None = None
     while rest := [job for job in jobs if job.name not in {*finished, *failed}]:
         before = len(finished) + len(failed)
         # A forked process would share torch's threads; a new one imports them.
         context = multiprocessing.get_context("spawn")
         others = multiprocessing.active_children()
-        with ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker) as pool:
+        with (
+            WorkerLog() as log,
+            ProcessPoolExecutor(
+                workers, mp_context=context, initializer=_begin_worker, initargs=(log.end,)
+            ) as pool,
+        ):
             running = {pool.submit(job.do): job.name for job in rest}
+            crew = [each for each in multiprocessing.active_children() if each not in others]
+            is_broken = False
             try:
                 for future in as_completed(running):
                     name = running[future]
                     try:
                         future.result()
                     except BrokenProcessPool:
-                        continue
+                        is_broken = True
+                    except SystemExit as error:
+                        failed[name] = JobsError(
+                            f"{name} left its worker process with exit status {error.code}; that "
+                            "is a fault of the program, which please report."
+                        )
                     except Exception as error:
                         failed[name] = error
                     else:
@@ -116,21 +132,27 @@ def _do_by_processes(
                         on_done(name)
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
-                for worker in multiprocessing.active_children():
-                    if worker not in others:
-                        worker.terminate()
+                for worker in crew:
+                    worker.terminate()
                 raise
+            if is_broken:
+                pool.shutdown()
+                ended = log.ended(crew)
         is_further = len(finished) + len(failed) > before
         breaks = 0 if is_further else breaks + 1
-        if breaks == MAX_BREAKS:
+        if breaks == MAX_BREAKS and ended is not None:
+            told = ended.sentences(
+                "The last one", "use fewer processes", "give the same command again"
+            )
             raise JobsError(
-                f"Worker processes were ended {MAX_BREAKS} times before any got its work done, "
-                "most likely for want of memory; use fewer processes. What is done is kept."
+                f"Worker processes ended {MAX_BREAKS} times before any got its work done; what is "
+                f"done is kept. {told}"
             )
     return failed
 
 
-def _begin_worker() -> None:
+def _begin_worker(log: Connection) -> None:
+    log_to(log)
     use_one_thread()
     parent = multiprocessing.parent_process()
     if parent is not None:  # without it nobody would ever end this process

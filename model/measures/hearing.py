@@ -119,10 +119,10 @@ def decided(motions: Grid) -> dict[str, Decided]:
         )
     found = {}
     for part, track_of in TRACKS.items():
-        tracks = {key: track_of(motion) for key, motion in motions.items()}
-        if any(track is None for track in tracks.values()):
-            continue
-        found[part] = _decided(list(tracks.items()))
+        tracks = [(key, track_of(motion)) for key, motion in motions.items()]
+        known = [(key, track) for key, track in tracks if track is not None]
+        if len(known) == len(tracks):
+            found[part] = _decided(known)
     return found
 
 

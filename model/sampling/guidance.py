@@ -2,8 +2,8 @@
 
 A network that now and then learned without speech can be asked twice, with it and without; what
 speech changes in the answer is taken ``strength`` times. At 1 the network is as it was trained, at
-0 it is deaf. Jaw and eyes stay as trained at any strength: speech decides nearly all of the jaw
-already, which at a strength of 2.5 would open twice as far.
+0 it is deaf. In the head, jaw and eyes stay as trained at any strength: speech decides nearly all
+of the jaw already, which at a strength of 2.5 would open twice as far.
 """
 
 import torch
@@ -11,7 +11,8 @@ from jaxtyping import Bool, Float, Shaped
 from torch import Tensor
 
 from model.motion.packing import AXIS_ANGLE_GROUPS, Normaliser, joint_channels
-from model.motion.skeleton import FACE
+from model.motion.rotations import matrix_from_rot6d
+from model.motion.skeleton import FACE, JOINT_INDEX
 from model.motion.spaces import RotationSpace
 
 
@@ -21,6 +22,7 @@ class SpeechGuide:
     def __init__(self, strength: float, normaliser: Normaliser, space: RotationSpace) -> None:
         self.strength = strength
         self._normaliser = normaliser
+        self._space = space
         *_, face, _, _ = AXIS_ANGLE_GROUPS
         self._face = face if space == "axis-angle" else joint_channels(FACE)
 
@@ -50,7 +52,25 @@ class SpeechGuide:
         change = heard - deaf
         if unmix is not None:
             change = change @ unmix
-        change[..., self._face] = 0.0
+        change[..., self._face] = self._carried(heard, change)
         if mix is not None:
             change = change @ mix
         return heard + (self.strength - 1) * change
+
+    def _carried(
+        self, heard: Float[Tensor, "B T C"], change: Float[Tensor, "B T C"]
+    ) -> Float[Tensor, "B T face"] | float:
+        """What the head's change does to the channels of jaw and eyes, which stay as they are in
+        it: nothing where they are told in the head's frame. Rows of a rotation in the world are
+        the head's rows times the rotation in the head."""
+        if self._space != "global":
+            return 0.0
+        head = joint_channels((JOINT_INDEX["head"],))
+        std = self._normaliser.std
+        world = self._normaliser.restore(heard)
+        of_head, of_face = (
+            matrix_from_rot6d(world[..., channels].unflatten(-1, (-1, 6)))
+            for channels in (head, self._face)
+        )
+        rows = (change[..., head] * std[head]).unflatten(-1, (1, 2, 3))
+        return (rows @ (of_head.mT @ of_face)).flatten(-3) / std[self._face]

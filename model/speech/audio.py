@@ -21,6 +21,7 @@ from jaxtyping import Float, Float32, Float64
 
 from model.motion.timing import FPS, SAMPLE_RATE
 from model.storage.files import written_atomically
+from model.storage.harmless import printable
 
 SILENT_BELOW = 1e-3
 """Peak, relative to full scale (-60 dB), under which a file counts as silent."""
@@ -140,7 +141,7 @@ def write_wav(path: str | Path, waveform: Float[np.ndarray, " N"]) -> None:
 
 def _shown(path: Path) -> str:
     """The file's name as it may stand in a sentence."""
-    return "".join(char if char.isprintable() else "?" for char in path.name)[:100]
+    return printable(path.name)[:100]
 
 
 def _checked_sha256(path: Path, name: str, limits: SpeechLimits) -> str:

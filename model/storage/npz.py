@@ -13,6 +13,8 @@ from typing import cast
 
 import numpy as np
 
+from model.storage.harmless import printable
+
 MAX_BYTES = 512 * 2**20
 """Largest size of a file's arrays once unpacked."""
 MAX_FILE_BYTES = 160 * 2**20
@@ -81,7 +83,7 @@ def read_headers(archive: zipfile.ZipFile, name: str) -> dict[str, Header]:
     headers: dict[str, Header] = {}
     for entry in entries:
         key = entry.filename.removesuffix(".npy")
-        shown = _printable(key[:40])
+        shown = printable(key[:40])
         if key == entry.filename:
             raise MotionError(
                 f"{name} holds `{shown}`, which is not an array; give a BEAT2 motion file."
@@ -149,12 +151,7 @@ def read_npy_file(path: Path) -> np.ndarray | None:
 
 def listed(names: tuple[str, ...] | list[str]) -> str:
     """Names for a sentence, none of them long."""
-    return ", ".join(_printable(name[:40]) for name in names[:12])
-
-
-def _printable(name: str) -> str:
-    """With ? for what a terminal would obey."""
-    return "".join(char if char.isprintable() else "?" for char in name)
+    return ", ".join(printable(name[:40]) for name in names[:12])
 
 
 def _read_npy_header(file: io.BufferedIOBase) -> Header | None:

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from model.storage.files import written_atomically
+from model.storage.harmless import csv_text
 from model.storage.settings import to_json
 from model.training.config import TrainConfig
 from model.training.task import Task
@@ -49,10 +50,9 @@ class History:
             self.rows.append({"step": self.step, "split": "train", **mean})
             self.pending = []
         columns = list(dict.fromkeys(name for row in self.rows for name in row))
-        with written_atomically(self.path) as path, path.open("w", newline="") as file:
-            writer = csv.DictWriter(file, columns)
-            writer.writeheader()
-            writer.writerows(self.rows)
+        rows = [columns, *([row.get(name) for name in columns] for row in self.rows)]
+        with written_atomically(self.path) as path:
+            path.write_text(csv_text(rows), newline="")
 
 
 def open_run(config: TrainConfig, out: Path, resume: bool) -> None:

@@ -2,6 +2,7 @@
 
 import functools
 import json
+import signal
 import subprocess
 import sys
 import time
@@ -108,11 +109,18 @@ def probe_backend(
         return _broken(name, f"no child process can be started: {error}")
     lines = child.stdout.decode(errors="replace").strip().splitlines()
     if child.returncode < 0:
-        return _broken(name, f"the driver crashed (signal {-child.returncode})")
+        return _broken(name, f"the driver crashed ({_signal_name(-child.returncode)})")
     if child.returncode or not lines:
         said = child.stderr.decode(errors="replace").strip().splitlines()
         return _broken(name, said[-1] if said else f"exit status {child.returncode}")
     return BackendReport(**json.loads(lines[-1]))
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:  # one of the real-time ones
+        return f"signal {number}"
 
 
 def _broken(name: Backend, error: str) -> BackendReport:

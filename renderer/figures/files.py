@@ -48,6 +48,8 @@ def write_figure(figure: "Figure", out_stem: Path, description: str) -> FigureFi
     from matplotlib.backends.backend_pdf import FigureCanvasPdf
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
+    _make_printable(figure)
+    description = _printable(description)
     out_stem = Path(out_stem)
     out_stem.parent.mkdir(parents=True, exist_ok=True)
     files = FigureFiles(*(out_stem.with_name(f"{out_stem.name}.{e}") for e in FigureFiles._fields))
@@ -68,6 +70,20 @@ def write_figure(figure: "Figure", out_stem: Path, description: str) -> FigureFi
         for path in unfinished:
             path.unlink(missing_ok=True)
     return files
+
+
+def _make_printable(figure: "Figure") -> None:
+    """No text of a figure may break the SVG that it is written to, or turn what is around it."""
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        assert isinstance(text, Text)
+        text.set_text("\n".join(map(_printable, text.get_text().split("\n"))))
+
+
+def _printable(text: str) -> str:
+    """As `model.storage.harmless.printable`, which this room does not know."""
+    return "".join(char if char.isprintable() else "?" for char in text)
 
 
 def _temporary_name(path: Path) -> Path:

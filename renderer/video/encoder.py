@@ -18,6 +18,8 @@ import imageio_ffmpeg
 import numpy as np
 from jaxtyping import UInt8
 
+from renderer.video.ended import how_it_ended
+
 FPS = 30
 DEFAULT_CRF = 20
 
@@ -305,5 +307,6 @@ class Encoder:
             if message in said:
                 reason = meaning.format(folder=self.out.parent)
                 return VideoError(f"{self.out.name} cannot be written: {reason}.")
-        last_line = said.splitlines()[-1] if said else f"exit status {self._process.returncode}"
-        return VideoError(f"{self.out.name} cannot be written; ffmpeg said: {last_line}")
+        last_line = f"ffmpeg said: {said.splitlines()[-1]}" if said else "it said nothing"
+        end = how_it_ended(self._process.returncode)
+        return VideoError(f"{self.out.name} cannot be written: ffmpeg ended {end}; {last_line}")

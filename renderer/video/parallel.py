@@ -13,9 +13,9 @@ import math
 import os
 import pickle
 import queue
-import signal
 import subprocess
 import sys
+import tempfile
 import threading
 from collections.abc import Generator
 from contextlib import ExitStack
@@ -30,6 +30,7 @@ from renderer.body.body import Body, BodyMotion
 from renderer.draw.offscreen import GLError
 from renderer.draw.probe import choose_backend
 from renderer.stage.stage import Stage
+from renderer.video.ended import memory_kills, obituary
 from renderer.video.frames import PIECE_FRAMES, draw_frames, stage_for
 from renderer.video.marks import Marks
 from renderer.video.settings import RenderSettings
@@ -93,11 +94,14 @@ class _Painter:
         self._share = share
 
     def __enter__(self) -> "_Painter":
+        self._messages = tempfile.TemporaryFile()
+        self._killed_before = memory_kills()
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "renderer.video.parallel"],
+            [sys.executable, "-X", "faulthandler", "-m", "renderer.video.parallel"],
             cwd=Path(__file__).parents[2],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            stderr=self._messages,
         )
         assert self._process.stdin is not None
         try:
@@ -118,17 +122,17 @@ class _Painter:
 
     def _obituary(self) -> RuntimeError:
         status = self._process.wait()
-        if status < 0:
-            return GLError(
-                f"A process that draws crashed ({signal.Signals(-status).name}); "
-                "this is most likely the OpenGL driver."
-            )
-        return RuntimeError(f"A process that draws ended with status {status}.")
+        self._messages.seek(0)
+        said = self._messages.read().decode(errors="replace")
+        is_driver = self._share.settings.backend != "software"
+        what = "A process that draws"
+        sentence = obituary(what, status, said, self._killed_before, is_driver)
+        return GLError(sentence) if status < 0 else RuntimeError(sentence)
 
     def __exit__(self, *exception: object) -> None:
         self._process.kill()
         self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout):
+        for pipe in (self._process.stdin, self._process.stdout, self._messages):
             assert pipe is not None
             pipe.close()
 

@@ -18,6 +18,7 @@ from pathlib import Path
 
 from renderer.draw.offscreen import Backend, GLError
 from renderer.video.encoder import partial_path
+from renderer.video.ended import memory_kills, obituary
 from renderer.video.job import KNOWN_ERRORS, RenderJob, RenderResult
 from renderer.video.render import Cancelled
 
@@ -33,8 +34,9 @@ class WorkerProcess:
         self._messages = tempfile.TemporaryFile()
         self._job: RenderJob | None = None
         self._was_cancelled = False
+        self._killed_before = memory_kills()
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "renderer.video.worker_child"],
+            [sys.executable, "-X", "faulthandler", "-m", "renderer.video.worker_child"],
             cwd=Path(__file__).parents[2],
             # The pictures are drawn by the driver's threads; numpy's would only get in their way.
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
@@ -138,10 +140,7 @@ class WorkerProcess:
         """What to say of a child that died without a word: a driver's crash, or a bug of ours."""
         status = self._process.wait()
         self._messages.seek(0)
-        said = self._messages.read().decode(errors="replace").strip()
-        if status < 0:
-            return GLError(
-                f"The rendering process crashed ({signal.Signals(-status).name}); "
-                "this is most likely the OpenGL driver."
-            )
-        return RuntimeError(f"The rendering process ended with status {status}:\n{said}")
+        said = self._messages.read().decode(errors="replace")
+        is_driver = self.backend != "software"
+        sentence = obituary("The rendering process", status, said, self._killed_before, is_driver)
+        return GLError(sentence) if status < 0 else RuntimeError(sentence)

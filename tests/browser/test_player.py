@@ -334,6 +334,18 @@ def test_measures_order_the_systems_and_are_saved(player: Page, tmp_path: Path) 
     expect(heads).to_have_text([*LABELS])
 
 
+def test_a_saved_cell_begins_no_formula(player: Page, tmp_path: Path) -> None:
+    head = player.locator("#numbers thead th[data-name]").first
+    name = head.get_attribute("data-name")
+    head.evaluate("head => { head.dataset.name = '=1;@SUM(1)\\u001b\\u202e'; }")
+    with player.expect_download() as download:
+        player.get_by_role("button", name=text.CSV_LABEL).click()
+    head.evaluate("(head, name) => { head.dataset.name = name; }", name)
+    download.value.save_as(tmp_path / "measures.csv")
+    saved = (tmp_path / "measures.csv").read_text("utf-8")
+    assert '"Jerk","m/s³","\'=1;\'@SUM(1)??","raw","' in saved
+
+
 def test_a_figure_fills_the_window_on_click(player: Page) -> None:
     player.locator("#figures button.zoom").first.click()
     large = player.locator("dialog.lightbox img")

@@ -30,6 +30,7 @@ from app.run.request import (
     Progress,
     ShouldCancel,
 )
+from model.jobs.ended import ChildLog, Ended, memory_kills
 
 if TYPE_CHECKING:
     from app.run.diagnose import DiagnoseRequest, Diagnosis
@@ -61,10 +62,11 @@ SILENT = (
     "This run had stopped getting on and was ended after {seconds:.0f} s; start it again, and if "
     "that happens again, ask for less."
 )
-ENDED = (
-    "This run was ended by the machine, most likely because it needed more memory than the "
-    "{gigabytes:.1f} GB that a run may take here; ask for less."
-)
+ENDED = "The process of this run"
+FOR_MEMORY = "a run may take {gigabytes:.1f} GB here, so ask for less"
+AGAIN = "start it again, which is done by a fresh process"
+_ENDS_WITHIN_S = 5.0
+"""A process whose channel is closed has ended, or is about to."""
 
 
 @dataclass(frozen=True)
@@ -267,17 +269,22 @@ class _Process:
         self._is_idle = True
         self._is_last = False
         self._grown = 0
+        self._killed_before = 0
         self._child = subprocess.Popen(
             [
-                *(sys.executable, "-m", "app.page.serving.workshop_child", str(theirs.fileno())),
+                *(sys.executable, "-X", "faulthandler", "-m", "app.page.serving.workshop_child"),
+                str(theirs.fileno()),
                 *(str(path) for path in warm or () if path is not None),
             ],
             cwd=Path(__file__).parents[3],
             stdin=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
             pass_fds=(theirs.fileno(),),
             start_new_session=True,
         )
         theirs.close()
+        assert self._child.stderr is not None
+        self._log = ChildLog(self._child.stderr)
 
     def is_alive(self) -> bool:
         return self._child.poll() is None
@@ -296,6 +303,8 @@ class _Process:
         is_aside: Callable[[_Process], bool],
     ) -> Any:
         self._is_idle = False
+        self._log.forget()
+        self._killed_before = memory_kills()
         started = told_at = time.monotonic()
         news: object = None
         stop_by: float | None = None
@@ -330,7 +339,7 @@ class _Process:
         except _Gone as error:
             if stop_by is not None:
                 raise CancelledRun from error
-            raise RunError(ENDED.format(gigabytes=limits.memory_bytes / 1e9)) from error
+            raise RunError(self._obituary(limits)) from error
 
     def _send(self, message: object) -> None:
         try:
@@ -354,6 +363,16 @@ class _Process:
         if kind == "sentence":
             raise RunError(value)
         raise FaultInWorkshop(value)
+
+    def _obituary(self, limits: Limits) -> str:
+        """What to say of a child that ended without a word."""
+        try:
+            status = self._child.wait(_ENDS_WITHIN_S)
+        except subprocess.TimeoutExpired:
+            status = None
+        lines = self._log.lines()
+        ended = Ended(status, lines, memory_kills() > self._killed_before)
+        return ended.sentences(ENDED, FOR_MEMORY.format(gigabytes=limits.memory_bytes / 1e9), AGAIN)
 
     def _come_last(self) -> None:
         """Work only while nobody else wants to. What draws a video for it draws that to its end."""

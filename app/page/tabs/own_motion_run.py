@@ -38,6 +38,7 @@ from app.run.request import (
 )
 from app.run.result_folder import zip_files
 from app.run.telling import share_teller
+from model.storage.harmless import printable
 
 if TYPE_CHECKING:
     from app.run.diagnose import DiagnoseRequest, Diagnosis
@@ -151,7 +152,7 @@ def display_names(stems: Sequence[str]) -> tuple[str, ...]:
     """Each file's stem, cut short; of equal ones the later are numbered."""
     names: list[str] = []
     for stem in stems:
-        name = stem[:MAX_NAME] or "motion"
+        name = printable(stem)[:MAX_NAME] or "motion"
         number = 2
         unique = name
         while unique in names:

@@ -94,6 +94,10 @@ function save(root) {
   URL.revokeObjectURL(url);
 }
 
+/** A cell that no spreadsheet takes for a formula; as model/storage/harmless.py. */
 function quoted(cell) {
-  return `"${String(cell).replaceAll('"', '""')}"`;
+  const number = /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i;
+  const plain = String(cell).replaceAll(/[\p{C}\p{Zl}\p{Zp}]/gu, "?");
+  const harmless = number.test(plain) ? plain : plain.replaceAll(/(^|;)(?= *[=+\-@\uff1d\uff0b\uff0d\uff20])/g, "$1'");
+  return `"${harmless.replaceAll('"', '""')}"`;
 }

@@ -13,10 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import RunError
+from app.run.held_folder import held_folder
 from app.run.many.record import is_kept, keep, read_records, stamp_of
 from app.run.many.table import numbers_of, write_tables
 from app.run.request import REFERENCE_NAME
 from model.jobs.crew import Crew, Job
+from model.storage.harmless import printable
 
 ENDINGS = (".npz", ".npy", ".bvh")
 
@@ -63,6 +65,17 @@ def diagnose_folders(
         for name, found in files.items()
         if len(found) > len(clips)
     ]
+    with held_folder(request.out):
+        return _diagnose_clips(request, files, clips, notes, on_progress)
+
+
+def _diagnose_clips(
+    request: ManyRequest,
+    files: dict[str, dict[str, Path]],
+    clips: list[str],
+    notes: list[str],
+    on_progress: Callable[[float], None],
+) -> ManyResult:
     kept = request.out / "clips"
     kept.mkdir(parents=True, exist_ok=True)
     records = {clip: (kept / f"{clip}.json").absolute() for clip in clips}
@@ -96,7 +109,7 @@ def diagnose_folders(
 
 
 def _named_folders(request: ManyRequest) -> dict[str, Path]:
-    folders = {folder.resolve().name: folder for folder in request.folders}
+    folders = {printable(folder.resolve().name): folder for folder in request.folders}
     if len(folders) < len(request.folders) or REFERENCE_NAME in folders:
         raise RunError("Two folders have the same name, or one is called 'reference'; rename one.")
     if request.reference is not None:
@@ -108,7 +121,15 @@ def _named_folders(request: ManyRequest) -> dict[str, Path]:
 
 
 def _files(folder: Path) -> dict[str, Path]:
-    return {path.stem: path for path in sorted(folder.iterdir()) if path.suffix in ENDINGS}
+    found: dict[str, Path] = {}
+    for path in sorted(folder.iterdir()):
+        if path.suffix not in ENDINGS:
+            continue
+        name = printable(path.stem)
+        if found.get(name, path).stem != path.stem:
+            raise RunError(f"Two files in {folder} would both be called {name!r}; rename one.")
+        found[name] = path
+    return found
 
 
 def _measure_clip(

@@ -13,12 +13,14 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import RunError, sentence_of
+from app.run.held_folder import held_folder
 from app.run.many.record import is_kept, keep, read_records, stamp_of
 from app.run.many.table import numbers_of, write_tables
 from app.run.request import REFERENCE_NAME, GenerateRequest, check_request
 from app.run.result_folder import remove_unfinished
 from model.generation.clip_noise import clip_seed
 from model.jobs.crew import Crew, Job
+from model.storage.harmless import printable
 
 LIST_ENDING = ".txt"
 ENDINGS = (".wav", ".flac", ".mp3", ".ogg", ".opus", ".m4a", ".aac", ".webm")
@@ -86,14 +88,14 @@ def generate_many(
         num_done += 1
         on_done(folders[clip], num_done / len(jobs))
 
-    request.out.mkdir(parents=True, exist_ok=True)
-    failed = {clip: _sentence(error) for clip, error in crew.do_all(jobs, tell).items()}
-    clips = [clip for clip in speeches if clip not in failed]
-    files: tuple[Path, ...] = ()
-    if clips:
-        numbers = read_records({clip: records[clip] for clip in clips})
-        names = list(numbers[clips[0]]["systems"])
-        files = write_tables(request.out, names, clips, list(numbers.values()))
+    with held_folder(request.out):
+        failed = {clip: _sentence(error) for clip, error in crew.do_all(jobs, tell).items()}
+        clips = [clip for clip in speeches if clip not in failed]
+        files: tuple[Path, ...] = ()
+        if clips:
+            numbers = read_records({clip: records[clip] for clip in clips})
+            names = list(numbers[clips[0]]["systems"])
+            files = write_tables(request.out, names, clips, list(numbers.values()))
     return ManyRuns(tuple(clips), kept, failed, files)
 
 
@@ -114,11 +116,12 @@ def find_speeches(source: Path) -> dict[str, Path]:
         found = _listed(source)
     speeches: dict[str, Path] = {}
     for path in found:
-        if path.stem in speeches:
+        name = printable(path.stem)
+        if name in speeches:
             raise RunError(
-                f"{speeches[path.stem]} and {path} would both be called {path.stem!r}; rename one."
+                f"{speeches[name]} and {path} would both be called {name!r}; rename one."
             )
-        speeches[path.stem] = path.absolute()
+        speeches[name] = path.absolute()
     return speeches
 
 

@@ -6,7 +6,6 @@ or speakers.
 
 from __future__ import annotations
 
-import csv
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from app.findings.measure_rows import MEASURES
+from model.storage.harmless import csv_text, markdown
 
 if TYPE_CHECKING:
     from model.measures.faults.finding import Finding
@@ -57,8 +57,7 @@ def write_tables(
     """
     rows = list(_rows(systems, numbers))
     table, sheet, content = out / "many.csv", out / "sheet.md", out / "many.json"
-    with table.open("w", newline="") as file:
-        csv.writer(file).writerows([HEADER, *rows])
+    table.write_text(csv_text([HEADER, *rows]), "utf-8", newline="")
     kinds = {
         name: Counter(kind for each in numbers for kind in set(each["systems"][name]["findings"]))
         for name in systems
@@ -67,7 +66,7 @@ def write_tables(
     findings = {name: dict(found.most_common()) for name, found in kinds.items()}
     told = {"clips": clips, "measures": named, "clips_with_finding": findings}
     content.write_text(json.dumps(told, indent=1, allow_nan=False) + "\n")
-    sheet.write_text(_sheet(systems, len(clips), named, findings))
+    sheet.write_text(_sheet(systems, len(clips), named, findings), "utf-8")
     return table, content, sheet
 
 
@@ -105,10 +104,10 @@ def _sheet(
         f"# {clips} clips",
         "",
         "Mean over clips [95 % bootstrap interval over clips], as generated, never filtered. `*`:"
-        f" the interval of the paired difference to {last} leaves out 0. Differences of all pairs"
-        " are in `many.csv`.",
+        f" the interval of the paired difference to {markdown(last)} leaves out 0. Differences of"
+        " all pairs are in `many.csv`.",
         "",
-        "| measure | " + " | ".join(systems) + " |",
+        "| measure | " + " | ".join(map(markdown, systems)) + " |",
         "|---|" + "---|" * len(systems),
     ]
     for title in dict.fromkeys(row["measure"] for row in rows):
@@ -128,7 +127,7 @@ def _sheet(
     if kinds:
         lines += [
             "",
-            "| clips with | " + " | ".join(systems) + " |",
+            "| clips with | " + " | ".join(map(markdown, systems)) + " |",
             "|---|" + "---|" * len(systems),
         ]
         for kind in kinds:

@@ -17,6 +17,7 @@ def write_poster(video: Path, out: Path) -> None:
         VideoError: if ffmpeg cannot read what this program has drawn.
     """
     from renderer.video.encoder import VideoError, ffmpeg_path
+    from renderer.video.ended import how_it_ended
 
     command = [
         *(ffmpeg_path(), "-hide_banner", "-loglevel", "error", "-nostats", "-y"),
@@ -25,4 +26,7 @@ def write_poster(video: Path, out: Path) -> None:
     ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
-        raise VideoError(f"The picture of {video.name} cannot be written: {done.stderr.strip()}")
+        end, said = how_it_ended(done.returncode), done.stderr.strip() or "it said nothing"
+        raise VideoError(
+            f"The picture of {video.name} cannot be written: ffmpeg ended {end}; {said}"
+        )

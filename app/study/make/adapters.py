@@ -12,8 +12,6 @@ are the names of the plugins' global variables.
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -23,6 +21,7 @@ from app.study.design.plan import Plan
 from app.study.design.trials import Design, Page
 from app.study.design.wording import questions_of, wording
 from app.study.make.workspace import Workspace
+from model.storage.harmless import csv_text
 
 
 def write_adapters(plan: Plan, design: Design, blinding: Blinding, workspace: Workspace) -> None:
@@ -86,13 +85,13 @@ def genea_tables(plan: Plan, design: Design, blinding: Blinding) -> dict[str, st
     if plan.protocol == "pairwise":
         header = ["clip_name", "system_1", "system_2"]
         table = [[trial, *(blinding.videos[each] for each in pair)] for trial, pair in rows]
-        return {"pairwise.csv": _csv([header, *sorted(table)])}
+        return {"pairwise.csv": csv_text([header, *sorted(table)], line_end="\n")}
     header = ["clip_name", "system", "mismatch_type", "mismatch_data"]
     table = []
     for trial, pair in rows:
         right, wrong = sorted(pair, key=lambda stimulus: stimulus.speech != stimulus.clip)
         table.append([trial, blinding.videos[right], "speech", blinding.videos[wrong]])
-    return {"mismatch.csv": _csv([header, *sorted(table)])}
+    return {"mismatch.csv": csv_text([header, *sorted(table)], line_end="\n")}
 
 
 def jspsych_timeline(plan: Plan, shown: Sequence[tuple[str, list[str]]]) -> list[dict[str, Any]]:
@@ -173,9 +172,3 @@ def _consent(plan: Plan) -> str:
 def _address(plan: Plan, video: str) -> str:
     folder = plan.hosted_at.rstrip("/")
     return f"{folder}/media/{video}.mp4" if folder else f"media/{video}.mp4"
-
-
-def _csv(rows: Sequence[Sequence[str]]) -> str:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue()

@@ -26,6 +26,7 @@ from model.motion.timing import FPS
 from model.speech.audio import write_wav
 from model.storage.files import written_atomically
 from renderer.video.encoder import ffmpeg_path
+from renderer.video.ended import how_it_ended
 
 TARGET_LUFS = -23.0
 """Programme loudness of EBU R128."""
@@ -195,5 +196,8 @@ def _ffmpeg(*arguments: str, log: str = "error") -> str:
     )
     said = run.stderr.decode(errors="replace").strip()
     if run.returncode:
-        raise MediaError(f"A video of the study could not be made; ffmpeg said: {said[-300:]}")
+        raise MediaError(
+            f"A video of the study could not be made: ffmpeg ended {how_it_ended(run.returncode)}; "
+            f"ffmpeg said: {said[-300:] or 'nothing'}"
+        )
     return said if log == "info" else run.stdout.decode(errors="replace")

@@ -19,6 +19,7 @@ from app.study.make import media
 from app.study.make.motions import Source
 from app.study.make.options import ExportOptions
 from app.study.make.workspace import Workspace
+from model.storage.harmless import markdown
 
 
 def write_records(
@@ -125,8 +126,10 @@ def preregistration(plan: Plan, design: Design, balance: Balance) -> str:
     per_person = len(design.lists[0]) - plan.attention_checks
     questions = "\n".join(f"- `{q.id}` ({q.kind}): {q.text}" for q in questions_of(plan.protocol))
     sound = "; each speech is one sound stream of -23 LUFS" if plan.has_sound else ""
-    shares = ", ".join(f"{name} {share:.3f}" for name, share in balance.first_place_shares.items())
-    return f"""# Pre-registration (draft): {plan.title}
+    shares = ", ".join(
+        f"{markdown(name)} {share:.3f}" for name, share in balance.first_place_shares.items()
+    )
+    return f"""# Pre-registration (draft): {markdown(plan.title)}
 
 Complete the parts in brackets before the first participant starts.
 
@@ -137,8 +140,8 @@ Complete the parts in brackets before the first participant starts.
 ## Design
 
 - Protocol: {plan.protocol}{"" if plan.has_sound else ", videos without sound"}.
-- Systems: {", ".join(system.name for system in plan.systems)}.
-- Clips: {", ".join(clip.name for clip in plan.clips)}; views: {", ".join(plan.views)}.
+- Systems: {", ".join(markdown(system.name) for system in plan.systems)}.
+- Clips: {", ".join(markdown(clip.name) for clip in plan.clips)}; views: {", ".join(plan.views)}.
 - Participants: {plan.participants}; each sees {per_person} of {num_trials} trials and
   {plan.attention_checks} attention checks.
 - Order: rows of a Williams square; counts of trials differ by at most

@@ -23,6 +23,7 @@ from app.study.design.key import Key
 from app.study.statistics.jitter_join import JitterJoin
 from app.study.statistics.preference import Interval
 from app.study.statistics.results import QuestionResult
+from model.storage.harmless import printable
 
 INK = "#1f2933"
 FAINT = "#9aa5b1"
@@ -83,7 +84,7 @@ def preference_bars(results: Sequence[QuestionResult], key: Key) -> Figure:
             axes.axhline(chance, color=INK, lw=0.8, ls=(0, (4, 3)))
             beside = axes.get_yaxis_transform()
             axes.text(1, chance, " chance", transform=beside, va="center", fontsize=9)
-        names = [textwrap.fill(result.question.id, LINE_LENGTH) for result in results]
+        names = [textwrap.fill(printable(result.question.id), LINE_LENGTH) for result in results]
         axes.set_xticks(range(len(results)), names)
         axes.set_xlim(-0.5, len(results) - 0.5)
         axes.set_ylim(0, 108)
@@ -187,7 +188,7 @@ def svg_of(figure: Figure, name: str, description: str) -> str:
     svg = re.sub(r' id="([^"]*)"', lambda m: f' id="{name}-{m[1]}"' if m[1] in used else "", svg)
     svg = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", svg)
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
-    label = description.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
+    label = printable(description).replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
     return svg.replace("<svg ", f'<svg role="img" aria-label="{label}" ', 1)
 
 
@@ -269,7 +270,7 @@ def _fill(system: int, count: int) -> dict[str, Any]:
 
 def _short(name: str) -> str:
     """Start and end of a long name; tables have it whole."""
-    half = LONGEST_NAME // 2 - 1
+    name, half = printable(name), LONGEST_NAME // 2 - 1
     return name if len(name) <= LONGEST_NAME else f"{name[:half]}…{name[-half:]}"
 
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 
 from app.study.design.key import Key
 from app.study.report import figures, text
-from app.study.report.markup import bullets, figure_of, table
+from app.study.report.markup import bullets, figure_of, safe, table
 from app.study.report.methods import methods
 from app.study.statistics.answers import Collected
 from app.study.statistics.balance_reached import Balance
@@ -39,8 +38,8 @@ def page_of(findings: Findings) -> str:
     key = findings.key
     css = Path(__file__).with_name("report.css").read_text("utf-8")
     body = [
-        f"<h1>{escape(key.title)}</h1>",
-        f'<p class="about">User study {escape(key.study)}, protocol {key.protocol}, '
+        f"<h1>{safe(key.title)}</h1>",
+        f'<p class="about">User study {safe(key.study)}, protocol {key.protocol}, '
         f"{len(key.systems)} systems, {text.counted(len(findings.results), 'question')}.</p>",
         f'<div class="short">{bullets(text.headline(one, key) for one in findings.results)}</div>',
         _bars(findings),
@@ -53,7 +52,7 @@ def page_of(findings: Findings) -> str:
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(key.title)}: results</title>\n<style>\n{css}</style>\n</head>\n<body>\n"
+        f"<title>{safe(key.title)}: results</title>\n<style>\n{css}</style>\n</head>\n<body>\n"
         + "\n".join(body)
         + "\n</body>\n</html>\n"
     )
@@ -99,8 +98,8 @@ def _seen(findings: Findings) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
 def _question(result: QuestionResult, key: Key) -> str:
     is_ranking = result.question.kind == "ranking"
     parts = [
-        f"<h2>{escape(result.question.id)}</h2>",
-        f'<p class="about">{escape(result.question.text)} '
+        f"<h2>{safe(result.question.id)}</h2>",
+        f'<p class="about">{safe(result.question.text)} '
         f"({text.counted(result.num_answers, 'answer')})</p>",
     ]
     if key.protocol == "matched":
@@ -247,7 +246,7 @@ def _set_aside(findings: Findings) -> str:
     ]
     header = ("question", "compared", "without", "p", "with them", "p")
     both = table("Results without and with those set aside", header, rows, names=2)
-    return f"<h2>Set aside</h2><p>{escape(text.set_aside(len(aside)))}</p>{people}{both}"
+    return f"<h2>Set aside</h2><p>{safe(text.set_aside(len(aside)))}</p>{people}{both}"
 
 
 def _compared(

@@ -8,11 +8,18 @@ from html import escape
 from matplotlib.figure import Figure
 
 from app.study.report.figures import svg_of
+from app.study.report.text import NO_BREAK
+from model.storage.harmless import printable
+
+
+def safe(text: str) -> str:
+    """Anyone's text for a page."""
+    return escape(NO_BREAK.join(map(printable, text.split(NO_BREAK))))
 
 
 def figure_of(figure: Figure, name: str, description: str, caption: str = "") -> str:
     """An inline figure; ``name`` keeps its ids apart from those of others on the page."""
-    below = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
+    below = f"<figcaption>{safe(caption)}</figcaption>" if caption else ""
     svg = svg_of(figure, name, description)
     return f'<div class="wide"><figure>{svg}{below}</figure></div>'
 
@@ -26,17 +33,17 @@ def table(
 
     def cells(tag: str, values: Sequence[str]) -> str:
         return "".join(
-            f"<{tag}{is_name * (place < names)}>{escape(value)}</{tag}>"
+            f"<{tag}{is_name * (place < names)}>{safe(value)}</{tag}>"
             for place, value in enumerate(values)
         )
 
     lines = "".join(f"<tr>{cells('td', row)}</tr>" for row in rows)
     return (
-        f'<div class="wide"><table><caption>{escape(caption)}</caption>'
+        f'<div class="wide"><table><caption>{safe(caption)}</caption>'
         f"<thead><tr>{cells('th', header)}</tr></thead><tbody>{lines}</tbody></table></div>"
     )
 
 
 def bullets(sentences: Iterable[str]) -> str:
     """A list of sentences."""
-    return "<ul>" + "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences) + "</ul>"
+    return "<ul>" + "".join(f"<li>{safe(sentence)}</li>" for sentence in sentences) + "</ul>"

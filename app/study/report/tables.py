@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from app.study.design.key import Key
 from app.study.statistics.preference import Interval, Share
 from app.study.statistics.results import QuestionResult
+from model.storage import harmless
 
 CSV_HEADER = (
     "question", "measure", "first", "second", "value", "low", "high", "p", "p_holm",
@@ -19,13 +19,14 @@ Row = dict[str, object]
 
 def write_csv(results: Sequence[QuestionResult], key: Key, path: Path) -> None:
     """One row for each number; what a row does not have is empty. Shares are 0 to 1."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(CSV_HEADER)
-        for result in results:
-            for row in _rows(result, key):
-                whole = {"question": result.question.id, **row}
-                writer.writerow([whole.get(name) for name in CSV_HEADER])
+    path.write_text(harmless.csv_text([CSV_HEADER, *_lines(results, key)]), "utf-8", newline="")
+
+
+def _lines(results: Sequence[QuestionResult], key: Key) -> Iterator[list[object]]:
+    for result in results:
+        for row in _rows(result, key):
+            whole = {"question": result.question.id, **row}
+            yield [whole.get(name) for name in CSV_HEADER]
 
 
 def _rows(result: QuestionResult, key: Key) -> Iterator[Row]:
@@ -116,7 +117,7 @@ def _row(
 
 def latex_table(results: Sequence[QuestionResult], key: Key) -> str:
     """Systems by questions: the numbers of the bar chart with their intervals (needs booktabs)."""
-    questions = " & ".join(_latex(result.question.id) for result in results)
+    questions = " & ".join(harmless.tex(result.question.id) for result in results)
     lines = [
         "% Needs \\usepackage{booktabs}. " + _latex_caption(results, key),
         f"\\begin{{tabular}}{{l{'c' * len(results)}}}",
@@ -126,7 +127,7 @@ def latex_table(results: Sequence[QuestionResult], key: Key) -> str:
     ]
     for system, name in enumerate(key.systems):
         cells = " & ".join(_latex_cell(result, system) for result in results)
-        lines.append(f"{_latex(name)} & {cells} \\\\")
+        lines.append(f"{harmless.tex(name)} & {cells} \\\\")
     return "\n".join([*lines, "\\bottomrule", "\\end{tabular}"]) + "\n"
 
 
@@ -152,14 +153,3 @@ def _latex_cell(result: QuestionResult, system: int) -> str:
 
 def _latex_number(value: float, interval: Interval, digits: int) -> str:
     return f"{value:.{digits}f} [{interval.low:.{digits}f}, {interval.high:.{digits}f}]"
-
-
-_LATEX = {
-    "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}", **{letter: f"\\{letter}" for letter in "&%$#_"},
-}  # fmt: skip
-
-
-def _latex(name: str) -> str:
-    """A name with LaTeX's special characters made harmless."""
-    return "".join(_LATEX.get(letter, letter) for letter in name)

@@ -12,6 +12,7 @@ from typing import Any
 from app.errors import RunError
 from app.study.design.fields import FieldError, Fields, is_number, is_text, read_object
 from app.study.design.key import MAX_QUESTIONS, MAX_VIDEOS_OF_TRIAL, Key, Question
+from app.study.design.links import doubt_of
 
 FORMAT = 1
 TIE = "tie"
@@ -84,7 +85,7 @@ def collect(paths: Iterable[Path], key: Key) -> Collected:
         participants.append(participant)
         if refused:
             left_out.append(_refused_sentence(participant, refused))
-    kept, doubles = _each_once(participants)
+    kept, doubles = _each_once(participants, key)
     return Collected(tuple(kept), tuple(left_out + doubles))
 
 
@@ -200,21 +201,31 @@ def _refused_sentence(participant: Participant, refused: Counter[str]) -> str:
     )
 
 
-def _each_once(participants: Sequence[Participant]) -> tuple[list[Participant], list[str]]:
-    """Of files by one participant the finished one, of those the later one."""
+def _each_once(
+    participants: Sequence[Participant], key: Key
+) -> tuple[list[Participant], list[str]]:
+    """Of files by one participant those that came by a link of the study, where it has links, of
+    those the finished one, of those the later one: anybody can write a name and a time."""
+    signed = {id(one) for one in participants if doubt_of(key, one.link, one.list_number) is None}
+
+    def standing(participant: Participant) -> tuple[bool, bool, datetime, int]:
+        return (id(participant) in signed, *_standing(participant))
+
     best: dict[str, Participant] = {}
     for participant in participants:
         other = best.get(participant.id)
-        if other is None or _standing(participant) > _standing(other):
+        if other is None or standing(participant) > standing(other):
             best[participant.id] = participant
     others = [one for one in participants if one is not best[one.id]]
     under_way = [one for one in others if _is_part(one, best[one.id])]
-    doubles = [
-        f"{participant.source} is left out: its participant also sent "
-        f"{best[participant.id].source}, which is {_why(participant, best[participant.id])}."
-        for participant in others
-        if participant not in under_way
-    ]
+    doubles = []
+    for one in (one for one in others if one not in under_way):
+        better = best[one.id]
+        is_forged = id(better) in signed and id(one) not in signed
+        why = "came by a signed link" if is_forged else f"is {_why(one, better)}"
+        doubles.append(
+            f"{one.source} is left out: its participant also sent {better.source}, which {why}."
+        )
     if under_way:
         count = len(under_way)
         doubles.append(

@@ -22,6 +22,7 @@ from model.corpus.report.measuring import (
 )
 from model.corpus.report.page import report_page
 from model.storage.files import written_atomically
+from model.storage.harmless import printable
 
 
 def write_report(data: Path, real: Path | None, out: Path, clips_per_speaker: int) -> None:
@@ -76,6 +77,6 @@ def main(argv: list[str] | None = None) -> int:
     try:
         write_report(arguments.data, arguments.real, arguments.out, arguments.clips)
     except (ReportError, CorpusError, OSError) as error:
-        sys.stderr.write(f"{error}\n")
+        sys.stderr.write(f"{printable(str(error))}\n")
         return 1
     return 0

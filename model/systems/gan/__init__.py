@@ -26,6 +26,6 @@ FAMILY = Family(
         name: tuple(Sampler(way, steps) for way in (SAMPLER, *SOLVERS))
         for name, steps in SYSTEMS.items()
     },
-    guidance=dict.fromkeys(SYSTEMS, 2.0),
+    guidance=dict.fromkeys(SYSTEMS, 3.0),
     shared_weights={name: WEIGHTS for name in SYSTEMS if name != WEIGHTS},
 )

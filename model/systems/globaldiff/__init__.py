@@ -23,5 +23,5 @@ FAMILY = Family(
     presets=PRESETS,
     config=named_config,
     package="model.systems.globaldiff",
-    guidance=dict.fromkeys(SYSTEMS, 2.0) | {BEST: 2.5},
+    guidance=dict.fromkeys(SYSTEMS, 2.5),
 )

@@ -29,7 +29,7 @@ def named_config(preset: str, system: str) -> MatchingTrainConfig:
     Raises:
         ValueError: if there are none.
     """
-    config = MatchingTrainConfig(system=system, steps=400, batch_size=16, learning_rate=1e-3,
+    config = MatchingTrainConfig(system=system, steps=300, batch_size=16, learning_rate=1e-3,
                                  warmup_steps=30, ema_decay=0.98)  # fmt: skip
     match preset:
         case "demo":

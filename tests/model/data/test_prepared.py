@@ -9,13 +9,13 @@ import pytest
 import torch
 
 from model.data.prepared import prepare
-from model.storage.files import WriteError
+from model.data.recordings import DataError, augmented_copy, encode_clip
 from model.motion.kinematics import mirror_transl
 from model.motion.mirror import mirror_face_units, mirror_poses
 from model.motion.motion import save_motion
-from model.data.recordings import DataError, augmented_copy, encode_clip
 from model.speech.audio import Speech, write_wav
 from model.speech.features import NUM_MELS, MelEncoder
+from model.storage.files import WriteError
 from tests.helpers import beat2_folder, smooth_motion_example
 from tests.model.made import made_waveform, make_data_folder
 

@@ -7,7 +7,7 @@ import time
 from functools import partial
 from pathlib import Path
 
-from model.jobs.crew import Crew, Job
+from model.jobs.crew import Crew, Job, JobsError
 
 
 def make_jobs(folder: Path, count: int, seconds: float = 0.0) -> list[Job]:
@@ -45,6 +45,27 @@ def kill_worker(folder: Path, name: str, seconds: float) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+def crash(folder: Path, name: str, seconds: float) -> None:
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def leave(folder: Path, name: str, seconds: float) -> None:
+    sys.stderr.write("the last words of it\n")
+    sys.stderr.flush()
+    os._exit(3)
+
+
+def run_out_of_memory(folder: Path, name: str, seconds: float) -> None:
+    """As C++ does where nobody catches it."""
+    sys.stderr.write("terminate called after throwing an instance of 'std::bad_alloc'\n")
+    sys.stderr.flush()
+    os.abort()
+
+
+def leave_python(folder: Path, name: str, seconds: float) -> None:
+    sys.exit(3)
+
+
 def done(folder: Path) -> list[str]:
     """Names as they came."""
     log = folder / "log"
@@ -61,4 +82,7 @@ def wait_for(condition, seconds: float = 60.0) -> None:
 if __name__ == "__main__":
     place, who = Path(sys.argv[1]), sys.argv[2]
     crew = Crew(int(who)) if who.isdigit() else Crew(scheduler=who)
-    crew.do_all(make_jobs(place, 6, 0.5))
+    try:
+        crew.do_all(make_jobs(place, 6, 0.5))
+    except JobsError as error:
+        sys.exit(str(error))

@@ -62,7 +62,7 @@ def test_a_killed_worker_costs_no_job_and_none_is_done_twice(tmp_path: Path) -> 
         threading.Thread(target=strike, daemon=True).start()
         failed = Crew(scheduler=file).do_all(jobs, told.append)
         assert struck.wait() == -signal.SIGKILL
-    assert list(failed) == ["bad"] and "bad cannot be done" in str(failed["bad"])
+    assert list(failed) == ["bad"] and "bad cannot be done" in str(failed["bad"]), failed
     assert sorted(told) == sorted(done(tmp_path)) == [f"job{n}" for n in range(8)]
 
 
@@ -83,6 +83,19 @@ def test_after_a_kill_of_the_scheduler_the_same_call_goes_on(tmp_path: Path) -> 
         assert Crew(scheduler=file).do_all(jobs) == {}
     assert done(tmp_path)[: len(before)] == before
     assert sorted(done(tmp_path)) == [f"job{n}" for n in range(6)]
+
+
+def test_a_lost_scheduler_is_told_by_one_sentence_and_no_traceback(tmp_path: Path) -> None:
+    with scheduler(tmp_path) as (head, file), workers(file, 1):
+        child = subprocess.Popen(
+            [sys.executable, "-m", "tests.model.jobs.made", str(tmp_path), file],
+            cwd=ROOT, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        wait_for(lambda: len(done(tmp_path)) >= 2)
+        os.kill(head.pid, signal.SIGKILL)
+        said = child.communicate(timeout=60)[1]
+    assert child.returncode == 1
+    assert said.startswith("The Dask scheduler at ") and said.count("\n") == 1, said
 
 
 def test_without_a_scheduler_a_sentence_says_so(

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -11,12 +12,16 @@ import pytest
 from model.jobs.crew import MAX_BREAKS, Crew, JobsError
 from tests.helpers import ROOT
 from tests.model.jobs.made import (
+    crash,
     done,
     fail,
     kill_worker,
     kill_worker_once,
+    leave,
+    leave_python,
     made_job,
     make_jobs,
+    run_out_of_memory,
     wait_for,
 )
 
@@ -52,6 +57,38 @@ def test_workers_that_always_die_end_it_with_a_sentence(tmp_path: Path) -> None:
     jobs = [made_job(tmp_path, name, work=kill_worker) for name in "ab"]
     with pytest.raises(JobsError, match=f"ended {MAX_BREAKS} times"):
         Crew(2).do_all(jobs)
+
+
+@pytest.mark.parametrize(
+    ("work", "words"),
+    [
+        (crash, ["by signal 11 (SIGSEGV)", "Segmentation fault", "in crash", "report"]),
+        (leave, ["with exit status 3", "the last words of it", "report"]),
+        (kill_worker, ["by signal 9 (SIGKILL)", "tells of no want of memory"]),
+    ],
+)
+def test_a_worker_that_dies_says_how(
+    work: Callable[..., None], words: list[str], tmp_path: Path
+) -> None:
+    jobs = [made_job(tmp_path, name, work=work) for name in "ab"]
+    with pytest.raises(JobsError) as told:
+        Crew(2).do_all(jobs)
+    sentence = str(told.value)
+    assert all(word in sentence for word in words), sentence
+    assert "for want of memory" not in sentence and "fewer processes" not in sentence
+
+
+def test_want_of_memory_is_told_where_the_log_says_so(tmp_path: Path) -> None:
+    jobs = [made_job(tmp_path, name, work=run_out_of_memory) for name in "ab"]
+    with pytest.raises(JobsError, match="for want of memory, as its log says; use fewer processes"):
+        Crew(2).do_all(jobs)
+
+
+def test_a_job_that_leaves_python_fails_alone(tmp_path: Path) -> None:
+    jobs = [made_job(tmp_path, "left", work=leave_python), *make_jobs(tmp_path, 2)]
+    failed = Crew(2).do_all(jobs)
+    assert list(failed) == ["left"] and "exit status 3" in str(failed["left"])
+    assert sorted(done(tmp_path)) == ["job0", "job1"]
 
 
 def test_after_a_kill_of_all_the_rest_is_done_and_nothing_twice(tmp_path: Path) -> None:

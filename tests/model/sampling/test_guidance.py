@@ -1,8 +1,11 @@
+import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
 from model.motion.packing import Normaliser, joint_channels
-from model.motion.skeleton import FACE
+from model.motion.rotations import matrix_from_rot6d, rot6d_from_matrix
+from model.motion.skeleton import FACE, JOINT_INDEX
 from model.sampling.guidance import SpeechGuide
 
 
@@ -18,7 +21,7 @@ def normaliser(channels: int, mixed: bool) -> Normaliser:
 @pytest.mark.parametrize(
     ("space", "channels", "face"),
     [
-        ("global", 333, joint_channels(FACE)),
+        ("local", 333, joint_channels(FACE)),
         ("axis-angle", 168, [3 * joint + k for joint in FACE for k in range(3)]),
     ],
 )
@@ -34,6 +37,31 @@ def test_the_body_moves_along_what_speech_changes_and_the_jaw_stays(
     wanted = without + strength * (with_speech - without)
     wanted[..., face] = with_speech[..., face]
     torch.testing.assert_close(found, wanted, atol=1e-4, rtol=1e-4)
+
+
+def test_in_the_world_the_jaw_goes_with_the_head_and_stays_in_it():
+    """Heads that speech turns about one axis: at any strength the jaw is where it was in them."""
+    numbers = normaliser(333, mixed=False)
+    head, jaw = JOINT_INDEX["head"], JOINT_INDEX["jaw"]
+
+    def vectors(heads: np.ndarray) -> torch.Tensor:
+        rotations = np.tile(np.eye(3), (2, 55, 1, 1))
+        rotations[:, head] = heads
+        in_head = Rotation.from_rotvec([[0.2, 0.0, 0.1], [0.4, 0.1, 0.0]]).as_matrix()
+        rotations[:, jaw] = heads @ in_head
+        rows = rot6d_from_matrix(torch.tensor(rotations, dtype=torch.float32))
+        return torch.cat([rows.flatten(-2), torch.zeros(2, 3)], dim=-1)
+
+    turned = Rotation.from_rotvec([[0.0, 0.02, 0.0], [0.0, -0.02, 0.01]]).as_matrix()
+    told = [numbers.normalise(vectors(heads))[None] for heads in (turned, np.eye(3)[None])]
+    guide = SpeechGuide(2.5, numbers, "global")
+    found = numbers.restore(guide.guided(torch.cat(told)))[0]
+    rotations = matrix_from_rot6d(found[:, :330].unflatten(-1, (55, 6))).numpy()
+    in_head = np.swapaxes(rotations[:, head], -1, -2) @ rotations[:, jaw]
+    wanted = Rotation.from_rotvec([[0.2, 0.0, 0.1], [0.4, 0.1, 0.0]]).as_matrix()
+    np.testing.assert_allclose(in_head, wanted, atol=2e-3)
+    angles = Rotation.from_matrix(rotations[:, head]).magnitude()
+    np.testing.assert_allclose(angles, [2.5 * 0.02, 2.5 * np.hypot(0.02, 0.01)], rtol=0.01)
 
 
 def test_as_trained_nothing_is_asked_without_speech():

@@ -15,6 +15,7 @@ from renderer.body.body import BodyError, load_body
 from renderer.draw.offscreen import GLError
 from renderer.draw.probe import choose_backend
 from renderer.stage.stage import set_stage
+from renderer.video import ended, worker_process
 from renderer.video.encoder import Cancelled, VideoError, read_facts
 from renderer.video.frames import PIECE_FRAMES
 from renderer.video.parallel import processes_worth
@@ -167,10 +168,28 @@ def test_a_crash_in_the_child_is_an_error_here(tmp_path):
         assert running.wait(PATIENCE_S)
         (child,) = children_of_this_process()
         os.kill(child, signal.SIGSEGV)
-        with pytest.raises(GLError, match=r"crashed \(SIGSEGV\)"):
+        with pytest.raises(GLError, match=r"crashed \(SIGSEGV\).*fresh process") as told:
             task.result(PATIENCE_S)
+    assert "Fatal Python error: Segmentation fault" in str(told.value)
+    assert "memory" not in str(told.value) and "\n" not in str(told.value)
     assert list(tmp_path.iterdir()) == []
     assert processes_that_mention(tmp_path) == []
+
+
+def test_a_child_that_is_killed_lacks_memory_only_where_the_system_says_so(tmp_path, monkeypatch):
+    kills = iter([0, 0, 0, 1])
+    monkeypatch.setattr(worker_process, "memory_kills", lambda: next(kills))
+    monkeypatch.setattr(ended, "memory_kills", lambda: next(kills))
+    for words in ("tells of no want of memory", "want of memory, as the system says"):
+        running = threading.Event()
+        with RenderPool(max_workers=1) as pool:
+            task = pool.submit(long_job(tmp_path), lambda share, running=running: running.set())
+            assert running.wait(PATIENCE_S)
+            (child,) = children_of_this_process()
+            os.kill(child, signal.SIGKILL)
+            with pytest.raises(GLError, match=r"signal 9 \(SIGKILL\)") as told:
+                task.result(PATIENCE_S)
+        assert words in str(told.value)
 
 
 def test_one_process_draws_one_video_after_the_other(tmp_path):

@@ -16,7 +16,9 @@ from app.page.serving import workshop_child
 from app.page.serving.workshop import FaultInWorkshop, Limits, Workshop
 from app.run.diagnose import DiagnoseRequest
 from app.run.request import Artefact, Event, GenerateRequest, Progress
+from model.jobs import ended
 from model.motion.motion import save_motion
+from tests.app.page.serving import ends
 from tests.helpers import smooth_motion_example
 
 LONGEST = 108_000
@@ -154,9 +156,70 @@ def test_a_process_that_is_killed_is_told_of_and_replaced(
     workshop: Workshop, tmp_path: Path
 ) -> None:
     threading.Timer(0.5, lambda: os.kill(pid_of(workshop), signal.SIGKILL)).start()
-    with pytest.raises(RunError, match="ended by the machine"):
+    with pytest.raises(
+        RunError, match=r"by signal 9 \(SIGKILL\). Somebody or something else"
+    ) as told:
         workshop.diagnose(small(tmp_path), lambda share: None)
+    assert "want of memory" not in str(told.value).replace("tells of no want of memory", "")
     assert workshop.diagnose(small(tmp_path), lambda share: None).files
+
+
+@pytest.mark.parametrize(
+    ("end", "words"),
+    [
+        (
+            ends.segfault,
+            ["by signal 11 (SIGSEGV)", "Segmentation fault", "fresh process", "report"],
+        ),
+        (ends.leave_with_3, ["with exit status 3", "the last words of it", "report"]),
+        (ends.abort, ["by signal 6 (SIGABRT)", "report"]),
+        (ends.terminate, ["by signal 15 (SIGTERM), which was sent to it", "start it again"]),
+        (ends.kill, ["by signal 9 (SIGKILL)", "tells of no want of memory"]),
+    ],
+)
+def test_a_process_that_dies_says_how(
+    end: Callable[[], None], words: list[str], workshop: Workshop, tmp_path: Path
+) -> None:
+    """Each kills itself in the middle of its run."""
+    with pytest.raises(RunError) as told:
+        workshop.do("diagnose", (ends.Ending(end),), lambda event: None, lambda: False)
+    sentence = str(told.value)
+    assert all(word in sentence for word in words), sentence
+    assert "for want of memory" not in sentence and "needed more memory" not in sentence
+    assert sentence.isprintable()
+    assert workshop.diagnose(small(tmp_path), lambda share: None).files
+
+
+@pytest.mark.parametrize("end", [ends.run_out_of_memory, ends.run_out_of_memory_in_c])
+def test_memory_is_named_where_the_log_or_python_says_so(
+    end: Callable[[], None], workshop: Workshop
+) -> None:
+    with pytest.raises(RunError, match="memory"):
+        workshop.do("diagnose", (ends.Ending(end),), lambda event: None, lambda: False)
+
+
+def test_memory_is_named_where_the_kernel_has_ended_it(
+    workshop: Workshop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The counter of a control group rises while the run goes on."""
+    (tmp_path / "memory.events").write_text("oom 0\noom_kill 4\n")
+    monkeypatch.setattr(ended, "_counters", lambda: iter([tmp_path / "memory.events"]))
+
+    def strike() -> None:
+        (tmp_path / "memory.events").write_text("oom 1\noom_kill 5\n")
+        os.kill(pid_of(workshop), signal.SIGKILL)
+
+    threading.Timer(0.5, strike).start()
+    with pytest.raises(RunError, match=r"want of memory, as the system says; .* 4\.0 GB"):
+        workshop.diagnose(small(tmp_path), lambda share: None)
+
+
+def test_what_a_process_says_goes_on_to_the_log_of_the_page(
+    workshop: Workshop, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(RunError):
+        workshop.do("diagnose", (ends.Ending(ends.leave_with_3),), print, lambda: False)
+    assert "the last words of it" in capsys.readouterr().err
 
 
 def test_sentences_and_faults_come_back_as_what_they_are(

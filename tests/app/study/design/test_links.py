@@ -2,6 +2,7 @@
 
 import csv
 import io
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import timedelta
@@ -16,7 +17,7 @@ from app.study.design.key import read_key, write_key
 from app.study.design.links import list_of, new_secret, token_of
 from app.study.design.plan import read_plan
 from app.study.export import export_study
-from app.study.statistics.answers import Participant
+from app.study.statistics.answers import Participant, collect
 from app.study.statistics.screening import screen
 from tests.app.study.made import made_files, made_key, made_participants, written_study
 from tests.app.study.made_study import draw_noise, make_study, write_plan
@@ -66,6 +67,27 @@ def test_a_link_counts_once_for_whoever_finished_first() -> None:
     again = replace(again, answers=first.answers, finished=first.finished + timedelta(hours=1))
     (aside,) = screen([again, first], KEY).set_aside
     assert aside.participant.id == "thief" and f"used by {first.source} before" in aside.why
+
+
+@pytest.mark.parametrize("finishes", [True, False])
+@pytest.mark.parametrize("link", [None, "0-" + 32 * "0"])
+def test_a_forged_ballot_of_a_later_time_displaces_no_signed_one(
+    link: str | None, finishes: bool, tmp_path: Path
+) -> None:
+    """Someone sends other answers under the name of a participant, an hour after them."""
+    files = made_files(KEY, 3)
+    forged = {**files[0], "link": link, "answers": files[0]["answers"][:10]}
+    forged["finished"] = "2100-01-01T00:00:00+00:00"
+    if not finishes:
+        files[0]["finished"] = None
+    _, folder = written_study(tmp_path, KEY, files)
+    (folder / "forged.json").write_text(json.dumps(forged))
+    collected = collect([folder], KEY)
+    kept = {one.id: one for one in collected.participants}
+    assert len(kept) == 3 and kept[files[0]["participant"]].link == files[0]["link"]
+    (sentence,) = collected.left_out
+    assert sentence.startswith("forged.json is left out") and "a signed link" in sentence
+    assert len(screen(collected.participants, KEY).kept) == 3 - (not finishes)
 
 
 def test_a_link_is_good_for_its_own_list() -> None:

@@ -1,0 +1,219 @@
+"""How a child process ended, told from what is known: its status, the last lines that it said, and
+whether the system has ended processes for want of memory meanwhile."""
+
+import faulthandler
+import os
+import re
+import signal
+import sys
+import threading
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import IO
+
+from model.storage.harmless import printable
+
+NUM_LINES = 8
+_MAX_LINE = 300
+_KEPT_LINES = 200
+_JOIN_S = 5.0
+_CGROUPS = Path("/sys/fs/cgroup")
+_SAYS_MEMORY = re.compile(
+    r"MemoryError|bad_alloc|[Cc]annot allocate memory|can't allocate memory|not enough memory"
+)
+_CRASH = "Fatal Python error"
+_THREAD = "Current thread"
+"""What Python's faulthandler begins with, and what stands above the frames of the crash."""
+_OF_NO_USE = ("Extension modules:", "<no Python frame>")
+CRASHES = {
+    signal.SIGSEGV, signal.SIGBUS, signal.SIGILL, signal.SIGFPE, signal.SIGABRT, signal.SIGSYS,
+    signal.SIGTRAP,
+}  # fmt: skip
+"""Signals that a process gets for a fault of its own."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """What is known of a child's end."""
+
+    status: int | None
+    """Exit status, or less than 0 the signal; None where it cannot be had."""
+    said: tuple[str, ...] = ()
+    """The last lines of its log."""
+    was_killed_for_memory: bool = False
+    """Whether the system has ended a process for want of memory since this one began."""
+
+    @property
+    def signal(self) -> signal.Signals | None:
+        if self.status is None or self.status >= 0:
+            return None
+        try:
+            return signal.Signals(-self.status)
+        except ValueError:  # one of the real-time ones
+            return None
+
+    @property
+    def wanted_memory(self) -> bool:
+        """Only where the kernel says so, or the log of a process that met its limit."""
+        if self.signal == signal.SIGKILL:
+            return self.was_killed_for_memory
+        is_by_itself = self.status is None or self.status > 0 or self.signal == signal.SIGABRT
+        return is_by_itself and any(_SAYS_MEMORY.search(line) for line in self.said)
+
+    @property
+    def how(self) -> str:
+        """As the end of "it ended"."""
+        if self.status is None:
+            return "without a status"
+        if self.status >= 0:
+            return f"with exit status {self.status}"
+        name = self.signal.name if self.signal else "no name"
+        return f"by signal {-self.status} ({name})"
+
+    def sentences(self, what: str, for_memory: str, again: str) -> str:
+        """What happened and what to do, with the last lines of the log.
+
+        Args:
+            what: the process, as the beginning of a sentence.
+            for_memory: what to do where it wanted memory.
+            again: what to do where it may go well another time.
+        """
+        if self.wanted_memory:
+            why = "for want of memory, as "
+            why += "the system says" if self.signal == signal.SIGKILL else "its log says"
+            return f"{what} ended {self.how} {why}; {for_memory}.{self._lines()}"
+        if self.signal == signal.SIGKILL:
+            why = "Somebody or something else killed it: the system tells of no want of memory."
+            return f"{what} ended {self.how}. {why} {_capital(again)}.{self._lines()}"
+        if self.signal is not None and self.signal not in CRASHES:
+            return f"{what} ended {self.how}, which was sent to it; {again}.{self._lines()}"
+        why = "That is a fault of the program or of a library, and not of what was asked for."
+        report = "if it happens again, report it with these lines" if self.said else (
+            "if it happens again, report it; its log has no lines"
+        )  # fmt: skip
+        return f"{what} ended {self.how}. {why} {_capital(again)}; {report}.{self._lines()}"
+
+    def _lines(self) -> str:
+        return f" Its last lines: {' | '.join(self.said)}" if self.said else ""
+
+
+def _capital(sentence: str) -> str:
+    return sentence[:1].upper() + sentence[1:]
+
+
+def last_lines(log: str) -> tuple[str, ...]:
+    """The few lines of a log that tell most of an end: of a crash, what was said before it and
+    where it was."""
+    lines = [printable(line.rstrip())[:_MAX_LINE] for line in log.splitlines()]
+    lines = [line for line in lines if line and not line.strip().startswith(_OF_NO_USE)]
+    crashes = [number for number, line in enumerate(lines) if line.startswith(_CRASH)]
+    if not crashes:
+        return tuple(lines[-NUM_LINES:])
+    crash = crashes[-1]
+    threads = [number for number, line in enumerate(lines) if line.startswith(_THREAD)]
+    frames = lines[(threads[-1] if threads and threads[-1] > crash else crash) + 1 :]
+    return tuple((lines[: crash + 1][-3:] + frames)[:NUM_LINES])
+
+
+class ChildLog:
+    """Hands what children say on to standard error, and keeps the last of it."""
+
+    def __init__(self, stream: IO[bytes]) -> None:
+        """
+        Args:
+            stream: the reading end of a pipe; closed when its writers are gone.
+        """
+        self._stream = stream
+        self._kept: deque[str] = deque(maxlen=_KEPT_LINES)
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def forget(self) -> None:
+        """Of what was said so far; another piece of work begins."""
+        self._kept.clear()
+
+    def lines(self, patience_s: float = 1.0) -> tuple[str, ...]:
+        """The last lines of a child that has ended; others may hold the pipe open."""
+        self._reader.join(patience_s)
+        return last_lines("\n".join(list(self._kept)))
+
+    def _read(self) -> None:
+        with self._stream:
+            for line in iter(self._stream.readline, b""):
+                text = line.decode(errors="replace").rstrip("\r\n")
+                self._kept.append(text)
+                try:
+                    sys.stderr.write(f"{text}\n")
+                except (OSError, ValueError):  # nobody reads it any more
+                    pass
+
+
+class WorkerLog:
+    """Of a pool's processes, which are started by `multiprocessing`: give `end` to the initializer,
+    which hands it to `log_to`. Use it in ``with``, around the pool."""
+
+    def __init__(self) -> None:
+        reader, self.end = Pipe(duplex=False)
+        self._log = ChildLog(os.fdopen(os.dup(reader.fileno()), "rb"))
+        reader.close()
+        self._killed_before = memory_kills()
+
+    def __enter__(self) -> "WorkerLog":
+        return self
+
+    def ended(self, workers: Iterable[BaseProcess]) -> Ended:
+        """How the first of a broken pool's processes ended; the pool has ended the others."""
+        for worker in workers:
+            worker.join(_JOIN_S)
+        self.end.close()
+        statuses = [worker.exitcode for worker in workers if worker.exitcode]
+        own = [status for status in statuses if status != -signal.SIGTERM]
+        status = next(iter([*own, *statuses]), None)
+        return Ended(status, self._log.lines(), memory_kills() > self._killed_before)
+
+    def __exit__(self, *exception: object) -> None:
+        self.end.close()
+
+
+def log_to(end: Connection) -> None:
+    """In a worker: what it says from now on goes there, and a crash says where it was."""
+    os.dup2(end.fileno(), 2)
+    end.close()
+    faulthandler.enable(2)
+
+
+def memory_kills() -> int:
+    """How many processes the system has ended for want of memory: in this one's control group where
+    that counts them, else on this machine; 0 where neither tells."""
+    for path in (*_counters(), Path("/proc/vmstat")):
+        try:
+            text = path.read_text()
+        except OSError:
+            continue
+        found = re.search(r"^oom_kill (\d+)$", text, re.MULTILINE)
+        if found:
+            return int(found[1])
+    return 0
+
+
+def _counters() -> Iterator[Path]:
+    """Of both versions of control groups; inside a container the group's own path may be hidden."""
+    try:
+        groups = Path("/proc/self/cgroup").read_text().splitlines()
+    except OSError:
+        return
+    for line in groups:
+        _, _, rest = line.partition(":")
+        controllers, _, group = rest.partition(":")
+        inside = group.lstrip("/")
+        if not controllers:
+            for folder in dict.fromkeys((_CGROUPS / inside, _CGROUPS)):
+                yield folder / "memory.events"
+        elif "memory" in controllers.split(","):
+            for folder in dict.fromkeys((_CGROUPS / "memory" / inside, _CGROUPS / "memory")):
+                yield folder / "memory.oom_control"

@@ -1,0 +1,220 @@
+"""Runs over files, folders and systems with hostile names: what others open obeys none of them."""
+
+import csv
+import os
+import pty
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from app.commands.cli import main
+from app.study.design.key import read_key
+from model.motion.motion import save_motion
+from model.speech.audio import write_wav
+from tests.app.study.made_study import write_inputs
+from tests.helpers import ROOT, smooth_motion_example
+from tests.model.made import made_waveform
+
+FORMULA = "=cmd|' -C calc'!A0"
+CUT = "-2+3;@SUM(1)"
+TITLE = "\x1b]0;owned\x07\x1b[2J\nnext\u202e"
+MARKUP = "]]>--><script>alert(1)<!--&amp;"
+TEX = "\\input{secret} % & # _ $x$ ~^"
+NO_TEXT = os.fsdecode(b"caf\xe9\xff")
+NAMES = (FORMULA, CUT, TITLE, MARKUP, TEX, NO_TEXT)
+
+
+def cells_of(path: Path) -> Iterator[str]:
+    """As a spreadsheet finds them that cuts lines at commas, and as one that takes semicolons."""
+    text = path.read_text("utf-8")
+    for separator in ",;":
+        for row in csv.reader(text.splitlines(), delimiter=separator):
+            yield from row
+
+
+def is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def check_folder(folder: Path) -> list[str]:
+    """Look at every file that others open; returns the names of all."""
+    names = []
+    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+        names.append(path.name)
+        assert str(path.relative_to(folder)).isprintable()
+        if path.suffix == ".csv":
+            for cell in filter(None, cells_of(path)):
+                begins = cell.lstrip(" ")[:1] in tuple("=+-@")
+                first = cell.split(",")[0]  # the whole line, for who cuts at semicolons
+                assert cell.isprintable() and (not begins or is_number(first)), cell
+        elif path.suffix == ".svg":
+            for element in ElementTree.parse(path).iter():
+                assert not str(element.tag).lower().endswith("}script")
+        if path.suffix in (".svg", ".md", ".tex", ".html", ".json"):
+            text = path.read_text("utf-8").replace("\n", "").replace("\t", "")
+            assert not any(char in text for char in "\x1b\x07\x9b\u202e"), path.name
+            assert path.suffix == ".json" or "<script>" not in text, path.name
+    return names
+
+
+def run(argv: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """A command that must succeed; returns all that it said."""
+    status = main(argv)
+    said = "".join(capsys.readouterr())
+    assert status == 0, said
+    assert "\x1b" not in said and "\u202e" not in said
+    return said
+
+
+@pytest.fixture
+def motions(tmp_path: Path) -> list[Path]:
+    folder = tmp_path / "motions"
+    folder.mkdir()
+    for seed, name in enumerate(NAMES):
+        save_motion(smooth_motion_example(60, seed), folder / f"{name}.npz")
+    return sorted(folder.iterdir())
+
+
+def test_diagnose_tells_of_files_with_hostile_names(
+    motions: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    argv = ["diagnose", *map(str, motions), "--out", str(tmp_path / "out"), "--no-pictures"]
+    run(argv, capsys)
+    names = check_folder(tmp_path / "out")
+    assert {"diagnostics.csv", "figure6.svg", "jitter.svg", "error_growth.svg"} <= {*names}
+    with (tmp_path / "out" / "diagnostics.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert {f"'{FORMULA}", "'-2+3;'@SUM(1)", MARKUP, TEX} <= {row["name"] for row in rows}
+    assert any(float(row["value"]) < 0 for row in rows)
+
+
+def test_folders_with_hostile_names_are_held_beside_each_other(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folders = [tmp_path / name for name in (FORMULA, TITLE, CUT)]
+    for seed, folder in enumerate(folders):
+        folder.mkdir()
+        for clip in ("a", FORMULA, TITLE):
+            save_motion(smooth_motion_example(60, seed), folder / f"{clip}.npz")
+    run(["diagnose", *map(str, folders), "--out", str(tmp_path / "out"), "--processes", "1"],
+        capsys)  # fmt: skip
+    names = check_folder(tmp_path / "out")
+    assert {"many.csv", "sheet.md"} <= {*names}
+    sheet = (tmp_path / "out" / "sheet.md").read_text("utf-8").splitlines()
+    (head,) = [line for line in sheet if line.startswith("| measure")]
+    assert head.replace("\\|", "").count("|") == 5  # three systems, whatever they are called
+
+
+def test_generate_takes_one_speech_of_a_hostile_name(
+    weights: Path, speech: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number, name in enumerate((MARKUP, TITLE)):
+        path = tmp_path / f"{name}.wav"
+        path.write_bytes(speech.read_bytes())
+        out = tmp_path / f"out{number}"
+        run(["generate", str(path), "--out", str(out), "--weights", str(weights), "--steps", "1",
+             "--systems", "globaldiff/local", "--no-video"], capsys)  # fmt: skip
+        assert {"diagnostics.csv", "figure6.svg"} <= {*check_folder(out)}
+
+
+def test_generate_takes_a_folder_of_hostile_names(
+    weights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "speech"
+    folder.mkdir()
+    for name in (FORMULA, TITLE, NO_TEXT):
+        write_wav(folder / f"{name}.wav", made_waveform(16_000))
+    said = run(["generate", str(folder), "--out", str(tmp_path / "out"), "--weights", str(weights),
+                "--steps", "1", "--systems", "globaldiff/local", "--no-video", "--no-figures",
+                "--processes", "1"], capsys)  # fmt: skip
+    assert {"many.csv", "diagnostics.csv"} <= {*check_folder(tmp_path / "out")}
+    assert len([line for line in said.splitlines() if line.endswith("many.csv")]) == 1
+
+
+def test_steps_take_a_speech_of_a_hostile_name(
+    weights: Path, speech: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / f"{TITLE}.wav"
+    path.write_bytes(speech.read_bytes())
+    run(["steps", str(path), "--out", str(tmp_path / "out"), "--weights", str(weights),
+         "--systems", "globaldiff/local", "--steps", "1,2"], capsys)  # fmt: skip
+    assert {"steps.csv", "steps.svg"} <= {*check_folder(tmp_path / "out")}
+
+
+def test_a_study_of_systems_with_hostile_names_goes_from_plan_to_report(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = ("@SUM(1)*cmd|' /C calc'!A0", "-2+3;@SUM(1)", MARKUP, TEX)
+    clips = ("+1", "\\input{x}")
+    files = [f"system{number}" for number in range(len(names))]
+    write_inputs(tmp_path, files, ["clip0", "clip1"])
+    lines = ["title = '=1+1<script>'", "protocol = 'pairwise'", "participants = 4", "size = 64"]
+    for number, clip in enumerate(clips):
+        lines += ["[[clips]]", f"name = '{clip}'", f"speech = 'clip{number}.wav'"]
+    for name, file in zip(names, files, strict=True):
+        table = ", ".join(f"'{clip}' = '{file}-clip{n}.npz'" for n, clip in enumerate(clips))
+        lines += ["[[systems]]", f'name = """{name.replace(chr(92), chr(92) * 2)}"""']
+        lines += [f"motion = {{{table}}}"]
+    plan, study = tmp_path / "plan.toml", tmp_path / "study"
+    plan.write_text("\n".join(lines))
+    run(["study", "export", str(plan), "--out", str(study)], capsys)
+    key = study / "researcher_only" / "key.json"
+    assert read_key(key).systems == names
+    run(["study", "simulate", str(study), "--raters", "6", "--out", str(tmp_path / "answers"),
+         "--strengths", ",".join(f"{name}={n}" for n, name in enumerate(names))],
+        capsys)  # fmt: skip
+    first, *others = sorted((tmp_path / "answers").glob("*.json"))
+    first.rename(first.with_name(f"{TITLE}<script>.json"))
+    others[0].with_name(f"{FORMULA}\x1b.json").write_text("{")
+    run(["study", "analyse", str(tmp_path / "answers"), "--key", str(key), "--out",
+         str(tmp_path / "report")], capsys)  # fmt: skip
+    assert {"results.csv", "table.tex", "report.html"} <= {*check_folder(tmp_path / "report")}
+    check_folder(study / "researcher_only")
+    table = (tmp_path / "report" / "table.tex").read_text("utf-8")
+    assert r"\textbackslash{}input\{secret\} \% \& \# \_ \$x\$" in table
+    assert "\\input" not in table
+    said = run(["study", "links", str(study), "--address", "https://lab.example/a=1;=1+1/"], capsys)
+    (tmp_path / "links").mkdir()
+    (tmp_path / "links" / "links.csv").write_text(said, "utf-8")
+    check_folder(tmp_path / "links")
+
+
+@pytest.mark.parametrize("name", [TITLE, NO_TEXT], ids=["escapes", "no text"])
+def test_a_terminal_is_sent_no_control_characters(name: str, tmp_path: Path) -> None:
+    """A command that fails, one that lists its files, and one whose arguments are wrong."""
+    motion = tmp_path / f"{name}.npz"
+    save_motion(smooth_motion_example(30), motion)
+    out = tmp_path / f"out{name}"
+    for argv in (
+        ["diagnose", str(tmp_path / f"none{name}.npz"), "--out", str(out)],
+        ["diagnose", str(motion), "--out", str(out), "--no-pictures"],
+        ["diagnose", str(motion), "--out", str(out), f"--{name}"],
+    ):
+        ours, theirs = pty.openpty()
+        child = subprocess.Popen(
+            [sys.executable, "-m", "app", *argv], cwd=ROOT, stdin=theirs, stdout=theirs,
+            stderr=theirs,
+        )  # fmt: skip
+        os.close(theirs)
+        said = b""
+        while True:
+            try:
+                part = os.read(ours, 4096)
+            except OSError:  # the child has ended
+                break
+            if not part:
+                break
+            said += part
+        os.close(ours)
+        child.wait()
+        text = said.decode("utf-8", errors="surrogateescape")
+        shown = text.replace("\x1b[A", "").replace("\r", "").replace("\n", "")  # bars move up
+        assert text and all(char.isprintable() for char in shown), text

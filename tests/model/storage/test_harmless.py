@@ -1,0 +1,91 @@
+"""Names that spreadsheets, LaTeX, Markdown and terminals would obey."""
+
+import csv
+import io
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from model.storage.harmless import csv_cell, csv_text, markdown, printable, tex
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "=cmd|' /C calc'!A0",
+        "+1+cmd|' /C calc'!A0",
+        "-2+3+cmd|' /C calc'!A0",
+        "@SUM(1+9)*cmd|' /C calc'!A0",
+        "\t=1+1",
+        "\r=1+1",
+        "\n=1+1",
+        "  =1+1",
+        "\uff1d1+1",
+        "-1.5e",
+        "-1.5=2",
+        "name;=1+1",
+        "name; @SUM(1)",
+    ],
+)
+def test_no_cell_begins_a_formula(name: str) -> None:
+    cell = str(csv_cell(name))
+    for part in cell.split(";"):  # where a spreadsheet cuts the line at semicolons
+        assert part.strip()[0] not in "=+-@\t\r\n\uff1d\uff0b\uff0d\uff20"
+    assert cell.isprintable()
+
+
+@pytest.mark.parametrize("value", [-1.5, 0, None, "-1.5", "+2", "-1e-05", "-inf", ".5", "-0.25e+3"])
+def test_numbers_stay_numbers(value: object) -> None:
+    assert csv_cell(value) is value
+
+
+@pytest.mark.parametrize("name", ["globaldiff/full", "a-b=c", "mean, low", "50 %", "ä\u00df", ""])
+def test_harmless_names_stay_as_they_are(name: str) -> None:
+    assert csv_cell(name) == name
+
+
+def test_a_table_is_read_back_as_it_was_but_for_what_would_be_obeyed() -> None:
+    text = csv_text([["name", "value"], ['say "=1", or', -1.5], ["=1\x1b[2J", None]])
+    assert list(csv.reader(io.StringIO(text))) == [
+        ["name", "value"],
+        ['say "=1", or', "-1.5"],
+        ["'=1?[2J", ""],
+    ]
+
+
+HOSTILE = '\\input{/etc/passwd} % & $x$ #1 _a ^b ~ <>|" [3in] *\x1b[31m\u202e\n'
+
+
+def test_every_special_character_of_latex_is_escaped() -> None:
+    found = tex(HOSTILE)
+    assert found == (
+        r"\textbackslash{}input\{/etc/passwd\} \% \& \$x\$ \#1 \_a \textasciicircum{}b"
+        r" \textasciitilde{} \textless{}\textgreater{}\textbar{}'' {[}3in{]} {*}?{[}31m??"
+    )
+
+
+def test_latex_shows_the_name_and_reads_no_file(tmp_path: Path) -> None:
+    pdflatex = shutil.which("pdflatex")
+    if pdflatex is None:
+        pytest.skip("no pdflatex here")
+    cells = "\n".join(f"{tex(name)} & 1 \\\\" for name in (HOSTILE, "[3in]", "*", "\\\\"))
+    (tmp_path / "a.tex").write_text(
+        "\\documentclass{article}\\begin{document}\\begin{tabular}{lc}\n"
+        f"{cells}\n\\end{{tabular}}\\end{{document}}\n"
+    )
+    made = subprocess.run(
+        [pdflatex, "-interaction=nonstopmode", "a.tex"], cwd=tmp_path, capture_output=True,
+        text=True, check=False,
+    )  # fmt: skip
+    assert made.returncode == 0, made.stdout[-2000:]
+    assert "passwd" not in (tmp_path / "a.log").read_text()
+
+
+def test_markdown_gets_one_cell_without_markup() -> None:
+    assert markdown("a|b\n<script>[x](y)`c`*d*\\") == (r"a\|b?\<script\>\[x\](y)\`c\`\*d\*" "\\\\")
+
+
+def test_what_a_terminal_obeys_and_what_turns_text_is_replaced() -> None:
+    assert printable("a\x1b]0;title\x07\x9b1m\u202eb\udcff\n") == "a?]0;title??1m?b??"
