@@ -1,6 +1,7 @@
 import json
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,9 +11,13 @@ from model.evaluate import main
 from model.evaluation.clips import ClipContext
 from model.evaluation.matching import MEASURES, matched, pieces, preferred, spoken
 from model.evaluation.one_clip import read_recording
-from model.motion.motion import first_frames
+from model.motion.motion import first_frames, load_motion
 from model.networks.matching import load_judge
+from model.speech.audio import load_speech
+from model.speech.features import MelEncoder
+from model.storage.cards import BUNDLED_WEIGHTS
 from model.systems.matching.config import HEARING_JUDGE
+from tests.helpers import ROOT, beat2_folder
 from tests.model.made import make_data_folder, make_weights
 from tests.model.systems.matching.made import (
     made_envelope,
@@ -24,6 +29,7 @@ from tests.model.systems.matching.made import (
 )
 
 NAMES = ["1_ann_0_0_0", "2_bob_0_1_1"]
+EXAMPLES = ROOT / "examples"
 FRAMES = 1500
 ENVELOPES = [made_envelope(FRAMES, seed) for seed in (101, 102)]
 OWN, FOREIGN = (made_features(envelope) for envelope in ENVELOPES)
@@ -145,3 +151,43 @@ def test_ties_count_half():
     own = torch.tensor([0.5, 0.2])
     others = torch.tensor([[0.4, 0.6, 0.5], [0.1, 0.1, 0.1]])
     assert preferred(own, others) == pytest.approx((1 + 0 + 0.5 + 3) / 6)
+
+
+@pytest.fixture(scope="module")
+def bundled():
+    return load_judge(BUNDLED_WEIGHTS, HEARING_JUDGE)
+
+
+def features_of(path: Path) -> np.ndarray:
+    speech = load_speech(path)
+    return MelEncoder().encode(speech.waveform, speech.num_frames)
+
+
+def test_the_bundled_judge_finds_the_speech_of_the_example(bundled):
+    assert (BUNDLED_WEIGHTS / f"{HEARING_JUDGE}.safetensors").stat().st_size < 2_000_000
+    motion = load_motion(next((EXAMPLES / "procedural_speaker").glob("*.npz")))
+    own = features_of(next((EXAMPLES / "procedural_speaker").glob("*.wav")))
+    late = replace(motion, poses=np.roll(motion.poses, 30, axis=0))
+    for path in sorted(EXAMPLES.glob("*.wav")):
+        found = matched(bundled, motion, own, features_of(path))
+        assert [found[measure] for measure in MEASURES] == [1.0] * 3
+        assert found["arm_speed_heard"] > 0.1
+    agreed = [
+        bundled.agreements(
+            pieces(m.poses[spoken(own)]), pieces(own[spoken(own)]), MEASURES["matched"]
+        ).item()
+        for m in (motion, late)
+    ]
+    assert agreed[0] > 0.5 > 0.3 > agreed[1]
+
+
+def test_the_bundled_judge_reads_the_lips_of_real_people(bundled):
+    folder = beat2_folder()
+    recordings = [read_recording(folder, name) for name in ("2_scott_0_1_1", "2_scott_0_2_2")]
+    heard = [
+        MelEncoder().encode(each.speech.waveform, each.speech.num_frames) for each in recordings
+    ]
+    for each, own, foreign in zip(recordings, heard, heard[::-1], strict=True):
+        found = matched(bundled, each.motion, own, foreign)
+        assert found["matched_face"] > 0.9
+        assert found["matched"] > 0.5  # far from what it finds in the corpus
