@@ -28,6 +28,7 @@ from model.evaluation import frechet, tables
 from model.evaluation.clip_measures import rooted_positions
 from model.evaluation.clips import as_table
 from model.evaluation.kept import load_rows
+from model.evaluation.matching import left_out
 from model.evaluation.one_clip import Cast, OneClip, read_recording, speaker_in
 from model.generation.base import System
 from model.generation.family import UnknownNameError
@@ -35,10 +36,12 @@ from model.jobs.crew import Crew, Job, JobsError
 from model.measures import beats
 from model.motion.motion import Motion, MotionError
 from model.networks.autoencoder import FrozenEncoder, load_encoder
+from model.networks.matching import MatchingJudge, load_judge
 from model.speech.audio import SpeechError
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from model.storage.files import written_atomically
 from model.storage.harmless import printable
+from model.systems.matching.config import HEARING_JUDGE
 from model.systems.registry import list_systems, load_system
 
 log = logging.getLogger(__name__)
@@ -73,6 +76,7 @@ def main(arguments: list[str] | None = None) -> int:
             cast.systems,
             args.seeds,
             judges=cast.judges,
+            matching=cast.matching,
             guidance=args.guidance,
             crew=Crew(args.processes, args.scheduler),
             kept=args.out / "clips",
@@ -121,6 +125,7 @@ def evaluate(
     seeds: int,
     *,
     judges: Mapping[str, FrozenEncoder] = MappingProxyType({}),
+    matching: MatchingJudge | None = None,
     guidance: float | None = None,
     crew: Crew = ALONE,
     kept: Path | None = None,
@@ -133,6 +138,7 @@ def evaluate(
     Args:
         judges: encoders by distance, see `frechet.ENCODERS`; a distance without one is left out,
             and ``left_out`` of the table says so.
+        matching: who tells matched from mismatched speech; the same holds for it.
         crew: who measures the clips.
         kept: where the numbers of each clip stay; those of the same recordings, weights and
             options are taken from there. None keeps nothing.
@@ -143,7 +149,7 @@ def evaluate(
         DataError: if fewer than two clips can be used.
         JobsError: if those who measure are lost.
     """
-    cast = Cast(tuple(systems), dict(judges))
+    cast = Cast(tuple(systems), dict(judges), matching)
     motions = _usable(folder, clips, cast)
     names = list(motions)
     speeds = [
@@ -152,7 +158,7 @@ def evaluate(
     ]
     one = OneClip(
         folder=folder,
-        cast=again or partial(Cast, cast.systems, cast.judges),
+        cast=again or partial(Cast, cast.systems, cast.judges, matching),
         seeds=seeds,
         guidance=guidance,
         batch_windows=batch_windows,
@@ -181,7 +187,7 @@ def evaluate(
         "noise_seeds": seeds,
         "guidance": _strengths(cast.systems, guidance),
         **table,
-        "left_out": frechet.left_out(judges, motions.values()),
+        "left_out": frechet.left_out(judges, motions.values()) + left_out(matching),
     }
 
 
@@ -193,7 +199,12 @@ def _load(names: tuple[str, ...], weights: Path) -> Cast:
         for measure, encoder in frechet.ENCODERS.items()
         if (weights / f"{encoder}.safetensors").is_file()
     }
-    return Cast(tuple(load_system(name, weights) for name in names), judges)
+    has_judge = (weights / f"{HEARING_JUDGE}.safetensors").is_file()
+    return Cast(
+        tuple(load_system(name, weights) for name in names),
+        judges,
+        load_judge(weights, HEARING_JUDGE) if has_judge else None,
+    )
 
 
 def _strengths(systems: Sequence[System], guidance: float | None) -> dict[str, float]:
@@ -212,6 +223,7 @@ def _stamp(
         "clips": list(names),
         "systems": {system.name: dict(system.sha256s) for system in cast.systems},
         "judges": {measure: judge.sha256 for measure, judge in cast.judges.items()},
+        "matching": cast.matching and cast.matching.sha256,
         "seeds": seeds,
         "guidance": _strengths(cast.systems, guidance),
     }

@@ -20,6 +20,7 @@ from model.evaluation.intervals import (
     bootstrap_of,
     bootstrap_ratio,
 )
+from model.evaluation.matching import matched
 from model.evaluation.speech_response import coupling, frame_loudness, speech_tracks
 from model.evaluation.window_diversity import window_diversity
 from model.generation.base import DEPTH_FLOW_TIME, FLOW_TIMES, Prediction
@@ -28,7 +29,10 @@ from model.measures.face.face_and_hands import face_and_hands
 from model.measures.face.face_measures import face_measures
 from model.motion.motion import Motion
 from model.motion.skeleton import open_body_skeleton
+from model.motion.timing import FPS, SAMPLE_RATE
 from model.networks.autoencoder import FrozenEncoder
+from model.networks.matching import MatchingJudge
+from model.speech.features import MelEncoder
 
 RECORDED = "recorded"
 KINDS = ("right", "shifted", "foreign")
@@ -72,6 +76,17 @@ class ClipContext:
     mean_speed: np.ndarray
     judges: Mapping[str, FrozenEncoder]
     """Encoders of the Fréchet distances, by distance."""
+    matching: MatchingJudge | None = None
+    """Who tells matched from mismatched speech; None leaves that out."""
+
+    @cached_property
+    def heard(self) -> tuple[np.ndarray, np.ndarray]:
+        """What the judge of matched speech hears: the clip's own speech and the foreign one."""
+        own, foreign = (
+            MelEncoder().encode(sound, len(sound) * FPS // SAMPLE_RATE)
+            for sound in (self.sound, self.foreign)
+        )
+        return own, foreign
 
     @cached_property
     def onsets(self) -> np.ndarray:
@@ -107,6 +122,7 @@ class ClipContext:
             | beats.beat_scores(joints, self.onsets, self.mean_speed)
             | face_measures(motion, self.loudness["right"])
             | face_and_hands(motion, joints)
+            | (matched(self.matching, motion, *self.heard) if self.matching else {})
             for one, joints, motion in zip(measured, positions, motions, strict=True)
         ]
         by_depth = {"jerk_m_s3": np.mean([one.jerk_by_depth for one in measured], 0).tolist()}

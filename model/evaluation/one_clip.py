@@ -17,6 +17,7 @@ from model.generation.clip_noise import clip_seed
 from model.generation.windows import GenerateOptions, generate_motion
 from model.motion.motion import Motion, first_frames
 from model.networks.autoencoder import FrozenEncoder
+from model.networks.matching import MatchingJudge
 from model.speech.audio import Speech
 from model.speech.encoder import SpeechEncoder
 
@@ -27,6 +28,8 @@ class Cast:
 
     systems: Sequence[System]
     judges: Mapping[str, FrozenEncoder]
+    matching: MatchingJudge | None = None
+    """Who tells matched from mismatched speech."""
 
 
 @dataclass(frozen=True)
@@ -81,8 +84,9 @@ class OneClip:
         mine, foreign = read_recording(self.folder, name), read_recording(self.folder, other)
         motion = mine.motion
         context = ClipContext(
-            motion, mine.speech.waveform, foreign.speech.waveform, self.mean_speed, cast.judges
-        )
+            motion, mine.speech.waveform, foreign.speech.waveform, self.mean_speed, cast.judges,
+            cast.matching,
+        )  # fmt: skip
         rows = {RECORDED: context.row([motion])}
         for system in cast.systems:
             options = GenerateOptions(

@@ -71,3 +71,16 @@ class AutoencoderConfig:
     def channels(self) -> int:
         """Numbers of each frame."""
         return self.motion_channels + self.face_channels
+
+
+@dataclass(frozen=True)
+class MatchingConfig:
+    """Shape of the judge of matched and mismatched speech."""
+
+    speech_dim: int = 68
+    speech_width: int = 96
+    motion_width: int = 64
+    dilations: tuple[int, ...] = (1, 2, 4, 8)
+    """One for each block of a tower, in vectors of its track (15 a second)."""
+    track_dim: int = 16
+    """Numbers of a track at each time."""

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from model.generation.family import Family, UnknownNameError
 from model.storage.cards import BUNDLED_WEIGHTS, file_stem, load_card
-from model.systems import asynfusion, autoencoders, face, gan, globaldiff
+from model.systems import asynfusion, autoencoders, face, gan, globaldiff, matching
 
 if TYPE_CHECKING:
     from model.generation.base import System
@@ -16,6 +16,7 @@ _FAMILIES: list[Family] = [
     gan.FAMILY,
     face.FAMILY,
     autoencoders.FAMILY,
+    matching.FAMILY,
 ]
 
 

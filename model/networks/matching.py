@@ -1,0 +1,216 @@
+"""A judge of whether speech and motion belong together: towers whose tracks are correlated.
+
+GENEA's matched and mismatched stimuli (Kucherenko et al. 2023), asked of a network. A piece of
+speech and a piece of motion become tracks of 15 vectors a second, neither seen through the other;
+how far they agree is the correlation of the tracks over time. What stays the same for the whole
+piece (a voice, a microphone, a posture, how lively somebody is) is subtracted before the towers and
+after them, and the size of a track does not count: so none of it can be told by.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from model.motion.packing import Normaliser
+from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
+from model.motion.skeleton import JOINT_INDEX
+from model.motion.timing import FPS
+from model.networks.config import MatchingConfig
+from model.storage.checkpoint import load_into, load_weights
+from model.storage.settings import from_dict
+
+_ARM_JOINTS = ("collar", "shoulder", "elbow", "wrist", "index1", "middle1")
+CHAINS: Mapping[str, tuple[str, ...]] = {
+    **{f"{side}_{j}": (f"{side}_{j}",) for j in _ARM_JOINTS for side in ("left", "right")},
+    "head": ("neck", "head"),
+    "trunk": ("spine1", "spine2", "spine3"),
+    "jaw": ("jaw",),
+}
+"""Joints whose rotations are multiplied, by the track that tells how fast they turn."""
+TRACKS = (*CHAINS, "jaw_open")
+PARTS: Mapping[str, tuple[int, ...]] = {
+    "arms": tuple(range(2 * len(_ARM_JOINTS))),
+    "trunk": (TRACKS.index("head"), TRACKS.index("trunk")),
+    "face": (TRACKS.index("jaw"), TRACKS.index("jaw_open")),
+}
+"""Parts of the body that are judged each by itself, and their tracks: arms and hands, head and
+trunk, jaw."""
+PREDICTED = [
+    TRACKS.index(f"{side}_{j}") for j in ("shoulder", "elbow") for side in ("left", "right")
+]
+"""The tracks whose mean, the log speed of the arms, is also predicted from speech alone."""
+STILL_RAD_S = 0.1
+"""Added to speeds before the logarithm: what is slower counts as still."""
+SMOOTH_FRAMES = 2.0
+"""Of the Gaussian over angular velocities, so that the tremble of sensors is no speed."""
+STRIDE = 2
+"""Frames of motion under each vector of a tower's track."""
+LEAST_SIZE = 1e-3
+"""Of a track; what moves less agrees with nothing."""
+
+
+def motion_tracks(poses: Float[Tensor, "B T 165"]) -> Float[Tensor, "B T tracks"]:
+    """`TRACKS` of motions, not normalised: logarithms of angular speeds (rad/s), and how far the
+    jaw is open (rad). But for that, they do not depend on the pose.
+
+    Args:
+        poses: local axis-angle, radians.
+    """
+    joints = poses.unflatten(-1, (-1, 3))
+    tracks = []
+    for names in CHAINS.values():
+        turned, *further = (matrix_from_axis_angle(joints[:, :, JOINT_INDEX[n]]) for n in names)
+        for matrices in further:
+            turned = turned @ matrices
+        steps = axis_angle_from_matrix(turned[:, :-1].mT @ turned[:, 1:])
+        velocity = _smooth(torch.cat([steps[:, :1], steps], dim=1)) * FPS
+        tracks.append((velocity.norm(dim=-1) + STILL_RAD_S).log())
+    tracks.append(_smooth(joints[:, :, JOINT_INDEX["jaw"]]).norm(dim=-1))
+    return torch.stack(tracks, dim=-1)
+
+
+def _smooth(x: Float[Tensor, "B T 3"]) -> Float[Tensor, "B T 3"]:
+    reach = round(3 * SMOOTH_FRAMES)
+    weights = torch.exp(-0.5 * (torch.arange(-reach, reach + 1) / SMOOTH_FRAMES).square())
+    kernel = (weights / weights.sum()).to(x).expand(3, 1, -1)
+    padded = F.pad(x.transpose(1, 2), (reach, reach), mode="replicate")
+    return F.conv1d(padded, kernel, groups=3).transpose(1, 2)
+
+
+def centred(x: Float[Tensor, "B T C"]) -> Float[Tensor, "B T C"]:
+    """Without each channel's mean over the piece."""
+    return x - x.mean(1, keepdim=True)
+
+
+def arm_speed(tracks: Float[Tensor, "B T tracks"]) -> Float[Tensor, "B T2 1"]:
+    """Log speed of the arms from normalised `motion_tracks`, centred, at the towers' rate."""
+    mean = tracks[..., PREDICTED].mean(-1, keepdim=True).transpose(1, 2)
+    return centred(F.avg_pool1d(mean, STRIDE, ceil_mode=True).transpose(1, 2))
+
+
+def _conv(channels: int, width: int, kernel: int, **options: int) -> nn.Conv1d:
+    """Ends are held, so that what does not move gives a track that does not move either."""
+    return nn.Conv1d(channels, width, kernel, padding_mode="replicate", **options)  # type: ignore[arg-type]
+
+
+class DilatedBlock(nn.Module):
+    """Two convolutions over three frames, those of the first ``dilation`` frames apart."""
+
+    def __init__(self, width: int, dilation: int) -> None:
+        super().__init__()
+        self.first = _conv(width, width, 3, padding=dilation, dilation=dilation)
+        self.second = _conv(width, width, 3, padding=1)
+        for parameter in self.second.parameters():
+            nn.init.zeros_(parameter)
+
+    def forward(self, x: Float[Tensor, "B width T"]) -> Float[Tensor, "B width T"]:
+        return x + self.second(F.silu(self.first(F.silu(x))))
+
+
+class Tower(nn.Module):
+    """Frames to a centred track at half their rate, one for each name."""
+
+    def __init__(
+        self, channels: int, width: int, names: Sequence[str], config: MatchingConfig
+    ) -> None:
+        super().__init__()
+        self.inside = _conv(channels, width, 5, stride=STRIDE, padding=2)
+        self.blocks = nn.Sequential(*(DilatedBlock(width, d) for d in config.dilations))
+        self.out = nn.ModuleDict({name: nn.Conv1d(width, config.track_dim, 1) for name in names})
+
+    def forward(self, x: Float[Tensor, "B T C"]) -> dict[str, Float[Tensor, "B T2 dim"]]:
+        hidden = F.silu(self.blocks(self.inside(centred(x).transpose(1, 2))))
+        return {name: centred(out(hidden).transpose(1, 2)) for name, out in self.out.items()}
+
+
+class MatchingNetwork(nn.Module):
+    """Pieces of speech and of motion to tracks, whose `agreement` tells whether they match."""
+
+    def __init__(self, config: MatchingConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.speech = Tower(config.speech_dim, config.speech_width, tuple(PARTS), config)
+        self.motion = nn.ModuleDict(
+            {
+                part: Tower(len(columns), config.motion_width, (part,), config)
+                for part, columns in PARTS.items()
+            }
+        )
+        self.speed = nn.Linear(config.track_dim, 1, bias=False)
+        """From what is heard of the arms to their log speed."""
+        self.log_scale = nn.Parameter(torch.full((len(PARTS),), 2.0))
+        """By which agreements are multiplied in the contrastive loss, one for each part."""
+
+    def hear(self, speech: Float[Tensor, "B T dim"]) -> dict[str, Float[Tensor, "B T2 track"]]:
+        """By part, the track that motion of this speech should have."""
+        return self.speech(speech)
+
+    def see(self, tracks: Float[Tensor, "B T tracks"]) -> dict[str, Float[Tensor, "B T2 track"]]:
+        """By part, the track that a motion has, from normalised `motion_tracks`."""
+        return {
+            part: self.motion[part](tracks[..., columns])[part] for part, columns in PARTS.items()
+        }
+
+    def forward(
+        self, speech: Float[Tensor, "B T dim"], tracks: Float[Tensor, "B T tracks"]
+    ) -> tuple[dict[str, Tensor], dict[str, Tensor], Float[Tensor, "B T2 1"], Tensor]:
+        """What is heard, what is seen, the arms' log speed as heard, and `log_scale`."""
+        heard = self.hear(speech)
+        return heard, self.see(tracks), self.speed(heard["arms"]), self.log_scale
+
+
+def agreement(
+    heard: Float[Tensor, "A T dim"], seen: Float[Tensor, "B T dim"]
+) -> Float[Tensor, "B A"]:
+    """Correlation over time, all numbers of a vector taken together, of every motion's track with
+    every speech's: -1 to 1, and near 0 for what does not move."""
+    heard, seen = (F.normalize(x.flatten(1), dim=-1, eps=LEAST_SIZE) for x in (heard, seen))
+    return seen @ heard.T
+
+
+@dataclass(frozen=True)
+class MatchingJudge:
+    """A trained network with the statistics of `motion_tracks`; never changed again."""
+
+    network: MatchingNetwork
+    normaliser: Normaliser
+    sha256: str
+
+    @torch.inference_mode()
+    def agreements(
+        self,
+        poses: Float[Tensor, "B T 165"],
+        speech: Float[Tensor, "A T dim"],
+        parts: Sequence[str],
+    ) -> Float[Tensor, "B A"]:
+        """How far every motion agrees with every speech, summed over ``parts``."""
+        heard = self.network.hear(speech)
+        seen = self.network.see(self.normaliser.normalise(motion_tracks(poses)))
+        return torch.stack([agreement(heard[part], seen[part]) for part in parts]).sum(0)
+
+    @torch.inference_mode()
+    def arm_speeds(
+        self, poses: Float[Tensor, "B T 165"], speech: Float[Tensor, "B T dim"]
+    ) -> tuple[Float[Tensor, "B T2 1"], Float[Tensor, "B T2 1"]]:
+        """Log speed of the arms, centred: as it is, and as told from the speech alone."""
+        tracks = self.normaliser.normalise(motion_tracks(poses))
+        told = self.network.speed(self.network.hear(speech)["arms"])
+        return arm_speed(tracks), told
+
+
+def load_judge(folder: Path, name: str) -> MatchingJudge:
+    """Read a judge.
+
+    Raises:
+        CheckpointError: if its files are missing or damaged.
+    """
+    tensors, card = load_weights(folder, name)
+    network = MatchingNetwork(from_dict(MatchingConfig, card["config"]["matching"]))
+    load_into(network, tensors, "network.", name)
+    network.eval().requires_grad_(False)
+    return MatchingJudge(network, Normaliser.of_tensors(tensors), card["sha256"])

@@ -1,0 +1,102 @@
+"""A small judge, trained in seconds on made speech whose loudness is how fast the arms turn."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from scipy.ndimage import gaussian_filter1d
+
+from model.data.prepared import Clip, PreparedData
+from model.motion.motion import Motion
+from model.motion.skeleton import JOINT_INDEX
+from model.networks.config import MatchingConfig
+from model.networks.matching import MatchingJudge
+from model.storage.checkpoint import save_weights
+from model.systems.matching.config import HEARING_JUDGE, MatchingTrainConfig, named_config
+from model.systems.matching.task import make_task
+from model.training.task import DescentTask, Workshop
+from tests.helpers import smooth_motion_example
+
+SHAPE = MatchingConfig(speech_width=16, motion_width=16, dilations=(1, 2), track_dim=4)
+ARMS = [
+    3 * JOINT_INDEX[f"{side}_{j}"] + 2 for side in ("left", "right") for j in ("shoulder", "elbow")
+]
+
+
+def tiny_config(**changes) -> MatchingTrainConfig:
+    config = named_config("smoke", HEARING_JUDGE)
+    return replace(config, matching=SHAPE, augment_speech=False, **changes)
+
+
+def made_envelope(num_frames: int, seed: int) -> np.ndarray:
+    """Loud and soft, -1 to 1, changing about twice a second."""
+    noise = np.random.default_rng(seed).standard_normal(num_frames)
+    return np.tanh(2 * gaussian_filter1d(noise, 5) / 0.24)
+
+
+def made_features(envelope: np.ndarray) -> np.ndarray:
+    """As loud in all mels and always voiced."""
+    features = np.repeat(envelope[:, None], 68, axis=1)
+    features[:, 65:67] = 0.0
+    features[:, 67] = 1.0
+    return features.astype(np.float32)
+
+
+def made_poses(envelope: np.ndarray) -> np.ndarray:
+    """Arms that turn at 1 to 3 rad/s, the faster the louder; all else is still."""
+    poses = np.zeros((len(envelope), 165), np.float32)
+    poses[:, ARMS] = np.cumsum(2 + envelope)[:, None] / 30
+    return poses
+
+
+def made_motion(envelope: np.ndarray) -> Motion:
+    return replace(smooth_motion_example(len(envelope)), poses=made_poses(envelope))
+
+
+def made_data(folder: Path, num_frames: int = 1200, count: int = 6) -> PreparedData:
+    """Clips of which the last is for validation."""
+    envelopes = [made_envelope(num_frames, seed) for seed in range(count)]
+    splits = ["train"] * (count - 1) + ["val"]
+    clips = [
+        Clip(f"1_ann_0_{k}_{k}", 1, split, k * num_frames, num_frames)
+        for k, split in enumerate(splits)
+    ]
+    rows = count * num_frames
+    return PreparedData(
+        folder,
+        clips=tuple(clips),
+        poses=np.concatenate([made_poses(envelope) for envelope in envelopes]),
+        transl=np.zeros((rows, 3), np.float32),
+        expression=np.zeros((rows, 52), np.float32),
+        speech=np.concatenate([made_features(envelope) for envelope in envelopes]),
+        speakers={1: "ann"},
+    )
+
+
+def trained(folder: Path, steps: int = 60) -> tuple[DescentTask, PreparedData]:
+    """A task after some steps on such data."""
+    config = tiny_config(steps=steps, learning_rate=1e-2, batch_size=8, ema_decay=0.9)
+    data = made_data(folder)
+    task = make_task(config, data, Workshop(folder))
+    for step in range(steps):
+        rng = np.random.default_rng(step)
+        batch = data.window_batch(data.of_split("train"), task.window_frames, 8, rng)
+        task.step(step, batch, torch.Generator().manual_seed(step))
+    return task, data
+
+
+def save_task(task: DescentTask, folder: Path) -> None:
+    """The files of a trained judge."""
+    _save(task.export(), folder)
+
+
+def save_judge(judge: MatchingJudge, folder: Path) -> None:
+    """The files of a judge once more."""
+    tensors = {f"network.{name}": t for name, t in judge.network.state_dict().items()}
+    _save(tensors | judge.normaliser.tensors(), folder)
+
+
+def _save(tensors: dict[str, torch.Tensor], folder: Path) -> None:
+    card = {"config": {"matching": vars(SHAPE)}, "speakers": {}}
+    save_weights(folder, HEARING_JUDGE, tensors, card)
