@@ -94,7 +94,7 @@ def test_table_has_recorded_and_generated_rows_with_intervals(folders, tmp_path,
     latex = (tmp_path / "evaluation.tex").read_text().splitlines()
     cells = [line.count("&") for line in latex if line.endswith(r"\\")]
     assert len(cells) > 10 and set(cells) == {3}
-    assert "power $>$ 5 Hz" in "\n".join(latex)
+    assert r"power \textgreater{} 5 Hz" in "\n".join(latex)
 
 
 def test_each_distance_has_an_interval_and_the_floor_of_its_own_encoder(folders, system):
