@@ -20,6 +20,7 @@ from model.systems.registry import family_of, load_system
 from model.train import main
 from model.training.config import TrainConfig
 from model.training.loop import train
+from model.training.parallel import WHOLE
 from model.training.run_folder import TrainingError
 from model.training.task import Start, Task, Workshop
 from tests.helpers import ROOT
@@ -78,8 +79,9 @@ def test_training_leaves_weights_that_load_and_a_log_of_both_sides(root):
 
 
 def test_a_killed_and_resumed_run_equals_one_that_was_not(root, monkeypatch):
-    config = quick()
-    whole = run(root, "whole", config)
+    """In fp32: bf16 would blow the order in which sums are taken up to something that is seen."""
+    config, shard = quick(), replace(WHOLE, bf16=False)
+    whole = run(root, "whole", config, shard=shard)
 
     class Killed(Exception):
         pass
@@ -95,8 +97,8 @@ def test_a_killed_and_resumed_run_equals_one_that_was_not(root, monkeypatch):
 
     with monkeypatch.context() as patch, pytest.raises(Killed):
         patch.setattr(module.losses, "finite_or_raise", die_at_five)
-        run(root, "killed", config)
-    resumed = run(root, "killed", config, resume=True)
+        run(root, "killed", config, shard=shard)
+    resumed = run(root, "killed", config, resume=True, shard=shard)
     assert resumed["step"] == whole["step"] == 6
     for part in ("generator", "discriminator", "average"):
         assert all(torch.equal(whole[part][k], resumed[part][k]) for k in whole[part])
