@@ -3,7 +3,8 @@
 # make check   the quick part of it: style, types, import rules
 # make bench   milliseconds per frame by stage, against the naive loops: a table and bench.json
 # make fuzz    an hour of damaged files and wild requests (make test gives it a minute)
-# make soak    half an hour of four visitors at once: memory and files; then twenty and an attacker
+# make soak    half an hour of four visitors at once: memory and files; then twenty and an attacker;
+#              twenty cold starts
 # make lock    pin every package anew, with hashes, after a change of requirements
 # make audit   known faults of what is locked, where the database can be asked
 # make sbom    what is installed, as CycloneDX: sbom.json

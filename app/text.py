@@ -140,6 +140,12 @@ FIGURES = {
         "closed form.",
         (),
     ),
+    "hearing": FigureText(
+        "What speech decides, and what chance",
+        "Lines of one colour share the speech, lines of one kind the noise. Where a system hears, "
+        "lines of one colour rise and fall together.",
+        (),
+    ),
     "steps": FigureText(
         "Quality against time",
         "Each mark is a number of steps. Where a curve is flat, further steps buy nothing.",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +32,7 @@ INTRODUCTION = (
 )
 AT_FIRST = (BEST, "globaldiff/global", "asynfusion/lcm-async", "gan/5")
 STRENGTHS = (("as suits each system", -1.0), ("1, as trained", 1.0), ("2", 2.0), ("3", 3.0))
+COMPARED = "Compared two speeches by two seeds, {count} systems."
 NO_SYSTEM = "Tick at least one system to compare."
 NO_SPEECH = "Upload two speeches to compare; this installation has fewer than two examples."
 USUAL = -1.0
@@ -122,4 +124,9 @@ class HearingRunner(FigureRunner["HearingRequest", "Hearing"]):
 
     def told(self, found: Hearing) -> str:
         """See `FigureRunner.told`."""
-        return " ".join(found.sentences())
+        return COMPARED.format(count=len(found.systems))
+
+    def details(self, found: Hearing) -> str:
+        """See `FigureRunner.details`."""
+        lines = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in found.sentences())
+        return f'<ul class="hint">{lines}</ul>'

@@ -89,6 +89,10 @@ class FigureRunner(TabRunner[Found], Generic[Asked, Found]):
     def told(self, found: Found) -> str:
         """A line of what was measured."""
 
+    def details(self, found: Found) -> str:
+        """What is to be said beyond that, as HTML."""
+        return ""
+
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
         asked = self.request(values, job.folder / "results")
@@ -141,5 +145,6 @@ class _Work(Generic[Asked, Found]):
         self.figures.take_files(result.files)
         return {
             self.runner.parts.status: markup.sentence_status(self.runner.told(result)),
+            self.runner.parts.message: shown(self.runner.details(result)),
             self.runner.parts.figure: shown(self.figures.html()),
         }
