@@ -43,7 +43,8 @@ fuzz: .venv/.test-ready
 	FUZZ_SECONDS=3600 $(BIN)/python -m pytest tests/fuzz
 
 soak: .venv/.test-ready
-	SOAK_SECONDS=1800 ATTACKED_VISITORS=20 ATTACK_BODIES=34 $(BIN)/python -m pytest tests/soak
+	SOAK_SECONDS=1800 ATTACKED_VISITORS=20 COLD_STARTS=20 ATTACK_BODIES=34 $(BIN)/python -m pytest \
+		tests/soak tests/renderer/draw/test_compiled.py
 
 bench: .venv/.run-ready
 	$(BIN)/python -m app.commands.bench
