@@ -20,8 +20,9 @@ from tests.fuzz.damage import HUGE
 FORMS: dict[str, list[Any]] = {
     "generate": [
         None, ["globaldiff/global"], "ann", 0, 1, "1", "euler", False, None, "right_middle", 0,
-        None, 0, 0, 1, False, False, False,
+        None, 0, 0, 1, False, False, False, -1, False,
     ],
+    "hearing": [[], None, None, -1],
     "own_motion": [None, None, None, "right_middle", 0, None, None],
     "steps": [[], None],  # with a system it would be measured on an example
     "study_plan": [
