@@ -16,7 +16,7 @@ class Ending:
     def body(self) -> None:
         self.end()
 
-    videos = body
+    videos = transcript = body
 
 
 def segfault() -> None:
