@@ -8,7 +8,8 @@ COPY .ci .ci
 RUN .ci/system-packages run && rm -rf /var/lib/apt/lists/*
 COPY requirements.txt requirements-cluster.txt ./
 COPY locks locks
-RUN .ci/venv run && rm -rf /root/.cache
+ENV PIP_NO_CACHE_DIR=1
+RUN .ci/venv run
 COPY app.py ./
 COPY app app
 COPY model model

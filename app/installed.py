@@ -12,13 +12,13 @@ from pathlib import Path
 
 PROGRAM = "co-speech-motion"
 MODULES = {
-    "page": "app.page.launch",
     "bench": "app.commands.bench",
     "corpus": "model.corpus",
     "train": "model.train",
     "evaluate": "model.evaluate",
 }
-"""Words of the command that are programs of their own; every other is one of ``python -m app``."""
+"""Words of the command that are programs of their own, as the page is; every other is one of
+``python -m app``."""
 
 
 def main() -> int:

@@ -178,12 +178,13 @@ def time_training(weights: Path) -> list[Figure]:
             figures.append(Figure(title, rate, "windows/s", f"at least {aim}" if is_fast else ""))
     rate = training_rate("globaldiff/full", weights)
     figures.append(Figure("training, globaldiff/full, demo size, as trained", rate, "windows/s"))
-    for instructions in ("AVX512_CORE", "AVX2"):  # of processors without AMX, and without AVX-512
+    for instructions, capability in (("AVX512_CORE", "avx512"), ("AVX2", "avx2")):
+        # Of processors without AMX, and without AVX-512.
         code = (
             "from pathlib import Path; from model.bench import training_rate; "
             f"print(training_rate('globaldiff/global', Path({str(weights.resolve())!r})))"
         )
-        environment = {"ONEDNN_MAX_CPU_ISA": instructions, "ATEN_CPU_CAPABILITY": "avx2"}
+        environment = {"ONEDNN_MAX_CPU_ISA": instructions, "ATEN_CPU_CAPABILITY": capability}
         rate = float(_told("-c", code, **environment))
         title = f"training, globaldiff/global, demo size, {instructions}"
         figures.append(Figure(title, rate, "windows/s"))

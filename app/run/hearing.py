@@ -174,20 +174,13 @@ def _read(folder: Path) -> dict[str, Grid]:
 
 
 def _heard(system: str, grid: Grid, guidance: float | None) -> Heard:
-    from itertools import combinations
-
-    from model.measures.hearing import arm_rotations_alike, decided
+    from model.measures.hearing import arm_rotations_same_noise, decided
 
     try:
         parts = decided(grid)
     except ValueError as error:
         raise RunError(f"{system}: {error}") from error
-    pairs = [
-        arm_rotations_alike(one, other)
-        for ((speech, seed), one), ((speech_, seed_), other) in combinations(grid.items(), 2)
-        if seed == seed_ and speech != speech_
-    ]
-    return Heard(system, guidance, parts, sum(pairs) / len(pairs))
+    return Heard(system, guidance, parts, arm_rotations_same_noise(grid))
 
 
 def _write_numbers(heard: tuple[Heard, ...], folder: ResultFolder) -> None:

@@ -60,11 +60,7 @@ def hearing_measures(motions: Sequence[Motion], elsewhere: Sequence[Motion]) -> 
     for part, told in hearing.decided(grid).items():
         found[f"{part}_by_speech"] = told.by_speech
         found[f"{part}_same_noise"] = told.same_noise
-    pairs = zip(motions, elsewhere, strict=True)
-    found["arm_rotations_same_noise"] = float(
-        np.mean([hearing.arm_rotations_alike(*pair) for pair in pairs])
-    )
-    return found
+    return found | {"arm_rotations_same_noise": hearing.arm_rotations_same_noise(grid)}
 
 
 def wander(motion: Motion) -> float:

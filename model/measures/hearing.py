@@ -98,6 +98,20 @@ def arm_rotations_alike(one: Motion, other: Motion) -> float:
     return float(np.mean([likeness(*pair) for pair in pairs]))
 
 
+def arm_rotations_same_noise(motions: Grid) -> float:
+    """`arm_rotations_alike`, mean over all that share the noise and not the speech."""
+    pairs = combinations(motions.items(), 2)
+    return float(
+        np.mean(
+            [
+                arm_rotations_alike(one, other)
+                for ((speech, seed), one), ((speech_, seed_), other) in pairs
+                if seed == seed_ and speech != speech_
+            ]
+        )
+    )
+
+
 def decided(motions: Grid) -> dict[str, Decided]:
     """By part of the body, of what several speeches with several noise seeds made.
 

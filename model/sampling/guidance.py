@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Bool, Float, Shaped
 from torch import Tensor
 
-from model.motion.packing import AXIS_ANGLE_GROUPS, Normaliser, joint_channels
+from model.motion.packing import Normaliser, joint_channels
 from model.motion.rotations import matrix_from_rot6d
 from model.motion.skeleton import FACE, JOINT_INDEX
 from model.motion.spaces import RotationSpace
@@ -23,8 +23,8 @@ class SpeechGuide:
         self.strength = strength
         self._normaliser = normaliser
         self._space = space
-        *_, face, _, _ = AXIS_ANGLE_GROUPS
-        self._face = face if space == "axis-angle" else joint_channels(FACE)
+        numbers = 3 if space == "axis-angle" else 6
+        self._face = [numbers * joint + k for joint in FACE for k in range(numbers)]
 
     @property
     def asks_twice(self) -> bool:

@@ -50,7 +50,6 @@ _config: Any = config
 class Loop:
     """A function that numba compiles for one set of argument types."""
 
-    name: str
     dispatcher: Any
     signature: str
 
@@ -58,7 +57,7 @@ class Loop:
         self.dispatcher(*arguments)
 
 
-def inner(function: Callable[..., None]) -> Callable[..., None]:
+def inner(function: Callable[..., None]) -> Any:
     """A function that loops of the same file call; its code becomes part of theirs."""
     return numba.njit(**_OPTIONS)(inspect.unwrap(function))  # without a test run's type checks
 
@@ -67,8 +66,7 @@ def loop(signature: str) -> Callable[[Callable[..., None]], Loop]:
     """A function that `prepare` makes into machine code, for arguments of these types alone."""
 
     def made(function: Callable[..., None]) -> Loop:
-        plain = inspect.unwrap(function)
-        return Loop(plain.__name__, numba.njit(**_OPTIONS)(plain), signature)
+        return Loop(inner(function), signature)
 
     return made
 

@@ -16,7 +16,8 @@ from app import text
 from app.config import AppConfig
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue, Example, default_systems, point_choices
-from app.page.tabs.generate_form import GUIDANCE_CHOICES, SEED_LIMIT, USUAL_GUIDANCE
+from app.page.parts.strength import USUAL, strength_choices
+from app.page.tabs.generate_form import SEED_LIMIT
 from app.page.tabs.upload_check import UploadCheck
 from app.run.display import FACTORS
 from app.run.pictures.followed_point import TIP
@@ -77,11 +78,8 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
         1, 4, value=1, step=1, label=text.SAMPLES_LABEL, info=text.SAMPLES_HELP, buttons=[]
     )
     guidance = gr.Dropdown(
-        choices=[
-            (text.USUAL_GUIDANCE, USUAL_GUIDANCE),
-            *((text.GUIDANCE_NAMES.get(value, f"{value:g}"), value) for value in GUIDANCE_CHOICES),
-        ],
-        value=USUAL_GUIDANCE,
+        choices=strength_choices((1.0, 1.5, 2.0, 2.5, 3.0, 4.0)),
+        value=USUAL,
         label=text.GUIDANCE_LABEL,
         info=text.GUIDANCE_HELP,
         elem_id="guidance",

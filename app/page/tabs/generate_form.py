@@ -11,6 +11,7 @@ from app.config import AppConfig
 from app.errors import RunError
 from app.page.parts.asked import whole_number
 from app.page.parts.catalogue import Catalogue
+from app.page.parts.strength import USUAL, strength_of
 from app.run.display import COLORINGS, Display
 from app.run.request import (
     CLOSE_UPS,
@@ -27,9 +28,6 @@ from app.run.request import (
 )
 
 SEED_LIMIT = 2**31 - 1
-USUAL_GUIDANCE = -1.0
-"""As suits each system: no strength is below 0."""
-GUIDANCE_CHOICES = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
 PAGE_VIDEOS = 12
 PAGE_SIZE_PX = 640
 """Height of a body in the player."""
@@ -60,7 +58,7 @@ class Form:
     """By jerk."""
     is_whole: bool = False
     """All of the body in the videos, rather than from the knees up."""
-    guidance: float | None = USUAL_GUIDANCE
+    guidance: float | None = USUAL
     """Strength of the speech."""
     has_words: bool = False
     """Recognised, where there is no transcript."""
@@ -115,7 +113,7 @@ def request_from_form(
         steps=_steps(form, body_steps, systems, catalogue),
         face_steps=dict.fromkeys(apart, face_steps) if face_steps else None,
         sampler=form.sampler or None,
-        guidance=None if form.guidance in (None, USUAL_GUIDANCE) else form.guidance,
+        guidance=strength_of(form.guidance),
         post_filter=POST_FILTERS[bool(form.is_smoothed)],
         reference=Path(form.reference) if form.reference else None,
         transcript=Path(form.transcript) if form.transcript else None,

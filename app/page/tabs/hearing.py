@@ -16,9 +16,10 @@ from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.asked import form_of
 from app.page.parts.catalogue import Catalogue
+from app.page.parts.strength import USUAL, strength_choices, strength_of
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
-from app.page.tabs.measured_figure import FigureRunner, build_figure_parts
+from app.page.tabs.measured_figure import FigureRunner, build_measuring_sheet
 from model.systems.globaldiff.config import BEST
 
 if TYPE_CHECKING:
@@ -31,11 +32,9 @@ INTRODUCTION = (
     "-m app hearing</code>, which takes anyone's motion too."
 )
 AT_FIRST = (BEST, "globaldiff/global", "asynfusion/lcm-async", "gan/5")
-STRENGTHS = (("as suits each system", -1.0), ("1, as trained", 1.0), ("2", 2.0), ("3", 3.0))
-COMPARED = "Compared two speeches by two seeds, {count} systems."
+COMPARED = "Compared two speeches by two seeds, of {systems}."
 NO_SYSTEM = "Tick at least one system to compare."
 NO_SPEECH = "Upload two speeches to compare; this installation has fewer than two examples."
-USUAL = -1.0
 
 Measure = Callable[["HearingRequest", Callable[[float], None]], "Hearing"]
 
@@ -54,36 +53,31 @@ def build_hearing(
         measure: does the measuring, as `app.run.hearing.measure_hearing`.
     """
     gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{INTRODUCTION}</p>')
-    with gr.Row(elem_classes="columns"):
-        with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
-            systems = gr.CheckboxGroup(
-                choices=list(catalogue.systems),
-                value=[name for name in AT_FIRST if name in catalogue.systems],
-                label="Systems",
-                elem_id="hearing-systems",
-            )
-            with gr.Row(elem_classes="pair"):
-                first, second = (
-                    gr.File(
-                        label=f"Speech {letter} (optional: an example otherwise)",
-                        file_types=["audio"],
-                        type="filepath",
-                        height=110,
-                        min_width=140,
-                    )
-                    for letter in "AB"
-                )
-            strength = gr.Radio(
-                list(STRENGTHS), value=USUAL, label=text.GUIDANCE_LABEL, elem_id="hearing-strength"
-            )
-            with gr.Row(elem_classes="actions"):
-                start = gr.Button("Compare", variant="primary", elem_id="hearing-start")
-                cancel = gr.Button(text.CANCEL, elem_id="hearing-cancel", min_width=110)
-        with gr.Column(scale=9, min_width=320, elem_classes="results"):
-            parts = build_figure_parts("hearing")
+    sheet = build_measuring_sheet("hearing", catalogue, AT_FIRST, _build_fields, "Compare")
     examples = tuple(example.path for example in catalogue.examples)
-    runner = HearingRunner(measure, examples, config, jobs, desk, parts)
-    runner.wire(page, start, cancel, [systems, first, second, strength])
+    runner = HearingRunner(measure, examples, config, jobs, desk, sheet.parts)
+    runner.wire(page, sheet)
+
+
+def _build_fields() -> list[Any]:
+    with gr.Row(elem_classes="pair"):
+        speeches = [
+            gr.File(
+                label=f"Speech {letter} (optional: an example otherwise)",
+                file_types=["audio"],
+                type="filepath",
+                height=110,
+                min_width=140,
+            )
+            for letter in "AB"
+        ]
+    strength = gr.Radio(
+        strength_choices((1.0, 2.0, 3.0)),
+        value=USUAL,
+        label=text.GUIDANCE_LABEL,
+        elem_id="hearing-strength",
+    )
+    return [*speeches, strength]
 
 
 @dataclass(frozen=True)
@@ -117,14 +111,15 @@ class HearingRunner(FigureRunner["HearingRequest", "Hearing"]):
             out=out,
             speeches=(*given, *spare[:missing]),
             systems=tuple(form.systems),
-            guidance=None if form.strength == USUAL else form.strength,
+            guidance=strength_of(form.strength),
             weights=self.config.weights,
             max_speech_s=self.config.max_speech_s,
         )
 
     def told(self, found: Hearing) -> str:
         """See `FigureRunner.told`."""
-        return COMPARED.format(count=len(found.systems))
+        count = len(found.systems)
+        return COMPARED.format(systems=f"{count} system{'s' if count > 1 else ''}")
 
     def details(self, found: Hearing) -> str:
         """See `FigureRunner.details`."""

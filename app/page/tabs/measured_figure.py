@@ -14,6 +14,7 @@ import gradio as gr
 from app import text
 from app.config import AppConfig
 from app.page.parts import markup
+from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import mount, reveal_on_click, shown
 from app.page.results.figures_shown import FiguresShown
 from app.page.serving.follow import last_share
@@ -46,8 +47,49 @@ class FigureParts:
     figure: gr.HTML
 
 
-def build_figure_parts(name: str) -> FigureParts:
-    """Lay them out; their ids begin with ``name``."""
+@dataclass(frozen=True)
+class MeasuringSheet:
+    """The fields and buttons of such a part, and where its figure is shown."""
+
+    fields: list[Any]
+    """The systems first."""
+    start: gr.Button
+    cancel: gr.Button
+    parts: FigureParts
+
+
+def build_measuring_sheet(
+    name: str,
+    catalogue: Catalogue,
+    at_first: tuple[str, ...],
+    build_fields: Callable[[], list[Any]],
+    verb: str,
+) -> MeasuringSheet:
+    """Lay out systems to tick, the part's own fields and its buttons beside the figure.
+
+    Args:
+        name: begins the ids.
+        at_first: systems that are ticked where they are installed.
+        verb: on the button that begins.
+    """
+    with gr.Row(elem_classes="columns"):
+        with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
+            systems = gr.CheckboxGroup(
+                choices=list(catalogue.systems),
+                value=[system for system in at_first if system in catalogue.systems],
+                label="Systems",
+                elem_id=f"{name}-systems",
+            )
+            fields = build_fields()
+            with gr.Row(elem_classes="actions"):
+                start = gr.Button(verb, variant="primary", elem_id=f"{name}-start")
+                cancel = gr.Button(text.CANCEL, elem_id=f"{name}-cancel", min_width=110)
+        with gr.Column(scale=9, min_width=320, elem_classes="results"):
+            parts = _build_figure_parts(name)
+    return MeasuringSheet([systems, *fields], start, cancel, parts)
+
+
+def _build_figure_parts(name: str) -> FigureParts:
     return FigureParts(
         gr.HTML(markup.idle_status(text.READY), elem_id=f"{name}-status"),
         gr.HTML("", visible=False),
@@ -108,19 +150,21 @@ class FigureRunner(TabRunner[Found], Generic[Asked, Found]):
             self.parts.figure: shown(""),
         }
 
-    def wire(self, page: gr.Blocks, start: gr.Button, cancel: gr.Button, fields: list[Any]) -> None:
+    def wire(self, page: gr.Blocks, sheet: MeasuringSheet) -> None:
         """Let the buttons begin and end it; the tab's name is that of the API."""
-        reveal_on_click(start, self.parts.status)
-        start.click(
+        reveal_on_click(sheet.start, self.parts.status)
+        sheet.start.click(
             self.run,
-            inputs=fields,
+            inputs=sheet.fields,
             outputs=[self.parts.status, self.parts.message, self.parts.figure],
             api_name=self.tab,
             show_progress="hidden",
             trigger_mode="once",
             concurrency_limit=None,  # JobBook lets them in one by one
         )
-        cancel.click(self.cancel, queue=False, api_visibility="private", show_progress="hidden")
+        sheet.cancel.click(
+            self.cancel, queue=False, api_visibility="private", show_progress="hidden"
+        )
         page.unload(self.cancel)
 
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import gradio as gr
 
-from app import text
 from app.config import AppConfig
 from app.errors import RunError
 from app.page.parts import markup
@@ -17,7 +16,7 @@ from app.page.parts.asked import form_of
 from app.page.parts.catalogue import Catalogue
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
-from app.page.tabs.measured_figure import FigureRunner, build_figure_parts
+from app.page.tabs.measured_figure import FigureRunner, build_measuring_sheet
 from model.systems.globaldiff.config import BEST
 
 if TYPE_CHECKING:
@@ -51,28 +50,20 @@ def build_step_curve(
         measure: does the measuring, as `app.run.step_curve.measure_step_curve`.
     """
     gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{INTRODUCTION}</p>')
-    with gr.Row(elem_classes="columns"):
-        with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
-            systems = gr.CheckboxGroup(
-                choices=list(catalogue.systems),
-                value=[name for name in AT_FIRST if name in catalogue.systems],
-                label="Systems",
-                elem_id="steps-systems",
-            )
-            speech = gr.File(
-                label="Speech (optional: an example otherwise; ten seconds are used)",
-                file_types=["audio"],
-                type="filepath",
-                height=110,
-            )
-            with gr.Row(elem_classes="actions"):
-                start = gr.Button("Measure", variant="primary", elem_id="steps-start")
-                cancel = gr.Button(text.CANCEL, elem_id="steps-cancel", min_width=110)
-        with gr.Column(scale=9, min_width=320, elem_classes="results"):
-            parts = build_figure_parts("steps")
+    sheet = build_measuring_sheet("steps", catalogue, AT_FIRST, _build_fields, "Measure")
     examples = tuple(example.path for example in catalogue.examples)
-    runner = StepCurveRunner(measure, examples, config, jobs, desk, parts)
-    runner.wire(page, start, cancel, [systems, speech])
+    runner = StepCurveRunner(measure, examples, config, jobs, desk, sheet.parts)
+    runner.wire(page, sheet)
+
+
+def _build_fields() -> list[Any]:
+    speech = gr.File(
+        label="Speech (optional: an example otherwise; ten seconds are used)",
+        file_types=["audio"],
+        type="filepath",
+        height=110,
+    )
+    return [speech]
 
 
 @dataclass(frozen=True)

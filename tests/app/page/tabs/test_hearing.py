@@ -57,7 +57,7 @@ def runs(tmp_path: Path) -> Runs:
 def test_two_examples_are_compared_where_nothing_is_uploaded(runs: Runs) -> None:
     (asked,), last = runs(["gan/5"], None, None, -1.0)
     assert asked.speeches == EXAMPLES[:2] and asked.guidance is None and asked.seeds == 2
-    assert "1 systems" in last["status"]
+    assert "of 1 system." in last["status"]
     line = "<li>gan/5: speech decides 40% of the arms&#x27; speed and chance 20%"
     assert last["message"]["visible"] and line in last["message"]["value"]
     assert last["figure"]["visible"] and "<img" in last["figure"]["value"]
