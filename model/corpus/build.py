@@ -18,7 +18,7 @@ from model.corpus.words.texts import Split
 from model.jobs.ended import WorkerLog, log_to
 from model.storage.files import WriteError
 
-FORMAT = 2  # raised whenever the same seed gives other bytes
+FORMAT = 3  # raised whenever the same seed gives other bytes
 MANIFEST = "corpus.json"
 CLIP_S = 60.0
 MAX_HOURS = 1000.0

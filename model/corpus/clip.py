@@ -7,8 +7,11 @@ from jaxtyping import Float32
 
 from model.corpus.body.arms import follow_plan, move_arms
 from model.corpus.body.contact import hips_of
+from model.corpus.body.events import BodyEvents
 from model.corpus.body.face import move_face
 from model.corpus.body.legs import move_legs
+from model.corpus.body.quiet import quiet
+from model.corpus.body.signals import frame_times
 from model.corpus.body.trunk import move_trunk
 from model.corpus.gesture.plan import Plan, make_plan
 from model.corpus.people.rig import JOINT, NUM_JOINTS, SIDE_SIGN, SIDES, Rig, axis_angles
@@ -22,13 +25,14 @@ NUM_EXPRESSIONS = 100
 
 @dataclass(frozen=True)
 class Clip:
-    """Motion in BEAT2's arrays, with the speech and the plan it was made from."""
+    """Motion in BEAT2's arrays, with the speech, the plan and the events it was made from."""
 
     poses: Float32[np.ndarray, "T 165"]
     trans: Float32[np.ndarray, "T 3"]
     expressions: Float32[np.ndarray, "T 100"]
     utterance: Utterance
     plan: Plan
+    events: BodyEvents
 
 
 def make_clip(rig: Rig, speaker: Speaker, split: Split, target_s: float, seed: list[int]) -> Clip:
@@ -43,25 +47,30 @@ def animate(rig: Rig, speaker: Speaker, utterance: Utterance, rng: np.random.Gen
     plan_rng, arm_rng, trunk_rng, leg_rng, face_rng = rng.spawn(5)
     num_frames = round(utterance.duration_s * FPS)
     plan = make_plan(utterance, speaker, plan_rng)
-    hands = follow_plan(rig, plan, num_frames, speaker, arm_rng)
-    trunk = move_trunk(utterance, hands, speaker, trunk_rng)
-    arms = move_arms(rig, plan, hands, hips_of(rig, trunk.rotations), speaker, arm_rng)
-    legs, trans = move_legs(rig, trunk, speaker, leg_rng)
-    units, jaw = move_face(utterance, rig.expression_names, trunk, speaker, face_rng)
-    rotations = arms | trunk.rotations | legs
+    calm = quiet(utterance, frame_times(num_frames))
+    hands = follow_plan(rig, plan, calm, speaker, arm_rng)
+    trunk = move_trunk(utterance, hands, calm, speaker, trunk_rng)
+    arms = move_arms(rig, plan, hands, hips_of(rig, trunk.rotations), calm, speaker, arm_rng)
+    legs = move_legs(rig, trunk, calm, speaker, leg_rng)
+    face = move_face(utterance, rig.expression_names, trunk, speaker, face_rng)
+    rotations = arms | trunk.rotations | legs.rotations
     poses = np.zeros((num_frames, NUM_JOINTS, 3))
     for joint, rotmat in rotations.items():
         poses[:, joint] = axis_angles(rotmat)
     for side in SIDES:
         lift = np.radians(0.7 * trunk.breath) * SIDE_SIGN[side]
         poses[:, JOINT[f"{side}_collar"], 2] += lift
-    poses[:, JOINT["jaw"], 0] = jaw
+    poses[:, JOINT["jaw"], 0] = face.jaw
     expressions = np.zeros((num_frames, NUM_EXPRESSIONS), dtype=np.float32)
-    expressions[:, : units.shape[1]] = units
+    expressions[:, : face.units.shape[1]] = face.units
     return Clip(
         poses.reshape(num_frames, -1).astype(np.float32),
-        trans.astype(np.float32),
+        legs.trans.astype(np.float32),
         expressions,
         utterance,
         plan,
+        BodyEvents(
+            *(trunk.nods, trunk.gaze, face.brows, face.smiles, face.blinks),
+            *(legs.stances, legs.steps),
+        ),
     )

@@ -8,15 +8,13 @@ import io
 import wave
 import zipfile
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
+from model.corpus.annotation import textgrid
 from model.corpus.clip import Clip
-from model.corpus.gesture.plan import Key
-from model.corpus.people.rig import SIDES
 from model.motion.timing import FPS, SAMPLE_RATE
 from model.storage.files import write_error, written_atomically
 
@@ -104,96 +102,3 @@ def wav_bytes(waveform: Float[np.ndarray, " N"]) -> bytes:
 def split_table(rows: list[tuple[str, str]]) -> str:
     """``train_test_split.csv``: the id and split of every clip."""
     return "id,type\n" + "".join(f"{clip_id},{split}\n" for clip_id, split in rows)
-
-
-Interval = tuple[float, float, str]
-
-
-def textgrid(clip: Clip) -> str:
-    """A Praat TextGrid: words, phones, gesture phases of each hand, and the strokes' apexes.
-
-    A phase is labelled ``stroke offer``: Kendon's phase, then the gesture's name where it has one.
-    """
-    duration_s = clip.utterance.duration_s
-    words = [(w.start_s, w.end_s, w.text) for w in clip.utterance.words]
-    phones = [(p.start_s, p.end_s, p.name) for p in clip.utterance.phones]
-    tiers = [
-        _interval_tier("words", words, duration_s),
-        _interval_tier("phones", phones, duration_s),
-    ]
-    apexes = []
-    for side in SIDES:
-        keys = clip.plan.keys[side]
-        tiers.append(_interval_tier(f"gesture_{side}", _phases(keys, duration_s), duration_s))
-        strokes = [key for key in keys if key.phase == "stroke" and 0 < key.arrive_s < duration_s]
-        apexes += [(key.arrive_s, f"{key.gesture} {side}") for key in strokes]
-    tiers.append(_point_tier("apex", sorted(apexes), duration_s))
-    head = (
-        'File type = "ooTextFile"\nObject class = "TextGrid"\n\n'
-        f"xmin = 0\nxmax = {duration_s:.4f}\ntiers? <exists>\nsize = {len(tiers)}\nitem []:\n"
-    )
-    return head + "".join(
-        f"    item [{number}]:\n{tier}" for number, tier in enumerate(tiers, start=1)
-    )
-
-
-def _phases(keys: list[Key], duration_s: float) -> list[Interval]:
-    """What a hand does when: the moves to its keys, with holds or rests between them."""
-    phases: list[Interval] = []
-    for before, key in pairwise(keys):
-        start_s = max(key.arrive_s - key.duration_s, before.arrive_s)
-        still = "rest" if before.phase in ("rest", "retraction") else "hold"
-        phases.append((before.arrive_s, start_s, f"{still} {before.gesture}".strip()))
-        phases.append((start_s, key.arrive_s, f"{key.phase} {key.gesture}".strip()))
-    last = keys[-1]
-    still = "rest" if last.phase in ("rest", "retraction") else "hold"
-    phases.append((last.arrive_s, duration_s, f"{still} {last.gesture}".strip()))
-    return phases
-
-
-def _interval_tier(name: str, intervals: list[Interval], duration_s: float) -> str:
-    """An interval tier that covers the whole clip: gaps are filled with empty intervals."""
-    filled: list[Interval] = []
-    end_s = 0.0
-    for start, end, label in intervals:
-        start, end = max(round(start, 4), end_s), min(round(end, 4), round(duration_s, 4))
-        if end <= start:
-            continue
-        if start > end_s:
-            filled.append((end_s, start, ""))
-        filled.append((start, end, label))
-        end_s = end
-    if end_s < round(duration_s, 4):
-        filled.append((end_s, round(duration_s, 4), ""))
-    lines = [
-        '        class = "IntervalTier"',
-        f'        name = "{name}"',
-        "        xmin = 0",
-        f"        xmax = {duration_s:.4f}",
-        f"        intervals: size = {len(filled)}",
-    ]
-    for number, (start, end, label) in enumerate(filled, start=1):
-        lines += [
-            f"        intervals [{number}]:",
-            f"            xmin = {start:.4f}",
-            f"            xmax = {end:.4f}",
-            f'            text = "{label}"',
-        ]
-    return "\n".join(lines) + "\n"
-
-
-def _point_tier(name: str, points: list[tuple[float, str]], duration_s: float) -> str:
-    lines = [
-        '        class = "TextTier"',
-        f'        name = "{name}"',
-        "        xmin = 0",
-        f"        xmax = {duration_s:.4f}",
-        f"        points: size = {len(points)}",
-    ]
-    for number, (time, label) in enumerate(points, start=1):
-        lines += [
-            f"        points [{number}]:",
-            f"            number = {time:.4f}",
-            f'            mark = "{label}"',
-        ]
-    return "\n".join(lines) + "\n"

@@ -6,6 +6,7 @@ solved in the chest's frame by analytic two-bone inverse kinematics.
 
 import numpy as np
 from jaxtyping import Float
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
 from model.corpus.body.arm import (
     Arm,
@@ -25,14 +26,17 @@ from model.corpus.body.channels import (
 from model.corpus.body.contact import Hips, hand_balls, push_apart, push_off_trunk
 from model.corpus.body.hand_life import add_life, trailing
 from model.corpus.body.reach import within_reach
-from model.corpus.body.signals import bump, frame_times, minimum_jerk, smooth_noise
+from model.corpus.body.signals import bump, frame_times, low_pass, minimum_jerk, smooth_noise
 from model.corpus.gesture.hand_shapes import finger_rotations
 from model.corpus.gesture.plan import CycleSpan, Key, Plan
 from model.corpus.people.rig import JOINT, SIDES, Rig, transposed, unit
 from model.corpus.people.speakers import Speaker
 
 SHOULDER_TWIST_SHARE = 0.3  # of the humeral twist; the elbow joint takes the rest
+STILL = 0.85  # of the hands' own life is gone while the speaker listens
 _CONTACT_ROUNDS = 2
+_MAX_OFF_WAY_M = 0.017  # of a wrist from one frame to the next, against the step before
+_SOFTENING_ROUNDS = 12
 _HAND_DELAY_S = np.concatenate(
     [
         [0.0, 0.0, 0.0, 0.03, 0.03, 0.03, 0.0],
@@ -46,15 +50,22 @@ _TOP_SPEED = np.concatenate([np.full(3, np.inf), [360.0, 280.0, 150.0, 5.0], np.
 
 
 def follow_plan(
-    rig: Rig, plan: Plan, num_frames: int, speaker: Speaker, rng: np.random.Generator
+    rig: Rig,
+    plan: Plan,
+    calm: Float[np.ndarray, " T"],
+    speaker: Speaker,
+    rng: np.random.Generator,
 ) -> dict[str, Float[np.ndarray, "T C"]]:
-    """The curves of both hands, by side, as the plan and the hands' own life have them."""
-    time_s = frame_times(num_frames)
+    """The curves of both hands, by side, as the plan and the hands' own life have them.
+
+    Where the body is ``calm`` (1; 0 while it speaks), hands have hardly any life of their own.
+    """
+    time_s = frame_times(len(calm))
     arms = {side: arm_of(rig, side) for side in SIDES}
     curves = {side: _follow_keys(arms[side], plan.keys[side], time_s, rng) for side in SIDES}
     for span in plan.cycles:
         _add_cycle(curves[span.side], span, time_s)
-    add_life(arms, curves, speaker, rng)
+    add_life(arms, curves, 1.0 - STILL * calm, speaker, rng)
     return {side: within_reach(arms[side], curves[side]) for side in SIDES}
 
 
@@ -63,6 +74,7 @@ def move_arms(
     plan: Plan,
     curves: dict[str, Float[np.ndarray, "T C"]],
     hips: Hips,
+    calm: Float[np.ndarray, " T"],
     speaker: Speaker,
     rng: np.random.Generator,
 ) -> dict[int, Float[np.ndarray, "T 3 3"]]:
@@ -73,7 +85,7 @@ def move_arms(
     for start_s, end_s in plan.shrugs:
         shrug += minimum_jerk((time_s - start_s + 0.35) / 0.4)
         shrug -= minimum_jerk((time_s - end_s) / 0.55)
-    movers = {side: _ArmMover(rig, side, shrug, speaker, rng) for side in SIDES}
+    movers = {side: _ArmMover(rig, side, shrug, 1.0 - STILL * calm, speaker, rng) for side in SIDES}
     hands = {side: movers[side].trailing(curves[side]) for side in SIDES}
     for _ in range(_CONTACT_ROUNDS):
         balls = {}
@@ -85,6 +97,8 @@ def move_arms(
         apart = push_apart(balls["left"], balls["right"], radii)
         hands["left"][:, 0] += apart
         hands["right"][:, 0] -= apart
+    for side in SIDES:
+        movers[side].soften_steps(hands[side])
     return movers["left"].rotations(hands["left"]) | movers["right"].rotations(hands["right"])
 
 
@@ -96,6 +110,7 @@ class _ArmMover:
         rig: Rig,
         side: str,
         shrug: Float[np.ndarray, " T"],
+        life: Float[np.ndarray, " T"],
         speaker: Speaker,
         rng: np.random.Generator,
     ):
@@ -105,7 +120,9 @@ class _ArmMover:
         self._shrug = shrug
         self._shake = smooth_noise(rng, num_frames, 1.8 * speaker.sway, 0.18, 3) * [1, 1, 0.7]
         self._shake += smooth_noise(rng, num_frames, 2.2, 0.7, 3)
+        self._shake *= life[:, None]
         self._twist = smooth_noise(rng, num_frames, 2.4 * speaker.finger_life, 0.16, 12)
+        self._twist *= life[:, None]
 
     def trailing(self, hand: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "T C"]:
         """The curves with wrist and fingers that trail behind the hand."""
@@ -122,6 +139,26 @@ class _ArmMover:
         turned, wrist_rot = forearm_and_wrist(self._arm, hand, fore)
         fingers = finger_rotations(self._arm.side, hand[:, FINGERS], self._twist)
         return hand_balls(self._rig, self._arm.side, fingers, turned @ wrist_rot, wrist)
+
+    def soften_steps(self, hand: Float[np.ndarray, "T C"]) -> None:
+        """Smooth the path where the wrist would be jerked off its way from one frame to the next.
+
+        A fold of the arm near the shoulder can do so, or moves that overlap.
+        """
+        for _ in range(_SOFTENING_ROUNDS):
+            off_way = np.linalg.norm(np.diff(self._wrist(hand), 2, axis=0), axis=1)
+            jerked = np.pad(off_way > _MAX_OFF_WAY_M, 1).astype(float)
+            if not jerked.any():
+                return
+            share = gaussian_filter1d(maximum_filter1d(jerked, 9), 3.0)[:, None]
+            position = hand[:, POSITION]
+            hand[:, POSITION] += share * (low_pass(position, 0.06) - position)
+
+    def _wrist(self, hand: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "T 3"]:
+        """The wrist's place in the chest's frame."""
+        collar, upper, _, direction = self._solve(hand)
+        elbow = self._arm.collar + collar @ self._arm.shoulder + upper @ self._arm.upper
+        return elbow + np.linalg.norm(self._arm.fore) * direction
 
     def rotations(self, hand: Float[np.ndarray, "T C"]) -> dict[int, Float[np.ndarray, "T 3 3"]]:
         """Local rotations of collar, shoulder, elbow, wrist and fingers."""

@@ -1,10 +1,14 @@
 """The face from phones and accents: jaw, lips with coarticulation, blinks, brows and smiles."""
 
+from dataclasses import dataclass
+from itertools import pairwise
+
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
-from model.corpus.body.signals import frame_times, gaussian_bump, smooth_line
+from model.corpus.body.events import Blink, BrowMove, Fixation, Smile
+from model.corpus.body.signals import frame_times, gaussian_bump, minimum_jerk, smooth_line
 from model.corpus.body.trunk import Trunk
 from model.corpus.people.speakers import Speaker
 from model.corpus.people.voice import PAUSE
@@ -13,6 +17,9 @@ from model.motion.timing import FPS
 
 FINE = 4  # the mouth is computed at 120 frames a second
 MAX_JAW_DEG = 13.0
+SMILE_CHANGE_S = 0.8
+SMILE_HALF_S = 1.0  # of a smile about the end of a phrase
+WIDE_DEG = 14.0  # of the gaze shifts that draw a blink to themselves
 
 _CLOSED_LIPS = {
     **{"mouthClose": 0.35, "mouthPress": 0.45, "mouthRollLower": 0.28, "mouthRollUpper": 0.2}
@@ -46,36 +53,54 @@ VISEMES = {
 MOUTH_UNITS = tuple(sorted({unit for _, _, units in VISEMES.values() for unit in units}))
 
 
+@dataclass(frozen=True)
+class Face:
+    """The face's curves, and what they are made from."""
+
+    units: Float[np.ndarray, "T E"]
+    """Face units from 0 to 1, in the order of the rig's names."""
+    jaw: Float[np.ndarray, " T"]
+    """Radians."""
+    brows: tuple[BrowMove, ...]
+    smiles: tuple[Smile, ...]
+    blinks: tuple[Blink, ...]
+
+
 def move_face(
     utterance: Utterance,
     expression_names: tuple[str, ...],
     trunk: Trunk,
     speaker: Speaker,
     rng: np.random.Generator,
-) -> tuple[Float[np.ndarray, "T E"], Float[np.ndarray, " T"]]:
-    """Face units from 0 to 1 in the order of ``expression_names``, and the jaw angle in radians."""
+) -> Face:
+    """The mouth speaks; brows, smiles and lids go with accents, phrases and gaze."""
     num_frames = len(trunk.accent)
     time_s = frame_times(num_frames)
     jaw_deg, mouth = _mouth(utterance, num_frames)
     jaw_deg *= 1 + smooth_line(rng, num_frames, 0.04, 0.67)
     units = dict(zip(MOUTH_UNITS, mouth.T, strict=True))
-    brow = _brows(utterance, time_s, rng)
-    smile = _smile(utterance, time_s, speaker, rng)
+    brows = _brows(utterance, rng)
+    brow = smooth_line(rng, num_frames, 0.02, 0.5)
+    for move in brows:
+        brow += move.height * gaussian_bump(time_s, move.time_s, move.width_s)
+    smiles = _smiles(utterance, speaker, rng)
+    smile = _smile_curve(smiles, time_s)
     units["browInnerUp"] = np.clip(brow, 0, 0.8)
     units["browOuterUp"] = np.clip(0.8 * brow, 0, 0.7)
     units["eyeWide"] = np.clip(0.3 * brow, 0, 0.3)
     units["mouthSmile"] = units["mouthSmile"] + smile
     units["cheekSquint"] = 0.4 * smile
-    units["browDown"] = np.clip(smooth_line(rng, num_frames, 0.13, 0.83), 0, 0.3)
+    units["browDown"] = np.clip(-brow, 0, 0.5)
     lids = np.clip(trunk.eyes_deg[:, 0] / 60, 0, 0.25)
-    units["eyeBlink"] = _blinks(trunk, time_s, rng) + lids
+    blinks = _blinks(trunk.gaze, utterance.duration_s, rng)
+    units["eyeBlink"] = _closed_lids(blinks, time_s) + lids
     columns = np.zeros((num_frames, len(expression_names)))
     for k, name in enumerate(expression_names):
         unit = name.removesuffix("Left").removesuffix("Right")
         if name in units or unit in units:
             columns[:, k] = units.get(name, units.get(unit))
     jaw = np.radians(np.clip(0.82 * jaw_deg, 0, MAX_JAW_DEG))
-    return np.clip(columns, 0, 1), jaw
+    return Face(np.clip(columns, 0, 1), jaw, brows, smiles, blinks)
 
 
 def _mouth(
@@ -103,46 +128,74 @@ def _mouth(
     return mouth[:, 0], mouth[:, 1:]
 
 
-def _brows(
-    utterance: Utterance, time_s: Float[np.ndarray, " T"], rng: np.random.Generator
-) -> Float[np.ndarray, " T"]:
-    """Brows up on about half of the strong accents."""
-    brow = np.zeros(len(time_s))
+def _brows(utterance: Utterance, rng: np.random.Generator) -> tuple[BrowMove, ...]:
+    """Brows go up on about half of the strong accents, and frown a little every few seconds."""
+    moves = []
     for word in utterance.words:
         if word.accent > 0.75 and rng.random() < 0.55:
-            since = time_s - word.beat_s
-            rise = 1 / (1 + np.exp(-np.clip((since + 0.12) / 0.05, -30, 30)))
-            fall = np.exp(-np.maximum(since - 0.15, 0) / 0.22)
-            brow += word.accent * rng.uniform(0.15, 0.5) * rise * fall
-    return brow
+            height = word.accent * rng.uniform(0.18, 0.6)
+            moves.append(BrowMove(word.beat_s + 0.08, float(height), float(rng.uniform(0.1, 0.22))))
+    at_s = rng.uniform(0, 6)
+    while at_s < utterance.duration_s:
+        width_s = rng.uniform(0.4, 1.0)
+        moves.append(BrowMove(float(at_s), -float(rng.uniform(0.08, 0.28)), float(width_s)))
+        at_s += rng.uniform(3.0, 9.0)
+    return tuple(sorted(moves, key=lambda move: move.time_s))
 
 
-def _smile(
-    utterance: Utterance,
-    time_s: Float[np.ndarray, " T"],
-    speaker: Speaker,
-    rng: np.random.Generator,
-) -> Float[np.ndarray, " T"]:
-    """The speaker's own smile, more or less of it at the end of each phrase."""
-    smile = np.full(len(time_s), 0.6 * speaker.smile)
+def _smiles(utterance: Utterance, speaker: Speaker, rng: np.random.Generator) -> tuple[Smile, ...]:
+    """The speaker's own smile, more or less of it about the end of each phrase."""
+    own = 0.6 * speaker.smile
+    smiles, at_s = [], 0.0
     for phrase in utterance.phrases:
-        size = max(rng.normal(speaker.smile, 0.18), -0.1)
-        smile += size * gaussian_bump(time_s, phrase.end_s, 0.7)
-    return np.clip(gaussian_filter1d(smile, 6), 0, 0.6)
+        level = float(np.clip(own + max(rng.normal(speaker.smile, 0.18), -0.1), 0, 0.6))
+        start_s = max(phrase.end_s - SMILE_HALF_S, at_s)
+        end_s = min(phrase.end_s + SMILE_HALF_S, utterance.duration_s)
+        if end_s - start_s < 0.5 * SMILE_HALF_S:
+            continue
+        smiles += [Smile(at_s, start_s, own), Smile(start_s, end_s, level)]
+        at_s = end_s
+    smiles.append(Smile(at_s, utterance.duration_s, own))
+    return tuple(smile for smile in smiles if smile.end_s > smile.start_s)
+
+
+def _smile_curve(
+    smiles: tuple[Smile, ...], time_s: Float[np.ndarray, " T"]
+) -> Float[np.ndarray, " T"]:
+    """From level to level, each change centred on the end of a smile."""
+    curve = np.full(len(time_s), smiles[0].level)
+    for before, after in pairwise(smiles):
+        phase = (time_s - after.start_s) / SMILE_CHANGE_S + 0.5
+        curve += (after.level - before.level) * minimum_jerk(phase)
+    return curve
 
 
 def _blinks(
-    trunk: Trunk, time_s: Float[np.ndarray, " T"], rng: np.random.Generator
+    gaze: tuple[Fixation, ...], duration_s: float, rng: np.random.Generator
+) -> tuple[Blink, ...]:
+    """About twenty a minute, evenly enough for any ten seconds; some go with a wide gaze shift."""
+    wide = [
+        after.start_s
+        for before, after in pairwise(gaze)
+        if abs(after.yaw_deg - before.yaw_deg) + abs(after.pitch_deg - before.pitch_deg) > WIDE_DEG
+    ]
+    times: list[float] = []
+    at_s = rng.uniform(0.4, 2.8)
+    while at_s < duration_s - 0.1:
+        near = [shift for shift in wide if abs(shift - at_s) < 0.6]
+        times.append(float(near[0] if near and rng.random() < 0.7 else at_s))
+        at_s = times[-1] + 1.4 + rng.gamma(5.0, 0.32)
+    return tuple(Blink(time, float(rng.uniform(0.1, 0.15))) for time in times)
+
+
+def _closed_lids(
+    blinks: tuple[Blink, ...], time_s: Float[np.ndarray, " T"]
 ) -> Float[np.ndarray, " T"]:
-    """Blinks at random and with half of the wide gaze shifts: they close faster than they open."""
-    times = [a for a, degrees in trunk.gaze_shifts if degrees > 14 and rng.random() < 0.5]
-    at_s = rng.uniform(0.5, 2.0)
-    while at_s < time_s[-1]:
-        times.append(at_s)
-        at_s += rng.gamma(2.2, 1.5) + 0.5
+    """Lids close faster than they open: a third and two thirds of the blink's time."""
     closed = np.zeros(len(time_s))
-    for blink_s in times:
-        since = time_s - blink_s
-        width = np.where(since < 0, 0.045, 0.085)
+    half = np.sqrt(np.log(2.0))
+    for blink in blinks:
+        since = time_s - blink.time_s
+        width = np.where(since < 0, blink.duration_s / 3, 2 * blink.duration_s / 3) / half
         closed = np.maximum(closed, np.exp(-((since / width) ** 2)))
     return closed

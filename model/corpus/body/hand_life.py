@@ -19,10 +19,14 @@ from model.motion.timing import FPS
 def add_life(
     arms: dict[str, Arm],
     curves: dict[str, Float[np.ndarray, "T C"]],
+    share: Float[np.ndarray, " T"],
     speaker: Speaker,
     rng: np.random.Generator,
 ) -> None:
-    """Drift that both hands share, drift of each, a follow of the other hand, and tremor."""
+    """Drift that both hands share, drift of each, a follow of the other hand, and tremor.
+
+    ``share`` of it is left in each frame.
+    """
     num_frames = len(curves["left"])
     vigour = vigour_of(speaker)
     common = smooth_noise(rng, num_frames, 0.008, 0.4, 3)
@@ -32,16 +36,18 @@ def add_life(
         hand = curves[side]
         followed = np.cumsum(velocity[other] * [-0.1, 0.1, 0.1], axis=0)
         followed = gaussian_filter1d(followed - gaussian_filter1d(followed, 25, axis=0), 2, axis=0)
-        hand[:, POSITION] += common * [arms[side].sign, 1, 1] + followed
-        hand[:, POSITION] += smooth_noise(rng, num_frames, 0.008, 0.25, 3)
-        hand[:, POSITION] += smooth_noise(rng, num_frames, 0.016, 0.9, 3)
-        hand[:, PRONATION] += smooth_line(rng, num_frames, 6.0, 0.4)
-        hand[:, PRONATION] += smooth_line(rng, num_frames, 3.2 * vigour, 0.13)
-        hand[:, WRIST_FLEX] += smooth_line(rng, num_frames, 4.5, 0.25)
-        hand[:, WRIST_FLEX] += smooth_line(rng, num_frames, 4.0 * vigour, 0.115)
-        hand[:, DEVIATION] += smooth_line(rng, num_frames, 3.5, 0.3)
-        hand[:, PRONATION : DEVIATION + 1] += smooth_noise(rng, num_frames, 0.3, 0.035, 3)
-        hand[:, FINGERS] += _finger_life(hand, speaker, rng)
+        life = np.zeros_like(hand)
+        life[:, POSITION] += common * [arms[side].sign, 1, 1] + followed
+        life[:, POSITION] += smooth_noise(rng, num_frames, 0.008, 0.25, 3)
+        life[:, POSITION] += smooth_noise(rng, num_frames, 0.016, 0.9, 3)
+        life[:, PRONATION] += smooth_line(rng, num_frames, 6.0, 0.4)
+        life[:, PRONATION] += smooth_line(rng, num_frames, 3.2 * vigour, 0.13)
+        life[:, WRIST_FLEX] += smooth_line(rng, num_frames, 4.5, 0.25)
+        life[:, WRIST_FLEX] += smooth_line(rng, num_frames, 4.0 * vigour, 0.115)
+        life[:, DEVIATION] += smooth_line(rng, num_frames, 3.5, 0.3)
+        life[:, PRONATION : DEVIATION + 1] += smooth_noise(rng, num_frames, 0.3, 0.035, 3)
+        life[:, FINGERS] += _finger_life(hand, speaker, rng)
+        hand += share[:, None] * life
 
 
 def vigour_of(speaker: Speaker) -> float:

@@ -1,10 +1,12 @@
 """Trunk, head and gaze: what they do while the hands gesture."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
 
+from model.corpus.body.events import Fixation, Nod
 from model.corpus.body.signals import (
     frame_times,
     gaussian_bump,
@@ -18,6 +20,7 @@ from model.corpus.people.speakers import Speaker
 from model.corpus.words.prosody import Utterance
 
 PELVIS_TILT_DEG = -11.0
+CALMER = 0.65  # share of the sway that is gone while the speaker listens
 TREMOR_DEG = 0.06  # of the trunk; even calm people are never perfectly smooth
 SPINE = ((3, 0.30, 7.0), (6, 0.35, 4.0), (9, 0.35, 4.0))  # joint, share of the turn, posture in deg
 
@@ -30,63 +33,66 @@ class Trunk:
     accent: Float[np.ndarray, " T"]
     eyes_deg: Float[np.ndarray, "T 2"]
     """Pitch (down positive) and yaw of the eyes in the head."""
-    gaze_shifts: tuple[tuple[float, float], ...]
-    """Time and size in degrees of every saccade."""
     breath: Float[np.ndarray, " T"]
+    nods: tuple[Nod, ...]
+    gaze: tuple[Fixation, ...]
+    """They cover the clip."""
 
 
 def move_trunk(
     utterance: Utterance,
     hands: dict[str, Float[np.ndarray, "T C"]],
+    calm: Float[np.ndarray, " T"],
     speaker: Speaker,
     rng: np.random.Generator,
 ) -> Trunk:
-    """The trunk follows hands and accents, the head follows the gaze; all of it sways."""
+    """The trunk follows hands and accents, the head follows the gaze; all of it sways.
+
+    Where it is ``calm`` (1; 0 while it speaks) it sways less.
+    """
     num_frames = len(hands["left"])
     time_s = frame_times(num_frames)
     left, right = hands["left"][:, :3], hands["right"][:, :3]
     lively, swaying = speaker.energy, speaker.sway
+    left_over = 1.0 - CALMER * calm
     accents = _accents(utterance, time_s, lively, rng)
     lead = low_pass(right[:, 2] - left[:, 2] + 0.5 * (right[:, 1] - left[:, 1]), 0.1)
     aside = low_pass(left[:, 0] + right[:, 0], 0.12)
     raised = low_pass(np.maximum(left[:, 1], 0) + np.maximum(right[:, 1], 0), 0.2)
     breath = _breath(utterance, time_s, rng)
 
-    pelvis_yaw = sway_line(rng, num_frames, 4.5 * swaying) + 0.7 * accents.yaw
+    pelvis_yaw = left_over * sway_line(rng, num_frames, 4.5 * swaying) + 0.7 * accents.yaw
     yaw = 0.2 * pelvis_yaw + 28 * lead + accents.yaw
-    yaw += sway_line(rng, num_frames, 2.8 * swaying) + smooth_line(
-        rng, num_frames, 2.6 * swaying, 0.2
-    )
+    yaw += left_over * _restless(rng, num_frames, 2.8 * swaying, 2.6 * swaying)
     pitch = 2.8 * lively * accents.level - 17 * raised
-    pitch += sway_line(rng, num_frames, 2.8 * swaying) + smooth_line(
-        rng, num_frames, 2.6 * swaying, 0.2
-    )
+    pitch += left_over * _restless(rng, num_frames, 2.8 * swaying, 2.6 * swaying)
     roll = 15 * aside + accents.roll
-    roll += sway_line(rng, num_frames, 2.8 * swaying) + smooth_line(
-        rng, num_frames, 2.4 * swaying, 0.2
-    )
+    roll += left_over * _restless(rng, num_frames, 2.8 * swaying, 2.4 * swaying)
 
     yaw, pitch, roll = (
         turn + smooth_line(rng, num_frames, TREMOR_DEG, 0.05) for turn in (yaw, pitch, roll)
     )
 
-    gaze, shifts = _gaze(utterance, time_s, rng)
+    fixations = _gaze(utterance, time_s, rng)
+    gaze = _gaze_curve(fixations, time_s)
     head_gaze = low_pass(gaze, 0.11)
     tilt, look = _phrase_attitudes(utterance, time_s, rng)
     chest_yaw = pelvis_yaw + yaw
 
     def restless(fast: float) -> np.ndarray:
-        calm = smooth_line(rng, num_frames, 2.1, 0.9) + smooth_line(rng, num_frames, 0.13, 0.035)
-        return calm + smooth_line(rng, num_frames, fast, 0.18)
+        slow = smooth_line(rng, num_frames, 2.1, 0.9) + smooth_line(rng, num_frames, 0.13, 0.035)
+        return left_over * (slow + smooth_line(rng, num_frames, fast, 0.18))
 
     head_yaw = -0.62 * chest_yaw + 0.55 * head_gaze[:, 0] + look + accents.tilt
     head_yaw += restless(2.8) - 0.3 * accents.yaw
-    head_pitch = -0.5 * pitch + 0.5 * head_gaze[:, 1] + 1.25 * accents.nod + 1.0 + restless(2.5)
+    head_pitch = -0.5 * pitch + 0.5 * head_gaze[:, 1] + accents.nod + 1.0 + restless(2.5)
     head_roll = -0.45 * roll + tilt + restless(2.5) - 0.12 * head_yaw
 
     lean = speaker.lean_deg
-    pelvis_pitch = PELVIS_TILT_DEG + 0.3 * lean + sway_line(rng, num_frames, 0.9 * swaying)
-    pelvis_roll = sway_line(rng, num_frames, 1.5 * swaying)
+    pelvis_pitch = (
+        PELVIS_TILT_DEG + 0.3 * lean + left_over * sway_line(rng, num_frames, 0.9 * swaying)
+    )
+    pelvis_roll = left_over * sway_line(rng, num_frames, 1.5 * swaying)
     rotations = {0: _euler(pelvis_yaw, pelvis_pitch, pelvis_roll)}
     for joint, share, posture in SPINE:
         breathing = 0.9 * breath if joint == JOINT["spine3"] else 0.0
@@ -94,13 +100,21 @@ def move_trunk(
         rotations[joint] = _euler(share * yaw, bent, share * roll)
     rotations[JOINT["neck"]] = _euler(0.5 * head_yaw, 5 + 0.45 * head_pitch, 0.45 * head_roll)
     rotations[JOINT["head"]] = _euler(0.5 * head_yaw, -6 + 0.55 * head_pitch, 0.55 * head_roll)
-    eye_pitch = gaze[:, 1] - 0.5 * head_gaze[:, 1] - 0.3 * accents.nod
+    eye_pitch = gaze[:, 1] - 0.5 * head_gaze[:, 1] - 0.24 * accents.nod
     drift = head_yaw + chest_yaw - 0.55 * head_gaze[:, 0]
     eye_yaw = gaze[:, 0] - 0.55 * head_gaze[:, 0] - 0.25 * drift
     eyes = np.stack([np.clip(eye_pitch, -18, 15), np.clip(eye_yaw, -22, 22)], axis=1)
     for joint in (JOINT["left_eye"], JOINT["right_eye"]):
         rotations[joint] = euler_matrices("YX", eyes[:, ::-1])
-    return Trunk(rotations, accents.level, eyes, tuple(shifts), breath)
+    return Trunk(rotations, accents.level, eyes, breath, accents.nods, fixations)
+
+
+def _restless(
+    rng: np.random.Generator, num_frames: int, slow_deg: float, fast_deg: float
+) -> Float[np.ndarray, " T"]:
+    """Sway, and quicker small movements."""
+    slow = sway_line(rng, num_frames, slow_deg)
+    return slow + smooth_line(rng, num_frames, fast_deg, 0.2)
 
 
 @dataclass(frozen=True)
@@ -110,6 +124,7 @@ class _Accents:
     yaw: Float[np.ndarray, " T"]
     roll: Float[np.ndarray, " T"]
     tilt: Float[np.ndarray, " T"]
+    nods: tuple[Nod, ...]
 
 
 def _accents(
@@ -117,6 +132,7 @@ def _accents(
 ) -> _Accents:
     """What head and trunk do on stressed words: nods, small turns that decay, tilts."""
     level, nod, yaw, roll, tilt = (np.zeros(len(time_s)) for _ in range(5))
+    nods: list[Nod] = []
     for word in utterance.words:
         strength = word.accent
         if strength <= 0:
@@ -129,13 +145,33 @@ def _accents(
         yaw += turn * rise * decay
         roll += 0.7 * lean * rise * decay
         if rng.random() < 0.75:
-            depth = strength * rng.uniform(2.0, 6.0) * lively
+            depth = strength * rng.uniform(2.5, 7.5) * lively
             width = rng.uniform(0.08, 0.12)
             nod += depth * gaussian_bump(since, 0.05, width)
             nod -= 0.45 * depth * gaussian_bump(since, -0.18, 1.1 * width)
             nod -= 0.20 * depth * gaussian_bump(since, 0.32, 0.14)
+            nods.append(Nod(word.beat_s + 0.05, float(depth)))
         tilt += rng.normal(0, 1.6) * strength * lively * gaussian_bump(since, 0.1, 0.25)
-    return _Accents(level, nod, yaw, roll, tilt)
+    for heard in _listeners_nods(utterance, lively, rng):
+        nod += heard.depth_deg * gaussian_bump(time_s, heard.time_s, 0.12)
+        nods.append(heard)
+    return _Accents(level, nod, yaw, roll, tilt, tuple(nods))
+
+
+def _listeners_nods(utterance: Utterance, lively: float, rng: np.random.Generator) -> list[Nod]:
+    """Now and then one to three nods in a row, each smaller than the one before."""
+    nods = []
+    for span in utterance.listening:
+        at_s = span.start_s + rng.uniform(0.7, 2.0)
+        while at_s < span.end_s - 0.5:
+            depth_deg = rng.uniform(3.0, 7.0) * lively**0.5
+            for _ in range(rng.integers(1, 4)):
+                if at_s < span.end_s - 0.3:
+                    nods.append(Nod(float(at_s), float(depth_deg)))
+                at_s += rng.uniform(0.42, 0.6)
+                depth_deg *= rng.uniform(0.5, 0.8)
+            at_s += rng.uniform(1.2, 3.0)
+    return nods
 
 
 def _phrase_attitudes(
@@ -153,25 +189,37 @@ def _phrase_attitudes(
 
 def _gaze(
     utterance: Utterance, time_s: Float[np.ndarray, " T"], rng: np.random.Generator
-) -> tuple[Float[np.ndarray, "T 2"], list[tuple[float, float]]]:
-    """Yaw and pitch of fixations in degrees: at the listener, and away at beginnings of phrases."""
-    gaze = np.zeros((len(time_s), 2))
-    current = np.zeros(2)
-    shifts = []
+) -> tuple[Fixation, ...]:
+    """Fixations: at the listener, and away at beginnings of phrases."""
     starts = [phrase.start_s for phrase in utterance.phrases]
+    changes = [(0.0, 0.0, 0.0)]
     at_s = 0.6
     while at_s < time_s[-1]:
         begins = min(abs(at_s - start) for start in starts) < 0.5
-        away = rng.random() < (0.55 if begins else 0.28)
-        target = rng.normal(0, 2.2, 2)
+        listens = any(span.start_s < at_s < span.end_s for span in utterance.listening)
+        away = rng.random() < (0.55 if begins else 0.15 if listens else 0.28)
+        yaw, pitch = rng.normal(0, 2.2, 2)
         if away:
             pitch = rng.choice([-1.0, 1.0], p=[0.45, 0.55]) * rng.uniform(2, 9)
-            target = np.array([rng.normal(0, 15), pitch])
-        gaze += (target - current) * minimum_jerk((time_s - at_s) / 0.09)[:, None]
-        shifts.append((float(at_s), float(np.abs(target - current).sum())))
-        current = target
+            yaw = rng.normal(0, 15)
+        changes.append((at_s, float(yaw), float(pitch)))
         at_s += rng.uniform(0.5, 1.4) if away else rng.gamma(3, 0.75) + 0.4
-    return gaze, shifts
+    ends = [*(start for start, _, _ in changes[1:]), utterance.duration_s]
+    return tuple(
+        Fixation(start, end, yaw, pitch)
+        for (start, yaw, pitch), end in zip(changes, ends, strict=True)
+    )
+
+
+def _gaze_curve(
+    fixations: tuple[Fixation, ...], time_s: Float[np.ndarray, " T"]
+) -> Float[np.ndarray, "T 2"]:
+    """Yaw and pitch of the gaze in degrees, with saccades of 90 ms between the fixations."""
+    gaze = np.zeros((len(time_s), 2))
+    for before, after in pairwise(fixations):
+        step = np.array([after.yaw_deg - before.yaw_deg, after.pitch_deg - before.pitch_deg])
+        gaze += step * minimum_jerk((time_s - after.start_s) / 0.09)[:, None]
+    return gaze
 
 
 def _breath(

@@ -272,7 +272,7 @@ GESTURES: dict[str, Gesture] = {
     "back": Gesture(
         "one",
         _pose((0.20, -0.03, 0.22), (-0.7, -0.2, 0.2)),
-        _pose((0.275, 0.11, 0.125), (-0.5, 0.25, -0.85), -12, 0, "half_open", 0.15),
+        _pose((0.285, 0.07, 0.205), (-0.5, 0.25, -0.85), -12, 0, "half_open", 0.15),
         shapes=("thumb_out", "relaxed"),
     ),
     "forward": Gesture(
@@ -331,7 +331,7 @@ GESTURES: dict[str, Gesture] = {
     "phone": Gesture(
         "one",
         _pose((0.18, -0.02, 0.24), (-0.8, 0, 0), 0, 0, "loose"),
-        _pose((0.195, 0.235, 0.135), (-0.75, 0.1, -0.6), 8, 0, "phone", -0.05),
+        _pose((0.215, 0.18, 0.215), (-0.75, 0.1, -0.6), 8, 0, "phone", -0.05),
     ),
     "knock": Gesture(
         "one",

@@ -32,6 +32,8 @@ class Key:
     pose: HandPose
     phase: Phase
     gesture: str
+    word: str = ""
+    """The word that a stroke lands on."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +66,11 @@ def make_plan(utterance: Utterance, speaker: Speaker, rng: np.random.Generator) 
             if planner.calls_for_a_gesture(chunk):
                 planner.gesture(chunk)
         is_last = number + 1 == len(utterance.phrases)
-        next_s = utterance.duration_s + 1 if is_last else utterance.phrases[number + 1].start_s
-        planner.pause(phrase, next_s - phrase.end_s)
+        next_s = utterance.duration_s if is_last else utterance.phrases[number + 1].start_s
+        if any(span.start_s < next_s and span.end_s > phrase.end_s for span in utterance.listening):
+            planner.listen(phrase)
+        else:
+            planner.pause(phrase, next_s + is_last - phrase.end_s)
     return planner.plan
 
 
@@ -79,7 +84,10 @@ class _Planner:
         self.manner = Manner(speaker, rng)
         self.choice = Choice(speaker, rng)
         self.places = Places(utterance.words, speaker, rng)
-        rest = {side: self.manner.rest_pose(speaker.rest_of(side)) for side in SIDES}
+        first_s = utterance.phrases[0].start_s
+        listens = any(span.start_s < first_s for span in utterance.listening)
+        rests = speaker.listening_rest_of if listens else speaker.rest_of
+        rest = {side: self.manner.rest_pose(rests(side)) for side in SIDES}
         self.plan = Plan({side: [Key(-1.0, 0.5, rest[side], "rest", "")] for side in SIDES})
 
     def chunks(self, phrase: Phrase) -> list[range]:
@@ -123,7 +131,7 @@ class _Planner:
                 own_prepare, own_stroke = self.manner.not_a_mirror(prepare, stroke)
             own_stroke = _moved(own_stroke, aside_m * SIDE_SIGN[side])
             own_via = [(share, _moved(p, share * aside_m * SIDE_SIGN[side])) for share, p in via]
-            self._stroke(side, name, apex_s + lag, own_prepare, own_stroke, own_via)
+            self._stroke(side, name, word.text, apex_s + lag, own_prepare, own_stroke, own_via)
             if gesture.cycle is not None:
                 self.plan.cycles.append(
                     CycleSpan(
@@ -143,6 +151,19 @@ class _Planner:
             if side not in hands:
                 self._idle(side, apex_s, beats)
 
+    def listen(self, phrase: Phrase) -> None:
+        """Both hands come down within about a second and stay there."""
+        rng, speaker = self.rng, self.speaker
+        for side in SIDES:
+            keys = self.plan.keys[side]
+            while keys[-1].phase == "hold" and keys[-1].arrive_s > phrase.end_s:
+                keys.pop()
+            arrive_s = max(phrase.end_s + rng.uniform(0.85, 1.1), keys[-1].arrive_s + 0.6)
+            pose = self.manner.rest_pose(speaker.listening_rest_of(side))
+            pose = replace(pose, fingers=self.manner.fingers("lazy"))
+            self._add(side, arrive_s, rng.uniform(0.85, 1.1), pose, "retraction", "")
+        self.choice.hands_rested()
+
     def pause(self, phrase: Phrase, gap_s: float) -> None:
         """Retract in a long pause, sink in a short one."""
         rng, speaker = self.rng, self.speaker
@@ -152,8 +173,7 @@ class _Planner:
             if gap_s > speaker.patience_s or tired:
                 start_s = max(phrase.end_s + rng.uniform(0.05, 0.3), last.arrive_s + 0.2)
                 duration_s = rng.uniform(0.65, 1.05)
-                full = gap_s > 1.3 * speaker.patience_s or rng.random() < 0.5
-                pose = self.manner.rest_pose(speaker.rest_of(side) if full else speaker.ready)
+                pose = self.manner.rest_pose(speaker.rest_of(side))
                 self._add(side, start_s + 0.8 * duration_s, duration_s, pose, "retraction", "")
                 self.choice.hands_rested()
             elif gap_s > 0.3 and last.arrive_s < phrase.end_s + 0.1:
@@ -169,18 +189,26 @@ class _Planner:
         return self.plan.keys[side][-1]
 
     def _add(
-        self, side: str, arrive_s: float, duration_s: float, pose: HandPose, phase: Phase, name: str
+        self,
+        side: str,
+        arrive_s: float,
+        duration_s: float,
+        pose: HandPose,
+        phase: Phase,
+        name: str,
+        word: str = "",
     ) -> None:
         """Append a key; a minimum-jerk move of d metres lasts at least 1.875 d / v_max."""
         distance_m = float(np.linalg.norm(pose.position - self._last(side).pose.position))
         top_speed = self.rng.uniform(1.05, 1.6) * self.speaker.tempo**0.5
         duration_s = max(duration_s, 1.875 * distance_m / top_speed)
-        self.plan.keys[side].append(Key(arrive_s, duration_s, pose, phase, name))
+        self.plan.keys[side].append(Key(arrive_s, duration_s, pose, phase, name, word))
 
     def _stroke(
         self,
         side: str,
         name: str,
+        word: str,
         apex_s: float,
         prepare: HandPose,
         stroke: HandPose,
@@ -207,7 +235,7 @@ class _Planner:
         if not has_room:
             stroke_s = max(min(stroke_s + 0.12, since_s + 0.1), 0.28)
         arrive_s = max(apex_s + 0.03, self._last(side).arrive_s + 0.16)
-        self._add(side, arrive_s, stroke_s, stroke, "stroke", name)
+        self._add(side, arrive_s, stroke_s, stroke, "stroke", name, word)
 
     def _beats(self, chunk: range, apex_s: float) -> list[tuple[float, float]]:
         """Times and depths in metres of the beats after the stroke."""

@@ -40,6 +40,8 @@ class Speaker:
     rest: str = "hang"
     other_rest: str = ""
     """Where the other hand rests, and waits while it takes no part; empty: as the dominant one."""
+    listening_rest: str = ""
+    """Where hands lie while the other one speaks; empty: as in pauses."""
     ready: str = "low"
     """Where a hand waits between gestures."""
     patience_s: float = 0.7
@@ -67,8 +69,12 @@ class Speaker:
     def other_hand(self) -> str:
         return SIDES[1] if self.dominant == SIDES[0] else SIDES[0]
 
+    def listening_rest_of(self, side: str) -> str:
+        """The rest pose of a hand that has nothing to say."""
+        return self.listening_rest or self.rest_of(side)
+
     def rest_of(self, side: str) -> str:
-        """The rest pose of a hand in a long pause."""
+        """The rest pose of a hand in a pause."""
         return self.other_rest or self.rest if side == self.other_hand else self.rest
 
     def waiting_of(self, side: str, chance: float) -> str:

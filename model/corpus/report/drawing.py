@@ -71,12 +71,13 @@ def _posed(
         "left": [Key(-1.0, 0.5, other, "stroke", "")],
     }
     rng, num_frames = np.random.default_rng(0), 31
+    speaking = np.zeros(num_frames)
     posture = ((0, PELVIS_TILT_DEG), *((joint, bend) for joint, _, bend in SPINE))
     trunk = {
         joint: euler_matrices("X", np.full((num_frames, 1), pitch)) for joint, pitch in posture
     }
-    curves = follow_plan(rig, Plan(keys), num_frames, SPEAKERS[0], rng)
-    arms = move_arms(rig, Plan(keys), curves, hips_of(rig, trunk), SPEAKERS[0], rng)
+    curves = follow_plan(rig, Plan(keys), speaking, SPEAKERS[0], rng)
+    arms = move_arms(rig, Plan(keys), curves, hips_of(rig, trunk), speaking, SPEAKERS[0], rng)
     local_rot = np.tile(np.eye(3), (1, NUM_JOINTS, 1, 1))
     for joint, rotmat in (trunk | arms).items():
         local_rot[0, joint] = rotmat[num_frames // 2]

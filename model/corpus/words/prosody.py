@@ -27,7 +27,18 @@ MIN_ACCENT_GAP_S = 0.33
 ACCENT_PITCH = 0.13  # playback speeds up by this share on an accent of 1
 ACCENT_DB = 8.0
 BETWEEN_ACCENTS_DB = -3.5
-LISTENS, LISTENS_AFTER_A_QUESTION = 0.06, 0.5  # shares of sentences
+LISTENS, LISTENS_AFTER_A_QUESTION = 0.1, 0.6  # shares of sentences
+LISTENS_FIRST = 0.12  # share of clips that begin with listening
+LISTENING_S = (2.5, 8.0)
+MAX_PAUSE_S = 2.0  # of a speaker who goes on
+
+
+@dataclass(frozen=True)
+class Span:
+    """From ``start_s`` to ``end_s``."""
+
+    start_s: float
+    end_s: float
 
 
 @dataclass(frozen=True)
@@ -64,6 +75,8 @@ class Utterance:
     phones: tuple[Phone, ...]
     words: tuple[Word, ...]
     phrases: tuple[Phrase, ...]
+    listening: tuple[Span, ...] = ()
+    """Silences in which the speaker listens."""
 
     @property
     def duration_s(self) -> float:
@@ -78,33 +91,50 @@ def speak(
     voice_rng: np.random.Generator,
 ) -> Utterance:
     """Sentences of the split's own, spoken until ``target_s`` seconds are about full."""
-    sentences = []
-    spoken_s = LEAD_S
-    for sentence in talk(text_rng, split):
+    lead_s = _draw_listening(voice_rng) if voice_rng.random() < LISTENS_FIRST else LEAD_S
+    sentences: list[_Spoken] = []
+    spoken_s = lead_s
+    for text in talk(text_rng, split):
         if sentences and spoken_s >= target_s - 2.0:
             break
-        waveform, phones = say(sentence, speaker.voice, stretch=voice_rng.uniform(0.94, 1.06))
-        pause_s = _draw_pause(sentence, speaker, voice_rng)
-        sentences.append((sentence, *_trim(waveform, phones), pause_s))
-        spoken_s += len(sentences[-1][1]) / SAMPLE_RATE + pause_s
-    return _with_accents(_join(sentences), voice_rng)
+        waveform, phones = say(text, speaker.voice, stretch=voice_rng.uniform(0.94, 1.06))
+        pause_s = _draw_pause(text, speaker, voice_rng)
+        sentences.append(_Spoken(text, *_trim(waveform, phones), pause_s))
+        spoken_s += len(sentences[-1].waveform) / SAMPLE_RATE + pause_s
+    return _with_accents(_join(sentences, lead_s), voice_rng)
 
 
 def speak_text(speaker: Speaker, sentences: list[str], rng: np.random.Generator) -> Utterance:
     """The given sentences, spoken one after the other."""
     parts = []
-    for sentence in sentences:
-        waveform, phones = say(sentence, speaker.voice)
-        parts.append((sentence, *_trim(waveform, phones), _draw_pause(sentence, speaker, rng)))
-    return _with_accents(_join(parts), rng)
+    for text in sentences:
+        waveform, phones = say(text, speaker.voice)
+        parts.append(_Spoken(text, *_trim(waveform, phones), _draw_pause(text, speaker, rng)))
+    return _with_accents(_join(parts, LEAD_S), rng)
+
+
+@dataclass(frozen=True)
+class _Spoken:
+    """One sentence as flite speaks it, and the silence after it."""
+
+    text: str
+    waveform: Float[np.ndarray, " N"]
+    phones: list[Phone]
+    pause_s: float
 
 
 def _draw_pause(sentence: str, speaker: Speaker, rng: np.random.Generator) -> float:
     """Seconds of silence after a sentence; now and then, and after a question, to listen."""
-    pause_s = float(np.clip(rng.gamma(3.5, 0.13) * speaker.pause, 0.18, 2.5))
-    share = LISTENS_AFTER_A_QUESTION if sentence.endswith("?") else LISTENS * speaker.pause
-    listens = rng.random() < share
-    return pause_s + (rng.uniform(0.8, 1.8) if listens else 0.0)
+    share = LISTENS_AFTER_A_QUESTION if sentence.endswith("?") else LISTENS
+    if rng.random() < share:
+        return _draw_listening(rng)
+    return float(np.clip(rng.gamma(3.5, 0.13) * speaker.pause, 0.18, MAX_PAUSE_S))
+
+
+def _draw_listening(rng: np.random.Generator) -> float:
+    """Seconds of listening, more often short than long."""
+    shortest_s, longest_s = LISTENING_S
+    return float(shortest_s + (longest_s - shortest_s) * rng.beta(1.1, 1.9))
 
 
 def _trim(
@@ -122,12 +152,12 @@ def _trim(
     return waveform[int(start * SAMPLE_RATE) : int(end * SAMPLE_RATE)], kept
 
 
-def _join(parts: list[tuple[str, np.ndarray, list[Phone], float]]) -> Utterance:
+def _join(parts: list[_Spoken], lead_s: float) -> Utterance:
     """One waveform with all sentences; phrases are not found yet."""
-    waves = [np.zeros(int(LEAD_S * SAMPLE_RATE))]
+    waves = [np.zeros(int(lead_s * SAMPLE_RATE))]
     phones: list[Phone] = []
     words: list[Word] = []
-    for number, (sentence, waveform, spoken, pause_s) in enumerate(parts):
+    for number, part in enumerate(parts):
         offset_s = sum(len(w) for w in waves) / SAMPLE_RATE
         moved = [
             replace(
@@ -136,14 +166,28 @@ def _join(parts: list[tuple[str, np.ndarray, list[Phone], float]]) -> Utterance:
                 end_s=p.end_s + offset_s,
                 word=p.word + len(words) if p.word >= 0 else -1,
             )
-            for p in spoken
+            for p in part.phones
         ]
         first_word = len(words)
-        for index, text in enumerate(words_of(sentence)):
+        for index, text in enumerate(words_of(part.text)):
             words.append(_word(text, number, first_word + index, moved))
         phones += moved
-        waves += [waveform, np.zeros(int(pause_s * SAMPLE_RATE))]
-    return Utterance(np.concatenate(waves), tuple(phones), tuple(words), ())
+        waves += [part.waveform, np.zeros(int(part.pause_s * SAMPLE_RATE))]
+    waveform = np.concatenate(waves)
+    listening = _silences(phones, len(waveform) / SAMPLE_RATE)
+    return Utterance(waveform, tuple(phones), tuple(words), (), listening)
+
+
+def _silences(phones: list[Phone], duration_s: float) -> tuple[Span, ...]:
+    """Where nothing is said for as long as one listens."""
+    sounded = [p for p in phones if p.name != PAUSE]
+    starts = [0.0, *(p.end_s for p in sounded)]
+    ends = [*(p.start_s for p in sounded), duration_s]
+    return tuple(
+        Span(start, end)
+        for start, end in zip(starts, ends, strict=True)
+        if end - start >= LISTENING_S[0]
+    )
 
 
 def _word(text: str, sentence: int, index: int, phones: list[Phone]) -> Word:
@@ -237,4 +281,5 @@ def _emphasise(utterance: Utterance) -> Utterance:
         tuple(
             replace(p, start_s=moved(p.start_s), end_s=moved(p.end_s)) for p in utterance.phrases
         ),
+        tuple(Span(moved(s.start_s), moved(s.end_s)) for s in utterance.listening),
     )

@@ -109,13 +109,22 @@ def tiers(path: Path) -> dict[str, list[tuple[float, float, str]]]:
     return found
 
 
+TIERS = (
+    "words phones accents gesture_left gesture_right goal_left goal_right apex nods gaze brows"
+    " smile blinks weight foot_left foot_right listening"
+).split()
+INTERVAL_TIERS = (
+    "words phones gesture_left gesture_right gaze smile weight foot_left foot_right listening"
+).split()
+
+
 def test_the_textgrids_read_back_whole(corpus: Path) -> None:
     for path in (corpus / "textgrid").iterdir():
         read = tiers(path)
-        assert list(read) == ["words", "phones", "gesture_left", "gesture_right", "apex"]
+        assert list(read) == TIERS
         with wave.open(str(corpus / "wave16k" / f"{path.stem}.wav")) as sound:
             seconds = sound.getnframes() / 16000
-        for name in list(read)[:4]:
+        for name in INTERVAL_TIERS:
             rows = read[name]
             assert rows[0][0] == 0
             assert abs(rows[-1][1] - seconds) < 1e-3
@@ -130,6 +139,47 @@ def test_the_textgrids_read_back_whole(corpus: Path) -> None:
         apexes = [time for time, *_ in read["apex"]]
         assert apexes == sorted(apexes)
         assert len(apexes) > 15
+
+
+def test_every_move_of_a_hand_has_a_goal_at_its_end(corpus: Path) -> None:
+    for path in (corpus / "textgrid").iterdir():
+        read = tiers(path)
+        for side in ("left", "right"):
+            moves = [
+                end
+                for _, end, label in read[f"gesture_{side}"]
+                if label.split()[0] not in ("rest", "hold")
+            ]
+            goals = [time for time, *_ in read[f"goal_{side}"]]
+            assert goals[0] == 0
+            assert set(moves) <= set(goals)
+            for *_, mark in read[f"goal_{side}"]:
+                out, up, forward = (float(number) for number in mark.split())
+                assert -0.1 < out < 0.5
+                assert -0.5 < up < 0.4
+                assert 0.0 < forward < 0.5
+
+
+def test_marks_are_numbers_in_their_ranges_and_apexes_name_words(corpus: Path) -> None:
+    for path in (corpus / "textgrid").iterdir():
+        read = tiers(path)
+        words = {text for *_, text in read["words"]}
+        accents = [float(mark) for *_, mark in read["accents"]]
+        assert len(accents) > 30
+        assert 0 < min(accents) <= max(accents) < 2
+        assert all(0.2 < float(mark) < 15 for *_, mark in read["nods"])
+        assert all(len([float(x) for x in mark.split()]) == 2 for *_, mark in read["gaze"])
+        for *_, mark in read["brows"]:
+            height, width_s = (float(x) for x in mark.split())
+            assert -1 < height < 1
+            assert 0.05 < width_s < 1.5
+        assert {label for *_, label in read["weight"]} <= {"left", "right", "both"}
+        assert {label for *_, label in read["foot_left"]} <= {"planted", ""}
+        landed = [mark.split() for *_, mark in read["apex"]]
+        assert all(side in ("left", "right") for _, side, *_ in landed)
+        named = [parts[2] for parts in landed if len(parts) == 3]
+        assert len(named) > 0.9 * len(landed)
+        assert set(named) <= words
 
 
 def test_an_interrupted_run_is_continued_with_the_same_bytes(
