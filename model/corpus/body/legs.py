@@ -166,13 +166,14 @@ def _footsteps(calm: Float[np.ndarray, " T"], speaker: Speaker, rng: np.random.G
         weight = goal
         at_s += rng.gamma(2.5, 0.5) + 0.5
     return _Feet(
-        *(place, yaw, lift, shift, _stances(changes, num_frames / FPS)),
+        *(place, yaw, lift, shift, _stances(changes, (num_frames + 1) / FPS)),
         {side: tuple(spans) for side, spans in steps.items()},
     )
 
 
 def _stances(changes: list[tuple[float, Leg]], duration_s: float) -> tuple[Stance, ...]:
     """The leg stood on from each change to the next."""
+    changes = sorted(changes, key=lambda change: change[0])
     ends = [*(time for time, _ in changes[1:]), duration_s]
     spans = zip(changes, ends, strict=True)
     return tuple(Stance(start, end, leg) for (start, leg), end in spans if end > start)

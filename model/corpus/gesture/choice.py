@@ -1,15 +1,24 @@
 """What to gesture, and with which hand."""
 
 from collections import deque
+from collections.abc import Collection
 
 import numpy as np
 
-from model.corpus.gesture.gestures import GENERIC, KEYWORDS, ONLY_WHEN_STRESSED, Gesture
+from model.corpus.gesture.gestures import (
+    GENERIC,
+    KEYWORDS,
+    LISTED,
+    ONLY_WHEN_STRESSED,
+    Gesture,
+)
 from model.corpus.people.rig import SIDES
 from model.corpus.people.speaker import Speaker
 from model.corpus.words.prosody import Word
 
 FAVOURITE = 4.0  # times as often
+LISTED_SHARE = 0.6  # of the items of a list
+OWN_SIDE_SHARE = 0.75  # of one-handed gestures of a contrast are made by the nearer hand
 STALE = 5  # a gesture that a word called for is not called again by this many chunks
 
 
@@ -22,22 +31,35 @@ class Choice:
         self._recent: deque[str] = deque(maxlen=STALE)
         self._free_hands: list[str] | None = None
 
-    def gesture(self, chunk: range, words: tuple[Word, ...]) -> tuple[str, int]:
-        """The gesture's name and the word it lands on: a word that calls for it, or an accent."""
+    def gesture(
+        self, chunk: range, words: tuple[Word, ...], listed: Collection[int] = ()
+    ) -> tuple[str, int]:
+        """The gesture's name and the word it lands on: a word that calls for it, or an accent.
+
+        ``listed`` are the words of lists, whose items are set down one by one.
+        """
         called = self._called_for(chunk, words)
+        strongest = max(chunk, key=lambda k: words[k].accent)
         if called is not None:
             name, index = called
+        elif strongest in listed and self._rng.random() < LISTED_SHARE:
+            name, index = LISTED[self._rng.integers(len(LISTED))], strongest
         else:
-            name, index = self._generic(), max(chunk, key=lambda k: words[k].accent)
+            name, index = self._generic(), strongest
         self._recent.append(name)
         return name, index
 
-    def hands(self, gesture: Gesture, aside_m: float) -> list[str]:
-        """The hands that take part, the leading one first; a place aside may call its own hand."""
+    def hands(self, gesture: Gesture, aside_m: float, contrasts: bool = False) -> list[str]:
+        """The hands that take part, the leading one first; a place aside may call its own hand.
+
+        Where two sides are contrasted, it mostly does.
+        """
         rng, speaker = self._rng, self._speaker
         nearest = SIDES[0] if aside_m > 0 else SIDES[1]
         second = nearest if aside_m else speaker.other_hand
         one = speaker.dominant if rng.random() < speaker.dominance else second
+        if contrasts and rng.random() < OWN_SIDE_SHARE:
+            one = nearest
         two = [speaker.dominant, speaker.other_hand]
         if gesture.hands == "one":
             return [one]
@@ -47,6 +69,8 @@ class Choice:
             return [speaker.dominant]
         if gesture.hands == "other":
             return [speaker.other_hand]
+        if contrasts:
+            return [one]
         if self._free_hands is None or rng.random() < 0.35:
             self._free_hands = two if rng.random() < speaker.two_hands else [one]
         return self._free_hands
@@ -56,21 +80,21 @@ class Choice:
         self._free_hands = None
 
     def _called_for(self, chunk: range, words: tuple[Word, ...]) -> tuple[str, int] | None:
-        """A gesture with the word that calls for it; words are not always obeyed."""
+        """A gesture with the word that calls for it; stressed words are obeyed more often."""
         rng = self._rng
         candidates = []
         for k in chunk:
             for name in KEYWORDS.get(words[k].text, ()):
                 if name in self._recent:
                     continue
-                unstressed = name in ONLY_WHEN_STRESSED and words[k].accent <= 0
-                weight = 0.25 if unstressed else 0.9
-                candidates.append((weight * rng.uniform(0.5, 1.0), name, k))
+                common = name in ONLY_WHEN_STRESSED
+                stress = min(words[k].accent, 1.0)
+                share = 0.3 + 0.55 * stress if not common else 0.1 + 0.6 * stress
+                candidates.append((share * rng.uniform(0.7, 1.0), name, k))
         if not candidates:
             return None
-        weight, name, k = max(candidates)
-        obeys = rng.random() < self._speaker.literal * (0.1 + 0.55 * weight)
-        return (name, k) if obeys else None
+        share, name, k = max(candidates)
+        return (name, k) if rng.random() < self._speaker.literal * share else None
 
     def _generic(self) -> str:
         names = list(GENERIC)

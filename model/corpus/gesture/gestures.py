@@ -322,6 +322,65 @@ GESTURES: dict[str, Gesture] = {
         _pose((0.275, -0.115, 0.31), (-0.15, 0.92, 0.1), -10, 0, "cup"),
         shapes=("flat", "half_open"),
     ),
+    "here": Gesture(
+        "one",
+        _pose((0.18, -0.06, 0.26), (-0.7, -0.5, 0.1), 4, 0, "loose"),
+        _pose((0.155, -0.175, 0.345), (-0.45, -0.85, 0.1), 8, 0, "point"),
+        shapes=("soft_point", "flat"),
+    ),
+    "up": Gesture(
+        "one",
+        _pose((0.20, -0.13, 0.27), (-0.5, 0.6, 0.2), 0, 0, "half_open"),
+        _pose((0.225, 0.10, 0.285), (-0.35, 0.85, 0.3), -14, 0, "open"),
+        shapes=("point", "flat"),
+    ),
+    "down": Gesture(
+        "free",
+        _pose((0.20, -0.04, 0.27), (-0.3, -0.9, 0.1), -4, 0, "flat"),
+        _pose((0.215, -0.215, 0.325), (-0.2, -0.97, 0.1), -8, 0, "flat", 0.05),
+        shapes=("half_open", "open"),
+    ),
+    "no": Gesture(
+        "two",
+        _pose((0.085, -0.075, 0.295), (-0.3, -0.9, 0.2), 4, 0, "flat", 0.1),
+        _pose((0.275, -0.115, 0.305), (-0.15, -0.9, 0.4), -6, 0, "flat", 0.05),
+        shapes=("blade", "open"),
+    ),
+    "all": Gesture(
+        "two",
+        _pose((0.11, -0.04, 0.33), (-0.6, -0.3, 0.5), 2, 0, "half_open", 0.1),
+        _pose((0.325, -0.10, 0.265), (-0.4, 0.75, 0.3), -10, 0, "open", 0.1),
+        via=((0.5, _pose((0.25, -0.02, 0.34), (-0.6, 0.2, 0.6), -4, 0, "open", 0.1)),),
+        shapes=("splayed", "half_open"),
+    ),
+    "together": Gesture(
+        "two",
+        _pose((0.27, -0.09, 0.28), (-0.9, 0.2, 0.1), 0, 0, "open"),
+        _pose((0.095, -0.10, 0.315), (-0.95, 0.1, 0.1), 4, 0, "cage"),
+        shapes=("bowl", "blade"),
+    ),
+    "quote": Gesture(
+        "two",
+        _pose((0.22, -0.03, 0.25), (-0.4, -0.1, 0.9), -8, 0, "loose"),
+        _pose((0.235, 0.085, 0.275), (-0.3, 0.0, 0.95), -14, 0, "two"),
+        cycle=Cycle(0.012, 0.008, 1.9, in_turn=False),
+    ),
+    "four": Gesture(
+        "one",
+        _pose((0.18, -0.06, 0.22), (-0.8, -0.2, 0.3), 4, 0, "loose"),
+        _pose((0.21, 0.045, 0.275), (-0.35, 0.05, 0.93), -16, 0, "four"),
+    ),
+    "five": Gesture(
+        "one",
+        _pose((0.18, -0.06, 0.22), (-0.8, -0.2, 0.3), 4, 0, "loose"),
+        _pose((0.21, 0.04, 0.28), (-0.35, 0.05, 0.93), -16, 0, "splayed"),
+    ),
+    "item": Gesture(
+        "two",
+        _pose((0.16, -0.055, 0.28), (-0.92, -0.1, 0.1), 2, 0, "half_open"),
+        _pose((0.135, -0.155, 0.33), (-0.95, -0.15, 0.1), 2, 0, "blade"),
+        shapes=("flat", "cage", "bowl"),
+    ),
     "carry": Gesture(
         "two",
         _pose((0.16, -0.20, 0.26), (-0.7, 0.5, 0.1), 4, 0, "cage"),
@@ -342,21 +401,21 @@ GESTURES: dict[str, Gesture] = {
 }
 
 _WORDS = {
-    "self": "i me my myself for heart believe",
+    "self": "i me my myself mine heart believe",
     "you": "you your",
     "you_open": "see remember think sure",
-    "there": "there over behind straight past street",
-    "big": "big huge large tall hundred thousand",
-    "small": "small tiny little detail details simple gap",
+    "there": "there over behind straight street left",
+    "big": "big huge large tall hundred thousand bigger biggest",
+    "small": "small tiny little detail details simple gap smaller",
     "small_both": "mistake details little",
     "round": "round circle circles ball",
     "long": "long line wide",
-    "stop": "stop wait please",
-    "shrug": "maybe idea knows why anybody sure wrong nobody",
+    "stop": "stop wait please enough",
+    "shrug": "maybe perhaps idea knows why anybody sure wrong",
     "wow": "wow amazing incredible crazy",
     "drive": "driving drove wheel",
-    "dismiss": "forget never boring no exaggerating",
-    "sweep": "everyone everybody everywhere across whole",
+    "dismiss": "forget boring exaggerating waste",
+    "sweep": "everywhere across",
     "back": "last past ago yesterday",
     "forward": "future next forward go",
     "roll": "repeat change improve step practise again",
@@ -364,16 +423,25 @@ _WORDS = {
     "precise": "exactly rules measure careful practical point",
     "frame": "plan project problem question results idea",
     "present": "beautiful wonderful brilliant answer story",
-    "weigh": "compare compared comparing either rather",
+    "weigh": "compare compared comparing either rather maybe perhaps",
     "point_up": "important remember listen best only",
     "one": "first",
-    "two": "two second",
+    "two": "two second twice",
     "three": "three third",
     "this_side": "some either",
     "that_side": "others other or",
     "carry": "carried carry box bags heavy lifted lift",
     "phone": "phone called",
     "knock": "door",
+    "here": "here now this",
+    "up": "up high highest climb climbed mountain tower towers",
+    "down": "down low quiet under slow slowing",
+    "no": "no not never nobody nothing without",
+    "all": "all every everything everyone everybody whole people",
+    "together": "together between share sharing connect",
+    "quote": "quote quotes famous",
+    "four": "four",
+    "five": "five",
 }
 
 
@@ -389,9 +457,13 @@ KEYWORDS = _calls()
 """For each word the gestures it may call for."""
 
 ONLY_WHEN_STRESSED = frozenset(
-    "self you you_open there sweep big roll think dismiss back one two frame weigh shrug".split()
+    """self you you_open there sweep big roll think dismiss back one two frame weigh shrug here no
+    all up down""".split()
 )
 """Gestures whose words are too common to gesture at every time."""
+
+LISTED = ("item", "item", "item", "set_down", "frame", "chop")
+"""Gestures that set down one item of a list beside the other."""
 
 GENERIC: dict[str, float] = {
     **{"beat": 3.6, "offer": 2.0, "offer_low": 1.3, "turn_out": 1.6, "you_open": 0.8},

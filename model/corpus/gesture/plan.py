@@ -83,7 +83,7 @@ class _Planner:
         self.rng = rng
         self.manner = Manner(speaker, rng)
         self.choice = Choice(speaker, rng)
-        self.places = Places(utterance.words, speaker, rng)
+        self.places = Places(utterance.words, utterance.phrases, speaker, rng)
         first_s = utterance.phrases[0].start_s
         listens = any(span.start_s < first_s for span in utterance.listening)
         rests = speaker.listening_rest_of if listens else speaker.rest_of
@@ -108,10 +108,10 @@ class _Planner:
     def gesture(self, chunk: range) -> None:
         """One gesture, its beats and its hold."""
         rng, speaker, words = self.rng, self.speaker, self.utterance.words
-        name, word_index = self.choice.gesture(chunk, words)
+        name, word_index = self.choice.gesture(chunk, words, self.places.listed)
         gesture = GESTURES[name]
         aside_m = self.places.aside_m(word_index)
-        hands = self.choice.hands(gesture, aside_m)
+        hands = self.choice.hands(gesture, aside_m, self.places.contrasts(word_index))
         word = words[word_index]
         apex_s = word.beat_s - rng.normal(0.05, 0.03)
         end_s = words[chunk[-1]].end_s
@@ -230,7 +230,8 @@ class _Planner:
             self._add(side, arrive_s, min(prepare_s, room_s + 0.18), prepare, "preparation", name)
         for share, pose in via:
             arrive_s = apex_s - 0.8 * stroke_s * (1 - share)
-            self._add(side, arrive_s, 0.7 * stroke_s, pose, "stroke", name)
+            if arrive_s > self._last(side).arrive_s + 0.05:
+                self._add(side, arrive_s, 0.7 * stroke_s, pose, "stroke", name)
         since_s = apex_s + 0.03 - self._last(side).arrive_s
         if not has_room:
             stroke_s = max(min(stroke_s + 0.12, since_s + 0.1), 0.28)

@@ -11,7 +11,7 @@ END_MARKS = {"QUESTION": "?", "SURPRISE": "!"}
 KINDS: dict[str, float] = {
     **{"CLAIM": 3.0, "STORY": 4.0, "LIST": 2.0, "CONTRAST": 2.6, "QUESTION": 2.0},
     **{"HESITATION": 1.6, "EXPLAIN": 2.0, "REFUSAL": 1.6, "SURPRISE": 1.4, "FEELING": 1.6},
-    **{"SIZE": 1.0, "DIRECTION": 0.6, "TIME": 1.6},
+    **{"SIZE": 1.2, "DIRECTION": 1.0, "TIME": 1.6, "QUOTE": 1.0},
 }
 """Weights of the kinds of sentences."""
 
@@ -54,6 +54,9 @@ GRAMMAR: Rules = {
         "{WHO} brought {MANY}, {WHO} brought {MANY}, and I had to {DO}",
         "{NUMBER} {MANY}, {NUMBER} {MANY}, and nobody to {DO}",
         "we {DID}, {DID}, {DID}, and so on",
+        "one, {CLAUSE}, two, {CLAUSE}, and three, {CLAUSE}",
+        "all I need is {MANY}, {MANY}, {MANY}, and a little time to {DO}",
+        "you {DO}, I {DO}, {WHO} is {DOING}, and everybody is happy",
     ),
     "CONTRAST": (
         "on the one hand {CLAUSE}, but on the other hand {CLAUSE}",
@@ -67,7 +70,16 @@ GRAMMAR: Rules = {
         "I used to {DO}, but now I would rather {DO} {AT}",
         "{THING} is {DEGREE} {ADJ}, but {THING} is {DEGREE} {ADJ}",
         "not {WHO}, but {WHO} {DID}, {TAIL}",
+        "up there you have {MANY}, and down here there are only {MANY}",
+        "you want to {DO}, but I want to {DO}, {TAIL}",
+        "here we have small {MANY}, and over there big {MANY}, {TAIL}",
         "the more {MANY} you have, the harder it is to {DO}",
+    ),
+    "QUOTE": (
+        "{WHO} said, and I quote, {CLAUSE}, {TAIL}",
+        "that was the famous {MANY} {AT}, in quotes, and {REACTION}",
+        "{WHO} calls it, quote, {DEGREE} {ADJ}, {TAIL}",
+        "my favourite quote is, {CLAUSE}, and {CLAUSE}",
     ),
     "QUESTION": (
         "{ASK} do you ever {DO}, or do you just {DO}",
