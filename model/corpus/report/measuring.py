@@ -14,7 +14,7 @@ from model.corpus.layout import MOTION, SOUND, SPLIT_TABLE, ClipPaths, clip_path
 from model.corpus.people.rig import Rig
 from model.corpus.report.inside import hand_inside_share
 from model.corpus.report.judging import hand_speed, sound_features
-from model.corpus.report.realism import Figures, realism_windows
+from model.corpus.report.realism import Figures, head_windows, realism_windows
 from model.corpus.report.statistics import (
     PosedClip,
     clip_statistics,
@@ -58,6 +58,11 @@ class MeasuredClip:
     statistics: dict[str, float]
     speaker_windows: Float[np.ndarray, "W F"]
     realism: Figures
+    """Of the body, while it speaks."""
+    head_realism: Figures
+    """Of head and jaw, while they speak."""
+    duration_s: float
+    listening_s: float
     hand_speed: Float[np.ndarray, " T"]
     sound: Float[np.ndarray, "T B"]
     phrases: tuple[str, ...]
@@ -119,15 +124,20 @@ def measure_clip(clip: ClipFile, rig: Rig) -> MeasuredClip:
     if num_frames < MIN_FRAMES:
         raise ReportError(f"it has {num_frames} frames; at least {MIN_FRAMES} are needed.")
     inside = 100 * hand_inside_share(posed, rig)
+    annotated = clip.paths.textgrid.is_file()
+    silences = read_listening(clip.paths.textgrid) if annotated else ()
     return MeasuredClip(
         clip_id=clip.clip_id,
         speaker=clip.speaker,
         statistics=clip_statistics(posed) | {"hand inside trunk or thigh, % of frames": inside},
         speaker_windows=window_features(posed),
-        realism=realism_windows(posed),
+        realism=realism_windows(posed, silences),
+        head_realism=head_windows(posed, silences),
+        duration_s=num_frames / FPS,
+        listening_s=sum((end - start for start, end in silences), 0.0),
         hand_speed=hand_speed(posed)[EDGE],
         sound=sound_features(clip.paths.sound, num_frames)[EDGE].astype(np.float32),
-        phrases=read_phrases(clip.paths.textgrid) if clip.paths.textgrid.is_file() else (),
+        phrases=read_phrases(clip.paths.textgrid) if annotated else (),
         strip=_middle(posed),
     )
 
@@ -138,19 +148,33 @@ def read_phrases(path: Path) -> tuple[str, ...]:
     Raises:
         ReportError: if the file cannot be read.
     """
+    intervals = _tier(path, "words")
+    runs: list[list[str]] = [[]]
+    for start_s, end_s, word in intervals:
+        if word:
+            runs[-1].append(word)
+        elif end_s - start_s >= PHRASE_PAUSE_S:
+            runs.append([])
+    return tuple(" ".join(run) for run in runs if len(run) >= PHRASE_WORDS)
+
+
+def read_listening(path: Path) -> tuple[tuple[float, float], ...]:
+    """Seconds from and to which the speaker listens, from a TextGrid; none without such a tier.
+
+    Raises:
+        ReportError: if the file cannot be read.
+    """
+    return tuple((start, end) for start, end, label in _tier(path, "listening") if label)
+
+
+def _tier(path: Path, name: str) -> list[tuple[float, float, str]]:
     try:
         text = path.read_text()
     except (OSError, UnicodeDecodeError) as error:
         raise ReportError(f"{path.name} cannot be read.") from error
-    words = text.partition('name = "words"')[2].partition("item [")[0]
-    runs: list[list[str]] = [[]]
+    rows = text.partition(f'name = "{name}"')[2].partition("item [")[0]
     interval = r'xmin = ([\d.]+)\s+xmax = ([\d.]+)\s+text = "([^"]*)"'
-    for start, end, word in re.findall(interval, words):
-        if word:
-            runs[-1].append(word)
-        elif float(end) - float(start) >= PHRASE_PAUSE_S:
-            runs.append([])
-    return tuple(" ".join(run) for run in runs if len(run) >= PHRASE_WORDS)
+    return [(float(a), float(b), label) for a, b, label in re.findall(interval, rows)]
 
 
 def _middle(

@@ -1,13 +1,14 @@
 """The words and tables of ``docs/corpus.md``."""
 
 from collections import Counter
+from collections.abc import Callable
 from itertools import combinations
 
 import numpy as np
 
 from model.corpus.report.judging import alignment_scores, ridge_weights, separability
 from model.corpus.report.measuring import MeasuredClip
-from model.corpus.report.realism import FeatureGap, Realism, judge_realism
+from model.corpus.report.realism import FeatureGap, Figures, Realism, judge_realism
 
 SHIFT_S = 7.0
 AIM, AIM_OVER_FLOOR = 0.85, 0.05
@@ -29,7 +30,8 @@ def report_page(speakers: Speakers, real: list[MeasuredClip], seed: int | None) 
             _HEAD,
             _statistics(speakers, real),
             _about(speakers, seed),
-            _realism(speakers, real),
+            _realism(speakers, real, "Can it be told from real motion?", _body),
+            _realism(speakers, real, "Can its head and jaw be told from real ones?", _head_and_jaw),
             _separability(speakers),
             _alignment(speakers),
             _repeats(speakers),
@@ -70,18 +72,35 @@ def _short(value: float) -> str:
 
 def _about(speakers: Speakers, seed: int | None) -> str:
     of_seed = "" if seed is None else f" of seed {seed}"
+    clips = _every(speakers)
+    frames_s = sum(clip.duration_s for clip in clips)
+    listening = sum(clip.listening_s for clip in clips) / frames_s
     return (
-        f"Medians over {len(_every(speakers))} clips{of_seed} of {len(speakers)} speakers; real"
-        " clips are in bold.\n"
+        f"Medians over {len(clips)} clips{of_seed} of {len(speakers)} speakers; real"
+        f" clips are in bold. Speakers listen for {listening:.1%} of the time, which is counted"
+        " here and left out below, where they are told from real ones.\n"
     )
 
 
-def _realism(speakers: Speakers, real: list[MeasuredClip]) -> str:
-    title = "## Can it be told from real motion?\n\n"
+def _body(clip: MeasuredClip) -> Figures:
+    return clip.realism
+
+
+def _head_and_jaw(clip: MeasuredClip) -> Figures:
+    return clip.head_realism
+
+
+def _realism(
+    speakers: Speakers,
+    real: list[MeasuredClip],
+    question: str,
+    figures: Callable[[MeasuredClip], Figures],
+) -> str:
+    title = f"## {question}\n\n"
     if len(real) < 2 or len(_every(speakers)) < 2:
         return f"{title}Too few clips to say.\n"
-    corpus = {name: [clip.realism for clip in clips] for name, clips in speakers.items()}
-    realism = judge_realism([clip.realism for clip in real], corpus)
+    corpus = {name: [figures(clip) for clip in clips] for name, clips in speakers.items()}
+    realism = judge_realism([figures(clip) for clip in real], corpus)
     ranked = sorted(realism.by_speaker, key=lambda name: realism.by_speaker[name])
     first, second = (clip.clip_id for clip in real[:2])
     bound = max(AIM, realism.floor + AIM_OVER_FLOOR)
@@ -221,7 +240,9 @@ Eight frames, half a second apart, of a clip of each speaker.
 - Hands keep off the body and touch each other when folded; they touch no face and no thing, which
   real hands do.
 - Feet hardly slip and stand on a floor that is flat and empty; nobody walks or turns away.
-- Words call for few literal gestures, but those are always the same: "two" shows two fingers.
+- Words call for some fifty literal gestures, but those are always the same: "two" shows two
+  fingers.
 - Faces blink, speak, smile and raise brows; they do not show feelings that the text has.
-- No listener: gaze wanders about one point, and a question is answered by who asked it.
+- While speakers listen, hands lie and the mouth is shut, but nobody is heard: silence is digital
+  zero, nods answer nothing, and a question may be answered by who asked it.
 """

@@ -5,10 +5,12 @@ regression judged on clips that it has not seen. How well two real clips of one 
 apart by the same figures is the floor: a corpus cannot hide better than real motion does.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize
 from scipy.special import expit
 
@@ -27,6 +29,7 @@ from model.motion.timing import FPS
 WINDOW, HOP = 60, 30  # frames
 PENALTY = 0.01  # on the squared weights, beside the mean loss
 TREMOR_HZ = 5.0
+SHUT_DEG = 1.5  # of a jaw
 FINGERS = range(JOINT["left_index1"], JOINT["right_thumb3"] + 1)
 
 Windows = Float[np.ndarray, "_ F"]
@@ -64,17 +67,60 @@ class FeatureGap:
     where the figure works against the others."""
 
 
-def realism_windows(clip: PosedClip) -> Figures:
-    """Figures of every window of 2 s; one starts each second. Fewer than 65 frames give none."""
-    starts = range(0, len(clip.positions) - WINDOW - 4, HOP)
-    figures = {
-        name: np.array([values[start : start + WINDOW].mean() for start in starts])
-        for name, values in _series(clip).items()
-    }
+Silences = Sequence[tuple[float, float]]
+"""Seconds from and to which the person listens."""
+
+
+def realism_windows(clip: PosedClip, silences: Silences = ()) -> Figures:
+    """Figures of the body in every window of 2 s in which nobody listens; one starts each second.
+
+    Fewer than 65 frames give none.
+    """
     paths = {
         "fingertip": clip.right_tip,
         "head": axis_angles(clip.global_rot[:, JOINT["head"]]),
         "chest": clip.positions[:, JOINT["spine3"]],
+    }
+    return _figures(_series(clip), paths, silences)
+
+
+def head_windows(clip: PosedClip, silences: Silences = ()) -> Figures:
+    """Figures of head and jaw in the same windows.
+
+    Brows, lids and lips are left out: recordings have them in another basis of face units. So is
+    the jaw's sideways turning, which the corpus has none of.
+    """
+    neck, head, jaw = (clip.local_rot[:, JOINT[name]] for name in ("neck", "head", "jaw"))
+    in_chest_deg = np.degrees(axis_angles(neck @ head))
+    opening = np.degrees(axis_angles(jaw))[:, 0]
+    series = {
+        "head against chest, deg/s": turning_deg_s((neck @ head)[:, None])[:, 0],
+        "head against chest, jerk, deg/s^3": derivative(in_chest_deg, 3),
+        "jaw opening or closing, deg/s": derivative(opening[:, None], 1),
+        "jaw opening, deg": opening,
+        "jaw shut, share": (opening < SHUT_DEG).astype(float),
+    }
+    for name, turn in zip(("nod", "shake", "tilt"), in_chest_deg.T, strict=True):
+        series[f"{name}, from its mean of 2 s, deg"] = np.abs(turn - uniform_filter1d(turn, WINDOW))
+    paths = {"head against chest": in_chest_deg, "jaw": opening[:, None]}
+    return _figures(series, paths, silences)
+
+
+def _figures(
+    series: dict[str, Float[np.ndarray, " _"]],
+    paths: dict[str, Float[np.ndarray, "_ D"]],
+    silences: Silences,
+) -> Figures:
+    """Means of series, and shares and centroids of the spectra of paths, window by window."""
+    num_frames = min(len(path) for path in paths.values())
+    starts = [
+        start
+        for start in range(0, num_frames - WINDOW - 4, HOP)
+        if not any(a * FPS < start + WINDOW and b * FPS > start for a, b in silences)
+    ]
+    figures = {
+        name: np.array([values[start : start + WINDOW].mean() for start in starts])
+        for name, values in series.items()
     }
     for name, path in paths.items():
         spectra = [_tremor(path[start : start + WINDOW + 1]) for start in starts]
@@ -120,7 +166,7 @@ def _series(clip: PosedClip) -> dict[str, Float[np.ndarray, " _"]]:
     }
 
 
-def _tremor(path: Float[np.ndarray, "S 3"]) -> tuple[float, float]:
+def _tremor(path: Float[np.ndarray, "S D"]) -> tuple[float, float]:
     """Log share of the velocity's power above 5 Hz, and its mean frequency in Hz."""
     velocity = np.diff(path, axis=0)
     velocity = (velocity - velocity.mean(0)) * np.hanning(len(velocity))[:, None]

@@ -101,7 +101,7 @@ def window_features(clip: PosedClip, window_s: float = 4.0) -> Float[np.ndarray,
     return np.array([series[start : start + length].mean(0) for start in starts])
 
 
-def derivative(positions: Float[np.ndarray, "T 3"], order: int) -> Float[np.ndarray, " S"]:
+def derivative(positions: Float[np.ndarray, "T D"], order: int) -> Float[np.ndarray, " S"]:
     """Length of the time derivative of this order, by finite differences."""
     return np.linalg.norm(np.diff(positions, order, axis=0), axis=-1) * FPS**order
 

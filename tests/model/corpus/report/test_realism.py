@@ -9,6 +9,7 @@ from model.corpus.people.rig import JOINT, forward_kinematics, matrices, open_bo
 from model.corpus.report.realism import (
     PENALTY,
     Figures,
+    head_windows,
     judge_realism,
     logistic_regression,
     realism_windows,
@@ -129,3 +130,25 @@ def test_the_speaker_that_differs_is_told_apart_from_the_others() -> None:
 def test_too_few_clips_are_refused() -> None:
     with pytest.raises(ValueError, match="Two real clips"):
         judge_realism([person(0)], {"a": [person(1)], "b": [person(2)]})
+
+
+def test_windows_in_which_somebody_listens_are_left_out() -> None:
+    clip = posed(STILL, np.zeros((len(STILL), 3)))
+    every = len(realism_windows(clip)["wrist speed, m/s"])
+    kept = len(realism_windows(clip, [(3.0, 3.5)])["wrist speed, m/s"])
+    # Windows of 2 s that start at 2 and 3 s, and at 1 s none: it ends as the silence begins.
+    assert every - kept == 2
+
+
+def test_a_nodding_head_and_an_opening_jaw_show_in_their_own_figures() -> None:
+    time_s = np.arange(300) / 30
+    vectors = np.zeros((300, 55, 3))
+    vectors[:, JOINT["head"], 0] = np.radians(6 * np.sin(2 * np.pi * 1.5 * time_s))
+    vectors[:, JOINT["jaw"], 0] = np.radians(4 + 4 * np.sin(2 * np.pi * 4 * time_s))
+    figures = head_windows(posed(vectors, np.zeros((300, 3))))
+    medians = {name: float(np.median(values)) for name, values in figures.items()}
+    assert medians["nod, from its mean of 2 s, deg"] == pytest.approx(6 * 2 / np.pi, rel=0.1)
+    assert medians["shake, from its mean of 2 s, deg"] < 0.01
+    assert medians["jaw opening, deg"] == pytest.approx(4, abs=0.2)
+    assert medians["jaw spectral centroid, Hz"] == pytest.approx(4, abs=0.2)
+    assert medians["head against chest spectral centroid, Hz"] == pytest.approx(1.5, abs=0.2)

@@ -201,7 +201,7 @@ def test_the_page_names_every_speaker_and_shows_pictures(corpus: Path, tmp_path:
     page = out.read_text()
     assert "| figure | **1_anna_0_0_0** | anna |" in page
     assert "of seed 1 of 1 speakers" in page
-    assert page.count("Too few clips to say.") == 3
+    assert page.count("Too few clips to say.") == 4
     for name in ("corpus_gestures.png", "corpus_speakers.png"):
         assert f"(figures/{name})" in page
         assert (out.parent / "figures" / name).read_bytes().startswith(b"\x89PNG")
