@@ -32,6 +32,7 @@ def report_page(speakers: Speakers, real: list[MeasuredClip], seed: int | None) 
             _about(speakers, seed),
             _realism(speakers, real, "Can it be told from real motion?", _body),
             _realism(speakers, real, "Can its head and jaw be told from real ones?", _head_and_jaw),
+            _OF_JAWS,
             _separability(speakers),
             _alignment(speakers),
             _repeats(speakers),
@@ -219,6 +220,10 @@ Real clips, where there are any, are one man's minutes from BEAT2's test split. 
 nothing measured on them is a test result, and no frame of them is in the corpus.
 
 ## Statistics
+"""
+
+_OF_JAWS = """Recordings open the mouth by face units as well as by the jaw, the corpus by the jaw
+above all: figures of the jaw tell two ways of writing a mouth down as much as two of moving it.
 """
 
 _TAIL = """## Pictures
