@@ -20,7 +20,7 @@ def textgrid(clip: Clip) -> str:
     duration_s = utterance.duration_s
 
     def intervals(name: str, rows: list[Interval]) -> str:
-        return _interval_tier(name, _covering(rows, duration_s), duration_s)
+        return interval_tier(name, rows, duration_s)
 
     def points(name: str, rows: list[Point]) -> str:
         inside = sorted(row for row in rows if 0 <= row[0] < duration_s)
@@ -131,7 +131,9 @@ def _covering(rows: list[Interval], duration_s: float) -> list[Interval]:
     return filled
 
 
-def _interval_tier(name: str, rows: list[Interval], duration_s: float) -> str:
+def interval_tier(name: str, intervals: list[Interval], duration_s: float) -> str:
+    """An interval tier that covers the whole clip: gaps are filled with empty intervals."""
+    rows = _covering(intervals, duration_s)
     lines = [
         '        class = "IntervalTier"',
         f'        name = "{name}"',

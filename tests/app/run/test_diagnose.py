@@ -14,7 +14,7 @@ from app.commands.cli import main
 from app.errors import CancelledRun, RunError
 from app.run.diagnose import DiagnoseRequest, diagnose_files, unique_names
 from app.run.planted import CLEAN
-from model.corpus.layout import _interval_tier
+from model.corpus.annotation import interval_tier
 from model.motion.motion import save_motion
 from model.speech.transcript import read_transcript
 from tests.helpers import smooth_motion_example
@@ -59,7 +59,7 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
     words.write_text(
         'File type = "ooTextFile"\nObject class = "TextGrid"\n\nxmin = 0\nxmax = 2\n'
         "tiers? <exists>\nsize = 1\nitem []:\n    item [1]:\n"
-        + _interval_tier("words", [(0.2, 0.5, "hello")], 2.0)
+        + interval_tier("words", [(0.2, 0.5, "hello")], 2.0)
     )
     argv = ["diagnose", str(motion), "--reference", str(reference), "--speech", str(speech)]
     argv += ["--transcript", str(words), "--joint", "left_wrist", "--start", "20"]

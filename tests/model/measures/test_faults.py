@@ -34,7 +34,7 @@ class Person:
 @pytest.fixture(scope="module")
 def procedural(flite: None) -> Person:
     speaker = next(s for s in SPEAKERS if s.name == "ewan")
-    clip = make_clip(open_body_rig(), speaker, "train", 33.0, [7, speaker.number])
+    clip = make_clip(open_body_rig(), speaker, "train", 33.0, [10, speaker.number])
     motion = Motion(
         poses=np.asarray(clip.poses, np.float32).reshape(-1, 165),
         trans=np.asarray(clip.trans, np.float32),

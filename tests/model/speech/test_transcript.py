@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.run.planted import CLEAN
-from model.corpus.layout import _interval_tier
+from model.corpus.annotation import interval_tier
 from model.motion.motion import load_motion
 from model.speech.audio import load_speech
 from model.speech.transcript import (
@@ -31,7 +31,7 @@ PHONES = [(0.1, 0.2, "h"), (0.2, 0.4, "o")]
 
 def grid(*tiers: tuple[str, list]) -> str:
     return HEAD + "".join(
-        f"    item [{number}]:\n{_interval_tier(name, intervals, 2.0)}"
+        f"    item [{number}]:\n{interval_tier(name, intervals, 2.0)}"
         for number, (name, intervals) in enumerate(tiers, start=1)
     )
 
