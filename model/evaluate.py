@@ -28,7 +28,7 @@ from model.data.recordings import DataError, fingerprint, read_split
 from model.evaluation import frechet, tables
 from model.evaluation.clip_measures import rooted_positions
 from model.evaluation.clips import as_table
-from model.evaluation.few_clips import SPEAKERS, FewClips
+from model.evaluation.few_clips import FewClips
 from model.evaluation.kept import load_rows
 from model.evaluation.matching import left_out
 from model.evaluation.one_clip import Cast, OneClip, read_recording, speaker_in
@@ -40,7 +40,7 @@ from model.motion.motion import Motion, MotionError
 from model.networks.autoencoder import FrozenEncoder, load_encoder
 from model.networks.matching import MatchingJudge, load_judge
 from model.speech.audio import SpeechError
-from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
+from model.storage.cards import BUNDLED_WEIGHTS, CALM_AND_LIVELY, CheckpointError
 from model.storage.files import written_atomically
 from model.storage.harmless import printable
 from model.systems.matching.config import HEARING_JUDGE
@@ -64,7 +64,7 @@ def main(arguments: list[str] | None = None) -> int:
         "--guidance", type=float, help="strength of the speech (default: each system's usual one)"
     )
     parser.add_argument(
-        "--speakers", default=",".join(SPEAKERS), metavar="CALM,LIVELY",
+        "--speakers", default=",".join(CALM_AND_LIVELY), metavar="CALM,LIVELY",
         help="two speakers whose manner is compared on a few clips (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument("--clips", type=int, help="only the first so many clips")
@@ -135,7 +135,7 @@ def evaluate(
     judges: Mapping[str, FrozenEncoder] = MappingProxyType({}),
     matching: MatchingJudge | None = None,
     guidance: float | None = None,
-    speakers: tuple[str, str] = SPEAKERS,
+    speakers: tuple[str, str] = CALM_AND_LIVELY,
     crew: Crew = ALONE,
     kept: Path | None = None,
     again: Callable[[], Cast] | None = None,

@@ -26,8 +26,6 @@ NUM_CLIPS = 6
 SPEECH_S = 10.0
 """Of each clip, at most."""
 NOISE_SEEDS = 2
-SPEAKERS = "hana", "june"
-"""The calmest of the bundled corpus and a lively one."""
 UNKNOWN_SPEAKERS = "Speakers are not compared: not every system knows those that were asked for."
 
 
