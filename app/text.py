@@ -40,7 +40,7 @@ SAMPLES_HELP = "More than one shows how much chance decides."
 GUIDANCE_LABEL = "Strength of the speech"
 GUIDANCE_HELP = (
     "How much what is said changes the gestures. The papers' own code draws with 1, where other "
-    "speech with the same seed gives nearly the same gestures; AsynFusion has no other."
+    "speech with the same seed gives nearly the same gestures."
 )
 USUAL_GUIDANCE = "as suits each system"
 GUIDANCE_NAMES = {1.0: "1, as trained"}

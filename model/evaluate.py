@@ -15,6 +15,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
+from dataclasses import asdict
 from functools import cache, partial
 from pathlib import Path
 from types import MappingProxyType
@@ -27,6 +28,7 @@ from model.data.recordings import DataError, fingerprint, read_split
 from model.evaluation import frechet, tables
 from model.evaluation.clip_measures import rooted_positions
 from model.evaluation.clips import as_table
+from model.evaluation.few_clips import FewClips
 from model.evaluation.kept import load_rows
 from model.evaluation.matching import left_out
 from model.evaluation.one_clip import Cast, OneClip, read_recording, speaker_in
@@ -38,7 +40,7 @@ from model.motion.motion import Motion, MotionError
 from model.networks.autoencoder import FrozenEncoder, load_encoder
 from model.networks.matching import MatchingJudge, load_judge
 from model.speech.audio import SpeechError
-from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
+from model.storage.cards import BUNDLED_WEIGHTS, CALM_AND_LIVELY, CheckpointError
 from model.storage.files import written_atomically
 from model.storage.harmless import printable
 from model.systems.matching.config import HEARING_JUDGE
@@ -61,6 +63,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--guidance", type=float, help="strength of the speech (default: each system's usual one)"
     )
+    parser.add_argument(
+        "--speakers", default=",".join(CALM_AND_LIVELY), metavar="CALM,LIVELY",
+        help="two speakers whose manner is compared on a few clips (default: %(default)s)",
+    )  # fmt: skip
     parser.add_argument("--clips", type=int, help="only the first so many clips")
     parser.add_argument("--processes", type=int, help="on this machine (default: all cores)")
     parser.add_argument("--scheduler", help="a Dask scheduler, such as tcp://head:8786")
@@ -68,6 +74,7 @@ def main(arguments: list[str] | None = None) -> int:
     torch.set_num_threads(1)
     names = list_systems(args.weights) if args.systems == "all" else args.systems.split(",")
     try:
+        speakers = _two(args.speakers)
         cast = _load(tuple(names), args.weights.absolute())
         clips = test_clips(args.data, cast.systems)[: args.clips]
         table = evaluate(
@@ -78,6 +85,7 @@ def main(arguments: list[str] | None = None) -> int:
             judges=cast.judges,
             matching=cast.matching,
             guidance=args.guidance,
+            speakers=speakers,
             crew=Crew(args.processes, args.scheduler),
             kept=args.out / "clips",
             again=partial(_load, tuple(names), args.weights.absolute()),
@@ -127,6 +135,7 @@ def evaluate(
     judges: Mapping[str, FrozenEncoder] = MappingProxyType({}),
     matching: MatchingJudge | None = None,
     guidance: float | None = None,
+    speakers: tuple[str, str] = CALM_AND_LIVELY,
     crew: Crew = ALONE,
     kept: Path | None = None,
     again: Callable[[], Cast] | None = None,
@@ -139,6 +148,7 @@ def evaluate(
         judges: encoders by distance, see `frechet.ENCODERS`; a distance without one is left out,
             and ``left_out`` of the table says so.
         matching: who tells matched from mismatched speech; the same holds for it.
+        speakers: a calm one and a lively one, who are compared on a few clips.
         crew: who measures the clips.
         kept: where the numbers of each clip stay; those of the same recordings, weights and
             options are taken from there. None keeps nothing.
@@ -156,15 +166,17 @@ def evaluate(
         beats.joint_speeds(rooted_positions(motion)[:, beats.BEAT_JOINTS]).mean(0)
         for motion in motions.values()
     ]
+    few = FewClips.choose(folder, names, cast.systems, speakers)
     one = OneClip(
         folder=folder,
         cast=again or partial(Cast, cast.systems, cast.judges, matching),
         seeds=seeds,
         guidance=guidance,
+        few=few,
         batch_windows=batch_windows,
         mean_speed=np.mean(speeds, axis=0),
     )
-    stamp = _stamp(folder, names, cast, seeds, guidance)
+    stamp = _stamp(folder, names, cast, seeds, guidance, few)
     with nullcontext(kept) if kept else tempfile.TemporaryDirectory() as place:
         files = {name: (Path(place) / f"{name}-{stamp}.npz").absolute() for name in names}
         Path(place).mkdir(parents=True, exist_ok=True)
@@ -187,7 +199,11 @@ def evaluate(
         "noise_seeds": seeds,
         "guidance": _strengths(cast.systems, guidance),
         **table,
-        "left_out": frechet.left_out(judges, motions.values()) + left_out(matching),
+        "left_out": [
+            *frechet.left_out(judges, motions.values()),
+            *left_out(matching),
+            *few.left_out(),
+        ],
     }
 
 
@@ -207,6 +223,13 @@ def _load(names: tuple[str, ...], weights: Path) -> Cast:
     )
 
 
+def _two(speakers: str) -> tuple[str, str]:
+    calm, comma, lively = speakers.partition(",")
+    if not (calm and comma and lively) or calm == lively:
+        raise ValueError(f"--speakers takes a calm and a lively one, CALM,LIVELY; got {speakers}.")
+    return calm, lively
+
+
 def _strengths(systems: Sequence[System], guidance: float | None) -> dict[str, float]:
     """With which each hears its speech; those that cannot be asked hear it as trained."""
     return {
@@ -215,7 +238,12 @@ def _strengths(systems: Sequence[System], guidance: float | None) -> dict[str, f
 
 
 def _stamp(
-    folder: Path, names: Sequence[str], cast: Cast, seeds: int, guidance: float | None
+    folder: Path,
+    names: Sequence[str],
+    cast: Cast,
+    seeds: int,
+    guidance: float | None,
+    few: FewClips,
 ) -> str:
     """Tells the numbers of these recordings, weights and options from all others."""
     told = {
@@ -226,6 +254,7 @@ def _stamp(
         "matching": cast.matching and cast.matching.sha256,
         "seeds": seeds,
         "guidance": _strengths(cast.systems, guidance),
+        "few": asdict(few),
     }
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from app.commands.said import name_file, say
 from app.config import BUNDLED_WEIGHTS
+from app.errors import RunError
 from app.run.hearing import HearingRequest, measure_hearing
 
 USUAL = ("workbench/priorflow", "globaldiff/local", "globaldiff/global", "gan/5")
@@ -32,11 +33,28 @@ def add_hearing(commands) -> None:
     parser.add_argument("--seeds", type=int, default=2, metavar="N", help="default: %(default)s")
     parser.add_argument("--speaker", metavar="NAME", help="whose manner (default: the first)")
     parser.add_argument(
+        "--speakers", metavar="CALM,LIVELY",
+        help="two speakers whose manner is compared on the first speech, such as hana,june",
+    )  # fmt: skip
+    parser.add_argument(
+        "--videos", action="store_true",
+        help="draw the bodies of the first two speeches and seeds, under the sound of either",
+    )  # fmt: skip
+    parser.add_argument(
         "--guidance", type=float, metavar="N",
         help="strength of the speech; 1 is as trained (default: as suits each system)",
     )  # fmt: skip
     parser.add_argument("--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR")
     parser.set_defaults(command=_hearing)
+
+
+def _two(speakers: str | None) -> tuple[str, str] | None:
+    if speakers is None:
+        return None
+    calm, comma, lively = speakers.partition(",")
+    if not (calm and comma and lively) or calm == lively:
+        raise RunError(f"--speakers takes two names, CALM,LIVELY; got {speakers!r}.")
+    return calm, lively
 
 
 def _hearing(options: argparse.Namespace) -> None:
@@ -51,6 +69,8 @@ def _hearing(options: argparse.Namespace) -> None:
         motions=options.given[0] if is_folder else None,
         seeds=options.seeds,
         speaker=options.speaker,
+        speakers=_two(options.speakers),
+        has_videos=options.videos,
         guidance=options.guidance,
         weights=options.weights,
     )

@@ -5,24 +5,29 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
 from app.run.models import get_system
+from app.run.pictures.hearing_videos import draw_hearing_videos
 from app.run.request import file_stem
 from app.run.result_folder import ResultFolder
 from renderer.figures.style import MAX_SYSTEMS
 
 if TYPE_CHECKING:
     from model.measures.hearing import Decided, Grid
+    from model.measures.manner import Manner
     from model.motion.motion import Motion
+    from model.speech.audio import Speech
 
 MAX_SPEECHES, MAX_SEEDS = 8, 8
 MAX_S = 60.0
 """Of each speech; the rest is not heard."""
+_GENERATED_BEFORE_VIDEOS = 0.3
+"""Share of the work."""
 _NAMED = re.compile(r"(?:(?P<system>.+?)__)?(?P<speech>.+?)__(?P<seed>\d{1,9})\.npz")
 
 
@@ -38,6 +43,10 @@ class HearingRequest:
     """Noise seeds, from 0 on."""
     speaker: str | None = None
     guidance: float | None = None
+    speakers: tuple[str, str] | None = None
+    """A calm one and a lively one, who are compared on the first speech as well."""
+    has_videos: bool = False
+    """Whether the bodies of the first two speeches and seeds are drawn."""
     motions: Path | None = None
     """A folder of anyone's motion: ``[SYSTEM__]SPEECH__SEED.npz``."""
     weights: Path = BUNDLED_WEIGHTS
@@ -47,6 +56,8 @@ class HearingRequest:
         if self.motions is not None:
             if self.speeches or self.systems:
                 raise RunError("Give speeches and systems, or a folder of motions; not both.")
+            if self.speakers or self.has_videos:
+                raise RunError("A folder of motions tells no speakers and no sound to draw with.")
             return
         if not 2 <= len(self.speeches) <= MAX_SPEECHES:
             raise RunError(
@@ -64,6 +75,26 @@ class HearingRequest:
 
 
 @dataclass(frozen=True)
+class Compared:
+    """What was found of two speakers under one speech."""
+
+    calm: str
+    lively: str
+    manner: Manner
+    calm_over_lively: float
+    """Speed of the wrists."""
+
+    def sentence(self) -> str:
+        """For a person."""
+        return (
+            f"Of {self.calm} and {self.lively}, the speaker decides"
+            f" {_percent(self.manner.by_speaker)} of the arms' speed; with the same noise and"
+            f" speech their rotations correlate {self.manner.arm_rotations_same_noise:.2f}, and"
+            f" {self.calm}'s wrists move {self.calm_over_lively:.2f} times as fast."
+        )
+
+
+@dataclass(frozen=True)
 class Heard:
     """What was found of one system."""
 
@@ -74,6 +105,18 @@ class Heard:
     """By part of the body."""
     arm_rotations_same_noise: float
     """Correlation of arm rotations between other speeches with the same noise."""
+    compared: Compared | None = None
+    """None where no speakers were asked for."""
+
+    def sentence(self) -> str:
+        """What the numbers say of the arms, for a person."""
+        arms = self.parts["arms"]
+        told = (
+            f"{self.system}: speech decides {_percent(arms.by_speech)} of the arms' speed and"
+            f" chance {_percent(arms.by_noise)}; with the same noise and other speech their"
+            f" rotations correlate {self.arm_rotations_same_noise:.2f}."
+        )
+        return told if self.compared is None else f"{told} {self.compared.sentence()}"
 
 
 @dataclass(frozen=True)
@@ -84,13 +127,8 @@ class Hearing:
     files: tuple[Path, ...]
 
     def sentences(self) -> tuple[str, ...]:
-        """What the numbers say of each system's arms, for a person."""
-        return tuple(
-            f"{heard.system}: speech decides {_percent(heard.parts['arms'].by_speech)} of the arms'"
-            f" speed and chance {_percent(heard.parts['arms'].by_noise)}; with the same noise and"
-            f" other speech their rotations correlate {heard.arm_rotations_same_noise:.2f}."
-            for heard in self.systems
-        )
+        """What the numbers say of each system, for a person."""
+        return tuple(heard.sentence() for heard in self.systems)
 
 
 def measure_hearing(
@@ -108,48 +146,85 @@ def measure_hearing(
     """
     from model.motion.motion import save_motion
 
+    generated = _GENERATED_BEFORE_VIDEOS if request.has_videos else 1.0
     with ResultFolder(request.out) as folder:
         if request.motions is not None:
-            grids, strengths = _read(request.motions), {}
+            of_system = {name: _Made(grid) for name, grid in _read(request.motions).items()}
         else:
-            grids, strengths = _generated(request, on_progress)
-            for system, grid in grids.items():
-                for (speech, seed), motion in grid.items():
+            speeches = _speeches(request)
+            of_system = _generated(request, speeches, lambda share: on_progress(generated * share))
+            for system, made in of_system.items():
+                for (speech, seed), motion in made.grid.items():
                     name = f"{file_stem(system)}__{speech}__{seed}.npz"
                     save_motion(motion, folder.path(name))
+            if request.has_videos:
+                draw_hearing_videos(
+                    {system: made.grid for system, made in of_system.items()},
+                    speeches,
+                    folder,
+                    lambda share: on_progress(generated + (1 - generated) * share),
+                )
         on_progress(1.0)
-        heard = tuple(_heard(system, grid, strengths.get(system)) for system, grid in grids.items())
+        heard = tuple(_heard(system, made, request.speakers) for system, made in of_system.items())
         _write_numbers(heard, folder)
-        _draw(heard, grids, folder)
+        _draw(heard, {system: made.grid for system, made in of_system.items()}, folder)
         return Hearing(heard, folder.publish())
 
 
-def _generated(
-    request: HearingRequest, on_progress: Callable[[float], None]
-) -> tuple[dict[str, Grid], dict[str, float]]:
-    from model.generation.windows import GenerateOptions, generate_motion
+@dataclass(frozen=True)
+class _Made:
+    """Motions of one system."""
+
+    grid: Grid
+    guidance: float | None = None
+    by_speaker: Grid = field(default_factory=dict)
+    """Of the first speech, by speaker and seed."""
+
+
+def _speeches(request: HearingRequest) -> dict[str, Speech]:
+    """By name; no more of each than is heard."""
     from model.speech.audio import SAMPLE_RATE, SpeechLimits, load_speech
 
     limits = SpeechLimits(max_s=request.max_speech_s)
-    speeches = {path.stem: load_speech(path, limits) for path in request.speeches}
+    whole = {path.stem: load_speech(path, limits) for path in request.speeches}
+    heard = int(MAX_S * SAMPLE_RATE)
+    return {
+        name: replace(speech, waveform=speech.waveform[:heard]) for name, speech in whole.items()
+    }
+
+
+def _generated(
+    request: HearingRequest,
+    speeches: Mapping[str, Speech],
+    on_progress: Callable[[float], None],
+) -> dict[str, _Made]:
+    from model.generation.windows import GenerateOptions, generate_motion
+
     systems = [get_system(name, request.weights) for name in dict.fromkeys(request.systems)]
-    wanted = len(systems) * len(speeches) * request.seeds
-    grids: dict[str, Grid] = {}
-    strengths: dict[str, float] = {}
+    seeds = range(request.seeds)
+    of_system: dict[str, _Made] = {}
+    first = next(iter(speeches))
+    grid_keys = [(name, seed) for name in speeches for seed in seeds]
+    speaker_keys = [(speaker, seed) for speaker in request.speakers or () for seed in seeds]
+    wanted = len(systems) * (len(grid_keys) + len(speaker_keys))
+    done = 0
     for system in systems:
-        grid: dict[tuple[str, int], Motion] = {}
+        own = request.speaker or next(iter(system.speakers))
         strength = None if system.guidance is None else request.guidance
-        strengths[system.name] = system.strength(strength)
-        for stem, whole in speeches.items():
-            speech = replace(whole, waveform=whole.waveform[: int(MAX_S * SAMPLE_RATE)])
-            for seed in range(request.seeds):
-                on_progress((len(grids) * len(speeches) * request.seeds + len(grid)) / wanted)
-                options = GenerateOptions(
-                    request.speaker or next(iter(system.speakers)), seed=seed, guidance=strength
-                )
-                (grid[stem, seed],) = generate_motion(system, speech, options)
-        grids[system.name] = grid
-    return grids, strengths
+        asked = [(name, own, seed) for name, seed in grid_keys]
+        asked += [(first, speaker, seed) for speaker, seed in speaker_keys]
+        moved: list[Motion] = []
+        for name, speaker, seed in asked:
+            on_progress(done / wanted)
+            done += 1
+            options = GenerateOptions(speaker, seed=seed, guidance=strength)
+            moved += generate_motion(system, speeches[name], options)
+        of_system[system.name] = _Made(
+            dict(zip(grid_keys, moved, strict=False)),
+            system.strength(strength),
+            dict(zip(speaker_keys, moved[len(grid_keys) :], strict=True)),
+        )
+    return of_system
 
 
 def _read(folder: Path) -> dict[str, Grid]:
@@ -173,14 +248,22 @@ def _read(folder: Path) -> dict[str, Grid]:
     return dict(grids)
 
 
-def _heard(system: str, grid: Grid, guidance: float | None) -> Heard:
+def _heard(system: str, made: _Made, speakers: tuple[str, str] | None) -> Heard:
     from model.measures.hearing import arm_rotations_same_noise, decided
 
     try:
-        parts = decided(grid)
+        parts = decided(made.grid)
+        compared = None if speakers is None else _compared(made.by_speaker, *speakers)
     except ValueError as error:
         raise RunError(f"{system}: {error}") from error
-    return Heard(system, guidance, parts, arm_rotations_same_noise(grid))
+    return Heard(system, made.guidance, parts, arm_rotations_same_noise(made.grid), compared)
+
+
+def _compared(motions: Grid, calm: str, lively: str) -> Compared:
+    from model.measures.manner import calm_over_lively, manner_of
+
+    own = ([motion for (who, _), motion in motions.items() if who == s] for s in (calm, lively))
+    return Compared(calm, lively, manner_of(motions), calm_over_lively(*own))
 
 
 def _write_numbers(heard: tuple[Heard, ...], folder: ResultFolder) -> None:
@@ -195,6 +278,7 @@ def _write_numbers(heard: tuple[Heard, ...], folder: ResultFolder) -> None:
                 for part, found in each.parts.items()
             },
         }
+        | ({} if each.compared is None else {"speakers": asdict(each.compared)})
         for each in heard
     }
     folder.path("hearing.json").write_text(json.dumps(told, indent=1) + "\n")

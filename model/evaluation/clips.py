@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 
@@ -20,13 +21,14 @@ from model.evaluation.intervals import (
     bootstrap_of,
     bootstrap_ratio,
 )
-from model.evaluation.matching import matched
+from model.evaluation.matching import matched, voiced
 from model.evaluation.speech_response import coupling, frame_loudness, speech_tracks
 from model.evaluation.window_diversity import window_diversity
 from model.generation.base import DEPTH_FLOW_TIME, FLOW_TIMES, Prediction
 from model.measures import beats, diversity, lagged_correlation
 from model.measures.face.face_and_hands import face_and_hands
 from model.measures.face.face_measures import face_measures
+from model.measures.silence import SILENCE_S, speed_in_silence
 from model.motion.motion import Motion
 from model.motion.skeleton import open_body_skeleton
 from model.motion.timing import FPS, SAMPLE_RATE
@@ -103,17 +105,24 @@ class ClipContext:
             for kind, track in speech_tracks(own[:, None], foreign[:, None]).items()
         }
 
+    def in_silence(self) -> dict[str, float]:
+        """Speeds of the recorded motion in the silences of its own speech; nothing where it has
+        none that is long enough."""
+        return speed_in_silence(self.recorded, voiced(self.heard[0]))
+
     def row(
         self,
         motions: Sequence[Motion],
         prediction: Prediction | None = None,
         elsewhere: Sequence[Motion] = (),
+        more: Mapping[str, float] = MappingProxyType({}),
     ) -> ClipRow:
         """One row's numbers.
 
         Args:
             prediction: for a system that can tell x_1 of this clip.
             elsewhere: what the system made of the foreign speech with the same noise.
+            more: measures that were found on other motions.
         """
         measured = [clip_measures(m, self.recorded, open_body_skeleton()) for m in motions]
         positions = [rooted_positions(motion) for motion in motions]
@@ -135,7 +144,7 @@ class ClipContext:
             if len(found) == len(motions):
                 features[name] = np.concatenate(found)
         return ClipRow(
-            measures=_mean_of(numbers) | hearing_measures(motions, elsewhere),
+            measures=_mean_of(numbers) | hearing_measures(motions, elsewhere) | dict(more),
             by_depth=by_depth,
             couplings={
                 kind: float(np.mean([coupling(p, track) for p in positions]))
@@ -180,6 +189,13 @@ def as_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> di
             ]
             if pairs:
                 columns[f"{measure}_ratio"] = bootstrap_ratio(*zip(*pairs, strict=True))
+        wrists = [
+            (row.measures["calm_wrist_m_s"], row.measures["lively_wrist_m_s"])
+            for row in rows
+            if "calm_wrist_m_s" in row.measures
+        ]
+        if wrists:
+            columns["calm_over_lively"] = bootstrap_ratio(*zip(*wrists, strict=True))
         columns["pairwise_l1_m"] = _pairwise([row.positions[0] for row in rows])
         spread = _spread_at_will(rows, speakers if name == RECORDED else None)
         if spread is not None:
@@ -226,6 +242,7 @@ def settings() -> dict[str, float | list[float]]:
         "wrong_speech_shift_s": speech_response.SHIFT_S,
         "wrong_speech_flow_times": list(FLOW_TIMES),
         "position_error_flow_time": DEPTH_FLOW_TIME,
+        "silence_s": SILENCE_S,
         "coupling_max_lag_s": lagged_correlation.MAX_LAG_S,
         "div_batch_windows": diversity.BATCH_WINDOWS,
         "div_window_frames": diversity.WINDOW_FRAMES,

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from model.motion.motion import Motion
@@ -41,10 +41,15 @@ def left_out(judge: MatchingJudge | None) -> list[str]:
     return [f"Matched speech is left out: its judge {HEARING_JUDGE} is not among the weights."]
 
 
+def voiced(features: Features) -> Bool[np.ndarray, " _"]:
+    """Whether there is a voice in each frame."""
+    return features[:, _VOICING] > 0.5
+
+
 def spoken(features: Features) -> slice:
     """From the first frame with a voice to the last; empty where there is none."""
-    voiced = np.flatnonzero(features[:, _VOICING] > 0.5)
-    return slice(int(voiced[0]), int(voiced[-1]) + 1) if len(voiced) else slice(0, 0)
+    heard = np.flatnonzero(voiced(features))
+    return slice(int(heard[0]), int(heard[-1]) + 1) if len(heard) else slice(0, 0)
 
 
 def pieces(rows: Float[np.ndarray, "T C"]) -> Float[Tensor, "N 300 C"]:

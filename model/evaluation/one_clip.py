@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from model.data.recordings import read_files, speaker_of
 from model.evaluation.clips import RECORDED, ClipContext
+from model.evaluation.few_clips import FewClips
 from model.evaluation.kept import save_rows
 from model.evaluation.speech_response import speech_tracks
 from model.generation.base import System
@@ -74,6 +75,7 @@ class OneClip:
     cast: Callable[[], Cast]
     seeds: int
     guidance: float | None
+    few: FewClips
     batch_windows: int
     mean_speed: np.ndarray
     """Of the joints whose beats count, over all clips."""
@@ -87,13 +89,15 @@ class OneClip:
             motion, mine.speech.waveform, foreign.speech.waveform, self.mean_speed, cast.judges,
             cast.matching,
         )  # fmt: skip
-        rows = {RECORDED: context.row([motion])}
+        of_recordings = context.in_silence() | self.few.recorded_measures(self.folder, name)
+        rows = {RECORDED: context.row([motion], more=of_recordings)}
         for system in cast.systems:
+            guidance = None if system.guidance is None else self.guidance
             options = GenerateOptions(
                 speaker=speaker_in(name),
                 seed=clip_seed(0, name),
                 samples=self.seeds,
-                guidance=None if system.guidance is None else self.guidance,
+                guidance=guidance,
             )
             prediction = system.predict_with(
                 motion,
@@ -103,5 +107,6 @@ class OneClip:
             )
             motions = generate_motion(system, mine.speech, options)
             elsewhere = generate_motion(system, foreign.speech, options)
-            rows[system.name] = context.row(motions, prediction, elsewhere)
+            few = self.few.measures(system, name, mine.speech, guidance)
+            rows[system.name] = context.row(motions, prediction, elsewhere, few)
         save_rows(out, rows)

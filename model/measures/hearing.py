@@ -30,7 +30,8 @@ LEAST_FRAMES = 3 * FPS
 ARMS = [JOINT_INDEX[f"{side}_{j}"] for side in ("left", "right") for j in ("shoulder", "elbow")]
 
 Grid = Mapping[tuple[str, int], Motion]
-"""Motions of one system and speaker by speech and noise seed."""
+"""Motions of one system by speech and noise seed; in `model.measures.manner` the speaker stands in
+the place of the speech."""
 
 
 @dataclass(frozen=True)
@@ -56,10 +57,15 @@ class Decided:
 
 def arm_speed(motion: Motion) -> Float[np.ndarray, " T1"]:
     """Angular speeds of both shoulders and elbows, summed and smoothed, degrees a second."""
-    poses = torch.from_numpy(motion.poses).unflatten(-1, (-1, 3))[:, ARMS]
+    return _smooth(turning(motion, ARMS))
+
+
+def turning(motion: Motion, joints: Sequence[int]) -> Float[np.ndarray, " T1"]:
+    """Angular speeds of joints against their parents, summed, degrees a second."""
+    poses = torch.from_numpy(motion.poses).unflatten(-1, (-1, 3))[:, list(joints)]
     turned = matrix_from_axis_angle(poses)
     steps = axis_angle_from_matrix(turned[:-1].mT @ turned[1:]).norm(dim=-1)
-    return _smooth(np.rad2deg(steps.sum(-1).numpy()) * FPS)
+    return np.rad2deg(steps.sum(-1).numpy()) * FPS
 
 
 def _head_speed(motion: Motion) -> Float[np.ndarray, " T1"]:

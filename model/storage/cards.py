@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Any
 
 BUNDLED_WEIGHTS = Path(__file__).parents[1] / "weights"
+CALM_AND_LIVELY = "hana", "june"
+"""The calmest speaker of the bundled weights, and a lively one."""
 
 
 class CheckpointError(ValueError):

@@ -22,7 +22,7 @@ FORMS: dict[str, list[Any]] = {
         None, ["globaldiff/global"], "ann", 0, 1, "1", "euler", False, None, "right_middle", 0,
         None, 0, 0, 1, False, False, False, -1, False,
     ],
-    "hearing": [[], None, None, -1],
+    "hearing": [[], None, None, -1, False],
     "own_motion": [None, None, None, "right_middle", 0, None, None],
     "steps": [[], None],  # with a system it would be measured on an example
     "study_plan": [

@@ -20,6 +20,7 @@ from app.page.parts.strength import USUAL, strength_choices, strength_of
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.page.tabs.measured_figure import FigureRunner, build_measuring_sheet
+from model.storage.cards import CALM_AND_LIVELY
 from model.systems.globaldiff.config import BEST
 
 if TYPE_CHECKING:
@@ -77,7 +78,13 @@ def _build_fields() -> list[Any]:
         label=text.GUIDANCE_LABEL,
         elem_id="hearing-strength",
     )
-    return [*speeches, strength]
+    calm, lively = CALM_AND_LIVELY
+    speakers = gr.Checkbox(
+        label=f"Compare {calm} and {lively}, too",
+        info="A calm speaker and a lively one, with the first speech and the same seeds.",
+        elem_id="hearing-speakers",
+    )
+    return [*speeches, strength, speakers]
 
 
 @dataclass(frozen=True)
@@ -88,6 +95,7 @@ class HearingForm:
     first: str | None
     second: str | None
     strength: float
+    has_speakers: bool
 
 
 class HearingRunner(FigureRunner["HearingRequest", "Hearing"]):
@@ -112,6 +120,7 @@ class HearingRunner(FigureRunner["HearingRequest", "Hearing"]):
             speeches=(*given, *spare[:missing]),
             systems=tuple(form.systems),
             guidance=strength_of(form.strength),
+            speakers=CALM_AND_LIVELY if form.has_speakers else None,
             weights=self.config.weights,
             max_speech_s=self.config.max_speech_s,
         )

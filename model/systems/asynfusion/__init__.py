@@ -36,5 +36,6 @@ FAMILY = Family(
         LCM_SYNC: _few_steps(8, 8),
         LCM_ASYNC: _few_steps(4, 8),
     },
+    guidance=dict.fromkeys(SYSTEMS, 2.5),
     shared_weights={LCM_ASYNC: LCM_SYNC},
 )

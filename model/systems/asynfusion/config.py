@@ -60,6 +60,13 @@ class LossConfig:
     huber_delta: float = 1.0
     """Where eq. 14 turns from squared to absolute error; normalised channels. The paper gives
     none."""
+    feet: float = 0.0
+    """Of the steps of ankles and feet through forward kinematics, `losses.velocity_loss`. The paper
+    has no term on the body in the world."""
+    contact: float = 0.0
+    """Of the horizontal steps of feet that stand in the recording, `losses.contact_loss`."""
+    time_weight_floor: float | None = 0.1
+    """Of these two, see `model.sampling.flow.time_weight`."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +98,6 @@ def named_config(preset: str, system: str) -> AsynFusionConfig:
         ema_decay=0.998,
         save_every=500,
         validate_every=1000,
-        speech_dropout=0.0,
     )
     if system == LCM_SYNC:
         config = replace(config, aim="teacher", steps=2000, learning_rate=2e-4)

@@ -1,9 +1,9 @@
 """Two branches, face and body, that predict clean motion side by side and hear of each other."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
-import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
@@ -16,6 +16,11 @@ EXPRESSION, GESTURE = 0, 1
 BRANCHES = EXPRESSION, GESTURE
 Pair = tuple[Tensor, Tensor]
 """Something of the expression branch and the same of the gesture branch."""
+
+
+def both(function: Callable[..., Any], *pairs: tuple) -> tuple:
+    """A function of the two branches' parts."""
+    return tuple(function(*parts) for parts in zip(*pairs, strict=True))
 
 
 @dataclass
@@ -86,6 +91,7 @@ class DualBranchNetwork(ConditionedNetwork):
         seed: Pair,
         speaker: Int[Tensor, " B"],
         has_seed: Bool[Tensor, " B"],
+        has_speech: Bool[Tensor, " B"],
     ) -> Pair:
         """Clean motion of both branches at once.
 
@@ -93,17 +99,13 @@ class DualBranchNetwork(ConditionedNetwork):
             x_t: (B, T, 52) and (B, T, 168), normalised components.
             t: flow times, each (B,).
             seed: the clean first frames; ignored where ``has_seed`` is false.
+            has_speech: false hides the speech from both branches.
         """
-        heard = self.listen(speech)
         found = self.evaluate(
             BRANCHES, x_t, t, FeatureBuffer(),
-            heard=heard, seed=seed, speaker=speaker, has_seed=has_seed,
+            heard=self.hear(speech, has_speech), seed=seed, speaker=speaker, has_seed=has_seed,
         )  # fmt: skip
         return found[EXPRESSION], found[GESTURE]
-
-    def listen(self, speech: Float[Tensor, "B heard speech_dim"]) -> Float[Tensor, "B T width"]:
-        """Tokens of the speech, the same for both branches and for every step."""
-        return self.hear(speech, torch.ones(len(speech), dtype=torch.bool, device=speech.device))
 
     def evaluate(
         self,
@@ -118,7 +120,11 @@ class DualBranchNetwork(ConditionedNetwork):
         has_seed: Bool[Tensor, " B"],
     ) -> dict[int, Float[Tensor, "B T C"]]:
         """Clean motion of the ``active`` branches; of a branch that is not, the others hear what
-        ``buffer`` holds."""
+        ``buffer`` holds.
+
+        Args:
+            heard: tokens of the speech (`hear`), the same for both branches and for every step.
+        """
         known, entered = {}, {}
         for which in active:
             seen = x_t[which], t[which], seed[which], has_seed

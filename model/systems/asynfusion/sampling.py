@@ -15,6 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from model.sampling.flow import interpolate
+from model.systems.asynfusion.guided import GuidedNetwork
 from model.systems.asynfusion.network import BRANCHES, DualBranchNetwork, FeatureBuffer, Pair
 from model.systems.asynfusion.schedule import flow_times, noise_of, trailing_steps
 
@@ -54,7 +55,7 @@ def turns(count: int, total: int) -> list[int]:
 
 
 def sample(
-    network: DualBranchNetwork,
+    network: DualBranchNetwork | GuidedNetwork,
     noise: Noise,
     counts: Sequence[int],
     way: Way,

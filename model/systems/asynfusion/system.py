@@ -14,13 +14,15 @@ from model.generation.speech_stream import SpeechWindow
 from model.motion.decoding import rotations
 from model.motion.spaces import ROOT_DIM
 from model.sampling.flow import seeded_noise
+from model.sampling.guidance import SpeechGuide
 from model.speech.encoders import make_encoder
 from model.storage.cards import CheckpointError
 from model.storage.checkpoint import load_into, load_weights
 from model.storage.settings import from_dict
 from model.systems.asynfusion import FAMILY
 from model.systems.asynfusion.config import DualBranchConfig
-from model.systems.asynfusion.network import DualBranchNetwork, Pair
+from model.systems.asynfusion.guided import GuidedNetwork
+from model.systems.asynfusion.network import GESTURE, DualBranchNetwork, Pair
 from model.systems.asynfusion.sampling import WAYS, sample
 from model.systems.asynfusion.streams import Streams, read_streams
 
@@ -56,15 +58,17 @@ class AsynFusionSystem(System):
             seed = [torch.zeros(size, config.seed_frames, count) for count in channels]
         else:
             seed = [stream[:, -config.seed_frames :] for stream in before.clean]
-        heard = speech.around(config.speech_context, config.window_frames)
+        around = speech.around(config.speech_context, config.window_frames)
+        guide = SpeechGuide(draw.guidance, self.streams[GESTURE].normaliser, "axis-angle")
+        heard = self.network.hear(guide.twice(around[None]), guide.hears(1))
         found = sample(
-            self.network,
+            GuidedNetwork(self.network, guide),
             partial(self._noise, draw),
             (draw.face_steps or draw.steps, draw.steps),
             WAYS[draw.sampler],
             seed=(seed[0], seed[1]),
             has_seed=torch.full((size,), before is not None),
-            heard=self.network.listen(heard[None]).expand(size, -1, -1),
+            heard=heard.repeat_interleave(size, dim=0),
             speaker=torch.full((size,), draw.speaker),
         )
         units, vectors = (
@@ -104,6 +108,7 @@ def load(name: str, folder: Path) -> AsynFusionSystem:
         encoder = make_encoder(card["config"]["encoder"])
         streams = read_streams(tensors, config.seed_frames)
         consistent = card["config"]["aim"] == "teacher"
+        learned_deaf = card["config"]["speech_dropout"] > 0
     except (KeyError, TypeError, AttributeError) as error:
         raise CheckpointError(f"The card of {weights} lacks or misstates {error}.") from None
     priors = [stream.prior for stream in streams]
@@ -120,6 +125,7 @@ def load(name: str, folder: Path) -> AsynFusionSystem:
         samplers=FAMILY.samplers_of(name),
         frame="parent",
         root_motion="place",
+        guidance=FAMILY.guidance_of(name) if learned_deaf else None,
         config=config,
         network=network,
         streams=streams,

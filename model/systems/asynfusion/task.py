@@ -6,12 +6,13 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from model.data.prepared import Batch, PreparedData
+from model.motion.decoding import Decoded, decode
 from model.motion.packing import Normaliser
 from model.motion.skeleton import open_body_skeleton
-from model.sampling.flow import interpolate
+from model.sampling.flow import interpolate, time_weight
 from model.storage.checkpoint import load_into, load_weights
 from model.systems.asynfusion.config import DDIM, AsynFusionConfig, LossConfig
-from model.systems.asynfusion.network import BRANCHES, DualBranchNetwork, Pair
+from model.systems.asynfusion.network import BRANCHES, GESTURE, DualBranchNetwork, Pair, both
 from model.systems.asynfusion.schedule import NUM_STEPS, flow_times, noise_of
 from model.systems.asynfusion.streams import Streams, face_tensors, fit_streams, read_streams
 from model.training import losses
@@ -84,12 +85,18 @@ def branches_step(
     seed_frames = config.network.seed_frames
     times = flow_times()
 
+    def measured_feet(
+        body: Float[Tensor, "B T C"], recorded: Decoded, t: Float[Tensor, " B"]
+    ) -> dict[str, Float[Tensor, " B"]]:
+        told = decode(body, targets.space, targets.skeleton, targets.root)
+        return foot_terms(config.loss, told.positions, recorded.positions, t)
+
     def step(
         network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard = WHOLE
     ) -> StepLoss:
         draws = Draws(len(batch.clips), generator, shard)
         with torch.no_grad():
-            vectors, _ = targets.of(batch.rows(shard.mine), rotations=False)
+            vectors, recorded = targets.of(batch.rows(shard.mine), rotations=False)
             motion = shard.of(batch.expression), vectors.to(shard.device)
             x_1 = both(lambda n, m: n.normalise(m), normalisers, motion)
             noise = both(lambda x: draws.noise(x.shape[1:]), x_1)
@@ -100,6 +107,7 @@ def branches_step(
             conditions = {
                 "seed": both(lambda x: x[:, :seed_frames], x_1),
                 "has_seed": draws.keep(config.seed_dropout),
+                "has_speech": draws.keep(config.speech_dropout),
                 "speaker": shard.of(batch.speaker) * draws.keep(config.speaker_dropout),
                 "speech": shard.of(heard(config, network, batch, generator)),
             }
@@ -120,14 +128,13 @@ def branches_step(
             else:  # eq. 7
                 found = {"clean": losses.simple_loss(predicted[which], x_1[which])}
             terms |= {f"{NAMES[which]}_{name}": term.mean() for name, term in found.items()}
+        if config.loss.feet or config.loss.contact:
+            body = normalisers[GESTURE].restore(predicted[GESTURE])
+            found = measured_feet(body, recorded.to(shard.device), t[GESTURE])
+            terms |= {name: term.mean() for name, term in found.items()}
         return StepLoss.of(terms)
 
     return step
-
-
-def both(function, *pairs: tuple) -> tuple:
-    """A function of the two branches' parts."""
-    return tuple(function(*parts) for parts in zip(*pairs, strict=True))
 
 
 def draw_steps(
@@ -163,6 +170,21 @@ def noise_terms(
         "noise": weights.noise * losses.simple_loss(noise_of(x_t, predicted, t), noise),
         "velocity": weights.velocity * losses.difference_loss(told, wanted),
         "huber": weights.huber * huber.mean((1, 2)),
+    }
+
+
+def foot_terms(
+    weights: LossConfig,
+    positions: Float[Tensor, "B T 55 3"],
+    recorded: Float[Tensor, "B T 55 3"],
+    t: Float[Tensor, " B"],
+) -> dict[str, Float[Tensor, " B"]]:
+    """Weighted terms on feet in the world, in metres; the nearer to the data, the heavier."""
+    feet, wanted = (joints[:, :, losses.FEET] for joints in (positions, recorded))
+    by_sample = time_weight(t, weights.time_weight_floor)
+    return {
+        "feet": weights.feet * by_sample * losses.velocity_loss(feet, wanted),
+        "contact": weights.contact * by_sample * losses.contact_loss(positions, recorded),
     }
 
 

@@ -13,6 +13,7 @@ from app.errors import RunError
 from app.run.hearing import HearingRequest, measure_hearing
 from model.motion.motion import load_motion, save_motion
 from model.speech.audio import write_wav
+from renderer.video.encoder import read_facts
 from tests.model.made import made_waveform
 from tests.model.measures.test_hearing import motion_of
 
@@ -103,6 +104,39 @@ def test_guidance_makes_two_speeches_differ_more(
     assert apart(0.0) < apart(1.0) < apart(4.0)
 
 
+def test_speakers_are_compared_on_the_first_speech(
+    speeches: tuple[Path, ...], weights: Path, tmp_path: Path, capsys
+) -> None:
+    """One asked for twice over is as lively as itself, and the first speech's own motion."""
+    shares: list[float] = []
+    request = HearingRequest(
+        tmp_path, speeches, ("globaldiff/global",), weights=weights, speakers=("bob", "ann")
+    )
+    (heard,) = measure_hearing(request, shares.append).systems
+    assert shares == pytest.approx([k / 8 for k in range(9)])
+    assert heard.compared is not None
+    told = json.loads((tmp_path / "hearing.json").read_text())["globaldiff/global"]["speakers"]
+    assert told["calm"] == "bob" and told["calm_over_lively"] == heard.compared.calm_over_lively
+    assert told["manner"]["by_speaker"] == heard.compared.manner.by_speaker
+    assert "bob's wrists move" in heard.sentence()
+    command = ["hearing", *map(str, speeches), "--out", str(tmp_path / "no"), "--speakers", "bob"]
+    assert main(command) == 1 and "CALM,LIVELY" in capsys.readouterr().err
+
+
+@pytest.mark.gl
+def test_bodies_are_drawn_under_either_speech(
+    speeches: tuple[Path, ...], weights: Path, tmp_path: Path
+) -> None:
+    request = HearingRequest(
+        tmp_path, speeches, ("globaldiff/global",), weights=weights, has_videos=True
+    )
+    measure_hearing(request)
+    for stem in ("one", "two"):
+        facts = read_facts(tmp_path / f"globaldiff-global__{stem}.mp4")
+        assert facts.num_frames == 120
+        assert facts.width > 2 * facts.height, "four bodies side by side"
+
+
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
@@ -111,6 +145,10 @@ def test_guidance_makes_two_speeches_differ_more(
         ({"seeds": 1}, "2 to 8; got 1"),
         ({"systems": ()}, "One to"),
         ({"motions": Path("folder")}, "not both"),
+        (
+            {"motions": Path("folder"), "speeches": (), "systems": (), "has_videos": True},
+            "tells no speakers and no sound",
+        ),
     ],
 )
 def test_what_cannot_be_compared_is_told(changes: dict, sentence: str, tmp_path: Path) -> None:

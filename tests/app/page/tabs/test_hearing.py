@@ -55,7 +55,8 @@ def runs(tmp_path: Path) -> Runs:
 
 
 def test_two_examples_are_compared_where_nothing_is_uploaded(runs: Runs) -> None:
-    (asked,), last = runs(["gan/5"], None, None, -1.0)
+    (asked,), last = runs(["gan/5"], None, None, -1.0, False)
+    assert asked.speakers is None
     assert asked.speeches == EXAMPLES[:2] and asked.guidance is None and asked.seeds == 2
     assert "of 1 system." in last["status"]
     line = "<li>gan/5: speech decides 40% of the arms&#x27; speed and chance 20%"
@@ -64,13 +65,13 @@ def test_two_examples_are_compared_where_nothing_is_uploaded(runs: Runs) -> None
 
 
 def test_an_example_takes_the_place_of_the_speech_that_is_missing(runs: Runs) -> None:
-    (asked,), _ = runs(["gan/5"], None, "/up/a.wav", 1.0)
+    (asked,), _ = runs(["gan/5"], None, "/up/a.wav", 1.0, True)
     assert asked.speeches == (Path("/up/a.wav"), EXAMPLES[1]), "another than the one of its name"
-    assert asked.guidance == 1.0
+    assert asked.guidance == 1.0 and asked.speakers == ("hana", "june")
 
 
 def test_what_is_missing_is_said(runs: Runs) -> None:
-    assert runs([], None, None, -1.0)[1] == {"error": "Tick at least one system to compare."}
-    assert "fewer than two" in runs(["gan/5"], None, None, -1.0, examples=())[1]["error"]
-    both = runs(["gan/5"], "/up/a.wav", "/down/a.wav", -1.0)[1]
+    assert runs([], None, None, -1.0, False)[1] == {"error": "Tick at least one system to compare."}
+    assert "fewer than two" in runs(["gan/5"], None, None, -1.0, False, examples=())[1]["error"]
+    both = runs(["gan/5"], "/up/a.wav", "/down/a.wav", -1.0, False)[1]
     assert "one name" in both["error"]

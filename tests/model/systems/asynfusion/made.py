@@ -49,6 +49,7 @@ def made_conditions(size: int = 2) -> dict[str, Tensor]:
         "speech": torch.randn(size, 72, 68, generator=generator),
         "speaker": torch.tensor([1, 2])[:size],
         "has_seed": torch.tensor([True, False])[:size],
+        "has_speech": torch.ones(size, dtype=torch.bool),
     }
 
 
@@ -60,10 +61,12 @@ def made_streams() -> tuple[Stream, Stream]:
     return Stream(face, made_prior(FACE)), Stream(made_components(mean, 0.05), made_prior(BODY))
 
 
-def make_asynfusion(folder: Path) -> Path:
+def make_asynfusion(folder: Path, speech_dropout: float = 0.1) -> Path:
     """Weights of the teacher and of the student."""
     face, body = made_streams()
-    config = {"encoder": "mel64", "network": vars(tiny_config())}
+    config = {
+        "encoder": "mel64", "network": vars(tiny_config()), "speech_dropout": speech_dropout,
+    }  # fmt: skip
     for name, aim in ((DDIM, "noise"), (LCM_SYNC, "teacher")):
         state = tiny_network().state_dict()
         tensors = {f"network.{key}": tensor for key, tensor in state.items()}

@@ -48,7 +48,7 @@ def test_cutting_cosync_changes_both_branches():
 def test_alone_a_branch_hears_what_the_buffer_holds():
     network, x_t = tiny_network(), made_pair()
     conditions = made_conditions()
-    heard = network.listen(conditions.pop("speech"))
+    heard = network.hear(conditions.pop("speech"), conditions.pop("has_speech"))
     asked = {"heard": heard, "seed": seed_of(x_t), **conditions}
     buffer = FeatureBuffer()
     both = network.evaluate(BRANCHES, x_t, T, buffer, **asked)
@@ -71,6 +71,18 @@ def test_a_sample_does_not_depend_on_the_others():
     alone = network(one, (T[0][:1], T[1][:1]), seed=seed_of(one), **first)
     for which in BRANCHES:
         torch.testing.assert_close(alone[which], both[which][:1], atol=1e-4, rtol=1e-4)
+
+
+def test_where_there_is_no_speech_neither_branch_hears_any():
+    network, x_t, conditions = tiny_network(), made_pair(), made_conditions()
+    other = conditions | {"speech": conditions["speech"].flip(0)}
+    one, another = (
+        network(x_t, T, seed=seed_of(x_t), **told | {"has_speech": torch.tensor([True, False])})
+        for told in (conditions, other)
+    )
+    for which in BRANCHES:
+        change = (one[which] - another[which]).abs().amax((1, 2))
+        assert change[0] > 1e-3 and change[1] == 0
 
 
 def test_a_consistent_network_gives_clean_motion_back():

@@ -19,7 +19,7 @@ def noise(which: int, step: int) -> torch.Tensor:
 def asked(network: DualBranchNetwork) -> dict:
     conditions = made_conditions()
     x = made_pair(seed=3)
-    heard = network.listen(conditions.pop("speech"))
+    heard = network.hear(conditions.pop("speech"), conditions.pop("has_speech"))
     return {"heard": heard, "seed": (x[0][:, :8], x[1][:, :8]), **conditions}
 
 

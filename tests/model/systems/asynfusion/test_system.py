@@ -72,10 +72,26 @@ def test_streamed_motion_is_the_whole_motion(folder):
         )
 
 
-def test_what_it_cannot_do_is_said(folder, tmp_path):
-    ddim = load_system("asynfusion/ddim", folder)
+@pytest.mark.parametrize("name", ["asynfusion/ddim", "asynfusion/lcm-async"])
+def test_speech_can_be_heard_more_strongly(folder, name):
+    system = load_system(name, folder)
+    plain, louder, usual, asked = (
+        moved(system, guidance=strength)[0] for strength in (1.0, 4.0, None, system.guidance)
+    )
+    assert np.abs(louder.poses - plain.poses).max() > 1e-3
+    np.testing.assert_array_equal(usual.poses, asked.poses)
+
+
+def test_weights_that_always_heard_take_no_guidance(tmp_path):
+    system = load_system("asynfusion/ddim", make_asynfusion(tmp_path, speech_dropout=0.0))
+    assert system.guidance is None
+    moved(system, guidance=1.0)
     with pytest.raises(ValueError, match="takes no guidance"):
-        moved(ddim, guidance=2.0)
+        moved(system, guidance=2.0)
+
+
+def test_what_it_cannot_do_is_said(folder):
+    ddim = load_system("asynfusion/ddim", folder)
     with pytest.raises(ValueError, match="face_steps is 0"):
         moved(ddim, face_steps=0)
     with pytest.raises(ValueError, match="asynfusion/ddim has no sampler 'lcm'"):

@@ -1,16 +1,26 @@
+import math
 from dataclasses import replace
 
 import pytest
 import torch
 
 from model.systems.asynfusion.config import DDIM, INTERACTIONS, LCM_SYNC, named_config
-from model.systems.asynfusion.task import draw_steps, make_task, noise_terms, pseudo_huber
+from model.systems.asynfusion.task import (
+    draw_steps,
+    foot_terms,
+    make_task,
+    noise_terms,
+    pseudo_huber,
+)
 from model.systems.registry import load_system
 from model.train import main
 from model.training import losses
 from model.training.loop import train
 from tests.model.made import make_data_folder
 from tests.model.systems.asynfusion.made import BODY, made_streams
+
+MEAN_WEIGHT = math.atan(1 / math.sqrt(0.1)) / math.sqrt(0.1)
+"""Of 1 / ((1 - t)^2 + .1) over t."""
 
 
 def command(data, out, system, *more):
@@ -113,6 +123,33 @@ def test_the_terms_are_equations_12_to_14():
         torch.testing.assert_close(terms["velocity"][k], (error.diff(dim=0) ** 2).mean())
     exact = noise_terms(weights, normaliser, x_t, x_1, x_1, noise, t)
     assert all(float(term.max()) < 1e-8 for term in exact.values())
+
+
+def test_feet_are_held_where_they_stand_and_the_more_so_the_nearer_to_the_data():
+    weights = replace(named_config("demo", DDIM).loss, feet=2.0, contact=3.0)
+    recorded = torch.zeros(2, 5, 55, 3)
+    slid = recorded.clone()
+    slid[:, :, losses.FEET[0], 0] = 0.001 * torch.arange(5)  # a millimetre a frame
+    terms = foot_terms(weights, slid, recorded, torch.tensor([0.0, 1.0]))
+    early, late = (1 / ((1 - t) ** 2 + 0.1) / MEAN_WEIGHT for t in (0.0, 1.0))
+    assert float(terms["contact"][0]) == pytest.approx(3 * 0.1**2 / 4 * early, rel=1e-3)
+    assert float(terms["contact"][1]) == pytest.approx(3 * 0.1**2 / 4 * late, rel=1e-3)
+    step = 0.001**2 / (2 * losses.SMOOTH_L1_BETA) / 12
+    assert float(terms["feet"][1]) == pytest.approx(2 * step * late, rel=1e-3)
+    other = recorded.clone()
+    other[:, :, 20, 0] = 0.01 * torch.arange(5)  # a hand
+    assert not any(t.any() for t in foot_terms(weights, other, recorded, torch.rand(2)).values())
+
+
+@pytest.mark.parametrize("system", [DDIM, LCM_SYNC])
+def test_the_terms_on_feet_are_a_switch(trained, tmp_path, system):
+    data, teacher, _ = trained
+    more = ["--helpers", str(teacher / "weights"), "--steps", "2"]
+    assert command(data, tmp_path / "run", system, *more, "--set", "loss.contact=1") == 0
+    told = (tmp_path / "run" / "log.csv").read_text().splitlines()[0]
+    assert "contact" in told
+    usual = (teacher / "log.csv").read_text().splitlines()[0]
+    assert "contact" not in usual and "feet" not in usual
 
 
 def test_consistency_is_zero_for_equal_windows_and_grows_like_a_distance():
