@@ -29,6 +29,7 @@ const OPENING_PX = 330; // the least of an example
 const UNDER_PX = 12; // of the window, free under an example
 const SWIPE_PX = 40;
 const VIEW = "front";
+const BACKGROUND = [0.894, 0.902, 0.918]; // until the facts have come
 
 let facts = null;
 
@@ -98,6 +99,8 @@ export class Stage {
     this.#canvas = make("canvas", { role: "application", tabindex: "0", "aria-label": `The bodies of this run. ${ORBIT_HELP}`, title: ORBIT_HELP });
     this.#gl = this.#canvas.getContext("webgl2", { alpha: false, antialias: !isSlow });
     this.#pace = new Pace(isSlow);
+    this.#gl.clearColor(...BACKGROUND, 1);
+    this.#gl.clear(this.#gl.COLOR_BUFFER_BIT); // not black until the first picture
     this.#handle = make("div", {
       class: "stage-wipe", role: "slider", tabindex: "0", hidden: true,
       "aria-label": "Where one body ends and the other begins", "aria-valuemin": "0", "aria-valuemax": "100",
@@ -363,7 +366,7 @@ export class Stage {
     const tag = make("div", { class: `stage-tag${wide < 150 ? " tight" : ""}`, "data-name": row.name }, make("header", {}, swatch, nameOf(row), tools));
     tag.style.setProperty("--series", row.is_reference ? "#1b2733" : row.color);
     if (this.#isNarrow && !this.#large) tag.querySelector("header").append(make("small", {}, `${this.#at + 1} of ${this.#rows.size}: swipe`));
-    if (!shown) tag.append(make("p", { class: "coming" }, row.motion || row.video ? "no motion to be shown here" : "being made"));
+    if (!shown) tag.append(make("p", { class: "coming" }, row.motion && !row.frames ? "no motion to be shown here" : row.frames ? "coming" : "being made"));
     return tag;
   }
 
