@@ -1,4 +1,5 @@
-"""What travels between browser and server during a live session, as bytes.
+"""What travels between browser and server during a live session, and motion that a browser plays,
+as bytes.
 
 Sound comes as 16-bit numbers of 16 kHz mono; frames go as in `docs/formats.md` ("Live frames").
 """
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
 MAX_SOUND_BYTES = 32_000
 """Of one message: a second."""
 NUM_FACES = 52
+FACE_BASIS = "arkit52"
+MAX_FRAMES = 2**16 - 1
+"""Of one message."""
 HEADER = struct.Struct("<IHHffHH")
 """First frame, frames, face weights a frame, ms that the window took, ms that it waited for its
 turn, visitors at work, and zero."""
@@ -39,7 +43,7 @@ def read_sound(content: bytes) -> np.ndarray:
 
 
 def frames_message(
-    first: int, motion: Motion, *, made_ms: float, waited_ms: float, visitors: int
+    first: int, motion: Motion, *, made_ms: float = 0.0, waited_ms: float = 0.0, visitors: int = 0
 ) -> bytes:
     """Frames of the open body as the browser draws them: positions as 32-bit floats, rotations of
     all joints to their parents as quaternions (x, y, z, w) of 16-bit numbers, face weights as
@@ -49,6 +53,8 @@ def frames_message(
     count = motion.num_frames
     quaternions = Rotation.from_rotvec(motion.poses.reshape(-1, 3)).as_quat()
     faces = np.clip(motion.expressions[:, :NUM_FACES], 0, 1)
+    if motion.expression_basis != FACE_BASIS:  # the open body's face cannot follow it
+        faces = np.zeros_like(faces)
     return b"".join(
         [
             HEADER.pack(first, count, NUM_FACES, made_ms, waited_ms, visitors, 0),

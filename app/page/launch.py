@@ -151,6 +151,7 @@ def launch(
     from app.page.serving.media import MediaDesk, media_routes
     from app.page.serving.refusals import quieten_sockets, refuse_unknown_functions
     from app.page.serving.researcher_part import Handover, study_routes
+    from app.page.serving.stage_route import stage_routes
     from app.page.serving.uploads import keep_uploads_tidy
     from app.page.serving.workshop import Limits, Workshop
     from app.page.tabs.upload_check import UploadCheck
@@ -201,6 +202,7 @@ def launch(
     )
     page.queue(max_size=4 * config.max_waiting)
     routes = [*media_routes(desk), *study_routes(handover), *preview_routes(previews)]
+    routes += stage_routes()
     routes += live_routes(live, examples)
     page.launch(
         server_name=config.host,

@@ -20,7 +20,6 @@ from app.run.pictures.comparison import (
     draw_all,
     joined_side_by_side,
     rows_that_fit,
-    show_preview,
 )
 from app.run.pictures.export import body_motion
 from app.run.pictures.figures import check_start, draw_figure6, draw_jitter
@@ -162,8 +161,6 @@ def _generate(
             path = folder.path(f"{file_stem(row.name)}.npz")
             save_motion(shown, path)
             reporter.file("motion", row.name, path)
-            if request.has_previews:
-                show_preview(request, row, inputs, folder, reporter)
             rows.append(row)
     if inputs.reference is not None:
         raw = inputs.reference

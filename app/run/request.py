@@ -44,7 +44,6 @@ Stage = Literal["speech", "motion", "numbers", "video", "comparison", "figure"]
 STAGES: tuple[Stage, ...] = ("speech", "motion", "numbers", "video", "comparison", "figure")
 ArtefactKind = Literal[
     "motion",
-    "preview",
     "video",
     "poster",
     "comparison",
@@ -120,8 +119,6 @@ class GenerateRequest:
     """What the videos show beyond the body as it moves."""
     has_video: bool = True
     has_figures: bool = True
-    has_previews: bool = False
-    """Whether each motion is told of as a GLB too, to be shown while its video is drawn."""
     has_posters: bool = False
     """Whether the first picture of each video is told of too, to be shown while the video comes."""
     max_speech_s: float = 600.0

@@ -10,6 +10,7 @@ from pyrender.constants import RenderFlags
 from pyrender.shader_program import ShaderProgramCache
 
 from renderer.draw.antialias import SUPERSAMPLE, Antialias
+from renderer.stage.studio import ROUGHNESS
 
 _SHADERS = Path(__file__).with_name("shaders")
 
@@ -120,7 +121,7 @@ class DynamicMesh:
             material=pyrender.MetallicRoughnessMaterial(
                 baseColorFactor=[1.0, 1.0, 1.0, 1.0],
                 metallicFactor=0.0,
-                roughnessFactor=0.7,
+                roughnessFactor=ROUGHNESS,
                 doubleSided=True,  # sleeves and collars are open
             ),
         )

@@ -7,8 +7,14 @@ from scipy import ndimage
 RESOLUTION = 160
 """Texels along each side of the floor; the shadow is soft, so few are enough."""
 HALF_SIZE_M = 2.0
-_TOUCHING_M = 0.10
+TOUCHING_M = 0.10
 """Below this height above the floor a vertex also casts a contact shadow."""
+LOST, BLURS, MOST_LOST = (0.30, 0.45), (2.6, 1.5), 0.62
+"""Of the light, by the body and by what touches; texels by which either is soft; and at most."""
+GLOW, LIGHTEST = 22.0, 252.0
+"""Grey levels by which the pool's middle is lighter than the background, and at most."""
+POOL_POWER, FADE = 1.2, 2.5
+"""How fast the pool of light falls off, and the floor's shadows with it."""
 
 
 class ShadowGround:
@@ -36,11 +42,11 @@ class ShadowGround:
         self._slope = (light_from[0] / light_from[1], light_from[2] / light_from[1])
         axis = (np.arange(RESOLUTION) + 0.5) / RESOLUTION * 2.0 - 1.0
         radius = np.hypot(axis[:, None], axis[None, :])
-        pool = np.clip(1.0 - radius, 0.0, 1.0) ** 1.2
+        pool = np.clip(1.0 - radius, 0.0, 1.0) ** POOL_POWER
         backdrop = np.asarray(background, np.float32) * 255.0
-        glow = np.minimum(backdrop + 22.0, 252.0)
+        glow = np.minimum(backdrop + GLOW, LIGHTEST)
         self._lit = (backdrop + pool[..., None] * (glow - backdrop)).astype(np.float32)
-        self._fade = np.clip((1.0 - radius) * 2.5, 0.0, 1.0).astype(np.float32)
+        self._fade = np.clip((1.0 - radius) * FADE, 0.0, 1.0).astype(np.float32)
 
     def shadow(self, vertices: Float[np.ndarray, "V 3"]) -> Float32[np.ndarray, "R R"]:
         """Share of light lost at each texel, 0 to 1; rows run along z, columns along x."""
@@ -51,9 +57,9 @@ class ShadowGround:
         row = (vertices[:, 2] - self._slope[1] * height - offset[1]) * scale
         inside = (column >= 0) & (column < RESOLUTION) & (row >= 0) & (row < RESOLUTION)
         texel = row[inside].astype(np.intp) * RESOLUTION + column[inside].astype(np.intp)
-        touching = texel[height[inside] < _TOUCHING_M]
-        lost = 0.30 * _splat(texel, blur=2.6) + 0.45 * _splat(touching, blur=1.5)
-        return np.clip(lost, 0.0, 0.62) * self._fade
+        touching = texel[height[inside] < TOUCHING_M]
+        lost = LOST[0] * _splat(texel, BLURS[0]) + LOST[1] * _splat(touching, BLURS[1])
+        return np.clip(lost, 0.0, MOST_LOST) * self._fade
 
     def texture(self, vertices: Float[np.ndarray, "V 3"]) -> UInt8[np.ndarray, "R R 3"]:
         """Display colours of the floor with the shadow of these vertices on it."""

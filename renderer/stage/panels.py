@@ -86,10 +86,15 @@ class Cutout:
     """Among ``vertices``."""
 
 
+def drawn_joints(view: str) -> list[int]:
+    """Joints whose flesh a close-up shows."""
+    parts = _DRAWN[view]
+    return [j for j, name in enumerate(JOINT_NAMES) if any(part in name for part in parts)]
+
+
 def cut_out(body: Body, view: str) -> Cutout:
     """The part of a body that a close-up shows."""
-    drawn = [any(part in name for part in _DRAWN[view]) for name in JOINT_NAMES]
-    is_kept = np.array(drawn)[body.arrays.main_joints]
+    is_kept = np.isin(body.arrays.main_joints, drawn_joints(view))
     faces = body.faces[is_kept[body.faces].all(axis=1)]
     vertices = np.unique(faces)
     place = np.zeros(body.num_vertices, np.int32)

@@ -13,7 +13,7 @@ from renderer.body.joints import JOINT_INDEX, JOINT_NAMES
 from renderer.stage.camera import Camera, frame_points, outermost
 from renderer.stage.panels import Panel
 
-_CLOSE_UPS = {
+CLOSE_UP_JOINTS = {
     "face": [JOINT_INDEX[name] for name in ("head", "jaw", "left_eye", "right_eye")],
     **{
         f"{side}_hand": [
@@ -26,12 +26,12 @@ _CLOSE_UPS = {
 }
 """Joints that the camera of a close-up follows; the other views show them all."""
 
-_CLOSE_UP_SIGMA_FRAMES, _WALK_SIGMA_FRAMES = 12.0, 30.0
+CLOSE_UP_SIGMA_FRAMES, WALK_SIGMA_FRAMES = 12.0, 30.0
 """A camera that follows moves slowly, so that the jitter of what it shows can be seen."""
-_STEADY_SIGMA_FRAMES = 2.0
+STEADY_SIGMA_FRAMES = 2.0
 """Of the hands beside a picture: their camera takes away gestures, below 2 Hz, so that a hand stays
 large in its place, and leaves them what trembles, above 5 Hz, as it is."""
-_FINGERTIP_M = 0.035
+FINGERTIP_M = 0.035
 """How far a fingertip reaches beyond its last joint, at most."""
 
 FOLLOW_BEYOND_M = 1.5
@@ -41,12 +41,12 @@ have to show all of the way, and the bodies small."""
 Framing = Literal["whole", "knees"]
 FRAMINGS: tuple[Framing, ...] = get_args(Framing)
 """How much of a body a view shows that is no close-up: all, or from the knees up."""
-_BELOW_KNEES = ("ankle", "foot")
-_KNEE_FLESH_M = 0.1
+BELOW_KNEES = ("ankle", "foot")
+KNEE_FLESH_M = 0.1
 
 _PIECE_FRAMES = 512
 
-_FEET = [JOINT_INDEX[f"{side}_{name}"] for side in ("left", "right") for name in ("ankle", "foot")]
+FEET = [JOINT_INDEX[f"{side}_{name}"] for side in ("left", "right") for name in ("ankle", "foot")]
 
 
 @dataclass(frozen=True)
@@ -99,10 +99,10 @@ def set_stage(
     if not motions:
         raise ValueError("A stage needs at least one motion; none was given.")
     reach = _reach(body)
-    shown = _CLOSE_UPS.get(view, _framed(framing))
+    shown = CLOSE_UP_JOINTS.get(view, _framed(framing))
     if framing == "knees":
         knees = [JOINT_INDEX[f"{side}_knee"] for side in ("left", "right")]
-        reach[knees] = np.minimum(reach[knees], _KNEE_FLESH_M)
+        reach[knees] = np.minimum(reach[knees], KNEE_FLESH_M)
     from_afar, along, pelvises, floors, corners = [], [], [], [], []
     near: list[list[np.ndarray]] = [[] for _ in close_ups]
     for motion in motions:
@@ -111,14 +111,14 @@ def set_stage(
         relative = positions[:, shown] - _track(positions, view)[:, None]
         along.append(outermost(relative, view, aspect=aspect))
         for places, panel in zip(near, close_ups, strict=True):
-            followed = positions[:, _CLOSE_UPS[panel.view]]
+            followed = positions[:, CLOSE_UP_JOINTS[panel.view]]
             relative = followed - _steady_track(positions, panel.view)[:, None]
             places.append(outermost(relative, panel.view, aspect=panel.aspect))
         pelvises += [positions[:, 0].min(axis=0), positions[:, 0].max(axis=0)]
         floors.append(_floor(body, positions))
         corners += [positions.min(axis=(0, 1)), positions.max(axis=(0, 1))]
     wandered_m = float(np.ptp(pelvises, axis=0)[[0, 2]].max())
-    is_following = view in _CLOSE_UPS or wandered_m > FOLLOW_BEYOND_M
+    is_following = view in CLOSE_UP_JOINTS or wandered_m > FOLLOW_BEYOND_M
     points = np.concatenate(along if is_following else from_afar)
     radius = np.broadcast_to(reach[shown], points.shape[:2])
     low, high = np.min(corners, axis=0), np.max(corners, axis=0)
@@ -137,7 +137,7 @@ def set_stage(
 
 def _framed(framing: Framing) -> list[int]:
     """Joints that a view shows that is no close-up."""
-    hidden = _BELOW_KNEES if framing == "knees" else ()
+    hidden = BELOW_KNEES if framing == "knees" else ()
     return [
         joint for joint, name in enumerate(JOINT_NAMES) if not any(part in name for part in hidden)
     ]
@@ -146,9 +146,9 @@ def _framed(framing: Framing) -> list[int]:
 def _shot(panel: Panel, points: Float[np.ndarray, "N J 3"], reach: np.ndarray) -> Shot:
     """The camera that has these places of a panel's joints inside, of a hand those of the fingers
     and no more of the arm than there is room for."""
-    of_joint = reach[_CLOSE_UPS[panel.view]]
+    of_joint = reach[CLOSE_UP_JOINTS[panel.view]]
     if panel.view != "face":
-        of_joint = np.minimum(of_joint, _FINGERTIP_M)
+        of_joint = np.minimum(of_joint, FINGERTIP_M)
     radius = np.broadcast_to(of_joint, points.shape[:2])
     camera = frame_points(
         *(points.reshape(-1, 3), panel.view), aspect=panel.aspect, radius_m=radius.ravel()
@@ -196,10 +196,10 @@ def _joint_positions(body: Body, motion: BodyMotion) -> Float32[np.ndarray, "T J
 
 def _track(positions: Float[np.ndarray, "T J 3"], view: str) -> Float[np.ndarray, "T 3"]:
     """The smoothed middle of a close-up's joints; of other views, of the pelvis over the ground."""
-    if view in _CLOSE_UPS:
-        middle, sigma = positions[:, _CLOSE_UPS[view]].mean(axis=1), _CLOSE_UP_SIGMA_FRAMES
+    if view in CLOSE_UP_JOINTS:
+        middle, sigma = positions[:, CLOSE_UP_JOINTS[view]].mean(axis=1), CLOSE_UP_SIGMA_FRAMES
     else:
-        middle, sigma = positions[:, 0] * np.array([1.0, 0.0, 1.0], np.float32), _WALK_SIGMA_FRAMES
+        middle, sigma = positions[:, 0] * np.array([1.0, 0.0, 1.0], np.float32), WALK_SIGMA_FRAMES
     return ndimage.gaussian_filter1d(middle, sigma, axis=0, mode="nearest")
 
 
@@ -207,8 +207,8 @@ def _steady_track(positions: Float[np.ndarray, "T J 3"], view: str) -> Float[np.
     """As ``_track`` of a close-up, but close on the heels of a hand."""
     if view == "face":
         return _track(positions, view)
-    middle = positions[:, _CLOSE_UPS[view]].mean(axis=1)
-    return ndimage.gaussian_filter1d(middle, _STEADY_SIGMA_FRAMES, axis=0, mode="nearest")
+    middle = positions[:, CLOSE_UP_JOINTS[view]].mean(axis=1)
+    return ndimage.gaussian_filter1d(middle, STEADY_SIGMA_FRAMES, axis=0, mode="nearest")
 
 
 def _reach(body: Body) -> Float[np.ndarray, " J"]:
@@ -222,5 +222,5 @@ def _reach(body: Body) -> Float[np.ndarray, " J"]:
 
 def _floor(body: Body, positions: Float[np.ndarray, "T J 3"]) -> float:
     """Height of the soles in the median frame: the lower foot is taken to stand."""
-    sole = body.rest_joints[_FEET, 1] - body.template[:, 1].min()
-    return float(np.median((positions[:, _FEET, 1] - sole).min(axis=1)))
+    sole = body.rest_joints[FEET, 1] - body.template[:, 1].min()
+    return float(np.median((positions[:, FEET, 1] - sole).min(axis=1)))

@@ -10,6 +10,9 @@ from renderer.body.normals import VertexNormals
 from renderer.stage.ground import HALF_SIZE_M, ShadowGround
 from renderer.stage.stage import Stage
 
+ROUGHNESS = 0.7
+"""Of skin and cloth alike: how far a highlight spreads."""
+
 
 @dataclass(frozen=True)
 class Light:

@@ -27,7 +27,7 @@ _LOUD, _ON_LOUD = (196, 52, 0), (255, 255, 255)
 
 # Grey stands still; then lighter to darker, so that neither colour-blindness nor a grey print hides
 # which is more (plasma of matplotlib, from its light end).
-_HEAT = np.array(
+HEAT_COLORS = np.array(
     [
         [0.80, 0.80, 0.79],
         [0.99, 0.86, 0.25],
@@ -37,9 +37,9 @@ _HEAT = np.array(
         [0.25, 0.02, 0.55],
     ]
 )
-_SPEED = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]])
+SPEED_COLORS = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]])
 """Viridis of matplotlib: slow is dark, fast is light."""
-_SPIKE = (213, 94, 0)
+SPIKE_COLOR = (213, 94, 0)
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def heat_colors(
 ) -> Iterator[Float32[np.ndarray, "V 3"]]:
     """Linear RGB of each vertex: the share of the joints that it follows, by how much it does."""
     for of_joint in shares:
-        yield (_along(_HEAT, body.arrays.weights @ of_joint) ** 2).astype(np.float32)
+        yield (_along(HEAT_COLORS, body.arrays.weights @ of_joint) ** 2).astype(np.float32)
 
 
 def _along(colors: np.ndarray, shares: np.ndarray) -> np.ndarray:
@@ -140,7 +140,7 @@ def _draw_trail(part: UInt8[np.ndarray, "H W C"], trail: Trail, frame: int, came
     layer = Image.new("RGBA", size, (255, 255, 255, 0))
     draw = ImageDraw.Draw(layer)
     places = [tuple(place) for place in (way - low) * _SMOOTH]
-    colors = _along(_SPEED, trail.speeds[frames]).astype(int)
+    colors = _along(SPEED_COLORS, trail.speeds[frames]).astype(int)
     for width_px, is_halo in ((1.8 * thick, True), (thick, False)):
         for i in range(1, len(places)):
             color = (255, 255, 255) if is_halo else tuple(colors[i])
@@ -150,7 +150,7 @@ def _draw_trail(part: UInt8[np.ndarray, "H W C"], trail: Trail, frame: int, came
     for place, is_spike in zip(places, trail.is_spike[frames], strict=True):
         if is_spike:
             _dot(draw, place, _SMOOTH * 1.5 * thick, (255, 255, 255, 255))
-            _dot(draw, place, _SMOOTH * 1.1 * thick, (*_SPIKE, 255))
+            _dot(draw, place, _SMOOTH * 1.1 * thick, (*SPIKE_COLOR, 255))
     small = layer.resize((int(high[0] - low[0]), int(high[1] - low[1])), Image.Resampling.BOX)
     _lay_over(part, np.asarray(small), int(low[1]), int(low[0]))
 
@@ -178,9 +178,9 @@ def _plates(
             plates.append(((panel.top + 4, panel.left + 4), tag))
     legends = []
     if marks.heat is not None:
-        legends.append(_legend(_HEAT * 255, marks.heat.legend, size, body.width))
+        legends.append(_legend(HEAT_COLORS * 255, marks.heat.legend, size, body.width))
     if marks.trail is not None:
-        legends.append(_legend(_SPEED, marks.trail.legend, size, body.width))
+        legends.append(_legend(SPEED_COLORS, marks.trail.legend, size, body.width))
     for legend in legends:
         bottom -= legend.shape[0] + 4
         plates.append(((bottom, body.left + 4), legend))

@@ -171,6 +171,17 @@ def start(page: Page, speech: Path) -> None:
     page.get_by_role("button", name=text.GENERATE).click()
 
 
+def show_videos(page: Page, player: str = "#player") -> None:
+    """Videos in place of the bodies that the browser draws."""
+    page.locator(f"{player} .controls .more").click()
+    page.locator(f"{player} .more-box").get_by_role("button", name="Videos").click()
+    page.locator(f"{player} .tile").first.wait_for()
+
+
+STAGED = "count => Number(document.querySelector('#player .stage')?.dataset.bodies) === count"
+"""Whether so many bodies are on the stage."""
+
+
 @pytest.fixture(scope="module")
 def stage() -> Stage:
     return Stage()

@@ -58,8 +58,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the server shows."""
     folder = tmp_path_factory.mktemp("viewer")
     (folder / "index.html").write_text(PAGE)
-    for name in ("glb_view.js", "orbit.js"):
-        (folder / name).write_bytes((ROOT / "app" / "page" / "web" / "body" / name).read_bytes())
+    for module in (ROOT / "app" / "page" / "web" / "body").glob("*.js"):
+        (folder / module.name).write_bytes(module.read_bytes())
     return folder
 
 

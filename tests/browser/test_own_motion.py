@@ -8,10 +8,10 @@ from playwright.sync_api import Page, Position, expect
 
 from app.page.tabs.own_motion import TAB
 from model.motion.motion import save_motion
-from tests.browser.conftest import PATIENCE_MS, in_every_look
+from tests.browser.conftest import PATIENCE_MS, in_every_look, show_videos
 from tests.helpers import smooth_motion_example
 
-END: Position = {"x": 120, "y": 70}
+END: Position = {"x": 120, "y": 190}
 GESTURES = """File type = "ooTextFile"
 Object class = "TextGrid"
 item [1]:
@@ -73,6 +73,9 @@ def test_two_files_of_ones_own_are_measured_and_drawn(
     other.goto(href)
     expect(other.locator("#own-numbers thead th[data-name]")).to_have_text(["mine", "theirs"])
     expect(other.get_by_role("tab", name=TAB)).to_have_attribute("aria-selected", "true")
+    stage = other.locator("#own-player .stage")
+    expect(stage).to_have_attribute("data-bodies", "2", timeout=PATIENCE_MS)
+    show_videos(other, "#own-player")
     expect(other.locator("#own-player video")).to_have_count(2)
     for video in other.locator("#own-player video").all():
         other.wait_for_function("video => video.duration > 1", arg=video.element_handle())
@@ -96,27 +99,20 @@ def test_two_files_of_ones_own_are_measured_and_drawn(
             assert box is not None and 100 < box["height"] < height
     other.set_viewport_size({"width": 1280, "height": 900})
     bar.get_by_role("button", name="Worst second", exact=True).click()
-    expect(bar.locator(".worst-line")).to_contain_text("1 of")
+    expect(other.locator("#own-player .worst-line")).to_contain_text("1 of")
     other.reload()
-    expect(other.locator("#own-player video")).to_have_count(2)
 
-    # Both in 3D: who turns one turns the other, and keys bring them back.
-    tiles = other.locator("#own-player .tile")
-    other.evaluate("document.querySelector('#own-player').scrollIntoView()")
-    for tile in tiles.all():
-        tile.get_by_role("button", name="in 3D").click()
-    views = other.locator("#own-player .view-3d canvas")
-    expect(views).to_have_count(2)
+    # On the stage, who turns the camera turns it for all, and keys bring it back.
+    expect(stage).to_have_attribute("data-bodies", "2", timeout=PATIENCE_MS)
+    canvas = stage.locator("canvas")
+    canvas.scroll_into_view_if_needed()
     back = other.locator("#own-player").get_by_role("button", name="Back to the front")
-    expect(back).to_have_count(0)
-    views.first.drag_to(views.first, source_position={"x": 60, "y": 60}, target_position=END)
-    expect(back).to_have_count(2)
-    views.first.press("ArrowLeft")
+    expect(back).not_to_be_visible()
+    canvas.drag_to(canvas, source_position={"x": 60, "y": 160}, target_position=END)
+    expect(back).to_be_visible()
+    canvas.press("ArrowLeft")
     frame = other.locator("#own-player .lockstep").evaluate("root => root.lockstep.frame")
-    assert frame == 0, "the arrow turned the body, not the time"
-    views.first.press("Home")
-    expect(back).to_have_count(0)
-    tiles.first.get_by_role("button", name="in 3D").click()
-    expect(views).to_have_count(1)
-    assert other.locator("#own-player video").count() == 2
+    assert frame == 0, "the arrow turned the bodies, not the time"
+    canvas.press("Home")
+    expect(back).not_to_be_visible()
     other.context.close()

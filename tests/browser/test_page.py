@@ -11,7 +11,7 @@ from playwright.sync_api import Page, expect
 from app import text
 from app.config import AppConfig
 from model.speech.audio import write_wav
-from tests.browser.conftest import PATIENCE_MS
+from tests.browser.conftest import PATIENCE_MS, STAGED, show_videos
 
 pytestmark = [pytest.mark.browser, pytest.mark.gl]
 
@@ -49,12 +49,13 @@ def test_speech_becomes_videos_that_play_a_figure_numbers_and_downloads(
     press_generate(page)
 
     expect(status_of(page)).to_be_in_viewport()  # the page goes to what the click began
-    page.locator("#player video").first.wait_for()
+    page.wait_for_function(STAGED, arg=len(SYSTEMS))  # before there is any video
+    expect(page.locator("#empty")).not_to_be_visible()
+    page.locator("#bundle").wait_for()
+    show_videos(page)
     expect(page.locator("#player video").first).to_have_attribute(
         "poster", re.compile("^data:image/jpeg")
     )
-    expect(page.locator("#empty")).not_to_be_visible()
-    page.locator("#bundle").wait_for()
     for selector in (
         *(f'#player .tile[data-name="{name}"] video' for name in SYSTEMS),
         "#player audio",
@@ -117,7 +118,7 @@ def test_two_visitors_at_once_get_their_own_results(visit: Visit, wav: Wav) -> N
     expect(status_of(second)).to_contain_text("one run ahead of you", timeout=PATIENCE_MS)
     for page, seconds, frames in ((first, 0.6, 18), (second, 1.2, 36)):
         page.locator("#bundle").wait_for()
-        assert abs(duration_s(page, "#player video") - seconds) < 0.05
+        assert abs(duration_s(page, "#player audio") - seconds) < 0.05
         expect(status_of(page)).to_contain_text(f"{frames} frames each")
 
 

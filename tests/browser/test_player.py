@@ -19,8 +19,10 @@ from tests.browser.conftest import (
 from tests.browser.conftest import (
     FRAMES,
     PATIENCE_MS,
+    STAGED,
     Stage,
     open_page,
+    show_videos,
     start,
 )
 
@@ -69,6 +71,7 @@ def done(browser: Browser, fake_address: str, stage: Stage, speech: Path) -> Ite
     start(page, speech)
     page.locator("#bundle").wait_for()
     page.locator("#player .lane canvas").first.wait_for()
+    show_videos(page)
     yield page
     page.context.close()
 
@@ -201,15 +204,16 @@ def test_the_worst_second_is_played_slowly_again_and_again(player: Page) -> None
     })()"""
     worst.click()
     expect(worst).to_have_attribute("aria-pressed", "true")
+    line = player.locator("#player .worst-line")
     first = player.evaluate(state)
     assert first["rate"] == 0.25 and first["loop"][1] - first["loop"][0] == pytest.approx(1.0)
-    expect(bar.locator(".worst-line")).to_contain_text(re.compile(r"1 of \d: (local|global|full),"))
+    expect(line).to_contain_text(re.compile(r"1 of \d: (local|global|full),"))
     player.wait_for_function(
         "() => { const l = document.querySelector('.lockstep').lockstep;"
         " return l.isPlaying && l.time > l.loop[0] && l.time < l.loop[1]; }"
     )
     bar.get_by_role("button", name="Next second, less bad").click()
-    expect(bar.locator(".worst-line")).to_contain_text(re.compile(r"2 of \d"))
+    expect(line).to_contain_text(re.compile(r"2 of \d"))
     second = player.evaluate(state)
     assert abs(second["loop"][0] - first["loop"][0]) >= 1.0
     bar.get_by_role("button", name="Next worse second").click()
@@ -223,25 +227,25 @@ def test_the_worst_second_is_played_slowly_again_and_again(player: Page) -> None
 
 def test_a_close_up_is_one_click_away(player: Page) -> None:
     """Each picture holds body, face and hands; the tile shows what is asked for."""
-    group = player.get_by_role("group", name="Close-up")
+    choice = player.get_by_label("Close-up", exact=True)
     shown = """() => {
         const picture = document.querySelector('#player .picture').getBoundingClientRect();
         const video = document.querySelector('#player video').getBoundingClientRect();
         const share = y => (y - video.top) / video.height;
         return [share(picture.top), share(picture.bottom)];
     }"""
-    expect(group.get_by_role("button", name="Hands")).to_have_attribute("aria-pressed", "true")
+    expect(choice).to_have_value("hands")
     for name, edges in (
         # A face of 240 rows, a body of 640, hands of 240.
-        ("Hands", (240 / 1120, 1.0)),
-        ("Face", (0.0, 880 / 1120)),
-        ("Both", (0.0, 1.0)),
-        ("Off", (240 / 1120, 880 / 1120)),
+        ("hands", (240 / 1120, 1.0)),
+        ("face", (0.0, 880 / 1120)),
+        ("both", (0.0, 1.0)),
+        ("off", (240 / 1120, 880 / 1120)),
     ):
-        group.get_by_role("button", name=name).click()
+        choice.select_option(name)
         assert player.evaluate(shown) == pytest.approx(edges, abs=0.01)
     player.keyboard.press("c")
-    expect(group.get_by_role("button", name="Hands")).to_have_attribute("aria-pressed", "true")
+    expect(choice).to_have_value("hands")
 
 
 @pytest.mark.parametrize("mode", ["grid", "wipe"])
@@ -283,7 +287,7 @@ def test_two_videos_are_wiped_and_flickered(player: Page) -> None:
 def test_a_ghost_is_grey_where_two_agree_and_coloured_where_they_do_not(player: Page) -> None:
     player.keyboard.press("g")
     player.locator("#player .controls").get_by_label("Second of two").select_option(SYSTEMS[1])
-    expect(player.locator("#player .ghost-legend")).to_contain_text("Grey where both agree.")
+    expect(player.locator("#player .tiles .ghost-legend")).to_contain_text("Grey where both agree.")
     shown = player.locator("#player .tile:visible")
     expect(shown).to_have_count(2)
     picture = shown.first.locator(".picture")
@@ -301,7 +305,7 @@ def test_a_ghost_is_grey_where_two_agree_and_coloured_where_they_do_not(player: 
     player.wait_for_timeout(200)
     assert colourfulness() > 20.0
     player.keyboard.press("g")
-    expect(player.locator("#player .ghost-legend")).not_to_be_visible()
+    expect(player.locator("#player .tiles .ghost-legend")).not_to_be_visible()
 
 
 def test_one_switch_filters_plots_and_measures(player: Page) -> None:
@@ -377,6 +381,7 @@ def test_a_link_opens_the_run_again_in_another_browser(player: Page, browser: Br
     other.set_default_timeout(PATIENCE_MS)
     other.goto(href)
     other.locator("#player .lane canvas").first.wait_for()
+    show_videos(other)
     expect(other.locator("#player video")).to_have_count(3)
     other.wait_for_function("() => document.querySelector('#player video').duration > 5")
     expect(other.locator('#numbers tr[data-measure="Jerk"] td .raw').first).to_have_text("110")
@@ -414,6 +419,8 @@ def test_videos_appear_one_by_one_beside_a_reference_and_a_cancelled_run_leaves_
     page.set_input_files("#transcript input[type=file]", str(transcript))
     expect(page.locator("#transcript")).to_contain_text("words")
     start(page, speech)
+    page.wait_for_function(STAGED, arg=4)
+    show_videos(page)
     drawing, videos = page.locator("#player .drawing:visible"), page.locator("#player video")
     expect(drawing).to_have_count(4, timeout=PATIENCE_MS)
     for drawn in (1, 2):

@@ -23,12 +23,14 @@ from app.run.request import GenerateRequest
 from model.motion.motion import load_motion, save_motion
 from model.systems.globaldiff.config import BEST
 from tests.app import fakes
-from tests.browser.conftest import LOOKS, PATIENCE_MS, Scheme, served
+from tests.browser.conftest import LOOKS, PATIENCE_MS, STAGED, Scheme, served
 from tests.model.made import TINY_BEST, TINY_SYSTEMS, make_weights
 
 pytestmark = pytest.mark.browser
 
 LOOK_S = 2.0
+MOVES = "() => document.querySelector('#player .lockstep')?.stage.pictures > 5"
+"""Whether some pictures of the stage have been drawn."""
 Walk = tuple[str, list[GenerateRequest]]
 
 
@@ -91,29 +93,26 @@ def test_a_visitor_walks_from_the_example_to_a_link_for_somebody_else(
     # The example moves, and all of its picture is in the first window, the hands below the body.
     example_of(page, address)
     expect(page.get_by_role("heading", name=text.LOOK_QUESTION)).to_be_visible()
-    page.wait_for_function("() => document.querySelector('#player video')?.currentTime > 0.3")
-    assert within(page, "#player .picture", height)
+    page.wait_for_function(MOVES)
+    assert within(page, "#player .stage-view", height)
     page.get_by_text(text.LOOK_SHOW).click()
     expect(page.locator(".first-look details")).to_contain_text("2,000")
 
     # Speech of one's own, tremble made large; the page goes to what the click began.
     page.set_input_files("#speech input[type=file]", str(EXAMPLES / f"{EXAMPLE}.wav"))
     page.locator("#speech").get_by_label("Play", exact=True).first.wait_for()
-    page.locator("#exaggerate").get_by_text("x5", exact=True).click()
     page.get_by_role("button", name=text.GENERATE).click()
     page.locator("#bundle").wait_for()
     expect(page.locator("#status [role=status]")).to_be_in_viewport()
-    assert asked[-1].display.exaggeration == 5
-    expect(page.locator("#player video")).to_have_count(len(asked[-1].systems))
+    page.wait_for_function(STAGED, arg=len(asked[-1].systems))
 
     # Worst second, close-up, ghost.
     bar = page.locator("#player .controls")
     bar.get_by_role("button", name="Worst second", exact=True).click()
-    expect(bar.locator(".worst-line")).to_contain_text(re.compile(r"1 of \d"))
-    bar.get_by_role("button", name="Face", exact=True).click()
+    expect(page.locator("#player .worst-line")).to_contain_text(re.compile(r"1 of \d"))
+    bar.get_by_label("Close-up", exact=True).select_option("face")
     bar.get_by_role("button", name="Ghost", exact=True).click()
-    expect(page.locator("#player .tile:visible")).to_have_count(2)
-    expect(page.locator("#player .ghost-legend")).to_contain_text("local alone")
+    expect(page.locator("#player .stage .ghost-legend")).to_contain_text("Grey where both agree")
     assert page.evaluate("document.documentElement.scrollWidth") <= width
 
     # The link, in a second browser that shares nothing with the first.
@@ -122,7 +121,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_for_somebody_else(
     other.set_default_timeout(PATIENCE_MS)
     other.goto(href)
     other.locator("#player .lane canvas").first.wait_for()
-    expect(other.locator("#player video")).to_have_count(len(asked[-1].systems))
+    other.wait_for_function(STAGED, arg=len(asked[-1].systems))
     expect(other.locator("#empty")).not_to_be_visible()
     other.context.close()
 
@@ -136,14 +135,11 @@ def test_a_visitor_walks_from_the_example_to_a_link_for_somebody_else(
     both.on("pageerror", lambda error: pytest.fail(str(error)))
     expect(both.locator("#verdict")).to_contain_text("Seed 0 against 7.", timeout=PATIENCE_MS)
     both.locator("#player .lane[data-name] canvas").first.wait_for()
-    names = both.locator("#player .tile header b")
+    both.wait_for_function(STAGED, arg=2 * len(asked[-1].systems))
+    names = both.locator("#player .stage-tag header b")
     assert names.all_inner_texts()[:2] == ["priorflow (A)", "priorflow (B)"]
-    expect(both.locator("#player video")).to_have_count(2 * len(asked[-1].systems))
     both.locator("#player .controls .play").click()
-    both.wait_for_function(
-        "() => { const seen = [...document.querySelectorAll('#player video')].slice(0, 2);"
-        " return seen.every((video) => video.currentTime > 0.3); }"
-    )
+    both.wait_for_function(MOVES)
     expect(both.locator('#numbers tr[data-measure="Jerk"]')).to_contain_text("110")
     assert both.evaluate("document.documentElement.scrollWidth") <= width
     both.close()

@@ -14,7 +14,7 @@ from app import text
 from app.config import AppConfig
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
-from app.page.results.player import Showing, picture_layout, write_own_sound
+from app.page.results.player import Showing, own_writers, picture_layout
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.run.first_look import SIZE_PX, STEADY, TREMBLING, FirstLook, first_look
@@ -92,7 +92,7 @@ class FirstLookDesk:
         asked = DiagnoseRequest(tuple(files.values()), look.folder, speech=look.speech)
         showing = Showing(
             *(names, names, picture_layout("front", SIZE_PX, ("hands",), "knees")),
-            lambda paths: write_own_sound(asked, paths, look.folder),
+            own_writers(asked, look.folder),
             *(look.folder, self._desk, ""),
         )
         for name, path in files.items():

@@ -8,10 +8,12 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from copy import copy
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.findings.verdict import short_names
+from app.live.wire import MAX_FRAMES, frames_message
 from app.page.results.timeline import (
     Version,
     make_timeline,
@@ -24,6 +26,7 @@ from app.run.models import get_body
 from app.run.pictures.export import render_settings
 from app.run.pictures.followed_point import choose_tip_source
 from app.run.pictures.posters import POSTER_SUFFIX
+from app.run.pictures.register import in_register
 from app.run.request import (
     REFERENCE_NAME,
     Artefact,
@@ -37,15 +40,29 @@ from app.run.words import given_words
 from model.speech.transcript import NOTHING_SAID, Transcript
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from app.run.diagnose import DiagnoseRequest
+    from model.motion.motion import Motion
 
 NOTHING: dict[str, Any] = {}
 """What a player shows before there is anything."""
-_ROW_KINDS = ("motion", "preview", "poster", "video")
+_ROW_KINDS = ("motion", "poster", "video")
 
 
-WriteSound = Callable[[Mapping[str, Path]], tuple[Path, Path]]
-"""Motion files by row to the sound that the player plays, and the time line."""
+Write = Callable[[Mapping[str, Path]], Path]
+"""Motion files by row to a file that is made of them."""
+
+
+@dataclass(frozen=True)
+class Writers:
+    """What is made in a run's folder for the player beside the rows."""
+
+    sound: Write
+    timeline: Write
+    """Called with all motions, after the sound is written."""
+    is_sound_first: bool = False
+    """Whether the first motion is enough for the sound, rather than all."""
 
 
 class Showing:
@@ -56,10 +73,11 @@ class Showing:
         names: Sequence[str],
         awaited: Sequence[str],
         layout: Mapping[str, Any],
-        write_sound: WriteSound,
+        write: Writers,
         folder: Path,
         desk: MediaDesk,
         visitor: str,
+        reference: Path | None = None,
     ) -> None:
         """
         Args:
@@ -68,8 +86,10 @@ class Showing:
             layout: as `picture_layout` has it.
             folder: of the job, where sound and time line are kept.
             visitor: the browser's cookie.
+            reference: a recorded motion that no run tells of; it is cut to the others' length.
         """
-        self._write_sound = write_sound
+        self._write = write
+        self._reference = reference
         self._layout = layout
         self._awaited = set(awaited)
         self._folder = folder
@@ -86,7 +106,8 @@ class Showing:
             for name in names
         }
         self._files: dict[str, dict[str, Path]] = {name: {} for name in names}
-        self._made: Future[tuple[Path, Path]] | None = None
+        self._sound: Future[Path] | None = None
+        self._timeline: Future[Path] | None = None
         self._urls: dict[Path, str] = {}
 
     @classmethod
@@ -108,8 +129,12 @@ class Showing:
         layout = picture_layout(request.views[0], request.size, request.close_ups, request.framing)
         return cls(
             *(names, awaited, layout),
-            lambda paths: write_sound(request, paths, folder, said),
-            *(folder, desk, visitor),
+            Writers(
+                lambda paths: write_speech(request, folder),
+                lambda paths: write_timeline(request, paths, folder, said),
+                is_sound_first=True,
+            ),
+            *(folder, desk, visitor, request.reference),
         )
 
     def take(self, artefact: Artefact) -> None:
@@ -117,9 +142,27 @@ class Showing:
         if artefact.name not in self._rows or artefact.kind not in _ROW_KINDS:
             return
         self._files[artefact.name][artefact.kind] = artefact.path
-        if artefact.kind == "motion" and self._made is None:
-            if self._motions.keys() >= self._awaited:
-                self._begin_timeline()
+        if artefact.kind != "motion":
+            return
+        self._pack(artefact.name, _load(artefact.path))
+        has_all = self._motions.keys() >= self._awaited
+        if self._sound is None and (has_all or self._write.is_sound_first):
+            self._sound = _begun(self._write.sound, self._motions)
+        if self._timeline is None and has_all and self._sound is not None:
+            self._timeline = _begun(self._write.timeline, self._motions, after=self._sound)
+
+    def _pack(self, name: str, motion: Motion) -> None:
+        """Write the motion as a browser plays it, and the reference when its length is known."""
+        if motion.num_frames > MAX_FRAMES:
+            return
+        path = self._folder / f"{file_stem(name)}.frames"
+        path.write_bytes(frames_message(0, in_register(motion)))
+        self._files[name]["frames"] = path
+        if self._reference is not None and "frames" not in self._files[REFERENCE_NAME]:
+            from model.motion.motion import first_frames
+
+            recorded = first_frames(_load(self._reference), motion.num_frames)
+            self._pack(REFERENCE_NAME, recorded)
 
     def for_visitor(self, visitor: str) -> Showing:
         """The same files for another browser, under addresses of its own."""
@@ -133,10 +176,11 @@ class Showing:
         Args:
             is_over: whether to wait for the time line.
         """
-        sound = {}
-        if self._made is not None and (is_over or self._made.done()):
-            wav, timeline = self._made.result()
-            sound = {"audio": self._url(wav), "timeline": self._url(timeline)}
+        beside = {
+            name: self._url(made.result())
+            for name, made in (("audio", self._sound), ("timeline", self._timeline))
+            if made is not None and (is_over or made.done())
+        }
         rows = [
             {
                 **row,
@@ -151,23 +195,24 @@ class Showing:
             "run": self._folder.name,
             "rows": rows,
             "layout": self._layout,
-            **sound,
+            "running": not is_over,
+            **beside,
         }
 
     def timeline(self) -> dict[str, Any]:
         """What the time line shows, waited for; empty where nothing has come."""
-        return {} if self._made is None else json.loads(self._made.result()[1].read_text())
+        return {} if self._timeline is None else json.loads(self._timeline.result().read_text())
 
     def add_words(self, said: Transcript) -> None:
         """Words that were looked for while the time line was there already. The whole time line
         gets another address, so that a browser takes it anew."""
-        if said.origin == "given" or self._made is None:
+        if said.origin == "given" or self._timeline is None:
             return
-        wav, _ = self._made.result()
-        made: Future[tuple[Path, Path]] = Future()
-        path = _write_timeline(self.timeline(), said, self._folder, "timeline_with_words.json")
-        made.set_result((wav, path))
-        self._made = made
+        made: Future[Path] = Future()
+        made.set_result(
+            _write_timeline(self.timeline(), said, self._folder, "timeline_with_words.json")
+        )
+        self._timeline = made
 
     @property
     def _motions(self) -> dict[str, Path]:
@@ -184,19 +229,21 @@ class Showing:
                 self._urls[path] = self._desk.offer(path, self._visitor)
         return self._urls[path]
 
-    def _begin_timeline(self) -> None:
-        """In a thread: the run itself goes on drawing, and the page is told of it meanwhile."""
-        made: Future[tuple[Path, Path]] = Future()
-        self._made = made
-        motions = self._motions
 
-        def work() -> None:
-            try:
-                made.set_result(self._write_sound(motions))
-            except BaseException as error:
-                made.set_exception(error)
+def _begun(write: Write, motions: Mapping[str, Path], after: Future | None = None) -> Future[Path]:
+    """In a thread: the run itself goes on drawing, and the page is told of it meanwhile."""
+    made: Future[Path] = Future()
 
-        threading.Thread(target=work, name="timeline", daemon=True).start()
+    def work() -> None:
+        try:
+            if after is not None:
+                after.result()
+            made.set_result(write(motions))
+        except BaseException as error:
+            made.set_exception(error)
+
+    threading.Thread(target=work, name=write.__name__, daemon=True).start()
+    return made
 
 
 def noise_of(name: str) -> str | None:
@@ -230,64 +277,99 @@ def picture_layout(
     }
 
 
-def write_sound(
-    request: GenerateRequest,
-    paths: Mapping[str, Path],
-    folder: Path,
-    said: Transcript = NOTHING_SAID,
-) -> tuple[Path, Path]:
-    """The speech as the player plays it, and the time line as JSON.
-
-    Args:
-        paths: motion files of the run by row; a reference is read from the request.
-    """
-    from model.measures.diagnostics import first_frames
-    from model.motion.motion import load_motion
+def write_speech(request: GenerateRequest, folder: Path) -> Path:
+    """The speech as the player plays it."""
     from model.speech.audio import SpeechLimits, load_speech, write_wav
 
     speech = load_speech(request.speech, SpeechLimits(max_s=request.max_speech_s))
     wav = folder / "speech.wav"
     write_wav(wav, speech.waveform)
-    motions = {name: load_motion(path) for name, path in paths.items()}
+    return wav
+
+
+def write_timeline(
+    request: GenerateRequest,
+    paths: Mapping[str, Path],
+    folder: Path,
+    said: Transcript = NOTHING_SAID,
+) -> Path:
+    """What the time line of generated motion shows, as JSON.
+
+    Args:
+        paths: motion files of the run by row; a reference is read from the request.
+    """
+    from model.motion.motion import first_frames
+    from model.speech.audio import SpeechLimits, load_speech
+
+    speech = load_speech(request.speech, SpeechLimits(max_s=request.max_speech_s))
+    motions = {name: _load(path) for name, path in paths.items()}
     shown: Version = "savgol" if request.post_filter == "savgol" else "raw"
     tip = choose_tip_source(get_body(request.body), request.body, request.joint)
     timeline = make_timeline(speech, motions, shown, tip)
     if request.reference is not None:
-        reference = first_frames(load_motion(request.reference), speech.num_frames)
+        reference = first_frames(_load(request.reference), speech.num_frames)
         recorded = make_timeline(None, {REFERENCE_NAME: reference}, "raw", tip)
         timeline["curves"] |= recorded["curves"]
-    return wav, _write_timeline(timeline, said, folder)
+    return _write_timeline(timeline, said, folder)
 
 
-def write_own_sound(
-    request: DiagnoseRequest, paths: Mapping[str, Path], folder: Path
-) -> tuple[Path, Path]:
+def own_writers(request: DiagnoseRequest, folder: Path) -> Writers:
     """The same for motion files of a visitor's own: sound as long as the longest of them, silent
-    where they gave none.
+    where they gave none."""
+    return Writers(
+        lambda paths: _write_own_sound(request, paths, folder),
+        lambda paths: _write_own_timeline(request, paths, folder),
+    )
 
+
+def _write_own_sound(request: DiagnoseRequest, paths: Mapping[str, Path], folder: Path) -> Path:
+    from model.speech.audio import write_wav
+
+    wav = folder / "speech.wav"
+    write_wav(wav, _own_waveform(request, _longest_s(paths)))
+    return wav
+
+
+def _write_own_timeline(request: DiagnoseRequest, paths: Mapping[str, Path], folder: Path) -> Path:
+    """
     Args:
         paths: motion files by row, the reference among them.
     """
-    import numpy as np
+    from model.speech.audio import load_speech
 
-    from model.motion.motion import load_motion
-    from model.motion.timing import SAMPLE_RATE
-    from model.speech.audio import load_speech, write_wav
-
-    motions = {name: load_motion(path) for name, path in paths.items()}
-    longest_s = max(motion.duration_s for motion in motions.values())
+    motions = {name: _load(path) for name, path in paths.items()}
     speech = load_speech(request.speech) if request.speech is not None else None
-    waveform = np.zeros(0, np.float32) if speech is None else speech.waveform
-    missing = round(longest_s * SAMPLE_RATE) - len(waveform)
-    waveform = np.pad(waveform, (0, max(0, missing)))
-    wav = folder / "speech.wav"
-    write_wav(wav, waveform)
     tip = choose_tip_source(get_body(request.body), request.body, request.joint)
     timeline = make_timeline(speech, motions, "raw", tip)
+    longest_s = _longest_s(paths)
     timeline["duration_s"] = round(max(longest_s, timeline["duration_s"]), 4)
     timeline["worst"] = [each for each in timeline["worst"] if each["name"] != REFERENCE_NAME]
-    timeline["peaks"] = [] if speech is None else waveform_peaks(waveform)
-    return wav, _write_timeline(timeline, given_words(request.transcript), folder)
+    if speech is not None:
+        timeline["peaks"] = waveform_peaks(_own_waveform(request, longest_s))
+    return _write_timeline(timeline, given_words(request.transcript), folder)
+
+
+def _own_waveform(request: DiagnoseRequest, longest_s: float) -> np.ndarray:
+    import numpy as np
+
+    from model.motion.timing import SAMPLE_RATE
+    from model.speech.audio import load_speech
+
+    waveform = np.zeros(0, np.float32)
+    if request.speech is not None:
+        waveform = load_speech(request.speech).waveform
+    missing = round(longest_s * SAMPLE_RATE) - len(waveform)
+    return np.pad(waveform, (0, max(0, missing)))
+
+
+def _longest_s(paths: Mapping[str, Path]) -> float:
+    return max(_load(path).duration_s for path in paths.values())
+
+
+def _load(path: Path) -> Motion:
+    from model.motion.motion import load_motion  # only now: the page starts without torch
+
+    return load_motion(path)
 
 
 def _write_timeline(

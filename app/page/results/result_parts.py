@@ -45,12 +45,12 @@ def build_results(prefix: str = "", ready: str = text.READY, empty: str = "") ->
     """
     message = gr.HTML("", visible=False, elem_id=prefix + "message")
     status = gr.HTML(markup.idle_status(ready), elem_id=prefix + "status")
+    empty_part = gr.HTML(empty, visible=bool(empty), elem_id=prefix + "empty")
+    player = player_part(prefix)
+    verdict = gr.HTML("", visible=False, elem_id=prefix + "verdict")
     runs = gr.HTML(
         "", visible=False, js_on_load=mount("runs.js", "mountRuns"), apply_default_css=False,
         elem_id=prefix + "runs",
     )  # fmt: skip
-    empty_part = gr.HTML(empty, visible=bool(empty), elem_id=prefix + "empty")
-    verdict = gr.HTML("", visible=False, elem_id=prefix + "verdict")
-    player = player_part(prefix)
     rest = results_parts(prefix)
     return ResultParts(message, status, runs, empty_part, verdict, player, *rest)

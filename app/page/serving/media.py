@@ -23,7 +23,7 @@ GONE = "There is no such file, or it is kept no longer."
 _SHOWN_TYPES = {
     ".mp4": "video/mp4",
     ".wav": "audio/wav",
-    ".glb": "model/gltf-binary",
+    ".frames": "application/octet-stream",
     ".json": "application/json",
     ".png": "image/png",
 }

@@ -127,8 +127,6 @@ def request_from_form(
         framing="whole" if form.is_whole else "knees",
         size=PAGE_SIZE_PX,
         close_ups=CLOSE_UPS,  # the player shows those that are wanted
-        # A licensed body may be looked at in videos; its mesh is not handed to visitors.
-        has_previews=config.body is None,
         has_posters=True,
         max_speech_s=config.max_speech_s,
     )

@@ -203,7 +203,7 @@ class _Work:
             title=_title(self.asked),
             settings=settings_of_run(self.asked),
             speech_sha256=sha256_of(self.asked.speech),
-            status=markup.status(line, dict.fromkeys(self.view.fractions, 1.0), {}),
+            status=markup.sentence_status(line),
             notes=result.notes,
             verdict=_verdict(result),
             diagnostics=result.diagnostics,

@@ -65,7 +65,6 @@ class LiveRunner(GenerateRunner):
             display=Display(has_trail=True),
             size=PAGE_SIZE_PX,
             close_ups=CLOSE_UPS,
-            has_previews=self._config.body is None,
             has_posters=True,
             max_speech_s=self._config.max_speech_s,
             take=Take(npz, kept.facts),

@@ -19,7 +19,7 @@ from app.page.parts.html_parts import shown
 from app.page.results.ended_run import EndedRun, sha256_of
 from app.page.results.figures_shown import FiguresShown
 from app.page.results.kept_runs import KeptRuns
-from app.page.results.player import NOTHING, Showing, picture_layout, write_own_sound
+from app.page.results.player import NOTHING, Showing, own_writers, picture_layout
 from app.page.results.result_parts import ResultParts
 from app.page.results.settings import settings_of_own
 from app.page.serving.follow import last_share
@@ -124,11 +124,7 @@ class OwnMotionForm:
             return None
         display = Display(int(self.exaggeration), bool(self.has_trail))
         check_display(display)
-        # A licensed body may be looked at in videos; its mesh is not handed to visitors.
-        has_previews = config.body is None
-        return VideoOptions(
-            display, size=VIDEO_SIZE_PX, has_previews=has_previews, has_posters=True
-        )
+        return VideoOptions(display, size=VIDEO_SIZE_PX, has_posters=True)
 
 
 def rows_of(request: DiagnoseRequest) -> tuple[str, ...]:
@@ -223,7 +219,7 @@ def _showing(asked: DiagnoseRequest, job: Job, desk: MediaDesk, cookie: str) -> 
     return Showing(
         *(names, names),
         picture_layout("front", options.size, options.close_ups, options.framing),
-        lambda paths: write_own_sound(asked, paths, job.folder),
+        own_writers(asked, job.folder),
         *(job.folder, desk, cookie),
     )
 

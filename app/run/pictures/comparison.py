@@ -54,22 +54,6 @@ class Snapshots:
     """How much each joint jerks around each of the frames; None without pictures."""
 
 
-def show_preview(
-    request: GenerateRequest, row: Row, inputs: Inputs, folder: ResultFolder, reporter: Reporter
-) -> None:
-    """The motion as a GLB that a browser plays at once, framed as the videos will be; it is no
-    result of the run."""
-    from renderer.files.glb import write_glb
-
-    previews = folder.scratch("previews")
-    previews.mkdir(exist_ok=True)
-    path = previews / f"{file_stem(row.name)}.glb"
-    aspect = render_settings("front", request.size, framing=request.framing).aspect
-    motion = body_motion(in_register(row.shown))
-    write_glb(inputs.body, motion, path, aspect, request.framing)
-    reporter.file("preview", row.name, path)
-
-
 def draw_all(
     request: GenerateRequest,
     inputs: Inputs,

@@ -35,8 +35,6 @@ class VideoOptions:
     """Height of the body in pixels."""
     framing: Framing = "knees"
     close_ups: tuple[CloseUp, ...] = CLOSE_UPS
-    has_previews: bool = False
-    """Whether each motion is told of as a GLB too, to be shown while its video is drawn."""
     has_posters: bool = False
     """Whether the first picture of each video is told of too."""
 
@@ -90,7 +88,6 @@ def draw_own_videos(
         BodyError, GLError, VideoError: see `app.run.pictures.videos.draw_videos`.
     """
     from model.motion.motion import save_motion
-    from renderer.files.glb import write_glb
     from renderer.video.frames import stage_for
     from renderer.video.pool import RenderJob
 
@@ -106,10 +103,6 @@ def draw_own_videos(
         path = shown / f"{file_stem(name)}.npz"
         save_motion(motion, path)
         on_file(Artefact("motion", name, path))
-        if options.has_previews:
-            preview = path.with_suffix(".glb")
-            write_glb(body, body_motion(motion), preview, settings.aspect, options.framing)
-            on_file(Artefact("preview", name, preview))
         jobs[name] = RenderJob(
             motion=body_motion(displayed(motion, options.display)),
             out=folder.path(f"{file_stem(name)}.mp4"),

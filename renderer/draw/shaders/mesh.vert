@@ -22,6 +22,9 @@ uniform mat4 V;
 uniform mat4 P;
 
 #ifndef HAS_BASE_COLOR_TEX
+out vec3 lit_color;
+
+// Browsers light bodies by the same lines, from here on:
 struct DirectionalLight { vec3 color; float intensity; vec3 direction; };
 struct Material { vec4 base_color_factor; float roughness_factor; };
 uniform Material material;
@@ -29,7 +32,6 @@ uniform DirectionalLight directional_lights[MAX_DIRECTIONAL_LIGHTS];
 uniform int n_directional_lights;
 uniform vec3 ambient_light;
 uniform vec3 cam_pos;
-out vec3 lit_color;
 
 const vec3 GROUND_BOUNCE = vec3(0.72, 0.68, 0.65);
 const vec3 SKY = vec3(1.05, 1.10, 1.20);
@@ -56,6 +58,7 @@ vec3 shade(vec3 point, vec3 n, vec3 base) {
 vec3 to_display(vec3 color) {
     return sqrt(clamp(1.12 * color / (1.0 + 0.22 * color), 0.0, 1.0));
 }
+// As far as here.
 #endif
 
 void main() {

@@ -12,9 +12,12 @@
  *     view.dispose();
  */
 
+import { isSoftware, linked } from "./gl.js";
+import { fetched, readGlb, WIDTHS } from "./glb.js";
+import { product, rigid } from "./rigid.js";
+
 const BACKGROUND = [0.894, 0.902, 0.918]; // of the videos
 const ATTRIBUTES = ["POSITION", "NORMAL", "COLOR_0", "JOINTS_0", "WEIGHTS_0"]; // by location
-const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i; // names of drivers
 const SMALLEST_WEIGHT = 1e-4;
 
 const VERTEX_SHADER = `#version 300 es
@@ -76,7 +79,7 @@ export class GlbView {
     this.#canvas = canvas;
     this.#gl = canvas.getContext("webgl2", { alpha: false, antialias });
     if (!this.#gl) throw new Error("This browser shows no 3D graphics (WebGL 2).");
-    this.isSlow = SOFTWARE.test(driver(this.#gl));
+    this.isSlow = isSoftware(this.#gl);
     this.#gl.clearColor(...BACKGROUND, 1);
     this.#gl.clear(this.#gl.COLOR_BUFFER_BIT); // not black until the first picture
     this.#program = linked(this.#gl, VERTEX_SHADER, FRAGMENT_SHADER);
@@ -163,79 +166,9 @@ export class GlbView {
 /** Whether the processor would have to draw here. */
 export function isDrawingSlow() {
   const gl = document.createElement("canvas").getContext("webgl2");
-  const isSlow = !!gl && SOFTWARE.test(driver(gl));
+  const isSlow = !!gl && isSoftware(gl);
   gl?.getExtension("WEBGL_lose_context")?.loseContext();
   return isSlow;
-}
-
-function driver(gl) {
-  const { UNMASKED_RENDERER_WEBGL } = gl.getExtension("WEBGL_debug_renderer_info") ?? {};
-  return gl.getParameter(UNMASKED_RENDERER_WEBGL ?? gl.RENDERER);
-}
-
-function linked(gl, ...sources) {
-  const program = gl.createProgram();
-  [gl.VERTEX_SHADER, gl.FRAGMENT_SHADER].forEach((kind, i) => {
-    const shader = gl.createShader(kind);
-    gl.shaderSource(shader, sources[i]);
-    gl.compileShader(shader);
-    gl.attachShader(program, shader);
-    gl.deleteShader(shader); // goes with the program
-  });
-  gl.linkProgram(program);
-  if (!gl.getProgramParameter(program, gl.LINK_STATUS)) {
-    throw new Error(`This browser's 3D graphics do not work (${gl.getProgramInfoLog(program)}).`);
-  }
-  return program;
-}
-
-// ---------------------------------------------------------------- the file
-
-const ARRAYS = {
-  5121: Uint8Array, 5122: Int16Array, 5123: Uint16Array, 5125: Uint32Array, 5126: Float32Array,
-};
-const WIDTHS = { SCALAR: 1, VEC3: 3, VEC4: 4, MAT4: 16 };
-
-async function fetched(url, signal) {
-  let response, content;
-  try {
-    response = await fetch(url, { signal });
-    content = await response.arrayBuffer();
-  } catch (cause) {
-    signal.throwIfAborted();
-    throw new Error("The 3D file cannot be fetched: the server does not answer.", { cause });
-  }
-  if (!response.ok) {
-    throw new Error(`The 3D file cannot be fetched: the server answers ${response.status}.`);
-  }
-  return content;
-}
-
-/** The document of a GLB, and `array(accessor)`: its numbers one after the other, as stored. */
-function readGlb(content) {
-  const header = new Uint32Array(content, 0, 5); // as in glTF, the lower byte comes first
-  if (header[0] !== 0x46546c67) throw new Error("This is no GLB.");
-  if (header[2] !== content.byteLength) throw new Error("The GLB is cut short.");
-  const jsonLength = header[3];
-  const document = JSON.parse(new TextDecoder().decode(new Uint8Array(content, 20, jsonLength)));
-
-  function stored(view, componentType, length) {
-    const offset = 20 + jsonLength + 8 + document.bufferViews[view].byteOffset;
-    return new ARRAYS[componentType](content, offset, length);
-  }
-
-  /** A sparse accessor gives `{ indices, values }`: all else of it is zero. */
-  function array(accessor) {
-    const { sparse, bufferView, componentType, count, type } = document.accessors[accessor];
-    if (!sparse) return stored(bufferView, componentType, count * WIDTHS[type]);
-    const { indices, values } = sparse;
-    return {
-      indices: stored(indices.bufferView, indices.componentType, sparse.count),
-      values: stored(values.bufferView, componentType, sparse.count * WIDTHS[type]),
-    };
-  }
-
-  return { document, array };
 }
 
 // ---------------------------------------------------------------- what moves
@@ -314,31 +247,6 @@ class Motion {
       node.world = node.parent ? product(node.parent.world, local) : local;
     }
   }
-}
-
-/** A 3 x 4 matrix from a quaternion of about unit length (x, y, z, w) and a translation. */
-function rigid(rotation, [tx, ty, tz]) {
-  // Turns of neighbouring frames are near one another, so a normalised mean stands for slerp.
-  const length = Math.hypot(...rotation);
-  const [x, y, z, w] = rotation.map((part) => part / length);
-  return [
-    1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), tx,
-    2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), ty,
-    2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), tz,
-  ];
-}
-
-/** Of two 3 x 4 matrices whose fourth row is (0, 0, 0, 1). */
-function product(a, b) {
-  const result = new Array(12);
-  for (let row = 0; row < 12; row += 4) {
-    for (let column = 0; column < 4; column++) {
-      result[row + column] =
-        a[row] * b[column] + a[row + 1] * b[4 + column] + a[row + 2] * b[8 + column];
-    }
-    result[row + 3] += a[row + 3];
-  }
-  return result;
 }
 
 /** How far in front of a camera something stands; both 3 x 4 matrices. */

@@ -27,6 +27,16 @@ export class Orbit extends EventTarget {
     return this.#yaw !== 0 || this.#pitch !== 0 || this.#zoom !== 1 || this.#aside.some((part) => part !== 0);
   }
 
+  /** Everything about it, as `place` takes it: two angles, how near, and metres aside. */
+  get state() {
+    return [this.#yaw, this.#pitch, this.#zoom, ...this.#aside];
+  }
+
+  place([yaw = 0, pitch = 0, zoom = 1, right = 0, up = 0]) {
+    [this.#yaw, this.#pitch, this.#zoom, this.#aside] = [yaw, within(pitch, -STEEPEST, STEEPEST), within(zoom, ...ZOOMS), [right, up]];
+    this.#tell();
+  }
+
   reset() {
     [this.#yaw, this.#pitch, this.#zoom, this.#aside] = [0, 0, 1, [0, 0]];
     this.#tell();
@@ -79,8 +89,11 @@ export class Orbit extends EventTarget {
     return [0, 1, 2].flatMap((i) => [right[i], above[i], behind[i], eye[i]]);
   }
 
-  /** Let a person move it on an element; returns what ends that. */
-  hold(element) {
+  /**
+   * Let a person move it on an element; returns what ends that. `isLeft(event)` says of a finger
+   * that moves alone whether something else wants it.
+   */
+  hold(element, isLeft = () => false) {
     const ending = new AbortController();
     const on = (name, listener) => element.addEventListener(name, listener, { signal: ending.signal, passive: false });
     const fingers = new Map(); // pointer -> [x, y]
@@ -101,7 +114,8 @@ export class Orbit extends EventTarget {
       if (fingers.size > 1) {
         this.shift(dx / size() / fingers.size, -dy / size() / fingers.size);
         this.nearer(Math.max(spreadOf(fingers), 1) / Math.max(spread, 1));
-      } else if (event.shiftKey || event.buttons & 6) this.shift(dx / size(), -dy / size());
+      } else if (isLeft(event)) return;
+      else if (event.shiftKey || event.buttons & 6) this.shift(dx / size(), -dy / size());
       else this.turn(-TURN * dx, TURN * dy);
     });
     for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) on(name, ({ pointerId }) => fingers.delete(pointerId));

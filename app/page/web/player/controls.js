@@ -1,31 +1,42 @@
-/** The bar under the videos: play, frame by frame, speed, loop, sound, and how they are compared. */
+/** The bar under the stage or the videos: time, what is shown, and how bodies are compared. */
 
-import { clockText, make, relabel } from "../dom.js";
+import { clockText, icon, make, relabel } from "../dom.js";
 import { WorstSeconds } from "./worst.js";
 
 const RATES = [0.25, 0.5, 1, 2];
 const MODES = { grid: "All", wipe: "Wipe", flicker: "Flicker", ghost: "Ghost" };
-const CLOSE_UPS = { hands: "Hands", face: "Face", both: "Both", off: "Off" };
+const CLOSE_UPS = { hands: "Hands", face: "Face", both: "Both", off: "None" };
 const LOOP_S = 2; // what a loop holds at first
 const HOP_S = 1; // of the arrow keys
-const KEYS_HELP = "Space: play or pause. Arrows: one second. Comma and full stop: one frame. L: loop. W: worst second. C: close-up. X: the other of two. G: ghost, one over another. 1 to 9: enlarge. Plus, minus, 0: zoom of the time line.";
+const STRONG = 20; // what the key makes of tremble
+const KEYS_HELP = "Space: play or pause. Arrows: one second. Comma and full stop: one frame. L: loop. W: worst second. C: close-up. E: exaggerate. J: jerk colours. T: trail. X: the other of two. G: ghost, one over another. 1 to 9: enlarge. Plus, minus, 0: zoom of the time line. On the bodies, once clicked: arrows turn, plus and minus go nearer and farther, Home goes back.";
 
 export class Controls {
   #player;
-  #tiles;
+  #view;
   #audio;
+  #look;
 
-  constructor(player, tiles, audio) {
+  /** `view` is the Stage or the Tiles; `look` goes to the stage alone. */
+  constructor(player, view, audio, look, more) {
     this.#player = player;
-    this.#tiles = tiles;
+    this.#view = view;
     this.#audio = audio;
-    this.#build();
+    this.#look = look;
+    this.#build(more);
     player.addEventListener("time", () => this.#showTime());
     player.addEventListener("state", () => this.update());
+    look.addEventListener("change", () => this.update());
     this.update();
   }
 
-  #build() {
+  /** Steer another view from now on. */
+  steer(view) {
+    this.#view = view;
+    this.update();
+  }
+
+  #build(more) {
     const button = (name, label, onclick) => {
       const made = make("button", { type: "button", onclick });
       relabel(made, name, label);
@@ -40,26 +51,35 @@ export class Controls {
     this.speed.append(...RATES.map((rate) => make("option", { value: rate, selected: rate === 1 }, `${rate}×`)));
     this.loop = button("loop", "Loop", () => this.toggleLoop());
     this.sound = button("sound", "Sound off", () => this.#toggleSound());
+    this.worst = new WorstSeconds(this.#player);
     const modes = Object.entries(MODES).map(([mode, label]) =>
-      make("button", { type: "button", "data-mode": mode, onclick: () => this.#tiles.setMode(mode) }, label),
+      make("button", { type: "button", "data-mode": mode, onclick: () => this.#view.setMode(mode) }, label),
     );
-    this.modes = make("div", { class: "switch", role: "group", "aria-label": "How videos are compared" }, ...modes);
+    this.modes = make("div", { class: "switch", role: "group", "aria-label": "How bodies are compared" }, ...modes);
     this.pair = [0, 1].map((index) =>
-      make("select", { "aria-label": index ? "Second of two" : "First of two", onchange: ({ target }) => this.#tiles.setPair(index, target.value) }),
+      make("select", { "aria-label": index ? "Second of two" : "First of two", onchange: ({ target }) => this.#view.setPair(index, target.value) }),
     );
     this.pairBox = make("span", { class: "pair", hidden: true }, this.pair[0], make("span", {}, "against"), this.pair[1]);
-    const closeUps = Object.entries(CLOSE_UPS).map(([name, label]) =>
-      make("button", { type: "button", "data-close-up": name, onclick: () => this.#tiles.setCloseUp(name) }, label),
-    );
-    this.closeUps = make("div", { class: "switch", role: "group", "aria-label": "Close-up" }, ...closeUps);
-    this.closeUpBox = make("span", { class: "pair close-up" }, make("span", { "aria-hidden": "true" }, "Close-up"), this.closeUps);
-    this.worst = new WorstSeconds(this.#player);
+    this.closeUp = make("select", { "aria-label": "Close-up", onchange: () => this.#view.setCloseUp(this.closeUp.value) });
+    this.closeUp.append(...Object.entries(CLOSE_UPS).map(([value, label]) => make("option", { value }, label)));
+    this.factor = make("input", { type: "range", min: "0", max: "1", step: "any", "aria-label": "Tremble, times as large", oninput: () => this.#look.set("factor", factorAt(Number(this.factor.value))) });
+    this.factorText = make("output", { class: "factor" });
+    const toggle = (label, name, title) =>
+      make("button", { type: "button", class: "worded", "data-look": name, title, onclick: () => this.#look.set(name, !this.#look.get(name)) }, label);
+    this.toggles = [toggle("Trail", "hasTrail", "The way of the followed point, coloured by its speed"), toggle("Jerk", "hasHeat", "Bodies in the colours of how they jerk")];
+    this.displays = make("div", { class: "group displays" }, make("label", { class: "slider", title: "All that is faster than the cut-off, made larger" }, this.factor, this.factorText), ...this.toggles);
+    this.more = make("button", { type: "button", class: "more", "aria-expanded": "false", title: "More", "aria-label": "More displays and views", onclick: () => this.#fold(more) }, icon("more"));
+    this.folded = more;
     const left = make("div", { class: "group" }, this.play, back, forward, this.time);
     const middle = make("div", { class: "group" }, this.speed, this.loop, this.sound);
-    const right = make("div", { class: "group compare" }, this.closeUpBox, this.pairBox, this.modes);
     const keys = make("button", { type: "button", class: "keys", title: KEYS_HELP, "aria-label": `Keys. ${KEYS_HELP}` }, "?");
-    right.append(keys);
-    this.element = make("div", { class: "controls", role: "toolbar", "aria-label": "Player" }, left, middle, this.worst.element, right);
+    const right = make("div", { class: "group compare" }, this.closeUp, this.modes, this.more, keys);
+    this.element = make("div", { class: "controls", role: "toolbar", "aria-label": "Player" }, left, middle, this.worst.element, this.displays, this.pairBox, right);
+  }
+
+  #fold(more) {
+    more.hidden = !more.hidden;
+    this.more.setAttribute("aria-expanded", String(!more.hidden));
   }
 
   /** Everything but the time, which changes too often. */
@@ -69,23 +89,29 @@ export class Controls {
     this.speed.value = String(rate);
     this.loop.setAttribute("aria-pressed", String(loop !== null));
     relabel(this.sound, this.#audio.muted ? "silent" : "sound", this.#audio.muted ? "Sound on" : "Sound off");
-    for (const button of this.modes.children) button.setAttribute("aria-pressed", String(button.dataset.mode === this.#tiles.mode));
-    for (const button of this.closeUps.children) {
-      button.setAttribute("aria-pressed", String(button.dataset.closeUp === this.#tiles.closeUp));
-      button.hidden = !this.#tiles.closeUps.includes(button.dataset.closeUp);
-    }
-    this.closeUpBox.hidden = this.#tiles.closeUps.length < 2;
+    for (const button of this.modes.children) button.setAttribute("aria-pressed", String(button.dataset.mode === this.#view.mode));
+    for (const option of this.closeUp.options) option.hidden = option.disabled = !this.#view.closeUps.includes(option.value);
+    this.closeUp.value = this.#view.closeUp;
+    this.closeUp.hidden = this.#view.closeUps.length < 2;
+    this.#showLook();
     this.#showPair();
     this.#showTime();
   }
 
+  #showLook() {
+    const factor = this.#look.get("factor");
+    if (Math.abs(factorAt(Number(this.factor.value)) - factor) > 1e-6) this.factor.value = String(Math.log(factor) / Math.log(STRONG));
+    this.factorText.textContent = `×${factor < 9.95 ? Math.round(10 * factor) / 10 : Math.round(factor)}`;
+    for (const button of this.toggles) button.setAttribute("aria-pressed", String(this.#look.get(button.dataset.look)));
+  }
+
   #showPair() {
-    const { names, mode, pair } = this.#tiles;
+    const { names, mode, pair } = this.#view;
     this.modes.hidden = names.length < 2;
     this.pairBox.hidden = mode === "grid";
     for (const [index, select] of this.pair.entries()) {
       if (select.options.length !== names.length) {
-        select.replaceChildren(...names.map((name) => make("option", { value: name }, this.#tiles.labelOf(name))));
+        select.replaceChildren(...names.map((name) => make("option", { value: name }, this.#view.labelOf(name))));
       }
       select.value = pair[index] ?? "";
     }
@@ -93,7 +119,8 @@ export class Controls {
 
   #showTime() {
     const { time, duration, frame } = this.#player;
-    this.time.textContent = `${clockText(time)} / ${clockText(duration)} · frame ${frame}`;
+    this.time.textContent = `${clockText(time)} / ${clockText(duration)}`;
+    this.time.title = `Frame ${frame}`;
   }
 
   #toggleSound() {
@@ -113,6 +140,7 @@ export class Controls {
   press(event) {
     if (event.ctrlKey || event.metaKey || event.altKey) return false;
     const { time } = this.#player;
+    const flip = (name) => this.#look.set(name, !this.#look.get(name));
     const actions = {
       " ": () => this.#player.toggle(),
       ArrowLeft: () => this.#player.seek(time - HOP_S),
@@ -122,15 +150,24 @@ export class Controls {
       Home: () => this.#player.seekFrame(0),
       End: () => this.#player.seekFrame(Infinity),
       l: () => this.toggleLoop(),
-      x: () => this.#tiles.swap(),
+      x: () => this.#view.swap(),
       w: () => this.worst.toggle(),
-      c: () => this.#tiles.nextCloseUp(),
-      g: () => this.#tiles.names.length > 1 && this.#tiles.setMode(this.#tiles.mode === "ghost" ? "grid" : "ghost"),
+      c: () => this.#view.nextCloseUp(),
+      e: () => this.#look.set("factor", this.#look.get("factor") === 1 ? STRONG : 1),
+      j: () => flip("hasHeat"),
+      t: () => flip("hasTrail"),
+      g: () => this.#view.names.length > 1 && this.#view.setMode(this.#view.mode === "ghost" ? "grid" : "ghost"),
     };
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-    if (/^[1-9]$/.test(key)) this.#tiles.enlargeNumber(Number(key));
+    if (/^[1-9]$/.test(key)) this.#view.enlargeNumber(Number(key));
     else if (actions[key]) actions[key]();
     else return false;
     return true;
   }
+}
+
+/** The slider is even in how much more there is. */
+function factorAt(share) {
+  const factor = STRONG ** share;
+  return Math.abs(factor - 1) < 0.02 ? 1 : factor;
 }

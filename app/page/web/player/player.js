@@ -1,66 +1,190 @@
 /**
  * The lock-step player of the page. The server sends everything that is known of a run, again and
- * again as it grows; this makes what is missing and leaves alone what is there.
+ * again as it grows; this makes what is missing and leaves alone what is there. Bodies move on the
+ * stage; where a browser draws none, or somebody wants them, videos stand in its place.
  */
 
-import { Controls } from "./controls.js";
 import { make } from "../dom.js";
+import { Address } from "../stage/address.js";
+import { Look } from "../stage/look.js";
+import { More } from "../stage/more.js";
+import { Stage } from "../stage/stage.js";
+import { Controls } from "./controls.js";
 import { Lockstep } from "./lockstep.js";
 import { Tiles } from "./tiles.js";
 import { Timeline } from "./timeline.js";
 
 const KEEPS_ITS_KEYS = "input, textarea, select, [contenteditable], [role=tab], [role=listbox]";
 const PRESSES = "button, a"; // what the space bar presses
+const NO_STAGE = "This browser draws no 3D graphics (WebGL 2): videos are shown instead, each as soon as it is drawn.";
+
+const CROWD = 4; // bodies that need the width of the form
 
 class Player {
   #root;
   #lockstep = new Lockstep();
   #audio = make("audio", { preload: "auto" });
+  #look = new Look();
   #run = null;
   #timelineUrl = null;
-  #hasBegun = false;
+  #isExample = false;
+  #hasBegun = false; // what the address says has been shown
+  #value = {};
+  #stage = null;
+  #tiles;
+  #address = null;
+  #more = null;
+  #isVideo = false; // videos in place of the stage
+  #why = make("p", { class: "no-stage", role: "note", hidden: true }, NO_STAGE);
 
   constructor(root) {
     this.#root = root;
-    this.tiles = new Tiles(this.#lockstep, () => this.controls?.update());
-    this.controls = new Controls(this.#lockstep, this.tiles, this.#audio);
+    this.#tiles = new Tiles(this.#lockstep, () => this.controls?.update());
+    try {
+      this.#stage = new Stage(this.#lockstep, this.#look, () => this.#changed());
+    } catch {
+      this.#why.hidden = false; // no WebGL here
+    }
+    const orbit = this.#stage?.orbit;
+    if (orbit) this.#more = new More(this.#look, orbit, { Videos: () => this.#showVideos(true) });
+    const more = this.#more?.element ?? make("div", { hidden: true });
+    this.controls = new Controls(this.#lockstep, this.#stage ?? this.#tiles, this.#audio, this.#look, more);
     this.timeline = new Timeline(this.#lockstep);
-    root.replaceChildren(this.tiles.element, this.controls.element, this.timeline.element, this.#audio);
+    this.timeline.bar.append(this.controls.worst.line);
+    this.toStage = make("button", { type: "button", class: "to-stage", hidden: true, onclick: () => this.#showVideos(false) }, "Back to the stage");
+    this.fold = make("button", { type: "button", class: "fold", hidden: true, onclick: () => this.#foldForm(!this.#isFolded) });
+    const parts = [this.fold, this.#why, this.#stage?.element ?? "", this.toStage, this.#tiles.element, this.controls.element, more, this.timeline.element, this.#audio];
+    root.replaceChildren(...parts);
+    root.classList.toggle("staged", this.#stage !== null);
     root.addEventListener("click", ({ detail, target }) => {
       if (detail > 0) target.closest("button")?.blur(); // after a mouse, the space bar plays again
     });
     root.setAttribute("role", "group");
-    root.setAttribute("aria-label", "Videos in lock-step");
+    root.setAttribute("aria-label", "Bodies in lock-step");
     root.lockstep = this.#lockstep; // for whoever wants to look at it from outside
+    root.stage = this.#stage;
+    root.look = this.#look;
+    if (orbit) this.#keepAddress(orbit);
+  }
+
+  #keepAddress(orbit) {
+    const rounded = (value) => String(Math.round(1000 * value) / 1000);
+    const player = this.#lockstep;
+    const camera = {
+      write: (address) => orbit.isMoved && address.set("camera", orbit.state.map(rounded).join(" ")),
+      read: (address) => address.has("camera") && orbit.place(address.get("camera").split(" ").map(Number)),
+    };
+    const time = {
+      write: (address) => player.frame > 0 && !player.isPlaying && address.set("t", rounded(player.frame / 30)),
+      read: () => {}, // once there is a sound
+    };
+    const comparison = {
+      write: (address) => {
+        const { mode, pair, closeUp } = this.#stage;
+        if (closeUp !== "hands") address.set("close", closeUp);
+        if (mode !== "grid") for (const [name, value] of [["mode", mode], ["a", pair[0]], ["b", pair[1]]]) address.set(name, value);
+      },
+      read: (address) => {
+        if (address.has("close")) this.#stage.setCloseUp(address.get("close"));
+        if (!address.has("mode")) return;
+        for (const [index, name] of ["a", "b"].entries()) if (this.#stage.names.includes(address.get(name))) this.#stage.setPair(index, address.get(name));
+        this.#stage.setMode(address.get("mode"));
+      },
+    };
+    this.#address = new Address([this.#look, camera, time, comparison]);
+    const note = () => this.#noteAddress();
+    this.#look.addEventListener("change", note);
+    orbit.addEventListener("change", note);
+    player.addEventListener("time", () => player.isPlaying || note());
+    player.addEventListener("state", note);
+  }
+
+  /** How bodies are compared has changed. */
+  #changed() {
+    this.controls?.update();
+    this.#noteAddress();
+  }
+
+  #noteAddress() {
+    if (this.#hasBegun && !this.#isExample) this.#address?.note();
   }
 
   /** Show a run as far as it has come; nothing where there is none. */
-  show({ run = null, rows = [], layout = null, audio = null, timeline = null, plays = false, paired = false }) {
+  show(value) {
+    const { run = null, rows = [], audio = null, timeline = null, plays = false, running = false, paired = false } = value;
     if (run !== this.#run) this.#clear(run);
+    this.#value = value;
     const isWorthIt = rows.some((row) => row.motion || row.video);
     this.#root.hidden = !isWorthIt;
     this.#root.classList.toggle("opening", plays);
     if (!isWorthIt) return;
-    if (audio && !this.#audio.hasAttribute("src")) {
+    const hasSound = !!audio && !this.#audio.hasAttribute("src");
+    if (hasSound) {
       this.#audio.src = audio;
       this.#lockstep.setSound(this.#audio);
     }
-    this.tiles.element.classList.toggle("paired", paired);
-    this.tiles.setLayout(layout);
-    this.tiles.show(rows);
+    this.#tiles.element.classList.toggle("paired", paired);
+    const isFirst = this.fold.hidden;
+    this.fold.hidden = plays || !this.#stage;
+    if (!this.fold.hidden && isFirst) this.#foldForm(rows.length >= CROWD);
+    this.#stage?.show(rows);
+    this.#showRows();
     this.controls.update();
-    if (plays && !this.#hasBegun) this.#begin();
+    if (hasSound) this.#begin(plays, running);
     if (timeline && timeline !== this.#timelineUrl) this.#loadTimeline(timeline, rows);
   }
 
-  /** Play at once, again and again, without sound: nobody has asked for any yet. */
-  #begin() {
-    this.#hasBegun = true;
-    this.#audio.muted = true;
-    if (matchMedia("(prefers-reduced-motion: reduce)").matches) return;
+  get #isFolded() {
+    return !!this.#root.closest(".columns.folded");
+  }
+
+  /** The form makes room for the bodies, but for its buttons, and comes back on a click. */
+  #foldForm(isFolded) {
+    this.#root.closest(".columns")?.classList.toggle("folded", isFolded);
+    this.fold.textContent = isFolded ? "Show the form" : "Fold the form";
+    this.fold.setAttribute("aria-expanded", String(!isFolded));
+  }
+
+  /** Videos where they are what is shown. */
+  #showRows() {
+    const { rows = [], layout = null } = this.#value;
+    const isVideo = this.#isVideo || !this.#stage || !rows.some(({ frames }) => frames);
+    if (this.#stage) this.#stage.element.hidden = isVideo;
+    this.#tiles.element.hidden = !isVideo;
+    this.toStage.hidden = !this.#isVideo;
+    this.#root.classList.toggle("staged", !isVideo);
+    this.controls.displays.hidden = this.controls.more.hidden = isVideo;
+    if (!isVideo) return;
+    this.#tiles.setLayout(layout);
+    this.#tiles.show(rows);
+    this.controls.steer(this.#tiles);
+  }
+
+  #showVideos(isVideo) {
+    this.#isVideo = isVideo;
+    if (this.#more) this.#more.element.hidden = true;
+    if (!isVideo) this.controls.steer(this.#stage);
+    this.#showRows();
+    if (!isVideo) this.#stage.show(this.#value.rows);
+  }
+
+  /**
+   * What happens when there is a sound: an example plays at once, again and again, without it, as
+   * nobody has asked for any yet; a run that somebody waits for plays at once; and an address that
+   * says so shows its moment.
+   */
+  #begin(plays, running) {
+    this.#isExample = plays;
+    if (plays) this.#audio.muted = true;
     const begin = () => {
-      this.#lockstep.setLoop([0, this.#lockstep.duration]);
-      this.#lockstep.play();
+      this.#hasBegun = true;
+      if (!plays && this.#address?.read()) {
+        const time = Number(new URLSearchParams(location.hash.slice(1)).get("t"));
+        return this.#lockstep.seek(time || 0);
+      }
+      if (matchMedia("(prefers-reduced-motion: reduce)").matches) return undefined;
+      if (plays) this.#lockstep.setLoop([0, this.#lockstep.duration]);
+      return plays || (running && this.#stage) ? this.#lockstep.play() : undefined;
     };
     if (this.#audio.readyState >= HTMLMediaElement.HAVE_METADATA) begin();
     else this.#audio.addEventListener("loadedmetadata", begin, { once: true });
@@ -73,15 +197,23 @@ class Player {
     const data = await response.json();
     if (url !== this.#timelineUrl) return;
     this.timeline.show(data, rows);
-    this.controls.worst.set(data.worst.map((each) => ({ ...each, name: this.tiles.labelOf(each.name) })));
+    this.#stage?.setWords(data.words ?? []);
+    const labelOf = (name) => rows.find((row) => row.name === name)?.label ?? name;
+    this.controls.worst.set(data.worst.map((each) => ({ ...each, name: labelOf(each.name) })));
   }
 
   #clear(run) {
     this.#run = run;
-    if (this.#hasBegun) this.#audio.muted = false;
-    this.#hasBegun = false;
+    if (this.#isExample) this.#audio.muted = false;
+    this.#isExample = this.#hasBegun = false;
+    this.fold.hidden = true;
+    this.#foldForm(false);
     this.#timelineUrl = null;
-    this.tiles.clear();
+    this.#isVideo = false;
+    this.#address?.end();
+    this.#tiles.clear();
+    this.#stage?.clear();
+    if (this.#stage) this.controls.steer(this.#stage);
     this.#lockstep.clear();
     this.timeline.clear();
     this.controls.worst.set([]);
@@ -89,6 +221,7 @@ class Player {
 
   dispose() {
     this.#clear(null);
+    this.#stage?.dispose();
     this.timeline.dispose();
   }
 

@@ -1,13 +1,9 @@
 /** The grid of videos: one tile for each motion, and two of them on top of each other. */
 
 import { make } from "../dom.js";
-import { FPS } from "./lockstep.js";
-import { Orbit } from "../body/orbit.js";
 import { Tile } from "./tile.js";
 
 const FLICKER_MS = 500; // one change in half a second: far below what can do harm to anyone
-const MOST_PREVIEWS = 2; // that nobody asked for: without a GPU they take the visitor's processor
-const MOST_3D = 6; // each takes a WebGL context, of which a page has sixteen
 
 /**
  * All tiles. `mode` is grid, wipe, flicker or ghost; all but the first show two tiles in one place,
@@ -22,8 +18,6 @@ export class Tiles {
   #large = null;
   #flicker = null;
   #layout = null;
-  #turned = []; // tiles in 3D that somebody asked for
-  orbit = new Orbit();
   mode = "grid";
   pair = [null, null];
   closeUp = "hands";
@@ -43,7 +37,6 @@ export class Tiles {
       onpointerdown: (event) => this.#dragWipe(event),
       onkeydown: (event) => this.#keyWipe(event),
     });
-    player.addEventListener("time", () => this.#seek3d());
   }
 
   get names() {
@@ -66,7 +59,6 @@ export class Tiles {
         this.#arrange();
       }
       if (row.motion) tile.offerMotion(row.motion, row);
-      if (row.preview) tile.offer3d(row.preview);
       if (row.video && !tile.video) {
         this.#player.add(tile.showVideo(row.video, row));
         this.#arrange();
@@ -74,14 +66,6 @@ export class Tiles {
     }
     this.element.append(this.#handle, this.#legend);
     this.element.dataset.count = this.#tiles.size;
-    for (const row of rows) {
-      const tile = this.#tiles.get(row.name);
-      const open = [...this.#tiles.values()].filter(({ is3d }) => is3d).length;
-      if (row.preview && !tile.video && !tile.is3d && !tile.wasTried && open < MOST_PREVIEWS) {
-        tile.wasTried = true;
-        tile.open3d(row.preview);
-      }
-    }
   }
 
   /**
@@ -132,16 +116,11 @@ export class Tiles {
     set("--aspect", aspect / shown);
     set("--zoom", 1 / shown);
     set("--top", top / shown);
-    set("--body-top", (body[0] - top) / shown);
-    set("--body-height", (body[1] - body[0]) / shown);
   }
 
   clear() {
     this.setMode("grid");
-    for (const tile of this.#tiles.values()) tile.close3d();
     this.#tiles.clear();
-    this.#turned = [];
-    this.orbit.reset();
     this.#large = null;
     this.pair = [null, null];
     this.element.replaceChildren();
@@ -250,20 +229,5 @@ export class Tiles {
     event.preventDefault();
     event.stopPropagation();
     this.#wipeTo(Number(this.#handle.getAttribute("aria-valuenow")) + step);
-  }
-
-  /** The middle of the present frame. */
-  get seconds() {
-    return (this.#player.frame + 0.5) / FPS;
-  }
-
-  /** The first of too many 3D views goes when another is asked for. */
-  wanted3d(tile) {
-    this.#turned = [...this.#turned.filter((each) => each !== tile && each.is3d), tile];
-    if (this.#turned.length > MOST_3D) this.#turned.shift().close3d();
-  }
-
-  #seek3d() {
-    for (const tile of this.#tiles.values()) tile.seek3d(this.seconds, this.#player.isPlaying);
   }
 }

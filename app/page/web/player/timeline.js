@@ -64,7 +64,7 @@ export class Timeline {
     this.lanes.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
     this.cursor = make("div", { class: "cursor", "aria-hidden": "true" });
     this.range = make("div", { class: "range", hidden: true }, ...["Start", "End"].map((name, end) => this.#handle(name, end)));
-    this.element = make("div", { class: "timeline", hidden: true }, make("div", { class: "bar" }, this.select, filter, this.scale, this.zooming), this.lanes);
+    this.element = make("div", { class: "timeline", hidden: true }, (this.bar = make("div", { class: "bar" }, this.select, filter, this.scale, this.zooming)), this.lanes);
   }
 
   /** One end of the loop; can be dragged, and moved by arrow keys. */

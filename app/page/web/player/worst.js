@@ -18,8 +18,8 @@ export class WorstSeconds {
       return made;
     };
     this.steps = [button("left", "Next worse second", -1), button("right", "Next second, less bad", 1)];
-    this.line = make("output", { class: "worst-line" });
-    this.element = make("div", { class: "group worst", hidden: true }, this.start, ...this.steps, this.line);
+    this.line = make("output", { class: "worst-line", hidden: true }); // stands where there is room
+    this.element = make("div", { class: "group worst", hidden: true }, this.start, ...this.steps);
     player.addEventListener("state", () => this.#show());
   }
 

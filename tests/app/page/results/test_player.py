@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from app.page.results.player import Showing, picture_layout, write_sound
+from app.page.results.player import Showing, picture_layout, write_timeline
 from app.page.results.timeline import point_curves
 from app.page.serving.media import MediaDesk
 from app.run.pictures.followed_point import choose_tip_source
@@ -91,7 +91,7 @@ def test_the_time_line_follows_the_last_motion_and_holds_the_reference(
     assert timeline["words_origin"] == "given"
     before = showing.value(is_over=True)
     showing.add_words(Transcript((Word(0.3, 0.4, "hell", 0.7),)))  # given, and shown from the first
-    assert showing.value() == before
+    assert showing.value(is_over=True) == before
     showing.add_words(Transcript((Word(0.3, 0.4, "hell", 0.7),), origin="recognised"))
     after = showing.value()
     assert after["timeline"] != before["timeline"] and after["audio"] == before["audio"]
@@ -113,7 +113,7 @@ def test_with_a_licensed_body_the_time_line_follows_its_vertex_as_the_numbers_do
     save_motion(smooth_motion_example(37), path)
     expanded_to_smplx(load_body(), body_path)
     asked = replace(request_with_reference, body=body_path)
-    _, timeline = write_sound(asked, {"a": path}, tmp_path)
+    timeline = write_timeline(asked, {"a": path}, tmp_path)
     curves = json.loads(timeline.read_text())["curves"]
 
     vertex = choose_tip_source(load_body(body_path), body_path, asked.joint)

@@ -11,7 +11,7 @@ import pytest
 from app import text
 from app.page.results.ended_run import EndedRun
 from app.page.results.kept_runs import KeptRuns, address_of
-from app.page.results.player import NOTHING, Showing
+from app.page.results.player import NOTHING, Showing, Writers
 from app.page.results.run_pair import (
     RunPair,
     jerk_line,
@@ -23,6 +23,8 @@ from app.page.results.run_pair import (
 )
 from app.page.serving.media import MediaDesk
 from app.run.request import Artefact
+from model.motion.motion import save_motion
+from tests.app.fakes import made_motion
 from tests.app.page.results.made_run import ended_run, keep, numbers
 
 LAYOUT = {"aspect": 1.0, "body": [0, 1]}
@@ -44,7 +46,7 @@ def showing(folder: Path, jerk: dict[str, float], duration_s: float = 2.0) -> Sh
     """Of rows with a motion and a video each, and a time line in which each jerks once."""
     folder.mkdir()
 
-    def write_sound(paths: Any) -> tuple[Path, Path]:
+    def write_timeline(paths: Any) -> Path:
         line = {
             "duration_s": duration_s,
             "fps": 30,
@@ -60,9 +62,11 @@ def showing(folder: Path, jerk: dict[str, float], duration_s: float = 2.0) -> Sh
         }
         path = folder / "timeline.json"
         path.write_text(json.dumps(line))
-        return folder / "speech.wav", path
+        return path
 
-    made = Showing(list(jerk), list(jerk), LAYOUT, write_sound, folder, MediaDesk(), "")
+    write = Writers(lambda paths: folder / "speech.wav", write_timeline)
+    made = Showing(list(jerk), list(jerk), LAYOUT, write, folder, MediaDesk(), "")
+    save_motion(made_motion(8), folder / "a.npz")
     for name in jerk:
         made.take(Artefact("motion", name, folder / "a.npz"))
         made.take(Artefact("video", name, folder / "a.mp4"))

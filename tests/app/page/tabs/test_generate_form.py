@@ -58,7 +58,6 @@ def test_every_field_of_the_form_reaches_the_run() -> None:
         framing="whole",
         size=640,
         display=Display(exaggeration=5, has_trail=True, coloring="jerk"),
-        has_previews=True,
         has_posters=True,
     )
     assert row_names(request) == (
@@ -91,13 +90,6 @@ def test_every_field_of_the_form_reaches_the_run() -> None:
 def test_a_form_that_cannot_be_done_gives_a_sentence(changes: dict, words: str) -> None:
     with pytest.raises(RunError, match=words):
         read(replace(FORM, **changes))
-
-
-def test_the_mesh_of_a_licensed_body_is_not_handed_out(tmp_path: Path) -> None:
-    body = tmp_path / "SMPLX_NEUTRAL.npz"
-    body.touch()
-    licensed = AppConfig(weights=Path("/weights"), body=body)
-    assert not request_from_form(FORM, Path("/job"), fakes.CATALOGUE, licensed).has_previews
 
 
 def test_steps_of_face_and_body_go_to_the_systems_that_have_them() -> None:

@@ -61,14 +61,14 @@ def test_each_file_keeps_its_length_and_is_told_of(tmp_path: Path) -> None:
         out=tmp_path / "out",
         reference=Path(reference),
         has_pictures=False,
-        videos=VideoOptions(size=256, close_ups=("hands",), has_previews=True, has_posters=True),
+        videos=VideoOptions(size=256, close_ups=("hands",), has_posters=True),
     )
     shares: list[float] = []
     found = diagnose_files(request, shares.append, told.append)
     assert shares == sorted(shares) and shares[-1] == pytest.approx(1.0)
     kinds = {(each.kind, each.name) for each in told}
     names = (Path(paths[0]).stem, "reference")
-    every = ("motion", "preview", "poster", "video")
+    every = ("motion", "poster", "video")
     assert kinds == {(kind, name) for kind in every for name in names}
     videos = [path for path in found.files if path.suffix == ".mp4"]
     assert {path.stem for path in videos} == set(names)

@@ -1,0 +1,44 @@
+"""What the page's stage asks for once: the numbers by which it draws as the videos do."""
+
+from __future__ import annotations
+
+import functools
+import json
+
+from fastapi import Response
+from fastapi.routing import APIRoute
+from starlette.concurrency import run_in_threadpool
+
+from app.page.parts.catalogue import point_choices
+
+FACTS_ROUTE = "/stage/facts.json"
+
+
+def stage_routes() -> list[APIRoute]:
+    """Serve the facts; the body comes from where live speech has it."""
+
+    async def facts() -> Response:
+        content = await run_in_threadpool(_facts_json)
+        headers = {"Cache-Control": "private, max-age=600", "X-Content-Type-Options": "nosniff"}
+        return Response(content, media_type="application/json", headers=headers)
+
+    return [APIRoute(FACTS_ROUTE, facts, methods=["GET"], include_in_schema=False)]
+
+
+@functools.cache
+def _facts_json() -> bytes:
+    from app.live.stage import face_names
+    from app.run.pictures.followed_point import TIP
+    from app.run.pictures.marked import FULL_SPEED_M_S, SPIKE_M_S3
+    from model.motion.exaggeration import CUTOFF_HZ, MAX_TURN_RAD
+    from renderer.video.facts import drawing_facts
+
+    told = {
+        **drawing_facts(),
+        "faces": list(face_names()),
+        "exaggeration": {"cutoff": CUTOFF_HZ, "max_turn": MAX_TURN_RAD},
+        "scales": {"jerk": SPIKE_M_S3, "speed": FULL_SPEED_M_S},
+        "points": {name: title for title, name in point_choices()},
+        "usual_point": TIP,
+    }
+    return json.dumps(told, separators=(",", ":")).encode()

@@ -1,0 +1,174 @@
+/** Where cameras stand so that nothing that moves leaves a picture; as renderer/stage has it. */
+
+import { gaussian } from "./filters.js";
+import { NUM_JOINTS } from "./motion.js";
+
+/**
+ * The nearest camera of a view that has balls around all points inside its picture.
+ *
+ * `points` are (N, 3), `radii` (N), `axes` the camera's right, up and backward; gives its `eye`.
+ */
+export function framePoints(points, radii, axes, aspect, { yfov, near, margin }) {
+  const [right, up, back] = axes;
+  const tanY = (1 - margin) * Math.tan(yfov / 2);
+  const tanX = tanY * aspect;
+  const [slopeX, slopeY] = [Math.hypot(1, tanX), Math.hypot(1, tanY)];
+  let [highX, lowX, highY, lowY, nearest] = new Array(5).fill(-Infinity);
+  for (let i = 0; i < radii.length; i++) {
+    const [x, y, z] = [points[3 * i], points[3 * i + 1], points[3 * i + 2]];
+    const radius = radii[i];
+    const depth = x * back[0] + y * back[1] + z * back[2];
+    const across = x * right[0] + y * right[1] + z * right[2];
+    const above = x * up[0] + y * up[1] + z * up[2];
+    const outX = tanX * depth + radius * slopeX;
+    const outY = tanY * depth + radius * slopeY;
+    highX = Math.max(highX, across + outX);
+    lowX = Math.max(lowX, -across + outX);
+    highY = Math.max(highY, above + outY);
+    lowY = Math.max(lowY, -above + outY);
+    nearest = Math.max(nearest, depth + radius);
+  }
+  const x = (highX - lowX) / 2;
+  const y = (highY - lowY) / 2;
+  const z = Math.max((highX + lowX) / (2 * tanX), (highY + lowY) / (2 * tanY), nearest + 2 * near);
+  return [0, 1, 2].map((k) => x * right[k] + y * up[k] + z * back[k]);
+}
+
+/** The stage of some motions: floor, cameras, and what these follow. */
+export class Framing {
+  #mesh;
+  #facts;
+  #all; // of each body (T, J, 3)
+  #tracks = new Map();
+  #cameras = new Map();
+  floor;
+  centre; // x and z
+  halfSize; // of the ground
+  isFollowing; // whether cameras go along with bodies that wander
+
+  constructor(mesh, facts, all) {
+    this.#mesh = mesh;
+    this.#facts = facts;
+    this.#all = all;
+    const bounds = { low: [Infinity, Infinity], high: [-Infinity, -Infinity] };
+    const pelvis = { low: [Infinity, Infinity], high: [-Infinity, -Infinity] };
+    for (const places of all) {
+      for (let at = 0; at < places.length; at += 3) {
+        widen(bounds, places[at], places[at + 2]);
+        if (at % (3 * NUM_JOINTS) === 0) widen(pelvis, places[at], places[at + 2]);
+      }
+    }
+    this.floor = median(all.map((places) => this.#floorOf(places)));
+    this.centre = [0, 1].map((k) => (bounds.low[k] + bounds.high[k]) / 2);
+    const extent = Math.max(...[0, 1].map((k) => bounds.high[k] - bounds.low[k]));
+    this.halfSize = facts.ground.half_size + extent / 2;
+    const wandered = Math.max(...[0, 1].map((k) => pelvis.high[k] - pelvis.low[k]));
+    this.isFollowing = wandered > facts.framing.follow_beyond;
+  }
+
+  /** Height of the soles in the median frame. */
+  #floorOf(places) {
+    const feet = ["left_ankle", "right_ankle", "left_foot", "right_foot"].map((name) => this.#mesh.names.indexOf(name));
+    const lowest = [];
+    for (let at = 0; at < places.length; at += 3 * NUM_JOINTS) {
+      lowest.push(Math.min(...feet.map((joint) => places[at + 3 * joint + 1] - (this.#mesh.rest[3 * joint + 1] - this.#mesh.sole))));
+    }
+    return median(lowest);
+  }
+
+  /** The camera of the whole picture: its axes and eye, where it follows relative to `track`. */
+  body(view, aspect, isWhole) {
+    const key = `${view} ${aspect.toFixed(3)} ${isWhole}`;
+    if (!this.#cameras.has(key)) {
+      const { below_knees: below, knee_flesh: flesh } = this.#facts.framing;
+      const joints = this.#mesh.names.flatMap((name, joint) => (isWhole || !below.some((part) => name.includes(part)) ? [joint] : []));
+      const reach = joints.map((joint) => {
+        const isKnee = !isWhole && this.#mesh.names[joint].endsWith("_knee");
+        return isKnee ? Math.min(this.#mesh.reach[joint], flesh) : this.#mesh.reach[joint];
+      });
+      this.#cameras.set(key, this.#camera(view, aspect, joints, reach, (k) => (this.isFollowing ? this.track(k) : null)));
+    }
+    return this.#cameras.get(key);
+  }
+
+  /** That of a close-up, relative to its `track`; of a hand, no more of the arm than there is room for. */
+  closeUp({ view, joints }, aspect) {
+    const key = `${view} ${aspect.toFixed(3)}`;
+    if (!this.#cameras.has(key)) {
+      const { fingertip } = this.#facts.framing;
+      const reach = joints.map((joint) => (view === "face" ? this.#mesh.reach[joint] : Math.min(this.#mesh.reach[joint], fingertip)));
+      this.#cameras.set(key, this.#camera(view, aspect, joints, reach, (k) => this.track(k, { view, joints })));
+    }
+    return this.#cameras.get(key);
+  }
+
+  #camera(view, aspect, joints, reach, trackOf) {
+    const axes = this.#facts.views[view];
+    const points = [];
+    const radii = [];
+    for (const [k, places] of this.#all.entries()) {
+      const track = trackOf(k);
+      for (let frame = 0; frame < places.length / (3 * NUM_JOINTS); frame++) {
+        joints.forEach((joint, i) => {
+          const at = 3 * (NUM_JOINTS * frame + joint);
+          for (let axis = 0; axis < 3; axis++) points.push(places[at + axis] - (track ? track[3 * frame + axis] : 0));
+          radii.push(reach[i]);
+        });
+      }
+    }
+    return { axes, eye: framePoints(points, radii, axes, aspect, this.#facts.camera) };
+  }
+
+  /** What a camera goes along with, (T, 3): the middle of a close-up's joints, or the way of the pelvis. */
+  track(body, closeUp = null) {
+    const key = `${body} ${closeUp?.view ?? ""}`;
+    if (!this.#tracks.has(key)) {
+      const places = this.#all[body];
+      const joints = closeUp?.joints ?? [0];
+      const middle = new Float32Array(places.length / NUM_JOINTS);
+      for (let frame = 0; frame < middle.length / 3; frame++) {
+        for (const joint of joints) {
+          for (let k = 0; k < 3; k++) middle[3 * frame + k] += places[3 * (NUM_JOINTS * frame + joint) + k] / joints.length;
+        }
+        if (!closeUp) middle[3 * frame + 1] = 0;
+      }
+      const { walk_sigma: walk, face_sigma: face, hand_sigma: hand } = this.#facts.framing;
+      const sigma = !closeUp ? walk : closeUp.view === "face" ? face : hand;
+      this.#tracks.set(key, gaussian(middle, 3, sigma));
+    }
+    return this.#tracks.get(key);
+  }
+}
+
+/** A camera's matrix, 4 x 4 row by row, from world to clip coordinates, and where it stands. */
+export function lens({ axes, eye }, aspect, { yfov, near }) {
+  const tangent = Math.tan(yfov / 2);
+  const [right, up, back] = axes.map((axis) => [...axis, -axis.reduce((sum, part, k) => sum + part * eye[k], 0)]);
+  const forward = back.map((part) => -part);
+  return [
+    ...right.map((part) => part / (tangent * aspect)),
+    ...up.map((part) => part / tangent),
+    ...forward.map((part, i) => (i === 3 ? part - 2 * near : part)), // nothing is too far away
+    ...forward,
+  ];
+}
+
+/** Where a point lies in a picture: 0 to 1 from its upper left corner; null behind the camera. */
+export function projected(matrix, [x, y, z]) {
+  const row = (i) => matrix[i] * x + matrix[i + 1] * y + matrix[i + 2] * z + matrix[i + 3];
+  const depth = row(12);
+  return depth > 0 ? [0.5 + row(0) / (2 * depth), 0.5 - row(4) / (2 * depth)] : null;
+}
+
+function widen({ low, high }, ...place) {
+  for (const [k, value] of place.entries()) {
+    low[k] = Math.min(low[k], value);
+    high[k] = Math.max(high[k], value);
+  }
+}
+
+function median(values) {
+  const ordered = [...values].sort((a, b) => a - b);
+  const middle = ordered.length >> 1;
+  return ordered.length % 2 ? ordered[middle] : (ordered[middle - 1] + ordered[middle]) / 2;
+}

@@ -1,0 +1,150 @@
+/**
+ * The body that all motions of a page move: its rest pose, its skeleton, and coarser meshes of the
+ * same vertices for machines that draw slowly.
+ */
+
+import { fetched, readGlb } from "../body/glb.js";
+
+const BODY_URL = "live/body.glb";
+/** Cells within which a coarser mesh has one vertex, metres: of hands, of the head, of the rest. */
+export const CELLS = [null, [0.005, 0.009, 0.016], [0.009, 0.014, 0.032], [0.03, 0.05, 0.07]];
+
+let fetching = null;
+
+/** The page's one body; a later call asks again where an earlier one failed. */
+export function theBody() {
+  fetching ??= fetched(BODY_URL, new AbortController().signal)
+    .then((content) => new Mesh(readGlb(content)))
+    .catch((error) => {
+      fetching = null;
+      throw error;
+    });
+  return fetching;
+}
+
+export class Mesh {
+  positions; // at rest, (V, 3) one after the other, as all below
+  normals;
+  colors; // linear, 16 bit, (V, 4)
+  joints; // (V, 4), the strongest first
+  weights; // 16 bit, (V, 4)
+  faces; // (F, 3)
+  targets; // of the face: each { name, indices, values }
+  parents; // of the joints
+  offsets; // (J, 3) to their parents
+  names; // of the joints
+  #coarser = new Map();
+  #parts = new Map();
+
+  constructor({ document, array }) {
+    const { attributes, indices, targets = [] } = document.meshes[0].primitives[0];
+    this.positions = array(attributes.POSITION);
+    this.normals = array(attributes.NORMAL);
+    this.colors = array(attributes.COLOR_0);
+    this.joints = array(attributes.JOINTS_0);
+    this.weights = array(attributes.WEIGHTS_0);
+    this.faces = sorted(array(indices));
+    const named = document.meshes[0].extras?.targetNames ?? [];
+    this.targets = targets.map(({ POSITION }, i) => ({ name: named[i], ...array(POSITION) }));
+    const { joints } = document.skins[0];
+    this.names = joints.map((node) => document.nodes[node].name);
+    this.parents = new Int16Array(joints.length).fill(-1);
+    joints.forEach((node, joint) => {
+      for (const child of document.nodes[node].children ?? []) this.parents[joints.indexOf(child)] = joint;
+    });
+    // Where the animation moves the root, its node has no place of the skeleton's own.
+    const binds = array(document.skins[0].inverseBindMatrices);
+    this.rest = Float32Array.from({ length: 3 * joints.length }, (_, i) => -binds[16 * Math.floor(i / 3) + 12 + (i % 3)]);
+    this.offsets = this.rest.map((place, i) => {
+      const parent = this.parents[Math.floor(i / 3)];
+      return parent < 0 ? place : place - this.rest[3 * parent + (i % 3)];
+    });
+    this.reach = this.#reach();
+    this.sole = this.positions.reduce((least, y, i) => (i % 3 === 1 ? Math.min(least, y) : least), Infinity);
+  }
+
+  get numVertices() {
+    return this.positions.length / 3;
+  }
+
+  /** Of each joint: how far the flesh that follows it reaches at rest, metres. */
+  #reach() {
+    const reach = new Float32Array(this.names.length);
+    for (let v = 0; v < this.numVertices; v++) {
+      const joint = this.joints[4 * v];
+      const far = Math.hypot(...[0, 1, 2].map((k) => this.positions[3 * v + k] - this.rest[3 * joint + k]));
+      if (far > reach[joint]) reach[joint] = far;
+    }
+    return reach;
+  }
+
+  /**
+   * A mesh of a level, 0 being the whole and higher ones coarser: `faces` among all vertices, the
+   * `vertices` that it has, in their order, and `own`, the faces among these.
+   */
+  level(level) {
+    if (!this.#coarser.has(level)) this.#coarser.set(level, this.#set(level ? this.#coarse(this.level(level - 1).faces, CELLS[level]) : this.faces));
+    return this.#coarser.get(level);
+  }
+
+  /** The part of a level that follows some of the joints alone; its `own` are among the level's. */
+  part(level, joints) {
+    const key = `${level} ${joints}`;
+    if (!this.#parts.has(key)) {
+      const { faces, own } = this.level(level);
+      const kept = this.#following(faces, joints);
+      const picked = (from) => new from.constructor(kept.flatMap((i) => [from[i], from[i + 1], from[i + 2]]));
+      this.#parts.set(key, { faces: picked(faces), own: picked(own) });
+    }
+    return this.#parts.get(key);
+  }
+
+  #set(faces) {
+    const vertices = [...new Set(faces)].sort((a, b) => a - b);
+    const place = new Map(vertices.map((vertex, i) => [vertex, i]));
+    return { faces, vertices: Uint32Array.from(vertices), own: faces.map((vertex) => place.get(vertex)) };
+  }
+
+  /** Where the faces begin whose three corners follow these joints. */
+  #following(faces, joints) {
+    const isDrawn = new Set(joints);
+    const kept = [];
+    for (let i = 0; i < faces.length; i += 3) {
+      if ([0, 1, 2].every((k) => isDrawn.has(this.joints[4 * faces[i + k]]))) kept.push(i);
+    }
+    return kept;
+  }
+
+  /** One vertex stands for all of its colour, its joint and its cell. */
+  #coarse(faces, [hand, head, rest]) {
+    const sizes = this.names.map((name) => {
+      if (/wrist|index|middle|ring|pinky|thumb/.test(name)) return hand;
+      return /head|jaw|eye/.test(name) ? head : rest;
+    });
+    const first = new Map();
+    const stands = new Map();
+    for (const v of new Set(faces)) {
+      const joint = this.joints[4 * v];
+      const cell = [0, 1, 2].map((k) => Math.round(this.positions[3 * v + k] / sizes[joint]));
+      const key = `${cell} ${joint} ${this.colors[4 * v]} ${this.colors[4 * v + 1]}`;
+      if (!first.has(key)) first.set(key, v);
+      stands.set(v, first.get(key));
+    }
+    const kept = [];
+    for (let i = 0; i < faces.length; i += 3) {
+      const [a, b, c] = [0, 1, 2].map((k) => stands.get(faces[i + k]));
+      if (a !== b && b !== c && c !== a) kept.push(a, b, c);
+    }
+    return sorted(new faces.constructor(kept));
+  }
+}
+
+/** Neighbours one after the other: a vertex that two share is then lit once. */
+function sorted(faces) {
+  const order = Uint32Array.from({ length: faces.length / 3 }, (_, i) => i);
+  const least = order.map((i) => Math.min(faces[3 * i], faces[3 * i + 1], faces[3 * i + 2]));
+  order.sort((a, b) => least[a] - least[b] || a - b);
+  const ordered = new faces.constructor(faces.length);
+  order.forEach((from, to) => ordered.set(faces.subarray(3 * from, 3 * from + 3), 3 * to));
+  return ordered;
+}

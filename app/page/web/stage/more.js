@@ -1,0 +1,64 @@
+/** The rarer displays and views of the stage, behind one button. */
+
+import { make } from "../dom.js";
+import { RANGES } from "./look.js";
+
+const SIDES = { Front: [0, 0], "Three quarters": [0.7, 0], Side: [Math.PI / 2, 0], Above: [0, 0.7] }; // yaw and pitch
+const SLIDERS = {
+  cutoff: { label: "Tremble is faster than", unit: "Hz", step: 0.5 },
+  heatScale: { label: "Jerk colours end at", unit: "m/s³", step: 10 },
+  trailFrames: { label: "Trail", unit: "frames", step: 1 },
+};
+const SWITCHES = { isWhole: "Whole body", isAligned: "Pelvis on pelvis", hasWords: "Words" };
+
+export class More {
+  #look;
+  #inputs = new Map();
+  #points;
+
+  /** `orbit` is the stage's; `views` are buttons of the player's own, from label to what each does. */
+  constructor(look, orbit, views) {
+    this.#look = look;
+    const sliders = Object.entries(SLIDERS).map(([name, told]) => this.#slider(name, told));
+    const switches = Object.entries(SWITCHES).map(([name, label]) => this.#switch(name, label));
+    this.#points = make("select", { "aria-label": "Point of the trail", onchange: () => look.set("point", this.#points.value) });
+    const sides = Object.entries(SIDES).map(([label, [yaw, pitch]]) => make("button", { type: "button", onclick: () => orbit.place([yaw, pitch]) }, label));
+    const others = Object.entries(views).map(([label, onclick]) => make("button", { type: "button", onclick }, label));
+    this.element = make("div", { class: "more-box", hidden: true, role: "group", "aria-label": "More displays and views" },
+      ...sliders, make("label", {}, make("span", {}, "of"), this.#points), ...switches,
+      make("span", { class: "switch", role: "group", "aria-label": "Camera" }, ...sides), ...others);
+    look.addEventListener("change", () => this.update());
+    this.#knowPoints();
+    this.update();
+  }
+
+  async #knowPoints() {
+    const answer = await fetch("stage/facts.json");
+    if (!answer.ok) return;
+    const { points } = await answer.json();
+    this.#points.replaceChildren(...Object.entries(points).map(([value, label]) => make("option", { value }, label)));
+    this.update();
+  }
+
+  #slider(name, { label, unit, step }) {
+    const [min, max] = RANGES[name];
+    const input = make("input", { type: "range", min, max, step, "aria-label": label, oninput: () => this.#look.set(name, Number(input.value)) });
+    const value = make("output", {});
+    this.#inputs.set(name, () => {
+      input.value = String(this.#look.get(name));
+      value.textContent = `${this.#look.get(name)} ${unit}`;
+    });
+    return make("label", {}, make("span", {}, label), input, value);
+  }
+
+  #switch(name, label) {
+    const input = make("input", { type: "checkbox", onchange: () => this.#look.set(name, input.checked) });
+    this.#inputs.set(name, () => (input.checked = this.#look.get(name)));
+    return make("label", {}, input, make("span", {}, label));
+  }
+
+  update() {
+    for (const show of this.#inputs.values()) show();
+    this.#points.value = this.#look.get("point");
+  }
+}

@@ -1,0 +1,59 @@
+/** How coarsely to draw so that pictures come fast enough, found out by drawing. */
+
+/** From fine to coarse: `mesh` and that of the `shadow` as of Mesh.level, canvas pixels for each of the page's. */
+const LEVELS = [
+  { mesh: 0, shadow: 1, pixels: 1, isDense: true },
+  { mesh: 1, shadow: 2, pixels: 1, isDense: false },
+  { mesh: 2, shadow: 3, pixels: 1, isDense: false },
+  { mesh: 2, shadow: 3, pixels: 0.8, isDense: false },
+  { mesh: 2, shadow: 3, pixels: 0.6, isDense: false },
+];
+const SLOW_START = 2;
+const SLOW_FULL = { mesh: 0, shadow: 2, pixels: 1.5, isDense: false }; // of a picture that stands: no edge is smoothed otherwise
+const GPU_MS = [8, 22]; // finer below, coarser above
+const SLOW_MS = [28, 60];
+const PATIENCE = 6; // pictures in a row
+
+export class Pace {
+  #at;
+  #isSlow;
+  #run = 0; // pictures in a row that were too slow (above 0) or fast enough for more
+  #times = [];
+
+  constructor(isSlow) {
+    this.#isSlow = isSlow;
+    this.#at = isSlow ? SLOW_START : 0;
+  }
+
+  get level() {
+    return LEVELS[this.#at];
+  }
+
+  /** Of a picture that stands. */
+  get fullLevel() {
+    return this.#isSlow ? SLOW_FULL : LEVELS[0];
+  }
+
+  get isSlow() {
+    return this.#isSlow;
+  }
+
+  /** Pictures a second, lately. */
+  get rate() {
+    const times = this.#times;
+    return times.length < 2 ? 0 : (1000 * (times.length - 1)) / (times.at(-1) - times[0]);
+  }
+
+  /** Note that a picture took so long, and when it was there. */
+  took(milliseconds, now) {
+    if (this.#times.length && now - this.#times.at(-1) > 1000) this.#times = [];
+    this.#times = [...this.#times.slice(-29), now];
+    const [fine, coarse] = this.#isSlow ? SLOW_MS : GPU_MS;
+    const way = milliseconds > coarse ? 1 : milliseconds < fine ? -1 : 0;
+    this.#run = way && Math.sign(this.#run) === way ? this.#run + way : way;
+    const isMuch = way > 0 ? PATIENCE : 10 * PATIENCE; // slow to be bold
+    if (Math.abs(this.#run) < isMuch) return;
+    this.#at = Math.max(0, Math.min(LEVELS.length - 1, this.#at + way));
+    this.#run = 0;
+  }
+}

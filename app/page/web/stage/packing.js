@@ -1,0 +1,61 @@
+/** How bodies and their close-ups share the stage. Rectangles are [left, top, width, height]. */
+
+const BODY_ASPECT = 0.6; // of somebody who gestures
+const PAIR_ASPECT = 1.1; // from which close-ups of two stand beside them
+const CLOSE_UP_SHARE = 0.34; // of a cell's height at most, of each row of close-ups
+
+/** Columns and rows in which so many bodies are as large as they can be. */
+export function grid(count, width, height) {
+  let best = { columns: 1, rows: count, size: 0 };
+  for (let columns = 1; columns <= count; columns++) {
+    const rows = Math.ceil(count / columns);
+    const size = Math.min(width / columns / BODY_ASPECT, height / rows);
+    if (size > best.size * 1.001) best = { columns, rows, size };
+  }
+  return best;
+}
+
+/** The cell of each body, row by row. */
+export function cells(count, width, height, columns) {
+  const rows = Math.ceil(count / columns);
+  const edge = (whole, parts, i) => Math.round((whole * i) / parts);
+  return Array.from({ length: count }, (_, i) => {
+    const [column, row] = [i % columns, Math.floor(i / columns)];
+    const [left, top] = [edge(width, columns, column), edge(height, rows, row)];
+    return [left, top, edge(width, columns, column + 1) - left, edge(height, rows, row + 1) - top];
+  });
+}
+
+/** Where in a cell the body stands, and its close-ups: the face above, the hands below. */
+export function panels([left, top, width, height], closeUp, closeUps) {
+  const tall = Math.round(Math.min(width / 2, CLOSE_UP_SHARE * height));
+  const hasFace = closeUp === "face" || closeUp === "both";
+  const hasHands = closeUp === "hands" || closeUp === "both";
+  const above = hasFace ? tall : 0;
+  const below = hasHands ? tall : 0;
+  const found = [{ view: null, rect: [left, top + above, width, height - above - below] }];
+  const row = (shots, y) => {
+    const cell = cells(shots.length, width, tall, shots.length);
+    shots.forEach((shot, i) => found.push({ ...shot, rect: [left + cell[i][0], y, cell[i][2], tall] }));
+  };
+  if (hasFace) row(closeUps.face, top);
+  if (hasHands) row(closeUps.hands, top + height - tall);
+  return found;
+}
+
+/** Two bodies in one place in the middle, the close-ups of each on its own side. */
+export function pairPanels([left, top, width, height], closeUp, closeUps) {
+  const shots = [...(closeUp === "face" || closeUp === "both" ? closeUps.face : []), ...(closeUp === "hands" || closeUp === "both" ? closeUps.hands : [])];
+  if (!shots.length) return { body: { rect: [left, top, width, height] }, sides: [[], []] };
+  if (width < height * PAIR_ASPECT) {
+    // Below: those of the first on the left half.
+    const tall = Math.round(Math.min(width / 2 / shots.length, CLOSE_UP_SHARE * height));
+    const row = cells(2 * shots.length, width, tall, 2 * shots.length);
+    const side = (first) => shots.map((shot, i) => ({ ...shot, rect: [left + row[first + i][0], top + height - tall, row[first + i][2], tall] }));
+    return { body: { rect: [left, top, width, height - tall] }, sides: [side(0), side(shots.length)] };
+  }
+  const wide = Math.round(Math.min(height / shots.length, 0.28 * width));
+  const column = cells(shots.length, wide, height, 1);
+  const side = (x) => shots.map((shot, i) => ({ ...shot, rect: [x, top + column[i][1], wide, column[i][3]] }));
+  return { body: { rect: [left + wide, top, width - 2 * wide, height] }, sides: [side(left), side(left + width - wide)] };
+}

@@ -1,0 +1,565 @@
+/** Draws bodies into rectangles of one WebGL 2 canvas, lit as in the videos. */
+
+import { linked } from "../body/gl.js";
+import { NUM_JOINTS } from "./motion.js";
+
+const LIGHTS = ["key", "fill", "rim"];
+const LEAST_FACE = 3; // of 255
+const GHOST_CONTRAST = 1.15;
+const SLOW_TEXELS = 64; // of a shadow's side
+const SKINNED_FLOATS = 7; // of a vertex: position, normal, jerk
+
+const ZEROS = new Array(13).fill(0);
+
+const HEAD = (defines) => `#version 300 es
+precision highp float;
+precision highp int;
+${Object.entries(defines).map(([name, value]) => `#define ${name} ${value}`).join("\n")}
+`;
+
+const SKINNING = `
+layout(location = 0) in vec3 position;
+layout(location = 1) in vec3 normal;
+layout(location = 2) in vec4 color;
+layout(location = 3) in uvec4 joints;
+layout(location = 4) in vec4 weights;
+layout(location = 5) in float jerk;
+uniform highp sampler2D joint_rows;  // line j: three rows of joint j's matrix, then its jerk
+uniform int first_joint;
+
+mat3x4 skin(out float heat) {
+#ifdef IS_SKINNED  // by the processor
+    heat = jerk;
+    return mat3x4(1.0);
+#endif
+    mat3x4 rows = mat3x4(0.0);
+    heat = 0.0;
+    for (int i = 0; i < 4; i++) {
+        if (weights[i] == 0.0) continue;
+        int line = first_joint + int(joints[i]);
+        for (int row = 0; row < 3; row++) {
+            rows[row] += weights[i] * texelFetch(joint_rows, ivec2(row, line), 0);
+        }
+        heat += weights[i] * texelFetch(joint_rows, ivec2(3, line), 0).x;
+    }
+    return rows;
+}
+`;
+
+const bodyShader = (lighting, defines) => `${HEAD({ MAX_DIRECTIONAL_LIGHTS: LIGHTS.length, HEATS: 6, ...defines })}
+${lighting}
+${SKINNING}
+uniform mat4 clip_from_world;
+uniform vec3 shift;
+uniform vec3 heat_colors[HEATS];
+uniform float heat_scale;  // jerk at the end of the scale; 0 shows the body's own colours
+uniform float ghost;  // 1 in greys
+out vec3 lit;
+
+vec3 heat_color(float share) {
+    float at = clamp(share, 0.0, 1.0) * float(HEATS - 1);
+    int stop = min(int(at), HEATS - 2);
+    vec3 display = mix(heat_colors[stop], heat_colors[stop + 1], at - float(stop));
+    return display * display;
+}
+
+void main() {
+    float heat;
+    mat3x4 rows = skin(heat);
+    vec3 world = vec4(position, 1.0) * rows + shift;
+    gl_Position = clip_from_world * vec4(world, 1.0);
+    vec3 base = heat_scale > 0.0 ? heat_color(heat / heat_scale) : color.rgb;
+    base *= material.base_color_factor.rgb;
+    lit = to_display(shade(world, normalize(vec4(normal, 0.0) * rows), base));
+    vec3 grey = vec3(dot(lit, vec3(0.2126, 0.7152, 0.0722)) - 0.5) * ${GHOST_CONTRAST} + 0.5;
+    lit = mix(lit, grey, ghost);
+}`;
+
+const BODY_FRAGMENTS = `${HEAD({})}
+in vec3 lit;
+out vec4 frag_color;
+void main() {
+    frag_color = vec4(gl_FrontFacing ? lit : 0.35 * lit, 1.0);  // the inside of a sleeve is dark
+}`;
+
+const shadowShader = (defines) => `${HEAD(defines)}
+${SKINNING}
+uniform vec3 ground;  // x and z of its middle, and the floor's height
+uniform float half_size;
+uniform vec2 slope;
+out float height;
+void main() {
+    float heat;
+    vec3 world = vec4(position, 1.0) * skin(heat);
+    height = max(world.y - ground.z, 0.0);
+    gl_Position = vec4((world.xz - slope * height - ground.xy) / half_size, 0.0, 1.0);
+}`;
+
+const SHADOW_FRAGMENTS = `${HEAD({})}
+in float height;
+uniform float touching;
+out vec4 covered;
+void main() {
+    covered = vec4(1.0, height < touching ? 1.0 : 0.0, 0.0, 1.0);
+}`;
+
+const SCREEN_VERTICES = `${HEAD({})}
+out vec2 uv;
+void main() {
+    uv = vec2(gl_VertexID == 1 ? 2.0 : 0.0, gl_VertexID == 2 ? 2.0 : 0.0);
+    gl_Position = vec4(2.0 * uv - 1.0, 0.0, 1.0);
+}`;
+
+/** Both shadows are spread along one axis, each by its own Gaussian. */
+const BLUR_FRAGMENTS = `${HEAD({})}
+in vec2 uv;
+uniform sampler2D covered;
+uniform vec2 texel;
+uniform vec2 sigmas;
+uniform int radius;
+out vec4 spread;
+void main() {
+    vec2 total = vec2(0.0), weight = vec2(0.0);
+    for (int i = -radius; i <= radius; i++) {
+        vec2 w = exp(-0.5 * float(i * i) / (sigmas * sigmas));
+        total += w * texture(covered, uv + float(i) * texel).rg;
+        weight += w;
+    }
+    spread = vec4(total / weight, 0.0, 1.0);
+}`;
+
+const GROUND_VERTICES = `${HEAD({})}
+uniform mat4 clip_from_world;
+uniform vec3 ground;
+uniform float half_size;
+uniform vec3 shift;
+out vec2 at;  // -1 to 1
+void main() {
+    at = vec2((gl_VertexID & 1) == 0 ? -1.0 : 1.0, gl_VertexID < 2 ? -1.0 : 1.0);
+    vec2 place = ground.xy + half_size * at;
+    gl_Position = clip_from_world * vec4(vec3(place.x, ground.z, place.y) + shift, 1.0);
+}`;
+
+const GROUND_FRAGMENTS = `${HEAD({})}
+in vec2 at;
+uniform sampler2D shadow;
+uniform vec3 background;
+uniform vec2 glow;  // how much lighter the pool's middle is, and its lightest
+uniform vec2 pool;  // power and fade
+uniform vec3 lost;  // by the body, by what touches, at most
+uniform float ghost;
+out vec4 frag_color;
+void main() {
+    float radius = length(at);
+    float lightness = pow(clamp(1.0 - radius, 0.0, 1.0), pool.x);
+    vec3 lit = mix(background, min(background + glow.x, glow.y), lightness);
+    vec2 covered = texture(shadow, 0.5 * at + 0.5).rg;
+    float dark = min(dot(lost.xy, covered), lost.z) * clamp((1.0 - radius) * pool.y, 0.0, 1.0);
+    lit *= 1.0 - dark;
+    frag_color = vec4(mix(lit, vec3(dot(lit, vec3(0.2126, 0.7152, 0.0722))), ghost), 1.0);
+}`;
+
+const INK_VERTICES = `${HEAD({})}
+layout(location = 0) in vec2 place;  // -1 to 1 in the panel
+layout(location = 1) in vec3 color;
+out vec3 ink;
+void main() {
+    ink = color;
+    gl_Position = vec4(place, 0.0, 1.0);
+}`;
+
+const INK_FRAGMENTS = `${HEAD({})}
+in vec3 ink;
+out vec4 frag_color;
+void main() {
+    frag_color = vec4(ink, 1.0);
+}`;
+
+export class Painter {
+  #gl;
+  #isSlow;
+  #mesh;
+  #facts;
+  #programs;
+  #colors = new Map(); // by level: of its vertices alone
+  #attributes = {};
+  #indices = new Map(); // faces -> buffer and its kind
+  #bodies = []; // each { vertices, positions, buffer, hasFace }
+  #moved; // vertices that the face moves, and the first and last of them
+  #order; // of each target: where its weight stands among a motion's
+  #joints; // texture
+  #texels = new Float32Array(0);
+  #texelsAcross;
+  #shadow; // { texture, frame } three times: covered, half spread, spread
+  #ink;
+
+  /** `isSlow` says that the processor draws: then it moves vertices once, rather than in each panel. */
+  constructor(gl, mesh, facts, isSlow) {
+    this.#isSlow = isSlow;
+    this.#gl = gl;
+    this.#mesh = mesh;
+    this.#facts = facts;
+    const program = (...sources) => new Program(gl, ...sources);
+    const defines = isSlow ? { IS_SKINNED: 1 } : {};
+    this.#programs = {
+      body: program(bodyShader(facts.lighting, defines), BODY_FRAGMENTS),
+      shadow: program(shadowShader(defines), SHADOW_FRAGMENTS),
+      blur: program(SCREEN_VERTICES, BLUR_FRAGMENTS),
+      ground: program(GROUND_VERTICES, GROUND_FRAGMENTS),
+      ink: program(INK_VERTICES, INK_FRAGMENTS),
+    };
+    this.#order = mesh.targets.map(({ name }) => facts.faces.indexOf(name));
+    const vertices = [...new Set(mesh.targets.flatMap(({ indices }) => Array.from(indices)))].sort((a, b) => a - b);
+    this.#moved = { vertices, first: vertices[0] ?? 0, last: vertices.at(-1) ?? -1 };
+    for (const name of ["normals", "colors", "joints", "weights"]) this.#attributes[name] = this.#filled(gl.ARRAY_BUFFER, mesh[name]);
+    this.#joints = this.#texture(gl.NEAREST);
+    this.#texelsAcross = isSlow ? SLOW_TEXELS : facts.ground.texels;
+    this.#shadow = ["covered", "half", "spread"].map(() => this.#target(this.#texelsAcross));
+    this.#ink = { buffer: gl.createBuffer(), vertices: gl.createVertexArray() };
+    gl.bindVertexArray(this.#ink.vertices);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.#ink.buffer);
+    for (const [location, width, offset] of [[0, 2, 0], [1, 3, 8]]) {
+      gl.enableVertexAttribArray(location);
+      gl.vertexAttribPointer(location, width, gl.FLOAT, false, 20, offset);
+    }
+    gl.bindVertexArray(null);
+    this.#light();
+  }
+
+  #light() {
+    const { studio, roughness, marks } = this.#facts;
+    const { body } = this.#programs;
+    const gl = this.#gl;
+    gl.useProgram(body.handle);
+    gl.uniform1i(body.at("n_directional_lights"), LIGHTS.length);
+    LIGHTS.forEach((name, i) => {
+      const { towards, color, intensity } = studio[name];
+      const length = Math.hypot(...towards);
+      gl.uniform3fv(body.at(`directional_lights[${i}].direction`), towards.map((part) => -part / length));
+      gl.uniform3fv(body.at(`directional_lights[${i}].color`), color);
+      gl.uniform1f(body.at(`directional_lights[${i}].intensity`), intensity);
+    });
+    gl.uniform3fv(body.at("ambient_light"), [studio.ambient, studio.ambient, studio.ambient]);
+    gl.uniform4fv(body.at("material.base_color_factor"), [1, 1, 1, 1]);
+    gl.uniform1f(body.at("material.roughness_factor"), roughness);
+    gl.uniform3fv(body.at("heat_colors"), marks.heat.flat());
+  }
+
+  /** How many bodies there are. */
+  setBodies(count) {
+    while (this.#bodies.length < count) this.#bodies.push(this.#newBody());
+    this.#texels = new Float32Array(16 * NUM_JOINTS * count);
+  }
+
+  #newBody() {
+    const gl = this.#gl;
+    const positions = Float32Array.from(this.#mesh.positions);
+    const buffer = this.#filled(gl.ARRAY_BUFFER, positions);
+    const vertices = gl.createVertexArray();
+    gl.bindVertexArray(vertices);
+    const attribute = (location, from, width, kind, normalized) => {
+      gl.bindBuffer(gl.ARRAY_BUFFER, from);
+      gl.enableVertexAttribArray(location);
+      gl.vertexAttribPointer(location, width, kind, normalized, 0, 0);
+    };
+    attribute(0, buffer, 3, gl.FLOAT, false);
+    attribute(1, this.#attributes.normals, 3, gl.FLOAT, false);
+    attribute(2, this.#attributes.colors, 4, gl.UNSIGNED_SHORT, true);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.#attributes.joints);
+    gl.enableVertexAttribArray(3);
+    gl.vertexAttribIPointer(3, 4, gl.UNSIGNED_BYTE, 0, 0);
+    attribute(4, this.#attributes.weights, 4, gl.UNSIGNED_SHORT, true);
+    gl.bindVertexArray(null);
+    return { vertices, positions, buffer, hasFace: false, skins: new Map() };
+  }
+
+  /** Vertices of a level that the processor has moved. */
+  #newSkin(level) {
+    const gl = this.#gl;
+    const { vertices: kept } = this.#mesh.level(level);
+    if (!this.#colors.has(level)) {
+      const colors = new Uint16Array(4 * kept.length);
+      kept.forEach((vertex, i) => colors.set(this.#mesh.colors.subarray(4 * vertex, 4 * vertex + 4), 4 * i));
+      this.#colors.set(level, this.#filled(gl.ARRAY_BUFFER, colors));
+    }
+    const values = new Float32Array(SKINNED_FLOATS * kept.length);
+    const buffer = this.#filled(gl.ARRAY_BUFFER, values);
+    const vertices = gl.createVertexArray();
+    gl.bindVertexArray(vertices);
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    for (const [location, width, offset] of [[0, 3, 0], [1, 3, 12], [5, 1, 24]]) {
+      gl.enableVertexAttribArray(location);
+      gl.vertexAttribPointer(location, width, gl.FLOAT, false, 4 * SKINNED_FLOATS, offset);
+    }
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.#colors.get(level));
+    gl.enableVertexAttribArray(2);
+    gl.vertexAttribPointer(2, 4, gl.UNSIGNED_SHORT, true, 0, 0);
+    gl.bindVertexArray(null);
+    return { vertices, buffer, values };
+  }
+
+  /** Move the vertices of a level, as the shader does elsewhere. */
+  #skin(number, level) {
+    const body = this.#bodies[number];
+    if (!body.skins.has(level)) body.skins.set(level, this.#newSkin(level));
+    const { buffer, values } = body.skins.get(level);
+    const { normals, joints, weights } = this.#mesh;
+    const { positions } = body;
+    const texels = this.#texels;
+    let to = 0;
+    for (const vertex of this.#mesh.level(level).vertices) {
+      let [a, b, c, d, e, f, g, h, i, j, k, l, heat] = ZEROS;
+      for (let influence = 4 * vertex; influence < 4 * vertex + 4; influence++) {
+        if (!weights[influence]) break; // the strongest come first
+        const weight = weights[influence] / 65535;
+        const at = 16 * (NUM_JOINTS * number + joints[influence]);
+        a += weight * texels[at];
+        b += weight * texels[at + 1];
+        c += weight * texels[at + 2];
+        d += weight * texels[at + 3];
+        e += weight * texels[at + 4];
+        f += weight * texels[at + 5];
+        g += weight * texels[at + 6];
+        h += weight * texels[at + 7];
+        i += weight * texels[at + 8];
+        j += weight * texels[at + 9];
+        k += weight * texels[at + 10];
+        l += weight * texels[at + 11];
+        heat += weight * texels[at + 12];
+      }
+      const [x, y, z] = [positions[3 * vertex], positions[3 * vertex + 1], positions[3 * vertex + 2]];
+      const [u, v, w] = [normals[3 * vertex], normals[3 * vertex + 1], normals[3 * vertex + 2]];
+      values[to] = a * x + b * y + c * z + d;
+      values[to + 1] = e * x + f * y + g * z + h;
+      values[to + 2] = i * x + j * y + k * z + l;
+      values[to + 3] = a * u + b * v + c * w;
+      values[to + 4] = e * u + f * v + g * w;
+      values[to + 5] = i * u + j * v + k * w;
+      values[to + 6] = heat;
+      to += SKINNED_FLOATS;
+    }
+    const gl = this.#gl;
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    gl.bufferSubData(gl.ARRAY_BUFFER, 0, values);
+  }
+
+  /**
+   * Put a body's joints where `world` has them (3 x 4 matrices); `jerk` of each, or null; `faces`
+   * are weights of 0 to 255, or null to leave the face alone; `levels` are those of its meshes that
+   * are to be drawn. `upload` sends all to the card.
+   */
+  pose(number, world, jerk, faces, levels) {
+    const texels = this.#texels;
+    const { rest } = this.#mesh;
+    for (let joint = 0; joint < NUM_JOINTS; joint++) {
+      const to = 16 * (NUM_JOINTS * number + joint);
+      const from = 12 * joint;
+      for (let row = 0; row < 3; row++) {
+        const [a, b, c, d] = [world[from + 4 * row], world[from + 4 * row + 1], world[from + 4 * row + 2], world[from + 4 * row + 3]];
+        texels[to + 4 * row] = a;
+        texels[to + 4 * row + 1] = b;
+        texels[to + 4 * row + 2] = c;
+        texels[to + 4 * row + 3] = d - a * rest[3 * joint] - b * rest[3 * joint + 1] - c * rest[3 * joint + 2];
+      }
+      texels[to + 12] = jerk ? jerk[joint] : 0;
+    }
+    if (faces) this.#moveFace(this.#bodies[number], faces);
+    if (this.#isSlow) for (const level of levels) this.#skin(number, level);
+  }
+
+  upload() {
+    if (this.#isSlow) return;
+    const gl = this.#gl;
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_2D, this.#joints);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, 4, this.#texels.length / 16, 0, gl.RGBA, gl.FLOAT, this.#texels);
+  }
+
+  #moveFace(body, faces) {
+    const { targets, positions: rest } = this.#mesh;
+    const strong = targets.flatMap((target, i) => (faces[this.#order[i]] >= LEAST_FACE ? [[target, faces[this.#order[i]] / 255]] : []));
+    if (!strong.length && !body.hasFace) return;
+    const { positions } = body;
+    const { vertices, first, last } = this.#moved;
+    for (const vertex of vertices) for (let k = 3 * vertex; k < 3 * vertex + 3; k++) positions[k] = rest[k];
+    for (const [{ indices, values }, weight] of strong) {
+      for (let i = 0; i < indices.length; i++) {
+        for (let k = 0; k < 3; k++) positions[3 * indices[i] + k] += weight * values[3 * i + k];
+      }
+    }
+    body.hasFace = strong.length > 0;
+    if (this.#isSlow) return;
+    const gl = this.#gl;
+    gl.bindBuffer(gl.ARRAY_BUFFER, body.buffer);
+    gl.bufferSubData(gl.ARRAY_BUFFER, 12 * first, positions, 3 * first, 3 * (last - first + 1));
+  }
+
+  /** Everything in the background's colour. */
+  clear() {
+    const gl = this.#gl;
+    gl.disable(gl.SCISSOR_TEST);
+    gl.colorMask(true, true, true, true);
+    gl.viewport(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight);
+    gl.clearColor(...this.#facts.studio.background, 1);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+  }
+
+  /** Make the shadow of one body ready for its panels. `ground` is { centre, floor, halfSize }. */
+  castShadow(number, level, { centre, floor, halfSize }) {
+    const gl = this.#gl;
+    const { touching, texels: usual } = this.#facts.ground;
+    const texels = this.#texelsAcross;
+    const blurs = this.#facts.ground.blurs.map((blur) => (blur * texels) / usual);
+    const { shadow_from: from } = this.#facts.studio;
+    const [covered, half, spread] = this.#shadow;
+    gl.disable(gl.SCISSOR_TEST);
+    gl.disable(gl.DEPTH_TEST);
+    gl.colorMask(true, true, true, true);
+    gl.viewport(0, 0, texels, texels);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, covered.frame);
+    gl.clearColor(0, 0, 0, 0);
+    gl.clear(gl.COLOR_BUFFER_BIT);
+    const { shadow, blur } = this.#programs;
+    gl.useProgram(shadow.handle);
+    gl.uniform3f(shadow.at("ground"), ...centre, floor);
+    gl.uniform1f(shadow.at("half_size"), halfSize);
+    gl.uniform2f(shadow.at("slope"), from[0] / from[1], from[2] / from[1]);
+    gl.uniform1f(shadow.at("touching"), touching);
+    gl.enable(gl.BLEND);
+    gl.blendEquation(gl.MAX);
+    this.#drawBody(shadow, number, level, this.#mesh.level(level));
+    gl.disable(gl.BLEND);
+    gl.blendEquation(gl.FUNC_ADD);
+    gl.useProgram(blur.handle);
+    gl.uniform2f(blur.at("sigmas"), ...blurs);
+    gl.uniform1i(blur.at("radius"), Math.round(2.5 * Math.max(...blurs)));
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindVertexArray(null);
+    for (const [source, target, texel] of [[covered, half, [1 / texels, 0]], [half, spread, [0, 1 / texels]]]) {
+      gl.bindFramebuffer(gl.FRAMEBUFFER, target.frame);
+      gl.bindTexture(gl.TEXTURE_2D, source.texture);
+      gl.uniform2f(blur.at("texel"), ...texel);
+      gl.drawArrays(gl.TRIANGLES, 0, 3);
+    }
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+  }
+
+  /**
+   * One body on its ground, in a rectangle of pixels from the upper left corner: `part` of a `level`.
+   *
+   * `clip` cuts the rectangle to a narrower one; `shift` moves body and ground; `heat` is the jerk
+   * at the end of the scale, 0 for none; `ghost` is "", "red" (draws that channel alone, in greys)
+   * or "cyan".
+   */
+  panel(rect, { matrix, eye, number, level, part, ground, clip = rect, shift = [0, 0, 0], heat = 0, ghost = "" }) {
+    const gl = this.#gl;
+    this.#frame(rect, clip);
+    gl.colorMask(ghost !== "cyan", ghost !== "red", ghost !== "red", true);
+    gl.clear(gl.DEPTH_BUFFER_BIT);
+    gl.disable(gl.DEPTH_TEST);
+    const { ground: floor, body } = this.#programs;
+    gl.useProgram(floor.handle);
+    gl.uniformMatrix4fv(floor.at("clip_from_world"), true, matrix);
+    gl.uniform3f(floor.at("ground"), ...ground.centre, ground.floor);
+    gl.uniform1f(floor.at("half_size"), ground.halfSize);
+    gl.uniform3fv(floor.at("shift"), shift);
+    const { glow, lightest, pool_power: power, fade, lost, most_lost: most } = this.#facts.ground;
+    gl.uniform3fv(floor.at("background"), this.#facts.studio.background);
+    gl.uniform2f(floor.at("glow"), glow, lightest);
+    gl.uniform2f(floor.at("pool"), power, fade);
+    gl.uniform3f(floor.at("lost"), ...lost, most);
+    gl.uniform1f(floor.at("ghost"), ghost ? 1 : 0);
+    gl.bindVertexArray(null);
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_2D, this.#shadow[2].texture);
+    gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+    gl.enable(gl.DEPTH_TEST);
+    gl.useProgram(body.handle);
+    gl.uniformMatrix4fv(body.at("clip_from_world"), true, matrix);
+    gl.uniform3fv(body.at("cam_pos"), eye);
+    gl.uniform3fv(body.at("shift"), shift);
+    gl.uniform1f(body.at("heat_scale"), heat);
+    gl.uniform1f(body.at("ghost"), ghost ? 1 : 0);
+    this.#drawBody(body, number, level, part);
+    gl.colorMask(true, true, true, true);
+  }
+
+  /** Flat triangles over a panel: of each corner x and y (-1 to 1) and a colour. */
+  ink(rect, corners, clip = rect) {
+    if (!corners.length) return;
+    const gl = this.#gl;
+    this.#frame(rect, clip);
+    gl.disable(gl.DEPTH_TEST);
+    gl.useProgram(this.#programs.ink.handle);
+    gl.bindVertexArray(this.#ink.vertices);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.#ink.buffer);
+    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(corners), gl.STREAM_DRAW);
+    gl.drawArrays(gl.TRIANGLES, 0, corners.length / 5);
+  }
+
+  #frame([left, top, width, height], [clipLeft, clipTop, clipWidth, clipHeight]) {
+    const gl = this.#gl;
+    const bottom = gl.drawingBufferHeight;
+    gl.viewport(left, bottom - top - height, width, height);
+    gl.enable(gl.SCISSOR_TEST);
+    gl.scissor(clipLeft, bottom - clipTop - clipHeight, Math.max(0, clipWidth), Math.max(0, clipHeight));
+  }
+
+  #drawBody(program, number, level, { faces, own }) {
+    const gl = this.#gl;
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_2D, this.#joints);
+    gl.uniform1i(program.at("first_joint"), NUM_JOINTS * number);
+    const body = this.#bodies[number];
+    const drawn = this.#isSlow ? own : faces;
+    gl.bindVertexArray(this.#isSlow ? body.skins.get(level).vertices : body.vertices);
+    if (!this.#indices.has(drawn)) this.#indices.set(drawn, this.#filled(gl.ELEMENT_ARRAY_BUFFER, drawn));
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.#indices.get(drawn));
+    gl.drawElements(gl.TRIANGLES, drawn.length, drawn instanceof Uint16Array ? gl.UNSIGNED_SHORT : gl.UNSIGNED_INT, 0);
+    gl.bindVertexArray(null);
+  }
+
+  #filled(target, content) {
+    const gl = this.#gl;
+    const buffer = gl.createBuffer();
+    gl.bindBuffer(target, buffer);
+    gl.bufferData(target, content, target === gl.ARRAY_BUFFER ? gl.DYNAMIC_DRAW : gl.STATIC_DRAW);
+    return buffer;
+  }
+
+  #texture(filter) {
+    const gl = this.#gl;
+    const texture = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, name, filter);
+    for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, name, gl.CLAMP_TO_EDGE);
+    return texture;
+  }
+
+  #target(size) {
+    const gl = this.#gl;
+    const texture = this.#texture(gl.LINEAR);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RG8, size, size);
+    const frame = gl.createFramebuffer();
+    gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, texture, 0);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    return { texture, frame };
+  }
+}
+
+/** A program and the places of its uniforms. */
+class Program {
+  #gl;
+  #places = new Map();
+
+  constructor(gl, ...sources) {
+    this.#gl = gl;
+    this.handle = linked(gl, ...sources);
+  }
+
+  at(name) {
+    if (!this.#places.has(name)) this.#places.set(name, this.#gl.getUniformLocation(this.handle, name));
+    return this.#places.get(name);
+  }
+}

@@ -1,0 +1,688 @@
+/**
+ * The stage: all bodies of a run in one canvas, under one camera, moved by the player's clock.
+ *
+ * It has the interface of the tiles of videos that it stands in place of. A picture is drawn when
+ * time, camera, look or size change; while it plays, as coarsely as it takes to keep up.
+ */
+
+import { isSoftware } from "../body/gl.js";
+import { ORBIT_HELP, Orbit } from "../body/orbit.js";
+import { icon, make, nameOf } from "../dom.js";
+import { currentFilter, followFilter } from "../filter_switch.js";
+import { Shown } from "./displays.js";
+import { derivative } from "./filters.js";
+import { Framing, lens, projected } from "./framing.js";
+import { theBody } from "./mesh.js";
+import { NUM_JOINTS, unpacked } from "./motion.js";
+import { cells, grid, pairPanels, panels } from "./packing.js";
+import { Painter } from "./painter.js";
+import { Pace } from "./pace.js";
+import { trailCorners } from "./trail.js";
+
+const FPS = 30;
+const FLICKER_MS = 500; // one change in half a second: far below what can do harm to anyone
+const REST_MS = 180; // after which a picture that stands is drawn in full
+const NARROW_PX = 560; // here one body at a time
+const BESIDE_PX = 285; // of a window's height, for what must be seen with the stage
+const HEIGHTS_PX = [400, 760];
+const OPENING_PX = 330; // the least of an example
+const UNDER_PX = 12; // of the window, free under an example
+const SWIPE_PX = 40;
+const VIEW = "front";
+const BACKGROUND = [0.894, 0.902, 0.918]; // until the facts have come
+
+let facts = null;
+
+/** By which numbers videos are drawn. */
+async function theFacts() {
+  facts ??= fetch("stage/facts.json").then((answer) => {
+    if (!answer.ok) throw new Error("The page is of another version; load it again.");
+    return answer.json();
+  });
+  try {
+    return await facts;
+  } catch (error) {
+    facts = null;
+    throw error;
+  }
+}
+
+export class Stage {
+  #player;
+  #look;
+  #onChange;
+  #rows = new Map(); // name -> { row, shown, cell, tips }
+  #gl;
+  #canvas;
+  #labels = make("div", { class: "stage-labels" });
+  #said = make("p", { class: "said", role: "status", hidden: true });
+  #notice = make("p", { class: "stage-notice", hidden: true });
+  #legend = make("p", { class: "stage-legend", hidden: true });
+  #caption = make("p", { class: "stage-caption", hidden: true });
+  #ghostLegend = make("p", { class: "ghost-legend", role: "note", hidden: true });
+  #handle;
+  #mesh = null;
+  #facts = null;
+  #painter = null;
+  #framing = null;
+  #pace;
+  #asked = 0;
+  #rest = 0;
+  #fence = null;
+  #begun = 0;
+  #drawn = 0; // pictures
+  #observer = new ResizeObserver(() => this.#fit());
+  #unfollow;
+  #letGo;
+  #flicker = null;
+  #isSecond = false;
+  #wipe = 0.5;
+  #large = null;
+  #at = 0; // the body that a narrow screen shows
+  #words = [];
+  #isDisposed = false;
+  orbit = new Orbit();
+  mode = "grid";
+  pair = [null, null];
+  closeUp = "hands";
+  closeUps = ["hands", "face", "both", "off"];
+
+  /** Throws an Error that holds a sentence if the browser has no WebGL 2. */
+  constructor(player, look, onChange) {
+    this.#player = player;
+    this.#look = look;
+    this.#onChange = onChange;
+    const probe = document.createElement("canvas").getContext("webgl2");
+    if (!probe) throw new Error("This browser shows no 3D graphics (WebGL 2).");
+    const isSlow = isSoftware(probe);
+    probe.getExtension("WEBGL_lose_context")?.loseContext();
+    this.#canvas = make("canvas", { role: "application", tabindex: "0", "aria-label": `The bodies of this run. ${ORBIT_HELP}`, title: ORBIT_HELP });
+    this.#gl = this.#canvas.getContext("webgl2", { alpha: false, antialias: !isSlow });
+    this.#pace = new Pace(isSlow);
+    this.#gl.clearColor(...BACKGROUND, 1);
+    this.#gl.clear(this.#gl.COLOR_BUFFER_BIT); // not black until the first picture
+    this.#handle = make("div", {
+      class: "stage-wipe", role: "slider", tabindex: "0", hidden: true,
+      "aria-label": "Where one body ends and the other begins", "aria-valuemin": "0", "aria-valuemax": "100",
+      onpointerdown: (event) => this.#dragWipe(event),
+      onkeydown: (event) => this.#keyWipe(event),
+    });
+    this.back = make("button", { type: "button", class: "stage-back", hidden: true, onclick: () => this.orbit.reset() }, "Back to the front");
+    this.view = make("div", { class: "stage-view" }, this.#canvas, this.#labels, this.#handle, this.#notice, this.#legend, this.#caption, this.back, this.#said);
+    this.element = make("div", { class: "stage" }, this.view, this.#ghostLegend);
+    this.#letGo = this.orbit.hold(this.#canvas, (event) => event.pointerType === "touch" && this.#isNarrow);
+    this.orbit.addEventListener("change", () => {
+      this.back.hidden = !this.orbit.isMoved;
+      this.#moved();
+    });
+    look.addEventListener("change", () => this.#lookChanged());
+    player.addEventListener("time", () => this.#ask());
+    this.#unfollow = followFilter(() => this.#ask());
+    this.#canvas.addEventListener("pointerdown", (event) => this.#beginSwipe(event));
+    this.#canvas.addEventListener("dblclick", (event) => this.#enlargeAt(event));
+    this.#observer.observe(this.view);
+    window.addEventListener("resize", this.#onResize);
+  }
+
+  #onResize = () => this.#fit();
+
+  // -------------------------------------------------------------- what there is
+
+  get names() {
+    return [...this.#rows.keys()];
+  }
+
+  labelOf(name) {
+    return this.#rows.get(name)?.row.label ?? name;
+  }
+
+  /** Drawn so far. */
+  get pictures() {
+    return this.#drawn;
+  }
+
+  /** Pictures a second while it plays, and how coarse they are. */
+  get pace() {
+    return this.#pace;
+  }
+
+  /** Make or complete the bodies of `rows`; those whose motion is not there yet are named as coming. */
+  show(rows) {
+    for (const row of rows) {
+      const known = this.#rows.get(row.name);
+      if (known) known.row = row;
+      else this.#rows.set(row.name, { row, shown: null, tips: new Map(), isAsked: false });
+    }
+    for (const entry of this.#rows.values()) {
+      if (!entry.row.frames || entry.isAsked) continue;
+      entry.isAsked = true;
+      this.#load(entry).catch((error) => this.#say(error.message));
+    }
+    this.#fit();
+  }
+
+  /** Words of the speech, [start, end, text] in seconds, as captions. */
+  setWords(words) {
+    this.#words = words;
+    this.#ask();
+  }
+
+  setLayout() {} // cells follow from the room there is
+
+  async #load(entry) {
+    const [mesh, told, bytes] = await Promise.all([theBody(), theFacts(), framesOf(entry.row.frames)]);
+    if (this.#isDisposed || this.#rows.get(entry.row.name) !== entry) return; // another run is shown
+    this.#mesh = mesh;
+    this.#facts = told;
+    this.#painter ??= new Painter(this.#gl, mesh, told, this.#pace.isSlow);
+    entry.shown = new Shown(unpacked(bytes), mesh, told.exaggeration.max_turn);
+    this.#framing = new Framing(mesh, told, this.#present.map(({ shown }) => shown.version(false).places));
+    this.#painter.setBodies(this.#present.length);
+    this.#say("");
+    this.#fit();
+    this.element.dataset.bodies = this.#present.length;
+    performance.mark("stage-body");
+  }
+
+  /** Those with a motion, in their order. */
+  get #present() {
+    return [...this.#rows.values()].filter(({ shown }) => shown);
+  }
+
+  get hasBodies() {
+    return this.#present.length > 0;
+  }
+
+  clear() {
+    this.setMode("grid");
+    this.#rows.clear();
+    this.#framing = null;
+    this.#large = null;
+    this.#at = 0;
+    this.#words = [];
+    this.pair = [null, null];
+    this.#labels.replaceChildren();
+    this.#say("");
+    delete this.element.dataset.bodies;
+  }
+
+  dispose() {
+    this.#isDisposed = true;
+    cancelAnimationFrame(this.#asked);
+    clearTimeout(this.#rest);
+    clearInterval(this.#flicker);
+    this.#observer.disconnect();
+    this.#unfollow();
+    this.#letGo();
+    window.removeEventListener("resize", this.#onResize);
+    this.#gl.getExtension("WEBGL_lose_context")?.loseContext(); // frees what it holds
+  }
+
+  #say(sentence) {
+    this.#said.textContent = sentence;
+    this.#said.hidden = !sentence;
+  }
+
+  // -------------------------------------------------------------- how it is compared
+
+  setCloseUp(name) {
+    this.closeUp = name;
+    this.#fit();
+    this.#onChange();
+  }
+
+  nextCloseUp() {
+    this.setCloseUp(this.closeUps[(this.closeUps.indexOf(this.closeUp) + 1) % this.closeUps.length]);
+  }
+
+  setMode(mode) {
+    if (mode !== "grid" && this.#rows.size < 2) return;
+    this.mode = mode;
+    this.element.dataset.mode = mode;
+    clearInterval(this.#flicker);
+    if (mode !== "grid") {
+      const [first, second] = this.#alike();
+      this.pair = [this.pair[0] ?? first, this.pair[1] ?? second];
+    }
+    if (mode === "flicker") this.#flicker = setInterval(() => this.swap(), FLICKER_MS);
+    this.#fit();
+    this.#onChange();
+  }
+
+  /** The first two that were made from the same noise, else the first two. */
+  #alike() {
+    const rows = [...this.#rows.values()].map(({ row }) => row);
+    for (const { name, noise } of rows) {
+      const other = rows.find((each) => noise && each.noise === noise && each.name !== name);
+      if (other) return [name, other.name];
+    }
+    return this.names;
+  }
+
+  setPair(index, name) {
+    const other = 1 - index;
+    if (this.pair[other] === name) this.pair[other] = this.pair[index];
+    this.pair[index] = name;
+    this.#fit();
+    this.#onChange();
+  }
+
+  swap() {
+    this.#isSecond = !this.#isSecond;
+    this.element.classList.toggle("second", this.#isSecond);
+    this.#ask();
+  }
+
+  /** Show one body alone, or all again. */
+  enlarge(name) {
+    if (this.mode !== "grid") this.setMode("grid");
+    this.#large = this.#large === name ? null : name;
+    this.#fit();
+    this.#onChange();
+  }
+
+  enlargeNumber(number) {
+    const name = this.names[number - 1];
+    if (name) this.enlarge(name);
+  }
+
+  #enlargeAt({ offsetX, offsetY }) {
+    const [x, y] = [offsetX / this.view.clientWidth, offsetY / this.view.clientHeight];
+    const [width, height] = this.#size;
+    const found = this.#cells.find(({ cell: [left, top, w, h] }) => x * width >= left && x * width < left + w && y * height >= top && y * height < top + h);
+    if (found && this.mode === "grid" && this.#rows.size > 1) this.enlarge(found.entry.row.name);
+  }
+
+  // -------------------------------------------------------------- room
+
+  get #isNarrow() {
+    return this.view.clientWidth < NARROW_PX && this.#rows.size > 1;
+  }
+
+  /** Bodies in the grid, as many as are seen. */
+  get #seen() {
+    const all = [...this.#rows.values()];
+    const large = this.#rows.get(this.#large);
+    if (large) return [large];
+    if (this.#isNarrow) return [all[Math.min(this.#at, all.length - 1)]];
+    return all;
+  }
+
+  /** In CSS pixels. */
+  get #size() {
+    return [this.view.clientWidth, this.view.clientHeight];
+  }
+
+  get #cells() {
+    const seen = this.#seen;
+    const [width, height] = this.#size;
+    const { columns } = grid(seen.length, width, height);
+    return cells(seen.length, width, height, columns).map((cell, i) => ({ cell, entry: seen[i] }));
+  }
+
+  #fit() {
+    const width = this.view.clientWidth;
+    if (!width || !this.#rows.size) return;
+    // An example is seen as the page opens; a run may be scrolled to.
+    const isOpening = !!this.element.closest(".opening");
+    const above = isOpening ? this.view.getBoundingClientRect().top + window.scrollY + UNDER_PX : 0;
+    const [least, most] = HEIGHTS_PX;
+    const tall = Math.max(isOpening ? OPENING_PX : least, Math.min(most, window.innerHeight - Math.max(BESIDE_PX, above)));
+    const rows = this.mode === "grid" ? grid(this.#seen.length, width, tall).rows : 1;
+    const height = Math.max(tall, Math.min(rows * 300, window.innerHeight - 140));
+    this.view.style.height = `${Math.round(height)}px`;
+    this.#label();
+    this.#ask();
+  }
+
+  /** Names over the bodies, and what can be done with each. */
+  #label() {
+    const [width, height] = this.#size;
+    const isPair = this.mode !== "grid";
+    const shown = isPair ? [] : this.#cells;
+    this.#labels.replaceChildren(
+      ...shown.map(({ cell: [left, top, wide], entry }) => {
+        const tag = this.#tag(entry, wide);
+        Object.assign(tag.style, { left: `${(100 * left) / width}%`, top: `${(100 * top) / height}%`, width: `${(100 * wide) / width}%` });
+        return tag;
+      }),
+    );
+    this.#handle.hidden = this.mode !== "wipe";
+    this.#showGhostLegend();
+    this.#showNotices();
+  }
+
+  #tag({ row, shown }, wide) {
+    const swatch = make("i", { class: row.dashes?.length ? "dashed" : "solid", "aria-hidden": "true" });
+    const download = (url, name, kind) => make("a", { href: url, download: name, title: `Save the ${kind} of ${row.label ?? row.name}`, "aria-label": `Save the ${kind} of ${row.label ?? row.name}` }, kind === "video" ? icon("save") : "npz");
+    const tools = make("span", { class: "tools" });
+    if (row.motion) tools.append(download(row.motion, `${row.stem}.npz`, "motion"));
+    if (row.video) tools.append(download(row.video, `${row.stem}.mp4`, "video"));
+    if (this.#rows.size > 1) {
+      const isLarge = this.#large === row.name;
+      const label = isLarge ? "Show all again" : `Enlarge ${row.label ?? row.name}`;
+      tools.append(make("button", { type: "button", class: "enlarge", title: label, "aria-label": label, "aria-pressed": String(isLarge), onclick: () => this.enlarge(row.name) }, icon("large")));
+    }
+    const tag = make("div", { class: `stage-tag${wide < 150 ? " tight" : ""}`, "data-name": row.name }, make("header", {}, swatch, nameOf(row), tools));
+    tag.style.setProperty("--series", row.is_reference ? "#1b2733" : row.color);
+    if (this.#isNarrow && !this.#large) tag.querySelector("header").append(make("small", {}, `${this.#at + 1} of ${this.#rows.size}: swipe`));
+    if (!shown) tag.append(make("p", { class: "coming" }, row.motion && !row.frames ? "no motion to be shown here" : row.frames ? "coming" : "being made"));
+    return tag;
+  }
+
+  #showGhostLegend() {
+    this.#ghostLegend.hidden = this.mode === "grid";
+    if (this.mode === "grid") return;
+    const [first, second] = this.pair.map((name) => this.#rows.get(name)?.row);
+    if (!first || !second) return;
+    const isOther = first.noise !== second.noise;
+    const ofNoise = isOther ? " They were not made from the same noise, so they are different gestures." : "";
+    const name = (row, place) => make("span", {}, make("i", { class: place, "aria-hidden": "true" }), ` ${row.label ?? row.name}`);
+    const how = {
+      ghost: `Grey where both agree.${this.#look.get("isAligned") ? " They stand pelvis on pelvis." : ""}${ofNoise}`,
+      wipe: `Drag the line.${ofNoise}`,
+      flicker: `One after the other.${ofNoise}`,
+    }[this.mode];
+    this.#ghostLegend.replaceChildren(name(first, "first"), name(second, "second"), make("span", {}, how));
+    this.#ghostLegend.classList.toggle("plain", this.mode !== "ghost");
+  }
+
+  #showNotices() {
+    const factor = this.#look.get("factor");
+    this.#notice.hidden = factor === 1;
+    this.#notice.textContent = factor === 1 ? "" : `EXAGGERATED x${round(factor)}: all above ${round(this.#look.get("cutoff"))} Hz`;
+    if (!this.#facts) return;
+    const { speed } = this.#facts.scales;
+    const scale = (colors, words) => {
+      const stops = colors.map((color) => `rgb(${color.map((part) => Math.round(255 * part)).join(" ")})`);
+      const bar = make("i", { "aria-hidden": "true" });
+      bar.style.background = `linear-gradient(90deg, ${stops.join(", ")})`;
+      return make("span", {}, bar, words);
+    };
+    const parts = [];
+    if (this.#look.get("hasHeat")) parts.push(scale(this.#facts.marks.heat, `jerk: 0 to ${round(this.#look.get("heatScale"))} m/s³`));
+    if (this.#look.get("hasTrail")) parts.push(scale(this.#facts.marks.speed, `0 to ${speed} m/s, dot: jerk over ${round(this.#look.get("heatScale"))} m/s³`));
+    this.#legend.replaceChildren(...parts);
+    this.#legend.hidden = !parts.length;
+  }
+
+  #lookChanged() {
+    this.#showNotices();
+    this.#showGhostLegend();
+    this.#moved();
+  }
+
+  // -------------------------------------------------------------- pictures
+
+  /** Something other than time: coarse at once, in full when it rests. */
+  #moved() {
+    this.#ask();
+  }
+
+  /** A picture as soon as the one before is drawn. */
+  #ask() {
+    if (this.#asked) return;
+    this.#asked = requestAnimationFrame((now) => {
+      this.#asked = 0;
+      if (!this.view.clientWidth || !this.#framing || this.#gl.isContextLost()) return;
+      if (this.#isDrawing(now)) return void this.#ask();
+      this.#draw(now, this.#pace.level);
+      clearTimeout(this.#rest);
+      this.#rest = setTimeout(() => this.#drawFully(), REST_MS);
+    });
+  }
+
+  #drawFully() {
+    if (this.#player.isPlaying || !this.view.clientWidth || !this.#framing || this.#gl.isContextLost()) return;
+    this.#draw(null, this.#pace.fullLevel);
+  }
+
+  /** Whether the last picture is still being drawn; notes how long it took. */
+  #isDrawing(now) {
+    const gl = this.#gl;
+    if (!this.#fence) return false;
+    if (gl.getSyncParameter(this.#fence, gl.SYNC_STATUS) !== gl.SIGNALED) return true;
+    gl.deleteSync(this.#fence);
+    this.#fence = null;
+    if (this.#begun !== null && this.#player.isPlaying) this.#pace.took(now - this.#begun, now);
+    return false;
+  }
+
+  /** `begun` is when, or null of a picture whose time says nothing. */
+  #draw(begun, level) {
+    const gl = this.#gl;
+    this.#begun = begun;
+    this.#drawn += 1;
+    const density = level.pixels * (level.isDense ? devicePixelRatio : 1);
+    const [width, height] = this.#size.map((size) => Math.max(1, Math.round(size * density)));
+    if (this.#canvas.width !== width || this.#canvas.height !== height) [this.#canvas.width, this.#canvas.height] = [width, height];
+    const moment = this.#moment;
+    this.#pose(moment, level);
+    this.#painter.clear();
+    const size = { width, height, density };
+    if (this.mode === "grid") this.#drawGrid(moment, level, size);
+    else this.#drawPair(moment, level, size);
+    this.#showCaption();
+    gl.deleteSync(this.#fence);
+    this.#fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+  }
+
+  /** In frames: between two while it plays, exactly one while it stands. */
+  get #moment() {
+    return this.#player.isPlaying ? this.#player.time * FPS : this.#player.frame;
+  }
+
+  get #motionLook() {
+    const get = (name) => this.#look.get(name);
+    return { isSmoothed: currentFilter() === "savgol", factor: get("factor"), cutoff: get("cutoff") };
+  }
+
+  /** Move what is seen; where the processor draws, faces at every second picture. */
+  #pose(moment, { mesh, shadow }) {
+    const look = this.#motionLook;
+    const seen = new Set(this.mode === "grid" ? this.#seen : this.pair.map((name) => this.#rows.get(name)));
+    for (const [number, entry] of this.#present.entries()) {
+      entry.number = number;
+      if (!seen.has(entry)) continue;
+      const world = entry.shown.world(moment, look);
+      entry.pelvis = [world[3], world[7], world[11]];
+      const frame = Math.min(Math.floor(moment), entry.shown.length - 1);
+      const jerk = this.#look.get("hasHeat") ? entry.shown.jerk(look.isSmoothed).subarray(NUM_JOINTS * frame, NUM_JOINTS * (frame + 1)) : null;
+      const isFaceDue = !this.#player.isPlaying || !this.#pace.isSlow || (this.#drawn + number) % 2 === 0;
+      const faces = isFaceDue ? entry.shown.faces(moment) : null;
+      this.#painter.pose(number, world, jerk, faces, [mesh, shadow]);
+    }
+    this.#painter.upload();
+  }
+
+  #drawGrid(moment, level, { width, height, density }) {
+    for (const { cell, entry } of this.#cells) {
+      if (!entry.shown) continue;
+      const [left, top, w, h] = cell.map((part) => Math.round(part * density));
+      const inside = [left, top, Math.min(w, width - left), Math.min(h, height - top)];
+      this.#castShadow(entry, level);
+      for (const panel of panels(inside, this.closeUp, this.#facts.close_ups)) this.#drawPanel(panel, entry, moment, level);
+    }
+  }
+
+  /** Both in the middle, the close-ups of each on its own side. */
+  #drawPair(moment, level, { width, height, density }) {
+    const [first, second] = this.pair.map((name) => this.#rows.get(name));
+    if (!first?.shown || !second?.shown) return;
+    const layout = pairPanels([0, 0, width, height], this.closeUp, this.#facts.close_ups);
+    const { rect } = layout.body;
+    const shift = this.#look.get("isAligned") ? first.pelvis.map((part, k) => (k === 1 ? 0 : part - second.pelvis[k])) : [0, 0, 0];
+    const edge = Math.round(rect[0] + this.#wipe * rect[2]);
+    const bodies = {
+      ghost: [[first, { ghost: "red" }], [second, { ghost: "cyan", shift, like: first }]],
+      wipe: [[first, { clip: [rect[0], rect[1], edge - rect[0], rect[3]] }], [second, { clip: [edge, rect[1], rect[0] + rect[2] - edge, rect[3]], shift, like: first }]],
+      flicker: this.#isSecond ? [[second, { shift, like: first }]] : [[first, {}]],
+    }[this.mode];
+    for (const [entry, options] of bodies) {
+      this.#castShadow(entry, level);
+      this.#drawPanel({ view: null, rect }, entry, moment, level, options);
+    }
+    for (const [i, entry] of [first, second].entries()) for (const panel of layout.sides[i]) this.#drawPanel(panel, entry, moment, level);
+    Object.assign(this.#handle.style, { left: `${edge / density}px`, top: `${rect[1] / density}px`, height: `${rect[3] / density}px` });
+    this.#handle.setAttribute("aria-valuenow", String(Math.round(100 * this.#wipe)));
+  }
+
+  #castShadow({ number }, { shadow }) {
+    this.#painter.castShadow(number, shadow, this.#framing);
+  }
+
+  /** `like` is whose way the camera goes along with. */
+  #drawPanel(panel, entry, moment, level, { like = entry, ...options } = {}) {
+    const aspect = panel.rect[2] / panel.rect[3];
+    const camera = this.#cameraOf(panel, like, moment, aspect);
+    const matrix = lens(camera, aspect, this.#facts.camera);
+    const part = panel.view ? this.#mesh.part(level.mesh, panel.drawn) : this.#mesh.level(level.mesh);
+    const heat = this.#look.get("hasHeat") ? this.#look.get("heatScale") : 0;
+    this.#painter.panel(panel.rect, { matrix, eye: camera.eye, number: entry.number, level: level.mesh, part, ground: this.#framing, heat, ...options });
+    if (this.#look.get("hasTrail") && !options.ghost && this.#isTrailIn(panel)) this.#drawTrail(panel, entry, moment, matrix, options);
+  }
+
+  #cameraOf(panel, entry, moment, aspect) {
+    const frame = Math.max(0, Math.min(Math.floor(moment), entry.shown.length - 1));
+    const at = (track) => [0, 1, 2].map((k) => track[3 * frame + k]);
+    if (panel.view) {
+      const { axes, eye } = this.#framing.closeUp(panel, aspect);
+      const middle = at(this.#framing.track(entry.number, panel));
+      return { axes, eye: eye.map((part, k) => part + middle[k]) };
+    }
+    const { axes, eye } = this.#framing.body(VIEW, aspect, this.#look.get("isWhole"));
+    const along = this.#framing.isFollowing ? at(this.#framing.track(entry.number)) : [0, 0, 0];
+    const place = eye.map((part, k) => part + along[k]);
+    if (!this.orbit.isMoved) return { axes, eye: place };
+    const pelvis = this.#framing.isFollowing ? [along[0], this.#framing.floor + 1, along[2]] : [this.#framing.centre[0], this.#framing.floor + 1, this.#framing.centre[1]];
+    const distance = axes[2].reduce((sum, part, k) => sum + part * (place[k] - pelvis[k]), 0);
+    const moved = this.orbit.from([0, 1, 2].flatMap((k) => [axes[0][k], axes[1][k], axes[2][k], place[k]]), distance);
+    return { axes: [0, 1, 2].map((axis) => [moved[axis], moved[4 + axis], moved[8 + axis]]), eye: [moved[3], moved[7], moved[11]] };
+  }
+
+  // -------------------------------------------------------------- the trail
+
+  /** In the body's picture, and in the close-up of the point's own hand. */
+  #isTrailIn({ view }) {
+    const [side] = this.#look.get("point").split("_");
+    return view === null || view === `${side}_hand`;
+  }
+
+  #drawTrail({ rect }, entry, moment, matrix, { clip, shift = [0, 0, 0] }) {
+    const last = Math.min(Math.floor(moment), entry.shown.length - 1);
+    const first = Math.max(0, last - this.#look.get("trailFrames"));
+    const [, , width, height] = rect;
+    const { isSmoothed } = this.#motionLook;
+    const plain = { isSmoothed, factor: 1, cutoff: 0 };
+    const from = Math.max(0, Math.min(first - 1, entry.shown.length - 4));
+    const to = Math.min(entry.shown.length - 1, last + 3);
+    const around = new Float32Array(3 * (to - from + 1));
+    for (let frame = from; frame <= to; frame++) around.set(this.#tip(entry, frame, plain), 3 * (frame - from));
+    const [speed, jerk] = [derivative(around, 1, 1), derivative(around, 1, 3)];
+    const [places, speeds, spikes] = [[], [], []];
+    for (let frame = first; frame <= last; frame++) {
+      const place = projected(matrix, this.#tip(entry, frame, this.#motionLook).map((part, k) => part + shift[k]));
+      places.push(place && [place[0] * width, place[1] * height]);
+      speeds.push(speed[frame - from] / this.#facts.scales.speed);
+      spikes.push(jerk[frame - from] > this.#look.get("heatScale"));
+    }
+    const { speed: colors, spike } = this.#facts.marks;
+    this.#painter.ink(rect, trailCorners({ places, speeds, spikes, width, height, colors, spike }), clip);
+  }
+
+  /** Where the followed point is in a frame; a fingertip is rigid with its last joint. */
+  #tip(entry, frame, look) {
+    const point = this.#look.get("point");
+    const key = `${point} ${look.isSmoothed} ${look.factor} ${look.factor === 1 ? 0 : look.cutoff}`;
+    if (!entry.tips.has(key)) {
+      if (entry.tips.size > 4) entry.tips.clear(); // of looks that somebody slid through
+      entry.tips.set(key, new Map());
+    }
+    const known = entry.tips.get(key);
+    if (!known.has(frame)) {
+      const world = entry.shown.world(frame, look);
+      const tip = this.#facts.marks.tips[point];
+      const joint = tip ? tip.joint : this.#mesh.names.indexOf(point);
+      const offset = [0, 1, 2].map((k) => (tip ? this.#mesh.positions[3 * tip.vertex + k] - this.#mesh.rest[3 * joint + k] : 0));
+      known.set(frame, [0, 4, 8].map((row) => {
+        const m = 12 * joint + row;
+        return world[m] * offset[0] + world[m + 1] * offset[1] + world[m + 2] * offset[2] + world[m + 3];
+      }));
+    }
+    return known.get(frame);
+  }
+
+  // -------------------------------------------------------------- words, hands, fingers
+
+  #showCaption() {
+    const { time } = this.#player;
+    const index = this.#look.get("hasWords") ? this.#words.findIndex(([start, end]) => time >= start && time < end) : -1;
+    this.#caption.hidden = index < 0;
+    if (index < 0 || this.#caption.dataset.at === String(index)) return;
+    this.#caption.dataset.at = String(index);
+    const near = this.#words.slice(Math.max(0, index - 2), index + 3);
+    this.#caption.replaceChildren(...near.flatMap((word) => [make(word === this.#words[index] ? "b" : "span", {}, word[2]), " "]));
+  }
+
+  #dragWipe(event) {
+    event.preventDefault();
+    this.#handle.focus();
+    this.#handle.setPointerCapture(event.pointerId);
+    const move = ({ clientX }) => {
+      const [width, height] = this.#size;
+      const [left, , wide] = pairPanels([0, 0, width, height], this.closeUp, this.#facts.close_ups).body.rect;
+      this.#wipeTo((clientX - this.view.getBoundingClientRect().left - left) / wide);
+    };
+    this.#handle.addEventListener("pointermove", move);
+    this.#handle.addEventListener("lostpointercapture", () => this.#handle.removeEventListener("pointermove", move), { once: true });
+  }
+
+  #keyWipe(event) {
+    const step = { ArrowLeft: -0.02, ArrowRight: 0.02 }[event.key];
+    if (!step) return;
+    event.preventDefault();
+    event.stopPropagation();
+    this.#wipeTo(this.#wipe + step);
+  }
+
+  #wipeTo(share) {
+    this.#wipe = Math.max(0, Math.min(1, share));
+    this.#ask();
+  }
+
+  /** On a narrow screen a finger goes from body to body. */
+  #beginSwipe({ pointerId, pointerType, clientX }) {
+    if (pointerType !== "touch" || !this.#isNarrow || this.mode !== "grid") return;
+    const end = (event) => {
+      if (event.pointerId !== pointerId) return;
+      this.#canvas.removeEventListener("pointerup", end);
+      const way = event.clientX - clientX;
+      if (Math.abs(way) < SWIPE_PX) return;
+      this.showNext(way < 0 ? 1 : -1);
+    };
+    this.#canvas.addEventListener("pointerup", end);
+  }
+
+  /** The next body of a narrow screen. */
+  showNext(by) {
+    const count = this.#rows.size;
+    this.#at = (this.#at + by + count) % count;
+    this.#fit();
+  }
+}
+
+async function framesOf(url) {
+  let answer;
+  try {
+    answer = await fetch(url);
+  } catch (cause) {
+    throw new Error("The motion cannot be fetched: the server does not answer.", { cause });
+  }
+  if (!answer.ok) throw new Error("The motion cannot be fetched: it is kept no longer.");
+  return answer.arrayBuffer();
+}
+
+function round(value) {
+  return String(Math.round(10 * value) / 10);
+}

@@ -1,0 +1,53 @@
+/** The way of one point through the last moments, as flat triangles over a panel. */
+
+const WHITE = [1, 1, 1];
+const DOT_CORNERS = 10;
+
+/**
+ * Corners for `Painter.ink`: a line that grows thicker and has a colour for each speed, on a white
+ * edge, with a dot where it jerks.
+ *
+ * `places` are pixels in a panel of `width` by `height`, null behind the camera; `speeds` 0 to 1.
+ */
+export function trailCorners({ places, speeds, spikes, width, height, colors, spike }) {
+  const corners = [];
+  const thick = Math.max(2, width / 130);
+  const push = (x, y, color) => corners.push((2 * x) / width - 1, 1 - (2 * y) / height, ...color);
+  const dot = ([x, y], radius, color) => {
+    for (let i = 0; i < DOT_CORNERS; i++) {
+      push(x, y, color);
+      for (const step of [i, i + 1]) {
+        const angle = (2 * Math.PI * step) / DOT_CORNERS;
+        push(x + radius * Math.cos(angle), y + radius * Math.sin(angle), color);
+      }
+    }
+  };
+  const line = (a, b, wide, color) => {
+    const length = Math.hypot(b[0] - a[0], b[1] - a[1]) || 1;
+    const [x, y] = [(-(b[1] - a[1]) / length) * (wide / 2), ((b[0] - a[0]) / length) * (wide / 2)];
+    const quad = [[a[0] + x, a[1] + y], [a[0] - x, a[1] - y], [b[0] + x, b[1] + y], [b[0] - x, b[1] - y]];
+    for (const i of [0, 1, 2, 1, 3, 2]) push(...quad[i], color);
+  };
+  for (const [wide, isEdge] of [[1.8 * thick, true], [thick, false]]) {
+    for (let i = 1; i < places.length; i++) {
+      if (!places[i - 1] || !places[i]) continue;
+      const across = wide * (0.45 + (0.55 * i) / places.length);
+      const color = isEdge ? WHITE : along(colors, speeds[i]);
+      line(places[i - 1], places[i], across, color);
+      dot(places[i], across / 2, color);
+    }
+  }
+  for (const [i, place] of places.entries()) {
+    if (!place || !spikes[i]) continue;
+    dot(place, 1.5 * thick, WHITE);
+    dot(place, 1.1 * thick, spike);
+  }
+  return corners;
+}
+
+/** A colour at a share of a scale. */
+export function along(colors, share) {
+  const at = Math.max(0, Math.min(1, share)) * (colors.length - 1);
+  const stop = Math.min(Math.floor(at), colors.length - 2);
+  return colors[stop].map((part, k) => part + (at - stop) * (colors[stop + 1][k] - part));
+}

@@ -1,0 +1,71 @@
+"""What a browser must know to draw bodies as the videos do: the same numbers, from one place."""
+
+from dataclasses import asdict
+from pathlib import Path
+
+import renderer.draw
+from renderer.body.joints import JOINT_INDEX, JOINT_NAMES, TIP_VERTICES
+from renderer.stage import camera, ground, stage
+from renderer.stage.panels import CLOSE_UPS, drawn_joints
+from renderer.stage.studio import ROUGHNESS, Studio
+from renderer.video.marks import HEAT_COLORS, SPEED_COLORS, SPIKE_COLOR, TRAIL_FRAMES
+
+_BEGIN, _END = "// Browsers light bodies by the same lines", "// As far as here."
+
+
+def drawing_facts() -> dict:
+    """As JSON may hold it; lengths in metres, angles in radians, colours 0 to 1."""
+    views = {view: camera.view_axes(view).tolist() for view in camera.VIEWS}
+    return {
+        "lighting": lighting_source(),
+        "studio": asdict(Studio()),
+        "roughness": ROUGHNESS,
+        "camera": {"yfov": camera.YFOV_RAD, "near": camera.Z_NEAR_M, "margin": camera.MARGIN},
+        "views": views,
+        "joints": list(JOINT_NAMES),
+        "close_ups": {
+            name: [
+                {"view": view, "joints": stage.CLOSE_UP_JOINTS[view], "drawn": drawn_joints(view)}
+                for view in shown
+            ]
+            for name, shown in CLOSE_UPS.items()
+        },
+        "framing": {
+            "below_knees": list(stage.BELOW_KNEES),
+            "knee_flesh": stage.KNEE_FLESH_M,
+            "fingertip": stage.FINGERTIP_M,
+            "follow_beyond": stage.FOLLOW_BEYOND_M,
+            "walk_sigma": stage.WALK_SIGMA_FRAMES,
+            "face_sigma": stage.CLOSE_UP_SIGMA_FRAMES,
+            "hand_sigma": stage.STEADY_SIGMA_FRAMES,
+        },
+        "ground": {
+            "half_size": ground.HALF_SIZE_M,
+            "texels": ground.RESOLUTION,
+            "touching": ground.TOUCHING_M,
+            "lost": ground.LOST,
+            "blurs": ground.BLURS,
+            "most_lost": ground.MOST_LOST,
+            "glow": ground.GLOW / 255,
+            "lightest": ground.LIGHTEST / 255,
+            "pool_power": ground.POOL_POWER,
+            "fade": ground.FADE,
+        },
+        "marks": {
+            "heat": HEAT_COLORS.tolist(),
+            "speed": (SPEED_COLORS / 255).tolist(),
+            "spike": [part / 255 for part in SPIKE_COLOR],
+            "trail_frames": TRAIL_FRAMES,
+            "tips": {
+                name: {"joint": JOINT_INDEX[f"{name}3"], "vertex": vertex}
+                for name, vertex in TIP_VERTICES.items()
+            },
+        },
+    }
+
+
+def lighting_source() -> str:
+    """How a body is lit, in what the shading languages of OpenGL and WebGL have in common."""
+    source = Path(renderer.draw.__path__[0], "shaders", "mesh.vert").read_text("utf-8")
+    between = source.partition(_BEGIN)[2].partition(_END)[0]
+    return between.partition("\n")[2]
