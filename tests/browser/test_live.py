@@ -60,10 +60,12 @@ def test_one_speaks_and_the_body_moves_and_the_minute_is_kept(speaking: Page) ->
     expect(live.get_by_role("status")).to_contain_text("is being kept")
     expect(page.locator("#live-status")).to_contain_text("Done in", timeout=4 * PATIENCE_MS)
     expect(page.locator("#live-message")).to_contain_text("made while the speech was spoken")
-    expect(page.locator("#live-player .tile")).to_have_count(1)
+    page.wait_for_function(
+        "() => document.querySelector('#live-player .stage')?.dataset.bodies === '1'"
+    )
     page.locator("#live-files-fold button").first.click()
     expect(page.locator("#live-files")).to_contain_text("provenance")
-    page.wait_for_function("() => document.querySelector('#live-player video').duration > 2")
+    page.wait_for_function("() => document.querySelector('#live-player audio').duration > 2")
     expect(page.locator("#live-runs .link a")).to_have_attribute("href", re.compile(r"^\?run="))
     expect(page.locator("#live-runs li")).to_contain_text("live:")
 

@@ -119,7 +119,7 @@ def test_two_visitors_at_once_get_their_own_results(visit: Visit, wav: Wav) -> N
     for page, seconds, frames in ((first, 0.6, 18), (second, 1.2, 36)):
         page.locator("#bundle").wait_for()
         assert abs(duration_s(page, "#player audio") - seconds) < 0.05
-        expect(status_of(page)).to_contain_text(f"{frames} frames each")
+        expect(status_of(page)).to_contain_text(f"{frames} frames each", timeout=PATIENCE_MS)
 
 
 def test_cancel_ends_the_run_and_gives_the_button_back(visit: Visit, wav: Wav) -> None:

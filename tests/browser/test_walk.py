@@ -137,7 +137,8 @@ def test_a_visitor_walks_from_the_example_to_a_link_for_somebody_else(
     both.locator("#player .lane[data-name] canvas").first.wait_for()
     both.wait_for_function(STAGED, arg=2 * len(asked[-1].systems))
     names = both.locator("#player .stage-tag header b")
-    assert names.all_inner_texts()[:2] == ["priorflow (A)", "priorflow (B)"]
+    shown = 1 if width < 600 else 2  # a phone shows one body at a time
+    assert names.all_inner_texts()[:2] == ["priorflow (A)", "priorflow (B)"][:shown]
     both.locator("#player .controls .play").click()
     both.wait_for_function(MOVES)
     expect(both.locator('#numbers tr[data-measure="Jerk"]')).to_contain_text("110")
