@@ -71,6 +71,7 @@ def _made_up_data(folder: Path, speech_dim: int) -> PreparedData:
 
     return PreparedData(
         folder,
+        folder,
         clips=(Clip("1_made_0", 1, "train", 0, _FRAMES),),
         poses=noise(165, 0.1),
         transl=noise(3, 0.01),

@@ -7,7 +7,6 @@ may be stored several times, at other speeds and as other microphones would have
 
 import json
 import logging
-import zlib
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, fields, replace
@@ -108,6 +107,8 @@ def home_of(transl: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, "3"]:
 class PreparedData:
     """All clips of a data folder as arrays of frames."""
 
+    source: Path
+    """The recordings, in BEAT2's layout."""
     folder: Path
     """Where the arrays lie; what is made from them may lie beside them."""
     clips: tuple[Clip, ...]
@@ -231,7 +232,7 @@ def prepare(
         for name, columns in _COLUMNS.items()
     }
     speech = np.memmap(cache / "speech.raw", np.float16, "r", shape=(num_frames, encoder.dim))
-    return PreparedData(cache, clips=clips, speakers=speakers, speech=speech, **arrays)
+    return PreparedData(folder, cache, clips=clips, speakers=speakers, speech=speech, **arrays)
 
 
 def _fill_cache(
@@ -261,8 +262,7 @@ def _fill_cache(
             copies = origin["augmented_copies"] if kind == "train" else 0
             for copy in range(1 + copies):
                 if copy > 0:
-                    seed = [zlib.crc32(name.encode()), copy]
-                    encoded = encode_clip(*augmented_copy(*recording, seed), encoder)
+                    encoded = encode_clip(*augmented_copy(*recording, name, copy), encoder)
                 start = clips[-1].stop if clips else 0
                 clips.append(Clip(name, number, kind, start, encoded[0].num_frames, copy))
                 _append(files, *encoded)

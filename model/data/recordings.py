@@ -2,6 +2,7 @@
 
 import csv
 import hashlib
+import zlib
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -94,12 +95,22 @@ def encode_clip(
     return cut, encoder.encode(speech.waveform, num_frames)
 
 
-def augmented_copy(motion: Motion, speech: Speech, seed: list[int]) -> tuple[Motion, Speech]:
+def copy_speed(name: str, copy: int) -> float:
+    """How fast a copy of a recording plays; 1 is the recording itself, copy 0."""
+    return 1.0 if copy == 0 else _draws(name, copy)[1]
+
+
+def augmented_copy(motion: Motion, speech: Speech, name: str, copy: int) -> tuple[Motion, Speech]:
     """A recording at another speed, its speech as another microphone would have caught it."""
-    rng = np.random.default_rng(seed)
-    speed = int(rng.integers(*SPEED_PERCENT)) / 100
+    rng, speed = _draws(name, copy)
     waveform = recorded_elsewhere(at_speed(speech.waveform, speed), draw_recording(rng), rng)
     return motion_at_speed(motion, speed), replace(speech, waveform=waveform)
+
+
+def _draws(name: str, copy: int) -> tuple[np.random.Generator, float]:
+    """The randomness of a copy, and its speed, which is drawn first."""
+    rng = np.random.default_rng([zlib.crc32(name.encode()), copy])
+    return rng, int(rng.integers(*SPEED_PERCENT)) / 100
 
 
 def face_units(motion: Motion) -> np.ndarray:

@@ -15,6 +15,8 @@ from model.generation.speech_stream import SpeechWindow
 from model.generation.stitching import cross_fade, fade
 from model.motion.motion import ExpressionBasis, Motion
 from model.motion.spaces import RootMotion
+from model.plan.kinds import Spoken
+from model.plan.plan import GesturePlan
 from model.sampling.flow import seeded_noise
 from model.speech.encoder import SpeechEncoder
 
@@ -55,11 +57,17 @@ class Draw:
     guidance: float
     face_steps: int | None = None
     """Of the face, in systems that draw it by steps of its own."""
+    first_sample: int = 0
+    plan: GesturePlan | None = None
+    """What a system that plans is to perform."""
+    words: tuple[Spoken, ...] = ()
+    """What is said, for a system that plans."""
 
     def noise(self, shape: tuple[int, ...]) -> Float[Tensor, "samples ..."]:
         """Standard normal: the same for every system that asks for this shape, and for however
         many samples share a batch."""
-        keys = [[self.seed, sample, self.index] for sample in range(self.samples)]
+        samples = range(self.first_sample, self.first_sample + self.samples)
+        keys = [[self.seed, sample, self.index] for sample in samples]
         return torch.stack([seeded_noise(key, shape) for key in keys])
 
 
@@ -145,6 +153,25 @@ class System(ABC):
                 return sampler
         names = ", ".join(sampler.name for sampler in self.samplers)
         raise UnknownNameError(f"{self.name} has no sampler {name!r}; it has {names}.")
+
+    @property
+    def plans(self) -> bool:
+        """Whether it performs a plan, one for each sample, which it draws or is given."""
+        return False
+
+    def plan(self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw) -> GesturePlan:
+        """A plan for whole speech, drawn for the first sample.
+
+        Raises:
+            ValueError: of a system that performs none.
+        """
+        raise ValueError(f"{self.name} performs no plans.")
+
+    def hear(
+        self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw
+    ) -> Float[Tensor, "T heard_dim"]:
+        """What its windows hear of whole speech, silence after its end: the encoder's features."""
+        return torch.from_numpy(self.encoder.encode(waveform, num_frames))
 
     def strength(self, guidance: float | None) -> float:
         """The strength of the speech that is asked for, or the usual one.

@@ -19,6 +19,8 @@ from model.motion.kinematics import local_from_global
 from model.motion.motion import ExpressionBasis, Motion
 from model.motion.packing import root_positions
 from model.motion.rotations import axis_angle_from_matrix
+from model.plan.kinds import Spoken
+from model.plan.plan import GesturePlan
 from model.speech.audio import Speech
 
 _HORIZONTAL = torch.tensor([1.0, 0.0, 1.0])
@@ -44,6 +46,13 @@ class GenerateOptions:
     guidance: float | None = None
     """Strength of the speech (`model.sampling.guidance`): 1 is the network as trained, 0 is deaf;
     None is the system's usual one. Any other than 1 asks the network for a batch of two."""
+    first_sample: int = 0
+    """Number of the first sample, so that one of many can be made alone."""
+    plans: tuple[GesturePlan, ...] = ()
+    """What a system that plans is to perform: one for all samples, or one for each; none lets it
+    draw them."""
+    words: tuple[Spoken, ...] = ()
+    """What is said, for a system that plans: words call gestures that fit them."""
 
     def __post_init__(self) -> None:
         if self.samples < 1:
@@ -56,6 +65,8 @@ class GenerateOptions:
             raise ValueError(f"guidance is {self.guidance}; it must lie between 0 and 10.")
         if self.seed < 0:
             raise ValueError(f"seed is {self.seed}; it must not be negative.")
+        if len(self.plans) not in (0, 1, self.samples):
+            raise ValueError(f"There are {len(self.plans)} plans for {self.samples} samples.")
 
 
 def generate_motion(
@@ -80,7 +91,39 @@ def generate_motion(
         Cancelled: if ``should_cancel`` said so.
     """
     with one_thread():
-        return _generated(system, speech, options, on_progress, should_cancel)
+        if not system.plans:
+            return _generated(system, speech, options, on_progress, should_cancel)
+        motions: list[Motion] = []
+        plans = options.plans or tuple(_drawn_plans(system, speech, options))
+        for sample in range(options.samples):
+            plan = plans[min(sample, len(plans) - 1)]
+            first = options.first_sample + sample
+            one = replace(options, samples=1, first_sample=first, plans=(plan,))
+
+            def on_share(share: float, done: int = sample) -> None:
+                if on_progress is not None:
+                    on_progress((done + share) / options.samples)
+
+            motions += _generated(system, speech, one, on_share, should_cancel)
+        return motions
+
+
+def draw_plans(system: System, speech: Speech, options: GenerateOptions) -> tuple[GesturePlan, ...]:
+    """The plans that a system performs, one for each sample, if it is given none.
+
+    Raises:
+        UnknownNameError: if the weights do not know ``options.speaker``.
+        ValueError: if the system performs no plans.
+    """
+    with one_thread():
+        return tuple(_drawn_plans(system, speech, options))
+
+
+def _drawn_plans(system: System, speech: Speech, options: GenerateOptions) -> Iterator[GesturePlan]:
+    draw = draw_of(system, options)
+    for sample in range(options.samples):
+        one = replace(draw, first_sample=draw.first_sample + sample)
+        yield system.plan(speech.waveform, speech.num_frames, one)
 
 
 def _generated(
@@ -92,9 +135,8 @@ def _generated(
 ) -> list[Motion]:
     cut = system.windowing
     count = num_windows(speech.num_frames, cut.frames, cut.overlap)
-    features = torch.from_numpy(
-        system.encoder.encode(speech.waveform, cut.frames + (count - 1) * cut.advance)
-    )
+    num_frames = cut.frames + (count - 1) * cut.advance
+    features = system.hear(speech.waveform, num_frames, draw_of(system, options))
     pieces: list[tuple[Tensor, Tensor, Tensor]] = []
     for index, piece in enumerate(_pieces(system, [features], options, should_cancel)):
         pieces.append((_poses(system, piece), piece.root, piece.expression))
@@ -124,9 +166,11 @@ def stream_motion(
 
     Raises:
         UnknownNameError: if the weights do not know ``options.speaker``, or the system the sampler.
-        ValueError: if there is no speech, or guidance or steps of the face are asked of a system
-            that takes none.
+        ValueError: if there is no speech, guidance or steps of the face are asked of a system that
+            takes none, or the system plans.
     """
+    if system.plans:
+        raise ValueError(f"{system.name} plans all of the speech first; it cannot begin before.")
     told = PiecewiseMotion(system)
     for piece in _pieces(system, features, options):
         yield told.go_on(piece)
@@ -162,7 +206,7 @@ class WindowChain:
             UnknownNameError, ValueError: as `stream_motion`.
         """
         self._system = system
-        self._draw = _draw(system, options)
+        self._draw = draw_of(system, options)
         self._made: Window | None = None
         self._end: Window | None = None
 
@@ -209,13 +253,15 @@ class PiecewiseMotion:
         return _motions(self._system, _poses(self._system, piece), positions, piece.expression)
 
 
-def _draw(system: System, options: GenerateOptions) -> Draw:
+def draw_of(system: System, options: GenerateOptions) -> Draw:
     """What decides the first window.
 
     Raises:
         UnknownNameError, ValueError: see `stream_motion`.
     """
     sampler = system.sampler(options.sampler)
+    if options.plans and not system.plans:
+        raise ValueError(f"{system.name} performs no plans; leave the plan out.")
     if options.face_steps is not None and sampler.face_steps is None:
         raise ValueError(f"{system.name} takes no steps for the face alone; leave them out.")
     steps, face_steps = sampler.counts(options.steps, options.face_steps)
@@ -228,6 +274,9 @@ def _draw(system: System, options: GenerateOptions) -> Draw:
         steps=steps,
         face_steps=face_steps,
         guidance=system.strength(options.guidance),
+        first_sample=options.first_sample,
+        plan=options.plans[0] if options.plans else None,
+        words=options.words,
     )
 
 

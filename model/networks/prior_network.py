@@ -43,9 +43,16 @@ class PriorNetwork(ConditionedNetwork):
         has_seed: Bool[Tensor, " B"],
         has_speech: Bool[Tensor, " B"],
         expression: Float[Tensor, "B T expression_dim"] | None = None,
+        beside: Float[Tensor, "B T width"] | None = None,
     ) -> Float[Tensor, "B T C"]:
-        """Clean components x_1; see `model.systems.globaldiff.network`."""
+        """Clean components x_1; see `model.systems.globaldiff.network`.
+
+        Args:
+            beside: what else is known of each frame, as tokens that are added to the speech's.
+        """
         tokens = self.hear(speech, has_speech)
+        if beside is not None:
+            tokens = tokens + beside
         known = self.prior.posterior(x_t, t, seed, has_seed)
         body = known
         if expression is not None:

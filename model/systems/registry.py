@@ -5,12 +5,13 @@ from typing import TYPE_CHECKING, Any
 
 from model.generation.family import Family, UnknownNameError
 from model.storage.cards import BUNDLED_WEIGHTS, file_stem, load_card
-from model.systems import asynfusion, autoencoders, face, gan, globaldiff, matching
+from model.systems import asynfusion, autoencoders, face, gan, globaldiff, matching, planned
 
 if TYPE_CHECKING:
     from model.generation.base import System
 
 _FAMILIES: list[Family] = [
+    planned.FAMILY,
     globaldiff.FAMILY,
     asynfusion.FAMILY,
     gan.FAMILY,

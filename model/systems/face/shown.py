@@ -45,7 +45,8 @@ class FacedSystem(System):
         """One window of body.
 
         Args:
-            speech: of the window and ``config.speech_context`` frames on either side.
+            speech: of the window and ``config.speech_context`` frames on either side, as the
+                system's `hear` has it: the encoder's features first.
             expression: the face that it is shown.
             seed: normalised motion of the first frames; None where a clip begins.
         """
@@ -56,7 +57,7 @@ class FacedSystem(System):
         assert before is None or isinstance(before, BodyWindow)
         frames = self.windowing.frames
         face = self.face.window(
-            speech.around(self.face.config.speech_context, frames),
+            speech.around(self.face.config.speech_context, frames)[:, : self.encoder.dim],
             draw.speaker,
             None if before is None else before.expression[0],
             draw.seed,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from model.generation.base import Draw, Features, Prediction
@@ -79,18 +79,17 @@ class GlobalDiffSystem(FacedSystem):
         its seed and needs no holding. The join is faded afterwards."""
         config, prior = self.config, self.network.prior
         size = draw.samples
-        x_0 = draw.noise((config.window_frames, config.motion_dim))
+        x_0 = self.noise(draw)
         known = torch.zeros(size, config.seed_frames, x_0.shape[-1]) if seed is None else seed
         last: dict[str, Tensor] = {}
-        guide = SpeechGuide(draw.guidance, self.normaliser, config.rotation_space)
+        guide = self.guide(draw)
         copies = guide.copies(size)
         conditions = {
-            "speech": speech.expand(copies, -1, -1),
+            **self.heard(speech, guide.hears(size)),
             "expression": expression.expand(copies, -1, -1),
             "seed": guide.twice(known),
             "speaker": torch.full((copies,), draw.speaker),
             "has_seed": torch.full((copies,), seed is not None),
-            "has_speech": guide.hears(size),
         }
 
         def predict(x_t: Tensor, t: float) -> Tensor:
@@ -105,6 +104,20 @@ class GlobalDiffSystem(FacedSystem):
             return prior.sample(predict, x_0, seed, steps=draw.steps, heun=sampler == "heun")
         sample(predict, x_0, steps=draw.steps, sampler=sampler)
         return last["x_1"]  # every sampler ends on its last prediction
+
+    def noise(self, draw: Draw) -> Float[Tensor, "B T C"]:
+        """Where the flow begins."""
+        return draw.noise((self.config.window_frames, self.config.motion_dim))
+
+    def guide(self, draw: Draw) -> SpeechGuide:
+        """How strongly the network is to hear."""
+        return SpeechGuide(draw.guidance, self.normaliser, self.config.rotation_space)
+
+    def heard(
+        self, speech: Float[Tensor, "heard dim"], hears: Bool[Tensor, " copies"]
+    ) -> dict[str, Tensor]:
+        """What the network is told of the speech, by name and for each time that it is asked."""
+        return {"speech": speech.expand(len(hears), -1, -1), "has_speech": hears}
 
     def predict_with(
         self, motion: Motion, tracks: Mapping[str, Features], speaker: int, batch_size: int

@@ -1,5 +1,7 @@
 """Training of GlobalDiff's ladder and of our own system."""
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
@@ -91,6 +93,7 @@ def motion_step(
     targets: Targets,
     encoder: FrozenEncoder | None = None,
     compile_step: bool = False,
+    told: Callable[[Batch, Draws, Shard], dict[str, Tensor]] | None = None,
 ) -> StepFunction:
     """The loss of a motion network on one batch.
 
@@ -99,6 +102,7 @@ def motion_step(
     Args:
         encoder: L_m's encoder, if L_m has a weight.
         compile_step: compile the terms of training steps; the network compiles itself.
+        told: what else the network is told of a batch, by name.
     """
     constraints.check_anchors(constraints.octahedron_anchors())
     weights = config.loss
@@ -143,6 +147,7 @@ def motion_step(
             speaker = shard.of(batch.speaker) * draws.keep(config.speaker_dropout)
             has_speech = draws.keep(config.speech_dropout)
             speech = shard.of(heard(config, network, batch, generator))
+            more = told(batch, draws, shard) if told else {}
         with shard.autocast():
             predicted = network(
                 interpolate(x_0, x_1, t),
@@ -153,6 +158,7 @@ def motion_step(
                 speaker=speaker,
                 has_seed=has_seed,
                 has_speech=has_speech,
+                **more,
             )
         measured = compiled_terms if network.training else terms_of
         return StepLoss.of(measured(predicted.float(), vectors, target, t, has_seed))

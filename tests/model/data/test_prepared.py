@@ -112,7 +112,7 @@ def test_motion_stays_in_time_with_its_speech(copy):
     samples = np.arange(160_000) / 16_000 * 30
     loudness = 0.02 + np.exp(-0.5 * ((samples - event - 0.5) / 3) ** 2)
     waveform = (made_waveform(160_000) * loudness).astype(np.float32)
-    copied = augmented_copy(motion, Speech(waveform, "0" * 64), [1, copy])
+    copied = augmented_copy(motion, Speech(waveform, "0" * 64), "1_ann_0_1_1", copy)
     moved, features = encode_clip(*copied, MelEncoder())
     jump = int(np.argmax(moved.trans[:, 1]))
     loudest = int(np.argmax(np.convolve(features[:, NUM_MELS], np.ones(5), "same")))

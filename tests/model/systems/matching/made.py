@@ -65,6 +65,7 @@ def made_data(folder: Path, num_frames: int = 1200, count: int = 6) -> PreparedD
     rows = count * num_frames
     return PreparedData(
         folder,
+        folder,
         clips=tuple(clips),
         poses=np.concatenate([made_poses(envelope) for envelope in envelopes]),
         transl=np.zeros((rows, 3), np.float32),

@@ -1,0 +1,311 @@
+"""A plan of one performance: a typed object that can be written, read, changed and given.
+
+Times are seconds from the start of the speech. A hand's phases are Kendon's (1980), as annotators
+write them down; its goals are where the wrist is to be at a phase's end, in metres from the chest
+joint in the chest's frame: out to the hand's own side, up, forward.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal, TypeVar, get_args
+
+from model.storage.files import written_atomically
+
+Side = Literal["left", "right"]
+SIDES: tuple[Side, ...] = get_args(Side)
+Phase = Literal["rest", "preparation", "stroke", "hold", "beat", "retraction"]
+PHASES: tuple[Phase, ...] = get_args(Phase)
+Leg = Literal["left", "right", "both"]
+FORMAT = 1
+MAX_BYTES = 16 * 2**20
+MAX_EVENTS = 200_000
+"""Of one kind; hours of speech have fewer."""
+REACH_M = 1.0
+"""No wrist is farther than this from the chest."""
+
+
+class PlanError(ValueError):
+    """A plan that cannot be used; the message is one sentence for a person."""
+
+
+@dataclass(frozen=True)
+class HandPhase:
+    """What one hand does from one time to another."""
+
+    start_s: float
+    end_s: float
+    phase: Phase
+    goal: tuple[float, float, float]
+    """Out, up, forward: where the wrist is at the end, in metres; a hold may give way a little."""
+    kind: str = ""
+    """Name of the gesture that it is part of; empty where the hand rests."""
+    word: str = ""
+    """The word that a stroke lands on."""
+
+
+@dataclass(frozen=True)
+class Nod:
+    """The head goes down and up again."""
+
+    time_s: float
+    """Of the lowest point."""
+    depth_deg: float
+
+
+@dataclass(frozen=True)
+class Look:
+    """Where the eyes and the head are directed."""
+
+    start_s: float
+    end_s: float
+    yaw_deg: float
+    """To the body's left positive; 0 is the listener."""
+    pitch_deg: float
+    """Down positive."""
+
+
+@dataclass(frozen=True)
+class Brow:
+    """The brows rise and fall, or frown."""
+
+    time_s: float
+    height: float
+    """0 to 1, below 0 a frown."""
+
+
+@dataclass(frozen=True)
+class Smile:
+    """A smile of one size."""
+
+    start_s: float
+    end_s: float
+    size: float
+    """0 to 1."""
+
+
+@dataclass(frozen=True)
+class Blink:
+    """The lids shut for a moment."""
+
+    time_s: float
+
+
+@dataclass(frozen=True)
+class Stand:
+    """On which leg the body stands."""
+
+    start_s: float
+    end_s: float
+    leg: Leg
+
+
+@dataclass(frozen=True)
+class Planted:
+    """A foot that stays where it is."""
+
+    start_s: float
+    end_s: float
+    foot: Side
+
+
+@dataclass(frozen=True)
+class GesturePlan:
+    """All that is planned for one performance, each list in time."""
+
+    duration_s: float
+    left: tuple[HandPhase, ...] = ()
+    right: tuple[HandPhase, ...] = ()
+    nods: tuple[Nod, ...] = ()
+    looks: tuple[Look, ...] = ()
+    brows: tuple[Brow, ...] = ()
+    smiles: tuple[Smile, ...] = ()
+    blinks: tuple[Blink, ...] = ()
+    stands: tuple[Stand, ...] = ()
+    planted: tuple[Planted, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        """
+        Raises:
+            PlanError: if something ends before it begins, overlaps, or lies beyond the arm's reach.
+        """
+        if not 0 < self.duration_s < math.inf:
+            raise PlanError(f"The plan lasts {self.duration_s} s; it must be longer than 0 s.")
+        for name, events in self._lists():
+            if len(events) > MAX_EVENTS:
+                raise PlanError(
+                    f"The plan has {len(events)} {name}; at most {MAX_EVENTS} are read."
+                )
+            for event in events:
+                _check(name, event)
+        for side in SIDES:
+            _check_in_turn(side, self.hand(side))
+
+    def hand(self, side: Side) -> tuple[HandPhase, ...]:
+        """The phases of one hand."""
+        return self.left if side == "left" else self.right
+
+    def with_hand(self, side: Side, phases: tuple[HandPhase, ...]) -> GesturePlan:
+        """The plan with other phases of one hand."""
+        return replace(self, left=phases) if side == "left" else replace(self, right=phases)
+
+    def at_speed(self, speed: float) -> GesturePlan:
+        """The same plan performed ``speed`` times as fast."""
+
+        def faster(event: Any) -> Any:
+            times = {f.name: getattr(event, f.name) / speed
+                     for f in dataclasses.fields(event) if f.name.endswith("_s")}  # fmt: skip
+            return replace(event, **times)
+
+        lists = {name: tuple(map(faster, events)) for name, events in self._lists()}
+        return replace(self, duration_s=self.duration_s / speed, **lists)
+
+    def as_json(self) -> str:
+        """What `read_plan` reads."""
+        told = {"format": FORMAT, **dataclasses.asdict(self)}
+        return json.dumps(_rounded(told), indent=1) + "\n"
+
+    def write(self, path: Path) -> None:
+        """Write it whole or not at all.
+
+        Raises:
+            WriteError: with the reason.
+        """
+        with written_atomically(path) as part:
+            part.write_text(self.as_json(), encoding="utf-8")
+
+    def _lists(self) -> Iterator[tuple[str, tuple[Any, ...]]]:
+        for each in dataclasses.fields(self):
+            if each.name != "duration_s":
+                yield each.name, getattr(self, each.name)
+
+
+_EVENTS: dict[str, type] = {
+    "left": HandPhase, "right": HandPhase, "nods": Nod, "looks": Look, "brows": Brow,
+    "smiles": Smile, "blinks": Blink, "stands": Stand, "planted": Planted,
+}  # fmt: skip
+Event = TypeVar("Event")
+
+
+def read_plan(path: Path) -> GesturePlan:
+    """A plan as `GesturePlan.write` wrote it, or anybody in the same form.
+
+    Raises:
+        PlanError: if the file is missing, too large, or holds no such plan.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise PlanError(f"{path.name} could not be read: {reason}.") from error
+    if len(data) > MAX_BYTES:
+        raise PlanError(f"{path.name} is larger than {MAX_BYTES // 2**20} MiB.")
+    try:
+        told = json.loads(data)
+    except (ValueError, RecursionError):
+        told = None
+    if not isinstance(told, dict) or told.get("format") != FORMAT:
+        raise PlanError(f"{path.name} is no plan of format {FORMAT}, as `plan --out` writes it.")
+    unknown = sorted(set(told) - {"format", "duration_s", *_EVENTS})
+    if unknown:
+        raise PlanError(f"{path.name} has {unknown[0][:40]!r}, which no plan has.")
+    lists = {
+        name: tuple(_event(path.name, name, event, kind) for event in _list(path.name, name, told))
+        for name, kind in _EVENTS.items()
+    }
+    try:
+        return GesturePlan(duration_s=_number(told.get("duration_s")), **lists)
+    except PlanError as error:
+        raise PlanError(f"{path.name}: {error}") from None
+
+
+def _list(file: str, name: str, told: dict[str, Any]) -> list[Any]:
+    events = told.get(name, [])
+    if not isinstance(events, list):
+        raise PlanError(f"{file}: {name} is no list.")
+    return events
+
+
+def _event(file: str, name: str, told: Any, kind: type[Event]) -> Event:
+    fields = {f.name: f for f in dataclasses.fields(kind)}  # pyright: ignore[reportArgumentType]
+    needed = {n for n, f in fields.items() if f.default is dataclasses.MISSING}
+    if not isinstance(told, dict) or not needed <= set(told) <= set(fields):
+        raise PlanError(f"{file}: one of its {name} has not the fields {', '.join(fields)}.")
+    try:
+        return kind(**{field: _value(field, value) for field, value in told.items()})
+    except PlanError as error:
+        raise PlanError(f"{file}: one of its {name} has a {error}") from None
+
+
+_LITERALS: dict[str, tuple[str, ...]] = {"phase": PHASES, "leg": get_args(Leg), "foot": SIDES}
+_WORDS = ("kind", "word")
+
+
+def _value(field: str, told: Any) -> Any:
+    """A field's value of the right type.
+
+    Raises:
+        PlanError: with the end of a sentence that begins "one of its phases has a".
+    """
+    if field in _LITERALS:
+        if told not in _LITERALS[field]:
+            valid = ", ".join(_LITERALS[field])
+            raise PlanError(f"{field} {str(told)[:40]!r}; use one of {valid}.")
+        return told
+    if field in _WORDS:
+        if not isinstance(told, str) or len(told) > 80:
+            raise PlanError(f"{field} that is no short text.")
+        return told
+    if field == "goal":
+        place = [_number(value) for value in told] if isinstance(told, list) else []
+        if len(place) != 3 or not all(map(math.isfinite, place)):
+            raise PlanError("goal that is no three numbers.")
+        return tuple(place)
+    number = _number(told)
+    if not math.isfinite(number):
+        raise PlanError(f"{field} that is no number.")
+    return number
+
+
+def _number(value: object) -> float:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return float(value) if is_number else math.nan  # pyright: ignore[reportArgumentType]
+
+
+def _check(name: str, event: Any) -> None:
+    numbers = {f.name: getattr(event, f.name) for f in dataclasses.fields(event)}
+    if not all(math.isfinite(n) for n in numbers.values() if isinstance(n, float)):
+        raise PlanError(f"One of its {name} has a number that is not finite.")
+    if "goal" in numbers and not all(abs(n) <= REACH_M for n in numbers["goal"]):
+        raise PlanError(f"One of its {name} has a goal farther than {REACH_M:g} m from the chest.")
+    if "end_s" in numbers and not event.start_s < event.end_s:
+        raise PlanError(
+            f"One of its {name} goes from {event.start_s:g} to {event.end_s:g} s; it must end "
+            "after it begins."
+        )
+
+
+def _check_in_turn(side: Side, phases: tuple[HandPhase, ...]) -> None:
+    for before, after in pairwise(phases):
+        if after.start_s < before.end_s - 1e-3:
+            raise PlanError(
+                f"The {side} hand begins a {after.phase} at {after.start_s:.2f} s, in the middle "
+                f"of a {before.phase}; a hand does one thing at a time."
+            )
+
+
+def _rounded(told: Any) -> Any:
+    if isinstance(told, float):
+        return round(told, 4)
+    if isinstance(told, dict):
+        return {name: _rounded(value) for name, value in told.items()}
+    if isinstance(told, list | tuple):
+        return [_rounded(value) for value in told]
+    return told

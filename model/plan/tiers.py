@@ -1,0 +1,239 @@
+"""A plan as tiers of events: what is drawn when, and what the drawing depends on.
+
+Each tier is a chain of states, each of which begins at some frame with a mark (where a hand is to
+be, how deep a nod). A phase of a hand is a state; a nod, a blink, a look begin and are followed by
+the next. So a plan is drawn frame by frame: stay, or begin what.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from model.motion.timing import FPS
+from model.plan.plan import (
+    PHASES,
+    SIDES,
+    Blink,
+    Brow,
+    GesturePlan,
+    HandPhase,
+    Look,
+    Nod,
+    Planted,
+    Stand,
+)
+from model.plan.tracks import without_gaps
+
+
+@dataclass(frozen=True)
+class Tier:
+    """A chain of states."""
+
+    name: str
+    states: tuple[str, ...]
+    units: tuple[float, ...] = ()
+    """What counts 1 of each number of a mark."""
+    beside: str = ""
+    """The tier that this one sees. Tiers are drawn in order: of one that comes later it sees what
+    was before the frame, of one that comes earlier what is now."""
+
+    @property
+    def seen(self) -> int:
+        """Numbers that tell where the chain is."""
+        return len(self.states) + 2 + len(self.units)
+
+
+_METRES = (0.2, 0.2, 0.2)
+TIERS: tuple[Tier, ...] = (
+    Tier("right", PHASES, _METRES, beside="left"),
+    Tier("left", PHASES, _METRES, beside="right"),
+    Tier("look", ("look",), (10.0, 5.0)),
+    Tier("nod", ("nod",), (4.0,)),
+    Tier("brow", ("brow",), (0.4,)),
+    Tier("blink", ("blink",)),
+    Tier("stand", ("both", "left", "right")),
+    Tier("left foot", ("step", "planted"), beside="right foot"),
+    Tier("right foot", ("step", "planted"), beside="left foot"),
+)
+BY_NAME = {tier.name: tier for tier in TIERS}
+LONGEST_S = 8.0
+"""A state that lasts longer looks as if it lasted so long."""
+
+
+@dataclass(frozen=True)
+class Begun:
+    """A state that begins."""
+
+    frame: int
+    state: int
+    mark: tuple[float, ...] = ()
+    """In the tier's units."""
+
+
+@dataclass(frozen=True)
+class ChainFrames:
+    """A tier's chain at some frames."""
+
+    seen: Float[np.ndarray, "T seen"]
+    """Where the chain is before the frame: state (one of them is 1), time in it twice, mark."""
+    seen_now: Float[np.ndarray, "T seen"]
+    """The same with what begins at the frame."""
+    event: Int[np.ndarray, " T"]
+    """0: it stays; else 1 + the state that begins."""
+    mark: Float[np.ndarray, "T units"]
+    """Of what begins."""
+
+
+def chains_of(plan: GesturePlan) -> dict[str, list[Begun]]:
+    """All that begins, by tier; what a tier begins with is at frame 0."""
+    end_s = plan.duration_s
+    chains: dict[str, list[Begun]] = {}
+
+    def add(name: str, start_s: float, state: str, mark: Sequence[float] = ()) -> None:
+        tier = BY_NAME[name]
+        scaled = tuple(float(m / unit) for m, unit in zip(mark, tier.units, strict=True))
+        begun = Begun(max(0, round(start_s * FPS)), tier.states.index(state), scaled)
+        chain = chains.setdefault(name, [])
+        if chain and chain[-1].frame >= begun.frame:
+            chain.pop()
+        chain.append(begun)
+
+    for side in SIDES:
+        for phase in without_gaps(plan.hand(side), end_s):
+            add(side, phase.start_s, phase.phase, phase.goal)
+        add(f"{side} foot", 0.0, "step")
+        for one in plan.planted:
+            if one.foot == side:
+                add(f"{side} foot", one.start_s, "planted")
+                if one.end_s < end_s - 0.5 / FPS:
+                    add(f"{side} foot", one.end_s, "step")
+    add("look", 0.0, "look", (0.0, 0.0))
+    for look in plan.looks:
+        add("look", look.start_s, "look", (look.yaw_deg, look.pitch_deg))
+    add("nod", 0.0, "nod", (0.0,))
+    for nod in plan.nods:
+        add("nod", nod.time_s, "nod", (nod.depth_deg,))
+    add("brow", 0.0, "brow", (0.0,))
+    for brow in plan.brows:
+        add("brow", brow.time_s, "brow", (brow.height,))
+    add("blink", 0.0, "blink")
+    for blink in plan.blinks:
+        add("blink", blink.time_s, "blink")
+    add("stand", 0.0, "both")
+    for stand in plan.stands:
+        add("stand", stand.start_s, stand.leg)
+    return chains
+
+
+def plan_of(chains: dict[str, list[Begun]], num_frames: int) -> GesturePlan:
+    """The plan that such chains tell; the inverse of `chains_of` but for smiles and the words and
+    kinds of gestures. What a tier begins with at frame 0 is where it is, no event."""
+    spans = {
+        name: [
+            (one, (two.frame if two else num_frames) / FPS)
+            for one, two in zip(chain, [*chain[1:], None], strict=True)
+            if (two.frame if two else num_frames) > one.frame
+        ]
+        for name, chain in chains.items()
+    }
+
+    def mark(name: str, begun: Begun) -> tuple[float, ...]:
+        return tuple(m * unit for m, unit in zip(begun.mark, BY_NAME[name].units, strict=True))
+
+    def hand(side: str) -> tuple[HandPhase, ...]:
+        return tuple(
+            HandPhase(one.frame / FPS, end_s, PHASES[one.state], _reachable(mark(side, one)))
+            for one, end_s in spans[side]
+        )
+
+    def points(name: str) -> list[tuple[float, tuple[float, ...]]]:
+        return [(one.frame / FPS, mark(name, one)) for one, _ in spans[name] if one.frame > 0]
+
+    stands = [
+        Stand(one.frame / FPS, end_s, leg)
+        for one, end_s in spans["stand"]
+        for leg in SIDES
+        if BY_NAME["stand"].states[one.state] == leg
+    ]
+    return GesturePlan(
+        duration_s=num_frames / FPS,
+        left=hand("left"),
+        right=hand("right"),
+        nods=tuple(Nod(at, depth) for at, (depth,) in points("nod") if depth > 0),
+        looks=tuple(
+            Look(one.frame / FPS, end_s, *mark("look", one)) for one, end_s in spans["look"]
+        ),
+        brows=tuple(
+            Brow(at, float(np.clip(height, -1.0, 1.0))) for at, (height,) in points("brow")
+        ),
+        blinks=tuple(Blink(at) for at, _ in points("blink")),
+        stands=tuple(stands),
+        planted=tuple(
+            Planted(one.frame / FPS, end_s, side)
+            for side in SIDES
+            for one, end_s in spans[f"{side} foot"]
+            if BY_NAME[f"{side} foot"].states[one.state] == "planted"
+        ),
+    )
+
+
+def frames_of(tier: Tier, chain: Sequence[Begun], frames: Int[np.ndarray, " T"]) -> ChainFrames:
+    """A chain at some frames; it begins at frame 0."""
+    first = np.array([begun.frame for begun in chain])
+    states = np.array([begun.state for begun in chain])
+    marks = np.array([begun.mark for begun in chain], float).reshape(len(chain), -1)
+    now = np.searchsorted(first, frames, side="right") - 1
+    before = np.maximum(np.searchsorted(first, frames, side="left") - 1, 0)
+    begins = (now != before) & (frames > 0)
+    return ChainFrames(
+        seen=_seen(tier, states[before], frames - first[before], marks[before]),
+        seen_now=_seen(tier, states[now], frames - first[now], marks[now]),
+        event=np.where(begins, 1 + states[now], 0),
+        mark=np.where(begins[:, None], marks[now], 0.0).astype(np.float32),
+    )
+
+
+def _seen(
+    tier: Tier,
+    states: Int[np.ndarray, " T"],
+    lasted: Int[np.ndarray, " T"],
+    marks: Float[np.ndarray, "T units"],
+) -> Float[np.ndarray, "T seen"]:
+    seconds = np.minimum(lasted / FPS, LONGEST_S)
+    which = np.eye(len(tier.states))[states]
+    times = np.stack([seconds, np.log(seconds + 0.1)], axis=1)
+    return np.concatenate([which, times, marks], axis=1).astype(np.float32)
+
+
+def seen_together(
+    found: Mapping[str, ChainFrames],
+) -> dict[str, Float[np.ndarray, "T _"]]:
+    """What each tier's drawing depends on: its own chain, and the one beside it."""
+    drawn: set[str] = set()
+    seen = {}
+    for tier in TIERS:
+        own = found[tier.name].seen
+        if tier.beside:
+            other = found[tier.beside]
+            now = other.seen_now if tier.beside in drawn else other.seen
+            own = np.concatenate([own, now], axis=1)
+        seen[tier.name] = own
+        drawn.add(tier.name)
+    return seen
+
+
+def seen_of(tier: Tier, begun: Begun, frame: int) -> Float[np.ndarray, " seen"]:
+    """Where a chain is at a frame, after what began last."""
+    return _seen(
+        tier,
+        np.array([begun.state]),
+        np.array([frame - begun.frame]),
+        np.array([begun.mark], float),
+    )[0]
+
+
+def _reachable(goal: Sequence[float]) -> tuple[float, float, float]:
+    out, up, forward = np.clip(goal, -0.99, 0.99).tolist()
+    return out, up, forward

@@ -1,0 +1,21 @@
+"""Our own system that plans first: a planner draws gestures, nods and looks from speech, and the
+motion network follows the plan it is given. May import GlobalDiff's family and what systems may.
+"""
+
+from model.generation.family import Family, Sampler
+from model.systems.planned.config import PLANNED, PLANNER, PRESETS, named_config
+
+FAMILY = Family(
+    name="planned",
+    title="Plan first, of our own",
+    systems=(PLANNED,),
+    about={
+        PLANNED: "Plans gestures, nods and looks from the speech first, then moves as planned.",
+    },
+    samplers=(Sampler("euler", 10), Sampler("heun", 10)),
+    presets=PRESETS,
+    config=named_config,
+    package="model.systems.planned",
+    helpers=(PLANNER,),
+    guidance={PLANNED: 2.5},
+)

@@ -1,0 +1,83 @@
+"""Settings of the planner and of the motion network that follows a plan."""
+
+from dataclasses import dataclass, field, replace
+
+from model.systems.globaldiff.config import BEST, GlobalDiffConfig, NetworkConfig
+from model.systems.globaldiff.config import named_config as globaldiff_config
+from model.training.config import SMOKE, TrainConfig
+
+PLANNED = "workbench/planned"
+PLANNER = "planner"
+PRESETS = ("demo", "smoke")
+
+
+@dataclass(frozen=True)
+class PlannerConfig:
+    """Shape of the planner."""
+
+    speech_dim: int = 68
+    width: int = 128
+    head_width: int = 96
+    dilations: tuple[int, ...] = (1, 2, 4, 8, 16)
+    """Of convolutions over three frames: about a second of speech is heard on either side."""
+    mixtures: int = 6
+    """Gaussians of a mark."""
+    num_speakers: int = 31
+    """Size of the speaker table; 0 stands for "no speaker"."""
+    window_frames: int = 300
+
+    @property
+    def context(self) -> int:
+        """Frames heard on either side."""
+        return sum(self.dilations)
+
+
+@dataclass(frozen=True)
+class PlannerTrainConfig(TrainConfig):
+    """One training of the planner."""
+
+    planner: PlannerConfig = field(default_factory=PlannerConfig)
+    speakerless: float = 0.5
+    """Share of the windows without speech that know no speaker either: what speech and speaker
+    together change is what guidance enlarges."""
+
+
+@dataclass(frozen=True)
+class PlannedNetworkConfig(NetworkConfig):
+    """Shape of the motion network, and how it is told a plan."""
+
+    num_kinds: int = 64
+    """Gestures it can tell apart at most."""
+    kind_dim: int = 16
+
+
+@dataclass(frozen=True)
+class PlannedConfig(GlobalDiffConfig):
+    """One training of the motion network."""
+
+    network: PlannedNetworkConfig = field(default_factory=PlannedNetworkConfig)
+    plan_dropout: float = 0.1
+    """Share of windows that are told no plan."""
+
+
+def named_config(preset: str, system: str) -> TrainConfig:
+    """The settings called ``preset``.
+
+    Raises:
+        ValueError: if there are none.
+    """
+    if preset not in PRESETS:
+        raise ValueError(f"There is no config {preset!r}; choose one of {', '.join(PRESETS)}.")
+    if system == PLANNER:
+        planner = PlannerTrainConfig(
+            system=system, steps=2000, batch_size=16, learning_rate=2e-3, ema_decay=0.995,
+            speech_dropout=0.15, save_every=250,
+        )  # fmt: skip
+        if preset == "demo":
+            return planner
+        shape = replace(planner.planner, width=16, head_width=16, window_frames=60)
+        return replace(planner, planner=shape, **SMOKE)
+    base = globaldiff_config(preset, BEST)
+    told = {name: value for name, value in vars(base).items() if name not in ("system", "network")}
+    shape = PlannedNetworkConfig(**vars(base.network))
+    return PlannedConfig(system=system, network=shape, **told)

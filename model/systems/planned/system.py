@@ -1,0 +1,126 @@
+"""Our own system that plans first and then moves as planned."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from model.data.plans import kinds_of
+from model.generation.base import Draw
+from model.motion.packing import Normaliser
+from model.plan.plan import GesturePlan
+from model.plan.tracks import NUM_TRACKS, tracks_of
+from model.sampling.guidance import SpeechGuide
+from model.sampling.prior import GaussianPrior
+from model.speech.encoders import make_encoder
+from model.storage.cards import CheckpointError
+from model.storage.checkpoint import load_into, load_weights
+from model.storage.settings import from_dict
+from model.systems.face.config import EXPRESSION
+from model.systems.face.face import load_face
+from model.systems.face.shown import shared_windowing
+from model.systems.globaldiff.system import GlobalDiffSystem
+from model.systems.planned import FAMILY
+from model.systems.planned.config import PLANNER, PlannedNetworkConfig
+from model.systems.planned.network import PlannedNetwork
+from model.systems.planned.planner import Planner, load_planner
+
+STRENGTH = 1.3
+"""How many times what plan and speech change in the motion is taken."""
+NOISE_SHARE = 0.7
+"""Of the noise that the flow begins with. What the plan has decided chance need not decide again:
+less noise and more of the plan leave as much motion as there was, and more of it is the plan's."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedSystem(GlobalDiffSystem):
+    """A motion network that follows plans, and the planner that draws them."""
+
+    planner: Planner
+
+    @property
+    def plans(self) -> bool:
+        """See `System.plans`."""
+        return True
+
+    def plan(self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw) -> GesturePlan:
+        """See `System.plan`."""
+        features = torch.from_numpy(self.encoder.encode(waveform, num_frames))
+        key = [draw.seed, draw.first_sample]
+        return self.planner.plan(features, draw.speaker, draw.words, key, draw.guidance)
+
+    def hear(
+        self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw
+    ) -> Float[Tensor, "T heard_dim"]:
+        """See `System.hear`: features, then the plan's tracks and its two kinds."""
+        assert draw.plan is not None
+        tracks = torch.from_numpy(tracks_of(draw.plan, num_frames))
+        kinds = torch.from_numpy(kinds_of(draw.plan, num_frames, self.planner.kinds)).float()
+        return torch.cat([super().hear(waveform, num_frames, draw), tracks, kinds], dim=1)
+
+    def noise(self, draw: Draw) -> Float[Tensor, "B T C"]:
+        """See `GlobalDiffSystem.noise`."""
+        return NOISE_SHARE * super().noise(draw)
+
+    def guide(self, draw: Draw) -> SpeechGuide:
+        """The strength that is asked for is spent on the plan; how strongly that is followed is the
+        system's own."""
+        return SpeechGuide(STRENGTH, self.normaliser, self.config.rotation_space)
+
+    def heard(
+        self, speech: Float[Tensor, "heard dim"], hears: Bool[Tensor, " copies"]
+    ) -> dict[str, Tensor]:
+        """See `GlobalDiffSystem.heard`: the plan is hidden with the speech."""
+        features, tracks, kinds = speech.split([self.encoder.dim, NUM_TRACKS, 2], dim=1)
+        copies = len(hears)
+        return {
+            "speech": features.expand(copies, -1, -1),
+            "has_speech": hears,
+            "tracks": tracks.expand(copies, -1, -1),
+            "kinds": kinds.long().expand(copies, -1, -1),
+            "has_plan": hears,
+        }
+
+
+def load(name: str, folder: Path) -> PlannedSystem:
+    """Read the system, its planner and the expression network beside it.
+
+    Raises:
+        CheckpointError: if files are missing or damaged, or do not belong together.
+    """
+    tensors, card = load_weights(folder, name)
+    planner = load_planner(folder)
+    try:
+        config = from_dict(PlannedNetworkConfig, card["config"]["network"])
+        speakers = {str(k): int(v) for k, v in card["speakers"].items()}
+        encoder = make_encoder(card["config"]["encoder"])
+        prior = GaussianPrior(tensors["prior.covariance"], config.seed_frames)
+        known = tensors["kinds.names"]
+    except (KeyError, TypeError, AttributeError) as error:
+        raise CheckpointError(f"The card of {name} lacks or misstates {error}.") from None
+    if not torch.equal(known, planner.kinds.tensors()["kinds.names"].float()):
+        raise CheckpointError(f"{name} and {PLANNER} were trained on other gestures.")
+    network = PlannedNetwork(config, prior)
+    load_into(network, tensors, "network.", name)
+    network.eval().requires_grad_(False)
+    face = load_face(folder)
+    return PlannedSystem(
+        name=name,
+        card=card,
+        sha256s={name: card["sha256"], PLANNER: planner.sha256, EXPRESSION: face.sha256},
+        speakers=speakers,
+        encoder=encoder,
+        windowing=shared_windowing(name, config, face),
+        samplers=FAMILY.samplers,
+        frame="parent",
+        root_motion=config.root,
+        guidance=FAMILY.guidance_of(name),
+        config=config,
+        network=network,
+        normaliser=Normaliser.of_tensors(tensors),
+        face=face,
+        planner=planner,
+    )

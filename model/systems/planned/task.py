@@ -1,0 +1,136 @@
+"""Training of the planner, and of the motion network that follows plans."""
+
+from typing import cast
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from model.data.plans import Plans, prepare_plans
+from model.data.prepared import Batch, PreparedData
+from model.motion.packing import Normaliser
+from model.motion.skeleton import open_body_skeleton
+from model.systems.globaldiff.task import motion_step
+from model.systems.planned.config import (
+    PlannedConfig,
+    PlannedNetworkConfig,
+    PlannerConfig,
+    PlannerTrainConfig,
+)
+from model.systems.planned.network import PlannedNetwork
+from model.systems.planned.planner_network import PlannerNetwork
+from model.training.config import TrainConfig
+from model.training.draws import Draws
+from model.training.hearing import heard
+from model.training.parallel import WHOLE, Shard
+from model.training.rate import can_compile
+from model.training.statistics import fit_motion_prior
+from model.training.targets import prepare_targets
+from model.training.task import DescentTask, StepFunction, StepLoss, Workshop, check_speakers
+
+STD_FLOOR = 0.02
+"""Of features; what hardly ever changes is not blown up to unit variance."""
+
+
+def make_task(config: TrainConfig, data: PreparedData, workshop: Workshop) -> DescentTask:
+    """The task of the planner or of the motion network.
+
+    Raises:
+        CheckpointError: if the weights to start from are missing, damaged or of another shape.
+        DataError: if a clip has no annotated plan, or a speaker's number does not fit.
+    """
+    torch.manual_seed(config.random_seed)
+    if isinstance(config, PlannerTrainConfig):
+        return _planner_task(config, data, workshop)
+    return _motion_task(cast(PlannedConfig, config), data, workshop)
+
+
+def _planner_task(
+    config: PlannerTrainConfig, data: PreparedData, workshop: Workshop
+) -> DescentTask:
+    shape, given = config.planner, workshop.given()
+    check_speakers(data, shape.num_speakers)
+    plans = prepare_plans(data, shape.num_speakers)
+    network = PlannerNetwork(shape)
+    if given is not None:
+        given.load_into(network)
+    told = torch.from_numpy(np.array(data.speech[::100], np.float32))
+    fitted = Normaliser(told.mean(0), told.std(0).clamp_min(STD_FLOOR))
+    normaliser = given.normaliser if given else fitted
+    return DescentTask(
+        config, network, planner_step(config, normaliser, plans), normaliser,
+        shape.window_frames, shape.context, workshop.shard,
+        statistics={**plans.table.tensors(), "begins.goals": first_goals(data, plans, shape)},
+    )  # fmt: skip
+
+
+def first_goals(
+    data: PreparedData, plans: Plans, shape: PlannerConfig
+) -> Float[Tensor, "speakers 2 3"]:
+    """Where each speaker's hands usually are when a clip begins, in the tiers' units; row 0 is
+    everybody's, and that of speakers who are not there."""
+    found: dict[int, list[list[tuple[float, ...]]]] = {}
+    for clip, chains in zip(data.clips, plans.chains, strict=True):
+        if clip.split == "train":
+            goals = [chains[side][0].mark for side in ("left", "right")]
+            found.setdefault(clip.speaker, []).append(goals)
+    everybody = torch.tensor([goals for each in found.values() for goals in each]).median(0).values
+    table = everybody.repeat(shape.num_speakers, 1, 1)
+    for speaker, goals in found.items():
+        table[speaker] = torch.tensor(goals).median(0).values
+    return table
+
+
+def planner_step(config: PlannerTrainConfig, normaliser: Normaliser, plans: Plans) -> StepFunction:
+    """The loss of the planner on one batch: the negative log-likelihood of its events."""
+
+    def step(
+        network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard = WHOLE
+    ) -> StepLoss:
+        draws = Draws(len(batch.clips), generator, shard)
+        with torch.no_grad():
+            events = plans.events(batch.rows(shard.mine))
+            has_speech = draws.keep(config.speech_dropout)
+            knows = draws.keep(config.speaker_dropout)
+            knows &= has_speech | draws.keep(config.speakerless)
+            speech = normaliser.normalise(shard.of(heard(config, network, batch, generator)))
+            speaker = shard.of(batch.speaker) * knows
+        with shard.autocast():
+            losses = network(speech, speaker, has_speech, events.seen, events.event, events.mark)
+        return StepLoss.of(losses)
+
+    return step
+
+
+def _motion_task(config: PlannedConfig, data: PreparedData, workshop: Workshop) -> DescentTask:
+    shape, given = config.network, workshop.given()
+    assert isinstance(shape, PlannedNetworkConfig)
+    check_speakers(data, shape.num_speakers)
+    plans = prepare_plans(data, shape.num_speakers)
+    targets = prepare_targets(data, shape.rotation_space, shape.root, open_body_skeleton())
+    if given is None:
+        known, prior = fit_motion_prior(data, targets, shape, config.mirror)
+    else:
+        known, prior = given.normaliser, given.prior(shape.seed_frames)
+    network = PlannedNetwork(shape, prior)
+    if given is not None:  # which may know of no plans
+        fresh = {f"network.{name}": tensor for name, tensor in network.state_dict().items()}
+        type(given)(given.system, fresh | given.tensors).load_into(network)
+    normaliser = known.to(workshop.shard.device)
+
+    def told(batch: Batch, draws: Draws, shard: Shard) -> dict[str, Tensor]:
+        tracks, kinds = plans.of(batch, shape.speech_context)
+        return {
+            "tracks": shard.of(tracks),
+            "kinds": shard.of(kinds),
+            "has_plan": draws.keep(config.plan_dropout),
+        }
+
+    compiles = workshop.may_compile and can_compile()
+    step = motion_step(config, normaliser, targets, compile_step=compiles, told=told)
+    names = {"kinds.names": plans.table.tensors()["kinds.names"]}
+    return DescentTask(
+        config, network, step, normaliser, shape.window_frames, shape.speech_context,
+        workshop.shard, compiles, {"prior.covariance": prior.covariance, **names},
+    )  # fmt: skip

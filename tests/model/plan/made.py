@@ -1,0 +1,49 @@
+"""A plan with something of everything."""
+
+from model.plan.plan import (
+    Blink,
+    Brow,
+    GesturePlan,
+    HandPhase,
+    Look,
+    Nod,
+    Phase,
+    Planted,
+    Smile,
+    Stand,
+)
+
+REST = (0.2, -0.3, 0.1)
+HIGH = (0.2, 0.1, 0.3)
+LOW = (0.15, -0.1, 0.35)
+
+
+def phase(start_s: float, end_s: float, name: Phase, goal=REST, kind: str = "", word: str = ""):
+    return HandPhase(start_s, end_s, name, goal, kind, word)
+
+
+def made_plan() -> GesturePlan:
+    """Six seconds: the right hand offers twice, the left rests."""
+    right = (
+        phase(0.0, 1.0, "rest"),
+        phase(1.0, 1.5, "preparation", HIGH, "offer"),
+        phase(1.5, 1.9, "stroke", LOW, "offer", "whole"),
+        phase(1.9, 2.4, "hold", LOW, "offer"),
+        phase(2.4, 2.6, "beat", (0.15, -0.04, 0.35), "offer"),
+        phase(2.6, 2.8, "beat", LOW, "offer"),
+        phase(2.8, 3.5, "hold", LOW, "offer"),
+        phase(3.5, 4.2, "retraction"),
+        phase(4.2, 6.0, "rest"),
+    )
+    return GesturePlan(
+        duration_s=6.0,
+        left=(phase(0.0, 6.0, "rest"),),
+        right=right,
+        nods=(Nod(1.9, 4.0), Nod(3.0, 2.5)),
+        looks=(Look(0.0, 2.0, 0.0, 0.0), Look(2.0, 3.0, 14.0, 5.0), Look(3.0, 6.0, 0.0, -1.0)),
+        brows=(Brow(1.9, 0.5),),
+        smiles=(Smile(3.0, 5.0, 0.4),),
+        blinks=(Blink(0.8), Blink(4.0)),
+        stands=(Stand(0.0, 3.0, "left"), Stand(3.0, 6.0, "right")),
+        planted=(Planted(0.0, 6.0, "left"), Planted(0.0, 2.5, "right"), Planted(3.0, 6.0, "right")),
+    )

@@ -1,0 +1,73 @@
+"""A tiny planner and a tiny system that performs its plans, and annotated data to train them."""
+
+import json
+from pathlib import Path
+
+import torch
+
+from model.motion.packing import Normaliser
+from model.plan.kinds import KindTable
+from model.storage.checkpoint import save_weights
+from model.storage.settings import to_json
+from model.systems.planned.config import (
+    PLANNED,
+    PLANNER,
+    PlannedConfig,
+    PlannedNetworkConfig,
+    PlannerConfig,
+    PlannerTrainConfig,
+)
+from model.systems.planned.network import PlannedNetwork
+from model.systems.planned.planner_network import PlannerNetwork
+from tests.model.made import (
+    TINY_BEST,
+    made_components,
+    made_prior,
+    make_data_folder,
+    make_weights,
+)
+from tests.model.plan.made import made_plan
+from tests.model.plan.test_annotation import HANDS, grid
+
+TINY_PLANNER = PlannerConfig(width=16, head_width=16, num_speakers=4, window_frames=60)
+TINY_NETWORK = PlannedNetworkConfig(**vars(TINY_BEST))
+
+
+def make_planned_weights(folder: Path) -> Path:
+    """Random weights with complete cards, beside an expression network."""
+    make_weights(folder, {})
+    torch.manual_seed(1)
+    common = {"speakers": {"ann": 1, "bob": 2}, "steps": 0, "training_data": "none", "date": "-"}
+    kinds = KindTable.fit([(made_plan(), 1), (made_plan().at_speed(1.1), 2)], num_speakers=4)
+    planner = PlannerNetwork(TINY_PLANNER)
+    with torch.no_grad():
+        for name, head in planner.heads.items():  # something begins now and then
+            head.event_out.bias[0] = 2.0 if name in ("left", "right") else 4.0
+    tensors = {f"network.{k}": v for k, v in planner.state_dict().items()}
+    tensors |= Normaliser(torch.zeros(68), torch.ones(68)).tensors() | kinds.tensors()
+    tensors |= {"begins.goals": torch.tensor([[1.0, -1.5, 0.5]] * 2).repeat(4, 1, 1)}
+    config = PlannerTrainConfig(system=PLANNER, planner=TINY_PLANNER)
+    save_weights(folder, PLANNER, tensors, {"config": json.loads(to_json(config)), **common})
+
+    prior = made_prior(TINY_NETWORK.motion_dim)
+    mean = torch.zeros(TINY_NETWORK.motion_dim)
+    mean[-2] = 1.2
+    network = PlannedNetwork(TINY_NETWORK, prior)
+    with torch.no_grad():
+        for parameter in network.parameters():
+            parameter += 0.05 * torch.randn_like(parameter)
+    tensors = {f"network.{k}": v for k, v in network.state_dict().items()}
+    tensors |= made_components(mean, 0.1).tensors() | {"prior.covariance": prior.covariance}
+    tensors |= {"kinds.names": kinds.tensors()["kinds.names"]}
+    config = PlannedConfig(system=PLANNED, network=TINY_NETWORK)
+    save_weights(folder, PLANNED, tensors, {"config": json.loads(to_json(config)), **common})
+    return folder
+
+
+def make_annotated_folder(folder: Path) -> Path:
+    """Made recordings with the plan of three seconds beside each."""
+    make_data_folder(folder)
+    (folder / "textgrid").mkdir()
+    for path in (folder / "wave16k").iterdir():
+        (folder / "textgrid" / f"{path.stem}.TextGrid").write_text(grid(*HANDS))
+    return folder
