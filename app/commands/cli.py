@@ -1,4 +1,4 @@
-"""The command line: generate, diagnose, steps, hearing, render, mechanism, study, doctor.
+"""The command line: generate, diagnose, steps, plan, hearing, render, mechanism, study, doctor.
 
 Exit status: 0 done, 1 failed with one sentence on standard error, 2 wrong arguments.
 """
@@ -16,6 +16,7 @@ from app import text
 from app.commands.hearing import add_hearing
 from app.commands.many import add_crew, crew_of, generate_over_many, told_if_stopped
 from app.commands.mechanism import add_mechanism
+from app.commands.plan import add_plan
 from app.commands.said import LogLines, Parser, name_file, say
 from app.commands.study import add_study
 from app.config import BUNDLED_WEIGHTS, default_body
@@ -80,6 +81,7 @@ def make_parser() -> argparse.ArgumentParser:
     _add_diagnose(commands)
     _add_steps(commands)
     _add_render(commands)
+    add_plan(commands)
     add_hearing(commands)
     add_mechanism(commands)
     _add_doctor(commands)
@@ -126,6 +128,11 @@ def _add_generate(commands) -> None:
         "--guidance", type=float, metavar="N",
         help="strength of the speech, 0 to 10; 1 is as trained, and as the papers' own code draws\n"
         "(default: as suits each system)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--plan", type=Path, metavar="PLAN.json",
+        help="what systems that plan are to perform, as a run or `plan` leaves it (default: drawn "
+        "from the speech)",
     )  # fmt: skip
     parser.add_argument(
         "--post-filter", choices=POST_FILTERS, default="none",
@@ -178,6 +185,7 @@ def _generate(options: argparse.Namespace) -> None:
         face_steps=options.face_steps,
         sampler=options.sampler,
         guidance=options.guidance,
+        plan=options.plan,
         post_filter=options.post_filter,
         reference=options.reference,
         transcript=options.transcript,

@@ -10,7 +10,7 @@ from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
 from app.run.hearing import HearingRequest, measure_hearing
 
-USUAL = ("workbench/priorflow", "globaldiff/local", "globaldiff/global", "gan/5")
+USUAL = ("workbench/planned", "workbench/priorflow", "globaldiff/global", "gan/5")
 
 
 def add_hearing(commands) -> None:

@@ -112,9 +112,15 @@ def _options(
     """A wish goes to the systems that know it; of the others the person is told.
 
     Raises:
-        RunError: if no system has the sampler, or none takes guidance or steps of the face.
+        RunError: if no system has the sampler, or none takes guidance, steps of the face or a plan.
+        PlanError: if the plan cannot be used.
     """
     from model.generation.windows import GenerateOptions
+    from model.plan.plan import read_plan
+
+    plans = () if request.plan is None else (read_plan(request.plan),)
+    if plans and not any(system.plans for system in systems):
+        raise RunError("None of these systems performs plans; leave the plan out.")
 
     with_sampler = [
         system.name
@@ -139,6 +145,8 @@ def _options(
         guidance = system.strength(None if system.guidance is None else request.guidance)
         if request.guidance not in (None, guidance):
             reporter.note(f"{system.name} takes no guidance.")
+        if plans and not system.plans:
+            reporter.note(f"{system.name} performs no plans.")
         face_steps = steps_of(request.face_steps, system.name)
         if face_steps is not None and sampler.face_steps is None:
             reporter.note(f"{system.name} takes no steps for the face alone.")
@@ -152,6 +160,7 @@ def _options(
             face_steps=face_steps,
             sampler=sampler.name,
             guidance=guidance,
+            plans=plans if system.plans else (),
         )
     if request.face_steps is not None and all(each.face_steps is None for each in options.values()):
         raise RunError("None of these systems takes steps for the face alone; leave them out.")

@@ -8,7 +8,7 @@ import json
 import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
 from app.errors import CancelledRun
@@ -43,6 +43,8 @@ from model.storage.harmless import printable
 if TYPE_CHECKING:
     import numpy as np
 
+    from model.generation.base import System
+    from model.generation.windows import GenerateOptions
     from model.measures.diagnostics import Diagnostics
     from model.measures.joins.seams import Windows
     from model.speech.audio import Speech
@@ -95,7 +97,11 @@ def _run(
     compared = (inputs, inputs.reference) if inputs.reference is not None else (inputs,)
     check_start(request.start_frame, min(each.num_frames for each in compared))
 
-    rows = _generate(request, inputs, speech, folder, reporter)
+    plans = any(system.plans for system in inputs.systems)
+    if plans and request.plan is None:  # from words, so that these must be found first
+        words.begin(speech.waveform)
+        words.found(reporter.stop_if_asked)
+    rows = _generate(request, inputs, speech, words, folder, reporter)
     onsets_s = onsets_of(speech)
     words.begin(speech.waveform)  # beside the numbers and pictures, never before the motions
     del speech
@@ -130,6 +136,7 @@ def _generate(
     request: GenerateRequest,
     inputs: Inputs,
     speech: Speech,
+    words: SpokenWords,
     folder: ResultFolder,
     reporter: Reporter,
 ) -> list[Row]:
@@ -146,10 +153,14 @@ def _generate(
             reporter.note(LIVE_NOTE)
             reporter.progress("motion", 1.0)
         else:
+            options = inputs.options[system.name]
+            if system.plans:
+                said, _ = words.found(reporter.stop_if_asked)
+                options = _with_plans(system, speech, options, said, folder, reporter)
             motions = generate_motion(
                 system,
                 speech,
-                inputs.options[system.name],
+                options,
                 on_progress=lambda part, done=done, name=system.name: reporter.progress(
                     "motion", (done + part) / len(inputs.systems), name
                 ),
@@ -166,6 +177,28 @@ def _generate(
         raw = inputs.reference
         rows.append(Row(REFERENCE_NAME, raw, smooth_motion(raw) if is_smoothed else raw))
     return rows
+
+
+def _with_plans(
+    system: System,
+    speech: Speech,
+    options: GenerateOptions,
+    said: Transcript,
+    folder: ResultFolder,
+    reporter: Reporter,
+) -> GenerateOptions:
+    """The options with the plans that the system performs, each left beside its motion."""
+    from model.generation.windows import draw_plans
+
+    plans = options.plans
+    if not plans:
+        plans = draw_plans(system, speech, replace(options, words=said.words))
+    for sample, plan in enumerate(plans, start=1):
+        name = sample_name(system.name, sample)
+        path = folder.path(f"{file_stem(name)}.plan.json")
+        plan.write(path)
+        reporter.file("plan", name, path)
+    return replace(options, plans=plans)
 
 
 def _measure(
@@ -266,6 +299,7 @@ def _write_provenance(
             "post_filter": request.post_filter,
             "transcript": request.transcript.name if request.transcript else None,
             "words": request.words,
+            "plan": request.plan.name if request.plan else None,
             "joint": request.joint,
             "start_frame": request.start_frame,
             "reference": request.reference.name if request.reference else None,

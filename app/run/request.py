@@ -44,6 +44,7 @@ Stage = Literal["speech", "motion", "numbers", "video", "comparison", "figure"]
 STAGES: tuple[Stage, ...] = ("speech", "motion", "numbers", "video", "comparison", "figure")
 ArtefactKind = Literal[
     "motion",
+    "plan",
     "video",
     "poster",
     "comparison",
@@ -96,6 +97,9 @@ class GenerateRequest:
     words go to the numbers."""
     words: WordsAsked = "none"
     """Whether words are recognised where there is no transcript: ``recognise`` or ``none``."""
+    plan: Path | None = None
+    """What the systems that perform plans are to perform, as JSON (`model.plan.plan`); None lets
+    them draw plans from the speech."""
     joint: str = "right_middle"
     """The fingertip or joint that figure and tip measures follow; see
     `app.run.pictures.followed_point`."""

@@ -56,10 +56,11 @@ class SpokenWords:
         return isinstance(self._given, str)
 
     def begin(self, waveform: np.ndarray) -> None:
-        """Look for them in this speech, if they are to be looked for, and return at once."""
+        """Look for them in this speech, if they are to be looked for and are not yet, and return at
+        once."""
         from model.speech.recognised import Hearing
 
-        if self.need_speech:
+        if self.need_speech and self._hearing is None:
             text = self._given if isinstance(self._given, str) else None
             self._hearing = Hearing(waveform, text)
 

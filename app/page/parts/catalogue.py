@@ -12,12 +12,13 @@ from app.errors import RunError
 from app.findings.points import point_title
 from app.findings.verdict import short_names
 from model.systems.globaldiff.config import BEST
+from model.systems.planned.config import PLANNED
 from model.systems.registry import family_of, list_speakers, list_systems, read_card
 from renderer.body.joints import JOINT_NAMES, TIP_VERTICES
 
 MAX_DEFAULT_SYSTEMS = 3
-_PREFERRED = (BEST, "globaldiff/local", "globaldiff/global")
-"""What is ticked at first where there are more: what moves best, and the paper's first question."""
+_PREFERRED = (PLANNED, "globaldiff/local", "globaldiff/global", BEST)
+"""What is ticked at first where there are more: what hears best, and the paper's first question."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ def default_systems(systems: Sequence[str]) -> list[str]:
     """All systems where they are few, else three of them."""
     if len(systems) <= MAX_DEFAULT_SYSTEMS:
         return list(systems)
-    preferred = [name for name in systems if name in _PREFERRED]
+    preferred = [name for name in _PREFERRED if name in systems]
     others = [name for name in systems if name not in _PREFERRED]
     chosen = [*preferred, *others][:MAX_DEFAULT_SYSTEMS]
     return [name for name in systems if name in chosen]

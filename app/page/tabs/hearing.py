@@ -22,6 +22,7 @@ from app.page.serving.media import MediaDesk
 from app.page.tabs.measured_figure import FigureRunner, build_measuring_sheet
 from model.storage.cards import CALM_AND_LIVELY
 from model.systems.globaldiff.config import BEST
+from model.systems.planned.config import PLANNED
 
 if TYPE_CHECKING:
     from app.run.hearing import Hearing, HearingRequest
@@ -32,7 +33,7 @@ INTRODUCTION = (
     "speech rise and fall together; where it is deaf, those of one seed. The same as <code>python "
     "-m app hearing</code>, which takes anyone's motion too."
 )
-AT_FIRST = (BEST, "globaldiff/global", "asynfusion/lcm-async", "gan/5")
+AT_FIRST = (PLANNED, BEST, "globaldiff/global", "asynfusion/lcm-async", "gan/5")
 COMPARED = "Compared two speeches by two seeds, of {systems}."
 NO_SYSTEM = "Tick at least one system to compare."
 NO_SPEECH = "Upload two speeches to compare; this installation has fewer than two examples."

@@ -1,0 +1,91 @@
+"""Plans: drawn by a run and by themselves, given back, and refused."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.commands.cli import main
+from app.errors import RunError
+from app.run.pipeline import generate_all
+from app.run.planning import PlanRequest, make_plan
+from app.run.request import GenerateRequest
+from model.motion.motion import load_motion
+from model.plan.plan import PlanError, read_plan
+from model.speech.audio import write_wav
+from model.systems.planned.config import PLANNED
+from tests.model.made import TINY_SYSTEMS, made_waveform, make_weights
+from tests.model.plan.test_annotation import grid, interval_tier
+from tests.model.systems.planned.made import make_planned_weights
+
+STEM = "workbench-planned"
+
+
+@pytest.fixture(scope="module")
+def planning(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = make_weights(tmp_path_factory.mktemp("weights"), TINY_SYSTEMS)
+    return make_planned_weights(folder)
+
+
+@pytest.fixture
+def request_(planning: Path, tmp_path: Path) -> GenerateRequest:
+    speech = tmp_path / "speech.wav"
+    write_wav(speech, made_waveform(16_000 * 4))
+    return GenerateRequest(
+        speech=speech, out=tmp_path / "out", weights=planning, systems=(PLANNED,), has_video=False,
+        has_figures=False,
+    )  # fmt: skip
+
+
+def test_a_run_leaves_the_plan_that_it_performs_and_a_run_with_it_performs_the_same(
+    request_: GenerateRequest, tmp_path: Path
+) -> None:
+    result = generate_all(replace(request_, samples=2))
+    plans = [path for path in result.files if path.name.endswith(".plan.json")]
+    assert [path.name for path in plans] == [f"{STEM}.plan.json", f"{STEM}.s2.plan.json"]
+    assert read_plan(plans[0]).duration_s == 4.0
+    given = generate_all(replace(request_, out=tmp_path / "given", plan=plans[0]))
+    one, other = (load_motion(folder / f"{STEM}.npz").poses for folder in (request_.out, given.out))
+    np.testing.assert_allclose(one, other, atol=2e-3)  # a file of plans has four decimals
+    record = json.loads((given.out / "provenance.json").read_text())
+    assert record["options"]["plan"] == f"{STEM}.plan.json"
+
+
+def test_systems_that_perform_no_plans_say_so(request_: GenerateRequest, tmp_path: Path) -> None:
+    plan = tmp_path / "plan.json"
+    make_plan(PlanRequest(request_.speech, plan, request_.weights))
+    asked = replace(request_, plan=plan, systems=("globaldiff/global", PLANNED))
+    assert "globaldiff/global performs no plans." in generate_all(asked).notes
+    with pytest.raises(RunError, match="None of these systems performs plans; leave the plan out"):
+        generate_all(replace(asked, systems=("globaldiff/global",), out=tmp_path / "other"))
+    plan.write_text("[]")
+    with pytest.raises(PlanError, match="is no plan of format 1"):
+        generate_all(replace(asked, out=tmp_path / "third"))
+
+
+def test_words_of_a_transcript_reach_the_plan(request_: GenerateRequest, tmp_path: Path) -> None:
+    said = tmp_path / "said.TextGrid"
+    said.write_text(grid(interval_tier("words", (0, 1.5, "So"), (1.5, 3, "whole"))))
+    plan = tmp_path / "plan.json"
+    words: set[str] = set()
+    for seed in range(6):
+        asked = PlanRequest(request_.speech, plan, request_.weights, seed=seed, transcript=said)
+        words |= {p.word for side in ("left", "right") for p in make_plan(asked).hand(side)}
+    assert words > {""} and words <= {"", "so", "whole"}
+
+
+def test_the_command_draws_a_plan_alone(
+    request_: GenerateRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan = tmp_path / "plan.json"
+    arguments = ["plan", str(request_.speech), "--out", str(plan), "--speaker", "bob"]
+    assert main([*arguments, "--weights", str(request_.weights)]) == 0
+    assert capsys.readouterr().out.strip() == str(plan)
+    assert read_plan(plan).right
+    assert main([*arguments, "--weights", str(request_.weights), "--guidance", "99"]) == 1
+    assert "Guidance must be 0 to 10; got 99." in capsys.readouterr().err
+    assert main([*arguments, "--weights", str(request_.weights), "--seed", "-1"]) == 1
+    assert main([*arguments, "--weights", str(tmp_path)]) == 1
+    assert f"There is no system '{PLANNED}'" in capsys.readouterr().err
