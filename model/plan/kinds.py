@@ -210,7 +210,8 @@ class KindTable:
         off = (np.asarray(stroke.lands.goal) - self.goal) / self.spread
         score = np.log(self.by_speaker[speaker].clip(1e-9)) - np.log(self.spread).sum(1)
         score -= 0.5 * (off**2).sum(1)
-        score += np.log(self.both if stroke.both else 1 - self.both)
+        both = self.both.clip(1e-3, 1 - 1e-3)
+        score += np.log(both if stroke.both else 1 - both)
         share = np.exp(score - score.max())
         return self.names[int(rng.choice(len(share), p=share / share.sum()))]
 

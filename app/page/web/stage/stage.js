@@ -28,6 +28,7 @@ const HEIGHTS_PX = [400, 760];
 const OPENING_PX = 330; // the least of an example
 const UNDER_PX = 12; // of the window, free under an example
 const SWIPE_PX = 40;
+const TAG_PX = 34; // of a body's name, above its picture
 const VIEW = "front";
 const BACKGROUND = [0.894, 0.902, 0.918]; // until the facts have come
 
@@ -500,7 +501,8 @@ export class Stage {
     for (const { cell, entry } of this.#cells) {
       if (!entry.shown) continue;
       const [left, top, w, h] = cell.map((part) => Math.round(part * density));
-      const inside = [left, top, Math.min(w, width - left), Math.min(h, height - top)];
+      const under = Math.round(TAG_PX * density); // no head behind its name
+      const inside = [left, top + under, Math.min(w, width - left), Math.min(h, height - top) - under];
       this.#castShadow(entry, level);
       for (const panel of panels(inside, this.closeUp, this.#facts.close_ups)) this.#drawPanel(panel, entry, moment, level);
     }
