@@ -96,13 +96,14 @@ def point_choices() -> list[tuple[str, str]]:
 
 def _trained_on(cards: list[dict[str, Any]]) -> str:
     """How much of what; told from the cards, so that other weights are described as they are."""
-    hours = max(float(card.get("training_hours") or 0.0) for card in cards)
-    if hours == 0.0 or not any(card.get("steps") for card in cards):
+    hours = [float(card.get("training_hours") or 0.0) for card in cards]
+    if max(hours) == 0.0 or not any(card.get("steps") for card in cards):
         return ""
     data = cards[0].get("training_data")
     # A corpus made by this project describes itself; of any other folder only the name is known.
     what = "procedural motion made by a program" if isinstance(data, dict) else f"“{data}”"
-    return f"{hours:.1f} hours of {what}"
+    least, most = (f"{found:.1f}" for found in (min(hours), max(hours)))
+    return f"{least if least == most else f'{least} to {most}'} hours of {what}"
 
 
 def default_systems(systems: Sequence[str]) -> list[str]:
