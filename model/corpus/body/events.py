@@ -1,19 +1,9 @@
 """What trunk, face and legs do and when, as their curves are made from it; for the annotation."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 from model.corpus.words.prosody import Span
-
-Leg = Literal["left", "right", "both"]
-
-
-@dataclass(frozen=True)
-class Nod:
-    """The head is lowest at ``time_s``, ``depth_deg`` below where it would be."""
-
-    time_s: float
-    depth_deg: float
+from model.plan.plan import Leg, Nod
 
 
 @dataclass(frozen=True)

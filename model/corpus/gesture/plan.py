@@ -6,7 +6,6 @@ a held hand that gives way; pauses between phrases bring the hands down.
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 
@@ -18,9 +17,9 @@ from model.corpus.gesture.places import Places
 from model.corpus.people.rig import SIDE_SIGN, SIDES
 from model.corpus.people.speaker import Speaker
 from model.corpus.words.prosody import Phrase, Utterance
+from model.plan.plan import Phase
 
 GESTURE_FROM_ACCENT = 0.62  # prominence of the strongest word of a chunk, for a rate of 1
-Phase = Literal["rest", "preparation", "stroke", "hold", "beat", "retraction"]
 
 
 @dataclass(frozen=True)
