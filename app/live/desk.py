@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.errors import RunError, visitor_sentence
-from app.live.session import Kept, LiveAsk, LiveSession, rehearse
+from app.live.session import Kept, LiveAsk, LiveSession, check_live, rehearse
 from app.run.models import get_system
 
 if TYPE_CHECKING:
@@ -74,6 +74,7 @@ class LiveDesk:
         """
         self._refuse_too_many(cookie, address)
         system = self._load(ask.system, self._weights)
+        check_live(system)
         if ask.system not in self._rehearsed:
             rehearse(system, ask)
             self._rehearsed.add(ask.system)

@@ -115,11 +115,7 @@ class LiveSession:
         from model.generation.windows import GenerateOptions
         from model.speech.causal import CausalMel
 
-        if system.encoder.name != "mel64":
-            raise RunError(
-                f"{system.name} hears speech by {system.encoder.name}, which needs all of it; "
-                "choose another system."
-            )
+        check_live(system)
         self.token = secrets.token_urlsafe(32)
         self.ask, self.cookie, self.address, self.pace = ask, cookie, address, Pace()
         self.minute = LastMinute()
@@ -260,6 +256,21 @@ class LiveSession:
         cost = min([*self._costs][1:])
         if cost > MAX_WINDOW_MS:
             raise RunError(slow_system(self.ask.system, cost / self._frames_of_window))
+
+
+def check_live(system: System) -> None:
+    """Refuse what needs all of the speech before it begins.
+
+    Raises:
+        RunError: with one sentence.
+    """
+    if system.encoder.name != "mel64":
+        raise RunError(
+            f"{system.name} hears speech by {system.encoder.name}, which needs all of it; "
+            "choose another system."
+        )
+    if system.plans:
+        raise RunError(f"{system.name} plans all of the speech first; choose another system.")
 
 
 def rehearse(system: System, ask: LiveAsk) -> None:

@@ -69,6 +69,8 @@ class Family:
     """By generator, where they are not the family's."""
     guidance: Mapping[str, float] = field(default_factory=dict)
     """By generator, the usual strength of the speech; those that are not in it take none."""
+    whole_speech: tuple[str, ...] = ()
+    """Generators that need all of the speech before they begin, and so cannot be had live."""
     shared_weights: Mapping[str, str] = field(default_factory=dict)
     """Generators that move with the weights of another, and whose."""
 

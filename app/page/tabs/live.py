@@ -19,6 +19,7 @@ from app.page.serving.media import MediaDesk
 from app.page.tabs.generate import FormParts
 from app.page.tabs.generate_run import Generate
 from app.page.tabs.live_run import LiveRunner
+from model.systems.registry import family_of
 
 TAB = "Live"
 INTRODUCTION = (
@@ -81,7 +82,8 @@ def build_live_tab(
 
 def offered(catalogue: Catalogue) -> dict[str, Any]:
     """What the browser lets a visitor choose; what is usual stands first."""
-    systems = sorted(catalogue.systems, key=lambda name: name != USUAL)
+    live = [name for name in catalogue.systems if name not in family_of(name).whole_speech]
+    systems = sorted(live, key=lambda name: name != USUAL)
     return {
         "systems": systems,
         "speakers": list(catalogue.speakers),

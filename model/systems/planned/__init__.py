@@ -18,4 +18,5 @@ FAMILY = Family(
     package="model.systems.planned",
     helpers=(PLANNER,),
     guidance={PLANNED: 2.5},
+    whole_speech=(PLANNED,),
 )

@@ -1,5 +1,6 @@
 """Our own system that plans first and then moves as planned."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +10,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from model.data.plans import kinds_of
-from model.generation.base import Draw
+from model.generation.base import Draw, Features
+from model.motion.motion import Motion
 from model.motion.packing import Normaliser
 from model.plan.plan import GesturePlan
 from model.plan.tracks import NUM_TRACKS, tracks_of
@@ -83,6 +85,11 @@ class PlannedSystem(GlobalDiffSystem):
             "kinds": kinds.long().expand(copies, -1, -1),
             "has_plan": hears,
         }
+
+    def predict_with(
+        self, motion: Motion, tracks: Mapping[str, Features], speaker: int, batch_size: int
+    ) -> None:
+        """See `System.predict_with`: its network is told a plan, which features alone are not."""
 
 
 def load(name: str, folder: Path) -> PlannedSystem:

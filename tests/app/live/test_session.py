@@ -6,14 +6,16 @@ import torch
 
 from app.errors import RunError
 from app.live import session as sessions
-from app.live.session import LiveAsk, LiveSession
+from app.live.session import LiveAsk, LiveSession, check_live
 from app.live.wire import HEADER
 from app.run.models import get_system
 from model.generation.family import UnknownNameError
 from model.generation.live import LiveMotion
 from model.generation.windows import GenerateOptions
 from model.speech.causal import CausalMel
+from model.systems.registry import load_system
 from tests.model.made import made_waveform
+from tests.model.systems.planned.made import make_planned_weights
 
 ASK = LiveAsk("globaldiff/global", "ann", seed=2)
 
@@ -187,3 +189,9 @@ def test_an_unknown_speaker_is_told(weights: Path, told: list[bytes | str]) -> N
     system = get_system(ASK.system, weights)
     with pytest.raises(UnknownNameError, match="no speaker 'eve'"):
         LiveSession(system, LiveAsk(ASK.system, "eve"), "", told.append)
+
+
+def test_a_system_that_plans_is_refused_with_a_sentence(tmp_path: Path) -> None:
+    system = load_system("workbench/planned", make_planned_weights(tmp_path))
+    with pytest.raises(RunError, match="plans all of the speech first; choose another system"):
+        check_live(system)

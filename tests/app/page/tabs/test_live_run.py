@@ -77,3 +77,10 @@ def test_what_is_usual_stands_first() -> None:
     told = offered(replace(CATALOGUE, systems=("globaldiff/local", "gan/20", USUAL)))
     assert told["systems"] == [USUAL, "globaldiff/local", "gan/20"]
     assert told["speakers"] == list(CATALOGUE.speakers)
+
+
+def test_what_needs_all_of_the_speech_is_not_offered() -> None:
+    from dataclasses import replace
+
+    told = offered(replace(CATALOGUE, systems=("workbench/planned", USUAL)))
+    assert told["systems"] == [USUAL]

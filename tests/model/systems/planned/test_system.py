@@ -93,6 +93,12 @@ def test_what_needs_whole_speech_is_not_streamed(system):
         list(stream_motion(system, [], OPTIONS))
 
 
+def test_it_is_left_out_where_features_alone_are_told(system):
+    motion = generate_motion(system, SPEECH, OPTIONS)[0]
+    tracks = {"right": system.encoder.encode(SPEECH.waveform, 150)}
+    assert system.predict_with(motion, tracks, 1, 8) is None
+
+
 def test_a_system_that_does_not_plan_refuses_plans(tmp_path):
     other = load_system(
         "workbench/priorflow", make_weights(tmp_path, {"workbench/priorflow": TINY_BEST})
