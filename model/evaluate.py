@@ -32,6 +32,8 @@ from model.evaluation.few_clips import FewClips
 from model.evaluation.kept import load_rows
 from model.evaluation.matching import left_out
 from model.evaluation.one_clip import Cast, OneClip, read_recording, speaker_in
+from model.evaluation.speakers import SpeakerJudge, judge_of
+from model.evaluation.speakers import left_out as speakers_left_out
 from model.generation.base import System
 from model.generation.family import UnknownNameError
 from model.jobs.crew import Crew, Job, JobsError
@@ -167,16 +169,18 @@ def evaluate(
         for motion in motions.values()
     ]
     few = FewClips.choose(folder, names, cast.systems, speakers)
+    speaker_judge = judge_of(folder, [speaker_in(name) for name in names])
     one = OneClip(
         folder=folder,
         cast=again or partial(Cast, cast.systems, cast.judges, matching),
         seeds=seeds,
         guidance=guidance,
         few=few,
+        speaker_judge=speaker_judge,
         batch_windows=batch_windows,
         mean_speed=np.mean(speeds, axis=0),
     )
-    stamp = _stamp(folder, names, cast, seeds, guidance, few)
+    stamp = _stamp(folder, names, cast, seeds, guidance, few, speaker_judge)
     with nullcontext(kept) if kept else tempfile.TemporaryDirectory() as place:
         files = {name: (Path(place) / f"{name}-{stamp}.npz").absolute() for name in names}
         Path(place).mkdir(parents=True, exist_ok=True)
@@ -203,6 +207,7 @@ def evaluate(
             *frechet.left_out(judges, motions.values()),
             *left_out(matching),
             *few.left_out(),
+            *speakers_left_out(speaker_judge),
         ],
     }
 
@@ -244,6 +249,7 @@ def _stamp(
     seeds: int,
     guidance: float | None,
     few: FewClips,
+    speaker_judge: SpeakerJudge | None,
 ) -> str:
     """Tells the numbers of these recordings, weights and options from all others."""
     told = {
@@ -255,6 +261,7 @@ def _stamp(
         "seeds": seeds,
         "guidance": _strengths(cast.systems, guidance),
         "few": asdict(few),
+        "speaker_judge": speaker_judge and np.round(speaker_judge.weights, 6).tolist(),
     }
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
 

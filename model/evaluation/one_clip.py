@@ -12,6 +12,7 @@ from model.data.recordings import read_files, speaker_of
 from model.evaluation.clips import RECORDED, ClipContext
 from model.evaluation.few_clips import FewClips
 from model.evaluation.kept import save_rows
+from model.evaluation.speakers import SpeakerJudge
 from model.evaluation.speech_response import speech_tracks
 from model.generation.base import System
 from model.generation.clip_noise import clip_seed
@@ -76,6 +77,7 @@ class OneClip:
     seeds: int
     guidance: float | None
     few: FewClips
+    speaker_judge: SpeakerJudge | None
     batch_windows: int
     mean_speed: np.ndarray
     """Of the joints whose beats count, over all clips."""
@@ -89,7 +91,11 @@ class OneClip:
             motion, mine.speech.waveform, foreign.speech.waveform, self.mean_speed, cast.judges,
             cast.matching,
         )  # fmt: skip
-        of_recordings = context.in_silence() | self.few.recorded_measures(self.folder, name)
+        of_recordings = (
+            context.in_silence()
+            | self.few.recorded_measures(self.folder, name)
+            | self._told([motion], name)
+        )
         rows = {RECORDED: context.row([motion], more=of_recordings)}
         for system in cast.systems:
             guidance = None if system.guidance is None else self.guidance
@@ -107,6 +113,11 @@ class OneClip:
             )
             motions = generate_motion(system, mine.speech, options)
             elsewhere = generate_motion(system, foreign.speech, options)
-            few = self.few.measures(system, name, mine.speech, guidance)
-            rows[system.name] = context.row(motions, prediction, elsewhere, few)
+            more = self.few.measures(system, name, mine.speech, guidance)
+            more |= self._told(motions, name)
+            rows[system.name] = context.row(motions, prediction, elsewhere, more)
         save_rows(out, rows)
+
+    def _told(self, motions: Sequence[Motion], name: str) -> dict[str, float]:
+        judge = self.speaker_judge
+        return {} if judge is None else judge.measures(motions, speaker_in(name))

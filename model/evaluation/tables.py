@@ -35,6 +35,7 @@ COLUMNS = {
     "arm_rotations_same_noise": "arm rotations",
     "arms_by_speaker": "arm speed decided by speaker",
     "arm_rotations_other_speaker": "same noise, other speaker: arm rotations",
+    "speaker_told": "speaker told by a judge, share right",
     "calm_over_lively": "wrist speed, calm over lively speaker",
     "arms_in_silence": "arm speed in silence over speaking",
     "jaw_in_silence": "jaw speed",

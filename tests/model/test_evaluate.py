@@ -9,6 +9,7 @@ import torch
 
 from model.data.prepared import DataError
 from model.evaluate import evaluate, main
+from model.evaluation import speakers
 from model.evaluation.clips import ClipRow, as_table
 from model.evaluation.few_clips import UNKNOWN_SPEAKERS
 from model.evaluation.frechet import ENCODERS
@@ -101,7 +102,11 @@ def test_table_has_recorded_and_generated_rows_with_intervals(folders, tmp_path,
 def test_each_distance_has_an_interval_and_the_floor_of_its_own_encoder(folders, system):
     judges = untrained_judges()
     table = evaluate(folders[0], CLIPS, [system], 1, judges=judges)
-    assert table["left_out"] == [*left_out(None), UNKNOWN_SPEAKERS]  # no distance
+    assert table["left_out"] == [
+        *left_out(None),
+        UNKNOWN_SPEAKERS,
+        speakers.LEFT_OUT,
+    ]  # no distance
     for measure in ENCODERS:
         found = table["motion"]["globaldiff/local"][measure]
         assert 0 < found["low"] <= found["high"] and found["mean"] > 0
@@ -110,7 +115,7 @@ def test_each_distance_has_an_interval_and_the_floor_of_its_own_encoder(folders,
         heading = f"{measure.upper()} of recorded halves against each other"
         assert heading in as_markdown(table) and f"recorded,{measure}_floor," in as_csv(table)
         alone = evaluate(folders[0], CLIPS, [system], 1, judges={measure: judges[measure]})
-        assert len(alone["left_out"]) == 4
+        assert len(alone["left_out"]) == 5
         assert alone["motion"]["globaldiff/local"][measure] == found
         assert alone[f"{measure}_floor"] == table[f"{measure}_floor"]
 
@@ -139,7 +144,7 @@ def test_faces_in_other_units_are_left_out_of_what_sees_faces(folders, system, t
     assert "fgd" in row and not {"fmd", "fed", "fmd_floor", "fed_floor"} & {*row, *table}
     assert "div" not in table["motion"]["recorded"] and "div_gesture" in table["motion"]["recorded"]
     sentence, *others = table["left_out"]
-    assert "ARKit" in sentence and others == [*left_out(None), UNKNOWN_SPEAKERS]
+    assert "ARKit" in sentence and others == [*left_out(None), UNKNOWN_SPEAKERS, speakers.LEFT_OUT]
 
 
 def test_an_untrained_network_gains_nothing_from_the_right_speech(folders, system):
