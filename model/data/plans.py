@@ -1,8 +1,10 @@
 """The annotated plans of prepared data, as numbers of each frame beside its other arrays."""
 
 import json
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -18,6 +20,7 @@ from model.plan.kinds import KindTable
 from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError
 from model.plan.tiers import TIERS, Begun, chains_of, frames_of, seen_together
 from model.plan.tracks import NUM_TRACKS, tracks_of
+from model.speech.transcript import TranscriptError, read_transcript
 from model.storage.files import written_atomically
 
 PLANS_FORMAT = 1
@@ -106,11 +109,12 @@ def prepare_plans(data: PreparedData, num_speakers: int) -> Plans:
     index = data.folder / "plans.json"
     origin = {"format": PLANS_FORMAT, "tracks": NUM_TRACKS}
     plans = [_annotated(data, clip) for clip in data.clips]
-    table = KindTable.fit(
-        ((plan, clip.speaker) for clip, plan in zip(data.clips, plans, strict=True)
-         if clip.copy == 0 and clip.split == "train"),
-        num_speakers,
-    )  # fmt: skip
+    learned = [
+        (plan, clip) for clip, plan in zip(data.clips, plans, strict=True)
+        if clip.copy == 0 and clip.split == "train"
+    ]  # fmt: skip
+    said = Counter(word for _, clip in learned for word in _said(_textgrid(data, clip)))
+    table = KindTable.fit(((plan, clip.speaker) for plan, clip in learned), num_speakers, said)
     if not index.is_file() or json.loads(index.read_text()) != origin:
         with (
             written_atomically(paths[0]) as tracks_path,
@@ -144,9 +148,21 @@ def _frames(phase: HandPhase, num_frames: int) -> slice:
     return slice(min(first, num_frames), min(stop, num_frames))
 
 
+def _textgrid(data: PreparedData, clip: Clip) -> Path:
+    return data.source / "textgrid" / f"{clip.name}.TextGrid"
+
+
+def _said(path: Path) -> list[str]:
+    """The words of an annotation; none where it tells of plans alone."""
+    try:
+        return [word.text.lower() for word in read_transcript(path).words]
+    except TranscriptError:
+        return []
+
+
 def _annotated(data: PreparedData, clip: Clip) -> GesturePlan:
     try:
-        plan = annotated_plan(data.source / "textgrid" / f"{clip.name}.TextGrid")
+        plan = annotated_plan(_textgrid(data, clip))
     except (PlanError, OSError) as error:
         raise DataError(f"{clip.name} has no annotated plan: {error}") from error
     return plan.at_speed(copy_speed(clip.name, clip.copy))

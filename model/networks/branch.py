@@ -38,6 +38,23 @@ class SpeechTokens(nn.Module):
         return x[:, self.context : x.shape[1] - self.context]
 
 
+class AddedTokens(nn.Module):
+    """What else is told of each frame, as tokens that are added to the speech's; they say nothing
+    before training."""
+
+    def __init__(self, dim: int, width: int, context: int) -> None:
+        super().__init__()
+        self.frames = SpeechTokens(dim, width, context)
+        self.out = nn.Linear(width, width)
+        nn.init.zeros_(self.out.weight)
+        nn.init.zeros_(self.out.bias)
+
+    def forward(
+        self, told: Float[Tensor, "B heard dim"], is_told: Bool[Tensor, " B"]
+    ) -> Float[Tensor, "B T width"]:
+        return self.out(self.frames(told)) * is_told[:, None, None]
+
+
 class Condition(nn.Module):
     """The vector that modulates every block: flow time and speaker."""
 

@@ -7,7 +7,8 @@ which words call for it. A kind decides the shape and turn of the hand.
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -70,14 +71,25 @@ class KindTable:
     """Share that both hands make together."""
     calls: Mapping[str, Mapping[str, float]]
     """By word, the share of strokes on it that are of a kind it calls for."""
+    struck: Mapping[str, float] = field(default_factory=dict)
+    """By such a word, how often a stroke lands on it when it is said."""
 
     @staticmethod
-    def fit(plans: Iterable[tuple[GesturePlan, int]], num_speakers: int) -> "KindTable":
-        """From annotated plans, each with its speaker's number."""
+    def fit(
+        plans: Iterable[tuple[GesturePlan, int]],
+        num_speakers: int,
+        said: Mapping[str, int] = MappingProxyType({}),
+    ) -> "KindTable":
+        """From annotated plans, each with its speaker's number.
+
+        Args:
+            said: how often each word is said in all of them.
+        """
         counts: defaultdict[int, Counter[str]] = defaultdict(Counter)
         goals: defaultdict[str, list[tuple[float, float, float]]] = defaultdict(list)
         both: Counter[str] = Counter()
         on_word: defaultdict[str, Counter[str]] = defaultdict(Counter)
+        landed: defaultdict[str, float] = defaultdict(float)
         names: set[str] = {FOLLOWING}
         for plan, speaker in plans:
             names |= {phase.kind for side in SIDES for phase in plan.hand(side)}
@@ -88,6 +100,7 @@ class KindTable:
                 both[kind] += stroke.both
                 if stroke.lands.word:
                     on_word[stroke.lands.word][kind] += 1
+                    landed[stroke.lands.word] += 0.5 if stroke.both else 1.0
         ordered = tuple(sorted(names - {NO_KIND}))
         total = sum(counts.values(), Counter())
         everybody = np.array([total[name] for name in ordered], float) + 0.5 * np.array(
@@ -101,6 +114,7 @@ class KindTable:
                 for n in range(num_speakers)
             ]
         )
+        calls = _calls(on_word, dict(zip(ordered, everybody, strict=True)))
         return KindTable(
             names=ordered,
             by_speaker=shares,
@@ -114,7 +128,8 @@ class KindTable:
                 ]
             ),
             both=np.array([(both[n] + 0.5) / (len(goals[n]) + 1) for n in ordered]),
-            calls=_calls(on_word, dict(zip(ordered, everybody, strict=True))),
+            calls=calls,
+            struck={word: min(1.0, landed[word] / said[word]) for word in calls if word in said},
         )
 
     def place(self, kind: str) -> int:
@@ -131,6 +146,7 @@ class KindTable:
         return {
             "kinds.names": _as_tensor(self.names),
             "kinds.words": _as_tensor(words),
+            "kinds.struck": torch.tensor([self.struck.get(word, 0.0) for word in words]),
             **{
                 f"kinds.{name}": torch.from_numpy(np.asarray(array, np.float32))
                 for name, array in {
@@ -156,7 +172,9 @@ class KindTable:
             word: {names[k]: float(row[k]) for k in np.flatnonzero(row)}
             for word, row in zip(words, called, strict=True)
         }
-        return KindTable(names, by_speaker, goal, spread, both, calls)
+        often = tensors["kinds.struck"].tolist()
+        struck = {word: share for word, share in zip(words, often, strict=True) if share > 0}
+        return KindTable(names, by_speaker, goal, spread, both, calls, struck)
 
     def drawn(
         self,

@@ -28,6 +28,9 @@ from model.plan.plan import (
 HAND_NUMBERS = 4 + len(PHASES)
 BODY_TRACKS = ("nod", "yaw", "pitch", "brow", "smile", "blink", "stand", "left foot", "right foot")
 NUM_TRACKS = 2 * HAND_NUMBERS + len(BODY_TRACKS)
+FACE_TRACKS = slice(2 * HAND_NUMBERS, 2 * HAND_NUMBERS + BODY_TRACKS.index("blink") + 1)
+"""Those that a face shows: how the head goes, and brows, smiles and blinks."""
+NUM_FACE_TRACKS = FACE_TRACKS.stop - FACE_TRACKS.start
 STILL: tuple[str, ...] = ("rest", "hold")
 _GOAL, _END, _PHASE = slice(0, 3), 3, slice(4, 4 + len(PHASES))
 

@@ -66,6 +66,15 @@ class Given:
         """
         load_into(network, self.tensors, "network.", self.system)
 
+    def load_known_into(self, network: nn.Module) -> None:
+        """Put the weights into a network that may have parts which they do not know: those stay.
+
+        Raises:
+            CheckpointError: if they are of another shape.
+        """
+        fresh = {f"network.{name}": tensor for name, tensor in network.state_dict().items()}
+        load_into(network, fresh | self.tensors, "network.", self.system)
+
 
 @dataclass(frozen=True)
 class Workshop:

@@ -15,6 +15,7 @@ from model.speech.audio import Speech, write_wav
 from model.storage.checkpoint import save_weights
 from model.storage.settings import to_json
 from model.systems.face.config import ExpressionConfig, FaceTrainConfig
+from model.systems.face.network import FaceNetwork
 from model.systems.globaldiff.config import GlobalDiffConfig, NetworkConfig
 from model.systems.globaldiff.network import MotionNetwork
 from tests.helpers import smooth_motion_example
@@ -79,7 +80,7 @@ def make_weights(folder: Path, systems: dict[str, NetworkConfig] = TINY_SYSTEMS)
     torch.manual_seed(0)
     common = {"speakers": {"ann": 1, "bob": 2}, "steps": 0, "training_data": "none", "date": "-"}
     prior = made_prior(52)
-    expression = PriorNetwork(TINY_EXPRESSION, prior, channels=52, expression_dim=0)
+    expression = FaceNetwork(TINY_EXPRESSION, prior)
     config = FaceTrainConfig(system="expression", expression=TINY_EXPRESSION)
     tensors = {f"network.{k}": v for k, v in expression.state_dict().items()}
     tensors |= made_components(torch.full((52,), 0.2), 0.1).tensors()

@@ -82,6 +82,9 @@ class AsynFusionConfig(TrainConfig):
     solver_steps: int = 50
     """Of the teacher from noise to motion: a student learns to agree with itself one of them
     earlier. 1,000 / 50 is the skipping step of Luo et al. (2023)."""
+    teacher_guidance: float = 2.5
+    """How many times what speech changes in the teacher's gesture is taken (Luo et al. 2023 distil
+    guidance, too): so the student hears at the strength at which its teacher is asked."""
 
 
 def named_config(preset: str, system: str) -> AsynFusionConfig:
@@ -100,7 +103,7 @@ def named_config(preset: str, system: str) -> AsynFusionConfig:
         validate_every=1000,
     )
     if system == LCM_SYNC:
-        config = replace(config, aim="teacher", steps=2000, learning_rate=2e-4)
+        config = replace(config, aim="teacher", steps=2000, learning_rate=2e-4, speech_dropout=0.0)
     match preset:
         case "demo":
             return config

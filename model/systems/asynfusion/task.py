@@ -1,5 +1,7 @@
 """Training of the two branches: by noise, or by the teacher that was trained so."""
 
+from typing import Any
+
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
@@ -10,6 +12,7 @@ from model.motion.decoding import Decoded, decode
 from model.motion.packing import Normaliser
 from model.motion.skeleton import open_body_skeleton
 from model.sampling.flow import interpolate, time_weight
+from model.sampling.guidance import SpeechGuide
 from model.storage.checkpoint import load_into, load_weights
 from model.systems.asynfusion.config import DDIM, AsynFusionConfig, LossConfig
 from model.systems.asynfusion.network import BRANCHES, GESTURE, DualBranchNetwork, Pair, both
@@ -114,7 +117,9 @@ def branches_step(
         with shard.autocast():
             predicted = network(x_t, t, **conditions)
             if teacher is not None:
-                wanted = _one_solver_step(config, network, teacher, x_t, steps, conditions)
+                wanted = one_solver_step(
+                    config, network, teacher, normalisers[GESTURE], x_t, steps, conditions
+                )
         predicted = both(lambda x: x.float(), predicted)
         terms: dict[str, Tensor] = {}
         for which in BRANCHES:
@@ -189,21 +194,30 @@ def foot_terms(
 
 
 @torch.no_grad()
-def _one_solver_step(
+def one_solver_step(
     config: AsynFusionConfig,
     network: nn.Module,
     teacher: DualBranchNetwork,
+    normaliser: Normaliser,
     x_t: Pair,
     steps: Pair,
-    conditions: dict,
+    conditions: dict[str, Any],
 ) -> Pair:
-    """What the student says one DDIM step of the teacher nearer to the data, which is what it
-    should have said here. The student is its own target, without a moving average (Song and
-    Dhariwal 2024); next to the data its prior leaves it no choice but x_t."""
+    """What the student says one DDIM step of the guided teacher nearer to the data, which is what
+    it should have said here. The student is its own target, without a moving average (Song and
+    Dhariwal 2024); next to the data its prior leaves it no choice but x_t.
+
+    Args:
+        normaliser: of the gesture.
+    """
     times = flow_times().to(steps[0].device)
     t = both(lambda k: times[k], steps)
-    clean = teacher(x_t, t, **conditions)
-    clean = both(lambda x: x.float(), clean)
+    clean = both(lambda x: x.float(), teacher(x_t, t, **conditions))
+    guide = SpeechGuide(config.teacher_guidance, normaliser, "axis-angle")
+    if guide.asks_twice:
+        unheard = conditions | {"has_speech": torch.zeros_like(conditions["has_speech"])}
+        deaf = teacher(x_t, t, **unheard)[GESTURE].float()
+        clean = clean[0], guide.guided(torch.cat([clean[GESTURE], deaf]))
     noise = both(noise_of, x_t, clean, t)
     earlier = both(lambda k: times[k - NUM_STEPS // config.solver_steps], steps)
     return network(both(interpolate, noise, clean, earlier), earlier, **conditions)

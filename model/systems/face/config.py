@@ -28,6 +28,9 @@ class FaceTrainConfig(TrainConfig):
     """Flow times are u ** power with u uniform."""
     time_weight_floor: float | None = 0.5
     """See `model.sampling.flow.time_weight`."""
+    plan_dropout: float = 0.5
+    """Share of windows that are told no plan, as most systems have none; at 1 the recordings need
+    no annotation."""
 
 
 def named_config(preset: str, system: str) -> FaceTrainConfig:
@@ -43,8 +46,8 @@ def named_config(preset: str, system: str) -> FaceTrainConfig:
         case "paper":
             shape = replace(config.expression, width=384, num_blocks=4, num_heads=8,
                             speech_dim=1024)  # fmt: skip
-            return replace(config, expression=shape, **PAPER)
+            return replace(config, expression=shape, plan_dropout=1.0, **PAPER)
         case "smoke":
             shape = replace(config.expression, width=32, num_blocks=1, num_heads=2)
-            return replace(config, expression=shape, **SMOKE)
+            return replace(config, expression=shape, plan_dropout=1.0, **SMOKE)
     raise ValueError(f"There is no config {preset!r}; choose one of {', '.join(PRESETS)}.")

@@ -34,6 +34,10 @@ class FacedSystem(System):
     """Shape of the network that makes the body."""
     face: Face
 
+    def face_plan(self, heard: Float[Tensor, "heard dim"]) -> Float[Tensor, "heard tracks"] | None:
+        """What of the things heard tells the face of a plan; None without one."""
+        return None
+
     @abstractmethod
     def body(
         self,
@@ -56,12 +60,14 @@ class FacedSystem(System):
         the window before; the body sees it."""
         assert before is None or isinstance(before, BodyWindow)
         frames = self.windowing.frames
+        heard = speech.around(self.face.config.speech_context, frames)
         face = self.face.window(
-            speech.around(self.face.config.speech_context, frames)[:, : self.encoder.dim],
+            heard[:, : self.encoder.dim],
             draw.speaker,
             None if before is None else before.expression[0],
             draw.seed,
             draw.index,
+            self.face_plan(heard),
         )
         seed = None if before is None else before.clean[:, -self.config.seed_frames :]
         return self.body(speech.around(self.config.speech_context, frames), face, seed, draw)

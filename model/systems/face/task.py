@@ -1,14 +1,16 @@
 """Training of the expression network."""
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
+from model.data.plans import Plans, prepare_plans
 from model.data.prepared import Batch, PreparedData
 from model.motion.packing import Normaliser
-from model.networks.prior_network import PriorNetwork
+from model.plan.tracks import FACE_TRACKS
 from model.sampling.flow import interpolate, time_weight
 from model.sampling.prior import GaussianPrior
 from model.systems.face.config import FaceTrainConfig
+from model.systems.face.network import FaceNetwork
 from model.training import losses
 from model.training.draws import Draws
 from model.training.hearing import heard
@@ -31,7 +33,8 @@ def make_task(config: FaceTrainConfig, data: PreparedData, workshop: Workshop) -
 
     Raises:
         CheckpointError: if the weights to start from are missing, damaged or of another shape.
-        DataError: if a speaker's number does not fit the network's table.
+        DataError: if a speaker's number does not fit the network's table, or a clip has no
+            annotated plan and the network shall be told plans.
     """
     shape = config.expression
     check_speakers(data, shape.num_speakers)
@@ -42,12 +45,13 @@ def make_task(config: FaceTrainConfig, data: PreparedData, workshop: Workshop) -
     else:
         statistics, prior = given.normaliser, given.prior(shape.seed_frames)
     normaliser = statistics.to(workshop.shard.device)
-    network = PriorNetwork(shape, prior, channels=shape.expression_dim, expression_dim=0)
+    network = FaceNetwork(shape, prior)
     if given is not None:
-        given.load_into(network)
+        given.load_known_into(network)
+    plans = prepare_plans(data, shape.num_speakers) if config.plan_dropout < 1 else None
     return DescentTask(
-        config, network, expression_step(config, normaliser), normaliser, shape.window_frames,
-        shape.speech_context, workshop.shard,
+        config, network, expression_step(config, normaliser, plans), normaliser,
+        shape.window_frames, shape.speech_context, workshop.shard,
         statistics={"prior.covariance": prior.covariance},
     )  # fmt: skip
 
@@ -61,7 +65,9 @@ def fit_face(config: FaceTrainConfig, data: PreparedData) -> tuple[Normaliser, G
     return with_components(normaliser, batches, shape.seed_frames)
 
 
-def expression_step(config: FaceTrainConfig, normaliser: Normaliser) -> StepFunction:
+def expression_step(
+    config: FaceTrainConfig, normaliser: Normaliser, plans: Plans | None
+) -> StepFunction:
     """The loss of the expression network on one batch."""
     seed_frames = config.expression.seed_frames
 
@@ -77,6 +83,13 @@ def expression_step(config: FaceTrainConfig, normaliser: Normaliser) -> StepFunc
             has_seed = draws.keep(config.seed_dropout)
             speaker = shard.of(batch.speaker) * draws.keep(config.speaker_dropout)
             speech = shard.of(heard(config, network, batch, generator))
+            told: dict[str, Tensor] = {}
+            if plans is not None:
+                tracks, _ = plans.of(batch, config.expression.speech_context)
+                told = {
+                    "tracks": shard.of(tracks[..., FACE_TRACKS]),
+                    "has_plan": draws.keep(config.plan_dropout),
+                }
         with shard.autocast():
             predicted = network(
                 interpolate(x_0, x_1, t),
@@ -86,6 +99,7 @@ def expression_step(config: FaceTrainConfig, normaliser: Normaliser) -> StepFunc
                 speaker=speaker,
                 has_seed=has_seed,
                 has_speech=torch.ones_like(has_seed),
+                **told,
             )
         scaled = normaliser.scaled(normaliser.restore(predicted.float()))
         wanted = normaliser.scaled(units)

@@ -4,34 +4,25 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from model.networks.branch import SpeechTokens
+from model.networks.branch import AddedTokens
 from model.networks.prior_network import PriorNetwork
 from model.plan.tracks import NUM_TRACKS
 from model.sampling.prior import GaussianPrior
 from model.systems.planned.config import PlannedNetworkConfig
 
 
-class PlanTokens(nn.Module):
-    """A plan to one token a frame; nothing of it is said before training."""
+class PlanTokens(AddedTokens):
+    """All of a plan to one token a frame."""
 
     def __init__(self, config: PlannedNetworkConfig) -> None:
-        super().__init__()
+        super().__init__(NUM_TRACKS + 2 * config.kind_dim, config.width, config.speech_context)
         self.kinds = nn.Embedding(config.num_kinds, config.kind_dim)
-        self.frames = SpeechTokens(
-            NUM_TRACKS + 2 * config.kind_dim, config.width, config.speech_context
-        )
-        self.out = nn.Linear(config.width, config.width)
-        nn.init.zeros_(self.out.weight)
-        nn.init.zeros_(self.out.bias)
 
-    def forward(
-        self,
-        tracks: Float[Tensor, "B heard tracks"],
-        kinds: Int[Tensor, "B heard 2"],
-        has_plan: Bool[Tensor, " B"],
-    ) -> Float[Tensor, "B T width"]:
-        told = torch.cat([tracks, self.kinds(kinds).flatten(-2)], dim=-1)
-        return self.out(self.frames(told)) * has_plan[:, None, None]
+    def told(
+        self, tracks: Float[Tensor, "B heard tracks"], kinds: Int[Tensor, "B heard 2"]
+    ) -> Float[Tensor, "B heard dim"]:
+        """The numbers of a plan, its gestures as vectors."""
+        return torch.cat([tracks, self.kinds(kinds).flatten(-2)], dim=-1)
 
 
 class PlannedNetwork(PriorNetwork):
@@ -60,4 +51,5 @@ class PlannedNetwork(PriorNetwork):
             kinds: numbers of the gestures of the left and the right hand.
             conditions: of `PriorNetwork.forward`.
         """
-        return super().forward(x_t, t, beside=self.plan(tracks, kinds, has_plan), **conditions)
+        plan = self.plan(self.plan.told(tracks, kinds), has_plan)
+        return super().forward(x_t, t, beside=plan, **conditions)

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from model.motion.packing import Normaliser
+from model.plan.called import with_called_strokes
 from model.plan.kinds import KindTable, Spoken
 from model.plan.plan import GesturePlan
 from model.plan.tiers import BY_NAME, TIERS, Begun, plan_of, seen_of
@@ -22,6 +23,8 @@ from model.systems.planned.planner_network import PlannerNetwork, TierHead
 
 _KINDS = len(TIERS)
 """Sets the draw of kinds apart from those of tiers."""
+_CALLED = _KINDS + 1
+"""And that of strokes on words."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,9 @@ class Planner:
                 drawer.draw(frame, drawers)
         chains = {name: drawer.chain for name, drawer in drawers.items()}
         rng = np.random.default_rng([*noise_key, _KINDS])
-        return self.kinds.drawn(plan_of(chains, num_frames), speaker, words, rng)
+        plan = self.kinds.drawn(plan_of(chains, num_frames), speaker, words, rng)
+        chances = np.random.default_rng([*noise_key, _CALLED])
+        return with_called_strokes(plan, words, self.kinds, chances)
 
     def _drawers(
         self,

@@ -14,7 +14,7 @@ from model.generation.base import Draw, Features
 from model.motion.motion import Motion
 from model.motion.packing import Normaliser
 from model.plan.plan import GesturePlan
-from model.plan.tracks import NUM_TRACKS, tracks_of
+from model.plan.tracks import FACE_TRACKS, NUM_TRACKS, tracks_of
 from model.sampling.guidance import SpeechGuide
 from model.sampling.prior import GaussianPrior
 from model.speech.encoders import make_encoder
@@ -30,9 +30,9 @@ from model.systems.planned.config import PLANNER, PlannedNetworkConfig
 from model.systems.planned.network import PlannedNetwork
 from model.systems.planned.planner import Planner, load_planner
 
-STRENGTH = 1.3
+STRENGTH = 1.4
 """How many times what plan and speech change in the motion is taken."""
-NOISE_SHARE = 0.7
+NOISE_SHARE = 0.45
 """Of the noise that the flow begins with. What the plan has decided chance need not decide again:
 less noise and more of the plan leave as much motion as there was, and more of it is the plan's."""
 
@@ -85,6 +85,10 @@ class PlannedSystem(GlobalDiffSystem):
             "kinds": kinds.long().expand(copies, -1, -1),
             "has_plan": hears,
         }
+
+    def face_plan(self, heard: Float[Tensor, "heard dim"]) -> Float[Tensor, "heard tracks"]:
+        """See `FacedSystem.face_plan`."""
+        return heard[:, self.encoder.dim :][:, FACE_TRACKS].contiguous()
 
     def predict_with(
         self, motion: Motion, tracks: Mapping[str, Features], speaker: int, batch_size: int

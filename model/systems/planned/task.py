@@ -115,8 +115,7 @@ def _motion_task(config: PlannedConfig, data: PreparedData, workshop: Workshop) 
         known, prior = given.normaliser, given.prior(shape.seed_frames)
     network = PlannedNetwork(shape, prior)
     if given is not None:  # which may know of no plans
-        fresh = {f"network.{name}": tensor for name, tensor in network.state_dict().items()}
-        type(given)(given.system, fresh | given.tensors).load_into(network)
+        given.load_known_into(network)
     normaliser = known.to(workshop.shard.device)
 
     def told(batch: Batch, draws: Draws, shard: Shard) -> dict[str, Tensor]:

@@ -4,12 +4,15 @@ from dataclasses import replace
 import pytest
 import torch
 
+from model.motion.skeleton import FACE as FACE_JOINTS
 from model.systems.asynfusion.config import DDIM, INTERACTIONS, LCM_SYNC, named_config
+from model.systems.asynfusion.schedule import flow_times
 from model.systems.asynfusion.task import (
     draw_steps,
     foot_terms,
     make_task,
     noise_terms,
+    one_solver_step,
     pseudo_huber,
 )
 from model.systems.registry import load_system
@@ -17,7 +20,13 @@ from model.train import main
 from model.training import losses
 from model.training.loop import train
 from tests.model.made import make_data_folder
-from tests.model.systems.asynfusion.made import BODY, made_streams
+from tests.model.systems.asynfusion.made import (
+    BODY,
+    made_conditions,
+    made_pair,
+    made_streams,
+    tiny_network,
+)
 
 MEAN_WEIGHT = math.atan(1 / math.sqrt(0.1)) / math.sqrt(0.1)
 """Of 1 / ((1 - t)^2 + .1) over t."""
@@ -150,6 +159,34 @@ def test_the_terms_on_feet_are_a_switch(trained, tmp_path, system):
     assert "contact" in told
     usual = (teacher / "log.csv").read_text().splitlines()[0]
     assert "contact" not in usual and "feet" not in usual
+
+
+@pytest.mark.parametrize("strength", [1.0, 2.5])
+def test_a_student_agrees_with_itself_after_a_step_of_its_guided_teacher(strength):
+    config = replace(named_config("demo", LCM_SYNC), teacher_guidance=strength)
+    teacher, student = tiny_network(), tiny_network(consistent=True)
+    normaliser = made_streams()[1].normaliser
+    x_t, seed = made_pair(), made_pair(seed=2)
+    conditions = made_conditions() | {"seed": (seed[0][:, :8], seed[1][:, :8])}
+    steps = torch.tensor([500, 700]), torch.tensor([500, 300])
+    found = one_solver_step(config, student, teacher, normaliser, x_t, steps, conditions)
+
+    times = flow_times()
+    t, earlier = ((times[face - k], times[body - k]) for k in (0, 20) for face, body in [steps])
+    heard = teacher(x_t, t, **conditions)
+    deaf = teacher(x_t, t, **conditions | {"has_speech": torch.zeros(2, dtype=torch.bool)})
+    with_speech, without = (normaliser.restore(each[1]) for each in (heard, deaf))
+    body = without + strength * (with_speech - without)
+    jaw = [3 * joint + k for joint in FACE_JOINTS for k in range(3)]
+    body[..., jaw] = with_speech[..., jaw]
+    moved = []
+    for k, clean in enumerate((heard[0], normaliser.normalise(body))):
+        now, then = t[k][:, None, None], earlier[k][:, None, None]
+        noise = (x_t[k] - now * clean) / (1 - now)
+        moved.append((1 - then) * noise + then * clean)
+    wanted = student(tuple(moved), earlier, **conditions)
+    for one, other in zip(found, wanted, strict=True):
+        torch.testing.assert_close(one, other, atol=2e-4, rtol=1e-3)
 
 
 def test_consistency_is_zero_for_equal_windows_and_grows_like_a_distance():

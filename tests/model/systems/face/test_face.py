@@ -1,8 +1,10 @@
 import pytest
 import torch
 
+from model.plan.tracks import NUM_FACE_TRACKS
 from model.systems.face.face import Face, load_face
-from tests.model.made import TINY_EXPRESSION, make_weights
+from model.systems.face.network import FaceNetwork
+from tests.model.made import TINY_EXPRESSION, made_prior, make_weights
 
 HEARD = 60 + 2 * TINY_EXPRESSION.speech_context
 
@@ -54,6 +56,39 @@ def test_a_face_that_was_drawn_is_remembered_and_no_other_taken_for_it(face, mon
     assert len(drawn) == 4
     alone, _ = real(face, speech[None], 1, None, face.noise(1, 0))
     torch.testing.assert_close(face.window(speech, 1, None, 1, 0), alone[0])
+
+
+def test_a_plan_changes_the_face_and_is_remembered_beside_it(tmp_path):
+    face = load_face(make_weights(tmp_path))
+    speech = torch.randn(HEARD, 68)
+    plan = torch.zeros(HEARD, NUM_FACE_TRACKS)
+    plan[:, -1] = 1.0
+    for layer in (face.network.plan, face.network.branch):
+        layer.out.weight.normal_(std=0.3)
+    unplanned, planned = (face.window(speech, 3, None, 0, 0, told) for told in (None, plan))
+    assert (unplanned - planned).abs().max() > 0.01
+    assert face.window(speech, 3, None, 0, 0, plan.clone()) is planned
+    assert face.window(speech, 3, None, 0, 0) is unplanned
+
+
+def test_before_training_a_plan_says_nothing():
+    network = FaceNetwork(TINY_EXPRESSION, made_prior(52))
+    with torch.no_grad():
+        network.branch.out.weight.normal_()
+    asked = {
+        "speech": torch.randn(2, HEARD, 68), "seed": torch.zeros(2, 8, 52),
+        "speaker": torch.tensor([1, 2]), "has_seed": torch.zeros(2, dtype=torch.bool),
+        "has_speech": torch.ones(2, dtype=torch.bool),
+    }  # fmt: skip
+    x_t, t = torch.randn(2, 60, 52), torch.tensor([0.1, 0.6])
+    tracks = torch.randn(2, HEARD, NUM_FACE_TRACKS)
+    plain = network(x_t, t, **asked)
+    torch.testing.assert_close(network(x_t, t, tracks=tracks, **asked), plain)
+    with torch.no_grad():
+        network.plan.out.weight.normal_()
+    one = network(x_t, t, tracks=tracks, has_plan=torch.tensor([True, False]), **asked)
+    assert (one[0] - plain[0]).abs().max() > 0.01
+    torch.testing.assert_close(one[1], plain[1])
 
 
 def test_windows_are_faded_into_each_other(face):

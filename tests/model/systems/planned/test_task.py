@@ -26,6 +26,8 @@ def root(tmp_path_factory):
     family = family_of(PLANNER)
     for name in ("expression", PLANNER, PLANNED):
         config = replace(family_of(name).config("smoke", name), **QUICK)
+        if name == "expression":
+            config = replace(config, plan_dropout=0.5)
         out = root / name.replace("/", "-")
         train(config, family_of(name).make_task, root / "data", out, helpers=BUNDLED_WEIGHTS)
     assert family.trained == (PLANNED, PLANNER)
@@ -37,6 +39,7 @@ def test_what_was_trained_performs(root, tmp_path):
         for path in (root / name.replace("/", "-") / "weights").iterdir():
             (tmp_path / path.name).write_bytes(path.read_bytes())
     system = load_system(PLANNED, tmp_path)
+    assert system.face.network.plan.out.weight.any()
     assert system.plans and system.speakers == {"ann": 1, "bob": 2}
     card = json.loads((tmp_path / "planner.json").read_text())
     assert card["validation"]["right"] > 0 and card["validation"]["right mark"] != 0
