@@ -22,6 +22,7 @@ from model.plan.plan import (
     Look,
     Nod,
     Planted,
+    Smile,
     Stand,
 )
 from model.plan.tracks import without_gaps
@@ -56,6 +57,7 @@ TIERS: tuple[Tier, ...] = (
     Tier("stand", ("both", "left", "right")),
     Tier("left foot", ("step", "planted"), beside="right foot"),
     Tier("right foot", ("step", "planted"), beside="left foot"),
+    Tier("smile", ("serious", "smile"), (0.3,)),
 )
 BY_NAME = {tier.name: tier for tier in TIERS}
 LONGEST_S = 8.0
@@ -121,6 +123,11 @@ def chains_of(plan: GesturePlan) -> dict[str, list[Begun]]:
     add("blink", 0.0, "blink")
     for blink in plan.blinks:
         add("blink", blink.time_s, "blink")
+    add("smile", 0.0, "serious", (0.0,))
+    for smile in plan.smiles:
+        add("smile", smile.start_s, "smile", (smile.size,))
+        if smile.end_s < end_s - 0.5 / FPS:
+            add("smile", smile.end_s, "serious", (0.0,))
     add("stand", 0.0, "both")
     for stand in plan.stands:
         add("stand", stand.start_s, stand.leg)
@@ -128,8 +135,8 @@ def chains_of(plan: GesturePlan) -> dict[str, list[Begun]]:
 
 
 def plan_of(chains: dict[str, list[Begun]], num_frames: int) -> GesturePlan:
-    """The plan that such chains tell; the inverse of `chains_of` but for smiles and the words and
-    kinds of gestures. What a tier begins with at frame 0 is where it is, no event."""
+    """The plan that such chains tell; the inverse of `chains_of` but for the words and kinds of
+    gestures. What a tier begins with at frame 0 is where it is, no event."""
     spans = {
         name: [
             (one, (two.frame if two else num_frames) / FPS)
@@ -167,6 +174,11 @@ def plan_of(chains: dict[str, list[Begun]], num_frames: int) -> GesturePlan:
         ),
         brows=tuple(
             Brow(at, float(np.clip(height, -1.0, 1.0))) for at, (height,) in points("brow")
+        ),
+        smiles=tuple(
+            Smile(one.frame / FPS, end_s, float(np.clip(*mark("smile", one), 0.0, 1.0)))
+            for one, end_s in spans["smile"]
+            if BY_NAME["smile"].states[one.state] == "smile"
         ),
         blinks=tuple(Blink(at) for at, _ in points("blink")),
         stands=tuple(stands),

@@ -23,6 +23,9 @@ from model.systems.planned.planner_network import PlannerNetwork, TierHead
 
 _KINDS = len(TIERS)
 """Sets the draw of kinds apart from those of tiers."""
+HOLD_BACK = 1.0
+"""By how much, in log odds, an event is less likely for each one that guidance has brought beyond
+what the planner expects unguided: guidance shall decide when things happen, not how often."""
 _CALLED = _KINDS + 1
 """And that of strokes on words."""
 
@@ -89,7 +92,7 @@ class Planner:
         begins = {
             "left": Begun(0, 0, tuple(goals[0])), "right": Begun(0, 0, tuple(goals[1])),
             "look": Begun(0, 0, (0.0, 0.0)), "nod": Begun(0, 0, (0.0,)),
-            "brow": Begun(0, 0, (0.0,)),
+            "brow": Begun(0, 0, (0.0,)), "smile": Begun(0, 0, (0.0,)),
             **{f"{side} foot": Begun(0, 1) for side in ("left", "right")},
         }  # fmt: skip
         drawers = {}
@@ -118,6 +121,8 @@ class _Drawer:
         self.chain = [begun]
         self._head, self._heard, self._guidance = head, heard, guidance
         self._seen = head.seen.weight
+        self._excess = 0.0
+        """Events that were to be expected so far, less those without guidance."""
         chance, which, normal = rng.spawn(3)  # so that longer speech draws the same at first
         self._chance = chance.random(num_frames)
         self._which = which.random(num_frames)
@@ -134,7 +139,9 @@ class _Drawer:
         state = torch.nn.functional.silu(self._heard[:, frame] + seen)
         logs = head.events(state)
         log = logs[-1] + self._guidance * (logs[0] - logs[-1])
+        log[1:] -= HOLD_BACK * self._excess
         shares = torch.softmax(log, dim=0).numpy()
+        self._excess += float(shares[1:].sum() - logs[0, 1:].exp().sum())
         event = _drawn(shares, self._chance[frame])
         if event == 0:
             return

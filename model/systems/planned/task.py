@@ -53,8 +53,8 @@ def _planner_task(
     check_speakers(data, shape.num_speakers)
     plans = prepare_plans(data, shape.num_speakers)
     network = PlannerNetwork(shape)
-    if given is not None:
-        given.load_into(network)
+    if given is not None:  # which may know of fewer tiers
+        given.load_known_into(network)
     told = torch.from_numpy(np.array(data.speech[::100], np.float32))
     fitted = Normaliser(told.mean(0), told.std(0).clamp_min(STD_FLOOR))
     normaliser = given.normaliser if given else fitted

@@ -21,7 +21,7 @@ FRAMES = np.arange(180)
 
 
 def test_a_plan_becomes_chains_and_a_plan_again():
-    """But for smiles, words and kinds, and to the frame."""
+    """But for words and kinds, and to the frame."""
     plan = made_plan()
     again = plan_of(chains_of(plan), 180)
     for side in SIDES:
@@ -32,7 +32,7 @@ def test_a_plan_becomes_chains_and_a_plan_again():
             assert one.end_s == pytest.approx(other.end_s, abs=1 / 60)
             np.testing.assert_allclose(one.goal, other.goal, atol=1e-9)
     assert [(nod.time_s, nod.depth_deg) for nod in again.nods] == [(1.9, 4.0), (3.0, 2.5)]
-    for name in ("looks", "brows", "blinks", "stands", "planted"):
+    for name in ("looks", "brows", "smiles", "blinks", "stands", "planted"):
         assert getattr(again, name) == getattr(plan, name)
 
 
@@ -92,7 +92,7 @@ def test_the_second_hand_sees_what_the_first_has_just_begun():
     assert seen["right"][31, 11 + stroke] == 1.0
     assert {name: rows.shape[1] for name, rows in seen.items()} == {
         "right": 22, "left": 22, "look": 5, "nod": 4, "brow": 4, "blink": 3, "stand": 5,
-        "left foot": 8, "right foot": 8,
+        "left foot": 8, "right foot": 8, "smile": 5,
     }  # fmt: skip
 
 
