@@ -90,6 +90,23 @@ def tracks_of(plan: GesturePlan, num_frames: int) -> Float[np.ndarray, "T tracks
     return tracks
 
 
+def at_rest(plan: GesturePlan, frames: range) -> Float[np.ndarray, " T"]:
+    """How much both hands rest in some frames, 0 to 1; edges are as soft as those of phases. Before
+    and after the plan hands stay as they are at its ends."""
+    margin = round(4 * PULSE_FRAMES)
+    wide = range(frames.start - margin, frames.stop + margin)
+    time_s = ((np.array(wide) + 0.5) / FPS).clip(0.5 / FPS, plan.duration_s - 0.5 / FPS)
+    rests = np.ones(len(wide), bool)
+    for side in SIDES:
+        hand = np.zeros(len(wide), bool)
+        for phase in without_gaps(plan.hand(side), plan.duration_s):
+            if phase.phase == "rest":
+                hand |= (phase.start_s <= time_s) & (time_s < phase.end_s)
+        rests &= hand
+    soft = gaussian_filter1d(rests.astype(float), PULSE_FRAMES)
+    return soft[margin : margin + len(frames)]
+
+
 def without_gaps(phases: Sequence[HandPhase], end_s: float) -> tuple[HandPhase, ...]:
     """The phases of a hand with holds between them, or rests after retractions, up to the end."""
     filled: list[HandPhase] = []

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -5,6 +7,7 @@ from model.plan.plan import PHASES, GesturePlan, HandPhase
 from model.plan.tracks import (
     HANGING,
     NUM_TRACKS,
+    at_rest,
     body_track,
     hand_tracks,
     tracks_of,
@@ -61,3 +64,15 @@ def test_gaps_are_holds_and_rests():
 def test_an_empty_plan_hangs():
     tracks = tracks_of(GesturePlan(2.0), 60)
     np.testing.assert_allclose(tracks[:, hand_tracks("left")][:, :3], [HANGING] * 60, atol=1e-6)
+
+
+def test_both_hands_rest_where_neither_does_anything():
+    plan = made_plan()  # the right hand moves from 1 s to 4.2 s, the left rests
+    rest = at_rest(plan, range(180))
+    assert rest[:26].min() > 0.99 and rest[131:174].min() > 0.99
+    assert rest[35:121].max() < 0.01
+    assert 0.05 < rest[30] < 0.95
+    np.testing.assert_allclose(at_rest(plan, range(20, 50)), rest[20:50], atol=1e-6)
+    assert at_rest(plan, range(170, 230))[10:].min() > 0.99  # beyond the end of the plan
+    both = replace(plan, left=plan.right)
+    np.testing.assert_array_equal(at_rest(both, range(180)), rest)
