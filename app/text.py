@@ -71,14 +71,6 @@ FILTER_HELP = (
     "Off shows what the models made. On is what the official code does before anyone looks. "
     "The numbers always give both."
 )
-TRAIL_LABEL = "Trail of the followed point"
-TRAIL_HELP = "Its last second: coloured by speed, with a dot where it jerks."
-COLORING_LABEL = "Colour the body by jerk"
-COLORING_HELP = "Grey is still; yellow, red and purple jerk more. One scale for all."
-WHOLE_LABEL = "Whole body"
-WHOLE_HELP = "Otherwise from the knees up, and larger. Figures show all of it in any case."
-EXAGGERATE_LABEL = "Exaggerate tremble"
-EXAGGERATE_HELP = "All above 5 Hz, in the videos only; they say so. Numbers stay as they are."
 REFERENCE_LABEL = "Reference motion (BEAT2 .npz, optional)"
 POINT_LABEL = "Point to follow in plots and measures"
 START_LABEL = "First frame of the figure"
@@ -105,8 +97,8 @@ EMPTY_TITLE = "Nothing generated yet"
 EMPTY_STEPS = (
     ("Give it speech", "Upload, record, or take one of the examples."),
     ("Choose systems", "The tab “Systems” tells what each adds."),
-    ("Press Generate motion", "Each video appears as soon as it is drawn; a ten-second clip "
-     "takes well under a minute."),
+    ("Press Generate motion", "Bodies move as soon as their motion is there; measures, figures "
+     "and videos follow."),
 )  # fmt: skip
 ENLARGE_FIGURE = "Show large: {title}"
 
@@ -222,6 +214,15 @@ PUT_BACK = (
     "address has ended."
 )
 DONE = "Done in {seconds:.0f} s: {rows}, {frames} frames each at 30 per second."
+VIDEOS_LABEL = "Draw videos as well"
+VIDEOS_HELP = (
+    "For a file to keep or to send; nobody waits for them, and the stage needs none. The stage "
+    "makes a video of what it shows, too."
+)
+VIDEOS_WAIT = "Videos are drawn once others' runs have ended."
+VIDEOS_COMING = "Videos are being drawn behind it: {share:.0%}."
+VIDEOS_DONE = "Its videos are drawn."
+VIDEOS_FAILED = "Its videos could not be drawn: {why}"
 STOPPED = "Stopped. Nothing was kept."
 STOPPING = "Stopping: the step at work ends first."
 CANCELLED = "Cancelled. Nothing was kept."

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from app.page.results.first_look_shown import FirstLookDesk
     from app.page.tabs.generate_run import Generate
+    from app.page.tabs.videos_behind import Draw
 
 log = logging.getLogger(__name__)
 
@@ -116,12 +117,16 @@ def read_accounts(path: Path) -> tuple[tuple[str, str], ...]:
 
 
 def launch(
-    config: AppConfig, is_warmed_up: bool = True, generate: Generate | None = None
+    config: AppConfig,
+    is_warmed_up: bool = True,
+    generate: Generate | None = None,
+    draw: Draw | None = None,
 ) -> Blocks:
     """Serve the page from threads of this process; its address is ``local_url`` of the result.
 
     Args:
         generate: does a run; None is the pipeline, in a process of its own.
+        draw: draws the videos of a run that has ended; None as for runs.
         is_warmed_up: whether the models are read as soon as the page is up, rather than at the
             first run.
 
@@ -199,6 +204,7 @@ def launch(
         desk,
         live,
         first_look,
+        draw,
     )
     page.queue(max_size=4 * config.max_waiting)
     routes = [*media_routes(desk), *study_routes(handover), *preview_routes(previews)]

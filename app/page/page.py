@@ -34,6 +34,7 @@ from app.page.tabs.study import build_study_tab
 from app.page.tabs.study_analysis import build_analysis
 from app.page.tabs.systems import build_systems_tab
 from app.page.tabs.upload_check import UploadCheck
+from app.page.tabs.videos_behind import Draw, VideosBehind
 
 EXAMPLE_EVERY_S = 3.0
 """How often a page asks for an example that is being made."""
@@ -51,6 +52,7 @@ def build_app(
     desk: MediaDesk,
     live: LiveDesk,
     first_look: FirstLookDesk | None = None,
+    draw: Draw | None = None,
 ) -> gr.Blocks:
     """The whole page.
 
@@ -59,7 +61,9 @@ def build_app(
         workshop: does all other runs.
         check: of uploads, before there is a run.
         first_look: what plays before the first run.
+        draw: the same of the videos of a run; None is the workshop.
     """
+    draws = draw or workshop.draw_behind
     kept = KeptRuns(config.keep_results_s)
     with gr.Blocks(
         title=text.TITLE,
@@ -77,7 +81,7 @@ def build_app(
                 live_tab.build_live_tab(page, generate, catalogue, config, jobs, desk, live, kept)
             with gr.Tab(own_motion_tab.TAB, id="own_motion"):
                 own_results = own_motion_tab.build_own_motion_tab(
-                    page, config, jobs, desk, workshop.diagnose, check, kept
+                    page, config, jobs, desk, workshop.diagnose, check, kept, draws
                 )
             with gr.Tab(text.LADDER_TAB):
                 build_mechanism(page, config, jobs, desk, workshop.show_mechanism)
@@ -89,10 +93,13 @@ def build_app(
                     page, catalogue, config, jobs, handover, previews, workshop.export_study, check
                 )
                 build_analysis(page, jobs, workshop.analyse_study)
-        runner = GenerateRunner(generate, catalogue, config, jobs, desk, form, results, kept)
+        videos = VideosBehind(draws, jobs, results, kept, "videos")
+        runner = GenerateRunner(
+            generate, catalogue, config, jobs, desk, form, results, kept, videos
+        )
         if first_look is not None:
             _await_example(page, form, results, first_look)
-        _wire(page, form, results, runner)
+        _wire(page, form, results, runner, videos)
         places = {"generate": results, "own_motion": own_results}
         opening = Opening(kept, config.keep_results_s, tabs, places, first_look)
         page.load(
@@ -130,9 +137,15 @@ def _await_example(
     )  # fmt: skip
 
 
-def _wire(page: gr.Blocks, form: FormParts, results: ResultParts, runner: GenerateRunner) -> None:
+def _wire(
+    page: gr.Blocks,
+    form: FormParts,
+    results: ResultParts,
+    runner: GenerateRunner,
+    videos: VideosBehind,
+) -> None:
     reveal_on_click(form.generate, results.status)
-    form.generate.click(
+    run = form.generate.click(
         named_fields(runner.run, Form, optional=("reference", "transcript")),
         inputs=list(form.fields),
         outputs=[*results.all, form.generate, form.cancel],
@@ -141,5 +154,7 @@ def _wire(page: gr.Blocks, form: FormParts, results: ResultParts, runner: Genera
         trigger_mode="once",
         concurrency_limit=None,  # JobBook lets them in one by one and tells each its place
     )
+    videos.follow(run)
+    page.unload(videos.left)
     form.cancel.click(runner.cancel, queue=False, api_visibility="private", show_progress="hidden")
     page.unload(runner.cancel)

@@ -74,6 +74,8 @@ class DiagnoseRequest:
     has_pictures: bool = True
     videos: VideoOptions | None = None
     """How the shown motions are drawn as videos; None draws none."""
+    is_played: bool = False
+    """Whether the shown motions are told of before they are measured, for a player."""
     window: int | None = None
     """Frames of the windows that all motions but the reference were made of, if that is known;
     otherwise each is searched for a period of its own."""
@@ -151,7 +153,11 @@ def _diagnose(
     read = _read_motions(request, on_measured)
     shown = _shown(request, read)
     check_start(request.start_frame, min(motion.num_frames for motion in read.all.values()))
+    is_pictured = request.is_played or request.videos is not None
+    pictured = picture_motions(shown if is_pictured else {})
     with ResultFolder(request.out) as folder:
+        if request.is_played:
+            pictured.tell(folder, on_file)
         diagnostics = _measure(request, read, tip, words, on_measured)
         growth = _grow_errors(read.all, request.joint, on_measured)
         if growth is not None:
@@ -165,10 +171,8 @@ def _diagnose(
         placed = {name: _on_the_floor(motion) for name, motion in shown.items()}
         _draw_figure6(request, placed, tip, folder, on_measured)
         on_measured(1.0)
-        notes = [*read.notes, *diagnostics.notes]
+        notes = [*read.notes, *diagnostics.notes, *pictured.notes]
         if request.videos is not None:
-            pictured = picture_motions(shown)
-            notes += pictured.notes
             draw_own_videos(
                 *(pictured.motions, request.videos, body, request.body, tip),
                 *(request.speech, folder),

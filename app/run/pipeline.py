@@ -18,12 +18,14 @@ from app.run.pictures.comparison import (
     Row,
     Snapshots,
     draw_all,
+    draw_poses,
     joined_side_by_side,
     rows_that_fit,
 )
 from app.run.pictures.export import body_motion
 from app.run.pictures.figures import check_start, draw_figure6, draw_jitter
 from app.run.pictures.followed_point import TipSource, choose_tip_source
+from app.run.pictures.register import in_register
 from app.run.provenance import make_provenance
 from app.run.request import (
     REFERENCE_NAME,
@@ -52,6 +54,8 @@ if TYPE_CHECKING:
 
 _M_MMAP_THRESHOLD = -3  # malloc.h
 _LARGE_BYTES = 1 << 20
+_POSES = 0.6
+"""Share of the time of all figures that the poses take where no video is drawn."""
 LIVE_NOTE = (
     "This motion was made while the speech was spoken, in windows that start 0.3 s or more "
     "after each other: measures of window joins, which look every 52 frames, do not see its own."
@@ -112,7 +116,10 @@ def _run(
     snapshots, beside = Snapshots(), nullcontext()
     if request.has_video:
         snapshots = draw_all(request, inputs, rows, tip, folder, reporter)
-        beside = joined_side_by_side(rows, inputs, folder, reporter)
+        names = [row.name for row in rows_that_fit(rows, reporter)]
+        beside = joined_side_by_side(names, inputs.wav, folder, reporter)
+    elif request.has_poses and request.has_figures:
+        snapshots = _draw_poses(request, rows, reporter)
     with beside:
         if request.has_figures:
             _draw_figures(request, rows, snapshots, tip, diagnostics, folder, reporter)
@@ -234,6 +241,20 @@ def _windows(rows: Sequence[Row], inputs: Inputs) -> dict[str, Windows]:
     return found
 
 
+def _draw_poses(request: GenerateRequest, rows: Sequence[Row], reporter: Reporter) -> Snapshots:
+    """For Figure 6, without any video."""
+    from renderer.figures.figure6.figure6 import choose_snapshot_frames
+
+    def on_share(part: float) -> None:
+        reporter.stop_if_asked()
+        reporter.progress("figure", _POSES * part)
+
+    placed = {row.name: in_register(row.shown) for row in rows_that_fit(rows, reporter)}
+    shortest = min(motion.num_frames for motion in placed.values())
+    frames = choose_snapshot_frames(shortest, request.start_frame)
+    return draw_poses(placed, request.body, frames, on_share)
+
+
 def _draw_figures(
     request: GenerateRequest,
     rows: Sequence[Row],
@@ -243,8 +264,8 @@ def _draw_figures(
     folder: ResultFolder,
     reporter: Reporter,
 ) -> None:
-    """Figure 6, of trajectories only where no video was drawn, and the jitter sheet."""
-    reporter.progress("figure", 0.0)
+    """Figure 6, of trajectories only where no pose was drawn, and the jitter sheet."""
+    reporter.progress("figure", _POSES if snapshots.pictures and not request.has_video else 0.0)
     reporter.stop_if_asked()
     shown = {row.name: row.shown for row in rows_that_fit(rows, reporter)}
     clip = printable(request.speech.stem)

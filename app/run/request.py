@@ -122,6 +122,8 @@ class GenerateRequest:
     display: Display = field(default_factory=Display)
     """What the videos show beyond the body as it moves."""
     has_video: bool = True
+    has_poses: bool = False
+    """Whether Figure 6 shows poses where no videos are drawn, too."""
     has_figures: bool = True
     has_posters: bool = False
     """Whether the first picture of each video is told of too, to be shown while the video comes."""

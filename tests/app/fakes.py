@@ -12,6 +12,7 @@ from PIL import Image
 from app.errors import CancelledRun
 from app.page.parts.catalogue import Catalogue
 from app.page.tabs.generate_form import row_names
+from app.run.pictures.behind import VideosRequest
 from app.run.request import (
     REFERENCE_NAME,
     Artefact,
@@ -85,11 +86,9 @@ def make_generate(
     on_start: Callable[[GenerateRequest], None] | None = None,
     error: BaseException | None = None,
     hold: threading.Event | None = None,
-    before_video: Callable[[int], threading.Event] | None = None,
     seconds: float = 1.0,
 ) -> Callable[[GenerateRequest, OnEvent, ShouldCancel], GenerateResult]:
-    """A pipeline that draws test pictures; it can be told to fail, to wait until ``hold``, or to
-    wait before each video."""
+    """A pipeline without models; it can be told to fail, or to wait until ``hold``."""
 
     def generate(
         request: GenerateRequest, on_event: OnEvent, should_cancel: ShouldCancel
@@ -112,18 +111,6 @@ def make_generate(
                     on_event(Artefact("motion", name, motion))
             on_event(Progress("motion", 1.0))
             on_event(Progress("numbers", 1.0))
-            for i, name in enumerate(names):
-                while before_video is not None and not before_video(i).wait(0.05):
-                    if should_cancel():
-                        raise CancelledRun
-                video = folder.path(f"{file_stem(name)}.mp4")
-                write_video(video, seconds)
-                on_event(Progress("video", (i + 1) / len(names)))
-                on_event(Artefact("video", name, video))
-            comparison = folder.path("comparison.mp4")
-            write_video(comparison, seconds)
-            on_event(Progress("comparison", 1.0))
-            on_event(Artefact("comparison", "comparison", comparison))
             figure = folder.path("figure6.png")
             Image.fromarray(np.full((90, 160, 3), 200, np.uint8)).save(figure)
             on_event(Progress("figure", 1.0))
@@ -144,3 +131,26 @@ def make_generate(
         )
 
     return generate
+
+
+def make_draw(
+    before_video: Callable[[int], threading.Event] | None = None, seconds: float = 1.0
+) -> Callable[[VideosRequest, OnEvent, ShouldCancel], tuple[Path, ...]]:
+    """Draws test pictures as the videos of a run; it can be told to wait before each."""
+
+    def draw(
+        request: VideosRequest, on_event: OnEvent, should_cancel: ShouldCancel
+    ) -> tuple[Path, ...]:
+        with ResultFolder(request.out) as folder:
+            for i, name in enumerate(request.motions):
+                while before_video is not None and not before_video(i).wait(0.05):
+                    if should_cancel():
+                        raise CancelledRun
+                video = folder.path(f"{file_stem(name)}.mp4")
+                write_video(video, seconds)
+                on_event(Progress("video", (i + 1) / len(request.motions)))
+                on_event(Artefact("video", name, video))
+            write_video(folder.path("comparison.mp4"), seconds)
+            return folder.publish()
+
+    return draw

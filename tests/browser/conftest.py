@@ -193,8 +193,9 @@ def fake_address(stage: Stage, tmp_path_factory: pytest.TempPathFactory) -> Iter
     for ending in ("json", "safetensors"):
         shutil.copy(weights / f"globaldiff-global.{ending}", weights / f"globaldiff-full.{ending}")
     config = AppConfig(port=0, weights=weights, temp=tmp_path_factory.mktemp("page"))
-    generate = fakes.make_generate(before_video=stage.may_draw.__getitem__, seconds=SECONDS)
-    with served(config, generate=generate) as url:
+    draw = fakes.make_draw(before_video=stage.may_draw.__getitem__, seconds=SECONDS)
+    generate = fakes.make_generate(seconds=SECONDS)
+    with served(config, generate=generate, draw=draw) as url:
         yield url
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, Position, expect
 
+from app import text
 from app.page.tabs.own_motion import TAB
 from model.motion.motion import save_motion
 from tests.browser.conftest import PATIENCE_MS, in_every_look, show_videos
@@ -66,6 +67,8 @@ def test_two_files_of_ones_own_are_measured_and_drawn(
     expect(page.locator("#own-figures")).to_contain_text("right middle fingertip jerk")
     page.locator("#own-files-fold button").first.click()
     expect(page.locator("#own-files")).to_contain_text("error_growth")
+
+    expect(page.locator("#own-status")).to_contain_text(text.VIDEOS_DONE, timeout=3 * PATIENCE_MS)
 
     # The link, in a second browser: in the tab that it came from.
     href = page.locator("#own-runs .link a").evaluate("link => link.href")

@@ -71,6 +71,7 @@ def done(browser: Browser, fake_address: str, stage: Stage, speech: Path) -> Ite
     start(page, speech)
     page.locator("#bundle").wait_for()
     page.locator("#player .lane canvas").first.wait_for()
+    expect(page.locator("#status")).to_contain_text(text.VIDEOS_DONE, timeout=PATIENCE_MS)
     show_videos(page)
     yield page
     page.context.close()
@@ -400,7 +401,7 @@ def test_a_link_opens_the_run_again_in_another_browser(player: Page, browser: Br
     other.context.close()
 
 
-def test_videos_appear_one_by_one_beside_a_reference_and_a_cancelled_run_leaves_none(
+def test_videos_appear_one_by_one_beside_a_reference_until_another_run_begins(
     browser: Browser, fake_address: str, stage: Stage, speech: Path, tmp_path: Path
 ) -> None:
     stage.hold(0)
@@ -430,24 +431,25 @@ def test_videos_appear_one_by_one_beside_a_reference_and_a_cancelled_run_leaves_
     expect(page.locator("#player .lane[data-name]")).to_have_count(4, timeout=PATIENCE_MS)
     expect(page.locator("#player .words span")).to_have_text("<b>hello</b>")
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
-    page.get_by_role("button", name=text.CANCEL).click()
-    expect(page.locator("#status")).to_contain_text(text.CANCELLED, timeout=PATIENCE_MS)
-    expect(page.locator("#player .lockstep")).not_to_be_visible()
-    expect(videos).to_have_count(0)
+    page.get_by_label(text.VIDEOS_LABEL).uncheck()
+    page.get_by_role("button", name=text.GENERATE).click()
+    expect(videos).to_have_count(0, timeout=PATIENCE_MS)
+    stage.hold(12)
+    page.wait_for_function(STAGED, arg=4)
+    expect(page.locator("#status")).to_contain_text("Done in", timeout=PATIENCE_MS)
+    show_videos(page)
+    expect(drawing).to_have_text(4 * ["no video was asked for"], timeout=PATIENCE_MS)
     page.context.close()
 
 
 def test_recognised_words_come_into_the_time_line_when_the_run_ends_and_say_what_they_are(
     browser: Browser, fake_address: str, stage: Stage, speech: Path
 ) -> None:
-    stage.hold(1)
+    stage.hold(12)
     page = open_page(browser, fake_address)
     page.get_by_role("button", name=text.ADVANCED_LABEL).click()
     page.get_by_label(text.WORDS_LABEL).check()
     start(page, speech)
-    expect(page.locator("#player .lane[data-name]")).to_have_count(3, timeout=PATIENCE_MS)
-    expect(page.locator("#player .words")).to_have_count(0)
-    stage.hold(12)
     expect(page.locator("#player .words span")).to_have_text("hello", timeout=PATIENCE_MS)
     names = page.locator("#player .lane:has(.words) .name")
     expect(names).to_have_text("Words (recognised)")

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
+from app import text
 from app.live.wire import frames_message
 from app.run.pictures.export import body_motion
 from model.motion.exaggeration import exaggerate
@@ -82,9 +83,13 @@ def test_bodies_move_with_the_sound_before_there_is_any_video(
     page.wait_for_function("() => document.querySelector('.lockstep').stage.pictures > 3")
     assert not page.evaluate("document.querySelector('#player audio').paused")
     expect(page.locator("#player video")).to_have_count(0)
+    page.locator("#bundle").wait_for()  # measures, figures and downloads are there as well
+    expect(page.locator("#numbers thead th[data-name]")).to_have_count(3)
     stage.hold(12)
-    page.locator("#bundle").wait_for()
+    expect(page.locator("#status")).to_contain_text(text.VIDEOS_DONE, timeout=PATIENCE_MS)
     expect(page.locator("#player .stage-tag a[download$='.mp4']")).to_have_count(3)
+    page.locator("#files-fold button").first.click()
+    expect(page.locator("#files")).to_contain_text("comparison")
     page.context.close()
 
 
@@ -186,7 +191,7 @@ def test_without_webgl_there_are_videos_and_a_sentence(
     page.goto(fake_address)
     start(page, speech)
     page.locator("#bundle").wait_for()
-    expect(page.locator("#player video")).to_have_count(3)
+    expect(page.locator("#player video")).to_have_count(3, timeout=PATIENCE_MS)
     expect(page.locator("#player .no-stage")).to_contain_text("draws no 3D graphics")
     context.close()
 

@@ -50,7 +50,8 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Walk]:
     (look.folder / FACTS).write_text(json.dumps(facts))
     asked: list[GenerateRequest] = []
     generate = fakes.make_generate(on_start=asked.append, seconds=3.0)
-    with served(config, is_warmed_up=True, generate=generate) as address:
+    draw = fakes.make_draw(seconds=3.0)
+    with served(config, is_warmed_up=True, generate=generate, draw=draw) as address:
         yield address, asked
     shutil.rmtree(look.folder)
 

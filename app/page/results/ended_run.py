@@ -32,7 +32,8 @@ class EndedRun:
     """What was asked for, in words, as `app.page.results.settings` has it."""
     speech_sha256: str
     """Of its file; empty where there was none."""
-    status: str
+    line: str
+    """How it went, in a sentence."""
     notes: tuple[str, ...]
     verdict: str
     diagnostics: Diagnostics
@@ -42,11 +43,17 @@ class EndedRun:
     bundle: Path
     files: tuple[Path, ...]
 
-    def updates(self, parts: ResultParts) -> Updates:
-        """For the browser that asked for it."""
-        player = NOTHING if self.showing is None else self.showing.value(is_over=True)
+    def updates(self, parts: ResultParts, *, begins: bool = False) -> Updates:
+        """For the browser that asked for it.
+
+        Args:
+            begins: whether it plays at once, where it does not yet.
+        """
+        player = NOTHING
+        if self.showing is not None:
+            player = self.showing.value(is_over=True) | {"begins": begins}
         return {
-            parts.status: self.status,
+            parts.status: markup.sentence_status(self.line),
             parts.message: shown(markup.notes_message(self.notes)),
             parts.verdict: shown(self.verdict),
             parts.player: player,

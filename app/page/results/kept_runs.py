@@ -9,8 +9,9 @@ from __future__ import annotations
 import secrets
 import threading
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from html import escape
+from pathlib import Path
 
 from app import text
 from app.page.results.ended_run import EndedRun
@@ -58,6 +59,14 @@ class KeptRuns:
                 del self._runs[token]
             self._runs[kept.token] = kept
         return kept
+
+    def complete(self, token: str, bundle: Path, files: tuple[Path, ...]) -> None:
+        """More has come of a run since it ended."""
+        with self._lock:
+            kept = self._runs.get(token)
+            if kept is not None:
+                whole = replace(kept.run, bundle=bundle, files=files)
+                self._runs[token] = replace(kept, run=whole)
 
     def find(self, token: str) -> KeptRun | None:
         """None of a token that is none, or whose files are gone."""

@@ -78,6 +78,7 @@ class Showing:
         desk: MediaDesk,
         visitor: str,
         reference: Path | None = None,
+        is_reference_smoothed: bool = False,
     ) -> None:
         """
         Args:
@@ -87,9 +88,12 @@ class Showing:
             folder: of the job, where sound and time line are kept.
             visitor: the browser's cookie.
             reference: a recorded motion that no run tells of; it is cut to the others' length.
+            is_reference_smoothed: whether it is shown behind the post-filter, as the others come.
         """
         self._write = write
         self._reference = reference
+        self._is_reference_smoothed = is_reference_smoothed
+        self._recorded: Path | None = None
         self._layout = layout
         self._awaited = set(awaited)
         self._folder = folder
@@ -106,6 +110,8 @@ class Showing:
             for name in names
         }
         self._files: dict[str, dict[str, Path]] = {name: {} for name in names}
+        self.is_drawn = True
+        """Whether each row will have a video."""
         self._sound: Future[Path] | None = None
         self._timeline: Future[Path] | None = None
         self._urls: dict[Path, str] = {}
@@ -134,7 +140,7 @@ class Showing:
                 lambda paths: write_timeline(request, paths, folder, said),
                 is_sound_first=True,
             ),
-            *(folder, desk, visitor, request.reference),
+            *(folder, desk, visitor, request.reference, request.post_filter == "savgol"),
         )
 
     def take(self, artefact: Artefact) -> None:
@@ -159,9 +165,14 @@ class Showing:
         path.write_bytes(frames_message(0, in_register(motion)))
         self._files[name]["frames"] = path
         if self._reference is not None and "frames" not in self._files[REFERENCE_NAME]:
-            from model.motion.motion import first_frames
+            from model.measures.diagnostics import smooth_motion
+            from model.motion.motion import first_frames, save_motion
 
             recorded = first_frames(_load(self._reference), motion.num_frames)
+            if self._is_reference_smoothed:
+                recorded = smooth_motion(recorded)
+            self._recorded = self._folder / f"{REFERENCE_NAME}.npz"
+            save_motion(recorded, self._recorded)
             self._pack(REFERENCE_NAME, recorded)
 
     def for_visitor(self, visitor: str) -> Showing:
@@ -171,7 +182,7 @@ class Showing:
         return other
 
     def value(self, is_over: bool = False) -> dict[str, Any]:
-        """For the player.
+        """For the player; ``begins`` says that it plays as soon as it can, for who waits for it.
 
         Args:
             is_over: whether to wait for the time line.
@@ -188,6 +199,7 @@ class Showing:
                 "stem": file_stem(name),
                 "is_reference": name == REFERENCE_NAME,
                 "noise": noise_of(name),
+                "is_drawn": self.is_drawn,
             }
             for name, row in self._rows.items()
         ]
@@ -195,7 +207,7 @@ class Showing:
             "run": self._folder.name,
             "rows": rows,
             "layout": self._layout,
-            "running": not is_over,
+            "begins": not is_over,
             **beside,
         }
 
@@ -213,6 +225,15 @@ class Showing:
             _write_timeline(self.timeline(), said, self._folder, "timeline_with_words.json")
         )
         self._timeline = made
+
+    def drawn(self) -> dict[str, Path]:
+        """The motion files of all rows that have one, a reference as long as the others."""
+        recorded = {} if self._recorded is None else {REFERENCE_NAME: self._recorded}
+        return self._motions | recorded
+
+    def sound(self) -> Path | None:
+        """What plays, waited for; None where nothing has come."""
+        return None if self._sound is None else self._sound.result()
 
     @property
     def _motions(self) -> dict[str, Path]:

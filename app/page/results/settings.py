@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 from app import text
 from app.findings.points import point_title
 from app.findings.verdict import short_names
-from app.run.display import Display
-from app.run.request import Framing, GenerateRequest, Steps
+from app.run.request import GenerateRequest, Steps
 
 if TYPE_CHECKING:
     from app.run.diagnose import DiagnoseRequest
@@ -20,7 +19,6 @@ SPEECH = "speech"
 SEED = "seed"
 USUAL, NONE = "usual", "none"
 _FILTERS = {"none": NONE, "savgol": "Savitzky-Golay 7/2"}
-_FRAMINGS: dict[Framing, str] = {"whole": "whole body", "knees": "knees up"}
 
 
 def settings_of_run(asked: GenerateRequest) -> Settings:
@@ -40,14 +38,11 @@ def settings_of_run(asked: GenerateRequest) -> Settings:
         "reference": reference.name if reference else NONE,
         "words": _words(asked),
         "followed point": point_title(asked.joint).lower(),
-        "framing": _FRAMINGS[asked.framing],
-        **_display(asked.display),
     }
 
 
 def settings_of_own(asked: DiagnoseRequest) -> Settings:
     """Of motion files that somebody brought."""
-    options = asked.videos
     return {
         SPEECH: asked.speech.stem if asked.speech else NONE,
         "motions": ", ".join(asked.names),
@@ -55,8 +50,6 @@ def settings_of_own(asked: DiagnoseRequest) -> Settings:
         "words": _words(asked),
         "followed point": point_title(asked.joint).lower(),
         "windows": f"{asked.window} frames, {asked.overlap} shared" if asked.window else NONE,
-        **({} if options is None else {"framing": _FRAMINGS[options.framing]}),
-        **({} if options is None else _display(options.display)),
     }
 
 
@@ -71,14 +64,6 @@ def _words(asked: GenerateRequest | DiagnoseRequest) -> str:
     if asked.transcript is not None:
         return asked.transcript.name
     return "recognised" if asked.words == "recognise" else NONE
-
-
-def _display(display: Display) -> Settings:
-    return {
-        "tremble shown": f"x{display.exaggeration}",
-        "trail": "on" if display.has_trail else "off",
-        "coloured by jerk": "on" if display.coloring == "jerk" else "off",
-    }
 
 
 def _steps(asked: Steps) -> str:

@@ -37,9 +37,12 @@ NUM_ASIDE = 1
 """Runs that have stepped aside; each takes the memory of one at work."""
 
 Tab = Literal[
-    "generate", "own_motion", "live", "mechanism", "hearing", "steps", "study", "analysis"
+    "generate", "own_motion", "live", "mechanism", "hearing", "steps", "study", "analysis",
+    "videos", "own_videos",
 ]  # fmt: skip
 """The part of the page that starts a run, and whose button stops it."""
+BEHIND: tuple[Tab, ...] = ("videos", "own_videos")
+"""Work that nobody waits for: it comes after all other, and makes way for it at once."""
 
 
 class Job:
@@ -62,6 +65,10 @@ class Job:
         self.is_put_back = False
         """Stops for others, to begin anew; see `JobBook.again`."""
         self.is_cancelled_by_visitor = False
+
+    @property
+    def is_behind(self) -> bool:
+        return self.tab in BEHIND
 
     def cancel(self) -> None:
         self.is_cancelled_by_visitor = True
@@ -125,7 +132,8 @@ class JobBook:
             self._lodging.touch(job.uploads)
             job.is_large = is_large(job.uploads)
         with self._changed:
-            if len(self._jobs) - len(self._aside) >= self.num_slots + self.max_waiting:
+            ahead = [each for each in self._jobs if job.is_behind or not each.is_behind]
+            if len(ahead) - len(self._aside) >= self.num_slots + self.max_waiting:
                 self._make_room(job)
             self._enter(job)
         return job
@@ -136,7 +144,7 @@ class JobBook:
         if not job.is_put_back:
             return None
         anew = Job(job.visitor, job.tab, self.root / secrets.token_hex(16), job.address)
-        anew.uploads, anew.is_large = job.uploads, True
+        anew.uploads, anew.is_large = job.uploads, job.is_large or not job.is_behind
         with self._changed:
             if job not in self._jobs or job.is_cancelled_by_visitor:
                 return None
@@ -217,9 +225,16 @@ class JobBook:
             yield ahead
 
     def _step_aside(self, waiting: Job) -> None:
-        """Make way for a job that waits, where a run of another takes long."""
+        """Make way for a job that waits, where a run of another takes long, or one at work that
+        nobody waits for."""
         if self._is_held_back(waiting, self._aside) or len(self._working) < self.num_slots:
             return
+        if waiting.is_behind:
+            return
+        for job in self._working:
+            if job.is_behind:
+                job.is_put_back = True  # it leaves as soon as it has stopped
+                return
         for job in self._working:
             if (job.address, job.visitor) == (waiting.address, waiting.visitor):
                 continue
@@ -245,21 +260,25 @@ class JobBook:
             for other in aside
         )
 
-    def _turn(self, place: _Place) -> tuple[bool, float, bool, float, int]:
+    def _turn(self, place: _Place) -> tuple[bool, bool, float, bool, float, int]:
         """What sorts the places: whose last run began longest ago goes first, and of one address
-        the small runs before the large."""
+        the small runs before the large; last what nobody waits for."""
         turns = [
             max(self._last_begun.get(name, 0.0), place.num_begun)
             for name in (f"address {place.job.address}", f"visitor {place.job.visitor}")
         ]
         is_held_back = self._is_held_back(place.job, self._aside)
         goes_after = place.job.is_large and time.monotonic() - place.since < PATIENCE_S
-        return is_held_back, turns[0], goes_after, turns[1], place.number
+        is_behind = place.job.is_behind
+        return is_held_back, is_behind, turns[0], goes_after, turns[1], place.number
 
     def _begin(self, job: Job) -> None:
         self._places = [place for place in self._places if place.job is not job]
         self._working.append(job)
         job.begun_at = time.monotonic()
+        if job.is_behind:  # takes nobody's turn
+            self._changed.notify_all()
+            return
         self._num_begun += 1
         for name in (f"address {job.address}", f"visitor {job.visitor}"):
             self._last_begun[name] = self._num_begun + 0.5  # behind those who came meanwhile

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from app.run.first_look import FirstLook
     from app.run.hearing import Hearing, HearingRequest
     from app.run.mechanism import MechanismRequest
+    from app.run.pictures.behind import VideosRequest
     from app.run.step_curve import StepCurve, StepCurveRequest
     from app.run.upload_check import UploadKind
     from app.study.export import ExportOptions
@@ -132,6 +133,12 @@ class Workshop:
     ) -> Diagnosis:
         """As `app.run.diagnose.diagnose_files`."""
         return self._with_shares("diagnose", (request,), on_share, on_file)
+
+    def draw_behind(
+        self, request: VideosRequest, on_event: OnEvent, should_cancel: ShouldCancel
+    ) -> tuple[Path, ...]:
+        """As `app.run.pictures.behind.draw_behind`."""
+        return self.do("draw_behind", (request,), on_event, should_cancel)
 
     def show_mechanism(
         self, request: MechanismRequest, on_share: Callable[[float], None]

@@ -33,6 +33,12 @@ def diagnose(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> An
     return diagnose_files(request, share_teller("numbers", on_event, should_cancel), on_event)
 
 
+def draw_behind(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
+    from app.run.pictures.behind import draw_behind as draw
+
+    return draw(request, on_event, should_cancel)
+
+
 def show_mechanism(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
     from app.run.mechanism import show_mechanism as show
 
@@ -92,8 +98,8 @@ def refuse(
 
 
 _ALL = (
-    *(generate, diagnose, show_mechanism, make_first_look, measure_steps, measure_hearing),
-    *(export_study, analyse_study, refuse),
+    *(generate, diagnose, draw_behind, show_mechanism, make_first_look, measure_steps),
+    *(measure_hearing, export_study, analyse_study, refuse),
 )
 TASKS: dict[str, Callable[..., Any]] = {task.__name__: task for task in _ALL}
 

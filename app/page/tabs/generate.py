@@ -19,7 +19,6 @@ from app.page.parts.catalogue import Catalogue, Example, default_systems, point_
 from app.page.parts.strength import USUAL, strength_choices
 from app.page.tabs.generate_form import SEED_LIMIT
 from app.page.tabs.upload_check import UploadCheck
-from app.run.display import FACTORS
 from app.run.pictures.followed_point import TIP
 
 
@@ -97,21 +96,9 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
         systems, two_steps, show_progress="hidden", api_visibility="private",
     )  # fmt: skip
     is_smoothed = gr.Checkbox(False, label=text.FILTER_LABEL, info=text.FILTER_HELP)
-    with gr.Row(elem_classes="pair"):
-        has_trail = gr.Checkbox(
-            True, label=text.TRAIL_LABEL, info=text.TRAIL_HELP, min_width=150, elem_id="trail"
-        )
-        is_colored = gr.Checkbox(
-            False, label=text.COLORING_LABEL, info=text.COLORING_HELP, min_width=150,
-            elem_id="coloring",
-        )  # fmt: skip
-    is_whole = gr.Checkbox(
-        False, label=text.WHOLE_LABEL, info=text.WHOLE_HELP, elem_id="whole-body"
+    has_videos = gr.Checkbox(
+        True, label=text.VIDEOS_LABEL, info=text.VIDEOS_HELP, elem_id="has-videos"
     )
-    exaggeration = gr.Radio(
-        [(f"x{factor}", factor) for factor in FACTORS], value=1, label=text.EXAGGERATE_LABEL,
-        info=text.EXAGGERATE_HELP, elem_id="exaggerate",
-    )  # fmt: skip
     with gr.Accordion(text.ADVANCED_LABEL, open=False):
         steps = gr.Textbox(
             "", label=text.STEPS_LABEL, info=text.STEPS_HELP, placeholder=catalogue.usual_steps,
@@ -143,7 +130,7 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
     fields = (
         *(speech, systems, speaker, seed, samples, steps, sampler, is_smoothed, reference),
         *(point, start_frame, transcript, body_steps, face_steps),
-        *(exaggeration, has_trail, is_colored, is_whole, guidance, has_words),
+        *(guidance, has_words, has_videos),
     )
     return FormParts(fields, start, cancel)
 

@@ -1,4 +1,4 @@
-"""From the fields of the tab "Motion" to the run that they ask for."""
+"""From the fields of the tab "Motion" to the run that they ask for: speech, systems, sampling."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from app.errors import RunError
 from app.page.parts.asked import whole_number
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.strength import USUAL, strength_of
-from app.run.display import COLORINGS, Display
+from app.run.display import Display
 from app.run.request import (
     CLOSE_UPS,
     MAX_SAMPLES,
@@ -52,16 +52,12 @@ class Form:
     body_steps: float = 0
     """Of systems that draw the face by steps of its own, as `face_steps`; 0 as usual."""
     face_steps: float = 0
-    exaggeration: int = 1
-    has_trail: bool = False
-    is_colored: bool = False
-    """By jerk."""
-    is_whole: bool = False
-    """All of the body in the videos, rather than from the knees up."""
     guidance: float | None = USUAL
     """Strength of the speech."""
     has_words: bool = False
     """Recognised, where there is no transcript."""
+    has_videos: bool = True
+    """Whether standard videos are drawn behind the stage."""
 
 
 def request_from_form(
@@ -121,12 +117,11 @@ def request_from_form(
         joint=form.point,
         start_frame=int(start_frame),
         body=config.body,
-        display=Display(
-            int(form.exaggeration), bool(form.has_trail), COLORINGS[bool(form.is_colored)]
-        ),
-        framing="whole" if form.is_whole else "knees",
+        display=Display(has_trail=True),
         size=PAGE_SIZE_PX,
         close_ups=CLOSE_UPS,  # the player shows those that are wanted
+        has_video=form.has_videos,
+        has_poses=True,
         has_posters=True,
         max_speech_s=config.max_speech_s,
     )

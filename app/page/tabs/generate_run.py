@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import gradio as gr
@@ -28,7 +28,11 @@ from app.page.serving.media import MediaDesk
 from app.page.serving.runner import TabRunner, Updates
 from app.page.tabs.generate import FormParts
 from app.page.tabs.generate_form import Form, request_from_form, row_names
+from app.page.tabs.videos_behind import VideosBehind, Wanted
+from app.run.pictures.behind import VideosRequest
+from app.run.pictures.own_videos import VideoOptions
 from app.run.request import (
+    STAGES,
     Artefact,
     Event,
     GenerateRequest,
@@ -39,7 +43,10 @@ from app.run.request import (
 )
 from app.run.result_folder import zip_files
 from app.run.words import given_words
+from model.speech.transcript import Transcript
 
+STAGES_OF_STAGE: tuple[Stage, ...] = ("speech", "motion", "numbers", "figure")
+"""Of a run whose videos are drawn behind it."""
 Generate = Callable[[GenerateRequest, OnEvent, ShouldCancel], GenerateResult]
 
 
@@ -86,8 +93,14 @@ class GenerateRunner(TabRunner[GenerateResult]):
         form: FormParts,
         results: ResultParts,
         kept: KeptRuns,
+        videos: VideosBehind | None = None,
     ) -> None:
+        """
+        Args:
+            videos: draws a run's videos once it has ended; without it they are part of the run.
+        """
         super().__init__(jobs, results.status)
+        self._videos = videos
         self._kept = kept
         self._generate = generate
         self._catalogue = catalogue
@@ -99,20 +112,25 @@ class GenerateRunner(TabRunner[GenerateResult]):
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
         asked = self.asked(job, cookie, values)
-        said = given_words(asked.transcript)
+        if self._videos is not None:
+            self._videos.give_up(job.visitor)
         yield _Work(
             generate=self._generate,
             asked=asked,
             job=job,
-            showing=Showing.of_run(
-                *(asked, row_names(asked), job.folder, self._desk, cookie, said)
-            ),
+            showing=self._showing(asked, job, cookie, given_words(asked.transcript)),
             figures=FiguresShown(self._desk, cookie),
             parts=self._results,
             kept=self._kept,
             cookie=cookie,
             at_the_end=self._buttons(is_running=False),
+            videos=self._videos,
         )
+
+    def _showing(self, asked: GenerateRequest, job: Job, cookie: str, said: Transcript) -> Showing:
+        showing = Showing.of_run(asked, row_names(asked), job.folder, self._desk, cookie, said)
+        showing.is_drawn = asked.has_video
+        return showing
 
     def asked(self, job: Job, cookie: str, values: tuple[Any, ...]) -> GenerateRequest:
         """The run that the form asks for; arguments and errors as of `begin`."""
@@ -170,11 +188,14 @@ class _Work:
     kept: KeptRuns
     cookie: str
     at_the_end: Updates
+    videos: VideosBehind | None
     view: RunView = field(default_factory=RunView)
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> GenerateResult:
         self.view.started = time.monotonic()  # now, after the waiting
-        return self.generate(self.asked, on_event, should_cancel)
+        is_behind = self.videos is not None
+        asked = replace(self.asked, has_video=False) if is_behind else self.asked
+        return self.generate(asked, on_event, should_cancel)
 
     def progress(self, events: list[Event]) -> Updates:
         for event in events:
@@ -183,7 +204,9 @@ class _Work:
                 self.showing.take(event)
                 self.figures.take(event)
         parts, run = self.parts, self.view
-        updates: Updates = {parts.status: markup.status(run.line, run.fractions, run.details)}
+        stages = STAGES if self.videos is None else STAGES_OF_STAGE
+        line = markup.status(run.line, run.fractions, run.details, stages)
+        updates: Updates = {parts.status: line}
         if run.artefacts:
             updates[parts.player] = self.showing.value()
             updates[parts.figures] = shown(self.figures.html())
@@ -193,7 +216,17 @@ class _Work:
         ended = self._ended(result)
         kept = self.kept.keep(self.job, self.cookie, ended)
         runs = {self.parts.runs: shown(self.kept.html(self.cookie, kept))}
-        return {**ended.updates(self.parts), **runs, **self.at_the_end}
+        if self.videos is not None and self.asked.has_video:
+            self.videos.want(self.job.visitor, Wanted(kept, self._videos_asked()))
+        return {**ended.updates(self.parts, begins=True), **runs, **self.at_the_end}
+
+    def _videos_asked(self) -> VideosRequest:
+        asked = self.asked
+        looks = (asked.display, asked.size, asked.framing, asked.close_ups, asked.has_posters)
+        return VideosRequest(
+            *(self.showing.drawn(), self.job.folder, self.showing.sound(), asked.joint, asked.body),
+            VideoOptions(*looks),
+        )
 
     def _ended(self, result: GenerateResult) -> EndedRun:
         self.showing.add_words(result.said)
@@ -203,7 +236,7 @@ class _Work:
             title=_title(self.asked),
             settings=settings_of_run(self.asked),
             speech_sha256=sha256_of(self.asked.speech),
-            status=markup.sentence_status(line),
+            line=line,
             notes=result.notes,
             verdict=_verdict(result),
             diagnostics=result.diagnostics,

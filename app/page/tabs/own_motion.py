@@ -24,7 +24,7 @@ from app.page.tabs.own_motion_run import (
     display_names,
 )
 from app.page.tabs.upload_check import UploadCheck
-from app.run.display import FACTORS
+from app.page.tabs.videos_behind import Draw, VideosBehind
 from app.run.pictures.followed_point import TIP
 from app.run.planted import planted_files
 from app.run.request import MAX_COMPARED
@@ -34,15 +34,12 @@ WINDOWS_HELP = (
     "If you know how long the windows are, jumps are looked for where they join. Left empty, every "
     "period from 2 to 240 frames is tried."
 )
-VIDEOS_LABEL = "Videos"
-VIDEOS_HELP = "Side by side in lock-step, with close-ups; takes longer than measuring."
 PLANTED_LABEL = "Try an example with planted faults"
-SHOWN_LABEL = "Shown in figures and videos"
+SHOWN_LABEL = "Shown on the stage and in figures"
 SHOWN_HELP = "At most six with the reference; all are measured."
 INTRODUCTION = (
     "Measures motion files of your own as it measures the systems, raw and filtered: "
-    ".npz as BEAT2, AMASS and SMPL-X have them, .npy, .bvh; 12 to 240 frames a second. The same as "
-    "<code>python -m app diagnose</code>."
+    ".npz as BEAT2, AMASS and SMPL-X have them, .npy, .bvh; 12 to 240 frames a second."
 )
 
 
@@ -54,11 +51,13 @@ def build_own_motion_tab(
     diagnose: Diagnose,
     check: UploadCheck,
     kept: KeptRuns,
+    draw: Draw,
 ) -> ResultParts:
     """Lay out the tab inside the current context and wire it; returns where it shows results.
 
     Args:
         diagnose: does the measuring, as `app.run.diagnose.diagnose_files`.
+        draw: draws videos behind it.
     """
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
     with gr.Row(elem_classes="columns"):
@@ -66,7 +65,8 @@ def build_own_motion_tab(
             form = _build_form(check)
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
             parts = build_results("own-")
-    runner = OwnMotionRunner(diagnose, config, jobs, desk, parts, kept)
+    videos = VideosBehind(draw, jobs, parts, kept, "own_videos")
+    runner = OwnMotionRunner(diagnose, config, jobs, desk, parts, kept, videos)
     asks = {
         "inputs": form.fields,
         "outputs": parts.all,
@@ -75,19 +75,22 @@ def build_own_motion_tab(
     }
     for button in (form.start, form.planted):
         reveal_on_click(button, parts.status)
-    form.start.click(
+    started = form.start.click(
         named_fields(runner.run, OwnMotionForm, optional=("reference", "speech", "transcript")),
         **asks,
         api_name="own_motion",
         trigger_mode="once",
     )
-    form.planted.click(
+    planted = form.planted.click(
         lambda: planted_files(config.temp / "planted"),
         outputs=form.of_planted,
         api_visibility="private",
         show_progress="hidden",
         trigger_mode="once",
     ).then(runner.run, **asks, api_visibility="private")
+    for run in (started, planted):
+        videos.follow(run)
+    page.unload(videos.left)
     form.cancel.click(runner.cancel, queue=False, api_visibility="private", show_progress="hidden")
     page.unload(runner.cancel)
     return parts
@@ -144,13 +147,9 @@ def _build_form(check: UploadCheck) -> FormParts:
     with gr.Row(elem_classes="pair"):
         point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
         start_frame = gr.Number(value=0, minimum=0, label=text.START_LABEL)
-    with gr.Row(elem_classes="pair"):
-        has_videos = gr.Checkbox(True, label=VIDEOS_LABEL, info=VIDEOS_HELP, elem_id="own-videos")
-        has_trail = gr.Checkbox(True, label=text.TRAIL_LABEL, info=text.TRAIL_HELP)
-    exaggeration = gr.Radio(
-        [(f"x{factor}", factor) for factor in FACTORS], value=1, label=text.EXAGGERATE_LABEL,
-        info=text.EXAGGERATE_HELP,
-    )  # fmt: skip
+    has_videos = gr.Checkbox(
+        True, label=text.VIDEOS_LABEL, info=text.VIDEOS_HELP, elem_id="own-videos"
+    )
     with gr.Accordion("Made of windows?", open=False):
         gr.HTML(f'<p class="hint">{WINDOWS_HELP}</p>')
         with gr.Row(elem_classes="pair"):
@@ -160,7 +159,7 @@ def _build_form(check: UploadCheck) -> FormParts:
         start = gr.Button("Measure and compare", variant="primary", elem_id="own-start")
         cancel = gr.Button(text.CANCEL, elem_id="own-cancel", min_width=110)
     fields = [motions, reference, speech, point, start_frame, window, overlap, shown]
-    fields += [has_videos, has_trail, exaggeration, transcript, has_words]
+    fields += [has_videos, transcript, has_words]
     return FormParts(fields, start, cancel, planted, [motions, reference, speech, transcript])
 
 

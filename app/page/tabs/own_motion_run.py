@@ -26,7 +26,8 @@ from app.page.serving.follow import last_share
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.runner import TabRunner, Updates
-from app.run.display import Display, check_display
+from app.page.tabs.videos_behind import VideosBehind, Wanted
+from app.run.pictures.behind import VideosRequest
 from app.run.pictures.own_videos import OnFile, VideoOptions
 from app.run.request import (
     MAX_COMPARED,
@@ -58,7 +59,7 @@ MAX_NAME = 60
 MAX_NAMED = 3
 """Files that a run's title names."""
 
-VIDEO_SIZE_PX = 512
+VIDEOS = VideoOptions(size=512, has_posters=True)
 Diagnose = Callable[["DiagnoseRequest", Callable[[float], None], OnFile], "Diagnosis"]
 
 
@@ -76,8 +77,6 @@ class OwnMotionForm:
     shown: list[str] | None = None
     """Names of those that figures and videos show, where there are more than fit."""
     has_videos: bool = True
-    has_trail: bool = True
-    exaggeration: int = 1
     transcript: str | None = None
     has_words: bool = False
     """Recognised, where there is no transcript."""
@@ -113,18 +112,11 @@ class OwnMotionForm:
             joint=self.point,
             start_frame=int(start),
             body=config.body,
-            videos=self._videos(config),
+            is_played=True,
             window=_whole(self.window, "window"),
             overlap=_whole(self.overlap, "overlap") or 0,
             max_frames=MAX_FRAMES,
         )
-
-    def _videos(self, config: AppConfig) -> VideoOptions | None:
-        if not self.has_videos:
-            return None
-        display = Display(int(self.exaggeration), bool(self.has_trail))
-        check_display(display)
-        return VideoOptions(display, size=VIDEO_SIZE_PX, has_posters=True)
 
 
 def rows_of(request: DiagnoseRequest) -> tuple[str, ...]:
@@ -174,8 +166,10 @@ class OwnMotionRunner(TabRunner["Diagnosis"]):
         desk: MediaDesk,
         parts: ResultParts,
         kept: KeptRuns,
+        videos: VideosBehind,
     ) -> None:
         super().__init__(jobs, parts.status)
+        self._videos = videos
         self._kept = kept
         self._diagnose = diagnose
         self._config = config
@@ -184,10 +178,22 @@ class OwnMotionRunner(TabRunner["Diagnosis"]):
 
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
-        asked = form_of(OwnMotionForm, values).to_request(job.folder / "results", self._config)
-        showing = None if asked.videos is None else _showing(asked, job, self._desk, cookie)
-        figures = FiguresShown(self._desk, cookie)
-        yield _Work(self._diagnose, asked, job, cookie, figures, showing, self._parts, self._kept)
+        form = form_of(OwnMotionForm, values)
+        asked = form.to_request(job.folder / "results", self._config)
+        self._videos.give_up(job.visitor)
+        showing = _showing(asked, job, self._desk, cookie)
+        showing.is_drawn = form.has_videos
+        yield _Work(
+            diagnose=self._diagnose,
+            asked=asked,
+            job=job,
+            cookie=cookie,
+            figures=FiguresShown(self._desk, cookie),
+            showing=showing,
+            parts=self._parts,
+            kept=self._kept,
+            videos=self._videos if form.has_videos else None,
+        )
 
     def blank(self) -> Updates:
         return {
@@ -214,11 +220,10 @@ class OwnMotionRunner(TabRunner["Diagnosis"]):
 
 
 def _showing(asked: DiagnoseRequest, job: Job, desk: MediaDesk, cookie: str) -> Showing:
-    names, options = rows_of(asked), asked.videos
-    assert options is not None
+    names = rows_of(asked)
     return Showing(
         *(names, names),
-        picture_layout("front", options.size, options.close_ups, options.framing),
+        picture_layout("front", VIDEOS.size, VIDEOS.close_ups, VIDEOS.framing),
         own_writers(asked, job.folder),
         *(job.folder, desk, cookie),
     )
@@ -233,9 +238,11 @@ class _Work:
     job: Job
     cookie: str
     figures: FiguresShown
-    showing: Showing | None
+    showing: Showing
     parts: ResultParts
     kept: KeptRuns
+    videos: VideosBehind | None
+    """None where no videos are wanted."""
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Diagnosis:
         on_progress = share_teller("numbers", on_event, should_cancel)
@@ -244,7 +251,7 @@ class _Work:
     def progress(self, events: list[Event]) -> Updates:
         updates: Updates = {}
         for event in events:
-            if isinstance(event, Artefact) and self.showing is not None:
+            if isinstance(event, Artefact):
                 self.showing.take(event)
                 updates[self.parts.player] = self.showing.value()
         share = last_share(events)
@@ -256,19 +263,25 @@ class _Work:
         ended = self._ended(result)
         kept = self.kept.keep(self.job, self.cookie, ended)
         runs = {self.parts.runs: shown(self.kept.html(self.cookie, kept))}
-        return {**ended.updates(self.parts), **runs}
+        if self.videos is not None:
+            speech = self.showing.sound() if self.asked.speech else None
+            wanted = VideosRequest(
+                *(self.showing.drawn(), self.job.folder, speech, self.asked.joint, self.asked.body),
+                VIDEOS,
+            )
+            self.videos.want(self.job.visitor, Wanted(kept, wanted))
+        return {**ended.updates(self.parts, begins=True), **runs}
 
     def _ended(self, result: Diagnosis) -> EndedRun:
         self.figures.take_files(result.files)
-        if self.showing is not None:
-            self.showing.add_words(result.said)
+        self.showing.add_words(result.said)
         count = len(result.diagnostics.systems)
         line = MEASURED.format(motions=f"{count} motion{'s' if count > 1 else ''}")
         return EndedRun(
             title=_title(self.asked),
             settings=settings_of_own(self.asked),
             speech_sha256=sha256_of(self.asked.speech),
-            status=markup.sentence_status(line),
+            line=line,
             notes=result.notes,
             verdict="",
             diagnostics=result.diagnostics,

@@ -156,10 +156,10 @@ def _tell_of_video(
 
 @contextmanager
 def joined_side_by_side(
-    rows: Sequence[Row], inputs: Inputs, folder: ResultFolder, reporter: Reporter
+    names: Sequence[str], wav: Path | None, folder: ResultFolder, reporter: Reporter
 ) -> Iterator[None]:
-    """All videos in lock-step under one sound track, made by ffmpeg while the block does something
-    else; whole when it is left.
+    """The videos of these rows in lock-step under one sound track, made by ffmpeg while the block
+    does something else; whole when it is left.
 
     Raises on leaving:
         Cancelled, VideoError: see `renderer.video.compose.compose_videos`.
@@ -167,7 +167,6 @@ def joined_side_by_side(
     from renderer.video.compose import compose_videos
 
     reporter.progress("comparison", 0.0)
-    names = [row.name for row in rows_that_fit(rows, reporter)]
     out = folder.path("comparison.mp4")
     done, is_given_up = [0.0], Event()
     with ThreadPoolExecutor(1) as beside:
@@ -176,7 +175,7 @@ def joined_side_by_side(
             [folder.path(f"{file_stem(name)}.mp4") for name in names],
             names,
             out,
-            inputs.wav,
+            wav,
             on_progress=done.append,
             should_cancel=lambda: is_given_up.is_set() or reporter.should_cancel(),
         )

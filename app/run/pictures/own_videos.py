@@ -47,6 +47,16 @@ class Pictured:
     """As they stand in the videos, but for exaggeration."""
     notes: tuple[str, ...]
 
+    def tell(self, folder: ResultFolder, on_file: OnFile) -> None:
+        """Leave each motion for a player, and tell of it."""
+        from model.motion.motion import save_motion
+
+        shown = _beside(folder)
+        for name, motion in self.motions.items():
+            path = shown / f"{file_stem(name)}.npz"
+            save_motion(motion, path)
+            on_file(Artefact("motion", name, path))
+
 
 def picture_motions(motions: Mapping[str, Motion]) -> Pictured:
     """The motions in register, cut to what can be drawn in reasonable time."""
@@ -57,7 +67,7 @@ def picture_motions(motions: Mapping[str, Motion]) -> Pictured:
     cut = [name for name, motion in motions.items() if motion.num_frames > longest]
     notes = ()
     if cut:
-        notes = (f"Videos show the first {longest / FPS:.0f} s of {', '.join(cut)}.",)
+        notes = (f"Stage and videos show the first {longest / FPS:.0f} s of {', '.join(cut)}.",)
     return Pictured(
         {
             name: in_register(first_frames(motion, min(motion.num_frames, longest)))
@@ -87,7 +97,6 @@ def draw_own_videos(
     Raises:
         BodyError, GLError, VideoError: see `app.run.pictures.videos.draw_videos`.
     """
-    from model.motion.motion import save_motion
     from renderer.video.frames import stage_for
     from renderer.video.pool import RenderJob
 
@@ -96,13 +105,9 @@ def draw_own_videos(
     )
     posed = [body_motion(motion) for motion in motions.values()]
     stage = stage_for(body, posed, settings)
-    shown = folder.scratch("shown")
-    shown.mkdir(exist_ok=True)
+    shown = _beside(folder)
     jobs: dict[str, Any] = {}
     for name, motion in motions.items():
-        path = shown / f"{file_stem(name)}.npz"
-        save_motion(motion, path)
-        on_file(Artefact("motion", name, path))
         jobs[name] = RenderJob(
             motion=body_motion(displayed(motion, options.display)),
             out=folder.path(f"{file_stem(name)}.mp4"),
@@ -126,3 +131,10 @@ def draw_own_videos(
         on_done=on_done,
         should_cancel=lambda: False,  # on_share ends it
     )
+
+
+def _beside(folder: ResultFolder) -> Path:
+    """Where that lies which a player shows and nobody downloads."""
+    shown = folder.scratch("shown")
+    shown.mkdir(exist_ok=True)
+    return shown

@@ -314,3 +314,15 @@ def test_a_live_take_is_kept_as_it_was_seen_and_said_to_be_live(ask: Ask, tmp_pa
     generated = generate_all(ask(systems=("globaldiff/global",), out=tmp_path / "other"))
     record = json.loads((generated.out / "provenance.json").read_text())
     assert record["options"]["live"] is None
+
+
+@pytest.mark.gl
+def test_figure_6_has_poses_where_no_video_is_drawn(ask: Callable[..., GenerateRequest]) -> None:
+    bare = generate_all(ask())
+    told: list[Artefact] = []
+    request = ask(out=bare.out.with_name("with poses"), has_poses=True)
+    result = generate_all(request, lambda e: told.append(e) if isinstance(e, Artefact) else None)
+    assert [path.name for path in result.files] == [path.name for path in bare.files]
+    assert not any(each.kind in ("video", "poster", "comparison") for each in told)
+    sizes = [(run.out / "figure6.png").stat().st_size for run in (bare, result)]
+    assert sizes[1] > 2 * sizes[0], "the poses are in it"

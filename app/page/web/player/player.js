@@ -111,7 +111,7 @@ class Player {
 
   /** Show a run as far as it has come; nothing where there is none. */
   show(value) {
-    const { run = null, rows = [], audio = null, timeline = null, plays = false, running = false, paired = false } = value;
+    const { run = null, rows = [], audio = null, timeline = null, plays = false, begins = false, paired = false } = value;
     if (run !== this.#run) this.#clear(run);
     this.#value = value;
     const isWorthIt = rows.some((row) => row.motion || row.video);
@@ -130,7 +130,7 @@ class Player {
     this.#stage?.show(rows);
     this.#showRows();
     this.controls.update();
-    if (hasSound) this.#begin(plays, running);
+    if (hasSound) this.#begin(plays, begins);
     if (timeline && timeline !== this.#timelineUrl) this.#loadTimeline(timeline, rows);
   }
 
@@ -173,7 +173,7 @@ class Player {
    * nobody has asked for any yet; a run that somebody waits for plays at once; and an address that
    * says so shows its moment.
    */
-  #begin(plays, running) {
+  #begin(plays, begins) {
     this.#isExample = plays;
     if (plays) this.#audio.muted = true;
     const begin = () => {
@@ -184,7 +184,7 @@ class Player {
       }
       if (matchMedia("(prefers-reduced-motion: reduce)").matches) return undefined;
       if (plays) this.#lockstep.setLoop([0, this.#lockstep.duration]);
-      return plays || (running && this.#stage) ? this.#lockstep.play() : undefined;
+      return plays || (begins && this.#stage) ? this.#lockstep.play() : undefined;
     };
     if (this.#audio.readyState >= HTMLMediaElement.HAVE_METADATA) begin();
     else this.#audio.addEventListener("loadedmetadata", begin, { once: true });

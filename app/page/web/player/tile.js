@@ -16,7 +16,7 @@ export class Tile {
     this.layout = row.layout ?? null; // where it is not that of all
     this.run = row.run ?? null;
     this.noise = row.noise ?? null;
-    this.#picture = make("div", { class: "picture" }, make("p", { class: "drawing" }, "being drawn"));
+    this.#picture = make("div", { class: "picture" }, make("p", { class: "drawing" }, row.is_drawn === false ? "no video was asked for" : "being drawn"));
     this.enlarge = make(
       "button",
       { type: "button", class: "enlarge", "aria-label": `Enlarge ${this.label}`, title: "Enlarge", "aria-pressed": "false", onclick: () => owner.enlarge(this.name) },

@@ -17,7 +17,7 @@ def ended_run(folder: Path, title: str = "speech: local; seed 0", **changes) -> 
         "title": title,
         "settings": {"speech": "speech", "systems": "local", "seed": "0"},
         "speech_sha256": "abc",
-        "status": "Done.",
+        "line": "Done.",
         "notes": (),
         "verdict": "",
         "diagnostics": numbers(local=100.0),

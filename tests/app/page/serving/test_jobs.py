@@ -297,3 +297,21 @@ def test_what_was_uploaded_tells_which_runs_are_large(tmp_path: Path) -> None:
     }
     assert (uploads / "hour.npz").stat().st_size < 10**6
     assert found == {"hour.npz", "minutes.mp3"}
+
+
+def test_what_nobody_waits_for_comes_last_and_makes_way_at_once(tmp_path: Path) -> None:
+    jobs = JobBook(tmp_path, max_waiting=1)
+    videos = jobs.open("one", "videos", "10.0.0.1")
+    with jobs.slot(videos) as turn:
+        assert list(turn) == []
+        another = jobs.open("two", "videos", "10.0.0.2")
+        run = jobs.open("one", "generate", "10.0.0.1")  # no video takes a run's waiting place
+        with jobs.slot(another) as held, jobs.slot(run) as waiting:
+            assert next(held) == 2 and not videos.is_put_back, "the run goes first"
+            assert next(waiting) == 1 and videos.is_put_back
+    anew = jobs.again(videos)
+    assert anew is not None and not videos.folder.exists() and not anew.is_large
+    with jobs.slot(run) as waiting:
+        jobs.close(run)
+        run = jobs.open("two", "generate", "10.0.0.2")
+    assert jobs.cancel("one", "videos") and anew.is_cancelled() and not run.is_cancelled()

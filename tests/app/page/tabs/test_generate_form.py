@@ -24,10 +24,7 @@ FORM = Form(
     start_frame=12,
     transcript="/said.txt",
     has_words=True,
-    exaggeration=5,
-    has_trail=True,
-    is_colored=True,
-    is_whole=True,
+    has_videos=False,
 )
 CONFIG = AppConfig(weights=Path("/weights"))
 
@@ -55,9 +52,10 @@ def test_every_field_of_the_form_reaches_the_run() -> None:
         joint="left_index",
         start_frame=12,
         close_ups=("face", "hands"),
-        framing="whole",
         size=640,
-        display=Display(exaggeration=5, has_trail=True, coloring="jerk"),
+        display=Display(has_trail=True),
+        has_video=False,
+        has_poses=True,
         has_posters=True,
     )
     assert row_names(request) == (

@@ -10,6 +10,7 @@ import pytest
 from starlette.datastructures import QueryParams
 
 from app import text
+from app.page.parts import markup
 from app.page.results.kept_runs import KeptRuns
 from app.page.results.result_parts import ResultParts, build_results
 from app.page.serving.runner import Updates
@@ -52,7 +53,7 @@ def test_a_link_opens_the_run_in_its_own_tab(
     updates = opened(opening, "of a stranger", run.token)
     tabs, *_ = opening.outputs
     assert updates[tabs].selected == place
-    assert updates[places[place].status] == "Done."
+    assert updates[places[place].status] == markup.sentence_status("Done.")
     assert "data-measure" in updates[places[place].numbers]["value"]
     other = next(parts for name, parts in places.items() if name != place)
     assert other.status not in updates and run.token not in updates[other.runs]["value"]

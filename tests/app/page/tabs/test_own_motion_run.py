@@ -13,16 +13,18 @@ from app import text
 from app.config import AppConfig
 from app.errors import RunError
 from app.page.results.kept_runs import KeptRuns
-from app.page.results.result_parts import build_results
+from app.page.results.result_parts import ResultParts, build_results
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.workshop import Workshop
 from app.page.tabs.own_motion import build_own_motion_tab
 from app.page.tabs.own_motion_run import MAX_NAME, OwnMotionForm, OwnMotionRunner, display_names
 from app.page.tabs.upload_check import UploadCheck
+from app.page.tabs.videos_behind import VideosBehind
 from app.run.diagnose import DiagnoseRequest, Diagnosis, OnShare
 from app.run.pictures.own_videos import OnFile
 from app.run.upload_check import refusal_of
+from tests.app import fakes
 from tests.app.fakes import measures
 from tests.app.measured import diagnostics_of
 
@@ -73,6 +75,12 @@ def test_long_and_equal_names_are_told_apart() -> None:
     assert names == ("x" * MAX_NAME, "x" * MAX_NAME + " (2)", "b")
 
 
+def runner_of(diagnose: Any, folder: Path, parts: ResultParts) -> OwnMotionRunner:
+    jobs = JobBook(folder)
+    videos = VideosBehind(fakes.make_draw(), jobs, parts, KEPT, "own_videos")
+    return OwnMotionRunner(diagnose, CONFIG, jobs, MediaDesk(), parts, KEPT, videos)
+
+
 Runs = Callable[..., list[dict[Any, Any]]]
 
 
@@ -84,7 +92,7 @@ def runs(tmp_path: Path) -> Runs:
         with gr.Blocks():
             parts = build_results()
         names = {getattr(parts, name): name for name in parts.__dataclass_fields__}
-        runner = OwnMotionRunner(diagnose, CONFIG, JobBook(tmp_path), MediaDesk(), parts, KEPT)
+        runner = runner_of(diagnose, tmp_path, parts)
         updates = []
         try:
             for update in runner.run(VISITOR, *values):  # type: ignore[arg-type]
@@ -138,7 +146,7 @@ def test_cancel_is_answered_at_once_and_nothing_of_the_run_is_shown(tmp_path: Pa
 
     with gr.Blocks():
         parts = build_results()
-    runner = OwnMotionRunner(diagnose, CONFIG, JobBook(tmp_path), MediaDesk(), parts, KEPT)
+    runner = runner_of(diagnose, tmp_path, parts)
 
     def cancel() -> None:
         is_at_work.wait(20)
@@ -156,6 +164,13 @@ def test_cancel_is_answered_at_once_and_nothing_of_the_run_is_shown(tmp_path: Pa
 def test_the_tab_is_built_with_its_endpoint(tmp_path: Path) -> None:
     with gr.Blocks() as page:
         build_own_motion_tab(
-            page, CONFIG, JobBook(tmp_path), MediaDesk(), Workshop().diagnose, CHECK, KEPT
+            page,
+            CONFIG,
+            JobBook(tmp_path),
+            MediaDesk(),
+            Workshop().diagnose,
+            CHECK,
+            KEPT,
+            fakes.make_draw(),
         )
     assert "own_motion" in {each.api_name for each in page.fns.values()}

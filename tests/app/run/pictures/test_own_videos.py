@@ -48,7 +48,7 @@ def test_only_what_can_be_drawn_in_time_is_drawn(monkeypatch: pytest.MonkeyPatch
     motion = load_motion(CLEAN)
     pictured = picture_motions({"long": motion, "short": motion.part(slice(20))})
     assert [each.num_frames for each in pictured.motions.values()] == [30, 20]
-    assert pictured.notes == ("Videos show the first 1 s of long.",)
+    assert pictured.notes == ("Stage and videos show the first 1 s of long.",)
 
 
 @pytest.mark.gl
@@ -62,6 +62,7 @@ def test_each_file_keeps_its_length_and_is_told_of(tmp_path: Path) -> None:
         reference=Path(reference),
         has_pictures=False,
         videos=VideoOptions(size=256, close_ups=("hands",), has_posters=True),
+        is_played=True,
     )
     shares: list[float] = []
     found = diagnose_files(request, shares.append, told.append)

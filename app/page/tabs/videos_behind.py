@@ -1,0 +1,157 @@
+"""Videos of a run that has ended: drawn behind its stage, by a run of their own that comes last."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gradio as gr
+
+from app import text
+from app.errors import CancelledRun, visitor_sentence
+from app.page.parts import markup
+from app.page.results.kept_runs import KeptRun, KeptRuns
+from app.page.results.result_parts import ResultParts
+from app.page.serving.follow import follow_run, last_share
+from app.page.serving.jobs import Job, JobBook, Tab
+from app.page.serving.runner import Updates
+from app.page.serving.visitors import address_of, visitor_of
+from app.run.pictures.behind import VideosRequest
+from app.run.request import Artefact, Event, OnEvent, ShouldCancel
+from app.run.result_folder import zip_files
+
+Draw = Callable[[VideosRequest, OnEvent, ShouldCancel], tuple[Path, ...]]
+"""As `app.run.pictures.behind.draw_behind`."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is to be drawn of a run, and what was said when that had ended."""
+
+    kept: KeptRun
+    request: VideosRequest
+
+
+class VideosBehind:
+    """Draws what a tab's runs have left to be drawn, one visitor's newest run at a time."""
+
+    def __init__(
+        self, draw: Draw, jobs: JobBook, parts: ResultParts, kept: KeptRuns, tab: Tab
+    ) -> None:
+        """
+        Args:
+            tab: that of the videos, one of `app.page.serving.jobs.BEHIND`.
+        """
+        self._draw = draw
+        self._jobs = jobs
+        self._parts = parts
+        self._kept = kept
+        self._tab: Tab = tab
+        self._wanted: dict[str, Wanted] = {}
+        self._lock = threading.Lock()
+
+    def want(self, visitor: str, wanted: Wanted) -> None:
+        """Have these drawn as soon as the page asks."""
+        with self._lock:
+            self._wanted[visitor] = wanted
+
+    def give_up(self, visitor: str) -> None:
+        """Another run begins: nobody wants the videos of the one before any more."""
+        with self._lock:
+            self._wanted.pop(visitor, None)
+        self._jobs.cancel(visitor, self._tab)
+
+    def left(self, request: gr.Request) -> None:
+        """The visitor has closed the page."""
+        self.give_up(visitor_of(request))
+
+    def follow(self, run: Any) -> None:
+        """Draw after each run of a button's, whose event is ``run``."""
+        run.then(
+            self.run, outputs=self._outputs, api_visibility="private", show_progress="hidden",
+            trigger_mode="multiple", concurrency_limit=None,
+        )  # fmt: skip
+
+    @property
+    def _outputs(self) -> list[Any]:
+        parts = self._parts
+        return [parts.status, parts.player, parts.bundle, parts.files]
+
+    def run(self, request: gr.Request) -> Iterator[Updates]:
+        """Updates of the tab while videos of the visitor's last run are drawn, if it wants any."""
+        visitor = visitor_of(request)
+        with self._lock:
+            wanted = self._wanted.pop(visitor, None)
+        as_it_is: Updates = {self._parts.status: gr.skip()}
+        if wanted is None:
+            yield as_it_is  # of a listener that gives nothing Gradio empties all parts
+            return
+        job: Job | None = None
+        try:
+            job = self._jobs.open(visitor, self._tab, address_of(request))
+            yield as_it_is
+            while True:
+                try:
+                    yield from self._attempt(job, wanted)
+                    return
+                except CancelledRun:
+                    anew = self._jobs.again(job)
+                    if anew is None:
+                        return  # another run has begun, and shows itself
+                    job = anew
+        except Exception as error:
+            sentence = text.VIDEOS_FAILED.format(why=visitor_sentence(error))
+            yield {self._parts.status: _line(wanted, sentence)}
+        finally:
+            if job is not None:
+                self._jobs.close(job)
+
+    def _attempt(self, job: Job, wanted: Wanted) -> Iterator[Updates]:
+        with self._jobs.slot(job) as turn:
+            for ahead in turn:
+                if ahead:
+                    yield {self._parts.status: _line(wanted, text.VIDEOS_WAIT)}
+            asked = wanted.request.within(job.folder)
+
+            def draw(on_event: OnEvent, should_cancel: ShouldCancel) -> tuple[Path, ...]:
+                return self._draw(asked, on_event, should_cancel)
+
+            for news in follow_run(draw, job):
+                if job.is_cancelled():
+                    continue
+                yield (
+                    self._progress(news, wanted)
+                    if isinstance(news, list)
+                    else self._finished(news, wanted)
+                )
+
+    def _progress(self, events: list[Event], wanted: Wanted) -> Updates:
+        showing = wanted.kept.run.showing
+        updates: Updates = {}
+        files = [event for event in events if isinstance(event, Artefact)]
+        if showing is not None and files:
+            for file in files:
+                showing.take(file)
+            updates[self._parts.player] = showing.value(is_over=True)
+        share = last_share(events)
+        if share is not None:
+            updates[self._parts.status] = _line(wanted, text.VIDEOS_COMING.format(share=share))
+        return updates or {self._parts.status: gr.skip()}
+
+    def _finished(self, videos: tuple[Path, ...], wanted: Wanted) -> Updates:
+        run = wanted.kept.run
+        files = (*run.files, *videos)
+        bundle = zip_files(files, run.bundle)
+        self._kept.complete(wanted.kept.token, bundle, files)
+        return {
+            self._parts.status: _line(wanted, text.VIDEOS_DONE),
+            self._parts.bundle: gr.update(value=str(bundle)),
+            self._parts.files: [str(file) for file in files],
+        }
+
+
+def _line(wanted: Wanted, sentence: str) -> str:
+    return markup.sentence_status(f"{wanted.kept.run.line} {sentence}")
