@@ -26,6 +26,8 @@ _DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _NOT_ALLOWED = {errno.EACCES, errno.EPERM, errno.EROFS}
 _OUR_PACKAGES = ("app", "model", "renderer")
 _FOLDERS = re.compile(r"(?<![\w.:/])/(?:[^\s/'\"]+/)+")
+_OPTIONS = re.compile(r" \([^()]*--[a-z][^()]*\)")
+"""How sentences name an option of the command line."""
 """Of a file named with its whole path."""
 
 
@@ -52,10 +54,15 @@ def visitor_sentence(error: BaseException) -> str:
         return text.DISK_FULL
     sentence = sentence_of(error)
     if sentence is not None:
-        return _FOLDERS.sub("", sentence)
+        return page_sentence(_FOLDERS.sub("", sentence))
     fault_id = secrets.token_hex(4)
     log.error("fault %s", fault_id, exc_info=error)
     return text.FAULT.format(fault_id=fault_id)
+
+
+def page_sentence(sentence: str) -> str:
+    """A sentence without what it tells users of the command line, which stands in brackets."""
+    return _OPTIONS.sub("", sentence)
 
 
 def is_disk_full(error: BaseException | None) -> bool:

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 LOCAL = "globaldiff/local"
 GLOBAL_RUNGS = ("globaldiff/global", "globaldiff/joint", "globaldiff/skeleton", "globaldiff/full")
+PLAIN, FULL = GLOBAL_RUNGS[0], GLOBAL_RUNGS[-1]
+"""Without the constraints of the paper, and with all of them."""
 CLAIM = "global rotations jerk less than local ones"
 ENOUGH_CLIPS = 10
 """With fewer, an interval over clips is too wide to tell systems apart that differ by a tenth."""
@@ -45,7 +47,8 @@ def verdict_of(diagnostics: Diagnostics) -> Verdict | None:
     recorded = number_of(diagnostics.reference, jerk_of, "raw")
     ending = "" if recorded is None else f"; recorded {plain(recorded)}"
     numbers = f"{point_title(diagnostics.point)} jerk in m/s³: {told}{ending}."
-    return Verdict(numbers, " ".join([*_claim(jerk, names), *_needed(jerk)]))
+    sentences = [*_claim(jerk, names), *_worse(jerk, names), *_needed(jerk)]
+    return Verdict(numbers, " ".join(sentences))
 
 
 def short_names(systems: Iterable[str]) -> dict[str, str]:
@@ -73,6 +76,13 @@ def _claim(jerk: Mapping[str, Samples], names: Mapping[str, str]) -> list[str]:
         for is_shown in (True, False)
     )
     return [f"On this clip the paper's claim, that {CLAIM}, shows with {yes}, not with {no}."]
+
+
+def _worse(jerk: Mapping[str, Samples], names: Mapping[str, str]) -> list[str]:
+    """Whether all constraints together jerk more than none of them."""
+    if not {PLAIN, FULL} <= jerk.keys() or not _is_less(jerk[FULL], jerk[PLAIN]):
+        return []
+    return [f"Here {names[FULL]} jerks more than {names[PLAIN]}: its constraints did not help."]
 
 
 def _is_less(local: Samples, other: Samples) -> bool:

@@ -3,6 +3,8 @@ does a run."""
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import gradio as gr
 
 from app import text
@@ -101,7 +103,8 @@ def build_app(
             _await_example(page, form, results, first_look)
         _wire(page, form, results, runner, videos)
         places = {"generate": results, "own_motion": own_results}
-        opening = Opening(kept, config.keep_results_s, tabs, places, first_look)
+        named = dict(zip([field.name for field in fields(Form)], form.fields, strict=True))
+        opening = Opening(kept, config.keep_results_s, tabs, places, first_look, named)
         page.load(
             opening.opened, outputs=opening.outputs, queue=False, api_visibility="private",
             show_progress="hidden",

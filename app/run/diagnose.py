@@ -183,8 +183,8 @@ def _diagnose(
             notes += [n for n in body.notes(body_motion(motion)) if n not in notes]
         if len(shown) < len(read.all) and not request.shown:
             notes.append(
-                f"The figures show the first {MAX_COMPARED} motions; say which with --show, or on"
-                " the page."
+                f"The figures show the first {MAX_COMPARED} motions; say which they are to show"
+                " (--show)."
             )
         said, notes_of_words = words.found(lambda: on_progress(1.0))
         notes += notes_of_words

@@ -8,6 +8,7 @@ from playwright.sync_api import Page, Position, expect
 
 from app import text
 from app.page.tabs.own_motion import TAB
+from app.run.planted import PLANTS, planted_files
 from model.motion.motion import save_motion
 from tests.browser.conftest import PATIENCE_MS, in_every_look, show_videos
 from tests.helpers import smooth_motion_example
@@ -119,3 +120,41 @@ def test_two_files_of_ones_own_are_measured_and_drawn(
     canvas.press("Home")
     expect(back).not_to_be_visible()
     other.context.close()
+
+
+def test_the_gravest_findings_stand_beside_the_stage_and_lead_to_their_moment(
+    visit: Callable[..., Page], tmp_path: Path
+) -> None:
+    paths, *_ = planted_files(tmp_path / "planted")
+    page = visit()
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    page.get_by_role("tab", name=TAB).click()
+    page.locator("#own-videos input").uncheck()
+    page.set_input_files("#own-motions input[type=file]", paths[list(PLANTS).index("sliding feet")])
+    expect(page.locator("#own-motions")).to_contain_text("sliding")
+    page.get_by_role("button", name="Measure and compare").click()
+    player = page.locator("#own-player")
+    gravest = player.locator(".gravest li").first
+    expect(gravest).to_contain_text("Feet on the ground slide", timeout=3 * PATIENCE_MS)
+    page.wait_for_function("document.querySelector('#own-player .stage').dataset.bodies === '1'")
+
+    # A click goes there: of the sentence's button, and of its flag on the time line.
+    at = "document.querySelector('#own-player .lockstep').lockstep.time"
+    gravest.get_by_role("button").click()
+    worst_s = page.evaluate(at)
+    assert worst_s > 0 and gravest.get_by_role("button").inner_text().startswith("Show 0:")
+    page.evaluate("document.querySelector('#own-player .lockstep').lockstep.seekFrame(0)")
+    player.locator(".lane .flag").first.click()
+    assert page.evaluate(at) == worst_s
+
+    # A link shows the same moment of this run, though no display is switched.
+    player.locator(".controls .more").click()
+    player.get_by_role("button", name="Copy link to this picture").click()
+    link = page.evaluate("navigator.clipboard.readText()")
+    other = visit()
+    other.goto(link)
+    expect(other.locator("#own-player .gravest li").first).to_contain_text("Feet on the ground")
+    other.wait_for_function(
+        "at => Math.abs(document.querySelector('#own-player .lockstep').lockstep.time - at) < 0.05",
+        arg=worst_s,
+    )

@@ -51,6 +51,13 @@ class Catalogue:
         return [(label, name) for name, label in short_names(self.systems).items()]
 
 
+def about_systems(systems: Sequence[str]) -> dict[str, str]:
+    """What each is, in a sentence, by the name that a form shows."""
+    return {
+        label: family_of(name).about.get(name, "") for name, label in short_names(systems).items()
+    }
+
+
 def read_catalogue(weights: Path, examples: tuple[Example, ...] = ()) -> Catalogue:
     """Systems and speakers from the cards beside the weights in ``weights``.
 

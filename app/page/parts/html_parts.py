@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import gradio as gr
@@ -15,6 +16,22 @@ def mount(module: str, function: str) -> str:
     return (
         f'import(new URL("web/{module}", document.baseURI))'
         f".then(({{ {function} }}) => {function}(element, props, watch));"
+    )
+
+
+def tell_chips(field: str, about: Mapping[str, str]) -> None:
+    """Have the choices of a field say what they are when a pointer rests on them.
+
+    Args:
+        field: its id on the page.
+        about: a sentence for each label.
+    """
+    gr.HTML(
+        {"field": field, "about": dict(about)},
+        html_template="",
+        js_on_load=mount("chips.js", "mountChips"),
+        apply_default_css=False,
+        elem_classes="told-elsewhere",
     )
 
 

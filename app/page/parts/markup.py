@@ -102,8 +102,19 @@ def verdict(numbers: str, judgement: str) -> str:
     return f'<div class="verdict"><b>{explained(numbers)}</b>{below}</div>'
 
 
+def notes_folded(notes: Sequence[str]) -> str:
+    """What was done to the input, or is left out, in a run that went well; opened on a click."""
+    if not notes:
+        return ""
+    items = "".join(f"<p>{escape(note)}</p>" for note in notes)
+    return (
+        '<div class="message note folded" role="note"><details>'
+        f"<summary>{escape(text.NOTES_TITLE)} ({len(notes)})</summary>{items}</details></div>"
+    )
+
+
 def notes_message(notes: Sequence[str]) -> str:
-    """What was done to the input, or is left out, in a run that went well."""
+    """What a page that has just been opened has to say."""
     if not notes:
         return ""
     items = "".join(f"<p>{escape(note)}</p>" for note in notes)

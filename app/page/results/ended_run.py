@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import gradio as gr
 
+from app.errors import page_sentence
 from app.page.parts import markup
 from app.page.parts.html_parts import shown
 from app.page.results.figures_shown import FiguresShown
@@ -42,6 +43,8 @@ class EndedRun:
     figures: FiguresShown
     bundle: Path
     files: tuple[Path, ...]
+    form: Mapping[str, Any] = field(default_factory=dict)
+    """Values of the form that asked for it, by field, as far as whoever opens it may have them."""
 
     def updates(self, parts: ResultParts, *, begins: bool = False) -> Updates:
         """For the browser that asked for it.
@@ -54,7 +57,7 @@ class EndedRun:
             player = self.showing.value(is_over=True) | {"begins": begins}
         return {
             parts.status: markup.sentence_status(self.line),
-            parts.message: shown(markup.notes_message(self.notes)),
+            parts.message: shown(markup.notes_folded([page_sentence(note) for note in self.notes])),
             parts.verdict: shown(self.verdict),
             parts.player: player,
             parts.figures: shown(self.figures.html(self.diagnostics)),

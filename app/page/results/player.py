@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from app.findings.ranking import GRAVEST
 from app.findings.verdict import short_names
 from app.live.wire import MAX_FRAMES, frames_message
 from app.page.results.timeline import (
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from app.run.diagnose import DiagnoseRequest
+    from model.measures.faults.finding import Finding
     from model.motion.motion import Motion
 
 NOTHING: dict[str, Any] = {}
@@ -112,6 +114,8 @@ class Showing:
         self._files: dict[str, dict[str, Path]] = {name: {} for name in names}
         self.is_drawn = True
         """Whether each row will have a video."""
+        self.findings: list[dict[str, Any]] = []
+        """What stands beside the stage, as `gravest_of` gives it."""
         self._sound: Future[Path] | None = None
         self._timeline: Future[Path] | None = None
         self._urls: dict[Path, str] = {}
@@ -208,6 +212,7 @@ class Showing:
             "rows": rows,
             "layout": self._layout,
             "begins": not is_over,
+            "findings": self.findings,
             **beside,
         }
 
@@ -273,6 +278,17 @@ def noise_of(name: str) -> str | None:
     family, slash, rest = name.partition("/")
     _, is_later, sample = rest.rpartition(".s")
     return f"{family} {sample if is_later else 1}" if slash else None
+
+
+def gravest_of(findings: Mapping[str, Sequence[Finding]]) -> list[dict[str, Any]]:
+    """The few gravest of all motions: ``name`` of the motion, ``sentence``, and ``at``, the second
+    at which it is worst, or None."""
+    from model.measures.faults.finding import ranked
+
+    return [
+        {"name": name, "sentence": finding.sentence, "at": finding.worst_s}
+        for name, finding in ranked(findings)[:GRAVEST]
+    ]
 
 
 def picture_layout(

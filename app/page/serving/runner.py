@@ -73,7 +73,8 @@ class TabRunner(ABC, Generic[Result]):
         except Exception as error:
             sentence = visitor_sentence(error)
             yield self.stopped(markup.sentence_status(text.STOPPED), markup.error_message(sentence))
-            raise gr.Error(sentence, print_exception=False) from error
+            # For programs: the page has told it where it belongs, and tells it once.
+            raise gr.Error(sentence, visible=False, print_exception=False) from error
         finally:
             if job is not None:
                 self._jobs.close(job)

@@ -15,7 +15,14 @@ import gradio as gr
 from app import text
 from app.config import AppConfig
 from app.page.parts import markup
-from app.page.parts.catalogue import Catalogue, Example, default_systems, point_choices
+from app.page.parts.catalogue import (
+    Catalogue,
+    Example,
+    about_systems,
+    default_systems,
+    point_choices,
+)
+from app.page.parts.html_parts import tell_chips
 from app.page.parts.strength import USUAL, strength_choices
 from app.page.tabs.generate_form import SEED_LIMIT
 from app.page.tabs.upload_check import UploadCheck
@@ -60,6 +67,7 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
         info=text.SYSTEMS_HELP,
         elem_id="systems",
     )
+    tell_chips("systems", about_systems(catalogue.systems))
     gr.HTML(markup.step(3, text.STEP_SETTINGS))
     with gr.Row(elem_classes="pair"):
         speaker = gr.Dropdown(
@@ -122,11 +130,13 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
         )
         point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
         start_frame = gr.Number(value=0, minimum=0, label=text.START_LABEL, elem_id="start-frame")
+    reason = check.reason()
     with gr.Row(elem_classes="actions"):
         start = gr.Button(text.GENERATE, variant="primary", size="lg", elem_id="generate")
         cancel = gr.Button(
             text.CANCEL, variant="secondary", size="lg", visible=False, elem_id="cancel", scale=0
         )
+    check.guard(start, reason)
     fields = (
         *(speech, systems, speaker, seed, samples, steps, sampler, is_smoothed, reference),
         *(point, start_frame, transcript, body_steps, face_steps),

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 from app import text
 from app.config import AppConfig
@@ -94,7 +96,10 @@ def request_from_form(
     if count > PAGE_VIDEOS:
         raise RunError(
             text.TOO_MANY_VIDEOS.format(
-                systems=len(systems), samples=samples, count=count, limit=PAGE_VIDEOS
+                systems=_counted(len(systems), "system"),
+                samples=_counted(samples, "sample"),
+                count=count,
+                limit=PAGE_VIDEOS,
             )
         )
     apart = [name for name in systems if name in catalogue.with_face_steps]
@@ -127,6 +132,25 @@ def request_from_form(
     )
     check_request(request)
     return request
+
+
+def kept_values(form: Form, folder: Path) -> dict[str, Any]:
+    """What fills the form in again where the run's link is opened: all but files that a run does
+    not show. The speech stays in the run's folder, under its own name."""
+    values = {field.name: getattr(form, field.name) for field in fields(form)}
+    for name in ("speech", "reference", "transcript"):
+        del values[name]
+    if form.speech:
+        beside = folder / "form"
+        beside.mkdir(exist_ok=True)
+        speech = beside / Path(form.speech).name
+        shutil.copyfile(form.speech, speech)
+        values["speech"] = str(speech)
+    return values
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
 def _steps(form: Form, body_steps: int, systems: tuple[str, ...], catalogue: Catalogue) -> Steps:

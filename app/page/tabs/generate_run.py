@@ -27,7 +27,7 @@ from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.runner import TabRunner, Updates
 from app.page.tabs.generate import FormParts
-from app.page.tabs.generate_form import Form, request_from_form, row_names
+from app.page.tabs.generate_form import Form, kept_values, request_from_form, row_names
 from app.page.tabs.videos_behind import VideosBehind, Wanted
 from app.run.pictures.behind import VideosRequest
 from app.run.pictures.own_videos import VideoOptions
@@ -125,7 +125,12 @@ class GenerateRunner(TabRunner[GenerateResult]):
             cookie=cookie,
             at_the_end=self._buttons(is_running=False),
             videos=self._videos,
+            form=self._kept_values(job, values),
         )
+
+    def _kept_values(self, job: Job, values: tuple[Any, ...]) -> dict[str, Any]:
+        """Of the tab's own form; others fill in none."""
+        return kept_values(form_of(Form, values), job.folder) if self._videos is not None else {}
 
     def _showing(self, asked: GenerateRequest, job: Job, cookie: str, said: Transcript) -> Showing:
         showing = Showing.of_run(asked, row_names(asked), job.folder, self._desk, cookie, said)
@@ -189,6 +194,7 @@ class _Work:
     cookie: str
     at_the_end: Updates
     videos: VideosBehind | None
+    form: dict[str, Any]
     view: RunView = field(default_factory=RunView)
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> GenerateResult:
@@ -244,6 +250,7 @@ class _Work:
             figures=self.figures,
             bundle=zip_files(result.files, self.job.folder / "co-speech-motion.zip"),
             files=result.files,
+            form=self.form,
         )
 
 

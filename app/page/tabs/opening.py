@@ -29,22 +29,26 @@ class Opening:
         tabs: gr.Tabs,
         places: Mapping[str, ResultParts],
         first_look: FirstLookDesk | None,
+        form: Mapping[str, Any],
     ) -> None:
         """
         Args:
             keep_s: for as long runs are kept; only to be told.
             places: by the id of a tab where it shows results; the first is that of all runs whose
                 own tab is not among them.
+            form: fields of the first tab's form by name, to be filled in as the run was asked for.
         """
         self._kept = kept
         self._keep_s = keep_s
         self._tabs = tabs
         self._places = places
         self._first_look = first_look
+        self._form = form
 
     @property
     def outputs(self) -> list[Any]:
-        return [self._tabs, *(part for parts in self._places.values() for part in parts.all)]
+        parts = [part for parts in self._places.values() for part in parts.all]
+        return [self._tabs, *parts, *self._form.values()]
 
     def opened(self, request: gr.Request) -> Updates:
         cookie = cookie_of(request)
@@ -79,5 +83,6 @@ class Opening:
             **run.run.for_visitor(cookie).updates(parts),
             parts.runs: shown(self._kept.html(cookie, run)),
             parts.empty: gr.update(visible=False),
+            **{self._form[name]: gr.update(value=value) for name, value in run.run.form.items()},
             self._tabs: gr.Tabs(selected=tab),
         }

@@ -155,9 +155,11 @@ def _build_form(check: UploadCheck) -> FormParts:
         with gr.Row(elem_classes="pair"):
             window = gr.Number(value=None, minimum=0, label="Frames of a window")
             overlap = gr.Number(value=None, minimum=0, label="Shared by two")
+    reason = check.reason()
     with gr.Row(elem_classes="actions"):
         start = gr.Button("Measure and compare", variant="primary", elem_id="own-start")
         cancel = gr.Button(text.CANCEL, elem_id="own-cancel", min_width=110)
+    check.guard(start, reason)
     fields = [motions, reference, speech, point, start_frame, window, overlap, shown]
     fields += [has_videos, transcript, has_words]
     return FormParts(fields, start, cancel, planted, [motions, reference, speech, transcript])

@@ -19,7 +19,7 @@ from app.page.parts.html_parts import shown
 from app.page.results.ended_run import EndedRun, sha256_of
 from app.page.results.figures_shown import FiguresShown
 from app.page.results.kept_runs import KeptRuns
-from app.page.results.player import NOTHING, Showing, own_writers, picture_layout
+from app.page.results.player import NOTHING, Showing, gravest_of, own_writers, picture_layout
 from app.page.results.result_parts import ResultParts
 from app.page.results.settings import settings_of_own
 from app.page.serving.follow import last_share
@@ -275,6 +275,7 @@ class _Work:
     def _ended(self, result: Diagnosis) -> EndedRun:
         self.figures.take_files(result.files)
         self.showing.add_words(result.said)
+        self.showing.findings = gravest_of(result.diagnostics.findings)
         count = len(result.diagnostics.systems)
         line = MEASURED.format(motions=f"{count} motion{'s' if count > 1 else ''}")
         return EndedRun(

@@ -9,6 +9,7 @@ from typing import Any
 
 import gradio as gr
 
+from app import text
 from app.errors import RunError, visitor_sentence
 from app.page.parts import markup
 from app.page.parts.html_parts import shown
@@ -25,6 +26,7 @@ class UploadCheck:
     def __init__(self, refuse: Refuse, max_speech_s: float) -> None:
         self._refuse = refuse
         self._max_speech_s = max_speech_s
+        self._refusals: list[gr.HTML] = []
 
     def file(
         self, kind: UploadKind, label: str, file_types: list[str], elem_id: str, **options: Any
@@ -40,9 +42,30 @@ class UploadCheck:
         """Say under a field why what was put there cannot be used; called right after the field."""
         name = f"{field.elem_id}-refusal" if field.elem_id else None
         refusal = gr.HTML("", visible=False, elem_id=name)
+        self._refusals.append(refusal)
         field.change(
             lambda value: self._told(kind, value), field, refusal,
             api_visibility="private", show_progress="hidden", concurrency_limit=4,
+        )  # fmt: skip
+
+    @staticmethod
+    def reason() -> gr.HTML:
+        """Where it is said why a button is disabled."""
+        return gr.HTML("", visible=False)
+
+    def guard(self, button: gr.Button, reason: gr.HTML) -> None:
+        """Disable the button of a form while a file in one of its fields cannot be used: of those
+        that are watched since the last form."""
+        refusals, self._refusals = self._refusals, []
+
+        def held(*sentences: str) -> tuple[Any, Any]:
+            is_held = any(sentences)
+            why = markup.refusal(text.UNUSABLE) if is_held else ""
+            return gr.update(interactive=not is_held), shown(why)
+
+        gr.on(
+            [refusal.change for refusal in refusals], held, refusals, [button, reason],
+            api_visibility="private", show_progress="hidden", queue=False,
         )  # fmt: skip
 
     def _told(self, kind: UploadKind, value: str | list[str] | None) -> Any:

@@ -2,6 +2,7 @@
 
 import { make } from "./dom.js";
 import { currentFilter, followFilter, wireSwitch } from "./filter_switch.js";
+import { goTo as goToMoment } from "./player/findings.js";
 
 const ORDERS = ["ascending", "descending", null]; // one after the other with each click
 
@@ -20,9 +21,7 @@ export function mountMeasures(element, props, watch) {
 function goTo(button, root) {
   const player = root.closest("[role=tabpanel]")?.querySelector(".lockstep:not([hidden])");
   if (!player) return;
-  player.lockstep.pause();
-  player.lockstep.setLoop(null);
-  player.lockstep.seek(Number(button.dataset.at));
+  goToMoment(player.lockstep, Number(button.dataset.at));
   player.scrollIntoView({ block: "nearest", behavior: "smooth" });
 }
 

@@ -3,22 +3,13 @@
  * of them that are ticked, which the form opens beside each other.
  */
 
-const COPIED_MS = 2000;
+import { copyBy } from "./clipboard.js";
 
 /** Called by Gradio's component; `watch` tells of new values. */
 export function mountRuns(element, props, watch) {
-  element.addEventListener("click", async ({ target }) => {
+  element.addEventListener("click", ({ target }) => {
     const button = target.closest(".link button");
-    if (!button) return;
-    const { href } = element.querySelector(".link a");
-    const words = button.textContent;
-    try {
-      await navigator.clipboard.writeText(href);
-      button.textContent = "Copied";
-      setTimeout(() => (button.textContent = words), COPIED_MS);
-    } catch {
-      prompt(words, href); // a page without https may not write there
-    }
+    if (button) copyBy(button, element.querySelector(".link a").href);
   });
   const tick = () => {
     const button = element.querySelector("form button");

@@ -27,7 +27,8 @@ def test_the_issue_s_own_example() -> None:
     )
     assert verdict.judgement.startswith(
         "On this clip the paper's claim, that global rotations jerk less than local ones, does not "
-        "show. This is one clip, one sample and one training of each"
+        "show. Here full jerks more than global: its constraints did not help. "
+        "This is one clip, one sample and one training of each"
     )
     assert "10 clips or more" in verdict.text and "several seeds" in verdict.text
 
@@ -82,3 +83,11 @@ def test_without_jerk_there_is_no_verdict() -> None:
 
 def test_names_that_two_families_share_stay_whole() -> None:
     assert short_names(["a/x", "b/x", "b/y"]) == {"a/x": "a/x", "b/x": "b/x", "b/y": "y"}
+
+
+@pytest.mark.parametrize(("full", "is_worse"), [(100.0, False), (104.0, False), (112.0, True)])
+def test_full_is_said_to_be_worse_than_global_where_it_clearly_is(
+    full: float, is_worse: bool
+) -> None:
+    verdict = said(globaldiff_global=100, globaldiff_full=full)
+    assert verdict is not None and ("jerks more than global" in verdict.text) == is_worse

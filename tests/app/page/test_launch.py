@@ -165,7 +165,7 @@ def test_a_run_ends_with_every_file(client: Client, speech: Path) -> None:
     assert "37 frames" in status
     files = next(part for part in result if isinstance(part, list) and len(part) > 5)
     names = {Path(str(file)).name for file in files}
-    assert {"globaldiff-global.npz", "comparison.mp4", "figure6.png"} <= names
+    assert {"globaldiff-global.npz", "diagnostics.csv", "figure6.png"} <= names
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,9 @@ import { Address } from "../stage/address.js";
 import { Look } from "../stage/look.js";
 import { More } from "../stage/more.js";
 import { Stage } from "../stage/stage.js";
+import { copyBy } from "../clipboard.js";
 import { Controls } from "./controls.js";
+import { Findings } from "./findings.js";
 import { Lockstep } from "./lockstep.js";
 import { Tiles } from "./tiles.js";
 import { Timeline } from "./timeline.js";
@@ -46,14 +48,16 @@ class Player {
       this.#why.hidden = false; // no WebGL here
     }
     const orbit = this.#stage?.orbit;
-    if (orbit) this.#more = new More(this.#look, orbit, { Videos: () => this.#showVideos(true) });
+    if (orbit) this.#more = new More(this.#look, orbit, { Videos: () => this.#showVideos(true), "Copy link to this picture": ({ currentTarget }) => this.#copyLink(currentTarget) });
     const more = this.#more?.element ?? make("div", { hidden: true });
     this.controls = new Controls(this.#lockstep, this.#stage ?? this.#tiles, this.#audio, this.#look, more);
     this.timeline = new Timeline(this.#lockstep);
     this.timeline.bar.append(this.controls.worst.line);
     this.toStage = make("button", { type: "button", class: "to-stage", hidden: true, onclick: () => this.#showVideos(false) }, "Back to the stage");
     this.fold = make("button", { type: "button", class: "fold", hidden: true, onclick: () => this.#foldForm(!this.#isFolded) });
-    const parts = [this.fold, this.#why, this.#stage?.element ?? "", this.toStage, this.#tiles.element, this.controls.element, more, this.timeline.element, this.#audio];
+    this.findings = new Findings(this.#lockstep);
+    const seen = make("div", { class: "seen" }, this.#stage?.element ?? "", this.findings.element);
+    const parts = [this.fold, this.#why, seen, this.toStage, this.#tiles.element, this.controls.element, more, this.timeline.element, this.#audio];
     root.replaceChildren(...parts);
     root.classList.toggle("staged", this.#stage !== null);
     root.addEventListener("click", ({ detail, target }) => {
@@ -99,6 +103,14 @@ class Player {
     player.addEventListener("state", note);
   }
 
+  /** The address of the run itself, with what is seen of it now. */
+  #copyLink(button) {
+    const run = this.#root.closest("[role=tabpanel]")?.querySelector(".runs .link a");
+    const url = new URL(run?.href ?? location.href);
+    url.hash = this.#address.text;
+    return copyBy(button, url.href);
+  }
+
   /** How bodies are compared has changed. */
   #changed() {
     this.controls?.update();
@@ -111,7 +123,7 @@ class Player {
 
   /** Show a run as far as it has come; nothing where there is none. */
   show(value) {
-    const { run = null, rows = [], audio = null, timeline = null, plays = false, begins = false, paired = false } = value;
+    const { run = null, rows = [], audio = null, timeline = null, plays = false, begins = false, paired = false, findings = [] } = value;
     if (run !== this.#run) this.#clear(run);
     this.#value = value;
     const isWorthIt = rows.some((row) => row.motion || row.video);
@@ -129,6 +141,8 @@ class Player {
     if (!this.fold.hidden && isFirst) this.#foldForm(rows.length >= CROWD);
     this.#stage?.show(rows);
     this.#showRows();
+    this.findings.show(findings, rows);
+    this.timeline.mark(findings);
     this.controls.update();
     if (hasSound) this.#begin(plays, begins);
     if (timeline && timeline !== this.#timelineUrl) this.#loadTimeline(timeline, rows);
@@ -216,6 +230,7 @@ class Player {
     if (this.#stage) this.controls.steer(this.#stage);
     this.#lockstep.clear();
     this.timeline.clear();
+    this.findings.clear();
     this.controls.worst.set([]);
   }
 

@@ -1,7 +1,8 @@
 /** Speech, onsets, words, gestures and the fingertip of each motion over time, under one cursor. */
 
-import { make, nameOf } from "../dom.js";
+import { clockText, make, nameOf } from "../dom.js";
 import { currentFilter, followFilter, wireSwitch } from "../filter_switch.js";
+import { goTo } from "./findings.js";
 import { FPS } from "./lockstep.js";
 
 const CURVES = {
@@ -24,6 +25,7 @@ export class Timeline {
   #data = null;
   #rows = [];
   #lanes = new Map(); // name -> { canvas, value, curve }
+  #marks = []; // findings
   #tiers = []; // each a lane's box, and [start, end, label] of what stands in it
   #curve = "jerk_m_s3";
   #unfollow;
@@ -115,7 +117,28 @@ export class Timeline {
     this.#showLoop();
   }
 
+  /** Flags where findings are worst, on the lane of their motion. */
+  mark(findings) {
+    this.#marks = findings.filter(({ at }) => at !== null);
+    this.#placeMarks();
+  }
+
+  #placeMarks() {
+    for (const flag of this.lanes.querySelectorAll(".flag")) flag.remove();
+    if (!this.#data) return;
+    for (const { name, sentence, at } of this.#marks) {
+      const share = this.#share(at);
+      const plot = this.#lanes.get(name)?.canvas.parentElement;
+      if (!plot || share < 0 || share > 1) continue;
+      const label = `${clockText(at)}: ${sentence}`;
+      const flag = make("button", { type: "button", class: "flag", title: label, "aria-label": label, onclick: () => goTo(this.#player, at), onpointerdown: (event) => event.stopPropagation() });
+      flag.style.left = `${100 * share}%`;
+      plot.append(flag);
+    }
+  }
+
   clear() {
+    this.#marks = [];
     this.#observer.disconnect();
     this.#data = null;
     this.#lanes.clear();
@@ -205,6 +228,7 @@ export class Timeline {
     this.whole.disabled = this.#isWhole;
     if (this.#data.peaks.length) drawWave(this.wave, this.#data, (seconds) => this.#share(seconds));
     this.#placeTiers();
+    this.#placeMarks();
     const known = this.#rows.map(({ name }) => this.#curveOf(name)).filter(Boolean);
     const highest = known.reduce((most, { values }) => values.reduce((a, b) => Math.max(a, b), most), 0);
     const { unit, digits } = CURVES[this.#curve];

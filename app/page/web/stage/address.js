@@ -31,10 +31,15 @@ export class Address {
     clearTimeout(this.#timer);
   }
 
-  #write() {
+  /** What is seen now, also where all is as usual. */
+  get text() {
     const params = new URLSearchParams();
     for (const part of this.#parts) part.write(params);
-    const hash = params.size ? `#${MARK}&${params}` : "";
+    return params.size ? `#${MARK}&${params}` : "";
+  }
+
+  #write() {
+    const hash = this.text;
     if (hash === location.hash || (!hash && !location.hash.startsWith(`#${MARK}`))) return;
     history.replaceState(history.state, "", location.pathname + location.search + hash);
   }

@@ -109,8 +109,8 @@ export class Stage {
       onkeydown: (event) => this.#keyWipe(event),
     });
     this.back = make("button", { type: "button", class: "stage-back", hidden: true, onclick: () => this.orbit.reset() }, "Back to the front");
-    this.view = make("div", { class: "stage-view" }, this.#canvas, this.#labels, this.#handle, this.#notice, this.#legend, this.#caption, this.back, this.#said);
-    this.element = make("div", { class: "stage" }, this.view, this.#ghostLegend);
+    this.view = make("div", { class: "stage-view" }, this.#canvas, this.#labels, this.#handle, this.#notice, this.#caption, this.back, this.#said);
+    this.element = make("div", { class: "stage" }, this.view, this.#legend, this.#ghostLegend);
     this.#letGo = this.orbit.hold(this.#canvas, (event) => event.pointerType === "touch" && this.#isNarrow);
     this.orbit.addEventListener("change", () => {
       this.back.hidden = !this.orbit.isMoved;
@@ -364,7 +364,7 @@ export class Stage {
       const label = isLarge ? "Show all again" : `Enlarge ${row.label ?? row.name}`;
       tools.append(make("button", { type: "button", class: "enlarge", title: label, "aria-label": label, "aria-pressed": String(isLarge), onclick: () => this.enlarge(row.name) }, icon("large")));
     }
-    const tag = make("div", { class: `stage-tag${wide < 150 ? " tight" : ""}`, "data-name": row.name }, make("header", {}, swatch, nameOf(row), tools));
+    const tag = make("div", { class: `stage-tag${wide < 200 ? " tight" : ""}`, "data-name": row.name }, make("header", {}, swatch, nameOf(row), tools));
     tag.style.setProperty("--series", row.is_reference ? "#1b2733" : row.color);
     if (this.#isNarrow && !this.#large) tag.querySelector("header").append(make("small", {}, `${this.#at + 1} of ${this.#rows.size}: swipe`));
     if (!shown) tag.append(make("p", { class: "coming" }, row.motion && !row.frames ? "no motion to be shown here" : row.frames ? "coming" : "being made"));

@@ -4,11 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from app.page.results.player import Showing, picture_layout, write_timeline
+from app.page.results.player import Showing, gravest_of, picture_layout, write_timeline
 from app.page.results.timeline import point_curves
 from app.page.serving.media import MediaDesk
 from app.run.pictures.followed_point import choose_tip_source
 from app.run.request import Artefact, GenerateRequest
+from model.measures.faults.finding import MEASURED, SEEN, WRONG, Finding
 from model.motion.motion import first_frames, load_motion, save_motion
 from model.speech.transcript import GestureTier, Interval, Transcript, Word
 from renderer.body.body import load_body
@@ -123,3 +124,19 @@ def test_with_a_licensed_body_the_time_line_follows_its_vertex_as_the_numbers_do
     assert curves["a"]["raw"] != point_curves(rigid.track(motion))
     recorded = first_frames(load_motion(asked.reference), 37)
     assert curves["reference"]["raw"] == point_curves(vertex.track(recorded))
+
+
+def test_the_gravest_findings_come_first_each_with_its_second() -> None:
+    findings = {
+        "a": [Finding("seam", "It jumps.", {}, excess=3.0, worst_frame=45, gravity=SEEN)],
+        "b": [
+            Finding("still", "It stands.", {}, gravity=MEASURED),
+            Finding("through", "A hand is in the chest.", {}, gravity=WRONG),
+            Finding("noise", "It trembles.", {}, excess=9.0, gravity=SEEN),
+        ],
+    }
+    assert gravest_of(findings) == [
+        {"name": "b", "sentence": "A hand is in the chest.", "at": None},
+        {"name": "b", "sentence": "It trembles.", "at": None},
+        {"name": "a", "sentence": "It jumps.", "at": 1.5},
+    ]

@@ -5,7 +5,7 @@ import pytest
 
 from app.config import AppConfig
 from app.errors import RunError
-from app.page.tabs.generate_form import Form, request_from_form, row_names
+from app.page.tabs.generate_form import Form, kept_values, request_from_form, row_names
 from app.run.display import Display
 from app.run.request import GenerateRequest
 from tests.app import fakes
@@ -76,7 +76,7 @@ def test_every_field_of_the_form_reaches_the_run() -> None:
         ({"seed": 1.5}, "got 1.5"),
         ({"seed": 2**31}, "got 2147483648"),
         ({"samples": 0}, "from 1 to 8; got 0"),
-        ({"samples": 7}, "15 videos"),
+        ({"samples": 7}, "2 systems with 7 samples of each make 15 bodies"),
         ({"steps": "0"}, "must be 1 to 1000; got 0"),
         ({"steps": "many"}, "Steps are a number, or numbers by system"),
         ({"steps": "globaldiff/global=5,7"}, "Steps are a number, or numbers by system"),
@@ -113,3 +113,18 @@ def test_the_strength_of_the_speech_is_each_systems_usual_one_or_what_is_chosen(
     assert read(replace(FORM, guidance=1.0)).guidance == 1.0
     with pytest.raises(RunError, match="0 to 10; got 11"):
         read(replace(FORM, guidance=11.0))
+
+
+def test_what_fills_the_form_in_again_is_all_but_files_that_a_run_does_not_show(
+    tmp_path: Path,
+) -> None:
+    speech = tmp_path / "three reasons.wav"
+    speech.write_bytes(b"RIFF")
+    job = tmp_path / "job"
+    job.mkdir()
+    kept = kept_values(replace(FORM, speech=str(speech)), job)
+    again = Path(kept.pop("speech"))
+    assert again.name == speech.name and job in again.parents and again.read_bytes() == b"RIFF"
+    again_asked = replace(FORM, reference=None, transcript=None)
+    assert replace(Form(**{**kept, **dict.fromkeys(("speech", "reference", "transcript"))}),
+                   speech=FORM.speech) == again_asked  # fmt: skip

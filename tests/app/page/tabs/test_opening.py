@@ -32,9 +32,17 @@ def places() -> dict[str, ResultParts]:
 
 
 @pytest.fixture
-def opening(runs: KeptRuns, places: dict[str, ResultParts]) -> Opening:
+def fields() -> dict[str, gr.Number]:
     with gr.Blocks():
-        return Opening(runs, HOUR_S, gr.Tabs(), places, None)
+        return {"seed": gr.Number(0), "samples": gr.Number(1)}
+
+
+@pytest.fixture
+def opening(
+    runs: KeptRuns, places: dict[str, ResultParts], fields: dict[str, gr.Number]
+) -> Opening:
+    with gr.Blocks():
+        return Opening(runs, HOUR_S, gr.Tabs(), places, None, fields)
 
 
 def opened(opening: Opening, cookie: str = "", *tokens: str) -> Updates:
@@ -94,3 +102,12 @@ def test_of_a_run_that_is_gone_a_sentence_says_so(
     updates = opened(opening, "mine", run.token)
     assert "deleted after 60 minutes" in updates[places["generate"].message]["value"]
     assert places["generate"].status not in updates
+
+
+def test_a_link_fills_in_the_form_that_asked_for_the_run(
+    opening: Opening, runs: KeptRuns, fields: dict[str, gr.Number], tmp_path: Path
+) -> None:
+    run = keep(runs, tmp_path / "job", "mine", ended_run(tmp_path, form={"seed": 7}))
+    updates = opened(opening, "of a stranger", run.token)
+    assert updates[fields["seed"]]["value"] == 7 and fields["samples"] not in updates
+    assert set(fields.values()) <= set(opening.outputs)
