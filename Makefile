@@ -1,6 +1,6 @@
 # make demo    set everything up and open the page on http://127.0.0.1:7860
 # make test    set everything up and pass the checks and tests
-# make check   the quick part of it: style, types, import rules
+# make check   the quick part of it: style, types, import rules, the page's JavaScript
 # make bench   milliseconds per frame by stage, against the naive loops: a table and bench.json
 # make fuzz    an hour of damaged files and wild requests (make test gives it a minute)
 # make soak    half an hour of four visitors at once: memory and files; then twenty and an attacker;
@@ -35,6 +35,7 @@ check: .venv/.test-ready
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 	$(BIN)/lint-imports
+	@.ci/javascript
 
 test: check
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
@@ -62,4 +63,4 @@ sbom: .venv/.run-ready .venv/.test-ready
 	$(BIN)/cyclonedx-py requirements locks/run.txt --output-reproducible -o sbom.json
 
 clean:
-	rm -rf .venv .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf .venv tests/javascript/node_modules .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -1,5 +1,6 @@
 """What is installed is what was looked at: locks with hashes, one source for each file."""
 
+import json
 import re
 import subprocess
 
@@ -88,3 +89,14 @@ def test_git_ignores_what_runs_leave() -> None:
     if hidden.returncode == 128:
         pytest.skip("this is no checkout of git")
     assert hidden.stdout.split() == left
+
+
+def test_what_checks_the_javascript_is_locked_too() -> None:
+    folder = ROOT / "tests" / "javascript"
+    asked = json.loads((folder / "package.json").read_text())["devDependencies"]
+    packages = json.loads((folder / "package-lock.json").read_text())["packages"]
+    locked = {name: told for name, told in packages.items() if name}
+    assert {name: locked[f"node_modules/{name}"]["version"] for name in asked} == asked
+    for name, told in locked.items():
+        assert told["integrity"].startswith("sha512-"), name
+        assert told.get("dev"), f"{name} is no part of the program"

@@ -10,11 +10,12 @@ const SETTLED_MS = 10_000;
 export function reveal(id) {
   const place = () => {
     const element = document.getElementById(id);
-    return element?.closest(".results") ?? element;
+    return /** @type {HTMLElement} */ (element?.closest(".results")) ?? element;
   };
   const isSeen = (top) => top >= 0 && top < innerHeight / 2;
   const isStill = matchMedia("(prefers-reduced-motion: reduce)").matches;
   let before = null;
+  /** @type {ScrollBehavior} */
   let behavior = isStill ? "auto" : "smooth";
   const look = () => {
     const results = place();
@@ -32,8 +33,9 @@ export function reveal(id) {
     clearInterval(timer);
     acted.abort();
   };
-  for (const act of ["wheel", "touchstart", "pointerdown", "keydown"])
+  for (const act of ["wheel", "touchstart", "pointerdown", "keydown"]) {
     addEventListener(act, stop, { signal: acted.signal, capture: true, passive: true });
+  }
   setTimeout(stop, SETTLED_MS);
   look();
 }

@@ -92,8 +92,11 @@ export class Orbit extends EventTarget {
   /**
    * Let a person move it on an element; returns what ends that. `isLeft(event)` says of a finger
    * that moves alone whether something else wants it.
+   *
+   * @param {HTMLElement} element
+   * @param {(event: PointerEvent) => boolean} isLeft
    */
-  hold(element, isLeft = () => false) {
+  hold(element, isLeft = (_event) => false) {
     const ending = new AbortController();
     const on = (name, listener) => element.addEventListener(name, listener, { signal: ending.signal, passive: false });
     const fingers = new Map(); // pointer -> [x, y]

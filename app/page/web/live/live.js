@@ -177,7 +177,11 @@ class Live {
     return answer.arrayBuffer();
   }
 
-  /** Resolves when the server is ready to hear. */
+  /**
+   * Resolves when the server is ready to hear.
+   *
+   * @returns {Promise<void>}
+   */
   #connect() {
     const url = new URL("live/speak", document.baseURI);
     url.protocol = url.protocol.replace("http", "ws");

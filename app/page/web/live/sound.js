@@ -54,6 +54,7 @@ export class Sound {
 
   async #begin(source) {
     await this.#context.audioWorklet.addModule(new URL("worklet.js", import.meta.url));
+    /** @type {AudioWorkletNodeOptions} */
     const options = { numberOfInputs: 1, numberOfOutputs: 1, channelCount: 1, channelCountMode: "explicit" };
     this.#blocks = new AudioWorkletNode(this.#context, "blocks", options);
     this.#blocks.port.onmessage = ({ data }) => this.onBlock(data.block, data.peak);

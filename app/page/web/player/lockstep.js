@@ -328,7 +328,12 @@ class Follower {
   }
 }
 
-/** Resolves when a medium stands where it was told to and can go on from there. */
+/**
+ * Resolves when a medium stands where it was told to and can go on from there.
+ *
+ * @param {HTMLMediaElement} media
+ * @returns {Promise<void>}
+ */
 function isReady(media) {
   const isThere = () => {
     const isAtEnd = media.duration - media.currentTime < 2 * FRAME_S;

@@ -31,6 +31,7 @@ class Player {
   #timelineUrl = null;
   #isExample = false;
   #hasBegun = false; // what the address says has been shown
+  /** @type {import("../told").Value} */
   #value = {};
   #stage = null;
   #tiles;
@@ -121,7 +122,11 @@ class Player {
     if (this.#hasBegun && !this.#isExample) this.#address?.note();
   }
 
-  /** Show a run as far as it has come; nothing where there is none. */
+  /**
+   * Show a run as far as it has come; nothing where there is none.
+   *
+   * @param {import("../told").Value} value
+   */
   show(value) {
     const { run = null, rows = [], audio = null, timeline = null, plays = false, begins = false, paired = false, findings = [] } = value;
     if (run !== this.#run) this.#clear(run);
@@ -204,10 +209,15 @@ class Player {
     else this.#audio.addEventListener("loadedmetadata", begin, { once: true });
   }
 
+  /**
+   * @param {string} url
+   * @param {import("../told").Row[]} rows
+   */
   async #loadTimeline(url, rows) {
     this.#timelineUrl = url;
     const response = await fetch(url);
     if (!response.ok) return; // kept no longer: the videos are gone as well
+    /** @type {import("../told").TimelineData} */
     const data = await response.json();
     if (url !== this.#timelineUrl) return;
     this.timeline.show(data, rows);

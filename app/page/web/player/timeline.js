@@ -18,11 +18,14 @@ const WHEEL_ZOOM = 0.004; // of one pixel of the wheel, as an exponent
 
 const WORDS_FROM = { given: "Words", aligned: "Words (aligned)", recognised: "Words (recognised)" };
 const IS_REST = /^rest\b/i; // nothing to be shown of it
+/** @type {[RegExp, string][]} */
 const PHASES = [[/^prep/i, "preparation"], [/^(stroke|beat)/i, "stroke"], [/^hold|hold$/i, "hold"], [/^(retract|recover)/i, "retraction"]];
 
 export class Timeline {
   #player;
+  /** @type {import("../told").TimelineData | null} */
   #data = null;
+  /** @type {import("../told").Row[]} */
   #rows = [];
   #lanes = new Map(); // name -> { canvas, value, curve }
   #marks = []; // findings
@@ -156,8 +159,14 @@ export class Timeline {
     return make("div", { class: "lane" }, make("div", { class: "name", title: row.name }, nameOf(row), value), plot);
   }
 
-  /** A lane of labels; `kindOf` says how one of them looks. */
-  #tier(name, intervals, kindOf = () => "") {
+  /**
+   * A lane of labels; `kindOf` says how one of them looks.
+   *
+   * @param {string} name
+   * @param {import("../told").Interval[]} intervals
+   * @param {(label: string) => string} kindOf
+   */
+  #tier(name, intervals, kindOf = (_label) => "") {
     const labels = intervals.map(([start, end, label]) => make("span", { class: kindOf(label), title: `${label}, ${start.toFixed(2)} to ${end.toFixed(2)} s` }, label));
     const box = make("div", { class: "plot words" }, ...labels);
     this.#tiers.push([box, intervals]);

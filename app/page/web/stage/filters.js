@@ -4,7 +4,11 @@ const FPS = 30;
 const PADDING = 15; // frames
 const SAVGOL_FRAMES = 7;
 
-/** Two sections [b0, b1, b2, a1, a2] of a Butterworth low-pass of order 4. */
+/**
+ * Two sections [b0, b1, b2, a1, a2] of a Butterworth low-pass of order 4.
+ *
+ * @returns {[number, number, number, number, number][]}
+ */
 export function butterworth(cutoff, fps = FPS) {
   const k = Math.tan((Math.PI * cutoff) / fps);
   return [0.5411961001461969, 1.3065629648763766].map((quality) => {
@@ -63,9 +67,9 @@ export function savgol(values, channels) {
     const start = Math.max(0, Math.min(frame - half, length - window));
     const weights = rows[frame - start];
     for (let channel = 0; channel < channels; channel++) {
-      let sum = 0;
-      for (let i = 0; i < window; i++) sum += weights[i] * values[(start + i) * channels + channel];
-      smooth[frame * channels + channel] = sum;
+      let total = 0;
+      for (let i = 0; i < window; i++) total += weights[i] * values[(start + i) * channels + channel];
+      smooth[frame * channels + channel] = total;
     }
   }
   return smooth;

@@ -38,7 +38,7 @@ export function framePoints(points, radii, axes, aspect, { yfov, near, margin })
 export class Framing {
   #mesh;
   #facts;
-  #all; // of each body (T, J, 3)
+  #all;
   #tracks = new Map();
   #cameras = new Map();
   floor;
@@ -46,6 +46,11 @@ export class Framing {
   halfSize; // of the ground
   isFollowing; // whether cameras go along with bodies that wander
 
+  /**
+   * @param {import("./mesh.js").Mesh} mesh
+   * @param {import("../told").Facts} facts
+   * @param {Float32Array[]} all Where joints are, of each body (T, J, 3).
+   */
   constructor(mesh, facts, all) {
     this.#mesh = mesh;
     this.#facts = facts;

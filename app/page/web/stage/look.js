@@ -1,6 +1,7 @@
 /** How bodies are displayed: everything that a switch of the stage can change, and its address. */
 
 /** What stands in an address: short name, and how a value is read; all are left out at their usual. */
+/** @type {Record<string, [string, (text: string) => number | string | boolean]>} */
 const FIELDS = {
   factor: ["x", Number],
   cutoff: ["cut", Number],

@@ -6,7 +6,11 @@
 import { fetched, readGlb } from "../body/glb.js";
 
 const BODY_URL = "live/body.glb";
-/** Cells within which a coarser mesh has one vertex, metres: of hands, of the head, of the rest. */
+/**
+ * Cells within which a coarser mesh has one vertex, metres: of hands, of the head, of the rest.
+ *
+ * @type {([number, number, number] | null)[]}
+ */
 export const CELLS = [null, [0.005, 0.009, 0.016], [0.009, 0.014, 0.032], [0.03, 0.05, 0.07]];
 
 let fetching = null;

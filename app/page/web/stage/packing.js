@@ -1,5 +1,7 @@
 /** How bodies and their close-ups share the stage. Rectangles are [left, top, width, height]. */
 
+/** @typedef {[number, number, number, number]} Rect */
+
 const BODY_ASPECT = 0.6; // of somebody who gestures
 const PAIR_ASPECT = 1.1; // from which close-ups of two stand beside them
 const CLOSE_UP_SHARE = 0.34; // of a cell's height at most, of each row of close-ups
@@ -15,7 +17,11 @@ export function grid(count, width, height) {
   return best;
 }
 
-/** The cell of each body, row by row. */
+/**
+ * The cell of each body, row by row.
+ *
+ * @returns {Rect[]}
+ */
 export function cells(count, width, height, columns) {
   const rows = Math.ceil(count / columns);
   const edge = (whole, parts, i) => Math.round((whole * i) / parts);
@@ -26,7 +32,13 @@ export function cells(count, width, height, columns) {
   });
 }
 
-/** Where in a cell the body stands, and its close-ups: the face above, the hands below. */
+/**
+ * Where in a cell the body stands, and its close-ups: the face above, the hands below.
+ *
+ * @param {Rect} cell
+ * @param {string} closeUp
+ * @param {import("../told").Facts["close_ups"]} closeUps
+ */
 export function panels([left, top, width, height], closeUp, closeUps) {
   const tall = Math.round(Math.min(width / 2, CLOSE_UP_SHARE * height));
   const hasFace = closeUp === "face" || closeUp === "both";

@@ -193,7 +193,14 @@ export class Painter {
   #shadow; // { texture, frame } three times: covered, half spread, spread
   #ink;
 
-  /** `isSlow` says that the processor draws: then it moves vertices once, rather than in each panel. */
+  /**
+   * `isSlow` says that the processor draws: then it moves vertices once, rather than in each panel.
+   *
+   * @param {WebGL2RenderingContext} gl
+   * @param {import("./mesh.js").Mesh} mesh
+   * @param {import("../told").Facts} facts
+   * @param {boolean} isSlow
+   */
   constructor(gl, mesh, facts, isSlow) {
     this.#isSlow = isSlow;
     this.#gl = gl;

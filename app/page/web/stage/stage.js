@@ -32,6 +32,7 @@ const TAG_PX = 34; // of a body's name, above its picture
 const VIEW = "front";
 const BACKGROUND = [0.894, 0.902, 0.918]; // until the facts have come
 
+/** @type {Promise<import("../told").Facts> | null} */
 let facts = null;
 
 /** By which numbers videos are drawn. */
@@ -63,6 +64,7 @@ export class Stage {
   #ghostLegend = make("p", { class: "ghost-legend", role: "note", hidden: true });
   #handle;
   #mesh = null;
+  /** @type {import("../told").Facts} */
   #facts = null;
   #painter = null;
   #framing = null;
@@ -147,7 +149,11 @@ export class Stage {
     return this.#pace;
   }
 
-  /** Make or complete the bodies of `rows`; those whose motion is not there yet are named as coming. */
+  /**
+   * Make or complete the bodies of `rows`; those whose motion is not there yet are named as coming.
+   *
+   * @param {import("../told").Row[]} rows
+   */
   show(rows) {
     for (const row of rows) {
       const known = this.#rows.get(row.name);
@@ -502,6 +508,7 @@ export class Stage {
       if (!entry.shown) continue;
       const [left, top, w, h] = cell.map((part) => Math.round(part * density));
       const under = Math.round(TAG_PX * density); // no head behind its name
+      /** @type {import("./packing.js").Rect} */
       const inside = [left, top + under, Math.min(w, width - left), Math.min(h, height - top) - under];
       this.#castShadow(entry, level);
       for (const panel of panels(inside, this.closeUp, this.#facts.close_ups)) this.#drawPanel(panel, entry, moment, level);
@@ -534,8 +541,13 @@ export class Stage {
     this.#painter.castShadow(number, shadow, this.#framing);
   }
 
-  /** `like` is whose way the camera goes along with. */
-  #drawPanel(panel, entry, moment, level, { like = entry, ...options } = {}) {
+  /**
+   * `like` is whose way the camera goes along with; the rest of `told` is as Painter.panel has it.
+   *
+   * @param {{ like?: object, clip?: number[], shift?: number[], ghost?: string }} told
+   */
+  #drawPanel(panel, entry, moment, level, told = {}) {
+    const { like = entry, ...options } = told;
     const aspect = panel.rect[2] / panel.rect[3];
     const camera = this.#cameraOf(panel, like, moment, aspect);
     const matrix = lens(camera, aspect, this.#facts.camera);
@@ -571,7 +583,9 @@ export class Stage {
     return view === null || view === `${side}_hand`;
   }
 
-  #drawTrail({ rect }, entry, moment, matrix, { clip, shift = [0, 0, 0] }) {
+  /** `options` are `clip` and `shift` of Painter.panel. */
+  #drawTrail({ rect }, entry, moment, matrix, options) {
+    const { clip, shift = [0, 0, 0] } = options;
     const last = Math.min(Math.floor(moment), entry.shown.length - 1);
     const first = Math.max(0, last - this.#look.get("trailFrames"));
     const [, , width, height] = rect;

@@ -28,7 +28,8 @@ export function trailCorners({ places, speeds, spikes, width, height, colors, sp
     const quad = [[a[0] + x, a[1] + y], [a[0] - x, a[1] - y], [b[0] + x, b[1] + y], [b[0] - x, b[1] - y]];
     for (const i of [0, 1, 2, 1, 3, 2]) push(...quad[i], color);
   };
-  for (const [wide, isEdge] of [[1.8 * thick, true], [thick, false]]) {
+  for (const isEdge of [true, false]) {
+    const wide = isEdge ? 1.8 * thick : thick;
     for (let i = 1; i < places.length; i++) {
       if (!places[i - 1] || !places[i]) continue;
       const across = wide * (0.45 + (0.55 * i) / places.length);

@@ -50,7 +50,7 @@
       if (isPreview) return null;
       try {
         return localStorage.getItem(key);
-      } catch (error) {
+      } catch {
         this.works = false;
         return null;
       }
@@ -59,7 +59,7 @@
       if (isPreview) return;
       try {
         localStorage.setItem(key, value);
-      } catch (error) {
+      } catch {
         this.works = false;
       }
     },
@@ -104,7 +104,7 @@
   function parsed(text) {
     try {
       return JSON.parse(text);
-    } catch (error) {
+    } catch {
       return null;
     }
   }
@@ -579,7 +579,7 @@
       if (!wasPlaying) card.video.play().catch(() => card.refresh());
     }
 
-    function onKey(event) {
+    function press(event) {
       const index = Number(event.key) - 1;
       if (!(index in cards) || event.target.closest("input[type=range]")) return false;
       toggle(cards[index]);
@@ -587,7 +587,7 @@
     }
 
     cards.forEach((card) => card.refresh());
-    return { element, onKey };
+    return { element, onKey: press };
   }
 
   function makeVideo(id, name) {
@@ -643,7 +643,12 @@
 
     Object.defineProperties(canvas, {
       paused: { get: () => began === null },
-      currentTime: { get: () => 0, set: () => draw(0) },
+      currentTime: {
+        get: () => 0,
+        set: () => {
+          draw(0);
+        },
+      },
     });
     canvas.pause = () => began !== null && stop();
     canvas.play = async () => {
@@ -681,7 +686,7 @@
     const parts = inputs.flatMap((input, index) => [input, make("label", { htmlFor: input.id }, labels[index])]);
     const element = makeFieldset(question.text, "choices", ...parts);
 
-    function onKey(event) {
+    function press(event) {
       const index = ["ArrowLeft", "ArrowDown", "ArrowRight"].indexOf(event.key);
       if (index < 0 || element.disabled) return false;
       inputs[index].click();
@@ -689,7 +694,7 @@
       return true;
     }
 
-    return { element, enable: (hasSeen) => (element.disabled = !hasSeen), onKey };
+    return { element, enable: (hasSeen) => (element.disabled = !hasSeen), onKey: press };
   }
 
   /** Videos are tapped from best to worst; the last one follows by itself. */
@@ -849,7 +854,7 @@
         body: JSON.stringify(answersFile()),
       });
       return reply.ok;
-    } catch (error) {
+    } catch {
       return false;
     }
   }
