@@ -4,7 +4,7 @@
 export function mountChips(element, props) {
   const { field, about } = props.value;
   const tell = () => {
-    for (const chip of document.querySelectorAll(`#${field} label`)) {
+    for (const chip of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll(`#${field} label`))) {
       const sentence = about[chip.textContent.trim()];
       if (sentence) chip.title = sentence;
     }

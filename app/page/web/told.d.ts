@@ -40,7 +40,11 @@ export interface Value {
   running?: boolean;
   /** An example that plays at once. */
   plays?: boolean;
+  /** That it plays as soon as it can. */
+  begins?: boolean;
   paired?: boolean;
+  /** What stands out, the gravest first. */
+  findings?: { name: string; sentence: string; at: number | null }[];
 }
 
 export interface Curve {
