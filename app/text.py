@@ -206,7 +206,7 @@ STAGE_NAMES = {
     "figure": "Draw the figure",
 }
 READY = "Ready."
-STARTING = "Starting."
+STARTING = "Starting, as soon as the models are read."
 WAITING = "Waiting: {ahead} ahead of you on this machine."
 WAITING_ONE = "Waiting: one run ahead of you on this machine."
 PUT_BACK = (
