@@ -325,4 +325,4 @@ def test_figure_6_has_poses_where_no_video_is_drawn(ask: Callable[..., GenerateR
     assert [path.name for path in result.files] == [path.name for path in bare.files]
     assert not any(each.kind in ("video", "poster", "comparison") for each in told)
     sizes = [(run.out / "figure6.png").stat().st_size for run in (bare, result)]
-    assert sizes[1] > 2 * sizes[0], "the poses are in it"
+    assert sizes[1] > 1.3 * sizes[0], "the poses are in it"
