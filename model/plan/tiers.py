@@ -176,7 +176,7 @@ def plan_of(chains: dict[str, list[Begun]], num_frames: int) -> GesturePlan:
             Brow(at, float(np.clip(height, -1.0, 1.0))) for at, (height,) in points("brow")
         ),
         smiles=tuple(
-            Smile(one.frame / FPS, end_s, float(np.clip(*mark("smile", one), 0.0, 1.0)))
+            Smile(one.frame / FPS, end_s, float(np.clip(mark("smile", one)[0], 0.0, 1.0)))
             for one, end_s in spans["smile"]
             if BY_NAME["smile"].states[one.state] == "smile"
         ),
