@@ -215,10 +215,7 @@ PUT_BACK = (
 )
 DONE = "Done in {seconds:.0f} s: {rows}, {frames} frames each at 30 per second."
 VIDEOS_LABEL = "Draw videos as well"
-VIDEOS_HELP = (
-    "For a file to keep or to send; nobody waits for them, and the stage needs none. The stage "
-    "makes a video of what it shows, too."
-)
+VIDEOS_HELP = "For a file to keep or to send; nobody waits for them, and the stage needs none."
 VIDEOS_WAIT = "Videos are drawn once others' runs have ended."
 VIDEOS_COMING = "Videos are being drawn behind it: {share:.0%}."
 VIDEOS_DONE = "Its videos are drawn."
