@@ -242,7 +242,7 @@ def test_more_motions_than_a_figure_holds_are_all_measured_and_the_shown_can_be_
         assert len(found.diagnostics.systems) == 8
         assert drawn in (out / "figure6.svg").read_text()
         assert ("m0" in (out / "figure6.svg").read_text()) is not bool(shown)
-        assert any("say which with --show" in note for note in found.notes) is not bool(shown)
+        assert any("say which they are to show" in note for note in found.notes) is not bool(shown)
     with pytest.raises(RunError, match="no motion 'm9' to show"):
         diagnose_files(replace(asked, shown=("m9",)))
     with pytest.raises(RunError, match="at most 6"):
