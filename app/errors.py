@@ -26,9 +26,9 @@ _DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _NOT_ALLOWED = {errno.EACCES, errno.EPERM, errno.EROFS}
 _OUR_PACKAGES = ("app", "model", "renderer")
 _FOLDERS = re.compile(r"(?<![\w.:/])/(?:[^\s/'\"]+/)+")
+"""Of a file named with its whole path."""
 _OPTIONS = re.compile(r" \([^()]*--[a-z][^()]*\)")
 """How sentences name an option of the command line."""
-"""Of a file named with its whole path."""
 
 
 def sentence_of(error: BaseException) -> str | None:

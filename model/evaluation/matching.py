@@ -53,10 +53,14 @@ def spoken(features: Features) -> slice:
 
 
 def pieces(rows: Float[np.ndarray, "T C"]) -> Float[Tensor, "N 300 C"]:
+    """As `cut`, for the judge."""
+    return torch.from_numpy(cut(rows).astype(np.float32))
+
+
+def cut(rows: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "N 300 C"]:
     """Pieces of 10 s one after the other; a rest is left out."""
     count = len(rows) // PIECE_FRAMES
-    cut = rows[: count * PIECE_FRAMES].reshape(count, PIECE_FRAMES, rows.shape[1])
-    return torch.from_numpy(cut.astype(np.float32))
+    return rows[: count * PIECE_FRAMES].reshape(count, PIECE_FRAMES, rows.shape[1])
 
 
 def matched(

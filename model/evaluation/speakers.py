@@ -14,13 +14,13 @@ import numpy as np
 from jaxtyping import Float64
 
 from model.data.recordings import DataError, read_files, read_split, speaker_of
+from model.evaluation.matching import PIECE_FRAMES, cut
 from model.measures.diagnostics import track_points
 from model.motion.motion import Motion, MotionError
 from model.motion.skeleton import JOINT_INDEX, open_body_skeleton
 from model.motion.timing import FPS
 from model.speech.audio import SpeechError
 
-PIECE_FRAMES = 300
 RECORDINGS = 6
 """Of each speaker, at most."""
 SHRINKAGE = 0.1
@@ -91,19 +91,14 @@ def discriminant(numbers: dict[str, Float64[np.ndarray, "_ numbers"]]) -> Speake
 def manner_numbers(motion: Motion) -> Float64[np.ndarray, "pieces numbers"]:
     """Of each piece of 10 s: mean and log of the spread of rotation vectors and of the wrists'
     places, and the log of mean speeds."""
-    count = motion.num_frames // PIECE_FRAMES
-    if not count:
+    if motion.num_frames < PIECE_FRAMES:
         return np.zeros((0, 0))
     points = track_points(motion, open_body_skeleton()).joints
     wrists = points[:, WRISTS] - points[:, :1]
     poses = motion.poses.reshape(len(motion.poses), -1, 3)[:, JOINTS]
     told = np.concatenate([poses, wrists], axis=1)
     speed = np.linalg.norm(np.diff(told, axis=0, prepend=told[:1]), axis=-1) * FPS
-
-    def cut(rows: np.ndarray) -> np.ndarray:
-        return rows[: count * PIECE_FRAMES].reshape(count, PIECE_FRAMES, -1)
-
-    places, moved = cut(told).astype(float), cut(speed).astype(float)
+    places, moved = cut(told.reshape(len(told), -1)).astype(float), cut(speed).astype(float)
     spread = np.log(places.std(1) + 1e-3)
     return np.concatenate([places.mean(1), spread, np.log(moved.mean(1) + 1e-3)], axis=1)
 

@@ -5,12 +5,12 @@ the times they are said ("nobody", "again", "big"): where such a word falls on a
 it gets its gesture as often as annotated speakers make one there.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from model.plan.kinds import AFTER_WORD_S, BEFORE_WORD_S, KindTable, Spoken
+from model.plan.kinds import AFTER_WORD_S, BEFORE_WORD_S, KindTable, Spoken, drawn_by
 from model.plan.plan import SIDES, GesturePlan, HandPhase
 from model.plan.tracks import STILL, without_gaps
 
@@ -37,14 +37,16 @@ def with_called_strokes(
         text = word.text.lower()
         if obeys >= table.struck.get(text, 0.0) or _is_struck(plan, word):
             continue
-        kind = _drawn(table.calls[text], which)
+        shares = table.calls[text]
+        kind = list(shares)[drawn_by(np.array(list(shares.values())), which)]
         lands_s = word.start_s + LANDS_AT * (word.end_s - word.start_s)
         is_both = table.both[table.names.index(kind)] > _BOTH
-        free = [side for side in SIDES if _still_at(hands[side], lands_s) is not None]
+        still = {side: _still_at(hands[side], lands_s) for side in SIDES}
+        free = [(side, k) for side, k in still.items() if k is not None]
         if not free or (is_both and len(free) < len(SIDES)):
             continue
-        for side in free if is_both else [free[int(hand * len(free))]]:
-            hands[side] = _struck(hands[side], lands_s, _goal(table, kind), kind, text)
+        for side, k in free if is_both else [free[int(hand * len(free))]]:
+            hands[side] = _struck(hands[side], k, lands_s, _goal(table, kind), kind, text)
             has_changed = True
     if not has_changed:
         return plan
@@ -58,11 +60,6 @@ def _is_struck(plan: GesturePlan, word: Spoken) -> bool:
         for side in SIDES
         for phase in plan.hand(side)
     )
-
-
-def _drawn(shares: Mapping[str, float], chance: float) -> str:
-    names, values = list(shares), np.array(list(shares.values()))
-    return names[int(np.searchsorted(np.cumsum(values / values.sum()), chance))]
 
 
 def _goal(table: KindTable, kind: str) -> tuple[float, float, float]:
@@ -81,14 +78,13 @@ def _still_at(phases: Sequence[HandPhase], lands_s: float) -> int | None:
 
 def _struck(
     phases: Sequence[HandPhase],
+    k: int,
     lands_s: float,
     goal: tuple[float, float, float],
     kind: str,
     word: str,
 ) -> list[HandPhase]:
-    """The phases of a hand with a stroke in one that is still."""
-    k = _still_at(phases, lands_s)
-    assert k is not None
+    """The phases of a hand with a stroke in number ``k``, which is still."""
     old = phases[k]
     strikes_s, readies_s = lands_s - STROKE_S, lands_s - STROKE_S - PREPARATION_S
     out, up, forward = (at + off for at, off in zip(goal, PREPARED, strict=True))

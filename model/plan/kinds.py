@@ -234,6 +234,12 @@ class KindTable:
         return self.names[int(rng.choice(len(share), p=share / share.sum()))]
 
 
+def drawn_by(shares: Float[np.ndarray, " K"], chance: float) -> int:
+    """Which of some, by their shares (of any sum) and a chance from 0 to 1."""
+    edges = np.cumsum(shares.astype(np.float64))
+    return int(min(np.searchsorted(edges, chance * edges[-1], side="right"), len(edges) - 1))
+
+
 def strokes_of(plan: GesturePlan) -> list[Stroke]:
     """The gestures of both hands: preparation and strokes, with the holds and beats after them."""
     found: list[Stroke] = []

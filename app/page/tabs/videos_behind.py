@@ -102,7 +102,7 @@ class VideosBehind:
                     if anew is None:
                         return  # another run has begun, and shows itself
                     job = anew
-        except Exception as error:
+        except Exception as error:  # whatever it is, the run that has ended stays and says so
             sentence = text.VIDEOS_FAILED.format(why=visitor_sentence(error))
             yield {self._parts.status: _line(wanted, sentence)}
         finally:

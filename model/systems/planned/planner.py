@@ -12,7 +12,7 @@ from torch import Tensor
 
 from model.motion.packing import Normaliser
 from model.plan.called import with_called_strokes
-from model.plan.kinds import KindTable, Spoken
+from model.plan.kinds import KindTable, Spoken, drawn_by
 from model.plan.plan import GesturePlan
 from model.plan.tiers import BY_NAME, TIERS, Begun, plan_of, seen_of
 from model.storage.cards import CheckpointError
@@ -142,21 +142,16 @@ class _Drawer:
         log[1:] -= HOLD_BACK * self._excess
         shares = torch.softmax(log, dim=0).numpy()
         self._excess += float(shares[1:].sum() - logs[0, 1:].exp().sum())
-        event = _drawn(shares, self._chance[frame])
+        event = drawn_by(shares, self._chance[frame])
         if event == 0:
             return
         mark: Any = ()
         if head.tier.units:
             marks = head.marks(state[:1], torch.tensor([event - 1]))
-            k = _drawn(torch.softmax(marks.logits[0], 0).numpy(), self._which[frame])
+            k = drawn_by(torch.softmax(marks.logits[0], 0).numpy(), self._which[frame])
             mean, spread = marks.mean[0, k].numpy(), marks.spread[0, k].numpy()
             mark = tuple((mean + spread * self._normal[frame]).tolist())
         self.chain.append(Begun(frame, event - 1, mark))
-
-
-def _drawn(shares: Float[np.ndarray, " K"], chance: float) -> int:
-    edges = np.cumsum(shares.astype(np.float64))
-    return int(min(np.searchsorted(edges, chance * edges[-1], side="right"), len(edges) - 1))
 
 
 def load_planner(folder: Path) -> Planner:

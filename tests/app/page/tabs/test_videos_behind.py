@@ -52,7 +52,7 @@ class Tab:
         self.videos.want("visitor", Wanted(self.run, request))
 
     def updates(self) -> Iterator[dict[Any, Any]]:
-        return self.videos.run(VISITOR)  # type: ignore[arg-type]
+        return self.videos.run(VISITOR)  # type: ignore[arg-type]  # all that is read of a request
 
 
 def test_videos_come_into_the_player_the_zip_and_the_run_that_a_link_opens(tmp_path: Path) -> None:
