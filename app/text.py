@@ -36,7 +36,7 @@ SPEAKER_HELP = "Whose manner it takes on."
 SEED_LABEL = "Seed"
 SEED_HELP = "Same seed and speech, same motion."
 SAMPLES_LABEL = "Samples per system"
-SAMPLES_HELP = "More than one shows how much chance decides."
+SAMPLES_HELP = "More than one shows how much chance decides: up to eight by noise of their own."
 GUIDANCE_LABEL = "Strength of the speech"
 GUIDANCE_HELP = (
     "How much what is said changes the gestures. The papers' own code draws with 1, where other "
@@ -92,7 +92,7 @@ LOOK_ANSWER = (
     "other {steady:,}. The time line shows it, and Worst second leads to it."
 )
 LOOK_OWN = "Make your own"
-LOOK_COMING = "A first example is being made; it plays here in about a minute."
+LOOK_COMING = "A first example is being made; it plays here in a few seconds."
 EMPTY_TITLE = "Nothing generated yet"
 EMPTY_STEPS = (
     ("Give it speech", "Upload, record, or take one of the examples."),
@@ -181,16 +181,17 @@ COMPARE = "Compare the two that are ticked"
 COMPARE_THIS = "Compare {title}"
 COMPARE_HELP = "Tick two runs to see them together."
 COMPARE_LAST = "Compare with your run before"
+COMPARE_OTHER = "Compare with your run before, of other speech"
 PAIR_LINK = "Link to this comparison"
 PAIR_STATUS = "Two runs beside each other."
 PAIR_SAME_SETTINGS = "All settings are the same."
-PAIR_ONE_SPEECH = "Both had the same speech, {speech}: their videos play together."
+PAIR_ONE_SPEECH = "Both had the same speech, {speech}: they play together."
 PAIR_ONLY_SEED = (
     "Same speech, same settings but for the seed: this is how far chance alone moved the numbers."
 )
 PAIR_OTHER_SPEECH = (
-    "They did not have the same speech ({first} against {second}), so their videos do not play "
-    "together, and the numbers differ by the speech as well."
+    "They did not have the same speech ({first} against {second}): choose whose sound plays, and "
+    "mind that the numbers differ by the speech as well."
 )
 PAIR_LEGEND = "A is the earlier run. Differences are B less A."
 PAIR_DIFFERENCE = "B \N{MINUS SIGN} A"
@@ -214,6 +215,22 @@ PUT_BACK = (
     "address has ended."
 )
 DONE = "Done in {seconds:.0f} s: {rows}, {frames} frames each at 30 per second."
+SEEN_STARTING = "The video of the stage begins as soon as there is room."
+SEEN_COMING = "The video of the stage is drawn: {share:.0%}."
+SEEN_DONE = "The video of the stage is there: {bodies}, {seconds:.1f} s, {megabytes:.1f} MB."
+SEEN_SAVE = "Save the video"
+SEEN_DAMAGED = "What the stage told of itself cannot be used: {why}"
+PLAN_LABEL = "Plan of the gestures (JSON, TextGrid, ELAN) for systems that perform one"
+EDITS_DAMAGED = "What the editor of gestures asked for cannot be read; load the page again."
+EDITS_GONE = (
+    "This run is kept no longer, or is another browser's; generate the motion again to edit it."
+)
+TOO_MANY_TAKES = "There are {limit} takes of this run already; generate the motion again for more."
+TAKE_STARTING = "It is performed again."
+TAKE_COMING = "Take {number} is performed: it moves as far as it has come."
+TAKE_DONE = "Take {number} is there."
+EDITOR_READY = "Choose a gesture on the time line, or add one."
+SEEN_GONE = "A motion of the stage is kept no longer; start the run again, then make the video."
 VIDEOS_LABEL = "Draw videos as well"
 VIDEOS_HELP = "For a file to keep or to send; nobody waits for them, and the stage needs none."
 VIDEOS_WAIT = "Videos are drawn once others' runs have ended."

@@ -90,6 +90,14 @@ def foreign_folder() -> Path:
     return folder
 
 
+def official_folder() -> Path:
+    """Numbers of the authors' code; the calling test is skipped where there are none."""
+    folder = ROOT.parent / "shared" / "data" / "official"
+    if not folder.is_dir():
+        pytest.skip("no reference numbers of the authors' code here (shared/data/official)")
+    return folder
+
+
 def mirror_skeleton(skeleton: RestSkeleton) -> RestSkeleton:
     """The mirror image of a rest skeleton; left and right change places."""
     num_left = len(FINGERTIP_JOINTS) // 2

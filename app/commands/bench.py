@@ -12,7 +12,8 @@ import tempfile
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -30,6 +31,7 @@ from app.run.request import (
     Artefact,
     Event,
     GenerateRequest,
+    Piece,
     Progress,
     file_stem,
 )
@@ -90,10 +92,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         add(time_page_start(options.weights, folder))
         warm_up(options.weights, None)
         add(time_motion(clip, options.weights))
+        add(time_official())
         add(time_training(options.weights))
         add(time_beside_busy_cores(clip, options.weights, folder))
         add(time_run(clip, options.weights, folder))
         add(time_page_run(clip, options.weights, folder))
+        add(time_browser(clip, options.weights, folder))
         add(time_measures(next((folder / "run").glob("globaldiff-*.npz"))))
         add(time_rendering(options.weights, folder))
         if not options.no_memory:
@@ -119,27 +123,36 @@ def repeat_speech(path: Path, duration_s: float, out: Path) -> Path:
 
 def time_page_start(weights: Path, folder: Path) -> list[Figure]:
     """From the command to the first answer of the page."""
-    port = "7899"
     started = time.monotonic()
-    page = subprocess.Popen(
-        [sys.executable, "app.py", "--port", port, "--weights", str(weights.resolve())],
-        cwd=PROJECT,
-        env={**os.environ, "TMPDIR": str(folder)},
-        stderr=subprocess.DEVNULL,
-    )
-    try:
-        while True:
-            try:
-                urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=5).read()
-                break
-            except (urllib.error.URLError, ConnectionError) as error:
-                if time.monotonic() - started > START_TIMEOUT_S or page.poll() is not None:
-                    raise RuntimeError("The page did not start.") from error
-                time.sleep(0.05)
+    with served_page(weights, folder):
         return [Figure("page start", time.monotonic() - started, "s", "at most 8 s")]
-    finally:
-        page.terminate()
-        page.wait()
+
+
+@contextmanager
+def served_page(weights: Path, folder: Path) -> Iterator[str]:
+    """The address of a page that has just been started, as on a fresh machine."""
+    address = "http://127.0.0.1:7899/"
+    started = time.monotonic()
+    with tempfile.TemporaryDirectory(dir=folder) as fresh:
+        page = subprocess.Popen(
+            [sys.executable, "app.py", "--port", "7899", "--weights", str(weights.resolve())],
+            cwd=PROJECT,
+            env={**os.environ, "TMPDIR": fresh, "XDG_CACHE_HOME": fresh},
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            while True:
+                try:
+                    urllib.request.urlopen(address, timeout=5).read()
+                    break
+                except (urllib.error.URLError, ConnectionError) as error:
+                    if time.monotonic() - started > START_TIMEOUT_S or page.poll() is not None:
+                        raise RuntimeError("The page did not start.") from error
+                    time.sleep(0.05)
+            yield address
+        finally:
+            page.terminate()
+            page.wait()
 
 
 def time_motion(clip: Path, weights: Path) -> list[Figure]:
@@ -162,6 +175,16 @@ def time_motion(clip: Path, weights: Path) -> list[Figure]:
     each = generation_ms(systems[-1], speech, systems[-1].samplers[0].steps, SAMPLES)
     title = f"one of {SAMPLES} samples, {systems[-1].name}"
     return [*figures, Figure(title, each, "ms/frame", "at most 2")]
+
+
+def time_official() -> list[Figure]:
+    """The authors' networks, with random weights: of a frame, and the memory of their process."""
+    code = "from model.bench import official_cost; print(*official_cost())"
+    each, memory_gb = (float(part) for part in _told("-c", code).split())
+    return [
+        Figure("generation, size of the official code, 5 steps", each, "ms/frame"),
+        Figure("memory of it", memory_gb, "GB", "at most 4"),
+    ]
 
 
 def time_training(weights: Path) -> list[Figure]:
@@ -233,14 +256,18 @@ def time_run(clip: Path, weights: Path, folder: Path) -> list[Figure]:
 
 def time_page_run(clip: Path, weights: Path, folder: Path) -> list[Figure]:
     """A run as the page asks for it, of the ladder of systems, in a process that is warm: until the
-    first of them has a motion for the stage, and until everything is there."""
+    first of them moves on the stage, until all of its motion is there, as a stage without windows
+    begins with, and until everything is there."""
     from model.systems.registry import list_systems
 
     moving_at: list[float] = []
+    whole_at: list[float] = []
 
     def watch(event: Event) -> None:
-        if isinstance(event, Artefact) and event.kind == "motion":
+        if isinstance(event, Piece):
             moving_at.append(time.monotonic())
+        elif isinstance(event, Artefact) and event.kind == "motion":
+            whole_at.append(time.monotonic())
 
     ladder = tuple(name for name in list_systems(weights) if name.startswith(LADDER))
     started = time.monotonic()
@@ -256,9 +283,50 @@ def time_page_run(clip: Path, weights: Path, folder: Path) -> list[Figure]:
     first = moving_at[0] - started
     whole = f"{len(ladder)} systems end to end, {CLIP_S:g} s clip, as on the page"
     return [
-        Figure(f"first motion for the stage, {CLIP_S:g} s clip", first, "s", "at most 2 s"),
+        Figure(f"first window for the stage, {CLIP_S:g} s clip", first, "s", "at most 2 s"),
+        Figure(f"first whole motion, {CLIP_S:g} s clip", whole_at[0] - started, "s"),
         Figure(whole, seconds, "s", "at most 30 s"),
     ]
+
+
+def time_browser(clip: Path, weights: Path, folder: Path) -> list[Figure]:
+    """What a visitor waits for and sees in a Chromium that draws on the processor: from the address
+    to the example that moves, from the click to the first movement and to the end, and pictures a
+    second of one body and of five; each beside what it would be without windows, and without
+    coarser bodies."""
+    from app.commands import bench_browser
+    from model.systems.registry import list_systems
+
+    five = [name for name in bench_browser.SYSTEMS if name in list_systems(weights)]
+    with bench_browser.browser() as browser:
+        if browser is None:
+            sys.stderr.write(bench_browser.WITHOUT + "\n")
+            return []
+        with served_page(weights, folder) as address:
+            fresh = bench_browser.opening_s(browser, address)
+            figures = [Figure("opening a fresh page to movement", fresh, "s", "at most 10 s")]
+            warm = bench_browser.opening_s(browser, address)
+            figures.append(Figure("opening the page again to movement", warm, "s", "at most 3 s"))
+            page = bench_browser.opened_page(browser, address)
+            bench_browser.run_waits(page, clip, five)  # models are still being read beside it
+            for systems in (five[-1:], five):
+                waits = bench_browser.run_waits(page, clip, systems)
+                what = f"{len(systems)} system{'s' if len(systems) > 1 else ''}, {CLIP_S:g} s clip"
+                finest, _ = bench_browser.pictures_per_second(page, level=0)
+                rate, level = bench_browser.pictures_per_second(page)
+                whose = f"stage, {len(systems)} of {bench_browser.WINDOW['width']} px"
+                coarse = f"{whose}, at {level['pixels']:g} of the pixels"
+                figures += [
+                    Figure(f"click to movement, {what}", waits.moves, "s", "at most 2 s"),
+                    Figure(f"click to a first whole motion, {what}", waits.whole, "s"),
+                    Figure(f"click to all motion, {what}", waits.all, "s"),
+                    Figure(f"click to measures, {what}", waits.measured, "s", "at most 6 s"),
+                    Figure(f"click to figures, {what}", waits.done, "s", "at most 11 s"),
+                    Figure(f"{whose}, whole meshes", finest, "pictures/s"),
+                    Figure(coarse, rate, "pictures/s", "at least 15"),
+                ]
+            sys.stderr.write(bench_browser.gpu_sentence(page, len(five)) + "\n")
+    return figures
 
 
 def time_measures(motion_file: Path) -> list[Figure]:

@@ -23,7 +23,8 @@ from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import CancelledRun, RunError, sentence_of
 from app.findings.ranking import told_findings
 from app.findings.sentences import sentences_of
-from app.run.display import COLORINGS, FACTORS, Display
+from app.official import add_official, use_official
+from app.run.display import COLORINGS, Display
 from app.run.pictures.export import BACKGROUNDS, ENDINGS, SHEET_POSES, RenderRequest, render_motion
 from app.run.pictures.followed_point import TIP
 from app.run.pictures.own_videos import VideoOptions
@@ -46,6 +47,9 @@ Command = Callable[[argparse.Namespace], None]
 log = logging.getLogger(__name__)
 _ROTATIONS = ("axis-angle", "6d", "quaternion-wxyz", "quaternion-xyzw", "matrix")
 """As `model.formats.numbers.ROTATIONS`, which brings torch; a test holds them equal."""
+
+EXAGGERATIONS = (1, 5, 20)
+"""What can be asked for here; the page's stage has a slider."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -130,9 +134,9 @@ def _add_generate(commands) -> None:
         "(default: as suits each system)",
     )  # fmt: skip
     parser.add_argument(
-        "--plan", type=Path, metavar="PLAN.json",
-        help="what systems that plan are to perform, as a run or `plan` leaves it (default: drawn "
-        "from the speech)",
+        "--plan", type=Path, metavar="FILE",
+        help="what systems that plan are to perform, as a run or `plan` leaves it, or as annotated "
+        "in\nPraat or ELAN: .json, .TextGrid, .eaf (default: drawn from the speech)",
     )  # fmt: skip
     parser.add_argument(
         "--post-filter", choices=POST_FILTERS, default="none",
@@ -163,6 +167,7 @@ def _add_generate(commands) -> None:
     parser.add_argument(
         "--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR", help="default: bundled"
     )
+    add_official(parser)
     add_crew(parser)
     parser.set_defaults(command=_generate)
 
@@ -173,6 +178,7 @@ def _generate(options: argparse.Namespace) -> None:
     from app.run.many.speeches import is_many
     from app.run.pipeline import generate_all
 
+    use_official(options)
     request = GenerateRequest(
         speech=options.speech,
         out=options.out,
@@ -341,6 +347,7 @@ def _add_steps(commands) -> None:
     parser.add_argument(
         "--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR", help="default: bundled"
     )
+    add_official(parser)
     parser.set_defaults(command=_steps_command)
 
 
@@ -348,6 +355,7 @@ def _steps_command(options: argparse.Namespace) -> None:
     from app.commands.terminal import ProgressBar
     from app.run.step_curve import StepCurveRequest, measure_step_curve
 
+    use_official(options)
     request = StepCurveRequest(
         speech=options.speech,
         out=options.out,
@@ -467,12 +475,14 @@ def _add_doctor(commands) -> None:
     parser.add_argument(
         "--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR", help="default: bundled"
     )
+    add_official(parser)
     parser.set_defaults(command=_doctor)
 
 
 def _doctor(options: argparse.Namespace) -> None:
     from app.commands.doctor import examine, report
 
+    use_official(options)
     findings = examine(options.weights, options.body)
     sys.stdout.write(report(findings))
     broken = [finding.name for finding in findings if finding.is_broken]
@@ -504,9 +514,9 @@ def _add_close_up(parser: argparse.ArgumentParser, usual: str) -> None:
 
 def _add_display(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--exaggerate", type=int, choices=FACTORS, default=1, metavar="N",
+        "--exaggerate", type=int, choices=EXAGGERATIONS, default=1, metavar="N",
         help="draw tremble, all above 5 Hz, N times as large, and say so in the picture: "
-        f"{', '.join(str(factor) for factor in FACTORS)} (default: 1)",
+        f"{', '.join(str(factor) for factor in EXAGGERATIONS)} (default: 1)",
     )  # fmt: skip
     parser.add_argument(
         "--trail", action="store_true",

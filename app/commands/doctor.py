@@ -39,6 +39,7 @@ def examine(weights: Path, body: Path | None) -> list[Finding]:
         *_backends(),
         _body(body),
         _weights(weights),
+        *_official(),
         _ffmpeg(),
         _memory(),
         _disk(),
@@ -101,10 +102,11 @@ def _body(path: Path | None) -> Finding:
 
 
 def _weights(folder: Path) -> Finding:
+    from model.systems.official import FAMILY as OFFICIAL
     from model.systems.registry import list_systems, load_system
 
     try:
-        names = list_systems(folder)
+        names = [name for name in list_systems(folder) if name not in OFFICIAL.systems]
         for name in names:
             load_system(name, folder)
     except Exception as error:
@@ -113,6 +115,34 @@ def _weights(folder: Path) -> Finding:
         advice = "name a folder of weights with --weights DIR"
         return Finding("weights", False, f"no system in {folder}", advice)
     return Finding("weights", True, ", ".join(names))
+
+
+def _official() -> list[Finding]:
+    """What the authors' checkpoints are, where a folder of them was named: each is read."""
+    from model.systems.official.checkpoint import load_network
+    from model.systems.official.files import PARTS, official_files
+    from model.systems.official.speech import official_encoder
+
+    files = official_files()
+    if files is None:
+        return []
+    findings = []
+    for part in PARTS:
+        is_needed, advice = part in ("motion", "expression"), "see docs/official.md"
+        name = f"official {part}"
+        try:
+            path = files.path(part)
+            count = sum(each.numel() for each in load_network(part, path).parameters())
+        except Exception as error:
+            findings.append(Finding(name, False, _told(error), advice, is_needed))
+            continue
+        detail = f"{path.relative_to(files.folder)}, {count / 1e6:.1f} M parameters"
+        findings.append(Finding(name, True, detail))
+    try:
+        official_encoder()
+    except Exception as error:
+        return [*findings, Finding("official speech", False, _told(error), "see docs/official.md")]
+    return [*findings, Finding("official speech", True, "WavLM, HuBERT or features are there")]
 
 
 def _ffmpeg() -> Finding:

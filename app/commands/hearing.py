@@ -8,6 +8,7 @@ from pathlib import Path
 from app.commands.said import name_file, say
 from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
+from app.official import add_official, use_official
 from app.run.hearing import HearingRequest, measure_hearing
 
 USUAL = ("workbench/planned", "workbench/priorflow", "globaldiff/global", "gan/5")
@@ -45,6 +46,7 @@ def add_hearing(commands) -> None:
         help="strength of the speech; 1 is as trained (default: as suits each system)",
     )  # fmt: skip
     parser.add_argument("--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR")
+    add_official(parser)
     parser.set_defaults(command=_hearing)
 
 
@@ -60,6 +62,7 @@ def _two(speakers: str | None) -> tuple[str, str] | None:
 def _hearing(options: argparse.Namespace) -> None:
     from app.commands.terminal import ProgressBar
 
+    use_official(options)
     is_folder = len(options.given) == 1 and options.given[0].is_dir()
     systems = tuple(name for name in options.systems.split(",") if name)
     request = HearingRequest(

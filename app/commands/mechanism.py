@@ -58,7 +58,7 @@ def _mechanism(options: argparse.Namespace) -> None:
         size=options.size,
     )
     with ProgressBar(f"draw {options.out.name}") as bar:
-        path, sentences = show_mechanism(request, bar.show)
+        _, sentences = show_mechanism(request, bar.show)
     for sentence in sentences:
         say(sentence)
-    name_file(path)
+    name_file(options.out)

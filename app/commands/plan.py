@@ -1,13 +1,15 @@
-"""The command ``plan``: gestures, looks and nods of speech, to be read, changed and performed."""
+"""The command ``plan``: gestures, looks and nods, drawn from speech or found in a motion, to be
+read, changed and performed."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from app.commands.said import name_file
+from app.commands.said import name_file, say
 from app.config import BUNDLED_WEIGHTS
-from app.run.planning import PlanRequest, make_plan
+from app.errors import RunError
+from app.run.planning import PlanRequest, find_plan, is_motion, make_plan
 from app.run.request import WORDS_ASKED
 
 
@@ -17,11 +19,21 @@ def add_plan(commands) -> None:
         "plan",
         help="speech to a plan of gestures, which `generate --plan` performs",
         description="Draw a plan from speech without moving anything: what each hand does when, "
-        "where to and on which word; looks, nods, brows, blinks and steps. It is JSON, made to be "
-        "changed (docs/plans.md).",
+        "where to and on which word; looks, nods, brows, blinks and steps. It is made to be "
+        "changed, by hand or in Praat or ELAN (docs/plans.md). Of a motion (.npz, .npy, .bvh) the "
+        "plan is found instead, as annotators do.",
     )
-    parser.add_argument("speech", type=Path, metavar="SPEECH", help="any sound file")
-    parser.add_argument("--out", type=Path, required=True, metavar="PLAN.json")
+    parser.add_argument(
+        "speech", type=Path, metavar="SPEECH|MOTION", help="any sound file, or a motion"
+    )
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="FILE",
+        help="ends in .json, or in .TextGrid or .eaf for Praat and ELAN",
+    )  # fmt: skip
+    parser.add_argument(
+        "--empty", action="store_true",
+        help="draw nothing: leave the tiers to be annotated by hand",
+    )  # fmt: skip
     parser.add_argument("--speaker", metavar="NAME", help="whose manner (default: the first)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="default: %(default)s")
     parser.add_argument(
@@ -41,6 +53,15 @@ def add_plan(commands) -> None:
 
 
 def _plan(options: argparse.Namespace) -> None:
+    if is_motion(options.speech):
+        given = [f"--{name}" for name in ("speaker", "guidance", "transcript", "empty")
+                 if getattr(options, name)]  # fmt: skip
+        if given:
+            raise RunError(f"In a motion the plan is found; {given[0]} is for speech.")
+        for note in find_plan(options.speech, options.out):
+            say(note)
+        name_file(options.out)
+        return
     request = PlanRequest(
         speech=options.speech,
         out=options.out,
@@ -50,6 +71,7 @@ def _plan(options: argparse.Namespace) -> None:
         guidance=options.guidance,
         transcript=options.transcript,
         words=options.words,
+        is_empty=options.empty,
     )
     make_plan(request)
     name_file(options.out)

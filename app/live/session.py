@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from app.errors import RunError
-from app.live.minute import SAMPLE_RATE, LastMinute, Minute
-from app.live.wire import frames_message, read_sound
+from app.live.minute import FPS, SAMPLE_RATE, LastMinute, Minute
+from app.live.wire import read_sound
+from app.run.pieces import frames_message
 
 if TYPE_CHECKING:
     from model.generation.base import System
@@ -37,6 +38,14 @@ AUDIBLE = 0.001
 TRIAL_WINDOWS = 3
 SEED_LIMIT = 2**31 - 1
 
+USUAL_S = 2.0
+"""Of speech whose motion has not been made yet while a body keeps up."""
+
+EARLIER = "Only the last {kept:.0f} s are held; the {first:.1f} s before them are gone."
+BEHIND = (
+    "{kept:.1f} s are kept: the last {behind:.1f} s spoken had no motion yet when Keep was pressed "
+    "or the session ended, as this machine was that far behind."
+)
 TOO_LONG = "A live session lasts at most {minutes:g} minutes; start another one."
 TOO_FAST = "Sound came faster than it can be spoken; start again."
 TOO_LITTLE = (
@@ -88,6 +97,8 @@ class Kept:
 
     minute: Minute
     facts: dict[str, Any]
+    why_less: str = ""
+    """Than was spoken; empty where all of it is kept, but for what a body follows later by."""
 
 
 class LiveSession:
@@ -240,6 +251,7 @@ class LiveSession:
         """
         with self._lock:
             minute = self.minute.kept()
+            spoken_s = self._samples / SAMPLE_RATE
         facts = {
             "first_frame_of_session": minute.first_frame,
             "least_new_frames_a_window": self.pace.hop,
@@ -248,7 +260,7 @@ class LiveSession:
             "windows_of_session": self.windows,
             "window_cpu_ms": round(self.window_ms, 1),
         }
-        return Kept(minute, facts)
+        return Kept(minute, facts, why_less(minute, spoken_s))
 
     def _check_cost(self) -> None:
         if self.windows != TRIAL_WINDOWS + 1:  # the first one brings libraries with it
@@ -256,6 +268,22 @@ class LiveSession:
         cost = min([*self._costs][1:])
         if cost > MAX_WINDOW_MS:
             raise RunError(slow_system(self.ask.system, cost / self._frames_of_window))
+
+
+def why_less(minute: Minute, spoken_s: float) -> str:
+    """Why less is kept than was spoken, in a sentence or two; empty where nothing is missing.
+
+    Args:
+        spoken_s: of all of the session.
+    """
+    kept_s = minute.motion.num_frames / FPS
+    made_s = minute.first_frame / FPS + kept_s
+    reasons = []
+    if minute.first_frame:
+        reasons.append(EARLIER.format(kept=kept_s, first=made_s - kept_s))
+    if spoken_s - made_s > USUAL_S:
+        reasons.append(BEHIND.format(behind=spoken_s - made_s, kept=kept_s))
+    return " ".join(reasons)
 
 
 def check_live(system: System) -> None:

@@ -1,30 +1,16 @@
-"""What travels between browser and server during a live session, and motion that a browser plays,
-as bytes.
+"""Sound that comes from a browser during a live session: 16-bit numbers of 16 kHz mono.
 
-Sound comes as 16-bit numbers of 16 kHz mono; frames go as in `docs/formats.md` ("Live frames").
+What goes back is in `app.run.pieces`.
 """
 
 from __future__ import annotations
-
-import struct
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from app.errors import RunError
 
-if TYPE_CHECKING:
-    from model.motion.motion import Motion
-
 MAX_SOUND_BYTES = 32_000
 """Of one message: a second."""
-NUM_FACES = 52
-FACE_BASIS = "arkit52"
-MAX_FRAMES = 2**16 - 1
-"""Of one message."""
-HEADER = struct.Struct("<IHHffHH")
-"""First frame, frames, face weights a frame, ms that the window took, ms that it waited for its
-turn, visitors at work, and zero."""
 
 
 def read_sound(content: bytes) -> np.ndarray:
@@ -40,26 +26,3 @@ def read_sound(content: bytes) -> np.ndarray:
             f"A block of sound has {len(content)} bytes; at most {MAX_SOUND_BYTES} are taken."
         )
     return np.frombuffer(content, "<i2").astype(np.float32) / 32_768
-
-
-def frames_message(
-    first: int, motion: Motion, *, made_ms: float = 0.0, waited_ms: float = 0.0, visitors: int = 0
-) -> bytes:
-    """Frames of the open body as the browser draws them: positions as 32-bit floats, rotations of
-    all joints to their parents as quaternions (x, y, z, w) of 16-bit numbers, face weights as
-    bytes."""
-    from scipy.spatial.transform import Rotation
-
-    count = motion.num_frames
-    quaternions = Rotation.from_rotvec(motion.poses.reshape(-1, 3)).as_quat()
-    faces = np.clip(motion.expressions[:, :NUM_FACES], 0, 1)
-    if motion.expression_basis != FACE_BASIS:  # the open body's face cannot follow it
-        faces = np.zeros_like(faces)
-    return b"".join(
-        [
-            HEADER.pack(first, count, NUM_FACES, made_ms, waited_ms, visitors, 0),
-            motion.trans.astype("<f4").tobytes(),
-            np.round(quaternions * 32_767).astype("<i2").tobytes(),
-            np.round(faces * 255).astype(np.uint8).tobytes(),
-        ]
-    )

@@ -26,6 +26,8 @@ from app.config import (
     default_port,
 )
 from app.errors import RunError, sentence_of
+from app.official import add_official, use_official
+from model.systems.official.files import official_files, require_speech
 
 if TYPE_CHECKING:
     from gradio import Blocks
@@ -86,7 +88,9 @@ def parse_config(argv: list[str] | None = None) -> AppConfig:
         "--max-minutes", type=float, default=10.0, metavar="N",
         help="longest speech accepted (default: %(default)g)",
     )  # fmt: skip
+    add_official(parser)
     options = parser.parse_args(argv)
+    use_official(options)
     return AppConfig(
         host=options.host,
         port=options.port,
@@ -154,6 +158,7 @@ def launch(
     from app.page.serving.live_route import live_routes
     from app.page.serving.lodging import Lodging
     from app.page.serving.media import MediaDesk, media_routes
+    from app.page.serving.motion_files import motion_file_routes
     from app.page.serving.refusals import quieten_sockets, refuse_unknown_functions
     from app.page.serving.researcher_part import Handover, study_routes
     from app.page.serving.stage_route import stage_routes
@@ -162,6 +167,12 @@ def launch(
     from app.page.tabs.upload_check import UploadCheck
     from app.page.theme import CSS, head_style, make_theme
 
+    official = official_files()
+    if official is not None and require_speech().is_file():
+        raise RunError(
+            "The page cannot use prepared features, which are of one speech; name a folder of "
+            "WavLM or HuBERT with --official-features DIR."
+        )
     catalogue = read_catalogue(config.weights, find_examples(EXAMPLES))
     keep_uploads_tidy()
     refuse_unknown_functions()
@@ -208,7 +219,7 @@ def launch(
     )
     page.queue(max_size=4 * config.max_waiting)
     routes = [*media_routes(desk), *study_routes(handover), *preview_routes(previews)]
-    routes += stage_routes()
+    routes += [*stage_routes(), *motion_file_routes(desk, config.temp)]
     routes += live_routes(live, examples)
     page.launch(
         server_name=config.host,
@@ -219,7 +230,14 @@ def launch(
         max_file_size=config.max_upload,
         allowed_paths=[str(EXAMPLES)],
         blocked_paths=[
-            str(path) for path in (config.weights, config.body, config.private_folder) if path
+            str(path)
+            for path in (
+                config.weights,
+                config.body,
+                config.private_folder,
+                official and official.folder,
+            )
+            if path
         ],
         run_history=False,
         ssr_mode=False,
@@ -300,18 +318,16 @@ def _remove(folder: Path) -> None:
 
 
 def _warm_up(config: AppConfig, first_look: FirstLookDesk | None) -> None:
-    """Load in this process what live speech needs; a failure shows at its first session. And see
-    to the example that plays before the first run: before all else where it has been made, since
-    it is what a visitor sees first."""
-    if first_look is not None and first_look.is_made:
-        first_look.make()
-        first_look = None
+    """Load in this process what the stage and live speech need; a failure shows where they are
+    wanted. First of all what a visitor sees first: the stage, and the example that plays before the
+    first run."""
     try:
+        from app.page.serving.stage_route import prepare
         from app.run.models import warm_up
 
+        prepare()
+        if first_look is not None:
+            first_look.make()
         warm_up(config.weights, config.body)
     except Exception:
         log.exception("the warm-up failed; the first run will say why")
-        return
-    if first_look is not None:
-        first_look.make()

@@ -14,14 +14,15 @@ from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import reveal_on_click
 from app.page.parts.named_fields import named_fields
+from app.page.results.edited_runs import EditedRuns
 from app.page.results.first_look_shown import FirstLookDesk
 from app.page.results.kept_runs import PARAMETER, KeptRuns
 from app.page.results.result_parts import ResultParts, build_results
 from app.page.results.study_preview import PreviewDesk
+from app.page.serving.in_turn import Updates
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.researcher_part import Handover
-from app.page.serving.runner import Updates
 from app.page.serving.workshop import Workshop
 from app.page.tabs import live as live_tab
 from app.page.tabs import own_motion as own_motion_tab
@@ -31,14 +32,16 @@ from app.page.tabs.generate_run import Generate, GenerateRunner
 from app.page.tabs.hearing import build_hearing
 from app.page.tabs.mechanism import build_mechanism
 from app.page.tabs.opening import Opening
+from app.page.tabs.seen_run import SeenRunner
 from app.page.tabs.step_curve import build_step_curve
 from app.page.tabs.study import build_study_tab
 from app.page.tabs.study_analysis import build_analysis
 from app.page.tabs.systems import build_systems_tab
+from app.page.tabs.takes_run import MakeTake, TakesRunner
 from app.page.tabs.upload_check import UploadCheck
 from app.page.tabs.videos_behind import Draw, VideosBehind
 
-EXAMPLE_EVERY_S = 3.0
+EXAMPLE_EVERY_S = 1.0
 """How often a page asks for an example that is being made."""
 
 
@@ -55,6 +58,7 @@ def build_app(
     live: LiveDesk,
     first_look: FirstLookDesk | None = None,
     draw: Draw | None = None,
+    take: MakeTake | None = None,
 ) -> gr.Blocks:
     """The whole page.
 
@@ -64,6 +68,7 @@ def build_app(
         check: of uploads, before there is a run.
         first_look: what plays before the first run.
         draw: the same of the videos of a run; None is the workshop.
+        take: the same of a take of it.
     """
     draws = draw or workshop.draw_behind
     kept = KeptRuns(config.keep_results_s)
@@ -80,13 +85,15 @@ def build_app(
                 with gr.Column(scale=9, min_width=320, elem_classes="results"):
                     results = build_results(empty=markup.empty_state())
             with gr.Tab(live_tab.TAB):
-                live_tab.build_live_tab(page, generate, catalogue, config, jobs, desk, live, kept)
+                live_results = live_tab.build_live_tab(
+                    page, generate, catalogue, config, jobs, desk, live, kept, draws
+                )
             with gr.Tab(own_motion_tab.TAB, id="own_motion"):
                 own_results = own_motion_tab.build_own_motion_tab(
                     page, config, jobs, desk, workshop.diagnose, check, kept, draws
                 )
-            with gr.Tab(text.LADDER_TAB):
-                build_mechanism(page, config, jobs, desk, workshop.show_mechanism)
+            with gr.Tab(text.LADDER_TAB) as systems_tab:
+                build_mechanism(page, systems_tab, config, jobs, desk, workshop.show_mechanism)
                 build_systems_tab(catalogue.systems)
                 build_hearing(page, catalogue, config, jobs, desk, workshop.measure_hearing)
                 build_step_curve(page, catalogue, config, jobs, desk, workshop.measure_steps)
@@ -95,10 +102,14 @@ def build_app(
                     page, catalogue, config, jobs, handover, previews, workshop.export_study, check
                 )
                 build_analysis(page, jobs, workshop.analyse_study)
+        for parts, prefix in ((results, ""), (live_results, "live-"), (own_results, "own-")):
+            SeenRunner(workshop.draw_seen, config, jobs, desk, parts).wire(page, prefix)
         videos = VideosBehind(draws, jobs, results, kept, "videos")
+        edited = EditedRuns()
         runner = GenerateRunner(
-            generate, catalogue, config, jobs, desk, form, results, kept, videos
+            generate, catalogue, config, jobs, desk, form, results, kept, videos, edited
         )
+        TakesRunner(take or workshop.make_take, edited, jobs, results).wire(page)
         if first_look is not None:
             _await_example(page, form, results, first_look)
         _wire(page, form, results, runner, videos)
@@ -149,7 +160,7 @@ def _wire(
 ) -> None:
     reveal_on_click(form.generate, results.status)
     run = form.generate.click(
-        named_fields(runner.run, Form, optional=("reference", "transcript")),
+        named_fields(runner.run, Form, optional=("reference", "transcript", "plan")),
         inputs=list(form.fields),
         outputs=[*results.all, form.generate, form.cancel],
         api_name="generate",

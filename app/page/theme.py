@@ -23,7 +23,15 @@ _LAGOON = Color(
 CSS = Path(__file__).with_name("css") / "page.css"
 HEAD_CSS = tuple(
     Path(__file__).with_name("css") / name
-    for name in ("frame.css", "player.css", "stage.css", "measures.css", "live.css")
+    for name in (
+        "frame.css",
+        "player.css",
+        "stage.css",
+        "tiers.css",
+        "editing.css",
+        "measures.css",
+        "live.css",
+    )
 )
 
 

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.run.display import Display
 from app.run.models import get_body
 from app.run.pictures.followed_point import choose_tip_source
-from app.run.pictures.own_videos import VideoOptions, draw_own_videos, picture_motions
+from app.run.pictures.own_videos import picture_motions
 from app.run.planted import NOISE_RAD, tremble
 from app.run.request import GenerateRequest, file_stem
 from app.run.result_folder import ResultFolder
@@ -23,8 +22,7 @@ if TYPE_CHECKING:
     from model.motion.motion import Motion
 
 STEADY, TREMBLING = "A", "B"
-SIZE_PX = 512
-FORMAT = 1
+FORMAT = 2
 """Of what is kept; another number makes it anew."""
 FACTS = "first_look.json"
 
@@ -48,7 +46,7 @@ class FirstLook:
 
 def first_look(kept: Path, weights: Path, system: str, speech: Path) -> FirstLook:
     """Where it is kept: outside of the repository, apart for each state of weights and speech."""
-    key = hashlib.sha256(f"{FORMAT} {system} {SIZE_PX} {NOISE_RAD}".encode())
+    key = hashlib.sha256(f"{FORMAT} {system} {NOISE_RAD}".encode())
     key.update((weights / f"{file_stem(system)}.json").read_bytes())
     key.update(speech.read_bytes())
     return FirstLook(kept / "first-look" / key.hexdigest()[:16], speech, system)
@@ -57,42 +55,37 @@ def first_look(kept: Path, weights: Path, system: str, speech: Path) -> FirstLoo
 def make_first_look(
     look: FirstLook, weights: Path, on_share: Callable[[float], None] = lambda share: None
 ) -> None:
-    """Generate, plant, draw; leaves the whole folder or nothing.
+    """Generate and plant; leaves the whole folder or nothing.
 
     Args:
         on_share: told of the share done; what it raises ends the work.
 
     Raises:
-        RunError, SpeechError, GLError, VideoError: each with one sentence.
+        RunError, SpeechError: each with one sentence.
     """
     from app.run.pipeline import generate_all
     from model.measures.smoothness import derivative_magnitudes
     from model.motion.motion import load_motion, save_motion
 
-    body, tip = get_body(None), choose_tip_source(get_body(None), None)
+    tip = choose_tip_source(get_body(None), None)
     look.folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as temporary:
         request = GenerateRequest(
             *(look.speech, Path(temporary, "run"), weights),
             systems=(look.system,),
             has_video=False,
+            has_figures=False,
         )
         result = generate_all(request, lambda event: on_share(0.0))
         motion = load_motion(result.out / f"{file_stem(look.system)}.npz")
         provenance = json.loads((result.out / "provenance.json").read_text())
     motions: dict[str, Motion] = {STEADY: motion, TREMBLING: tremble(motion)}
     with ResultFolder(look.folder) as folder:
-        pictured = picture_motions(motions)
-        options = VideoOptions(Display(), size=SIZE_PX, close_ups=("hands",))
-        draw_own_videos(
-            *(pictured.motions, options, body, None, tip, None, folder, on_share),
-            lambda artefact: None,
-        )
         jerk = {
             name: round(float(derivative_magnitudes(tip.track(each), 3).mean()))
             for name, each in motions.items()
         }
-        for name, each in pictured.motions.items():
+        for name, each in picture_motions(motions).motions.items():
             save_motion(each, folder.path(f"{name}.npz"))
         facts = {"jerk_m_s3": jerk, "noise_rad": NOISE_RAD, "provenance": provenance}
         folder.path(FACTS).write_text(json.dumps(facts, indent=1) + "\n")

@@ -63,7 +63,7 @@ def read_inputs(
     reporter.note(*speech.notes)
     body = get_body(request.body, request.look)
     systems = _load_systems(request)
-    speaker = request.speaker or next(iter(systems[0].speakers))
+    speaker = request.speaker or _first_speaker(systems)
     for system in systems:
         system.speaker_index(speaker)  # raises for a name that it does not know
     reference = _read_reference(request, speech, reporter)
@@ -83,6 +83,13 @@ def read_inputs(
         backend=backend,
     )
     return inputs, speech
+
+
+def _first_speaker(systems: tuple[System, ...]) -> str:
+    """The first that all of them know, or that the first of them knows."""
+    first = systems[0].speakers
+    shared = (name for name in first if all(name in each.speakers for each in systems))
+    return next(shared, next(iter(first)))
 
 
 def _load_systems(request: GenerateRequest) -> tuple[System, ...]:
@@ -116,11 +123,14 @@ def _options(
         PlanError: if the plan cannot be used.
     """
     from model.generation.windows import GenerateOptions
-    from model.plan.plan import read_plan
+    from model.plan.files import read_plan_file
 
-    plans = () if request.plan is None else (read_plan(request.plan),)
+    read = None if request.plan is None else read_plan_file(request.plan)
+    plans = () if read is None else (read.plan,)
     if plans and not any(system.plans for system in systems):
         raise RunError("None of these systems performs plans; leave the plan out.")
+    for note in () if read is None else read.notes:
+        reporter.note(note)
 
     with_sampler = [
         system.name

@@ -4,7 +4,7 @@ rotations of one motion, two bodies in lock-step."""
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,11 +15,16 @@ from app.run.models import get_body
 from app.run.pictures.export import body_motion, render_settings
 from app.run.pictures.followed_point import TIP, choose_tip_source
 from app.run.pictures.marked import marks_of
+from app.run.pictures.own_videos import OnFile
 from app.run.pictures.videos import draw_videos
+from app.run.request import Artefact, file_stem
 
 if TYPE_CHECKING:
     from model.measures.error_growth import ErrorGrowth
+    from model.motion.motion import Motion
 
+NAMES: tuple[str, str] = ("local rotations", "global rotations")
+"""Of the two bodies: where the noise is."""
 NOISE_RAD = (0.005, 0.1)
 """Least and most noise that may be asked for."""
 _DRAWN = 0.85
@@ -42,34 +47,35 @@ class MechanismRequest:
     body: Path | None = None
     size: int = 640
     """Height of a body in pixels."""
+    is_played: bool = False
+    """Whether both motions are left beside ``out`` and told of, for a player."""
+    has_video: bool = True
 
 
 def show_mechanism(
-    request: MechanismRequest, on_progress: Callable[[float], None] = lambda fraction: None
-) -> tuple[Path, tuple[str, ...]]:
-    """Draw both bodies beside each other and measure what the noise does.
+    request: MechanismRequest,
+    on_progress: Callable[[float], None] = lambda fraction: None,
+    on_file: OnFile = lambda artefact: None,
+) -> tuple[Path | None, tuple[str, ...]]:
+    """Move two bodies, measure what the noise does, and draw them beside each other.
 
     Args:
         on_progress: told of the share done, 0 to 1; what it raises ends the work.
 
     Returns:
-        The video, and what it shows in sentences.
+        The video, where one was asked for, and what the bodies show in sentences.
 
     Raises:
         RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
     from model.formats.read import read_any_motion
     from model.measures.error_growth import measure_error_growth
+    from model.motion.motion import save_motion
     from model.motion.noise import noisy_motions
     from model.motion.skeleton import open_body_skeleton
     from model.motion.tracks import moving_chain
-    from renderer.video.compose import compose_videos
-    from renderer.video.frames import stage_for
-    from renderer.video.pool import RenderJob
 
     _check(request)
-    body = get_body(request.body)
-    tip = choose_tip_source(body, request.body, request.joint)
     if not moving_chain(request.joint):
         raise RunError(f"No rotation moves the {request.joint}; follow a joint further from it.")
     found = read_any_motion(request.motion)
@@ -77,9 +83,32 @@ def show_mechanism(
         found.motion, open_body_skeleton(), request.joint, request.noise_rad, seed=request.seed
     )
     on_local, on_global = noisy_motions(found.motion, request.noise_rad, request.seed)
-    noisy = {"local rotations": on_local, "global rotations": on_global}
+    noisy: dict[str, Motion] = dict(zip(NAMES, (on_local, on_global), strict=True))
+    if request.is_played:
+        for name, motion in noisy.items():
+            path = request.out.with_name(f"{file_stem(name)}.npz")
+            save_motion(motion, path)
+            on_file(Artefact("motion", name, path))
+    if request.has_video:
+        _draw(request, found.motion, noisy, on_progress)
+    sentences = (*found.notes, *_told(growth, request.noise_rad))
+    return request.out if request.has_video else None, sentences
+
+
+def _draw(
+    request: MechanismRequest,
+    clean: Motion,
+    noisy: Mapping[str, Motion],
+    on_progress: Callable[[float], None],
+) -> None:
+    from renderer.video.compose import compose_videos
+    from renderer.video.frames import stage_for
+    from renderer.video.pool import RenderJob
+
+    body = get_body(request.body)
+    tip = choose_tip_source(body, request.body, request.joint)
     settings = render_settings("front", request.size, close_ups=("hands",), framing="knees")
-    stage = stage_for(body, [body_motion(found.motion)], settings)  # the noise moves no camera
+    stage = stage_for(body, [body_motion(clean)], settings)  # the noise moves no camera
     with tempfile.TemporaryDirectory() as folder:
         jobs = {
             name: RenderJob(
@@ -105,7 +134,6 @@ def show_mechanism(
             request.speech,
             on_progress=lambda part: on_progress(_DRAWN + (1.0 - _DRAWN) * part),
         )
-    return request.out, (*found.notes, *_told(growth, request.noise_rad))
 
 
 def _check(request: MechanismRequest) -> None:

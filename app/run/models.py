@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import logging
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -54,7 +55,13 @@ def _load_body(path: Path | None, look: str, modified: float) -> Body:
 
 
 def warm_up(weights: Path, body: Path | None) -> None:
-    """Do once what the first visitor would otherwise wait for.
+    """Do once what the first visitor would otherwise wait for."""
+    for _ in warming_up(weights, body):
+        pass
+
+
+def warming_up(weights: Path, body: Path | None) -> Iterator[None]:
+    """`warm_up` in small parts, between which something else can be done.
 
     Reads every system and the body, generates a moment of motion, and finds out what can draw.
     """
@@ -67,11 +74,13 @@ def warm_up(weights: Path, body: Path | None) -> None:
     from renderer.draw.probe import choose_backend
 
     get_body(body)
+    yield
     noise = np.random.default_rng(0).normal(0.0, 0.1, SAMPLE_RATE).astype(np.float32)
     for name in list_systems(weights):
         system = get_system(name, weights)
         options = GenerateOptions(speaker=next(iter(system.speakers)), steps=1)
         generate_motion(system, Speech(waveform=noise, sha256=""), options)
+        yield
     try:
         choose_backend()
     except GLError as error:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import ctypes
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
@@ -26,6 +26,7 @@ from app.run.pictures.export import body_motion
 from app.run.pictures.figures import check_start, draw_figure6, draw_jitter
 from app.run.pictures.followed_point import TipSource, choose_tip_source
 from app.run.pictures.register import in_register
+from app.run.pieces import PieceTeller
 from app.run.provenance import make_provenance
 from app.run.request import (
     REFERENCE_NAME,
@@ -46,9 +47,11 @@ if TYPE_CHECKING:
     import numpy as np
 
     from model.generation.base import System
-    from model.generation.windows import GenerateOptions
+    from model.generation.windows import GenerateOptions, MotionPiece
     from model.measures.diagnostics import Diagnostics
     from model.measures.joins.seams import Windows
+    from model.motion.motion import Motion
+    from model.plan.plan import GesturePlan
     from model.speech.audio import Speech
     from model.speech.transcript import Transcript
 
@@ -147,43 +150,94 @@ def _generate(
     folder: ResultFolder,
     reporter: Reporter,
 ) -> list[Row]:
-    """Motion of one system after the other from the same noise; the reference is the last row."""
-    from model.generation.windows import generate_motion
+    """Motion of all systems from the same noise; the reference is the last row."""
     from model.measures.diagnostics import smooth_motion
     from model.motion.motion import load_motion, save_motion
 
     is_smoothed = request.post_filter == "savgol"
-    rows = []
-    for done, system in enumerate(inputs.systems):
-        if request.take is not None:
-            motions = [load_motion(request.take.motion)]
-            reporter.note(LIVE_NOTE)
-            reporter.progress("motion", 1.0)
-        else:
-            options = inputs.options[system.name]
-            if system.plans:
-                said, _ = words.found(reporter.stop_if_asked)
-                options = _with_plans(system, speech, options, said, folder, reporter)
-            motions = generate_motion(
-                system,
-                speech,
-                options,
-                on_progress=lambda part, done=done, name=system.name: reporter.progress(
-                    "motion", (done + part) / len(inputs.systems), name
-                ),
-                should_cancel=reporter.should_cancel,
-            )
-        for sample, raw in enumerate(motions, start=1):
-            shown = smooth_motion(raw) if is_smoothed else raw
-            row = Row(sample_name(system.name, sample), raw, shown, sample == 1)
-            path = folder.path(f"{file_stem(row.name)}.npz")
-            save_motion(shown, path)
-            reporter.file("motion", row.name, path)
-            rows.append(row)
+
+    def told(name: str, sample: int, raw: Motion) -> Row:
+        shown = smooth_motion(raw) if is_smoothed else raw
+        row = Row(sample_name(name, sample), raw, shown, sample == 1)
+        path = folder.path(f"{file_stem(row.name)}.npz")
+        save_motion(shown, path)
+        reporter.file("motion", row.name, path)
+        return row
+
+    if request.take is not None:
+        rows = [told(inputs.systems[0].name, 1, load_motion(request.take.motion))]
+        reporter.note(LIVE_NOTE)
+        reporter.progress("motion", 1.0)
+    else:
+        rows = _made_in_turns(inputs, speech, words, folder, reporter, told, not is_smoothed)
     if inputs.reference is not None:
         raw = inputs.reference
         rows.append(Row(REFERENCE_NAME, raw, smooth_motion(raw) if is_smoothed else raw))
     return rows
+
+
+def _made_in_turns(
+    inputs: Inputs,
+    speech: Speech,
+    words: SpokenWords,
+    folder: ResultFolder,
+    reporter: Reporter,
+    told: Callable[[str, int, Motion], Row],
+    is_seen: bool,
+) -> list[Row]:
+    """A window of each system, then the next of each: all bodies of a comparison begin to move
+    early, and go on together.
+
+    Args:
+        told: makes a row of a whole motion.
+        is_seen: whether windows are told of as they are made.
+    """
+    from model.generation.one_thread import one_thread
+    from model.motion.motion import put_together
+
+    making = {
+        system.name: _pieces_of(system, inputs, speech, words, folder, reporter)
+        for system in inputs.systems
+    }
+    parts: dict[tuple[str, int], list[Motion]] = {}
+    tellers: dict[tuple[str, int], PieceTeller] = {}
+    shares = dict.fromkeys(making, 0.0)
+    rows: dict[tuple[str, int], Row] = {}
+    with one_thread():
+        while making:
+            for name in list(making):
+                piece = next(making[name])
+                for sample, motion in enumerate(piece.motions, start=piece.first_sample + 1):
+                    key = name, sample
+                    parts.setdefault(key, []).append(motion)
+                    if is_seen:
+                        teller = PieceTeller(sample_name(*key), inputs.num_frames, reporter)
+                        tellers.setdefault(key, teller).go_on(motion)
+                shares[name] = piece.share
+                reporter.progress("motion", sum(shares.values()) / len(shares), name)
+                if piece.share == 1.0:
+                    del making[name]
+                    for key in [key for key in parts if key[0] == name]:
+                        rows[key] = told(*key, put_together(parts.pop(key)))
+    names = list(shares)
+    return [rows[key] for key in sorted(rows, key=lambda key: (names.index(key[0]), key[1]))]
+
+
+def _pieces_of(
+    system: System,
+    inputs: Inputs,
+    speech: Speech,
+    words: SpokenWords,
+    folder: ResultFolder,
+    reporter: Reporter,
+) -> Iterator[MotionPiece]:
+    from model.generation.windows import motion_pieces
+
+    options = inputs.options[system.name]
+    if system.plans:
+        said, _ = words.found(reporter.stop_if_asked)
+        options = _with_plans(system, speech, options, said, folder, reporter)
+    yield from motion_pieces(system, speech, options, reporter.should_cancel)
 
 
 def _with_plans(
@@ -196,16 +250,19 @@ def _with_plans(
 ) -> GenerateOptions:
     """The options with the plans that the system performs, each left beside its motion."""
     from model.generation.windows import draw_plans
+    from model.plan.plan import read_plan
 
     plans = options.plans
     if not plans:
         plans = draw_plans(system, speech, replace(options, words=said.words))
+    written: list[GesturePlan] = []
     for sample, plan in enumerate(plans, start=1):
         name = sample_name(system.name, sample)
         path = folder.path(f"{file_stem(name)}.plan.json")
         plan.write(path)
+        written.append(read_plan(path))  # its decimals are those that anybody finds in the file
         reporter.file("plan", name, path)
-    return replace(options, plans=plans)
+    return replace(options, plans=tuple(written))
 
 
 def _measure(
@@ -224,6 +281,7 @@ def _measure(
     diagnostics = measure_motions(motions, tip, onsets_s, on_share, _windows(rows, inputs))
     reporter.note(*diagnostics.notes)
     reporter.progress("numbers", 1.0)
+    reporter.measured(diagnostics)
     return diagnostics
 
 

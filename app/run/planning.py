@@ -1,4 +1,4 @@
-"""A plan of speech without its motion."""
+"""A plan of speech without its motion, or of a motion without its speech."""
 
 from __future__ import annotations
 
@@ -31,17 +31,45 @@ class PlanRequest:
     transcript: Path | None = None
     """See `GenerateRequest.transcript`."""
     words: WordsAsked = "none"
+    is_empty: bool = False
+    """Of the speech's length with nothing in it, to be filled in by hand."""
+
+
+def is_motion(path: Path) -> bool:
+    """Whether a file's ending is that of a motion."""
+    from model.formats.read import ENDINGS
+
+    return path.suffix.lower() in ENDINGS
+
+
+def find_plan(motion: Path, out: Path) -> list[str]:
+    """Find the plan that a motion seems to follow and write it; what was changed to read it.
+
+    Raises:
+        MotionError, PlanError, WriteError: each with one sentence for the person who asked.
+    """
+    from model.formats.read import read_any_motion
+    from model.motion.skeleton import open_body_skeleton
+    from model.plan.files import check_ending, write_plan_file
+    from model.plan.found import found_plan
+
+    check_ending(out)
+    read = read_any_motion(motion)
+    write_plan_file(found_plan(read.motion, open_body_skeleton()), out)
+    return list(read.notes)
 
 
 def make_plan(request: PlanRequest) -> GesturePlan:
     """Draw the plan and write it.
 
     Raises:
-        RunError, SpeechError, TranscriptError, UnknownNameError, CheckpointError, WriteError: each
-        with one sentence for the person who asked.
+        RunError, SpeechError, TranscriptError, UnknownNameError, CheckpointError, PlanError,
+        WriteError: each with one sentence for the person who asked.
     """
     from app.run.models import get_system
     from model.generation.windows import GenerateOptions, draw_plans
+    from model.plan.files import check_ending, write_plan_file
+    from model.plan.plan import GesturePlan
     from model.speech.audio import SpeechLimits, load_speech
     from model.systems.planned.config import PLANNED
 
@@ -49,8 +77,13 @@ def make_plan(request: PlanRequest) -> GesturePlan:
         raise RunError(f"Guidance must be 0 to {MAX_GUIDANCE}; got {request.guidance:g}.")
     if request.seed < 0:
         raise RunError(f"The seed must not be negative; got {request.seed}.")
-    system = get_system(PLANNED, request.weights)
+    check_ending(request.out)
     speech = load_speech(request.speech, SpeechLimits(max_s=MAX_SPEECH_S))
+    if request.is_empty:
+        plan = GesturePlan(speech.duration_s)
+        write_plan_file(plan, request.out, request.speech)
+        return plan
+    system = get_system(PLANNED, request.weights)
     with SpokenWords(request.transcript, request.words) as words:
         words.begin(speech.waveform)
         said, _ = words.found(lambda: None)
@@ -61,5 +94,5 @@ def make_plan(request: PlanRequest) -> GesturePlan:
         words=said.words,
     )
     (plan,) = draw_plans(system, speech, options)
-    plan.write(request.out)
+    write_plan_file(plan, request.out, request.speech)
     return plan

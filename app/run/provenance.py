@@ -8,6 +8,7 @@ import platform
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+WEIGHTS_ARE = "demonstration weights of this project, not those of the paper"
 _PACKAGES = ("torch", "numpy", "scipy", "numba", "matplotlib", "imageio-ffmpeg", "pocketsphinx")
 
 
@@ -57,5 +58,7 @@ def make_provenance(
         "options": dict(options),
         "drawing": dict(drawing),
         "notes": list(notes),
-        "weights_are": "demonstration weights of this project, not those of the paper",
+        "weights_are": "; ".join(
+            dict.fromkeys(str(system.card.get("weights_are", WEIGHTS_ARE)) for system in systems)
+        ),
     }

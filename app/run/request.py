@@ -67,6 +67,8 @@ class Take:
     """As long as the speech."""
     facts: Mapping[str, Any]
     """Of the session, for the record."""
+    why_less: str = ""
+    """Than was spoken, for who asked for it."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ class GenerateRequest:
     words: WordsAsked = "none"
     """Whether words are recognised where there is no transcript: ``recognise`` or ``none``."""
     plan: Path | None = None
-    """What the systems that perform plans are to perform, as JSON (`model.plan.plan`); None lets
+    """What the systems that perform plans are to perform (`model.plan.files`); None lets
     them draw plans from the speech."""
     joint: str = "right_middle"
     """The fingertip or joint that figure and tip measures follow; see
@@ -231,7 +233,31 @@ class Artefact:
     """Where it lies now; ``path.name`` is its final name."""
 
 
-Event = Progress | Artefact
+@dataclass(frozen=True)
+class Piece:
+    """Motion that goes on with the piece before, told as soon as its window is made."""
+
+    name: str
+    """Of the row."""
+    frames: bytes
+    """As `app.run.pieces.frames_message` has them."""
+    end: int
+    """Frames of the row so far, these among them."""
+    num_frames: int
+    """Of the whole row."""
+    turn_rad: float
+    """With the shift how the row is laid onto the others; that of the last piece counts."""
+    shift_m: tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """All motions have been measured; figures are still to come."""
+
+    diagnostics: Diagnostics
+
+
+Event = Progress | Artefact | Piece | Measured
 OnEvent = Callable[[Event], None]
 ShouldCancel = Callable[[], bool]
 

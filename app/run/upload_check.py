@@ -8,7 +8,7 @@ from typing import Literal
 
 from app.errors import sentence_of
 
-UploadKind = Literal["speech", "reference", "motion", "transcript"]
+UploadKind = Literal["speech", "reference", "motion", "transcript", "plan"]
 """What a file is meant to be: a reference is a BEAT2 npz, a motion any file that can be read."""
 
 
@@ -44,3 +44,7 @@ def _read(kind: UploadKind, path: Path, max_speech_s: float) -> None:
             from model.speech.transcript import read_words
 
             read_words(path)
+        case "plan":
+            from model.plan.files import read_plan_file
+
+            read_plan_file(path)

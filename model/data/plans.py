@@ -15,9 +15,9 @@ from tqdm import tqdm
 from model.data.prepared import Batch, Clip, PreparedData
 from model.data.recordings import DataError, copy_speed
 from model.motion.timing import FPS
-from model.plan.annotation import annotated_plan
 from model.plan.kinds import KindTable
 from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError
+from model.plan.textgrid import annotated_plan
 from model.plan.tiers import TIERS, Begun, chains_of, frames_of, seen_together
 from model.plan.tracks import NUM_TRACKS, tracks_of
 from model.speech.transcript import TranscriptError, read_transcript
@@ -113,7 +113,7 @@ def prepare_plans(data: PreparedData, num_speakers: int) -> Plans:
         (plan, clip) for clip, plan in zip(data.clips, plans, strict=True)
         if clip.copy == 0 and clip.split == "train"
     ]  # fmt: skip
-    said = Counter(word for _, clip in learned for word in _said(_textgrid(data, clip)))
+    said = Counter(word for _, clip in learned for word in _said(textgrid_of(data, clip)))
     table = KindTable.fit(((plan, clip.speaker) for plan, clip in learned), num_speakers, said)
     if not index.is_file() or json.loads(index.read_text()) != origin:
         with (
@@ -148,7 +148,8 @@ def _frames(phase: HandPhase, num_frames: int) -> slice:
     return slice(min(first, num_frames), min(stop, num_frames))
 
 
-def _textgrid(data: PreparedData, clip: Clip) -> Path:
+def textgrid_of(data: PreparedData, clip: Clip) -> Path:
+    """Where the annotation of a clip lies."""
     return data.source / "textgrid" / f"{clip.name}.TextGrid"
 
 
@@ -162,7 +163,7 @@ def _said(path: Path) -> list[str]:
 
 def _annotated(data: PreparedData, clip: Clip) -> GesturePlan:
     try:
-        plan = annotated_plan(_textgrid(data, clip))
+        plan = annotated_plan(textgrid_of(data, clip))
     except (PlanError, OSError) as error:
         raise DataError(f"{clip.name} has no annotated plan: {error}") from error
     return plan.at_speed(copy_speed(clip.name, clip.copy))

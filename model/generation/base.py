@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
@@ -111,6 +111,8 @@ class Prediction:
 class System(ABC):
     """A trained generator with a name, its card, and what it can be asked for."""
 
+    window_type: ClassVar[type[Window]] = Window
+    """Of what its `window` makes."""
     name: str
     card: Mapping[str, Any]
     sha256s: Mapping[str, str]

@@ -7,7 +7,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from model.storage.cards import file_stem, load_card
 
 if TYPE_CHECKING:
     from model.data.prepared import PreparedData
@@ -95,6 +97,22 @@ class Family:
     def weights_of(self, system: str) -> str:
         """Under whose name the weights of a generator are saved."""
         return self.shared_weights.get(system, system)
+
+    def systems_in(self, folder: Path) -> tuple[str, ...]:
+        """Its generators whose weights lie in a folder of weights."""
+        return tuple(
+            name
+            for name in self.systems
+            if (folder / f"{file_stem(self.weights_of(name))}.safetensors").is_file()
+        )
+
+    def card(self, name: str, folder: Path) -> dict[str, Any]:
+        """The card of the weights that a generator or a helper has.
+
+        Raises:
+            CheckpointError: if it is missing or no JSON object.
+        """
+        return load_card(folder, self.weights_of(name))
 
     def make_task(
         self, config: "TrainConfig", data: "PreparedData", workshop: "Workshop"

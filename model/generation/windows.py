@@ -1,9 +1,10 @@
 """Motion for speech of any length, in windows that each start from the end of the one before.
 
-`generate_motion` has the whole speech; `stream_motion` makes the same motion while it arrives.
+`generate_motion` has the whole speech, and `motion_pieces` gives the same window by window;
+`stream_motion` makes it while the speech arrives.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,15 +13,18 @@ from jaxtyping import Float
 from torch import Tensor
 
 from model.generation.base import Draw, System, Window
+from model.generation.feet import Footing, HeldFeet
+from model.generation.hands import LedHands
 from model.generation.one_thread import one_thread
 from model.generation.speech_stream import SpeechStream, SpeechWindow
 from model.generation.stitching import num_windows
 from model.motion.kinematics import local_from_global
-from model.motion.motion import ExpressionBasis, Motion
+from model.motion.motion import ExpressionBasis, Motion, put_together
 from model.motion.packing import root_positions
 from model.motion.rotations import axis_angle_from_matrix
+from model.motion.skeleton import open_body_skeleton
 from model.plan.kinds import Spoken
-from model.plan.plan import GesturePlan
+from model.plan.plan import GesturePlan, Planted
 from model.speech.audio import Speech
 
 _HORIZONTAL = torch.tensor([1.0, 0.0, 1.0])
@@ -90,22 +94,54 @@ def generate_motion(
         ValueError: if guidance, or steps of the face, are asked of a system that takes none.
         Cancelled: if ``should_cancel`` said so.
     """
+    found: dict[int, list[Motion]] = {}
     with one_thread():
-        if not system.plans:
-            return _generated(system, speech, options, on_progress, should_cancel)
-        motions: list[Motion] = []
-        plans = options.plans or tuple(_drawn_plans(system, speech, options))
-        for sample in range(options.samples):
-            plan = plans[min(sample, len(plans) - 1)]
-            first = options.first_sample + sample
-            one = replace(options, samples=1, first_sample=first, plans=(plan,))
+        for piece in motion_pieces(system, speech, options, should_cancel):
+            for sample, motion in enumerate(piece.motions, start=piece.first_sample):
+                found.setdefault(sample, []).append(motion)
+            if on_progress is not None:
+                on_progress(piece.share)
+    return [put_together(found[sample]) for sample in range(options.samples)]
 
-            def on_share(share: float, done: int = sample) -> None:
-                if on_progress is not None:
-                    on_progress((done + share) / options.samples)
 
-            motions += _generated(system, speech, one, on_share, should_cancel)
-        return motions
+@dataclass(frozen=True)
+class MotionPiece:
+    """Frames that go on with those of the piece before."""
+
+    motions: list[Motion]
+    """One for each sample from the first."""
+    first_sample: int
+    """Counted from 0 among those that were asked for."""
+    share: float
+    """Of all the work of the system, done with this: 0 to 1."""
+
+
+def motion_pieces(
+    system: System,
+    speech: Speech,
+    options: GenerateOptions,
+    should_cancel: Callable[[], bool] | None = None,
+) -> Iterator[MotionPiece]:
+    """What `generate_motion` returns, as its windows are made: all pieces of a sample, put
+    together, are its motion to the bit.
+
+    Whoever takes them says how many threads torch works in, so that several systems can be asked
+    for their pieces in turn.
+
+    Raises:
+        UnknownNameError, ValueError, Cancelled: as `generate_motion`.
+    """
+    if not system.plans:
+        yield from _made(system, speech, options, should_cancel)
+        return
+    plans = options.plans or tuple(_drawn_plans(system, speech, options))
+    for sample in range(options.samples):
+        plan = plans[min(sample, len(plans) - 1)]
+        first = options.first_sample + sample
+        one = replace(options, samples=1, first_sample=first, plans=(plan,))
+        for piece in _made(system, speech, one, should_cancel):
+            share = (sample + piece.share) / options.samples
+            yield replace(piece, first_sample=sample, share=share)
 
 
 def draw_plans(system: System, speech: Speech, options: GenerateOptions) -> tuple[GesturePlan, ...]:
@@ -126,28 +162,24 @@ def _drawn_plans(system: System, speech: Speech, options: GenerateOptions) -> It
         yield system.plan(speech.waveform, speech.num_frames, one)
 
 
-def _generated(
+def _made(
     system: System,
     speech: Speech,
     options: GenerateOptions,
-    on_progress: Callable[[float], None] | None,
     should_cancel: Callable[[], bool] | None,
-) -> list[Motion]:
+) -> Iterator[MotionPiece]:
     cut = system.windowing
     count = num_windows(speech.num_frames, cut.frames, cut.overlap)
     num_frames = cut.frames + (count - 1) * cut.advance
     features = system.hear(speech.waveform, num_frames, draw_of(system, options))
-    pieces: list[tuple[Tensor, Tensor, Tensor]] = []
+    told = PiecewiseMotion(system, feet=feet_of(options.plans), hands=hands_of(options.plans))
+    left = speech.num_frames
     for index, piece in enumerate(_pieces(system, [features], options, should_cancel)):
-        pieces.append((_poses(system, piece), piece.root, piece.expression))
-        if on_progress is not None:
-            on_progress(min(1.0, (index + 1) / count))
-    poses, root, expressions = (
-        torch.cat(parts, dim=1)[:, : speech.num_frames] for parts in zip(*pieces, strict=True)
-    )
-    positions = root_positions(root, system.root_motion)
-    positions = positions - positions[:, :1] * _HORIZONTAL
-    return _motions(system, poses, positions, expressions)
+        if left == 0:  # a last window that holds only frames beyond the speech
+            return
+        motions = told.go_on(piece.part(slice(left)))
+        left -= motions[0].num_frames
+        yield MotionPiece(motions, 0, (index + 1) / count)
 
 
 def stream_motion(
@@ -230,11 +262,25 @@ class WindowChain:
 
 
 class PiecewiseMotion:
-    """Turns what windows make into motion, piece after piece, in one place of the world."""
+    """Turns what windows make into motion, piece after piece, in one place of the world.
 
-    def __init__(self, system: System) -> None:
+    Args:
+        origin: of a body that has a place, the one that lies at x = z = 0; None is where it begins.
+        feet: holds them where one sample's plan says; None leaves them to the network.
+        hands: leads them to where it says; None leaves them to the network.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        origin: Float[Tensor, "B 1 3"] | None = None,
+        feet: HeldFeet | None = None,
+        hands: LedHands | None = None,
+    ) -> None:
         self._system = system
-        self._travelled: Float[Tensor, "B 1 3"] | None = None
+        self._feet = feet
+        self._hands = hands
+        self._travelled = None if origin is None else origin * _HORIZONTAL
 
     def go_on(self, piece: Window) -> list[Motion]:
         """The motion of the frames after those of the piece before, one for each sample."""
@@ -250,7 +296,25 @@ class PiecewiseMotion:
         if self._system.root_motion == "velocity":
             travelled = positions[:, -1:] * _HORIZONTAL
         self._travelled = travelled
-        return _motions(self._system, _poses(self._system, piece), positions, piece.expression)
+        poses = _poses(self._system, piece)
+        motions = _motions(self._system, poses, positions, piece.expression)
+        if self._hands is not None:
+            motions = [self._hands.lead(*motions)]
+        return motions if self._feet is None else [self._feet.hold(*motions)]
+
+
+def feet_of(
+    plans: Sequence[GesturePlan], known: Mapping[Planted, Footing] | None = None
+) -> HeldFeet | None:
+    """What holds the feet of one sample, if it has a plan; ``known`` are footings to keep."""
+    if not plans:
+        return None
+    return HeldFeet(plans[0].planted, open_body_skeleton(), known or {})
+
+
+def hands_of(plans: Sequence[GesturePlan]) -> LedHands | None:
+    """What leads the hands of one sample, if it has a plan."""
+    return LedHands(plans[0], open_body_skeleton()) if plans else None
 
 
 def draw_of(system: System, options: GenerateOptions) -> Draw:

@@ -27,8 +27,8 @@ _AS_THEY_ARE = tuple(JOINT_INDEX[name] for name in ("jaw", "left_eye", "right_ey
 """Speech and gaze are quick by nature."""
 
 
-def exaggerate(motion: Motion, factor: int) -> Motion:
-    """The motion with all that is faster than 5 Hz multiplied.
+def exaggerate(motion: Motion, factor: float | int, cutoff_hz: float | int = CUTOFF_HZ) -> Motion:
+    """The motion with all that is faster than a cut-off multiplied.
 
     Of each local rotation R the part below the cut-off, L, is the row-6D form behind a Butterworth
     filter that runs forwards and backwards; the residual log(L^T R) is multiplied and put on L.
@@ -43,20 +43,29 @@ def exaggerate(motion: Motion, factor: int) -> Motion:
             continue
         columns = slice(3 * joint, 3 * joint + 3)
         rotmat = matrix_from_axis_angle(torch.tensor(motion.poses[:, columns], dtype=torch.float64))
-        slow = matrix_from_rot6d(torch.from_numpy(below_cutoff(rot6d_from_matrix(rotmat).numpy())))
+        slow = _below_cutoff(rotmat, cutoff_hz)
         fast = factor * axis_angle_from_matrix(slow.transpose(-1, -2) @ rotmat)
         turn = fast.norm(dim=-1, keepdim=True)
         fast = fast * (MAX_TURN_RAD / turn.clamp_min(MAX_TURN_RAD))
         shown = slow @ matrix_from_axis_angle(fast)
         poses[:, columns] = axis_angle_from_matrix(shown).numpy()
-    slow_trans = below_cutoff(motion.trans.astype(np.float64))
+    slow_trans = below_cutoff(motion.trans.astype(np.float64), cutoff_hz)
     trans = slow_trans + factor * (motion.trans - slow_trans)
     return replace(motion, poses=poses, trans=trans.astype(np.float32))
 
 
-def below_cutoff(values: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "T C"]:
+def _below_cutoff(
+    rotmat: Float[torch.Tensor, "T 3 3"], cutoff_hz: float | int
+) -> Float[torch.Tensor, "T 3 3"]:
+    rows = below_cutoff(rot6d_from_matrix(rotmat).numpy(), cutoff_hz)
+    return matrix_from_rot6d(torch.from_numpy(rows))
+
+
+def below_cutoff(
+    values: Float[np.ndarray, "T C"], cutoff_hz: float | int = CUTOFF_HZ
+) -> Float[np.ndarray, "T C"]:
     """What is slower than the cut-off, without delay; at its ends a clip is mirrored."""
-    sections = butter(_ORDER, CUTOFF_HZ, fs=FPS, output="sos")
+    sections = butter(_ORDER, cutoff_hz, fs=FPS, output="sos")
     padding = min(_PADDING_FRAMES, len(values) - 1)
     slow = sosfiltfilt(sections, values, axis=0, padlen=padding)
     return np.ascontiguousarray(slow)  # the way back leaves it reversed

@@ -6,6 +6,7 @@ The file format is documented in ``docs/formats.md``. What other people's tools 
 
 import math
 import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, cast, get_args
@@ -95,6 +96,16 @@ class Motion:
         """Rotation of each joint relative to its parent."""
         poses = torch.tensor(self.poses)  # a copy: the arrays may be read-only
         return matrix_from_axis_angle(poses.unflatten(-1, (NUM_JOINTS, 3)))
+
+
+def put_together(parts: Sequence[Motion]) -> Motion:
+    """One motion of such as follow each other, all of one body."""
+    first = parts[0]
+    poses, trans, expressions = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("poses", "trans", "expressions")
+    )
+    return replace(first, poses=poses, trans=trans, expressions=expressions)
 
 
 def first_frames(motion: Motion, num_frames: int) -> Motion:

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from model.plan.kinds import AFTER_WORD_S, BEFORE_WORD_S, KindTable, Spoken, drawn_by
+from model.plan.palette import PREPARED
 from model.plan.plan import SIDES, GesturePlan, HandPhase
 from model.plan.tracks import STILL, without_gaps
 
@@ -18,8 +19,6 @@ PREPARATION_S, STROKE_S, HOLD_S, RETRACTION_S = 0.49, 0.31, 0.3, 0.8
 """Usual lengths in the corpus's annotation (medians; a hold of those that end in a retraction)."""
 LANDS_AT = 0.3
 """Of the word's length, where a stroke usually ends."""
-PREPARED = (-0.066, 0.005, -0.049)
-"""Where a hand is made ready, from where its stroke ends: nearer to the body."""
 LEAST_REST_S = 0.2
 """What is left of a rest or a hold before it, so that it can be seen."""
 _BOTH = 0.5

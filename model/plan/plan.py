@@ -193,11 +193,11 @@ _EVENTS: dict[str, type] = {
 Event = TypeVar("Event")
 
 
-def read_plan(path: Path) -> GesturePlan:
-    """A plan as `GesturePlan.write` wrote it, or anybody in the same form.
+def plan_bytes(path: Path) -> bytes:
+    """What a file of a plan holds, whatever its form.
 
     Raises:
-        PlanError: if the file is missing, too large, or holds no such plan.
+        PlanError: if it is missing or too large.
     """
     try:
         with path.open("rb") as file:
@@ -207,6 +207,16 @@ def read_plan(path: Path) -> GesturePlan:
         raise PlanError(f"{path.name} could not be read: {reason}.") from error
     if len(data) > MAX_BYTES:
         raise PlanError(f"{path.name} is larger than {MAX_BYTES // 2**20} MiB.")
+    return data
+
+
+def read_plan(path: Path) -> GesturePlan:
+    """A plan as `GesturePlan.write` wrote it, or anybody in the same form.
+
+    Raises:
+        PlanError: if the file is missing, too large, or holds no such plan.
+    """
+    data = plan_bytes(path)
     try:
         told = json.loads(data)
     except (ValueError, RecursionError):

@@ -124,15 +124,25 @@ def without_gaps(phases: Sequence[HandPhase], end_s: float) -> tuple[HandPhase, 
     return tuple(filled)
 
 
+def goal_path(
+    phases: Sequence[HandPhase], time_s: Float[np.ndarray, " T"]
+) -> Float[np.ndarray, "T 3"]:
+    """Where a hand's goals lead it, by minimum jerk within each phase: a path that only the phase
+    of a time and the one before it decide. There must be a phase, and no gap between two."""
+    goals = np.array([phase.goal for phase in phases])
+    path = np.tile(goals[0], (len(time_s), 1))
+    for before, goal, phase in zip(goals[:-1], goals[1:], phases[1:], strict=True):
+        since = time_s >= phase.start_s
+        share = _min_jerk((time_s[since] - phase.start_s) / (phase.end_s - phase.start_s))
+        path[since] = before + share[:, None] * (goal - before)
+    return path
+
+
 def _of_hand(
     phases: tuple[HandPhase, ...], time_s: Float[np.ndarray, " T"]
 ) -> Float[np.ndarray, "T numbers"]:
     numbers = np.zeros((len(time_s), HAND_NUMBERS))
-    goals = np.array([phase.goal for phase in phases])
-    numbers[:, _GOAL] = goals[0]
-    for before, goal, phase in zip(goals[:-1], goals[1:], phases[1:], strict=True):
-        share = _min_jerk((time_s - phase.start_s) / (phase.end_s - phase.start_s))
-        numbers[:, _GOAL] += share[:, None] * (goal - before)
+    numbers[:, _GOAL] = goal_path(phases, time_s)
     for phase in phases:
         if phase.phase not in STILL:
             since = (time_s - phase.end_s) * FPS / PULSE_FRAMES

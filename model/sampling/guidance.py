@@ -15,21 +15,37 @@ from model.motion.rotations import matrix_from_rot6d
 from model.motion.skeleton import FACE, JOINT_INDEX
 from model.motion.spaces import RotationSpace
 
+HEAD = (JOINT_INDEX["neck"], JOINT_INDEX["head"])
+
 
 class SpeechGuide:
-    """Takes what speech changes in predictions of clean motion ``strength`` times."""
+    """Takes what speech changes in predictions of clean motion ``strength`` times.
 
-    def __init__(self, strength: float, normaliser: Normaliser, space: RotationSpace) -> None:
+    Args:
+        of_head: how many times in neck and head; None as elsewhere.
+    """
+
+    def __init__(
+        self,
+        strength: float,
+        normaliser: Normaliser,
+        space: RotationSpace,
+        of_head: float | None = None,
+    ) -> None:
         self.strength = strength
+        self._of_head = strength if of_head is None else of_head
         self._normaliser = normaliser
         self._space = space
         numbers = 3 if space == "axis-angle" else 6
-        self._face = [numbers * joint + k for joint in FACE for k in range(numbers)]
+        self._face, self._head = (
+            [numbers * joint + k for joint in joints for k in range(numbers)]
+            for joints in (FACE, HEAD)
+        )
 
     @property
     def asks_twice(self) -> bool:
         """Whether predictions without speech are needed."""
-        return self.strength != 1
+        return self.strength != 1 or self._of_head != 1
 
     def copies(self, size: int) -> int:
         """Of a batch of that size: those that hear come first, then those that do not."""
@@ -52,10 +68,13 @@ class SpeechGuide:
         change = heard - deaf
         if unmix is not None:
             change = change @ unmix
+        more = change.new_full(change.shape[-1:], self.strength - 1)
+        more[self._head] = self._of_head - 1
+        change = more * change
         change[..., self._face] = self._carried(heard, change)
         if mix is not None:
             change = change @ mix
-        return heard + (self.strength - 1) * change
+        return heard + change
 
     def _carried(
         self, heard: Float[Tensor, "B T C"], change: Float[Tensor, "B T C"]

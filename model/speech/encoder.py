@@ -5,6 +5,13 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float32
 
+WEIGHTS_VARIABLE = "WAVLM_DIR"
+"""Names the folder of a speech model's weights."""
+
+
+class EncoderError(ValueError):
+    """A speech encoder that cannot be used here; the message is one sentence for a person."""
+
 
 @runtime_checkable
 class SpeechEncoder(Protocol):

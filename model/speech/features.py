@@ -220,3 +220,23 @@ def augment_mel(
     energy = 10 * torch.log10(10 ** (energy / 10) + 10 ** (energy_floor / 10))
     energy = (energy + 20.0) / 20.0
     return torch.cat([mel, energy, features[..., NUM_MELS + 1 :]], dim=-1)
+
+
+def in_other_throats(
+    features: Float[Tensor, "B T 68"], lengths: tuple[float, float], generator: torch.Generator
+) -> Float[Tensor, "B T 68"]:
+    """Features as people of other sizes might have said the same, one draw for each sample: the
+    mel bands are stretched by a factor between ``lengths`` (vocal tract length perturbation,
+    Jaitly and Hinton 2013). Pitch and energy stay."""
+    shortest, longest = lengths
+    draw = torch.rand(len(features), 1, generator=generator)
+    factor = shortest + (longest - shortest) * draw
+    at = (torch.arange(NUM_MELS) * factor).clamp(0, NUM_MELS - 1)
+    below = at.long().clamp(max=NUM_MELS - 2)
+    share = (at - below)[:, None]
+    level = features[..., :NUM_MELS]
+    low, high = (
+        level.gather(2, place[:, None].expand(-1, level.shape[1], -1))
+        for place in (below, below + 1)
+    )
+    return torch.cat([low + share * (high - low), features[..., NUM_MELS:]], dim=-1)

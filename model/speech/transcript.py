@@ -22,11 +22,15 @@ Origin = Literal["given", "aligned", "recognised"]
 speech alone."""
 GESTURE_TIER = re.compile(r"gesture|phase|stroke", re.IGNORECASE)
 """Part of the name of a tier that says what hands do."""
+ACCENT_TIER = "accents"
+"""Name of our corpus's tier of points, each labelled with how strong an accent is."""
 _ITEM = re.compile(r"^[ \t]*item \[\d+\]:", re.MULTILINE)
 _TIER = re.compile(r'class = "IntervalTier"\s+name = "(?P<name>(?:[^"]|"")*)"')
 _INTERVAL = re.compile(
     r'xmin = (?P<start>[\d.eE+-]+)\s+xmax = (?P<end>[\d.eE+-]+)\s+text = "(?P<text>(?:[^"]|"")*)"'
 )
+_POINTS = re.compile(r'class = "TextTier"\s+name = "(?P<name>(?:[^"]|"")*)"')
+_POINT = re.compile(r'number = (?P<at>\d+(?:\.\d+)?)\s+mark = "(?P<mark>\d+(?:\.\d+)?)"')
 
 
 class TranscriptError(ValueError):
@@ -51,6 +55,15 @@ class Word(Interval):
 
 
 @dataclass(frozen=True)
+class Accent:
+    """A moment of stress, in seconds from the start of the speech."""
+
+    time_s: float
+    strength: float
+    """0 to 1."""
+
+
+@dataclass(frozen=True)
 class GestureTier:
     """What somebody has called the parts of gestures, by one name for each hand or scheme."""
 
@@ -67,13 +80,16 @@ class Transcript:
     origin: Origin = "given"
     phones: tuple[Interval, ...] = ()
     """Sounds of the words, where they are known."""
+    accents: tuple[Accent, ...] = ()
+    """Where they are known."""
 
 
 NOTHING_SAID = Transcript()
 
 
 def read_transcript(path: str | Path) -> Transcript:
-    """The words, phones and gestures of a TextGrid in Praat's long text format, pauses left out.
+    """The words, phones, gestures and accents of a TextGrid in Praat's long text format, pauses
+    left out.
 
     Words are taken from the tier called words or word, or from the only interval tier there is;
     phones from that called phones or phone, if it can be read; gestures from the first
@@ -108,6 +124,7 @@ def read_transcript(path: str | Path) -> Transcript:
         tuple(Word(word.start_s, word.end_s, word.text) for word in words),
         tuple(tier for tier in found_gestures if tier.phases),
         phones=_phones(tiers, path.name),
+        accents=_accents(text),
     )
 
 
@@ -157,6 +174,16 @@ def _phones(tiers: dict[str, str], name: str) -> tuple[Interval, ...]:
                 return _intervals(tier, "phone", name)
             except TranscriptError:
                 return ()
+    return ()
+
+
+def _accents(text: str) -> tuple[Accent, ...]:
+    """Of the tier that has them, in time; what is no number is left out."""
+    for part in _ITEM.split(text)[1:]:
+        header = _POINTS.search(part)
+        if header and header["name"] == ACCENT_TIER:
+            found = [Accent(float(p["at"]), float(p["mark"])) for p in _POINT.finditer(part)]
+            return tuple(sorted(found[:MAX_WORDS], key=lambda accent: accent.time_s))
     return ()
 
 

@@ -18,15 +18,11 @@ import torch
 from jaxtyping import Float32, Float64
 
 from model.motion.timing import FPS, SAMPLE_RATE
+from model.speech.encoder import WEIGHTS_VARIABLE, EncoderError
 
-WEIGHTS_VARIABLE = "WAVLM_DIR"
 BLOCK_S = 10.0
 CONTEXT_S = 2.0
 """Speech before and after each block that its features may see."""
-
-
-class EncoderError(ValueError):
-    """A speech encoder that cannot be used here; the message is one sentence for a person."""
 
 
 class WavLMEncoder:
@@ -75,7 +71,7 @@ class WavLMEncoder:
         self.dim = int(config.hidden_size)
         self._stride = int(np.prod(config.conv_stride))
         self._reach = _receptive_field(config.conv_kernel, config.conv_stride)
-        self._normalises = _normalises(folder)
+        self._normalises = normalises(folder)
         self._model = cast(torch.nn.Module, network).eval().requires_grad_(False).to(self.device)
         self._block = max(1, round(block_s * SAMPLE_RATE / self._stride))
         self._context = round(context_s * SAMPLE_RATE / self._stride)
@@ -117,7 +113,7 @@ class WavLMEncoder:
         return np.concatenate(blocks)
 
 
-def _normalises(folder: Path) -> bool:
+def normalises(folder: Path) -> bool:
     """Whether the weights were trained on speech of zero mean and unit variance."""
     path = folder / "preprocessor_config.json"
     return bool(json.loads(path.read_text()).get("do_normalize", True)) if path.is_file() else True

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -62,13 +63,26 @@ def load_into(module: torch.nn.Module, tensors: dict[str, Tensor], prefix: str, 
     """Copy the tensors that start with ``prefix`` into ``module``, all of them and no other.
 
     Raises:
-        CheckpointError: with the keys that differ.
+        CheckpointError: with the first tensor that differs, and how many do.
     """
     state = {key.removeprefix(prefix): t for key, t in tensors.items() if key.startswith(prefix)}
-    try:
-        module.load_state_dict(state, strict=True)
-    except RuntimeError as error:
-        raise CheckpointError(f"The weights of {name} do not fit their card: {error}") from None
+    wrong = misfits(module.state_dict(), state)
+    if wrong:
+        more = f" ({len(wrong) - 1} more differ)" if len(wrong) > 1 else ""
+        raise CheckpointError(f"The weights of {name} do not fit their card: {wrong[0]}{more}.")
+    module.load_state_dict(state, strict=True)
+
+
+def misfits(wanted: Mapping[str, Tensor], found: Mapping[str, Tensor]) -> list[str]:
+    """What keeps tensors from being a module's, in its order, each as part of a sentence."""
+    wrong = []
+    for key, tensor in wanted.items():
+        if key not in found:
+            wrong.append(f"{key} is missing")
+        elif found[key].shape != tensor.shape:
+            shapes = (list(found[key].shape), list(tensor.shape))
+            wrong.append(f"{key} is of shape {shapes[0]} in place of {shapes[1]}")
+    return wrong + [f"{key} is not known" for key in found if key not in wanted]
 
 
 def _json_bytes(card: dict) -> bytes:

@@ -4,8 +4,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from model.generation.family import Family, UnknownNameError
-from model.storage.cards import BUNDLED_WEIGHTS, file_stem, load_card
-from model.systems import asynfusion, autoencoders, face, gan, globaldiff, matching, planned
+from model.storage.cards import BUNDLED_WEIGHTS
+from model.systems import (
+    asynfusion,
+    autoencoders,
+    face,
+    gan,
+    globaldiff,
+    matching,
+    official,
+    planned,
+    speech_encoder,
+)
 
 if TYPE_CHECKING:
     from model.generation.base import System
@@ -15,9 +25,11 @@ _FAMILIES: list[Family] = [
     globaldiff.FAMILY,
     asynfusion.FAMILY,
     gan.FAMILY,
+    official.FAMILY,
     face.FAMILY,
     autoencoders.FAMILY,
     matching.FAMILY,
+    speech_encoder.FAMILY,
 ]
 
 
@@ -59,12 +71,7 @@ def family_of(name: str) -> Family:
 
 def list_systems(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
     """Names of the systems whose weights lie in ``folder``, in the order of the families."""
-    return tuple(
-        name
-        for family in _FAMILIES
-        for name in family.systems
-        if (folder / f"{file_stem(family.weights_of(name))}.safetensors").is_file()
-    )
+    return tuple(name for family in _FAMILIES for name in family.systems_in(folder))
 
 
 def read_card(name: str, folder: Path = BUNDLED_WEIGHTS) -> dict[str, Any]:
@@ -74,7 +81,7 @@ def read_card(name: str, folder: Path = BUNDLED_WEIGHTS) -> dict[str, Any]:
         UnknownNameError: if there is no such system.
         CheckpointError: if the card is missing or no JSON object.
     """
-    return load_card(folder, family_of(name).weights_of(name))
+    return family_of(name).card(name, folder)
 
 
 def list_speakers(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:

@@ -13,6 +13,9 @@ class TrainConfig:
     """Speech encoder by name (`model.speech`)."""
     augment_speech: bool = True
     """Vary level, colour and background noise of the features, as microphones do."""
+    throats: tuple[float, float] | None = None
+    """Stretch the mel bands by a factor between these, as throats of other lengths do; for those
+    who shall understand voices that are not in the data."""
     mirror: float = 0.0
     """Share of windows seen as in a mirror, left and right exchanged. Where speakers are known by
     the hand they prefer, as in the bundled data, it would blur them."""
@@ -43,6 +46,8 @@ SMOKE: dict[str, Any] = {
     "validate_every": 20,
 }
 """Fields of a training that takes a minute, whatever is trained."""
+THROATS = (0.84, 1.2)
+"""`TrainConfig.throats` of men, women and children."""
 PAPER: dict[str, Any] = {
     "encoder": "wavlm",
     "augment_speech": False,

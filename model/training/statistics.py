@@ -16,6 +16,8 @@ from model.sampling.prior import GaussianPrior, fit_components, fit_prior
 from model.training.targets import Targets
 
 WINDOWS = 400
+FEATURE_STD_FLOOR = 0.02
+"""What hardly ever changes is not blown up to unit variance."""
 PRIOR_BATCHES, PRIOR_BATCH_SIZE = 12, 256
 
 
@@ -23,6 +25,12 @@ def statistics_batch(data: PreparedData, window_frames: int, mirror: float) -> B
     """At most 400 windows, always the same."""
     rng = np.random.default_rng(0)
     return data.window_batch(data.of_split("train"), window_frames, WINDOWS, rng, mirror)
+
+
+def fit_features(data: PreparedData) -> Normaliser:
+    """Statistics of the speech features, of every hundredth frame."""
+    told = torch.from_numpy(np.array(data.speech[::100], np.float32))
+    return Normaliser(told.mean(0), told.std(0).clamp_min(FEATURE_STD_FLOOR))
 
 
 def prior_batches(data: PreparedData, window_frames: int) -> Iterator[Batch]:

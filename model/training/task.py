@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import torch
+import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
@@ -67,13 +68,26 @@ class Given:
         load_into(network, self.tensors, "network.", self.system)
 
     def load_known_into(self, network: nn.Module) -> None:
-        """Put the weights into a network that may have parts which they do not know: those stay.
+        """Put the weights into a network that may have parts which they do not know, which stay,
+        and layers of more inputs, which are not heard at first.
 
         Raises:
             CheckpointError: if they are of another shape.
         """
         fresh = {f"network.{name}": tensor for name, tensor in network.state_dict().items()}
-        load_into(network, fresh | self.tensors, "network.", self.system)
+        known = {
+            name: with_more_inputs(tensor, fresh[name]) if name in fresh else tensor
+            for name, tensor in self.tensors.items()
+        }
+        load_into(network, fresh | known, "network.", self.system)
+
+
+def with_more_inputs(weight: Tensor, wanted: Tensor) -> Tensor:
+    """A linear layer's weight with columns of zeros for the last inputs that ``wanted`` has more
+    of; anything else as it is."""
+    both = weight.dim() == wanted.dim() == 2 and len(weight) == len(wanted)
+    more = wanted.shape[-1] - weight.shape[-1] if both else 0
+    return F.pad(weight, (0, more)) if more > 0 else weight
 
 
 @dataclass(frozen=True)

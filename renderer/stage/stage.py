@@ -11,6 +11,7 @@ from scipy import ndimage
 from renderer.body.body import Body, BodyMotion
 from renderer.body.joints import JOINT_INDEX, JOINT_NAMES
 from renderer.stage.camera import Camera, frame_points, outermost
+from renderer.stage.orbit import Orbit
 from renderer.stage.panels import Panel
 
 CLOSE_UP_JOINTS = {
@@ -38,6 +39,9 @@ FOLLOW_BEYOND_M = 1.5
 """Where the bodies of a comparison wander farther, cameras go with them: one that stood still would
 have to show all of the way, and the bodies small."""
 
+MIDDLE_M = 1.0
+"""Height of what a camera is moved around, over the floor."""
+
 Framing = Literal["whole", "knees"]
 FRAMINGS: tuple[Framing, ...] = get_args(Framing)
 """How much of a body a view shows that is no close-up: all, or from the knees up."""
@@ -55,6 +59,8 @@ class Shot:
 
     view: str
     camera: Camera
+    way: Float[np.ndarray, "T 3"] | None = None
+    """Where it goes in each frame, metres; None follows whatever motion is drawn."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +78,27 @@ class Stage:
     """Whether the camera goes with the body: in close-ups, and where a body wanders far."""
     close_ups: tuple[Shot, ...] = ()
     """Of the panels beside the picture, in their order."""
+    way: Float[np.ndarray, "T 3"] | None = None
+    """As of a `Shot`, of the camera."""
+
+    def seen_from(self, orbit: Orbit) -> "Stage":
+        """The same stage before a camera that was moved around the middle of its bodies."""
+        if not orbit.is_moved:
+            return self
+        x, z = (0.0, 0.0) if self.is_following else self.centre_xz
+        middle = np.array([x, self.floor_m + MIDDLE_M, z])
+        return replace(self, camera=orbit.moved(self.camera, middle))
+
+    def following(self, body: Body, motion: BodyMotion, view: str = "front") -> "Stage":
+        """The same stage, whose cameras follow this motion, whatever is drawn of it."""
+        ways = close_up_tracks(body, motion, self)
+        return replace(
+            self,
+            way=camera_track(body, motion, view, self),
+            close_ups=tuple(
+                replace(shot, way=way) for shot, way in zip(self.close_ups, ways, strict=True)
+            ),
+        )
 
 
 def set_stage(
@@ -171,6 +198,8 @@ def camera_track(
     body: Body, motion: BodyMotion, view: str, stage: Stage
 ) -> Float[np.ndarray, "T 3"]:
     """Where the camera of a view stands in each frame, relative to ``stage.camera``, metres."""
+    if stage.way is not None:
+        return stage.way
     if not stage.is_following:
         return np.zeros((motion.num_frames, 3))
     return _track(_joint_positions(body, motion), view)
@@ -181,7 +210,10 @@ def close_up_tracks(body: Body, motion: BodyMotion, stage: Stage) -> list[Float[
     if not stage.close_ups:
         return []
     positions = _joint_positions(body, motion)
-    return [_steady_track(positions, shot.view) for shot in stage.close_ups]
+    return [
+        _steady_track(positions, shot.view) if shot.way is None else shot.way
+        for shot in stage.close_ups
+    ]
 
 
 def _joint_positions(body: Body, motion: BodyMotion) -> Float32[np.ndarray, "T J 3"]:

@@ -20,7 +20,7 @@ from renderer.video.encoder import (
     read_facts,
 )
 
-MAX_VIDEOS = 6
+MAX_VIDEOS = 12
 MAX_WIDTH_PX, MAX_HEIGHT_PX = 1920, 1080
 """What most screens show whole; larger comparisons are made smaller."""
 _SMALLEST_LABEL = 0.35
@@ -36,6 +36,7 @@ def compose_videos(
     crf: int = DEFAULT_CRF,
     on_progress: Callable[[float], None] | None = None,
     should_cancel: Callable[[], bool] | None = None,
+    num_columns: int | None = None,
 ) -> None:
     """Write videos beside one another, each row with a band of labels above its pictures.
 
@@ -47,6 +48,7 @@ def compose_videos(
         labels: one for each video; drawn smaller, or cut, if it is too long for its picture.
         on_progress: called with the share done, 0 to 1.
         should_cancel: asked several times a second.
+        num_columns: of each row but the last; None as many as leave the pictures largest.
 
     Raises:
         Cancelled: if ``should_cancel`` said so; no file is left.
@@ -67,7 +69,7 @@ def compose_videos(
             )
     check_sound(speech_wav)
     num_frames = max(each.num_frames for each in facts)
-    grid = fit_grid(len(videos), first.width, first.height)
+    grid = fit_grid(len(videos), first.width, first.height, num_columns)
     with tempfile.TemporaryDirectory() as folder:
         inputs = [part for video in videos for part in ("-i", str(video))]
         for number, row in enumerate(grid.rows):
@@ -89,15 +91,16 @@ def compose_videos(
             ],
             stdin=False,
         )
-        _run(encoder, num_frames, on_progress, should_cancel)
+        run_encoder(encoder, num_frames, on_progress, should_cancel)
 
 
-def _run(
+def run_encoder(
     encoder: Encoder,
     num_frames: int,
     on_progress: Callable[[float], None] | None,
     should_cancel: Callable[[], bool] | None,
 ) -> None:
+    """See an encoder that is fed nothing through to its end; arguments as of `compose_videos`."""
     encoder.start()
     try:
         for num_done in encoder.progress():
@@ -130,12 +133,19 @@ class Grid:
         return band_height(min(self.picture_width, self.picture_height))
 
 
-def fit_grid(count: int, picture_width: int, picture_height: int) -> Grid:
+def fit_grid(
+    count: int, picture_width: int, picture_height: int, num_columns: int | None = None
+) -> Grid:
     """The grid in which pictures are largest on a screen, and never larger than they are; of two
-    such the one of fewer rows."""
+    such the one of fewer rows.
+
+    Args:
+        num_columns: where they are given.
+    """
     best, best_scale = None, 0.0
-    for num_rows in range(1, count + 1):
-        rows = _rows(count, -(-count // num_rows))
+    columns = [-(-count // num_rows) for num_rows in range(1, count + 1)]
+    for number in columns if num_columns is None else [num_columns]:
+        rows = _rows(count, number)
         room = MAX_HEIGHT_PX / len(rows) - band_height(min(picture_width, picture_height))
         scale = min(MAX_WIDTH_PX / len(rows[0]) / picture_width, room / picture_height, 1.0)
         if best is None or scale > best_scale:

@@ -35,6 +35,7 @@ def drawing_facts() -> dict:
             "knee_flesh": stage.KNEE_FLESH_M,
             "fingertip": stage.FINGERTIP_M,
             "follow_beyond": stage.FOLLOW_BEYOND_M,
+            "middle": stage.MIDDLE_M,
             "walk_sigma": stage.WALK_SIGMA_FRAMES,
             "face_sigma": stage.CLOSE_UP_SIGMA_FRAMES,
             "hand_sigma": stage.STEADY_SIGMA_FRAMES,

@@ -19,7 +19,7 @@ from renderer.stage.camera import Camera
 from renderer.stage.panels import Panel
 
 TRAIL_FRAMES = 30
-"""A trail is the last second."""
+"""A trail is the last second, where nothing else is asked for."""
 _SMOOTH = 3
 """Samples along each side of a pixel of a trail."""
 _INK, _PLATE = (28, 32, 40), (255, 255, 255, 216)
@@ -44,7 +44,7 @@ SPIKE_COLOR = (213, 94, 0)
 
 @dataclass(frozen=True)
 class Trail:
-    """The way of one point through the last second."""
+    """The way of one point through the last moments."""
 
     points: Float[np.ndarray, "T 3"]
     """Where it is in each frame, metres."""
@@ -56,6 +56,10 @@ class Trail:
     """What colours and dots mean, in a line."""
     close_up: str = ""
     """View of the close-up that shows the point too, beside the body."""
+    is_on_body: bool = True
+    """Whether the body's own panel shows it."""
+    num_frames: int = TRAIL_FRAMES
+    """How long it is, but for the present one."""
 
 
 @dataclass(frozen=True)
@@ -100,10 +104,10 @@ class MarkPainter:
     def __init__(self, marks: Marks, panels: Sequence[Panel]) -> None:
         self._trail = marks.trail
         self._panels = panels
-        shown = {panels[0].view}
+        self._with_trail: list[int] = []
         if marks.trail is not None:
-            shown.add(marks.trail.close_up)
-        self._with_trail = [i for i, panel in enumerate(panels) if panel.view in shown]
+            shown = {marks.trail.close_up} | ({panels[0].view} if marks.trail.is_on_body else set())
+            self._with_trail = [i for i, panel in enumerate(panels) if panel.view in shown]
         self._plates = _plates(marks, panels)
 
     def paint(
@@ -127,7 +131,7 @@ class MarkPainter:
 def _draw_trail(part: UInt8[np.ndarray, "H W C"], trail: Trail, frame: int, camera: Camera) -> None:
     """Paint the way up to a frame into a panel; what lies outside is cut off."""
     height, width = part.shape[:2]
-    frames = np.arange(max(0, frame - TRAIL_FRAMES), frame + 1)
+    frames = np.arange(max(0, frame - trail.num_frames), frame + 1)
     way = camera.project(trail.points[frames], width, height)
     if not np.isfinite(way).all():
         return
@@ -179,7 +183,7 @@ def _plates(
     legends = []
     if marks.heat is not None:
         legends.append(_legend(HEAT_COLORS * 255, marks.heat.legend, size, body.width))
-    if marks.trail is not None:
+    if marks.trail is not None and marks.trail.is_on_body:
         legends.append(_legend(SPEED_COLORS, marks.trail.legend, size, body.width))
     for legend in legends:
         bottom -= legend.shape[0] + 4

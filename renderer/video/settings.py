@@ -32,6 +32,9 @@ class RenderSettings:
     backend: Backend | None = None
     """What draws; None takes the first that works here."""
     studio: Studio = field(default_factory=Studio)
+    layout: tuple[Panel, ...] | None = None
+    """Where the body, which comes first and is as large as ``width`` and ``height`` say, and the
+    close-ups stand; None as ``close_ups`` are laid out."""
     is_transparent: bool = False
     """Pictures of the body alone, with a fourth channel for what it covers; no videos and no
     close-ups."""
@@ -49,6 +52,11 @@ class RenderSettings:
             raise ValueError(f"`crf` is {self.crf}; it must lie between 0 and 51.")
         if self.close_ups and self.is_transparent:
             raise ValueError("A picture without a background has no close-ups beside it.")
+        if self.layout is not None:
+            body = self.layout[0]
+            if self.close_ups or (body.width, body.height) != (self.width, self.height):
+                raise ValueError("A layout begins with the body's panel and holds all close-ups.")
+            check_size(*self.picture_size)
         lay_out(self.view, self.width, self.height, self.close_ups)
 
     @property
@@ -59,13 +67,16 @@ class RenderSettings:
     @property
     def panels(self) -> tuple[Panel, ...]:
         """The body's, and after it those of the close-ups."""
+        if self.layout is not None:
+            return self.layout
         return lay_out(self.view, self.width, self.height, self.close_ups)
 
     @property
     def picture_size(self) -> tuple[int, int]:
         """Width and height of all panels together."""
         panels = self.panels
-        return self.width, max(panel.top + panel.height for panel in panels)
+        width = max(panel.left + panel.width for panel in panels)
+        return width, max(panel.top + panel.height for panel in panels)
 
     @property
     def num_channels(self) -> int:

@@ -2,7 +2,7 @@
 
 import subprocess
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import imageio_ffmpeg
@@ -13,20 +13,24 @@ from app.errors import CancelledRun
 from app.page.parts.catalogue import Catalogue
 from app.page.tabs.generate_form import row_names
 from app.run.pictures.behind import VideosRequest
+from app.run.pieces import PieceTeller
 from app.run.request import (
     REFERENCE_NAME,
     Artefact,
     GenerateRequest,
     GenerateResult,
+    Measured,
     OnEvent,
     Progress,
     ShouldCancel,
     file_stem,
 )
 from app.run.result_folder import ResultFolder
+from app.run.telling import Reporter
 from model.measures.diagnostics import Versions
 from model.motion.motion import Motion, save_motion
 from model.motion.skeleton import JOINT_INDEX
+from model.plan.plan import GesturePlan
 from model.speech.transcript import NOTHING_SAID, Transcript, Word
 from tests.app.measured import diagnostics_of, measured
 
@@ -82,13 +86,38 @@ def measures(jerk: float) -> Versions:
     return Versions(measured(**raw), measured(**{key: value / 3 for key, value in raw.items()}))
 
 
+def tell_windows(
+    names: Sequence[str],
+    num_frames: int,
+    before_window: Callable[[int], threading.Event],
+    on_event: OnEvent,
+    should_cancel: ShouldCancel,
+) -> None:
+    """Motion of all rows in windows of 52 frames, the rows in turn."""
+    reporter = Reporter(on_event, should_cancel)
+    tellers = {
+        name: PieceTeller(name, num_frames, reporter) for name in names if name != REFERENCE_NAME
+    }
+    for window, start in enumerate(range(0, num_frames, 52)):
+        while not before_window(window).wait(0.05):
+            reporter.stop_if_asked()
+        for i, teller in enumerate(tellers.values()):
+            whole = made_motion(num_frames, 0.02 / (i + 1))
+            teller.go_on(whole.part(slice(start, start + 52)))
+
+
 def make_generate(
     on_start: Callable[[GenerateRequest], None] | None = None,
     error: BaseException | None = None,
     hold: threading.Event | None = None,
     seconds: float = 1.0,
+    before_window: Callable[[int], threading.Event] | None = None,
+    before_figures: threading.Event | None = None,
+    plan: GesturePlan | None = None,
 ) -> Callable[[GenerateRequest, OnEvent, ShouldCancel], GenerateResult]:
-    """A pipeline without models; it can be told to fail, or to wait until ``hold``."""
+    """A pipeline without models; it can be told to fail, or to wait until ``hold``; with
+    ``before_window`` motion comes in windows, held before each; figures wait for
+    ``before_figures``; the first system performs ``plan``."""
 
     def generate(
         request: GenerateRequest, on_event: OnEvent, should_cancel: ShouldCancel
@@ -104,26 +133,36 @@ def make_generate(
             while hold is not None and not hold.wait(0.05):
                 if should_cancel():
                     raise CancelledRun
+            if before_window is not None:
+                tell_windows(names, round(30 * seconds), before_window, on_event, should_cancel)
+            if plan is not None:
+                path = folder.path(f"{file_stem(names[0])}.plan.json")
+                plan.write(path)
+                on_event(Artefact("plan", names[0], path))
             for i, name in enumerate(names):
                 if name != REFERENCE_NAME:
                     motion = folder.path(f"{file_stem(name)}.npz")
                     save_motion(made_motion(round(30 * seconds), 0.02 / (i + 1)), motion)
                     on_event(Artefact("motion", name, motion))
             on_event(Progress("motion", 1.0))
+            diagnostics = diagnostics_of(
+                measures(104.0) if request.reference else None,
+                **{
+                    name: measures(110.0 + 10 * i)
+                    for i, name in enumerate(names)
+                    if name != REFERENCE_NAME
+                },
+            )
             on_event(Progress("numbers", 1.0))
+            on_event(Measured(diagnostics))
+            while before_figures is not None and not before_figures.wait(0.05):
+                if should_cancel():
+                    raise CancelledRun
             figure = folder.path("figure6.png")
             Image.fromarray(np.full((90, 160, 3), 200, np.uint8)).save(figure)
             on_event(Progress("figure", 1.0))
             on_event(Artefact("figure", "figure6", figure))
             files = folder.publish()
-        diagnostics = diagnostics_of(
-            measures(104.0) if request.reference else None,
-            **{
-                name: measures(110.0 + 10 * i)
-                for i, name in enumerate(names)
-                if name != REFERENCE_NAME
-            },
-        )
         num_frames = round(30 * seconds)
         said = RECOGNISED if request.words == "recognise" else NOTHING_SAID
         return GenerateResult(

@@ -9,16 +9,26 @@ from pathlib import Path
 from typing import Any, Literal
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, BrowserType, Page, sync_playwright
+from playwright.sync_api import (
+    Browser,
+    BrowserContext,
+    BrowserType,
+    ConsoleMessage,
+    Page,
+    expect,
+    sync_playwright,
+)
 
 from app import text
 from app.config import AppConfig
 from app.page.launch import launch
+from model.plan.plan import GesturePlan, HandPhase, Nod
 from model.speech.audio import write_wav
 from renderer.draw.offscreen import GLError
 from renderer.draw.probe import choose_backend
 from tests.app import fakes
 from tests.model.made import made_waveform, make_weights
+from tests.model.systems.planned.made import make_planned_weights
 
 CHROMIUM = next(
     (
@@ -30,17 +40,59 @@ CHROMIUM = next(
 )
 PATIENCE_MS = 120_000
 """Longest that any one thing may take on a busy machine."""
+expect.set_options(timeout=PATIENCE_MS)
+GRADIO_CAUGHT = "Error in watch callback"
+"""What Gradio writes to the console where a part of the page throws on a new value."""
 
 Scheme = Literal["light", "dark"]
 SCHEMES: tuple[Scheme, ...] = ("light", "dark")
 WINDOWS = ((390, 844), (1280, 900), (1600, 1000))
-LOOKS = [(*size, scheme) for size in WINDOWS for scheme in SCHEMES]
+LOOKS: list[tuple[int, int, Scheme]] = [(*size, scheme) for size in WINDOWS for scheme in SCHEMES]
 """Width and height of a phone, a laptop and a large screen, each light and dark."""
 
 SECONDS = 6.0
 FRAMES = round(30 * SECONDS)
 FAKED_SYSTEMS = ("globaldiff/local", "globaldiff/global", "globaldiff/full")
 """Of the page over a pipeline that draws numbered pictures at once."""
+PLAN = GesturePlan(
+    SECONDS,
+    left=(HandPhase(0.0, 6.0, "rest", (0.2, -0.2, 0.2)),),
+    right=(
+        HandPhase(0.0, 1.5, "rest", (0.2, -0.2, 0.2)),
+        HandPhase(1.5, 2.0, "preparation", (0.2, 0.0, 0.3), "offer"),
+        HandPhase(2.0, 2.5, "stroke", (0.2, -0.1, 0.3), "offer", "never"),
+        HandPhase(2.5, 4.0, "hold", (0.2, -0.1, 0.3), "offer"),
+        HandPhase(4.0, 4.6, "retraction", (0.2, -0.2, 0.2), "offer"),
+        HandPhase(4.6, 6.0, "rest", (0.2, -0.2, 0.2)),
+    ),
+    nods=(Nod(2.3, 5.0),),
+)
+"""That the first of them performs."""
+
+
+_FAILED_SCRIPTS: list[str] = []
+
+
+def watched(page: Page) -> Page:
+    """A page in which no script may fail, patient with a busy machine."""
+
+    def read(line: ConsoleMessage) -> None:
+        if GRADIO_CAUGHT in line.text:
+            _FAILED_SCRIPTS.append(line.text)
+
+    page.set_default_timeout(PATIENCE_MS)
+    page.on("pageerror", lambda error: _FAILED_SCRIPTS.append(error.stack or str(error)))
+    page.on("console", read)
+    return page
+
+
+@pytest.fixture(autouse=True)
+def no_script_has_failed() -> Iterator[None]:
+    """Of the pages that are watched. To fail where it is heard would end the browser's connection,
+    and with it all later tests."""
+    _FAILED_SCRIPTS.clear()
+    yield
+    assert not _FAILED_SCRIPTS, "\n".join(_FAILED_SCRIPTS)
 
 
 def in_every_look(page: Page) -> Iterator[int]:
@@ -117,8 +169,7 @@ def visit(
 
     def open_page(width: int = 1280, height: int = 900) -> Page:
         contexts.append(browser.new_context(viewport={"width": width, "height": height}))
-        page = contexts[-1].new_page()
-        page.set_default_timeout(PATIENCE_MS)
+        page = watched(contexts[-1].new_page())
         page.goto(address)
         page.get_by_role("button", name="Generate motion").wait_for()
         return page
@@ -157,9 +208,7 @@ class Stage:
 
 
 def open_page(browser: Browser, address: str, width: int = 1280) -> Page:
-    page = browser.new_context(viewport={"width": width, "height": 900}).new_page()
-    page.set_default_timeout(PATIENCE_MS)
-    page.on("pageerror", lambda error: pytest.fail(str(error)))
+    page = watched(browser.new_context(viewport={"width": width, "height": 900}).new_page())
     page.goto(address)
     page.get_by_role("button", name=text.GENERATE).wait_for()
     return page
@@ -194,8 +243,52 @@ def fake_address(stage: Stage, tmp_path_factory: pytest.TempPathFactory) -> Iter
         shutil.copy(weights / f"globaldiff-global.{ending}", weights / f"globaldiff-full.{ending}")
     config = AppConfig(port=0, weights=weights, temp=tmp_path_factory.mktemp("page"))
     draw = fakes.make_draw(before_video=stage.may_draw.__getitem__, seconds=SECONDS)
-    generate = fakes.make_generate(seconds=SECONDS)
+    generate = fakes.make_generate(seconds=SECONDS, plan=PLAN)
     with served(config, generate=generate, draw=draw) as url:
+        yield url
+
+
+@pytest.fixture(scope="module")
+def planned_address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Of a page with a system that performs plans."""
+    weights = make_planned_weights(tmp_path_factory.mktemp("planned"))
+    with served(AppConfig(port=0, weights=weights, temp=tmp_path_factory.mktemp("page"))) as url:
+        yield url
+
+
+class Windows:
+    """What lets the fake make its windows of motion."""
+
+    def __init__(self) -> None:
+        self.may_make = [threading.Event() for _ in range(8)]
+        self.may_draw = threading.Event()
+        """Figures."""
+
+    def let(self, count: int) -> None:
+        """Let the first ``count`` be made, and no more."""
+        for index, event in enumerate(self.may_make):
+            if index < count:
+                event.set()
+            else:
+                event.clear()
+
+
+@pytest.fixture(scope="module")
+def windows() -> Windows:
+    return Windows()
+
+
+@pytest.fixture(scope="module")
+def windowed_address(windows: Windows, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Of a page whose motion comes window by window."""
+    weights = make_weights(tmp_path_factory.mktemp("weights"))
+    config = AppConfig(port=0, weights=weights, temp=tmp_path_factory.mktemp("page"))
+    generate = fakes.make_generate(
+        seconds=SECONDS,
+        before_window=windows.may_make.__getitem__,
+        before_figures=windows.may_draw,
+    )
+    with served(config, generate=generate) as url:
         yield url
 
 

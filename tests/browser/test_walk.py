@@ -23,13 +23,13 @@ from app.run.request import GenerateRequest
 from model.motion.motion import load_motion, save_motion
 from model.systems.globaldiff.config import BEST
 from tests.app import fakes
-from tests.browser.conftest import LOOKS, PATIENCE_MS, STAGED, Scheme, served
+from tests.browser.conftest import LOOKS, PATIENCE_MS, STAGED, Scheme, served, watched
 from tests.model.made import TINY_BEST, TINY_SYSTEMS, make_weights
 
 pytestmark = pytest.mark.browser
 
 LOOK_S = 2.0
-MOVES = "() => document.querySelector('#player .lockstep')?.stage.pictures > 5"
+MOVES = "() => document.querySelector('#player .lockstep')?.stage?.pictures > 5"
 """Whether some pictures of the stage have been drawn."""
 Walk = tuple[str, list[GenerateRequest]]
 
@@ -45,7 +45,6 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Walk]:
     motion = load_motion(CLEAN).part(slice(round(30 * LOOK_S)))
     for name in (STEADY, TREMBLING):
         save_motion(motion, look.folder / f"{name}.npz")
-        fakes.write_video(look.folder / f"{name}.mp4", LOOK_S)
     facts = {"jerk_m_s3": {STEADY: 100, TREMBLING: 2000}, "noise_rad": 0.012, "provenance": {}}
     (look.folder / FACTS).write_text(json.dumps(facts))
     asked: list[GenerateRequest] = []
@@ -57,14 +56,9 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Walk]:
 
 
 def example_of(page: Page, address: str) -> None:
-    """Open the page until its example is there: right after a start it may still be read."""
-    for _ in range(30):
-        page.goto(address)
-        page.get_by_role("button", name=text.GENERATE).wait_for()
-        page.wait_for_timeout(1_000)
-        if page.locator(".first-look").count():
-            return
-    pytest.fail("the example did not come")
+    """Open the page and wait for its example: right after a start it may still be read."""
+    page.goto(address)
+    page.locator(".first-look").wait_for()
 
 
 def within(page: Page, selector: str, height: int) -> bool:
@@ -87,9 +81,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_for_somebody_else(
 ) -> None:
     address, asked = walk
     context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme)
-    page = context.new_page()
-    page.set_default_timeout(PATIENCE_MS)
-    page.on("pageerror", lambda error: pytest.fail(str(error)))
+    page = watched(context.new_page())
 
     # The example moves, and all of its picture is in the first window, the hands below the body.
     example_of(page, address)
@@ -118,8 +110,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_for_somebody_else(
 
     # The link, in a second browser that shares nothing with the first.
     href = page.locator("#runs .link a").evaluate("link => link.href")
-    other = browser.new_context(viewport={"width": width, "height": height}).new_page()
-    other.set_default_timeout(PATIENCE_MS)
+    other = watched(browser.new_context(viewport={"width": width, "height": height}).new_page())
     other.goto(href)
     other.locator("#player .lane canvas").first.wait_for()
     other.wait_for_function(STAGED, arg=len(asked[-1].systems))
@@ -131,9 +122,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_for_somebody_else(
     page.get_by_role("button", name=text.GENERATE).click()
     with context.expect_page() as opened:
         page.locator("#runs").get_by_role("link", name=text.COMPARE_LAST).click()
-    both = opened.value
-    both.set_default_timeout(PATIENCE_MS)
-    both.on("pageerror", lambda error: pytest.fail(str(error)))
+    both = watched(opened.value)
     expect(both.locator("#verdict")).to_contain_text("Seed 0 against 7.", timeout=PATIENCE_MS)
     both.locator("#player .lane[data-name] canvas").first.wait_for()
     both.wait_for_function(STAGED, arg=2 * len(asked[-1].systems))

@@ -13,22 +13,23 @@ from hypothesis import strategies as st
 
 from app.config import AppConfig
 from app.page.launch import launch
-from app.page.tabs.study_form import PROTOCOLS
 from tests.fuzz.clock import FOR_EVER_S, SLOWEST_S, run_by_the_clock
 from tests.fuzz.damage import HUGE
+from tests.soak.visitor import filled
 
-FORMS: dict[str, list[Any]] = {
-    "generate": [
-        None, ["globaldiff/global"], "ann", 0, 1, "1", "euler", False, None, "right_middle", 0,
-        None, 0, 0, 1, False, False, False, -1, False,
-    ],
-    "hearing": [[], None, None, -1, False],
-    "own_motion": [None, None, None, "right_middle", 0, None, None],
-    "steps": [[], None],  # with a system it would be measured on an example
-    "study_plan": [
-        "A", next(iter(PROTOCOLS)), None, ["globaldiff/global"], None, 2, 4, 0, ["front"], "",
-    ],
-}  # fmt: skip
+ASKED: dict[str, dict[str, Any]] = {
+    "generate": {
+        "systems": ["globaldiff/global"],
+        "speaker": "ann",
+        "steps": "1",
+        "has_videos": False,
+    },
+    "hearing": {"param_0": []},
+    "own_motion": {"has_videos": False},
+    "steps": {"param_0": []},  # with a system it would be measured on an example
+    "study_plan": {"param_0": "A", "param_3": ["globaldiff/global"], "param_5": 2, "param_6": 4},
+}
+"""By call, what is asked for; of every other field the page's own value."""
 PROGRAM_FAULTS = ("inside the program", "Traceback")
 """Gradio itself says of a field which type it expects."""
 SENT: st.SearchStrategy[Any] = st.one_of(
@@ -53,6 +54,13 @@ def client(weights: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
     page.close()
 
 
+@pytest.fixture(scope="module")
+def forms(client: httpx.Client) -> dict[str, dict[str, Any]]:
+    """By call, a value for each of its fields as the page names them, in its order."""
+    calls = client.get("gradio_api/info").json()["named_endpoints"]
+    return {name: filled(calls[f"/{name}"], asked) for name, asked in ASKED.items()}
+
+
 def answer_of(client: httpx.Client, name: str, values: list[Any]) -> str:
     """The last event of a call: ``complete`` or ``error``, with its data."""
     body = json.dumps({"data": values})
@@ -64,9 +72,9 @@ def answer_of(client: httpx.Client, name: str, values: list[Any]) -> str:
     return client.get(f"gradio_api/call/{name}/{asked.json()['event_id']}").text
 
 
-@pytest.mark.parametrize("name", list(FORMS))
-def test_wild_values(client: httpx.Client, name: str) -> None:
-    form = FORMS[name]
+@pytest.mark.parametrize("name", list(ASKED))
+def test_wild_values(client: httpx.Client, forms: dict[str, dict[str, Any]], name: str) -> None:
+    form = list(forms[name].values())
 
     @given(st.lists(st.tuples(st.integers(0, len(form) - 1), SENT), min_size=1, max_size=2))
     def check(changes: list[tuple[int, Any]]) -> None:
@@ -83,19 +91,20 @@ def test_wild_values(client: httpx.Client, name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "at", "value", "words"),
+    ("field", "value"),
     [
-        ("generate", 6, ["euler"], "The field sampler cannot be used"),
-        ("generate", 9, ["right_middle"], "The field point cannot be used"),
-        ("generate", 12, float("nan"), "The field body_steps cannot be used"),
-        ("generate", 4, float("nan"), "The field samples cannot be used"),
+        ("sampler", ["euler"]),
+        ("point", ["right_middle"]),
+        ("body_steps", float("nan")),
+        ("samples", float("nan")),
     ],
     ids=["a list as sampler", "a list as point", "steps NaN", "samples NaN"],
 )
 def test_wrong_types_that_were_once_faults_of_the_program(
-    client: httpx.Client, name: str, at: int, value: Any, words: str
+    client: httpx.Client, forms: dict[str, dict[str, Any]], field: str, value: Any
 ) -> None:
-    values = list(FORMS[name])
-    values[at] = value
-    answer = answer_of(client, name, values)
-    assert words in answer and not any(fault in answer for fault in PROGRAM_FAULTS), answer[:900]
+    assert field in forms["generate"]
+    values = list((forms["generate"] | {field: value}).values())
+    answer = answer_of(client, "generate", values)
+    assert f"The field {field} cannot be used" in answer, answer[:900]
+    assert not any(fault in answer for fault in PROGRAM_FAULTS), answer[:900]

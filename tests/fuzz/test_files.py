@@ -20,6 +20,7 @@ from app.study.statistics.answers import collect
 from app.study.statistics.screening import screen
 from model.formats.read import read_any_motion
 from model.motion.motion import load_motion, save_motion
+from model.plan.files import ENDINGS, read_plan_file, write_plan_file
 from model.speech.audio import load_speech
 from model.speech.transcript import read_transcript
 from renderer.body.body import load_body
@@ -29,6 +30,7 @@ from tests.fuzz.clock import run_by_the_clock, within_time
 from tests.fuzz.damage import damaged, wild_npz, with_wild_values
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_waveform
+from tests.model.plan.made import made_plan
 
 PLAN = """
 title = "People who talk"
@@ -175,6 +177,19 @@ def test_floats_of_any_size_as_sound(tmp_path: Path) -> None:
     def check(values: list[float]) -> None:
         samples = np.tile(np.asarray(values, np.float32), 9_000 // len(values))
         is_read_or_refused(load_speech, tmp_path / "it.wav", float_wav(samples))
+
+    run_by_the_clock(check)
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_damaged_plans_of_gestures(ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"it{ending}"
+    write_plan_file(made_plan(), path)
+    whole = path.read_bytes()
+
+    @given(damaged(whole))
+    def check(content: bytes) -> None:
+        is_read_or_refused(read_plan_file, path, content)
 
     run_by_the_clock(check)
 

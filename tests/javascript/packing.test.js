@@ -3,7 +3,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { forwardKinematics, NUM_JOINTS, smoothSigns, unpacked } from "../../app/page/web/stage/motion.js";
+import { Arrival } from "../../app/page/web/stage/arrival.js";
+import { forwardKinematics, NUM_JOINTS, partlyBack, placed, smoothSigns, unpacked } from "../../app/page/web/stage/motion.js";
 import { cells, grid, pairPanels, panels } from "../../app/page/web/stage/packing.js";
 import { message } from "./made.js";
 
@@ -90,3 +91,77 @@ for (const [closeUp, number] of [["hands", 3], ["face", 2], ["both", 4], ["off",
     }
   });
 }
+
+// ---------------------------------------------------------------- window by window
+
+/** A body that turns, as one message or as several that begin at `starts`. */
+function turning(count, starts = [0]) {
+  const turn = (frame, joint) => [0, Math.sin(frame * joint * 0.03), 0, Math.cos(frame * joint * 0.03)];
+  const parts = starts.map((start, i) => new Uint8Array(message((starts[i + 1] ?? count) - start, turn, 2, start)));
+  return new Uint8Array(parts.flatMap((part) => [...part])).buffer;
+}
+
+const same = (one, two) => ["positions", "rotations", "faces"].forEach((name) => assert.deepEqual(one[name], two[name], name));
+
+for (const starts of [[0, 52], [0, 1, 2, 111], [0, 59, 60, 61]]) {
+  test(`windows from ${starts} make the same motion as the whole, to the bit`, async () => {
+    const whole = unpacked(turning(112));
+    const file = turning(112, starts);
+    same(unpacked(file), whole);
+    const sizes = starts.map((start, i) => 20 + ((starts[i + 1] ?? 112) - start) * (12 + 440 + 2));
+    const asked = [];
+    const arrival = new Arrival("there", async (url, from, to) => {
+      asked.push([from, to]);
+      return file.slice(from, to);
+    });
+    let [bytes, motion] = [0, null];
+    for (const [i, size] of sizes.entries()) {
+      bytes += size;
+      const end = starts[i + 1] ?? 112;
+      motion = await arrival.next({ bytes, end, num_frames: 112, place: [0, 0, 0, 0] }, end);
+      assert.equal(motion.length, end, "all that has come");
+    }
+    same(motion, whole);
+    assert.equal(asked[0][0], 0);
+    asked.forEach(([from], i) => assert.equal(from, i ? asked[i - 1][1] : 0, "nothing is fetched twice"));
+    assert.equal(await arrival.next({ bytes, end: 112, num_frames: 112, place: [0, 0, 0, 0] }, 112), null, "nothing new");
+  });
+}
+
+test("a little more is left until it is needed, or the last", async () => {
+  const file = turning(112, [0, 100, 105]);
+  const arrival = new Arrival("there", async (url, from, to) => file.slice(from, to));
+  const there = (end, messages) => ({ bytes: 20 * messages + end * 454, end, num_frames: 112, place: [0, 0, 0, 0] });
+  assert.equal((await arrival.next(there(100, 1), 0)).length, 100);
+  assert.equal(await arrival.next(there(105, 2), 60), null);
+  assert.equal((await arrival.next(there(105, 2), 101)).length, 105, "it is about to be shown");
+  assert.equal((await arrival.next(there(112, 3), 0)).length, 112);
+});
+
+test("a window that is missing, or comes twice, is no motion", () => {
+  const first = new Uint8Array(message(5, () => [0, 0, 0, 1]));
+  const third = new Uint8Array(message(5, () => [0, 0, 0, 1], 2, 10));
+  for (const other of [first, third]) assert.throws(() => unpacked(new Uint8Array([...first, ...other]).buffer), /damaged/);
+  assert.throws(() => unpacked(message(5, () => [0, 0, 0, 1]), 5), /damaged/, "not what was asked for");
+});
+
+test("a motion is laid where it is told to be, and taken back from there", () => {
+  const motion = unpacked(turning(3));
+  const rest = [0.01, 0.9, -0.02];
+  const place = [0.7, 0.3, -0.1, 0.2];
+  const skeleton = { parents: new Array(NUM_JOINTS).fill(-1).map((_, j) => j - 1), offsets: new Float32Array(3 * NUM_JOINTS).fill(0.05) };
+  skeleton.offsets.set(rest);
+  const world = (each, frame) => {
+    const turns = each.rotations.subarray(4 * NUM_JOINTS * frame, 4 * NUM_JOINTS * (frame + 1));
+    return forwardKinematics(skeleton, turns, each.positions.subarray(3 * frame, 3 * frame + 3), new Float32Array(12 * NUM_JOINTS));
+  };
+  const laid = world(placed(motion, place, rest), 2);
+  const plain = world(motion, 2);
+  const [sin, cos] = [Math.sin(place[0]), Math.cos(place[0])];
+  for (let at = 0; at < plain.length; at += 12) {
+    const [x, y, z] = [plain[at + 3], plain[at + 7], plain[at + 11]];
+    const wanted = [cos * x + sin * z + 0.3, y - 0.1, cos * z - sin * x + 0.2];
+    wanted.forEach((part, k) => assert.ok(Math.abs(laid[at + 4 * k + 3] - part) < 1e-4));
+  }
+  partlyBack(laid, [0, 0, 0, 0], place, 1).forEach((part, i) => assert.ok(Math.abs(part - plain[i]) < 1e-4, `${i}`));
+});

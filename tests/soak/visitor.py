@@ -122,6 +122,7 @@ class Visitor(AbstractContextManager["Visitor"]):
             f"{page.replace('http', 'ws', 1)}/live/speak",
             ssl=self._tls,
             additional_headers={"Origin": page, "Cookie": cookies},
+            open_timeout=120,
         ) as socket:
             socket.send(json.dumps({"system": system, "speaker": speaker, "seed": 1}))
             ready = json.loads(socket.recv())
@@ -145,12 +146,7 @@ class Visitor(AbstractContextManager["Visitor"]):
 
     def events(self, name: str, form: Mapping[str, Any]) -> Iterator[Any]:
         """What a run tells, one after the other; the last is its result."""
-        fields = self._forms[f"/{name}"]["parameters"]
-        unknown = set(form) - {field["parameter_name"] for field in fields}
-        assert not unknown, unknown
-        data = [
-            form.get(field["parameter_name"], field.get("parameter_default")) for field in fields
-        ]
+        data = list(filled(self._forms[f"/{name}"], form).values())
         asked = {"data": data, "fn_index": self._functions[name], "session_hash": self._session}
         self._client.post("gradio_api/queue/join", json=asked).raise_for_status()
         query = {"session_hash": self._session}
@@ -167,6 +163,18 @@ class Visitor(AbstractContextManager["Visitor"]):
                     yield news["output"]
                     return
         raise AssertionError("the run's events ended without a result")
+
+
+def filled(call: Mapping[str, Any], form: Mapping[str, Any]) -> dict[str, Any]:
+    """All fields of a call by name, in its order: those of the form, else as the page has them.
+
+    Args:
+        call: what ``gradio_api/info`` tells of it.
+    """
+    fields = {each["parameter_name"]: each.get("parameter_default") for each in call["parameters"]}
+    unknown = form.keys() - fields.keys()
+    assert not unknown, unknown
+    return fields | dict(form)
 
 
 def _addresses(value: Any) -> Iterator[str]:

@@ -103,8 +103,9 @@ def point_choices() -> list[tuple[str, str]]:
 
 def _trained_on(cards: list[dict[str, Any]]) -> str:
     """How much of what; told from the cards, so that other weights are described as they are."""
+    cards = [card for card in cards if "weights_are" not in card]  # not those of others
     hours = [float(card.get("training_hours") or 0.0) for card in cards]
-    if max(hours) == 0.0 or not any(card.get("steps") for card in cards):
+    if max(hours, default=0.0) == 0.0 or not any(card.get("steps") for card in cards):
         return ""
     data = cards[0].get("training_data")
     # A corpus made by this project describes itself; of any other folder only the name is known.

@@ -17,7 +17,7 @@ from app.page.results.figures_shown import FiguresShown
 from app.page.results.measures_table import measures_table
 from app.page.results.player import NOTHING, Showing
 from app.page.results.result_parts import ResultParts
-from app.page.serving.runner import Updates
+from app.page.serving.in_turn import Updates
 
 if TYPE_CHECKING:
     from model.measures.diagnostics import Diagnostics

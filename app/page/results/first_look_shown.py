@@ -17,13 +17,13 @@ from app.page.parts.catalogue import Catalogue
 from app.page.results.player import Showing, own_writers, picture_layout
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
-from app.run.first_look import SIZE_PX, STEADY, TREMBLING, FirstLook, first_look
-from app.run.pictures.posters import POSTER_SUFFIX, write_poster
+from app.run.first_look import STEADY, TREMBLING, FirstLook, first_look
 from app.run.request import Artefact
 from model.systems.globaldiff.config import BEST
 
 log = logging.getLogger(__name__)
 EXAMPLE = "three_reasons"
+LAYOUT_PX = 512
 
 
 class FirstLookDesk:
@@ -91,17 +91,13 @@ class FirstLookDesk:
         files = {name: look.folder / f"{name}.npz" for name in names}
         asked = DiagnoseRequest(tuple(files.values()), look.folder, speech=look.speech)
         showing = Showing(
-            *(names, names, picture_layout("front", SIZE_PX, ("hands",), "knees")),
-            own_writers(asked, look.folder),
+            *(names, names, picture_layout("front", LAYOUT_PX, ("hands",), "knees")),
+            own_writers(asked, look.folder, self._config.weights),
             *(look.folder, self._desk, ""),
         )
+        showing.is_drawn = False
         for name, path in files.items():
             showing.take(Artefact("motion", name, path))
-            video, poster = path.with_suffix(".mp4"), path.with_suffix(POSTER_SUFFIX)
-            if not poster.is_file():
-                write_poster(video, poster)
-            showing.take(Artefact("poster", name, poster))
-            showing.take(Artefact("video", name, video))
         value = {**showing.value(is_over=True), "plays": True}
         return value, question(look.facts(), look.system)
 

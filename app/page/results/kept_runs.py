@@ -117,22 +117,19 @@ def address_of(*runs: KeptRun) -> str:
 
 
 def _beside(opened: tuple[KeptRun, ...], mine: list[KeptRun]) -> str:
-    """The shortest way to what most want to see: a run beside the one before, of the same
-    speech."""
+    """The shortest way to what most want to see: a run beside the one before, of the same speech
+    where there is one."""
     (shown, *others) = opened
-    if others or not shown.run.speech_sha256:
+    before = [run for run in mine if run.ended < shown.ended]
+    if others or not before:
         return ""
-    before = [
-        run
-        for run in mine
-        if run.ended < shown.ended and run.run.speech_sha256 == shown.run.speech_sha256
-    ]
-    if not before:
-        return ""
-    address = escape(address_of(before[0], shown))
+    speech = shown.run.speech_sha256
+    alike = [run for run in before if speech and run.run.speech_sha256 == speech]
+    other = (alike or before)[0]
+    words = text.COMPARE_LAST if alike else text.COMPARE_OTHER
     return (
-        f'<p><a href="{address}" target="_blank" title="{escape(before[0].run.title)}">'
-        f"{text.COMPARE_LAST}</a></p>"
+        f'<p><a href="{escape(address_of(other, shown))}" target="_blank" '
+        f'title="{escape(other.run.title)}">{words}</a></p>'
     )
 
 

@@ -9,31 +9,36 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from copy import copy
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from app.findings.ranking import GRAVEST
 from app.findings.verdict import short_names
-from app.live.wire import MAX_FRAMES, frames_message
+from app.page.results.shown_plans import found_plans, planned
 from app.page.results.timeline import (
     Version,
+    heard_accents,
     make_timeline,
     series_looks,
     tiers_of,
     waveform_peaks,
 )
 from app.page.serving.media import MediaDesk
+from app.page.serving.visitors import is_same
 from app.run.models import get_body
 from app.run.pictures.export import render_settings
 from app.run.pictures.followed_point import choose_tip_source
 from app.run.pictures.posters import POSTER_SUFFIX
-from app.run.pictures.register import in_register
+from app.run.pictures.register import register_of
+from app.run.pieces import MAX_FRAMES, frames_message
 from app.run.request import (
     REFERENCE_NAME,
     Artefact,
     CloseUp,
     Framing,
     GenerateRequest,
+    Piece,
     View,
     file_stem,
 )
@@ -52,6 +57,7 @@ NOTHING: dict[str, Any] = {}
 _ROW_KINDS = ("motion", "poster", "video")
 
 
+Made = TypeVar("Made")
 Write = Callable[[Mapping[str, Path]], Path]
 """Motion files by row to a file that is made of them."""
 
@@ -64,7 +70,7 @@ class Writers:
     timeline: Write
     """Called with all motions, after the sound is written."""
     is_sound_first: bool = False
-    """Whether the first motion is enough for the sound, rather than all."""
+    """Whether the sound needs no motion, rather than all."""
 
 
 class Showing:
@@ -112,12 +118,21 @@ class Showing:
             for name in names
         }
         self._files: dict[str, dict[str, Path]] = {name: {} for name in names}
+        self.performed: dict[str, Path] = {}
+        """By row the plan that it moves by, of those whose system was given one."""
+        self.editing: dict[str, Any] | None = None
+        """What the player's editor of gestures is told; None where nothing can be edited."""
         self.is_drawn = True
         """Whether each row will have a video."""
         self.findings: list[dict[str, Any]] = []
         """What stands beside the stage, as `gravest_of` gives it."""
+        self._frames: dict[str, dict[str, Any]] = {}
         self._sound: Future[Path] | None = None
         self._timeline: Future[Path] | None = None
+        self._plans: dict[str, Path] = {}
+        """Of the rows that performed one."""
+        self._found_plans: Future[dict[str, Path]] | None = None
+        """Of the others."""
         self._urls: dict[Path, str] = {}
 
     @classmethod
@@ -147,9 +162,58 @@ class Showing:
             *(folder, desk, visitor, request.reference, request.post_filter == "savgol"),
         )
 
+    def add_take(self, name: str, label: str, number: int, of: str) -> None:
+        """A row that comes beside the others after the run has ended: motion of a changed plan.
+
+        Args:
+            of: the row whose plan was changed.
+        """
+        look = series_looks((*(each for each in self._rows if each != name), name))[name]
+        self._rows[name] = {
+            "name": name, "label": label, "color": look.color, "dashes": list(look.dashes),
+            "take": number, "of": of,
+        }  # fmt: skip
+        self._files[name] = {}
+
+    def drop_take(self, name: str) -> None:
+        """One that has not come to its end."""
+        for each in (self._rows, self._frames, self._files, self._plans, self.performed):
+            each.pop(name, None)
+
+    @property
+    def motions(self) -> dict[str, Path]:
+        """The motion files that have come, takes among them, by row."""
+        return dict(self._motions)
+
+    def address_of(self, path: Path) -> str:
+        """Where the browser gets a file of the run."""
+        return self._url(path)
+
+    def begin(self) -> None:
+        """The run has begun: what needs no motion is made meanwhile."""
+        if self._sound is None and self._write.is_sound_first:
+            self._sound = _begun(self._write.sound, {})
+
+    def take_piece(self, piece: Piece) -> None:
+        """Take in motion that is not whole yet: the file of its row grows."""
+        path = self._folder / f"{file_stem(piece.name)}.frames"
+        is_first = piece.name not in self._frames
+        with path.open("wb" if is_first else "ab") as file:
+            file.write(piece.frames)
+        self._files[piece.name]["frames"] = path
+        place = [piece.turn_rad, *piece.shift_m]
+        self._note_frames(piece.name, path, piece.end, piece.num_frames, place)
+        self._pack_reference(piece.num_frames)
+
     def take(self, artefact: Artefact) -> None:
-        """Note a file that has become whole; the time line is begun with the last motion."""
-        if artefact.name not in self._rows or artefact.kind not in _ROW_KINDS:
+        """Note a file that has become whole; the time line is begun with the last motion, and plans
+        are looked for in motion after it."""
+        if artefact.name not in self._rows:
+            return
+        if artefact.kind == "plan":
+            self.performed[artefact.name] = artefact.path
+            self._plans[artefact.name] = planned(artefact.path, artefact.name, self._folder)
+        if artefact.kind not in _ROW_KINDS:
             return
         self._files[artefact.name][artefact.kind] = artefact.path
         if artefact.kind != "motion":
@@ -160,37 +224,64 @@ class Showing:
             self._sound = _begun(self._write.sound, self._motions)
         if self._timeline is None and has_all and self._sound is not None:
             self._timeline = _begun(self._write.timeline, self._motions, after=self._sound)
+            others = {name: path for name, path in self.drawn().items() if name not in self._plans}
+            look = partial(found_plans, folder=self._folder)
+            self._found_plans = _begun(look, others, after=self._timeline)
 
     def _pack(self, name: str, motion: Motion) -> None:
-        """Write the motion as a browser plays it, and the reference when its length is known."""
-        if motion.num_frames > MAX_FRAMES:
+        """Write the motion as a browser plays it, where that did not come window by window."""
+        count = motion.num_frames
+        if name in self._frames or count > MAX_FRAMES:
             return
         path = self._folder / f"{file_stem(name)}.frames"
-        path.write_bytes(frames_message(0, in_register(motion)))
+        path.write_bytes(frames_message(0, motion))
         self._files[name]["frames"] = path
-        if self._reference is not None and "frames" not in self._files[REFERENCE_NAME]:
-            from model.measures.diagnostics import smooth_motion
-            from model.motion.motion import first_frames, save_motion
+        place = register_of(motion)
+        self._note_frames(name, path, count, count, [place.turn_rad, *place.shift_m])
+        self._pack_reference(count)
 
-            recorded = first_frames(_load(self._reference), motion.num_frames)
-            if self._is_reference_smoothed:
-                recorded = smooth_motion(recorded)
-            self._recorded = self._folder / f"{REFERENCE_NAME}.npz"
-            save_motion(recorded, self._recorded)
-            self._pack(REFERENCE_NAME, recorded)
+    def _note_frames(
+        self, name: str, path: Path, end: int, num_frames: int, place: list[float]
+    ) -> None:
+        self._frames[name] = {
+            "end": end,
+            "num_frames": num_frames,
+            "bytes": path.stat().st_size,
+            "place": place,
+        }
+
+    def _pack_reference(self, num_frames: int) -> None:
+        """The recorded motion, as soon as its length is known."""
+        if self._reference is None or REFERENCE_NAME in self._frames:
+            return
+        from model.measures.diagnostics import smooth_motion
+        from model.motion.motion import first_frames, save_motion
+
+        recorded = first_frames(_load(self._reference), num_frames)
+        if self._is_reference_smoothed:
+            recorded = smooth_motion(recorded)
+        self._recorded = self._folder / f"{REFERENCE_NAME}.npz"
+        save_motion(recorded, self._recorded)
+        self._pack(REFERENCE_NAME, recorded)
 
     def for_visitor(self, visitor: str) -> Showing:
         """The same files for another browser, under addresses of its own."""
         other = copy(self)
         other._visitor, other._urls = visitor, {}
+        if not is_same(visitor, self._visitor):
+            other.editing = None  # who has the link sees the run, and changes nothing of it
         return other
 
     def value(self, is_over: bool = False) -> dict[str, Any]:
-        """For the player; ``begins`` says that it plays as soon as it can, for who waits for it.
+        """For the player; ``begins`` says that it plays as soon as it can, for who waits for it,
+        and ``running`` that more of it is being made.
 
         Args:
-            is_over: whether to wait for the time line.
+            is_over: whether to wait for the time line and the plans.
         """
+        plans = dict(self._plans)
+        if self._found_plans is not None and (is_over or self._found_plans.done()):
+            plans |= self._found_plans.result()
         beside = {
             name: self._url(made.result())
             for name, made in (("audio", self._sound), ("timeline", self._timeline))
@@ -200,9 +291,12 @@ class Showing:
             {
                 **row,
                 **{kind: self._url(path) for kind, path in self._files[name].items()},
+                **({"there": dict(self._frames[name])} if name in self._frames else {}),
+                **self._recorded_motion(name),
+                **({"plan": self._url(plans[name])} if name in plans else {}),
                 "stem": file_stem(name),
                 "is_reference": name == REFERENCE_NAME,
-                "noise": noise_of(name),
+                "noise": noise_of(row.get("of", name)),
                 "is_drawn": self.is_drawn,
             }
             for name, row in self._rows.items()
@@ -211,8 +305,10 @@ class Showing:
             "run": self._folder.name,
             "rows": rows,
             "layout": self._layout,
+            "running": not is_over,
             "begins": not is_over,
             "findings": self.findings,
+            **({"editing": self.editing} if self.editing else {}),
             **beside,
         }
 
@@ -232,13 +328,20 @@ class Showing:
         self._timeline = made
 
     def drawn(self) -> dict[str, Path]:
-        """The motion files of all rows that have one, a reference as long as the others."""
+        """The motion files of all rows of the run that have one, a reference as long as the
+        others."""
         recorded = {} if self._recorded is None else {REFERENCE_NAME: self._recorded}
-        return self._motions | recorded
+        made = {name: p for name, p in self._motions.items() if "take" not in self._rows[name]}
+        return made | recorded
 
     def sound(self) -> Path | None:
         """What plays, waited for; None where nothing has come."""
         return None if self._sound is None else self._sound.result()
+
+    def _recorded_motion(self, name: str) -> dict[str, str]:
+        if name != REFERENCE_NAME or self._recorded is None:
+            return {}
+        return {"motion": self._url(self._recorded)}
 
     @property
     def _motions(self) -> dict[str, Path]:
@@ -256,9 +359,13 @@ class Showing:
         return self._urls[path]
 
 
-def _begun(write: Write, motions: Mapping[str, Path], after: Future | None = None) -> Future[Path]:
+def _begun(
+    write: Callable[[Mapping[str, Path]], Made],
+    motions: Mapping[str, Path],
+    after: Future | None = None,
+) -> Future[Made]:
     """In a thread: the run itself goes on drawing, and the page is told of it meanwhile."""
-    made: Future[Path] = Future()
+    made: Future[Made] = Future()
 
     def work() -> None:
         try:
@@ -268,7 +375,7 @@ def _begun(write: Write, motions: Mapping[str, Path], after: Future | None = Non
         except BaseException as error:
             made.set_exception(error)
 
-    threading.Thread(target=work, name=write.__name__, daemon=True).start()
+    threading.Thread(target=work, name="shown", daemon=True).start()
     return made
 
 
@@ -343,6 +450,7 @@ def write_timeline(
     shown: Version = "savgol" if request.post_filter == "savgol" else "raw"
     tip = choose_tip_source(get_body(request.body), request.body, request.joint)
     timeline = make_timeline(speech, motions, shown, tip)
+    timeline["heard_accents"] = heard_accents(speech, request.weights)
     if request.reference is not None:
         reference = first_frames(_load(request.reference), speech.num_frames)
         recorded = make_timeline(None, {REFERENCE_NAME: reference}, "raw", tip)
@@ -350,12 +458,16 @@ def write_timeline(
     return _write_timeline(timeline, said, folder)
 
 
-def own_writers(request: DiagnoseRequest, folder: Path) -> Writers:
+def own_writers(request: DiagnoseRequest, folder: Path, weights: Path | None = None) -> Writers:
     """The same for motion files of a visitor's own: sound as long as the longest of them, silent
-    where they gave none."""
+    where they gave none.
+
+    Args:
+        weights: where the speech encoder is, whose accents are shown; None shows none.
+    """
     return Writers(
         lambda paths: _write_own_sound(request, paths, folder),
-        lambda paths: _write_own_timeline(request, paths, folder),
+        lambda paths: _write_own_timeline(request, paths, folder, weights),
     )
 
 
@@ -367,7 +479,9 @@ def _write_own_sound(request: DiagnoseRequest, paths: Mapping[str, Path], folder
     return wav
 
 
-def _write_own_timeline(request: DiagnoseRequest, paths: Mapping[str, Path], folder: Path) -> Path:
+def _write_own_timeline(
+    request: DiagnoseRequest, paths: Mapping[str, Path], folder: Path, weights: Path | None
+) -> Path:
     """
     Args:
         paths: motion files by row, the reference among them.
@@ -383,6 +497,7 @@ def _write_own_timeline(request: DiagnoseRequest, paths: Mapping[str, Path], fol
     timeline["worst"] = [each for each in timeline["worst"] if each["name"] != REFERENCE_NAME]
     if speech is not None:
         timeline["peaks"] = waveform_peaks(_own_waveform(request, longest_s))
+        timeline["heard_accents"] = [] if weights is None else heard_accents(speech, weights)
     return _write_timeline(timeline, given_words(request.transcript), folder)
 
 

@@ -27,7 +27,7 @@ from app.page.results.result_parts import ResultParts
 from app.page.results.settings import NONE, SEED, SPEECH, differing
 from app.page.results.timeline import series_looks
 from app.page.results.worst import worst_of_both
-from app.page.serving.runner import Updates
+from app.page.serving.in_turn import Updates
 from app.run.request import REFERENCE_NAME
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ class RunPair:
             parts.status: markup.sentence_status(text.PAIR_STATUS),
             parts.message: shown(""),
             parts.verdict: shown(self._head()),
-            parts.player: joined(a, b) if self.has_one_speech else NOTHING,
+            parts.player: joined(a, b),
             parts.figures: shown(""),
             parts.numbers: shown(pair_table(a, b)),
             parts.downloads_part: gr.update(visible=False),
@@ -182,14 +182,13 @@ def is_one_reference(a: EndedRun, b: EndedRun) -> bool:
 
 
 def joined(a: EndedRun, b: EndedRun) -> dict[str, Any]:
-    """Both for one player, in lock-step under the sound of whichever is longer; nothing where one
-    of them has no videos."""
+    """Both for one player, in lock-step: under the one speech that they have, or under either's, as
+    somebody chooses. Nothing where one of them has no motion to show."""
     if a.showing is None or b.showing is None:
         return NOTHING
     values = [run.showing.value(is_over=True) for run in (a, b) if run.showing]
     lines = [run.showing.timeline() for run in (a, b) if run.showing]
     rows = _rows(a, b, values)
-    longest = max((0, 1), key=lambda i: lines[i].get("duration_s", 0.0))
     value = {
         "run": " ".join(value["run"] for value in values),
         "rows": rows,
@@ -198,12 +197,38 @@ def joined(a: EndedRun, b: EndedRun) -> dict[str, Any]:
     }
     if not all(lines):
         return value
-    timeline = _timeline(lines, longest, [row["name"] for row in rows])
+    names = [row["name"] for row in rows]
+    heard = _heard((a, b), lines)
+    sounds = [
+        {
+            "label": _sound_label((a, b)[i], "AB"[i]),
+            "audio": values[i]["audio"],
+            "timeline": _as_address(_timeline(lines, i, names, has_one_speech=len(heard) == 1)),
+        }
+        for i in heard
+    ]
+    first = {kind: sounds[0][kind] for kind in ("audio", "timeline")}
+    return value | first | ({"sounds": sounds} if len(sounds) > 1 else {})
+
+
+def _heard(runs: Sequence[EndedRun], lines: Sequence[dict[str, Any]]) -> list[int]:
+    """Whose sound can be listened to: each that is another; of one speech, or of none, that of
+    whichever is longer."""
+    spoken = [i for i, run in enumerate(runs) if run.speech_sha256]
+    if len({runs[i].speech_sha256 for i in spoken}) == 2:
+        return spoken
+    longest_first = sorted((0, 1), key=lambda i: lines[i].get("duration_s", 0.0), reverse=True)
+    return [i for i in longest_first if i in spoken or not spoken][:1]
+
+
+def _sound_label(run: EndedRun, letter: str) -> str:
+    speech = run.settings.get(SPEECH, NONE)
+    return letter if speech == NONE else f"{letter}: {speech}"
+
+
+def _as_address(timeline: Mapping[str, Any]) -> str:
     data = base64.b64encode(json.dumps(timeline).encode()).decode("ascii")
-    return value | {
-        "audio": values[longest]["audio"],
-        "timeline": f"data:application/json;base64,{data}",
-    }
+    return f"data:application/json;base64,{data}"
 
 
 def _rows(a: EndedRun, b: EndedRun, values: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -244,9 +269,9 @@ def _name(name: str, letter: str, is_one_reference: bool) -> str:
 
 
 def _timeline(
-    lines: Sequence[dict[str, Any]], longest: int, names: Sequence[str]
+    lines: Sequence[dict[str, Any]], heard: int, names: Sequence[str], *, has_one_speech: bool
 ) -> dict[str, Any]:
-    """One time line of both, of the motions that have a row."""
+    """One time line of both, of the motions that have a row, under the sound of one of them."""
     curves, worst = {}, []
     for line, letter in zip(lines, "AB", strict=True):
         new = {
@@ -259,8 +284,9 @@ def _timeline(
             [each | {"name": new[each["name"]]} for each in line["worst"] if each["name"] in new]
         )
     points = dict.fromkeys(line["point"] for line in lines)
-    words = next((line["words"] for line in lines if line["words"]), [])
-    return lines[longest] | {
+    others = lines if has_one_speech else ()
+    words = next((line["words"] for line in (lines[heard], *others) if line["words"]), [])
+    return lines[heard] | {
         "curves": curves,
         "worst": worst_of_both(*worst),
         "point": " and ".join(points),

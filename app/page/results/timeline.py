@@ -16,6 +16,8 @@ from app.run.pictures.followed_point import TipSource
 from app.run.request import REFERENCE_NAME
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from model.motion.motion import Motion
     from model.speech.audio import Speech
     from model.speech.transcript import Interval, Transcript
@@ -66,6 +68,7 @@ def make_timeline(
         ``duration_s``, ``fps``, ``peaks`` (0 to 100), ``onsets_s``, ``point`` (its name for a
         person), and by the name of a motion ``curves``: for ``raw`` and ``savgol`` each of
         `CURVES`; of filtered motion nothing raw is known. ``worst`` is as `worst_seconds` has it.
+        No accents are heard here (`heard_accents`).
     """
     from model.measures.diagnostics import smooth_motion
     from model.motion.timing import FPS
@@ -86,6 +89,7 @@ def make_timeline(
         "fps": FPS,
         "peaks": [] if speech is None else waveform_peaks(speech.waveform),
         "onsets_s": [] if speech is None else onset_times(speech),
+        "heard_accents": [],
         "point": tip.title,
         "curves": curves,
         "worst": worst_seconds(tracks),
@@ -93,17 +97,26 @@ def make_timeline(
 
 
 def tiers_of(said: Transcript) -> dict[str, Any]:
-    """``words``, where they come from as ``words_origin``, and, by the name of a tier,
-    ``gestures``: of each (start_s, end_s, text)."""
+    """``words``, where they come from as ``words_origin``, their ``phones``, and, by the name of a
+    tier, ``gestures``: of each (start_s, end_s, text). Of ``accents`` time and strength."""
     return {
         "words": [_times(word) for word in said.words],
         "words_origin": said.origin,
+        "phones": [_times(phone) for phone in said.phones],
+        "accents": [(accent.time_s, accent.strength) for accent in said.accents],
         "gestures": {tier.name: [_times(phase) for phase in tier.phases] for tier in said.gestures},
     }
 
 
 def _times(interval: Interval) -> tuple[float, float, str]:
     return interval.start_s, interval.end_s, interval.text
+
+
+def heard_accents(speech: Speech, weights: Path) -> list[tuple[float, float]]:
+    """Time and strength of accents, as our speech encoder hears them, if its weights are there."""
+    from model.networks.accents import heard_accents as heard
+
+    return [(accent.time_s, accent.strength) for accent in heard(speech, weights)]
 
 
 def waveform_peaks(waveform: np.ndarray, num_peaks: int = NUM_PEAKS) -> list[int]:

@@ -12,10 +12,11 @@ from typing import Any, TypeVar
 
 from app import text
 from app.page.serving.jobs import Job
-from app.run.request import Artefact, Event, OnEvent, Progress, ShouldCancel
+from app.run.request import Artefact, Event, OnEvent, Piece, Progress, ShouldCancel
 
 Result = TypeVar("Result")
 _REFRESH_S = 0.25
+_SOON_S = 0.05
 
 
 def follow_run(
@@ -67,6 +68,8 @@ def follow_run(
                     has_ended = True
                 else:
                     batch.append(event)
+                    if isinstance(event, Piece):  # somebody waits to see it move
+                        deadline = min(deadline, time.monotonic() + _SOON_S)
             yield batch
     except GeneratorExit:
         job.cancel()  # the visitor has gone

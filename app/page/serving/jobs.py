@@ -38,11 +38,13 @@ NUM_ASIDE = 1
 
 Tab = Literal[
     "generate", "own_motion", "live", "mechanism", "hearing", "steps", "study", "analysis",
-    "videos", "own_videos",
+    "seen", "takes", "videos", "live_videos", "own_videos",
 ]  # fmt: skip
 """The part of the page that starts a run, and whose button stops it."""
-BEHIND: tuple[Tab, ...] = ("videos", "own_videos")
-"""Work that nobody waits for: it comes after all other, and makes way for it at once."""
+_RANKS: dict[Tab, int] = {"seen": 1, "videos": 2, "live_videos": 2, "own_videos": 2}
+"""Work that is drawn behind a stage which plays already, a video that was asked for before those
+that nobody waits for: it comes after all of a lower rank, and makes way for that at once. All other
+work has 0."""
 
 
 class Job:
@@ -67,8 +69,13 @@ class Job:
         self.is_cancelled_by_visitor = False
 
     @property
+    def rank(self) -> int:
+        """As of `_RANKS`."""
+        return _RANKS.get(self.tab, 0)
+
+    @property
     def is_behind(self) -> bool:
-        return self.tab in BEHIND
+        return self.rank > 0
 
     def cancel(self) -> None:
         self.is_cancelled_by_visitor = True
@@ -229,12 +236,12 @@ class JobBook:
         nobody waits for."""
         if self._is_held_back(waiting, self._aside) or len(self._working) < self.num_slots:
             return
-        if waiting.is_behind:
-            return
         for job in self._working:
-            if job.is_behind:
+            if job.rank > waiting.rank:
                 job.is_put_back = True  # it leaves as soon as it has stopped
                 return
+        if waiting.is_behind:
+            return
         for job in self._working:
             if (job.address, job.visitor) == (waiting.address, waiting.visitor):
                 continue
@@ -260,7 +267,7 @@ class JobBook:
             for other in aside
         )
 
-    def _turn(self, place: _Place) -> tuple[bool, bool, float, bool, float, int]:
+    def _turn(self, place: _Place) -> tuple[bool, int, float, bool, float, int]:
         """What sorts the places: whose last run began longest ago goes first, and of one address
         the small runs before the large; last what nobody waits for."""
         turns = [
@@ -269,8 +276,7 @@ class JobBook:
         ]
         is_held_back = self._is_held_back(place.job, self._aside)
         goes_after = place.job.is_large and time.monotonic() - place.since < PATIENCE_S
-        is_behind = place.job.is_behind
-        return is_held_back, is_behind, turns[0], goes_after, turns[1], place.number
+        return is_held_back, place.job.rank, turns[0], goes_after, turns[1], place.number
 
     def _begin(self, job: Job) -> None:
         self._places = [place for place in self._places if place.job is not job]

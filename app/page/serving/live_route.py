@@ -96,12 +96,15 @@ async def _serve(socket: WebSocket, desk: LiveDesk) -> None:
         await socket.send_text(json.dumps(told))
         hearing = asyncio.create_task(_hear(socket, desk, session))
         sending = asyncio.create_task(_send(socket, unsent))
-        await asyncio.wait({hearing, sending}, return_when="FIRST_COMPLETED")
-        hearing.cancel()
-        sending.cancel()
-        for how in await asyncio.gather(hearing, sending, return_exceptions=True):
-            if isinstance(how, Exception):
-                raise how
+        try:
+            await asyncio.wait({hearing, sending}, return_when="FIRST_COMPLETED")
+        finally:
+            hearing.cancel()
+            sending.cancel()
+        await asyncio.wait({hearing, sending})  # not gather: it forgets who cancelled this task
+        for way in (hearing, sending):
+            if not way.cancelled() and (error := way.exception()):
+                raise error
     except WebSocketDisconnect:
         raise
     except Exception as error:

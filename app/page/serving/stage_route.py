@@ -9,6 +9,7 @@ from fastapi import Response
 from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
 
+from app.live.stage import body_glb, face_names
 from app.page.parts.catalogue import point_choices
 
 FACTS_ROUTE = "/stage/facts.json"
@@ -25,11 +26,17 @@ def stage_routes() -> list[APIRoute]:
     return [APIRoute(FACTS_ROUTE, facts, methods=["GET"], include_in_schema=False)]
 
 
+def prepare() -> None:
+    """Make what the first page would wait for."""
+    body_glb()
+    _facts_json()
+
+
 @functools.cache
 def _facts_json() -> bytes:
-    from app.live.stage import face_names
+    from app.run.display import Display
     from app.run.pictures.followed_point import TIP
-    from app.run.pictures.marked import FULL_SPEED_M_S, SPIKE_M_S3
+    from app.run.pictures.marked import FULL_SPEED_M_S
     from model.motion.exaggeration import CUTOFF_HZ, MAX_TURN_RAD
     from renderer.video.facts import drawing_facts
 
@@ -37,7 +44,7 @@ def _facts_json() -> bytes:
         **drawing_facts(),
         "faces": list(face_names()),
         "exaggeration": {"cutoff": CUTOFF_HZ, "max_turn": MAX_TURN_RAD},
-        "scales": {"jerk": SPIKE_M_S3, "speed": FULL_SPEED_M_S},
+        "scales": {"jerk": Display().jerk_m_s3, "speed": FULL_SPEED_M_S},
         "points": {name: title for title, name in point_choices()},
         "usual_point": TIP,
     }

@@ -38,7 +38,9 @@ if TYPE_CHECKING:
     from app.run.hearing import Hearing, HearingRequest
     from app.run.mechanism import MechanismRequest
     from app.run.pictures.behind import VideosRequest
+    from app.run.pictures.seen_video import SeenRequest, SeenVideo
     from app.run.step_curve import StepCurve, StepCurveRequest
+    from app.run.takes.take import Take, TakeRequest
     from app.run.upload_check import UploadKind
     from app.study.export import ExportOptions
     from app.study.make.workspace import Workspace
@@ -140,11 +142,26 @@ class Workshop:
         """As `app.run.pictures.behind.draw_behind`."""
         return self.do("draw_behind", (request,), on_event, should_cancel)
 
+    def draw_seen(
+        self, request: SeenRequest, on_event: OnEvent, should_cancel: ShouldCancel
+    ) -> SeenVideo:
+        """As `app.run.pictures.seen_video.draw_seen`."""
+        return self.do("draw_seen", (request,), on_event, should_cancel)
+
+    def make_take(
+        self, request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCancel
+    ) -> Take:
+        """As `app.run.takes.take.make_take`."""
+        return self.do("make_take", (request,), on_event, should_cancel)
+
     def show_mechanism(
-        self, request: MechanismRequest, on_share: Callable[[float], None]
-    ) -> tuple[Path, tuple[str, ...]]:
+        self,
+        request: MechanismRequest,
+        on_share: Callable[[float], None],
+        on_file: OnFile = lambda artefact: None,
+    ) -> tuple[Path | None, tuple[str, ...]]:
         """As `app.run.mechanism.show_mechanism`."""
-        return self._with_shares("show_mechanism", (request,), on_share)
+        return self._with_shares("show_mechanism", (request,), on_share, on_file)
 
     def make_first_look(self, look: FirstLook, weights: Path) -> None:
         """As `app.run.first_look.make_first_look`."""

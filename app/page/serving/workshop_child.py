@@ -8,7 +8,7 @@ import resource
 import sys
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -39,10 +39,22 @@ def draw_behind(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) ->
     return draw(request, on_event, should_cancel)
 
 
+def draw_seen(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
+    from app.run.pictures.seen_video import draw_seen as draw
+
+    return draw(request, on_event, should_cancel)
+
+
+def make_take(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
+    from app.run.takes.take import make_take as make
+
+    return make(request, on_event, should_cancel)
+
+
 def show_mechanism(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
     from app.run.mechanism import show_mechanism as show
 
-    return show(request, share_teller("video", on_event, should_cancel))
+    return show(request, share_teller("video", on_event, should_cancel), on_event)
 
 
 def make_first_look(
@@ -98,14 +110,14 @@ def refuse(
 
 
 _ALL = (
-    *(generate, diagnose, draw_behind, show_mechanism, make_first_look, measure_steps),
-    *(measure_hearing, export_study, analyse_study, refuse),
+    *(generate, diagnose, draw_behind, draw_seen, make_take, show_mechanism),
+    *(make_first_look, measure_steps, measure_hearing, export_study, analyse_study, refuse),
 )
 TASKS: dict[str, Callable[..., Any]] = {task.__name__: task for task in _ALL}
 
 
 def main(number: str, weights: str | None = None, body: str | None = None) -> None:
-    """Take work as it comes, once what all of it needs is read."""
+    """Take work as it comes, and read what all of it needs while there is none."""
     channel = channel_of(number)
     works: queue.SimpleQueue[Any] = queue.SimpleQueue()
     stop = threading.Event()
@@ -122,9 +134,10 @@ def main(number: str, weights: str | None = None, body: str | None = None) -> No
             heard.acquire()
 
     threading.Thread(target=_listen, args=(channel, works, stop, heard), daemon=True).start()
-    if weights is not None:
-        _warm_up(Path(weights), Path(body) if body else None)
+    reading = _warming_up(Path(weights), Path(body) if body else None) if weights else iter(())
     while True:
+        while works.empty() and next(reading, True) is None:
+            pass
         task, arguments, memory_bytes = works.get()
         stop.clear()
         before = _limit_memory(memory_bytes)
@@ -142,14 +155,15 @@ def main(number: str, weights: str | None = None, body: str | None = None) -> No
         tell(*told)
 
 
-def _warm_up(weights: Path, body: Path | None) -> None:
-    """A failure shows at the first run."""
+def _warming_up(weights: Path, body: Path | None) -> Iterator[None]:
+    """In small parts; a failure shows at the first run."""
     import app.run.diagnose
     import app.run.pipeline  # noqa: F401
     from app.run import models
 
+    yield
     try:
-        models.warm_up(weights, body)
+        yield from models.warming_up(weights, body)
     except Exception:
         traceback.print_exc()
 

@@ -27,6 +27,7 @@ from app.page.parts.strength import USUAL, strength_choices
 from app.page.tabs.generate_form import SEED_LIMIT
 from app.page.tabs.upload_check import UploadCheck
 from app.run.pictures.followed_point import TIP
+from app.run.request import MAX_SAMPLES
 
 
 @dataclass(frozen=True)
@@ -82,8 +83,9 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
             info=text.SEED_HELP, min_width=100,
         )  # fmt: skip
     samples = gr.Slider(
-        1, 4, value=1, step=1, label=text.SAMPLES_LABEL, info=text.SAMPLES_HELP, buttons=[]
-    )
+        *(1, MAX_SAMPLES), value=1, step=1, label=text.SAMPLES_LABEL, info=text.SAMPLES_HELP,
+        buttons=[],
+    )  # fmt: skip
     guidance = gr.Dropdown(
         choices=strength_choices((1.0, 1.5, 2.0, 2.5, 3.0, 4.0)),
         value=USUAL,
@@ -125,6 +127,9 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
         transcript = check.file(
             "transcript", text.TRANSCRIPT_LABEL, [".TextGrid", ".txt"], "transcript", height=150
         )
+        plan = check.file(
+            "plan", text.PLAN_LABEL, [".json", ".TextGrid", ".eaf"], "plan", height=150
+        )
         has_words = gr.Checkbox(
             False, label=text.WORDS_LABEL, info=text.WORDS_HELP, elem_id="recognise-words"
         )
@@ -140,7 +145,7 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
     fields = (
         *(speech, systems, speaker, seed, samples, steps, sampler, is_smoothed, reference),
         *(point, start_frame, transcript, body_steps, face_steps),
-        *(guidance, has_words, has_videos),
+        *(guidance, has_words, has_videos, plan),
     )
     return FormParts(fields, start, cancel)
 

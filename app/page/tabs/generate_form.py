@@ -60,6 +60,8 @@ class Form:
     """Recognised, where there is no transcript."""
     has_videos: bool = True
     """Whether standard videos are drawn behind the stage."""
+    plan: str | None = None
+    """What the systems that perform plans are to perform."""
 
 
 def request_from_form(
@@ -119,6 +121,7 @@ def request_from_form(
         reference=Path(form.reference) if form.reference else None,
         transcript=Path(form.transcript) if form.transcript else None,
         words="recognise" if form.has_words else "none",
+        plan=Path(form.plan) if form.plan else None,
         joint=form.point,
         start_frame=int(start_frame),
         body=config.body,
@@ -138,7 +141,7 @@ def kept_values(form: Form, folder: Path) -> dict[str, Any]:
     """What fills the form in again where the run's link is opened: all but files that a run does
     not show. The speech stays in the run's folder, under its own name."""
     values = {field.name: getattr(form, field.name) for field in fields(form)}
-    for name in ("speech", "reference", "transcript"):
+    for name in ("speech", "reference", "transcript", "plan"):
         del values[name]
     if form.speech:
         beside = folder / "form"

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gradio as gr
 
@@ -17,27 +17,32 @@ from app.page.parts import markup
 from app.page.parts.asked import form_of
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import shown
+from app.page.results.edited_runs import EditedRuns, own_speech
 from app.page.results.ended_run import EndedRun, sha256_of
 from app.page.results.figures_shown import FiguresShown
 from app.page.results.kept_runs import KeptRuns
+from app.page.results.measures_table import measures_table
 from app.page.results.player import NOTHING, Showing
 from app.page.results.result_parts import ResultParts
 from app.page.results.settings import settings_of_run
+from app.page.serving.in_turn import Updates
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
-from app.page.serving.runner import TabRunner, Updates
+from app.page.serving.runner import TabRunner
 from app.page.tabs.generate import FormParts
 from app.page.tabs.generate_form import Form, kept_values, request_from_form, row_names
 from app.page.tabs.videos_behind import VideosBehind, Wanted
 from app.run.pictures.behind import VideosRequest
 from app.run.pictures.own_videos import VideoOptions
 from app.run.request import (
-    STAGES,
     Artefact,
     Event,
     GenerateRequest,
     GenerateResult,
+    Measured,
     OnEvent,
+    Piece,
+    Progress,
     ShouldCancel,
     Stage,
 )
@@ -45,8 +50,11 @@ from app.run.result_folder import zip_files
 from app.run.words import given_words
 from model.speech.transcript import Transcript
 
+if TYPE_CHECKING:
+    from model.measures.diagnostics import Diagnostics
+
 STAGES_OF_STAGE: tuple[Stage, ...] = ("speech", "motion", "numbers", "figure")
-"""Of a run whose videos are drawn behind it."""
+"""Videos are drawn behind it."""
 Generate = Callable[[GenerateRequest, OnEvent, ShouldCancel], GenerateResult]
 
 
@@ -58,11 +66,15 @@ class RunView:
     fractions: dict[Stage, float] = field(default_factory=dict)
     details: dict[Stage, str] = field(default_factory=dict)
     artefacts: list[Artefact] = field(default_factory=list)
+    has_motion: bool = False
+    """Whether some of it has come."""
 
     def take(self, event: Event) -> None:
         if isinstance(event, Artefact):
             self.artefacts.append(event)
-        else:
+        elif isinstance(event, Piece):
+            self.has_motion = True
+        elif isinstance(event, Progress):
             self.fractions[event.stage] = event.fraction
             self.details[event.stage] = event.detail
 
@@ -93,14 +105,17 @@ class GenerateRunner(TabRunner[GenerateResult]):
         form: FormParts,
         results: ResultParts,
         kept: KeptRuns,
-        videos: VideosBehind | None = None,
+        videos: VideosBehind,
+        edited: EditedRuns | None = None,
     ) -> None:
         """
         Args:
-            videos: draws a run's videos once it has ended; without it they are part of the run.
+            videos: draws a run's videos once it has ended.
+            edited: where runs go whose gestures can be edited; None where none can.
         """
         super().__init__(jobs, results.status)
         self._videos = videos
+        self._edited = edited or EditedRuns()
         self._kept = kept
         self._generate = generate
         self._catalogue = catalogue
@@ -112,8 +127,7 @@ class GenerateRunner(TabRunner[GenerateResult]):
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
         asked = self.asked(job, cookie, values)
-        if self._videos is not None:
-            self._videos.give_up(job.visitor)
+        self._videos.give_up(job.visitor)
         yield _Work(
             generate=self._generate,
             asked=asked,
@@ -125,12 +139,13 @@ class GenerateRunner(TabRunner[GenerateResult]):
             cookie=cookie,
             at_the_end=self._buttons(is_running=False),
             videos=self._videos,
+            edited=self._edited,
             form=self._kept_values(job, values),
         )
 
     def _kept_values(self, job: Job, values: tuple[Any, ...]) -> dict[str, Any]:
-        """Of the tab's own form; others fill in none."""
-        return kept_values(form_of(Form, values), job.folder) if self._videos is not None else {}
+        """Of the form, for whoever opens the run by its link."""
+        return kept_values(form_of(Form, values), job.folder)
 
     def _showing(self, asked: GenerateRequest, job: Job, cookie: str, said: Transcript) -> Showing:
         showing = Showing.of_run(asked, row_names(asked), job.folder, self._desk, cookie, said)
@@ -168,6 +183,7 @@ class GenerateRunner(TabRunner[GenerateResult]):
         return {
             parts.verdict: shown(""),
             parts.player: NOTHING,
+            parts.seen: shown(""),
             parts.figures: shown(""),
             parts.numbers: shown(""),
             parts.downloads_part: gr.update(visible=False),
@@ -193,36 +209,44 @@ class _Work:
     kept: KeptRuns
     cookie: str
     at_the_end: Updates
-    videos: VideosBehind | None
+    videos: VideosBehind
+    edited: EditedRuns
     form: dict[str, Any]
     view: RunView = field(default_factory=RunView)
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> GenerateResult:
         self.view.started = time.monotonic()  # now, after the waiting
-        is_behind = self.videos is not None
-        asked = replace(self.asked, has_video=False) if is_behind else self.asked
-        return self.generate(asked, on_event, should_cancel)
+        self.showing.begin()
+        return self.generate(replace(self.asked, has_video=False), on_event, should_cancel)
 
     def progress(self, events: list[Event]) -> Updates:
+        parts, run = self.parts, self.view
+        measured: Updates = {}
         for event in events:
-            self.view.take(event)
+            run.take(event)
             if isinstance(event, Artefact):
                 self.showing.take(event)
                 self.figures.take(event)
-        parts, run = self.parts, self.view
-        stages = STAGES if self.videos is None else STAGES_OF_STAGE
-        line = markup.status(run.line, run.fractions, run.details, stages)
-        updates: Updates = {parts.status: line}
-        if run.artefacts:
+            elif isinstance(event, Piece):
+                self.showing.take_piece(event)
+            elif isinstance(event, Measured):
+                measured[parts.verdict] = shown(_verdict(event.diagnostics))
+                measured[parts.numbers] = shown(measures_table(event.diagnostics))
+        line = markup.status(run.line, run.fractions, run.details, STAGES_OF_STAGE)
+        updates: Updates = {parts.status: line, **measured}
+        if run.artefacts or run.has_motion:
             updates[parts.player] = self.showing.value()
             updates[parts.figures] = shown(self.figures.html())
         return updates
 
     def finished(self, result: GenerateResult) -> Updates:
         ended = self._ended(result)
+        lasting = replace(self.asked, speech=own_speech(self.asked, self.form))
+        words = result.said.words
+        self.edited.keep(self.cookie, self.job.folder, lasting, self.showing, words)
         kept = self.kept.keep(self.job, self.cookie, ended)
         runs = {self.parts.runs: shown(self.kept.html(self.cookie, kept))}
-        if self.videos is not None and self.asked.has_video:
+        if self.asked.has_video:
             self.videos.want(self.job.visitor, Wanted(kept, self._videos_asked()))
         return {**ended.updates(self.parts, begins=True), **runs, **self.at_the_end}
 
@@ -238,13 +262,15 @@ class _Work:
         self.showing.add_words(result.said)
         rows = f"{len(result.names)} {'motion' if len(result.names) == 1 else 'motions'}"
         line = text.DONE.format(seconds=self.view.seconds, rows=rows, frames=result.num_frames)
+        if self.asked.take is not None and self.asked.take.why_less:
+            line = f"{line} {self.asked.take.why_less}"
         return EndedRun(
             title=_title(self.asked),
             settings=settings_of_run(self.asked),
             speech_sha256=sha256_of(self.asked.speech),
             line=line,
             notes=result.notes,
-            verdict=_verdict(result),
+            verdict=_verdict(result.diagnostics),
             diagnostics=result.diagnostics,
             showing=self.showing,
             figures=self.figures,
@@ -259,6 +285,6 @@ def _title(asked: GenerateRequest) -> str:
     return f"{asked.speech.stem}: {systems}; seed {asked.seed}"
 
 
-def _verdict(result: GenerateResult) -> str:
-    verdict = verdict_of(result.diagnostics)
+def _verdict(diagnostics: Diagnostics) -> str:
+    verdict = verdict_of(diagnostics)
     return "" if verdict is None else markup.verdict(verdict.numbers, verdict.judgement)

@@ -12,13 +12,14 @@ from app.live.desk import LiveDesk
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import mount, reveal_on_click
 from app.page.results.kept_runs import KeptRuns
-from app.page.results.result_parts import build_results
+from app.page.results.result_parts import ResultParts, build_results
 from app.page.serving.jobs import JobBook
 from app.page.serving.live_route import EXAMPLE_ROUTE
 from app.page.serving.media import MediaDesk
 from app.page.tabs.generate import FormParts
 from app.page.tabs.generate_run import Generate
 from app.page.tabs.live_run import LiveRunner
+from app.page.tabs.videos_behind import Draw, VideosBehind
 from model.systems.registry import family_of
 
 TAB = "Live"
@@ -42,11 +43,16 @@ def build_live_tab(
     desk: MediaDesk,
     live: LiveDesk,
     kept: KeptRuns,
-) -> None:
+    draw: Draw,
+) -> ResultParts:
     """Lay out the tab inside the current context and wire it.
 
     Args:
         generate: does the run that keeps a minute.
+        draw: draws its videos behind it.
+
+    Returns:
+        Where it shows the minute.
     """
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
     gr.HTML(
@@ -64,9 +70,10 @@ def build_live_tab(
         )
     results = build_results("live-", NOTHING_KEPT)
     form = FormParts((token,), keep, cancel)
-    runner = LiveRunner(generate, catalogue, config, jobs, desk, form, results, kept, live)
+    videos = VideosBehind(draw, jobs, results, kept, "live_videos")
+    runner = LiveRunner(generate, catalogue, config, jobs, desk, form, results, kept, videos, live)
     reveal_on_click(keep, results.status)
-    keep.click(
+    run = keep.click(
         runner.run,
         inputs=[token],
         outputs=[*results.all, keep, cancel],
@@ -76,8 +83,11 @@ def build_live_tab(
         trigger_mode="once",
         concurrency_limit=None,  # JobBook lets them in one by one
     )
+    videos.follow(run)
+    page.unload(videos.left)
     cancel.click(runner.cancel, queue=False, api_visibility="private", show_progress="hidden")
     page.unload(runner.cancel)
+    return results
 
 
 def offered(catalogue: Catalogue) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from app.page.serving.media import MediaDesk
 from app.page.tabs.generate import FormParts
 from app.page.tabs.generate_form import PAGE_SIZE_PX
 from app.page.tabs.generate_run import Generate, GenerateRunner
+from app.page.tabs.videos_behind import VideosBehind
 from app.run.display import Display
 from app.run.request import CLOSE_UPS, GenerateRequest, Take
 
@@ -35,10 +36,14 @@ class LiveRunner(GenerateRunner):
         form: FormParts,
         results: ResultParts,
         kept: KeptRuns,
+        videos: VideosBehind,
         live: LiveDesk,
     ) -> None:
-        super().__init__(generate, catalogue, config, jobs, desk, form, results, kept)
+        super().__init__(generate, catalogue, config, jobs, desk, form, results, kept, videos)
         self._live = live
+
+    def _kept_values(self, job: Job, values: tuple[Any, ...]) -> dict[str, Any]:
+        return {}  # the form of the tab "Motion" cannot ask for it again
 
     def asked(self, job: Job, cookie: str, values: tuple[Any, ...]) -> GenerateRequest:
         """Sound and motion of the last minute, laid into the job's folder.
@@ -67,5 +72,5 @@ class LiveRunner(GenerateRunner):
             close_ups=CLOSE_UPS,
             has_posters=True,
             max_speech_s=self._config.max_speech_s,
-            take=Take(npz, kept.facts),
+            take=Take(npz, kept.facts, kept.why_less),
         )

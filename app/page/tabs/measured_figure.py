@@ -18,9 +18,10 @@ from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import mount, reveal_on_click, shown
 from app.page.results.figures_shown import FiguresShown
 from app.page.serving.follow import last_share
+from app.page.serving.in_turn import Updates
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
-from app.page.serving.runner import TabRunner, Updates
+from app.page.serving.runner import TabRunner
 from app.run.request import Event, OnEvent, ShouldCancel
 from app.run.telling import share_teller
 

@@ -14,21 +14,24 @@ import gradio as gr
 from app import text
 from app.config import AppConfig
 from app.page.parts import markup
-from app.page.parts.html_parts import reveal_on_click, shown
+from app.page.parts.html_parts import player_part, reveal_on_click, shown
+from app.page.results.player import NOTHING, Showing, own_writers, picture_layout
 from app.page.serving.follow import last_share
+from app.page.serving.in_turn import Updates
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
-from app.page.serving.runner import TabRunner, Updates
-from app.run.mechanism import NOISE_RAD, MechanismRequest
+from app.page.serving.runner import TabRunner
+from app.run.mechanism import NAMES, NOISE_RAD, MechanismRequest
+from app.run.pictures.own_videos import OnFile
 from app.run.planted import CLEAN
-from app.run.request import Event, OnEvent, ShouldCancel
+from app.run.request import Artefact, Event, OnEvent, ShouldCancel
 from app.run.telling import share_teller
 
 TITLE = "The argument in ten seconds: equal noise on local and on global rotations"
 INTRODUCTION = (
     "One motion, two bodies. Every joint is turned at random by the same amount, once against its "
     "parent and once in the world. No network takes part. Look at the fingertips, then move the "
-    "slider. The same as <code>python -m app mechanism</code>."
+    "slider."
 )
 NOISE_LABEL = "Noise on every joint, radians about each axis"
 MOTION_LABEL = "Motion of your own (optional)"
@@ -36,27 +39,38 @@ SHOW = "Show both bodies"
 DRAWING = "Drawing: {share:.0%}"
 DRAWN = "Noise of {noise:g} rad: left on local rotations, right on global ones."
 SIZE_PX = 512
+_WITH_GL = (
+    "(noise, motion) => [noise, motion, !document.createElement('canvas').getContext('webgl2')]"
+)
+"""Values of the form, and whether this browser needs a video: one that draws no bodies does."""
+_ON_OPENING = (
+    '() => { import(new URL("web/once.js", document.baseURI))'
+    '.then(({ pressOnce }) => pressOnce("mechanism-first")); }'
+)
 
-Shown = tuple[Path, tuple[str, ...]]
-"""A video, and what it shows in sentences."""
-Show = Callable[[MechanismRequest, Callable[[float], None]], Shown]
+Shown = tuple[Path | None, tuple[str, ...]]
+"""A video, where one was drawn, and what the bodies show in sentences."""
+Show = Callable[[MechanismRequest, Callable[[float], None], OnFile], Shown]
 
 
 @dataclass(frozen=True)
 class MechanismParts:
-    """Where video and sentences are shown."""
+    """Where bodies and sentences are shown."""
 
     status: gr.HTML
     message: gr.HTML
-    video: gr.HTML
+    player: gr.HTML
+    says: gr.HTML
+    """What the bodies show, and a video where the browser draws none."""
 
 
 def build_mechanism(
-    page: gr.Blocks, config: AppConfig, jobs: JobBook, desk: MediaDesk, show: Show
+    page: gr.Blocks, tab: gr.Tab, config: AppConfig, jobs: JobBook, desk: MediaDesk, show: Show
 ) -> None:
     """Lay out the part inside the current context and wire it.
 
     Args:
+        tab: that it opens; both bodies move as soon as that is looked at.
         show: does the drawing, as `app.run.mechanism.show_mechanism`.
     """
     gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{INTRODUCTION}</p>')
@@ -80,25 +94,30 @@ def build_mechanism(
             parts = MechanismParts(
                 gr.HTML(markup.idle_status(text.READY), elem_id="mechanism-status"),
                 gr.HTML("", visible=False),
-                gr.HTML("", visible=False, elem_id="mechanism-video"),
+                player_part("mechanism-"),
+                gr.HTML("", visible=False, elem_id="mechanism-says"),
             )
+    needs_video = gr.Checkbox(False, visible=False)
+    first = gr.Button(elem_id="mechanism-first", elem_classes="told-elsewhere")
     runner = MechanismRunner(show, config, jobs, desk, parts)
     reveal_on_click(start, parts.status)
-    start.click(
-        runner.run,
-        inputs=[noise, motion],
-        outputs=[parts.status, parts.message, parts.video],
-        api_name="mechanism",
-        show_progress="hidden",
-        trigger_mode="once",
-        concurrency_limit=None,  # JobBook lets them in one by one
-    )
+    asks: dict[str, Any] = {
+        "inputs": [noise, motion, needs_video],
+        "outputs": [parts.status, parts.message, parts.player, parts.says],
+        "js": _WITH_GL,
+        "show_progress": "hidden",
+        "trigger_mode": "once",
+        "concurrency_limit": None,  # JobBook lets them in one by one
+    }
+    start.click(runner.run, **asks, api_name="mechanism")
+    first.click(runner.run, **asks, api_visibility="private")
+    tab.select(None, js=_ON_OPENING, api_visibility="private")
     cancel.click(runner.cancel, queue=False, api_visibility="private", show_progress="hidden")
     page.unload(runner.cancel)
 
 
 class MechanismRunner(TabRunner[Shown]):
-    """Draws both bodies for a visitor."""
+    """Moves both bodies for a visitor."""
 
     tab = "mechanism"
 
@@ -113,15 +132,25 @@ class MechanismRunner(TabRunner[Shown]):
 
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
-        noise, motion = values
+        from app.run.diagnose import DiagnoseRequest
+
+        noise, motion, needs_video = values
         asked = MechanismRequest(
             motion=Path(motion) if motion else CLEAN,
             out=job.folder / "mechanism.mp4",
             noise_rad=float(noise),
             body=self._config.body,
             size=SIZE_PX,
+            is_played=True,
+            has_video=needs_video is True,
         )
-        yield _Work(self._show, asked, self._desk, cookie, self._parts)
+        showing = Showing(
+            *(NAMES, NAMES, picture_layout("front", SIZE_PX, ("hands",), "knees")),
+            own_writers(DiagnoseRequest((), job.folder), job.folder),
+            *(job.folder, self._desk, cookie),
+        )
+        showing.is_drawn = False
+        yield _Work(self._show, asked, self._desk, cookie, self._parts, showing)
 
     def blank(self) -> Updates:
         return self.stopped(markup.sentence_status(text.STARTING), "")
@@ -130,39 +159,53 @@ class MechanismRunner(TabRunner[Shown]):
         return {
             self._parts.status: status,
             self._parts.message: shown(message),
-            self._parts.video: shown(""),
+            self._parts.player: NOTHING,
+            self._parts.says: shown(""),
         }
 
 
 @dataclass(frozen=True)
 class _Work:
-    """One drawing."""
+    """One run."""
 
     show: Show
     asked: MechanismRequest
     desk: MediaDesk
     cookie: str
     parts: MechanismParts
+    showing: Showing
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Shown:
         on_progress = share_teller("video", on_event, should_cancel)
-        return self.show(self.asked, on_progress)
+        return self.show(self.asked, on_progress, on_event)
 
     def progress(self, events: list[Event]) -> Updates:
+        updates: Updates = {}
+        for event in events:
+            if isinstance(event, Artefact):
+                self.showing.take(event)
+                updates[self.parts.player] = self._played()
         share = last_share(events)
-        if share is None:
-            return {}
-        return {self.parts.status: markup.sentence_status(DRAWING.format(share=share))}
+        if share is not None and self.asked.has_video:
+            line = DRAWING.format(share=share)
+            updates[self.parts.status] = markup.sentence_status(line)
+        return updates
+
+    def _played(self, is_over: bool = False) -> dict[str, Any]:
+        return self.showing.value(is_over) | {"plays": True}
 
     def finished(self, result: Shown) -> Updates:
         path, sentences = result
         told = "".join(f"<p>{escape(sentence)}</p>" for sentence in sentences)
         line = DRAWN.format(noise=self.asked.noise_rad)
-        return {
-            self.parts.status: markup.sentence_status(line),
-            self.parts.video: shown(
+        video = ""
+        if path is not None:
+            video = (
                 f'<video class="mechanism" src="{self.desk.offer(path, self.cookie)}" controls'
                 f' autoplay loop muted playsinline aria-label="{escape(line)}"></video>'
-                f'<div class="says">{told}</div>'
-            ),
+            )
+        return {
+            self.parts.status: markup.sentence_status(line),
+            self.parts.player: self._played(is_over=True),
+            self.parts.says: shown(f'{video}<div class="says">{told}</div>'),
         }

@@ -14,7 +14,7 @@ from app.page.results.first_look_shown import FirstLookDesk
 from app.page.results.kept_runs import PARAMETER, KeptRun, KeptRuns
 from app.page.results.result_parts import ResultParts
 from app.page.results.run_pair import RunPair
-from app.page.serving.runner import Updates
+from app.page.serving.in_turn import Updates
 from app.page.serving.visitors import cookie_of
 
 

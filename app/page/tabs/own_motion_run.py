@@ -23,9 +23,10 @@ from app.page.results.player import NOTHING, Showing, gravest_of, own_writers, p
 from app.page.results.result_parts import ResultParts
 from app.page.results.settings import settings_of_own
 from app.page.serving.follow import last_share
+from app.page.serving.in_turn import Updates
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
-from app.page.serving.runner import TabRunner, Updates
+from app.page.serving.runner import TabRunner
 from app.page.tabs.videos_behind import VideosBehind, Wanted
 from app.run.pictures.behind import VideosRequest
 from app.run.pictures.own_videos import OnFile, VideoOptions
@@ -181,7 +182,7 @@ class OwnMotionRunner(TabRunner["Diagnosis"]):
         form = form_of(OwnMotionForm, values)
         asked = form.to_request(job.folder / "results", self._config)
         self._videos.give_up(job.visitor)
-        showing = _showing(asked, job, self._desk, cookie)
+        showing = _showing(asked, job, self._desk, cookie, self._config.weights)
         showing.is_drawn = form.has_videos
         yield _Work(
             diagnose=self._diagnose,
@@ -213,18 +214,21 @@ class OwnMotionRunner(TabRunner["Diagnosis"]):
     def _without_results(self) -> Updates:
         return {
             self._parts.player: NOTHING,
+            self._parts.seen: shown(""),
             self._parts.figures: shown(""),
             self._parts.numbers: shown(""),
             self._parts.downloads_part: gr.update(visible=False),
         }
 
 
-def _showing(asked: DiagnoseRequest, job: Job, desk: MediaDesk, cookie: str) -> Showing:
+def _showing(
+    asked: DiagnoseRequest, job: Job, desk: MediaDesk, cookie: str, weights: Path
+) -> Showing:
     names = rows_of(asked)
     return Showing(
         *(names, names),
         picture_layout("front", VIDEOS.size, VIDEOS.close_ups, VIDEOS.framing),
-        own_writers(asked, job.folder),
+        own_writers(asked, job.folder, weights),
         *(job.folder, desk, cookie),
     )
 

@@ -16,8 +16,9 @@ from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.asked import form_of
 from app.page.parts.html_parts import reveal_on_click, shown
+from app.page.serving.in_turn import Updates
 from app.page.serving.jobs import Job, JobBook
-from app.page.serving.runner import TabRunner, Updates
+from app.page.serving.runner import TabRunner
 from app.page.serving.uploads import MAX_FILES
 from app.run.request import Event, OnEvent, ShouldCancel
 

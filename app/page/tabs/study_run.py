@@ -19,9 +19,10 @@ from app.page.parts import markup
 from app.page.parts.html_parts import shown
 from app.page.results.study_preview import PreviewDesk
 from app.page.serving.follow import last_share
+from app.page.serving.in_turn import Updates
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.researcher_part import FILE_NAME, RESEARCHER_ROUTE, Handover
-from app.page.serving.runner import TabRunner, Updates
+from app.page.serving.runner import TabRunner
 from app.page.serving.visitors import address_of, visitor_of
 from app.page.tabs.study_form import StudyForm, collect_files, plan_text
 from app.run.request import Event, OnEvent, ShouldCancel

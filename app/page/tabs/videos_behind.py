@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,9 @@ from app.errors import CancelledRun, visitor_sentence
 from app.page.parts import markup
 from app.page.results.kept_runs import KeptRun, KeptRuns
 from app.page.results.result_parts import ResultParts
-from app.page.serving.follow import follow_run, last_share
+from app.page.serving.follow import last_share
+from app.page.serving.in_turn import InTurn, Updates
 from app.page.serving.jobs import Job, JobBook, Tab
-from app.page.serving.runner import Updates
 from app.page.serving.visitors import address_of, visitor_of
 from app.run.pictures.behind import VideosRequest
 from app.run.request import Artefact, Event, OnEvent, ShouldCancel
@@ -43,10 +44,10 @@ class VideosBehind:
     ) -> None:
         """
         Args:
-            tab: that of the videos, one of `app.page.serving.jobs.BEHIND`.
+            tab: that of the videos.
         """
-        self._draw = draw
         self._jobs = jobs
+        self._draw = draw
         self._parts = parts
         self._kept = kept
         self._tab: Tab = tab
@@ -85,71 +86,82 @@ class VideosBehind:
         visitor = visitor_of(request)
         with self._lock:
             wanted = self._wanted.pop(visitor, None)
-        as_it_is: Updates = {self._parts.status: gr.skip()}
         if wanted is None:
-            yield as_it_is  # of a listener that gives nothing Gradio empties all parts
+            yield {
+                self._parts.status: gr.skip()
+            }  # of a listener that gives nothing Gradio empties all parts
             return
-        job: Job | None = None
+
         try:
-            job = self._jobs.open(visitor, self._tab, address_of(request))
-            yield as_it_is
-            while True:
-                try:
-                    yield from self._attempt(job, wanted)
-                    return
-                except CancelledRun:
-                    anew = self._jobs.again(job)
-                    if anew is None:
-                        return  # another run has begun, and shows itself
-                    job = anew
+            yield from _Behind(self._jobs, self._parts, wanted).in_turn(
+                lambda: self._jobs.open(visitor, self._tab, address_of(request)),
+                lambda job: nullcontext(self._work(wanted, job)),
+            )
+        except CancelledRun:
+            return  # another run has begun, and shows itself
         except Exception as error:  # whatever it is, the run that has ended stays and says so
             sentence = text.VIDEOS_FAILED.format(why=visitor_sentence(error))
             yield {self._parts.status: _line(wanted, sentence)}
-        finally:
-            if job is not None:
-                self._jobs.close(job)
 
-    def _attempt(self, job: Job, wanted: Wanted) -> Iterator[Updates]:
-        with self._jobs.slot(job) as turn:
-            for ahead in turn:
-                if ahead:
-                    yield {self._parts.status: _line(wanted, text.VIDEOS_WAIT)}
-            asked = wanted.request.within(job.folder)
+    def _work(self, wanted: Wanted, job: Job) -> _Work:
+        asked = wanted.request.within(job.folder)
+        return _Work(self._draw, asked, wanted, self._parts, self._kept)
 
-            def draw(on_event: OnEvent, should_cancel: ShouldCancel) -> tuple[Path, ...]:
-                return self._draw(asked, on_event, should_cancel)
 
-            for news in follow_run(draw, job):
-                if job.is_cancelled():
-                    continue
-                yield (
-                    self._progress(news, wanted)
-                    if isinstance(news, list)
-                    else self._finished(news, wanted)
-                )
+class _Behind(InTurn[tuple[Path, ...]]):
+    """What is said of videos in the line of the run that they are of."""
 
-    def _progress(self, events: list[Event], wanted: Wanted) -> Updates:
-        showing = wanted.kept.run.showing
+    def __init__(self, jobs: JobBook, parts: ResultParts, wanted: Wanted) -> None:
+        super().__init__(jobs)
+        self._parts = parts
+        self._wanted = wanted
+
+    def blank(self) -> Updates:
+        return {self._parts.status: gr.skip()}
+
+    def waits(self, ahead: int) -> Updates:
+        line = _line(self._wanted, text.VIDEOS_WAIT) if ahead else gr.skip()
+        return {self._parts.status: line}
+
+    def stops(self, job: Job) -> Updates:
+        return self.blank()
+
+
+@dataclass(frozen=True)
+class _Work:
+    """The videos of one run."""
+
+    draw: Draw
+    asked: VideosRequest
+    wanted: Wanted
+    parts: ResultParts
+    kept: KeptRuns
+
+    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> tuple[Path, ...]:
+        return self.draw(self.asked, on_event, should_cancel)
+
+    def progress(self, events: list[Event]) -> Updates:
+        showing = self.wanted.kept.run.showing
         updates: Updates = {}
         files = [event for event in events if isinstance(event, Artefact)]
         if showing is not None and files:
             for file in files:
                 showing.take(file)
-            updates[self._parts.player] = showing.value(is_over=True)
+            updates[self.parts.player] = showing.value(is_over=True)
         share = last_share(events)
         if share is not None:
-            updates[self._parts.status] = _line(wanted, text.VIDEOS_COMING.format(share=share))
-        return updates or {self._parts.status: gr.skip()}
+            updates[self.parts.status] = _line(self.wanted, text.VIDEOS_COMING.format(share=share))
+        return updates
 
-    def _finished(self, videos: tuple[Path, ...], wanted: Wanted) -> Updates:
-        run = wanted.kept.run
-        files = (*run.files, *videos)
+    def finished(self, result: tuple[Path, ...]) -> Updates:
+        run = self.wanted.kept.run
+        files = (*run.files, *result)
         bundle = zip_files(files, run.bundle)
-        self._kept.complete(wanted.kept.token, bundle, files)
+        self.kept.complete(self.wanted.kept.token, bundle, files)
         return {
-            self._parts.status: _line(wanted, text.VIDEOS_DONE),
-            self._parts.bundle: gr.update(value=str(bundle)),
-            self._parts.files: [str(file) for file in files],
+            self.parts.status: _line(self.wanted, text.VIDEOS_DONE),
+            self.parts.bundle: gr.update(value=str(bundle)),
+            self.parts.files: [str(file) for file in files],
         }
 
 

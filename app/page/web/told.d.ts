@@ -17,9 +17,85 @@ export interface Row {
   run?: string;
   layout?: Layout;
   motion?: string;
+  /** Address of the motion as "Live frames", one message after the other. */
   frames?: string;
+  /** How much of it there is so far. */
+  there?: There;
   poster?: string;
   video?: string;
+  /** Address of its `Plan`. */
+  plan?: string;
+  /** Number of a take of an edited plan, and the row that it is of. */
+  take?: number;
+  of?: string;
+}
+
+/** app/page/results/edited_runs.py */
+export interface Editing {
+  /** The run's own rows that can be edited. */
+  rows: string[];
+  /** By row what edits can start from. `from` is the row whose plan was changed, `told` the address of
+   * an `EditorTold`, `fresh` the seconds that were made anew. */
+  known: Record<string, { of: string; from: string; told: string; fresh: [number, number][] }>;
+  said: string;
+  refused: boolean;
+  state: string;
+}
+
+/** Of one plan: app/run/takes/take.py. */
+export interface EditorTold {
+  duration: number;
+  gestures: { side: "left" | "right"; start: number; end: number; strikes: number; lands: number; hold: number; kind: string; word: string; partner: number | null }[];
+  nods: number[];
+  looks: [number, number, number, number][];
+  blinks: number[];
+  style: Record<string, number>;
+  kinds: string[];
+  words: Interval[];
+}
+
+export interface HandPhase {
+  start_s: number;
+  end_s: number;
+  phase: "rest" | "preparation" | "stroke" | "hold" | "beat" | "retraction";
+  /** Metres from the chest joint: out, up, forward. */
+  goal: [number, number, number];
+  /** Of the gesture; empty where none is known. */
+  kind: string;
+  /** That a stroke lands on; empty where none is known. */
+  word: string;
+}
+
+/** app/page/results/shown_plans.py: what model/plan/plan.py writes, and where it comes from. */
+export interface Plan {
+  origin: "planned" | "found";
+  format: number;
+  duration_s: number;
+  left: HandPhase[];
+  right: HandPhase[];
+  nods: { time_s: number; depth_deg: number }[];
+  looks: { start_s: number; end_s: number; yaw_deg: number; pitch_deg: number }[];
+  brows: { time_s: number; height: number }[];
+  smiles: { start_s: number; end_s: number; size: number }[];
+  blinks: { time_s: number }[];
+  stands: { start_s: number; end_s: number; leg: "left" | "right" | "both" }[];
+  planted: { start_s: number; end_s: number; foot: "left" | "right" }[];
+}
+
+/** Part of a plan: one of its lists, and which of that. */
+export interface Chosen {
+  list: "left" | "right" | "nods" | "looks" | "brows" | "smiles" | "blinks" | "stands";
+  index: number;
+}
+
+export interface There {
+  /** Frames in the file so far, and in the end. */
+  end: number;
+  num_frames: number;
+  /** Of the file so far. */
+  bytes: number;
+  /** How the motion is laid onto the others: radians about the vertical, then metres. */
+  place: [number, number, number, number];
 }
 
 /** Upper and lower edges in a video, as shares of its height. */
@@ -30,6 +106,13 @@ export interface Layout {
   hands?: [number, number];
 }
 
+/** app/page/results/run_pair.py */
+export interface Sound {
+  label: string;
+  audio: string;
+  timeline: string;
+}
+
 /** All that is known of a run, sent again as it grows. */
 export interface Value {
   run?: string;
@@ -37,12 +120,17 @@ export interface Value {
   layout?: Layout | null;
   audio?: string;
   timeline?: string;
+  /** Of which one is chosen, where motions of other speech stand beside each other. */
+  sounds?: Sound[];
+  /** That more of it is being made. */
   running?: boolean;
   /** An example that plays at once. */
   plays?: boolean;
   /** That it plays as soon as it can. */
   begins?: boolean;
   paired?: boolean;
+  /** Where its gestures can be edited. */
+  editing?: Editing;
   /** What stands out, the gravest first. */
   findings?: { name: string; sentence: string; at: number | null }[];
 }
@@ -65,6 +153,10 @@ export interface TimelineData {
   worst: { name: string; [told: string]: unknown }[];
   words: Interval[];
   words_origin: string;
+  phones: Interval[];
+  /** That somebody wrote down, and that our speech encoder hears: seconds and strength. */
+  accents: [number, number][];
+  heard_accents: [number, number][];
   gestures: Record<string, Interval[]>;
 }
 
@@ -98,6 +190,7 @@ export interface Facts {
     knee_flesh: number;
     fingertip: number;
     follow_beyond: number;
+    middle: number;
     walk_sigma: number;
     face_sigma: number;
     hand_sigma: number;

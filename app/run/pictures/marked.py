@@ -1,6 +1,6 @@
 """What videos show beyond the body as it moves: a trail, jerk as colour, tremble made large.
 
-All scales are fixed, so that any two videos can be compared.
+Scales are the same for all videos of a comparison.
 """
 
 from __future__ import annotations
@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from renderer.body.body import Body
     from renderer.video.marks import Heat, Marks, Trail
 
-SPIKE_M_S3 = 500.0
-"""Recorded speakers' fingertips jerk more in one frame of a hundred; here a trail has a dot, and
-the scale of the colours ends."""
 FULL_SPEED_M_S = 1.5
 """Recorded speakers' fingertips are faster in one frame of fifty."""
 _HEAT_SIGMA_FRAMES = 3.0
@@ -30,7 +27,7 @@ def displayed(motion: Motion, display: Display) -> Motion:
     """The motion as it is drawn."""
     from model.motion.exaggeration import exaggerate
 
-    return exaggerate(motion, display.exaggeration)
+    return exaggerate(motion, display.exaggeration, display.cutoff_hz)
 
 
 def marks_of(motion: Motion, display: Display, tip: TipSource, body: Body) -> Marks | None:
@@ -39,17 +36,17 @@ def marks_of(motion: Motion, display: Display, tip: TipSource, body: Body) -> Ma
     Jerk and speed are those of the motion itself, also where it is drawn with its tremble
     multiplied.
     """
-    from model.motion.exaggeration import CUTOFF_HZ
     from renderer.video.marks import Marks
 
     if display.is_plain:
         return None
-    factor = display.exaggeration
+    factor, cutoff = (f"{round(value, 1):g}" for value in (display.exaggeration, display.cutoff_hz))
+    is_larger = display.exaggeration != 1
     return Marks(
         trail=_trail(motion, display, tip) if display.has_trail else None,
-        heat=_heat(motion, body) if display.coloring == "jerk" else None,
-        notice=f"EXAGGERATED x{factor}: all above {CUTOFF_HZ:g} Hz" if factor != 1 else "",
-        tag=f"x{factor}" if factor != 1 else "",
+        heat=_heat(motion, display, body) if display.coloring == "jerk" else None,
+        notice=f"EXAGGERATED x{factor}: all above {cutoff} Hz" if is_larger else "",
+        tag=f"x{factor}" if is_larger else "",
     )
 
 
@@ -64,13 +61,14 @@ def _trail(motion: Motion, display: Display, tip: TipSource) -> Trail:
     return Trail(
         points=track if display.exaggeration == 1 else tip.track(displayed(motion, display)),
         speeds=np.minimum(speed / FULL_SPEED_M_S, 1.0),
-        is_spike=jerk > SPIKE_M_S3,
-        legend=f"0 to {FULL_SPEED_M_S:g} m/s, dot: jerk over {SPIKE_M_S3:g} m/s³",
+        is_spike=jerk > display.jerk_m_s3,
+        legend=f"0 to {FULL_SPEED_M_S:g} m/s, dot: jerk over {display.jerk_m_s3:g} m/s³",
         close_up=f"{side}_hand" if side in ("left", "right") else "",
+        num_frames=display.trail_frames,
     )
 
 
-def _heat(motion: Motion, body: Body) -> Heat:
+def _heat(motion: Motion, display: Display, body: Body) -> Heat:
     from scipy import ndimage  # only where something is smoothed: the page starts without
 
     from app.run.pictures.export import body_motion
@@ -80,8 +78,8 @@ def _heat(motion: Motion, body: Body) -> Heat:
     jerk = derivative_magnitudes(body.joint_positions(body_motion(motion)), 3)
     of_frame = _by_frame(jerk, motion.num_frames)
     smooth = ndimage.gaussian_filter1d(of_frame, _HEAT_SIGMA_FRAMES, axis=0, mode="nearest")
-    shares = np.minimum(smooth / SPIKE_M_S3, 1.0)
-    return Heat(shares.astype(np.float32), f"jerk: 0 to {SPIKE_M_S3:g} m/s³")
+    shares = np.minimum(smooth / display.jerk_m_s3, 1.0)
+    return Heat(shares.astype(np.float32), f"jerk: 0 to {display.jerk_m_s3:g} m/s³")
 
 
 def _by_frame(values: np.ndarray, num_frames: int) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -21,6 +21,32 @@ def in_register(motion: Motion) -> Motion:
     import numpy as np
     from scipy.spatial.transform import Rotation
 
+    from model.motion.skeleton import open_body_skeleton
+
+    register = register_of(motion)
+    turn = Rotation.from_rotvec([0.0, register.turn_rad, 0.0])
+    rest = open_body_skeleton().rest_joints[0].double().numpy()  # the pelvis turns about this
+    poses = motion.poses.reshape(len(motion.poses), -1, 3).copy()
+    poses[:, 0] = (turn * Rotation.from_rotvec(poses[:, 0])).as_rotvec()
+    trans = turn.apply(motion.trans + rest) - rest + np.array(register.shift_m)
+    return replace(
+        motion, poses=poses.reshape(len(poses), -1), trans=trans.astype(motion.trans.dtype)
+    )
+
+
+@dataclass(frozen=True)
+class Register:
+    """How a motion is laid onto the others: turned about the world's vertical, then shifted."""
+
+    turn_rad: float
+    shift_m: tuple[float, float, float]
+
+
+def register_of(motion: Motion) -> Register:
+    """What `in_register` does to a motion."""
+    import numpy as np
+    from scipy.spatial.transform import Rotation
+
     from model.measures.posture import FEET
     from model.motion.skeleton import JOINT_INDEX, open_body_skeleton
     from model.motion.tracks import track_points
@@ -30,13 +56,7 @@ def in_register(motion: Motion) -> Motion:
     across = (joints[:, JOINT_INDEX["left_hip"]] - joints[:, JOINT_INDEX["right_hip"]]).mean(axis=0)
     facing = np.arctan2(-across[2], across[0])  # of the left hip, which is at x for who faces z
     turn = Rotation.from_rotvec([0.0, -facing, 0.0])
-    rest = skeleton.rest_joints[0].double().numpy()  # the pelvis turns about this
-    poses = motion.poses.reshape(len(motion.poses), -1, 3).copy()
-    poses[:, 0] = (turn * Rotation.from_rotvec(poses[:, 0])).as_rotvec()
-    trans = turn.apply(motion.trans + rest) - rest
-    pelvis = np.median(trans + rest, axis=0)
+    rest = skeleton.rest_joints[0].double().numpy()
+    pelvis = np.median(turn.apply(motion.trans + rest), axis=0)
     floor = float(np.median(joints[:, list(FEET), 1].min(axis=1)))
-    trans -= np.array([pelvis[0], floor - SOLE_M, pelvis[2]])
-    return replace(
-        motion, poses=poses.reshape(len(poses), -1), trans=trans.astype(motion.trans.dtype)
-    )
+    return Register(float(-facing), (-float(pelvis[0]), SOLE_M - floor, -float(pelvis[2])))

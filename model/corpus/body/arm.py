@@ -7,17 +7,10 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from model.corpus.body.channels import DEVIATION, PRONATION, WRIST_FLEX
-from model.corpus.body.ik import bone_rotations, hinge_frame, two_bone_ik
+from model.corpus.body.ik import bone_rotations, two_bone_ik
 from model.corpus.body.signals import low_pass
-from model.corpus.people.rig import (
-    JOINT,
-    SIDE_SIGN,
-    Rig,
-    about_axis,
-    euler_matrices,
-    transposed,
-    unit,
-)
+from model.corpus.people.rig import JOINT, SIDE_SIGN, Rig, euler_matrices, transposed
+from model.motion.limb import about_axis, hinge_frame, unit
 
 UPPER_ARM_LAG_S = 0.08
 

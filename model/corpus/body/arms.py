@@ -29,8 +29,9 @@ from model.corpus.body.reach import within_reach
 from model.corpus.body.signals import bump, frame_times, low_pass, minimum_jerk, smooth_noise
 from model.corpus.gesture.hand_shapes import finger_rotations
 from model.corpus.gesture.plan import CycleSpan, Key, Plan
-from model.corpus.people.rig import JOINT, SIDES, Rig, transposed, unit
+from model.corpus.people.rig import JOINT, SIDES, Rig, transposed
 from model.corpus.people.speakers import Speaker
+from model.motion.limb import unit
 
 SHOULDER_TWIST_SHARE = 0.3  # of the humeral twist; the elbow joint takes the rest
 STILL = 0.85  # of the hands' own life is gone while the speaker listens

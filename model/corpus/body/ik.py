@@ -1,20 +1,9 @@
-"""Analytic inverse kinematics: two free bones for arms, two bones on a hinge for legs."""
-
-from dataclasses import dataclass
+"""Analytic inverse kinematics of two free bones, for arms."""
 
 import numpy as np
 from jaxtyping import Float
 
-from model.corpus.people.rig import about_axis, transposed, unit
-
-
-def hinge_frame(
-    along: Float[np.ndarray, "T 3"], hinge: Float[np.ndarray, "T 3"]
-) -> Float[np.ndarray, "T 3 3"]:
-    """Frames: first column ``along``, second ``hinge`` made orthogonal to it."""
-    first = unit(along)
-    second = unit(hinge - (first * hinge).sum(-1, keepdims=True) * first)
-    return np.stack([first, second, np.cross(first, second)], axis=-1)
+from model.motion.limb import hinge_frame, unit
 
 
 def two_bone_ik(
@@ -71,48 +60,3 @@ def bone_rotations(
     lower_rest = hinge_frame(lower[None], hinge[None])[0]
     upper_rot = hinge_frame(upper_direction, axis) @ upper_rest.T
     return upper_rot, hinge_frame(lower_direction, axis) @ lower_rest.T
-
-
-@dataclass(frozen=True)
-class HingedLimb:
-    """Two bones at rest, and the unit axis about which the middle joint alone turns.
-
-    A knee that turns about one axis keeps the sideways angle that thigh and shin have at rest.
-    """
-
-    upper: Float[np.ndarray, " 3"]
-    lower: Float[np.ndarray, " 3"]
-    axis: Float[np.ndarray, " 3"]
-
-    def length(self, bend: Float[np.ndarray, "*T"]) -> Float[np.ndarray, "*T"]:
-        """Metres from end to end with the middle joint turned by ``bend`` radians."""
-        constant, cosine, sine = self._law_of_cosines()
-        return np.sqrt(constant + 2 * (cosine * np.cos(bend) + sine * np.sin(bend)))
-
-    def bend(self, length: Float[np.ndarray, "*T"]) -> Float[np.ndarray, "*T"]:
-        """Radians at which the limb is so long; straight where it cannot be."""
-        constant, cosine, sine = self._law_of_cosines()
-        share = (length**2 - constant) / (2 * np.hypot(cosine, sine))
-        return np.arctan2(sine, cosine) + np.arccos(np.clip(share, -1.0, 1.0))
-
-    def reach(
-        self, span: Float[np.ndarray, "T 3"], pole: Float[np.ndarray, "T 3"]
-    ) -> tuple[Float[np.ndarray, "T 3 3"], Float[np.ndarray, "T 3 3"]]:
-        """Rotations of the upper bone, and of the lower bone against it, that reach over ``span``.
-
-        Args:
-            span: from the limb's root to where its end shall be.
-            pole: the direction in which the middle joint lies off the span.
-        """
-        turned = about_axis(self.axis, self.bend(np.linalg.norm(span, axis=-1)))
-        at_rest = hinge_frame(
-            self.upper + turned @ self.lower, np.broadcast_to(self.axis, span.shape)
-        )
-        return hinge_frame(span, np.cross(pole, span)) @ transposed(at_rest), turned
-
-    def _law_of_cosines(self) -> tuple[float, float, float]:
-        """c, p, q of: squared length = c + 2 (p cos bend + q sin bend)."""
-        fixed = (self.upper @ self.axis) * (self.lower @ self.axis)
-        constant = self.upper @ self.upper + self.lower @ self.lower + 2 * fixed
-        sine = np.cross(self.axis, self.lower) @ self.upper
-        return float(constant), float(self.upper @ self.lower - fixed), float(sine)

@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float
 
 from model.corpus.body.events import Leg, Stance
-from model.corpus.body.ik import HingedLimb
 from model.corpus.body.signals import (
     bump,
     frame_times,
@@ -20,6 +19,7 @@ from model.corpus.body.trunk import CALMER, Trunk
 from model.corpus.people.rig import JOINT, SIDE_SIGN, SIDES, Rig, euler_matrices, transposed
 from model.corpus.people.speakers import Speaker
 from model.corpus.words.prosody import Span
+from model.motion.limb import HingedLimb
 from model.motion.timing import FPS
 
 STANCE_HALF_WIDTH_M = 0.125

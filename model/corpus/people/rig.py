@@ -83,18 +83,6 @@ def euler_matrices(
     return flat.reshape(*degrees.shape[:-1], 3, 3)
 
 
-def about_axis(
-    axis: Float[np.ndarray, " 3"], angle: Float[np.ndarray, " T"]
-) -> Float[np.ndarray, "T 3 3"]:
-    """Rotations by ``angle`` radians about one fixed unit axis."""
-    return Rotation.from_rotvec(angle[:, None] * axis).as_matrix()
-
-
-def unit(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-    """The vector scaled to length 1; a zero vector stays zero."""
-    return vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), 1e-9)
-
-
 def transposed(rotmat: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 3 3"]:
     """The inverse rotations."""
     return np.swapaxes(rotmat, -1, -2)

@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 from jaxtyping import Float
 from torch import Tensor
@@ -30,6 +30,7 @@ class BodyWindow(Window):
 class FacedSystem(System):
     """Its face is that of the expression network, drawn before the body."""
 
+    window_type: ClassVar[type[Window]] = BodyWindow
     config: BranchConfig
     """Shape of the network that makes the body."""
     face: Face

@@ -12,7 +12,7 @@ FAMILY = Family(
     about={
         PLANNED: "Plans gestures, nods and looks from the speech first, then moves as planned.",
     },
-    samplers=(Sampler("euler", 10), Sampler("heun", 10)),
+    samplers=(Sampler("euler", 6), Sampler("heun", 6)),
     presets=PRESETS,
     config=named_config,
     package="model.systems.planned",

@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass, field, replace
 
+from model.speech.codes import CodesConfig
 from model.systems.globaldiff.config import BEST, GlobalDiffConfig, NetworkConfig
 from model.systems.globaldiff.config import named_config as globaldiff_config
-from model.training.config import SMOKE, TrainConfig
+from model.training.config import SMOKE, THROATS, TrainConfig
 
 PLANNED = "workbench/planned"
 PLANNER = "planner"
@@ -16,6 +17,9 @@ class PlannerConfig:
     """Shape of the planner."""
 
     speech_dim: int = 68
+    codes: int = 0
+    """Of our speech encoder (`model.networks.speech_codes`), heard beside the features; 0 for none,
+    as planners of before heard."""
     width: int = 128
     head_width: int = 96
     dilations: tuple[int, ...] = (1, 2, 4, 8, 16)
@@ -71,11 +75,12 @@ def named_config(preset: str, system: str) -> TrainConfig:
     if system == PLANNER:
         planner = PlannerTrainConfig(
             system=system, steps=2000, batch_size=16, learning_rate=2e-3, ema_decay=0.995,
-            speech_dropout=0.15, save_every=250,
+            speech_dropout=0.15, save_every=250, throats=THROATS,
+            planner=PlannerConfig(codes=CodesConfig.codes),
         )  # fmt: skip
         if preset == "demo":
             return planner
-        shape = replace(planner.planner, width=16, head_width=16, window_frames=60)
+        shape = replace(planner.planner, codes=0, width=16, head_width=16, window_frames=60)
         return replace(planner, planner=shape, **SMOKE)
     base = globaldiff_config(preset, BEST)
     told = {name: value for name, value in vars(base).items() if name not in ("system", "network")}

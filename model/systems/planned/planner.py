@@ -7,14 +7,16 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 from torch import Tensor
 
 from model.motion.packing import Normaliser
+from model.networks.speech_codes import SpeechCodes, load_codes
 from model.plan.called import with_called_strokes
 from model.plan.kinds import KindTable, Spoken, drawn_by
 from model.plan.plan import GesturePlan
 from model.plan.tiers import BY_NAME, TIERS, Begun, plan_of, seen_of
+from model.speech.codes import SPEECH_ENCODER
 from model.storage.cards import CheckpointError
 from model.storage.checkpoint import load_into, load_weights
 from model.storage.settings import from_dict
@@ -32,11 +34,13 @@ _CALLED = _KINDS + 1
 
 @dataclass(frozen=True)
 class Planner:
-    """A trained planner, and which gesture a stroke is."""
+    """A trained planner, what it hears with, and which gesture a stroke is."""
 
     network: PlannerNetwork
     normaliser: Normaliser
     """Of speech features."""
+    codes: SpeechCodes | None
+    """What it hears beside the features."""
     first_goals: Float[Tensor, "speakers 2 3"]
     """Where hands begin, in the tiers' units."""
     kinds: KindTable
@@ -45,6 +49,12 @@ class Planner:
     @property
     def config(self) -> PlannerConfig:
         return self.network.config
+
+    @property
+    def sha256s(self) -> dict[str, str]:
+        """Of its weights and of those that it hears with."""
+        heard_with = {} if self.codes is None else {SPEECH_ENCODER: self.codes.sha256}
+        return {PLANNER: self.sha256, **heard_with}
 
     @torch.inference_mode()
     def plan(
@@ -84,7 +94,7 @@ class Planner:
         context = self.config.context
         rows = torch.arange(-context, len(features) + context).clamp(0, len(features) - 1)
         heard = self.network.hear(
-            self.normaliser.normalise(features[rows]).expand(copies, -1, -1),
+            heard_by_planner(features[rows], self.normaliser, self.codes).expand(copies, -1, -1),
             torch.tensor([speaker, 0])[:copies],
             torch.tensor([True, False])[:copies],
         )
@@ -105,6 +115,14 @@ class Planner:
         return drawers
 
 
+def heard_by_planner(
+    features: Float[Tensor, "*B T speech_dim"], normaliser: Normaliser, codes: SpeechCodes | None
+) -> Float[Tensor, "*B T heard_dim"]:
+    """Normalised features, and the codes of an encoder beside them."""
+    heard = normaliser.normalise(features)
+    return heard if codes is None else torch.cat([heard, codes.of(features)], dim=-1)
+
+
 class _Drawer:
     """Draws one tier's chain. Its chances are drawn for every frame, used or not, so that plans of
     other speech under one key share them."""
@@ -119,8 +137,9 @@ class _Drawer:
     ) -> None:
         num_frames, units = heard.shape[1], len(head.tier.units)
         self.chain = [begun]
-        self._head, self._heard, self._guidance = head, heard, guidance
-        self._seen = head.seen.weight
+        self._head, self._guidance = head, guidance
+        self._heard = heard.numpy()
+        self._events = _Events(head)
         self._excess = 0.0
         """Events that were to be expected so far, less those without guidance."""
         chance, which, normal = rng.spawn(3)  # so that longer speech draws the same at first
@@ -135,23 +154,46 @@ class _Drawer:
         if head.tier.beside:
             other = others[head.tier.beside].chain[-1]
             told.append(seen_of(BY_NAME[head.tier.beside], other, frame))
-        seen = torch.from_numpy(np.concatenate(told)) @ self._seen.T
-        state = torch.nn.functional.silu(self._heard[:, frame] + seen)
-        logs = head.events(state)
+        state, logs = self._events(self._heard[:, frame], np.concatenate(told))
         log = logs[-1] + self._guidance * (logs[0] - logs[-1])
         log[1:] -= HOLD_BACK * self._excess
-        shares = torch.softmax(log, dim=0).numpy()
-        self._excess += float(shares[1:].sum() - logs[0, 1:].exp().sum())
+        shares = np.exp(log - log.max())
+        shares /= shares.sum()
+        self._excess += float(shares[1:].sum() - np.exp(logs[0, 1:]).sum())
         event = drawn_by(shares, self._chance[frame])
         if event == 0:
             return
         mark: Any = ()
         if head.tier.units:
-            marks = head.marks(state[:1], torch.tensor([event - 1]))
+            marks = head.marks(torch.from_numpy(state[:1]), torch.tensor([event - 1]))
             k = drawn_by(torch.softmax(marks.logits[0], 0).numpy(), self._which[frame])
             mean, spread = marks.mean[0, k].numpy(), marks.spread[0, k].numpy()
             mark = tuple((mean + spread * self._normal[frame]).tolist())
         self.chain.append(Begun(frame, event - 1, mark))
+
+
+class _Events:
+    """`TierHead.state` and `TierHead.events` of one frame in numpy: it is asked for every frame
+    and tier, and calling torch takes five times as long as the arithmetic."""
+
+    def __init__(self, head: TierHead) -> None:
+        first, last = head.event[0], head.event_out
+        assert isinstance(first, torch.nn.Linear)
+        self._seen = head.seen.weight.numpy().T
+        self._layers = [(layer.weight.numpy().T, layer.bias.numpy()) for layer in (first, last)]
+
+    def __call__(
+        self, heard: Float32[np.ndarray, "copies hidden"], seen: Float32[np.ndarray, " seen"]
+    ) -> tuple[Float32[np.ndarray, "copies hidden"], Float32[np.ndarray, "copies events"]]:
+        state = _silu(heard + seen @ self._seen)
+        (weight, bias), (out, out_bias) = self._layers
+        logits = _silu(state @ weight + bias) @ out + out_bias
+        above = logits - logits.max(-1, keepdims=True)
+        return state, above - np.log(np.exp(above).sum(-1, keepdims=True))
+
+
+def _silu(x: Float32[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:
+    return x / (1 + np.exp(-x))
 
 
 def load_planner(folder: Path) -> Planner:
@@ -170,4 +212,5 @@ def load_planner(folder: Path) -> Planner:
     network = PlannerNetwork(config)
     load_into(network, tensors, "network.", PLANNER)
     network.eval().requires_grad_(False)
-    return Planner(network, Normaliser.of_tensors(tensors), goals, kinds, card["sha256"])
+    codes = load_codes(folder) if config.codes else None
+    return Planner(network, Normaliser.of_tensors(tensors), codes, goals, kinds, card["sha256"])

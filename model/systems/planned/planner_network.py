@@ -79,7 +79,7 @@ class PlannerNetwork(nn.Module):
         self.config = config
         self.no_speech = nn.Parameter(torch.zeros(width))
         self.speaker = nn.Embedding(config.num_speakers, SPEAKER_WIDTH)
-        self.frames = nn.Linear(config.speech_dim, width)
+        self.frames = nn.Linear(config.speech_dim + config.codes, width)
         self.around = nn.ModuleList(
             nn.Conv1d(width, width, 3, padding=dilation, dilation=dilation)
             for dilation in config.dilations
@@ -89,14 +89,15 @@ class PlannerNetwork(nn.Module):
 
     def hear(
         self,
-        speech: Float[Tensor, "B around speech_dim"],
+        speech: Float[Tensor, "B around heard_dim"],
         speaker: Int[Tensor, " B"],
         has_speech: Bool[Tensor, " B"],
     ) -> Float[Tensor, "B T heard"]:
         """What is heard around each frame, and who speaks.
 
         Args:
-            speech: of T frames and ``config.context`` frames before and after them.
+            speech: normalised features, then codes if there are any, of T frames and
+                ``config.context`` frames before and after them.
         """
         x = self.frames(speech)
         for convolution in self.around:
@@ -108,7 +109,7 @@ class PlannerNetwork(nn.Module):
 
     def forward(
         self,
-        speech: Float[Tensor, "B around speech_dim"],
+        speech: Float[Tensor, "B around heard_dim"],
         speaker: Int[Tensor, " B"],
         has_speech: Bool[Tensor, " B"],
         seen: Mapping[str, Float[Tensor, "B T _"]],

@@ -2,7 +2,6 @@
 
 from typing import cast
 
-import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -11,6 +10,7 @@ from model.data.plans import Plans, prepare_plans
 from model.data.prepared import Batch, PreparedData
 from model.motion.packing import Normaliser
 from model.motion.skeleton import open_body_skeleton
+from model.networks.speech_codes import SpeechCodes, load_codes
 from model.systems.globaldiff.task import motion_step
 from model.systems.planned.config import (
     PlannedConfig,
@@ -19,18 +19,16 @@ from model.systems.planned.config import (
     PlannerTrainConfig,
 )
 from model.systems.planned.network import PlannedNetwork
+from model.systems.planned.planner import heard_by_planner
 from model.systems.planned.planner_network import PlannerNetwork
 from model.training.config import TrainConfig
 from model.training.draws import Draws
 from model.training.hearing import heard
 from model.training.parallel import WHOLE, Shard
 from model.training.rate import can_compile
-from model.training.statistics import fit_motion_prior
+from model.training.statistics import fit_features, fit_motion_prior
 from model.training.targets import prepare_targets
 from model.training.task import DescentTask, StepFunction, StepLoss, Workshop, check_speakers
-
-STD_FLOOR = 0.02
-"""Of features; what hardly ever changes is not blown up to unit variance."""
 
 
 def make_task(config: TrainConfig, data: PreparedData, workshop: Workshop) -> DescentTask:
@@ -53,13 +51,12 @@ def _planner_task(
     check_speakers(data, shape.num_speakers)
     plans = prepare_plans(data, shape.num_speakers)
     network = PlannerNetwork(shape)
-    if given is not None:  # which may know of fewer tiers
+    if given is not None:  # which may know of fewer tiers and hear no codes
         given.load_known_into(network)
-    told = torch.from_numpy(np.array(data.speech[::100], np.float32))
-    fitted = Normaliser(told.mean(0), told.std(0).clamp_min(STD_FLOOR))
-    normaliser = given.normaliser if given else fitted
+    normaliser = given.normaliser if given else fit_features(data)
+    codes = load_codes(workshop.helpers) if shape.codes else None
     return DescentTask(
-        config, network, planner_step(config, normaliser, plans), normaliser,
+        config, network, planner_step(config, normaliser, codes, plans), normaliser,
         shape.window_frames, shape.context, workshop.shard,
         statistics={**plans.table.tensors(), "begins.goals": first_goals(data, plans, shape)},
     )  # fmt: skip
@@ -82,7 +79,9 @@ def first_goals(
     return table
 
 
-def planner_step(config: PlannerTrainConfig, normaliser: Normaliser, plans: Plans) -> StepFunction:
+def planner_step(
+    config: PlannerTrainConfig, normaliser: Normaliser, codes: SpeechCodes | None, plans: Plans
+) -> StepFunction:
     """The loss of the planner on one batch: the negative log-likelihood of its events."""
 
     def step(
@@ -94,7 +93,8 @@ def planner_step(config: PlannerTrainConfig, normaliser: Normaliser, plans: Plan
             has_speech = draws.keep(config.speech_dropout)
             knows = draws.keep(config.speaker_dropout)
             knows &= has_speech | draws.keep(config.speakerless)
-            speech = normaliser.normalise(shard.of(heard(config, network, batch, generator)))
+            features = shard.of(heard(config, network, batch, generator))
+            speech = heard_by_planner(features, normaliser, codes)
             speaker = shard.of(batch.speaker) * knows
         with shard.autocast():
             losses = network(speech, speaker, has_speech, events.seen, events.event, events.mark)

@@ -7,8 +7,8 @@ import torch
 from app.errors import RunError
 from app.live import session as sessions
 from app.live.session import LiveAsk, LiveSession, check_live
-from app.live.wire import HEADER
 from app.run.models import get_system
+from app.run.pieces import HEADER
 from model.generation.family import UnknownNameError
 from model.generation.live import LiveMotion
 from model.generation.windows import GenerateOptions

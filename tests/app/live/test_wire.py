@@ -3,7 +3,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from app.errors import RunError
-from app.live.wire import HEADER, MAX_SOUND_BYTES, NUM_FACES, frames_message, read_sound
+from app.live.wire import MAX_SOUND_BYTES, read_sound
+from app.run.pieces import HEADER, NUM_FACES, frames_message
 from tests.helpers import smooth_motion_example
 
 

@@ -78,7 +78,7 @@ def runs(page: gr.Blocks, speech: Path) -> list[Any]:
     systems = list(fakes.CATALOGUE.systems)
     protocol = "Rank all systems on three questions"
     forms = (
-        (str(speech), systems, "ann", 0, 1, 1, "euler", False, None, "right_middle", 0, None),
+        (str(speech), systems, "ann", 0, 1, "10", "euler", False, None, "right_middle", 0, None),
         (["/up/a.npz"], None, None, "right_middle", 0),
         ("A study", protocol, [str(speech)], systems, None, 1, 4, 0, ["front"], ""),
     )

@@ -7,8 +7,9 @@ import av
 import pytest
 
 from app.errors import RunError
-from app.run.mechanism import MechanismRequest, show_mechanism
-from model.motion.motion import save_motion
+from app.run.mechanism import NAMES, MechanismRequest, show_mechanism
+from app.run.request import Artefact
+from model.motion.motion import load_motion, save_motion
 from tests.helpers import smooth_motion_example
 
 
@@ -22,6 +23,7 @@ def asked(tmp_path: Path) -> MechanismRequest:
 def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(asked: MechanismRequest) -> None:
     shares: list[float] = []
     path, sentences = show_mechanism(replace(asked, noise_rad=0.05), shares.append)
+    assert path == asked.out
     with av.open(str(path)) as video:
         frames = [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]
     assert len(frames) == 20 and frames[0].shape[1] == 2 * 192
@@ -38,6 +40,20 @@ def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(asked: Mechanism
         )
     )
     assert local > world, "the left one trembles more"
+
+
+def test_both_motions_are_left_for_a_player_without_a_video(asked: MechanismRequest) -> None:
+    told: list[Artefact] = []
+    played = replace(asked, is_played=True, has_video=False, noise_rad=0.05)
+    path, sentences = show_mechanism(played, on_file=told.append)
+    assert path is None and not asked.out.exists() and "0.05 rad" in " ".join(sentences)
+    assert [(each.kind, each.name) for each in told] == [("motion", name) for name in NAMES]
+    clean = load_motion(asked.motion)
+    on_local, on_global = (load_motion(each.path) for each in told)
+    pelvis = slice(0, 3)
+    for motion in (on_local, on_global):
+        assert motion.num_frames == 20 and abs(motion.poses - clean.poses).max() > 0.02
+    assert abs(on_local.poses - on_global.poses)[:, pelvis.stop :].max() > 0.02
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from PIL import Image
 from app.errors import CancelledRun, RunError, sentence_of
 from app.run import inputs
 from app.run.pipeline import generate_all
-from app.run.request import Artefact, GenerateRequest, Progress, Take
+from app.run.request import Artefact, GenerateRequest, Measured, Progress, Take
 from model.motion.motion import load_motion, save_motion
 from renderer.draw import probe
 from renderer.draw.offscreen import GLError
@@ -67,6 +67,10 @@ def test_a_whole_run_leaves_every_file_with_exactly_the_frames_of_the_speech(ask
         fractions = [e.fraction for e in events if isinstance(e, Progress) and e.stage == stage]
         assert fractions == sorted(fractions) and fractions[-1] == 1.0, stage
     assert any("the reference was cut to 37" in note for note in result.notes)
+    (measured,) = (i for i, event in enumerate(events) if isinstance(event, Measured))
+    assert events[measured].diagnostics.as_json() == result.diagnostics.as_json()
+    is_file = [isinstance(event, Artefact) and event.kind for event in events]
+    assert is_file.index("figure") > measured > len(is_file) - is_file[::-1].index("motion") - 1
 
 
 def test_a_run_without_video_needs_no_gl_and_records_what_made_it(

@@ -12,12 +12,14 @@ from app.errors import RunError
 from app.run.pipeline import generate_all
 from app.run.planning import PlanRequest, make_plan
 from app.run.request import GenerateRequest
-from model.motion.motion import load_motion
+from model.motion.motion import load_motion, save_motion
+from model.plan.files import read_plan_file
 from model.plan.plan import PlanError, read_plan
 from model.speech.audio import write_wav
 from model.systems.planned.config import PLANNED
 from tests.model.made import TINY_SYSTEMS, made_waveform, make_weights
 from tests.model.plan.test_annotation import grid, interval_tier
+from tests.model.plan.test_found import made_motion
 from tests.model.systems.planned.made import make_planned_weights
 
 STEM = "workbench-planned"
@@ -65,6 +67,22 @@ def test_systems_that_perform_no_plans_say_so(request_: GenerateRequest, tmp_pat
         generate_all(replace(asked, out=tmp_path / "third"))
 
 
+def test_an_annotators_plan_is_performed_and_what_was_made_of_it_is_told(
+    request_: GenerateRequest, tmp_path: Path
+) -> None:
+    empty = tmp_path / "plan.eaf"
+    asked = PlanRequest(request_.speech, empty, tmp_path / "no weights", is_empty=True)
+    assert make_plan(asked).duration_s == 4.0
+    assert 'RELATIVE_MEDIA_URL="./speech.wav"' in empty.read_text()
+    assert read_plan_file(empty).plan == make_plan(asked)
+    grid_ = tmp_path / "plan.TextGrid"
+    grid_.write_text(grid(interval_tier("RH phase", (0, 1, "prep"), (1, 1.5, "stroke"))))
+    given = generate_all(replace(request_, plan=grid_))
+    assert any(note.startswith("No places are told for the right hand") for note in given.notes)
+    performed = read_plan(given.out / f"{STEM}.plan.json")
+    assert [p.phase for p in performed.right] == ["preparation", "stroke"]
+
+
 def test_words_of_a_transcript_reach_the_plan(request_: GenerateRequest, tmp_path: Path) -> None:
     said = tmp_path / "said.TextGrid"
     said.write_text(grid(interval_tier("words", (0, 1.5, "So"), (1.5, 3, "whole"))))
@@ -76,6 +94,23 @@ def test_words_of_a_transcript_reach_the_plan(request_: GenerateRequest, tmp_pat
     assert words > {""} and words <= {"", "so", "whole"}
 
 
+def test_the_command_finds_the_plan_of_a_motion(
+    request_: GenerateRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    motion = tmp_path / "still.npz"
+    save_motion(made_motion(60), motion)
+    out = tmp_path / "found.eaf"
+    assert main(["plan", str(motion), "--out", str(out)]) == 0
+    assert capsys.readouterr().out.strip() == str(out)
+    found = read_plan_file(out).plan
+    assert found.duration_s == 2.0 and found.left and found.right
+    assert main(["plan", str(motion), "--out", str(out), "--speaker", "bob"]) == 1
+    assert "In a motion the plan is found; --speaker is for speech." in capsys.readouterr().err
+    motion.write_bytes(b"no")
+    assert main(["plan", str(motion), "--out", str(out)]) == 1
+    assert "still.npz" in capsys.readouterr().err
+
+
 def test_the_command_draws_a_plan_alone(
     request_: GenerateRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -84,6 +119,8 @@ def test_the_command_draws_a_plan_alone(
     assert main([*arguments, "--weights", str(request_.weights)]) == 0
     assert capsys.readouterr().out.strip() == str(plan)
     assert read_plan(plan).right
+    assert main([*arguments[:3], str(tmp_path / "plan.txt")]) == 1
+    assert "plan.txt ends in '.txt'; a plan is written as .json" in capsys.readouterr().err
     assert main([*arguments, "--weights", str(request_.weights), "--guidance", "99"]) == 1
     assert "Guidance must be 0 to 10; got 99." in capsys.readouterr().err
     assert main([*arguments, "--weights", str(request_.weights), "--seed", "-1"]) == 1

@@ -2,8 +2,15 @@ import numpy as np
 import pytest
 import torch
 
-from model.generation.windows import Cancelled, GenerateOptions, generate_motion, stream_motion
+from model.generation.windows import (
+    Cancelled,
+    GenerateOptions,
+    generate_motion,
+    motion_pieces,
+    stream_motion,
+)
 from model.motion.kinematics import joint_positions_from_local
+from model.motion.motion import put_together
 from model.motion.skeleton import JOINT_INDEX, open_body_skeleton
 from model.systems.globaldiff.config import BEST
 from model.systems.registry import load_system
@@ -104,6 +111,31 @@ def test_streamed_pieces_equal_the_whole(system, sizes):
             np.testing.assert_allclose(
                 streamed[: motion.num_frames], getattr(motion, field), atol=2e-4
             )
+
+
+@pytest.mark.parametrize("num_frames", [15, 59, 60, 61, 111, 112, 113])
+def test_pieces_put_together_are_the_whole_to_the_bit(system, num_frames):
+    speech = made_speech(round(num_frames / 30 * 16_000))
+    options = GenerateOptions(speaker="ann", steps=2, samples=2)
+    whole = generate_motion(system, speech, options)
+    pieces = list(motion_pieces(system, speech, options))
+    lengths = [piece.motions[0].num_frames for piece in pieces]
+    assert sum(lengths) == num_frames and all(n == 52 for n in lengths[:-1])
+    assert [piece.share for piece in pieces] == [(i + 1) / len(pieces) for i in range(len(pieces))]
+    for k, motion in enumerate(whole):
+        made = put_together([piece.motions[k] for piece in pieces])
+        for field in ("poses", "trans", "expressions"):
+            np.testing.assert_array_equal(getattr(made, field), getattr(motion, field))
+
+
+def test_systems_that_are_asked_in_turn_make_what_each_makes_alone(folder):
+    speech = made_speech(16_000 * 5)
+    systems = [load_system(f"globaldiff/{name}", folder) for name in ("local", "global")]
+    turns = zip(*(motion_pieces(each, speech, OPTIONS) for each in systems), strict=True)
+    for each, pieces in zip(systems, zip(*turns, strict=True), strict=True):
+        (alone,) = generate_motion(each, speech, OPTIONS)
+        made = put_together([piece.motions[0] for piece in pieces])
+        np.testing.assert_array_equal(made.poses, alone.poses)
 
 
 def test_a_piece_comes_before_the_speech_after_it_is_asked_for(system):

@@ -39,6 +39,20 @@ def test_the_body_moves_along_what_speech_changes_and_the_jaw_stays(
     torch.testing.assert_close(found, wanted, atol=1e-4, rtol=1e-4)
 
 
+def test_neck_and_head_may_hear_at_a_strength_of_their_own():
+    numbers = normaliser(168, mixed=True)
+    heard, deaf = torch.randn(2, 3, 7, 168)
+    both = torch.cat([heard, deaf])
+    head = [3 * JOINT_INDEX[joint] + k for joint in ("neck", "head") for k in range(3)]
+    body, stronger, mixed = (
+        numbers.restore(SpeechGuide(strength, numbers, "axis-angle", of_head).guided(both))
+        for strength, of_head in ((1.4, None), (2.4, None), (1.4, 2.4))
+    )
+    body[..., head] = stronger[..., head]
+    torch.testing.assert_close(mixed, body, atol=1e-4, rtol=1e-4)
+    assert SpeechGuide(1.0, numbers, "axis-angle", 2.0).asks_twice
+
+
 def test_in_the_world_the_jaw_goes_with_the_head_and_stays_in_it():
     """Heads that speech turns about one axis: at any strength the jaw is where it was in them."""
     numbers = normaliser(333, mixed=False)

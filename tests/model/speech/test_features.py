@@ -4,7 +4,7 @@ import scipy.fft
 import torch
 
 from model.speech import features
-from model.speech.features import NUM_MELS, MelEncoder, augment_mel, cepstrum
+from model.speech.features import NUM_MELS, MelEncoder, augment_mel, cepstrum, in_other_throats
 
 ENERGY, ONSET, PITCH, VOICED = range(NUM_MELS, NUM_MELS + 4)
 
@@ -71,6 +71,20 @@ def test_augmentation_keeps_pitch_and_differs_between_samples():
     assert (varied[0] - varied[1])[:, :NUM_MELS].abs().mean() > 0.05
     again = augment_mel(rows, torch.Generator().manual_seed(0))
     torch.testing.assert_close(varied, again)
+
+
+def test_another_throat_stretches_the_mel_bands_and_leaves_the_rest():
+    rows = torch.randn(3, 5, 68)
+    same = in_other_throats(rows, (1.0, 1.0), torch.Generator())
+    torch.testing.assert_close(same, rows)
+    longer = in_other_throats(rows, (1.25, 1.25), torch.Generator())
+    wanted = np.interp(np.arange(64) * 1.25, np.arange(64), rows[2, 3, :NUM_MELS].numpy())
+    np.testing.assert_allclose(longer[2, 3, :NUM_MELS], wanted, atol=1e-5)
+    torch.testing.assert_close(longer[..., NUM_MELS:], rows[..., NUM_MELS:])
+    drawn = in_other_throats(
+        rows[:1].expand(4, -1, -1), (0.8, 1.2), torch.Generator().manual_seed(0)
+    )
+    assert len({round(float(one[0, 40]), 4) for one in drawn}) == 4
 
 
 def test_cepstral_coefficients_are_the_cosine_transform_of_the_log_mels():

@@ -7,8 +7,9 @@ import pytest
 import torch
 
 from model.speech import wavlm
+from model.speech.encoder import EncoderError
 from model.speech.encoders import make_encoder
-from model.speech.wavlm import EncoderError, WavLMEncoder
+from model.speech.wavlm import WavLMEncoder
 
 RATE = 16_000
 TINY = {

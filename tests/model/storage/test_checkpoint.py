@@ -1,6 +1,8 @@
+import pytest
 import torch
 
-from model.storage.checkpoint import load_weights, save_weights
+from model.storage.cards import CheckpointError
+from model.storage.checkpoint import load_into, load_weights, save_weights
 
 
 def test_weights_come_back_as_fp16_rounds_them(tmp_path):
@@ -13,3 +15,21 @@ def test_weights_come_back_as_fp16_rounds_them(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == [
         "globaldiff-global.json", "globaldiff-global.safetensors",
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("saved", "said"),
+    [
+        ({"weight": torch.zeros(2, 3)}, r"bias is missing\."),
+        ({"weight": torch.zeros(3, 2), "bias": torch.zeros(2)},
+         r"weight is of shape \[3, 2\] in place of \[2, 3\]\."),
+        ({"bias": torch.zeros(2), "more": torch.zeros(1)},
+         r"weight is missing \(1 more differ\)\."),
+        ({"weight": torch.zeros(2, 3), "bias": torch.zeros(2), "more": torch.zeros(1)},
+         r"more is not known\."),
+    ],
+)  # fmt: skip
+def test_weights_that_do_not_fit_are_told_by_the_first_that_differs(saved, said):
+    tensors = {f"network.{name}": tensor for name, tensor in saved.items()}
+    with pytest.raises(CheckpointError, match="of toy do not fit their card: " + said):
+        load_into(torch.nn.Linear(3, 2), tensors, "network.", "toy")

@@ -356,7 +356,7 @@ def test_what_cannot_be_composed_is_refused(tmp_path):
     a = write_video(tmp_path / "a.mp4", np.arange(3))
     b = write_video(tmp_path / "b.mp4", np.arange(3), size=(64, 64))
     out = tmp_path / "all.mp4"
-    with pytest.raises(ValueError, match="0 videos were given; 1 to 6"):
+    with pytest.raises(ValueError, match="0 videos were given; 1 to 12"):
         compose_videos([], [], out)
     with pytest.raises(ValueError, match="1 labels were given for 2 videos"):
         compose_videos([a, b], ["a"], out)

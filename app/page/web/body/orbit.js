@@ -33,7 +33,7 @@ export class Orbit extends EventTarget {
   }
 
   place([yaw = 0, pitch = 0, zoom = 1, right = 0, up = 0]) {
-    [this.#yaw, this.#pitch, this.#zoom, this.#aside] = [yaw, within(pitch, -STEEPEST, STEEPEST), within(zoom, ...ZOOMS), [right, up]];
+    [this.#yaw, this.#pitch, this.#zoom, this.#aside] = [yaw, within(pitch, -STEEPEST, STEEPEST), within(zoom, ...ZOOMS), [right, up].map((part) => within(part, -FARTHEST, FARTHEST))];
     this.#tell();
   }
 

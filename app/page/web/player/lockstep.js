@@ -12,6 +12,8 @@ const JUMP_S = 0.25; // further off than this, a video is not led back but put r
 const CALM_MS = 1000; // between two jumps of one video: a slow machine must get to show something
 const STALE_S = 0.3; // a shown frame as old as this says nothing of now
 const TOLERANCE_S = FRAME_S / 6;
+const AT_HAND_FRAMES = 2; // the last ones that have come are not run into
+const AHEAD_FRAMES = 30; // that must have come before it goes on
 const GAIN = 2.5; // share of the drift that is made good in a second
 const MOST_CHANGE = 0.2; // of the speed, or the picture is seen to rush
 
@@ -26,6 +28,8 @@ export class Lockstep extends EventTarget {
   #loop = null;
   #turn = 0; // counts starts and stops: whoever waited for something sees that it is too late
   #numFrames = 0;
+  #limit = null; // frames that there are to be shown, where more of them come
+  #isWaiting = false;
   #listening = new AbortController();
 
   get isPlaying() {
@@ -65,6 +69,33 @@ export class Lockstep extends EventTarget {
     return [...this.#followers.values()].filter((follower) => follower.isActive && follower.video !== clock);
   }
 
+  /** Whether it would play, but what it is to show has not come yet. */
+  get isWaiting() {
+    return this.#isWaiting;
+  }
+
+  /** There are only so many frames so far; null once nothing has to be waited for. */
+  setLimit(frames) {
+    this.#limit = frames;
+    const hasMore = frames === null || frames > this.frame + AHEAD_FRAMES;
+    if (this.#isWaiting && this.#isPlaying && hasMore) this.#restart();
+  }
+
+  get #isAtLimit() {
+    return this.#limit !== null && this.#limit < this.#numFrames && this.time * FPS > this.#limit - AT_HAND_FRAMES;
+  }
+
+  /** Stand until more has come; where a busy machine has let the sound run on, back at the last frame. */
+  #wait() {
+    this.#turn += 1;
+    this.#isWaiting = true;
+    this.#clock.pause();
+    for (const { video } of this.#led) video.pause();
+    const last = Math.max(0, this.#limit - AT_HAND_FRAMES);
+    if (this.frame > last) this.#stand(last);
+    this.#tell("state");
+  }
+
   /** Let a sound be the clock. */
   setSound(audio) {
     this.#sound = audio;
@@ -94,7 +125,8 @@ export class Lockstep extends EventTarget {
     this.#turn += 1;
     this.#listening.abort();
     this.#listening = new AbortController();
-    this.#isPlaying = false;
+    this.#isPlaying = this.#isWaiting = false;
+    this.#limit = null;
     for (const media of [this.#sound, ...this.#followers.keys()]) {
       media?.pause();
       media?.removeAttribute("src");
@@ -123,7 +155,7 @@ export class Lockstep extends EventTarget {
   /** Stop all on the frame that the clock shows. */
   pause() {
     this.#turn += 1;
-    this.#isPlaying = false;
+    this.#isPlaying = this.#isWaiting = false;
     this.#clock?.pause();
     this.#stand(this.frame);
     this.#tell("state");
@@ -198,8 +230,13 @@ export class Lockstep extends EventTarget {
 
   /** Stop, wait until every video has its frame, and start all at once. */
   async #restart() {
+    if (this.#isAtLimit) return this.#wait();
     const turn = ++this.#turn;
     const clock = this.#clock;
+    if (this.#isWaiting) {
+      this.#isWaiting = false;
+      this.#tell("state");
+    }
     clock.pause();
     const led = this.#led;
     for (const follower of led) follower.stand(clock.currentTime);
@@ -224,6 +261,11 @@ export class Lockstep extends EventTarget {
       this.seek(this.#loop[0]);
       return;
     }
+    if (this.#isAtLimit) {
+      this.#wait();
+      this.#tell("time");
+      return;
+    }
     for (const follower of this.#led) follower.lead(clock, this.#rate);
     this.#tell("time");
     requestAnimationFrame(() => this.#run(turn));
@@ -231,6 +273,7 @@ export class Lockstep extends EventTarget {
 
   #end() {
     if (!this.#isPlaying) return;
+    if (this.#isAtLimit) return this.#wait();
     if (this.#loop) this.seek(this.#loop[0]);
     else {
       this.pause();

@@ -11,10 +11,12 @@ import { More } from "../stage/more.js";
 import { Stage } from "../stage/stage.js";
 import { copyBy } from "../clipboard.js";
 import { Controls } from "./controls.js";
+import { Editing } from "./editing.js";
 import { Findings } from "./findings.js";
 import { Lockstep } from "./lockstep.js";
+import { Sounds } from "./sounds.js";
 import { Tiles } from "./tiles.js";
-import { Timeline } from "./timeline.js";
+import { LOW, Timeline } from "./timeline.js";
 
 const KEEPS_ITS_KEYS = "input, textarea, select, [contenteditable], [role=tab], [role=listbox]";
 const PRESSES = "button, a"; // what the space bar presses
@@ -34,10 +36,12 @@ class Player {
   /** @type {import("../told").Value} */
   #value = {};
   #stage = null;
+  #observer = new ResizeObserver(() => this.#stage?.fit());
   #tiles;
   #address = null;
   #more = null;
   #isVideo = false; // videos in place of the stage
+  #sounds = new Sounds(() => this.#playOther());
   #why = make("p", { class: "no-stage", role: "note", hidden: true }, NO_STAGE);
 
   constructor(root) {
@@ -49,17 +53,20 @@ class Player {
       this.#why.hidden = false; // no WebGL here
     }
     const orbit = this.#stage?.orbit;
-    if (orbit) this.#more = new More(this.#look, orbit, { Videos: () => this.#showVideos(true), "Copy link to this picture": ({ currentTarget }) => this.#copyLink(currentTarget) });
+    if (orbit) this.#more = new More(this.#look, orbit, { Videos: () => this.#showVideos(true), "Make a video of this": () => this.#makeVideo(), "Copy link to this picture": ({ currentTarget }) => this.#copyLink(currentTarget) });
     const more = this.#more?.element ?? make("div", { hidden: true });
     this.controls = new Controls(this.#lockstep, this.#stage ?? this.#tiles, this.#audio, this.#look, more);
     this.timeline = new Timeline(this.#lockstep);
-    this.timeline.bar.append(this.controls.worst.line);
+    this.editing = new Editing(this.#lockstep, this.timeline, { send: () => this.#askForTake(), onShown: () => this.#showStage() });
+    this.#stage?.element.addEventListener("body", ({ detail }) => this.timeline.showBody(detail));
+    this.timeline.bar.append(this.#sounds.element, this.controls.worst.line);
     this.toStage = make("button", { type: "button", class: "to-stage", hidden: true, onclick: () => this.#showVideos(false) }, "Back to the stage");
     this.fold = make("button", { type: "button", class: "fold", hidden: true, onclick: () => this.#foldForm(!this.#isFolded) });
     this.findings = new Findings(this.#lockstep);
     const seen = make("div", { class: "seen" }, this.#stage?.element ?? "", this.findings.element);
-    const parts = [this.fold, this.#why, seen, this.toStage, this.#tiles.element, this.controls.element, more, this.timeline.element, this.#audio];
+    const parts = [this.fold, this.#why, seen, this.toStage, this.#tiles.element, this.controls.element, more, this.editing.element, this.timeline.element, this.#audio];
     root.replaceChildren(...parts);
+    this.#observer.observe(this.timeline.element);
     root.classList.toggle("staged", this.#stage !== null);
     root.addEventListener("click", ({ detail, target }) => {
       if (detail > 0) target.closest("button")?.blur(); // after a mouse, the space bar plays again
@@ -68,6 +75,8 @@ class Player {
     root.setAttribute("aria-label", "Bodies in lock-step");
     root.lockstep = this.#lockstep; // for whoever wants to look at it from outside
     root.stage = this.#stage;
+    root.seen = () => JSON.stringify(this.#seen);
+    root.edits = () => this.editing.asked;
     root.look = this.#look;
     if (orbit) this.#keepAddress(orbit);
   }
@@ -96,7 +105,11 @@ class Player {
         this.#stage.setMode(address.get("mode"));
       },
     };
-    this.#address = new Address([this.#look, camera, time, comparison]);
+    const sound = {
+      write: (address) => this.#sounds.index && address.set("sound", this.#sounds.index),
+      read: (address) => address.has("sound") && this.#sounds.choose(Number(address.get("sound"))),
+    };
+    this.#address = new Address([this.#look, camera, time, comparison, sound]);
     const note = () => this.#noteAddress();
     this.#look.addEventListener("change", note);
     orbit.addEventListener("change", note);
@@ -110,6 +123,29 @@ class Player {
     const url = new URL(run?.href ?? location.href);
     url.hash = this.#address.text;
     return copyBy(button, url.href);
+  }
+
+  /** What the stage shows, as app/page/tabs/seen_run.py reads it. */
+  get #seen() {
+    return { ...this.#stage.picture, look: this.#look.values, camera: this.#stage.orbit.state, sound: this.#sounds.chosen?.audio ?? this.#value.audio ?? null };
+  }
+
+  /** The server draws what is seen now, and tells of it under the stage. */
+  #makeVideo() {
+    this.#root.closest("[role=tabpanel]")?.querySelector(".seen-start")?.click();
+    if (this.#more) this.#more.element.hidden = true;
+    this.controls.update();
+  }
+
+  #askForTake() {
+    this.#root.closest("[role=tabpanel]")?.querySelector(".take-start")?.click();
+  }
+
+  /** The bodies that are to be seen. */
+  #showStage() {
+    const { rows = [], running = false } = this.#value;
+    this.#stage?.show(this.editing.seen(rows), running);
+    this.controls?.update();
   }
 
   /** How bodies are compared has changed. */
@@ -128,10 +164,11 @@ class Player {
    * @param {import("../told").Value} value
    */
   show(value) {
-    const { run = null, rows = [], audio = null, timeline = null, plays = false, begins = false, paired = false, findings = [] } = value;
+    const { run = null, rows = [], audio = null, sounds = [], plays = false, begins = false, paired = false, findings = [] } = value;
     if (run !== this.#run) this.#clear(run);
     this.#value = value;
-    const isWorthIt = rows.some((row) => row.motion || row.video);
+    const isDrawn = this.#stage || !plays; // an example has no videos
+    const isWorthIt = rows.some((row) => row.video || (isDrawn && (row.frames || row.motion)));
     this.#root.hidden = !isWorthIt;
     this.#root.classList.toggle("opening", plays);
     if (!isWorthIt) return;
@@ -140,17 +177,37 @@ class Player {
       this.#audio.src = audio;
       this.#lockstep.setSound(this.#audio);
     }
+    this.#sounds.show(sounds);
+    const timeline = this.#sounds.chosen?.timeline ?? value.timeline;
     this.#tiles.element.classList.toggle("paired", paired);
     const isFirst = this.fold.hidden;
     this.fold.hidden = plays || !this.#stage;
-    if (!this.fold.hidden && isFirst) this.#foldForm(rows.length >= CROWD);
-    this.#stage?.show(rows);
+    if (!this.fold.hidden && isFirst) this.#foldForm(rows.length >= CROWD || matchMedia(LOW).matches);
+    this.editing.show(run, value.editing ?? null, rows);
+    this.#showStage();
     this.#showRows();
     this.findings.show(findings, rows);
     this.timeline.mark(findings);
+    this.timeline.know(rows);
     this.controls.update();
     if (hasSound) this.#begin(plays, begins);
     if (timeline && timeline !== this.#timelineUrl) this.#loadTimeline(timeline, rows);
+  }
+
+  /** Another sound under the same bodies, from the same moment on. */
+  #playOther() {
+    const { audio, timeline } = this.#sounds.chosen;
+    const { time, isPlaying } = this.#lockstep;
+    if (isPlaying) this.#lockstep.pause();
+    this.#lockstep.setLoop(null);
+    this.#audio.src = audio;
+    const goOn = () => {
+      this.#lockstep.seek(time);
+      if (isPlaying) this.#lockstep.play();
+    };
+    this.#audio.addEventListener("loadedmetadata", goOn, { once: true });
+    this.#loadTimeline(timeline, this.#value.rows);
+    this.#noteAddress();
   }
 
   get #isFolded() {
@@ -184,7 +241,8 @@ class Player {
     if (this.#more) this.#more.element.hidden = true;
     if (!isVideo) this.controls.steer(this.#stage);
     this.#showRows();
-    if (!isVideo) this.#stage.show(this.#value.rows);
+    if (!isVideo) this.#showStage();
+    else this.#lockstep.setLimit(null);
   }
 
   /**
@@ -199,7 +257,9 @@ class Player {
       this.#hasBegun = true;
       if (!plays && this.#address?.read()) {
         const time = Number(new URLSearchParams(location.hash.slice(1)).get("t"));
-        return this.#lockstep.seek(time || 0);
+        const seek = () => this.#lockstep.seek(time || 0);
+        if (this.#sounds.index) return this.#audio.addEventListener("loadedmetadata", seek, { once: true });
+        return seek();
       }
       if (matchMedia("(prefers-reduced-motion: reduce)").matches) return undefined;
       if (plays) this.#lockstep.setLoop([0, this.#lockstep.duration]);
@@ -233,6 +293,7 @@ class Player {
     this.fold.hidden = true;
     this.#foldForm(false);
     this.#timelineUrl = null;
+    this.#sounds.clear();
     this.#isVideo = false;
     this.#address?.end();
     this.#tiles.clear();
@@ -240,12 +301,14 @@ class Player {
     if (this.#stage) this.controls.steer(this.#stage);
     this.#lockstep.clear();
     this.timeline.clear();
+    this.editing.show(run, null, []);
     this.findings.clear();
     this.controls.worst.set([]);
   }
 
   dispose() {
     this.#clear(null);
+    this.#observer.disconnect();
     this.#stage?.dispose();
     this.timeline.dispose();
   }

@@ -4,6 +4,8 @@ import { clockText, make, nameOf } from "../dom.js";
 import { currentFilter, followFilter, wireSwitch } from "../filter_switch.js";
 import { goTo } from "./findings.js";
 import { FPS } from "./lockstep.js";
+import { accentsOf, beginOf } from "./plan.js";
+import { legend, Tiers } from "./tiers.js";
 
 const CURVES = {
   jerk_m_s3: { label: "Jerk", unit: "m/s³", digits: 0 },
@@ -14,6 +16,12 @@ const FRAME_S = 1 / FPS;
 const NUDGE_S = 0.1; // of a loop's end by key
 const LEAST_S = 0.5; // of time on the whole width
 const ZOOM = 1.6; // of one key or click
+const PAGE = 0.8; // of what is shown, by which one key or click goes on
+const PHONES_PX = 60; // of a second, from which phones are shown
+const NARROW = "(max-width: 600px)";
+/** Windows too low for all there is: the form makes room, and tiers but of hands wait for a click. */
+export const LOW = "(max-height: 860px)";
+const NARROW_S = 8; // that a narrow screen shows at first
 const WHEEL_ZOOM = 0.004; // of one pixel of the wheel, as an exponent
 
 const WORDS_FROM = { given: "Words", aligned: "Words (aligned)", recognised: "Words (recognised)" };
@@ -30,7 +38,12 @@ export class Timeline {
   #lanes = new Map(); // name -> { canvas, value, curve }
   #marks = []; // findings
   #tiers = []; // each a lane's box, and [start, end, label] of what stands in it
+  #accents = []; // each a moment and its mark
   #curve = "jerk_m_s3";
+  #body = null; // whose tiers are shown
+  #planUrl = null;
+  /** Called with the row whose tiers are shown, and the event that somebody has chosen of them. */
+  onchoose = (_body, _chosen, _event) => {};
   #unfollow;
   #view = [0, 0]; // the seconds that are shown
   #fingers = new Map(); // touching the lanes: pointer -> clientX
@@ -62,14 +75,22 @@ export class Timeline {
       button("Show less time, larger", "+", () => this.zoom(ZOOM)),
       button("Show more time", "\u2212", () => this.zoom(1 / ZOOM)),
       (this.whole = button("Show all of it", "All", () => this.zoom(0))),
+      (this.earlier = button("Earlier", "\u2039", () => this.pan(-PAGE))),
+      (this.later = button("Later", "\u203a", () => this.pan(PAGE))),
     );
     this.lanes = make("div", { class: "lanes", onpointerdown: (event) => this.#press(event) });
     this.lanes.addEventListener("pointermove", (event) => this.#pinch(event));
     for (const end of ["pointerup", "pointercancel"]) this.lanes.addEventListener(end, ({ pointerId }) => this.#fingers.delete(pointerId));
     this.lanes.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
+    this.tiers = new Tiers({ onChoose: (chosen, event, sentence) => this.#explain(chosen, event, sentence) });
+    this.bodies = make("select", { "aria-label": "Whose tiers are shown", onchange: () => this.showBody(this.bodies.value) });
+    this.why = make("p", { class: "why", role: "status" });
+    this.more = make("button", { type: "button", title: "Head and gaze, face and weight, too", onclick: () => this.#showRest(this.element.classList.contains("hands-only")) }, "All tiers");
+    this.tiersHead = make("div", { class: "tiers-head", hidden: true }, this.bodies, legend(), this.more, this.why);
     this.cursor = make("div", { class: "cursor", "aria-hidden": "true" });
     this.range = make("div", { class: "range", hidden: true }, ...["Start", "End"].map((name, end) => this.#handle(name, end)));
-    this.element = make("div", { class: "timeline", hidden: true }, (this.bar = make("div", { class: "bar" }, this.select, filter, this.scale, this.zooming)), this.lanes);
+    this.element = make("div", { class: "timeline", hidden: true }, (this.bar = make("div", { class: "bar" }, this.select, filter, this.scale, this.zooming)), this.tiersHead, this.lanes);
+    this.#showRest(!matchMedia(NARROW).matches && !matchMedia(LOW).matches);
   }
 
   /** One end of the loop; can be dragged, and moved by arrow keys. */
@@ -79,7 +100,7 @@ export class Timeline {
       role: "slider",
       tabindex: "0",
       "aria-label": `${name} of the loop`,
-      onpointerdown: (event) => this.#drag(event, ({ clientX }) => this.#moveLoop(end, this.#secondsAt(clientX))),
+      onpointerdown: (event) => this.#drag(event, ({ clientX }) => this.#moveLoop(end, this.secondsAt(clientX))),
       onkeydown: (event) => {
         const step = { ArrowLeft: -NUDGE_S, ArrowRight: NUDGE_S }[event.key];
         if (!step) return;
@@ -93,7 +114,7 @@ export class Timeline {
   /** Show what the server has worked out; `rows` say how each motion looks. */
   show(data, rows) {
     this.#data = data;
-    this.#view = [0, data.duration_s];
+    this.#view = [0, matchMedia(NARROW).matches ? Math.min(data.duration_s, NARROW_S) : data.duration_s];
     this.#rows = rows.filter(({ name }) => data.curves[name]);
     this.#lanes.clear();
     this.wave = make("canvas", {});
@@ -101,23 +122,84 @@ export class Timeline {
     const parts = [];
     if (data.peaks.length) parts.push(this.#lane({ name: "Speech" }, "", this.position));
     this.#tiers = [];
-    if (data.words.length) parts.push(this.#tier(WORDS_FROM[data.words_origin] ?? "Words", data.words));
+    this.#accents = [];
+    const accents = accentsOf(data).map(([at, strength]) => [at, strength, data.accents.length ? "accent" : "accent, as our speech encoder hears it"]);
+    if (data.words.length || accents.length) parts.push(this.#spoken(data, accents));
+    this.phones = data.phones.length ? this.#tier("Phones", data.phones) : null;
+    if (this.phones) parts.push(this.phones);
     for (const [name, phases] of Object.entries(data.gestures)) parts.push(this.#tier(spoken(name), phases.filter(([, , label]) => !IS_REST.test(label)), phaseOf));
+    parts.push(...this.tiers.lanes);
     for (const row of this.#rows) {
       const canvas = make("canvas", { role: "img", "aria-label": `${data.point} of ${row.label ?? row.name} over time` });
       const value = make("small", {});
       const lane = this.#lane(row, value, make("div", { class: "plot" }, canvas));
       lane.dataset.name = row.name;
+      lane.firstElementChild.addEventListener("click", () => this.showBody(row.name));
       lane.style.setProperty("--series", row.is_reference ? "var(--reference-ink)" : row.color);
       this.#lanes.set(row.name, { canvas, value });
       parts.push(lane);
     }
     this.lanes.replaceChildren(...parts, this.range, this.cursor);
     this.element.hidden = false;
+    this.know(rows);
+    this.tiers.show(this.tiers.plan, this.#said, this.tiers.chosen);
     this.#observer.disconnect();
     this.#observer.observe(this.lanes);
     this.#draw();
     this.#showLoop();
+  }
+
+  // ------------------------------------------------------------------ what the bodies do
+
+  /** Whose plans there are; the first that a system performed is shown, else the first. */
+  know(rows) {
+    const known = rows.filter(({ plan }) => plan);
+    const isSame = known.length === this.bodies.options.length && known.every(({ name }, i) => this.bodies.options[i].value === name);
+    if (!isSame) this.bodies.replaceChildren(...known.map((row) => make("option", { value: row.name }, row.label ?? row.name)));
+    this.plans = new Map(known.map(({ name, plan }) => [name, plan]));
+    this.bodies.hidden = known.length < 2;
+    this.tiersHead.hidden = !known.length;
+    if (!known.length) return;
+    const name = this.plans.has(this.#body) ? this.#body : known[0].name;
+    this.showBody(name);
+  }
+
+  /** Show the tiers of one body, if they are known. */
+  async showBody(name) {
+    const url = this.plans?.get(name);
+    if (!url) return;
+    this.#body = this.bodies.value = name;
+    if (url === this.#planUrl) return;
+    this.#planUrl = url;
+    const response = await fetch(url);
+    if (!response.ok) return; // kept no longer
+    /** @type {import("../told").Plan} */
+    const plan = await response.json();
+    if (url === this.#planUrl) this.showPlan(plan);
+  }
+
+  /** Show this plan as that of the body whose tiers are shown. */
+  showPlan(plan, chosen = null) {
+    this.why.textContent = chosen ? this.why.textContent : "";
+    this.tiers.show(plan, this.#said, chosen);
+    this.#draw();
+  }
+
+  /** What is known of the speech. */
+  get #said() {
+    return this.#data ? { words: this.#data.words, accents: accentsOf(this.#data) } : undefined;
+  }
+
+  #explain(chosen, event, sentence) {
+    this.why.textContent = sentence;
+    this.onchoose(this.#body, chosen, event);
+    goTo(this.#player, beginOf(event));
+  }
+
+  #showRest(isShown) {
+    this.element.classList.toggle("hands-only", !isShown);
+    this.more.setAttribute("aria-expanded", String(isShown));
+    this.#draw();
   }
 
   /** Flags where findings are worst, on the lane of their motion. */
@@ -142,6 +224,10 @@ export class Timeline {
 
   clear() {
     this.#marks = [];
+    this.#body = this.#planUrl = null;
+    this.know([]);
+    this.tiers.show(null);
+    this.why.textContent = "";
     this.#observer.disconnect();
     this.#data = null;
     this.#lanes.clear();
@@ -173,8 +259,25 @@ export class Timeline {
     return this.#lane({ name }, "", box);
   }
 
+  /** The words with their accents, either of which may not be known. */
+  #spoken({ words, words_origin }, accents) {
+    const lane = this.#tier(words.length ? (WORDS_FROM[words_origin] ?? "Words") : "Accents", words);
+    const marks = accents.map(([at, strength, what]) => {
+      const mark = make("i", { class: "accent", title: `${what}, ${at.toFixed(2)} s, strength ${strength.toFixed(2)}` });
+      mark.style.opacity = String(0.4 + 0.6 * inside(strength));
+      return mark;
+    });
+    lane.querySelector(".plot").append(...marks);
+    this.#accents = accents.map(([at], i) => [at, marks[i]]);
+    return lane;
+  }
+
   #placeTiers() {
+    const [from, to] = this.#view;
+    for (const [at, mark] of this.#accents) mark.style.left = `${100 * this.#share(at)}%`;
+    if (this.phones) this.phones.hidden = this.#plot.clientWidth / (to - from) < PHONES_PX;
     for (const [box, intervals] of this.#tiers) {
+      if (box.parentElement.hidden) continue;
       for (const [i, [start, end]] of intervals.entries()) {
         const { style } = box.children[i];
         style.left = `${100 * this.#share(start)}%`;
@@ -200,6 +303,13 @@ export class Timeline {
     this.#show(moment - share * length, length);
   }
 
+  /** Go on by so many times what is shown. */
+  pan(by) {
+    if (!this.#data) return;
+    const [start, end] = this.#view;
+    this.#show(start + by * (end - start), end - start);
+  }
+
   #show(start, length) {
     const from = Math.max(0, Math.min(start, this.#data.duration_s - length));
     this.#view = [from, from + length];
@@ -216,9 +326,9 @@ export class Timeline {
     if (!this.#data) return;
     const [start, end] = this.#view;
     const sideways = event.shiftKey ? event.deltaY || event.deltaX : event.deltaX;
-    if (event.ctrlKey || event.metaKey) this.zoom(Math.exp(-WHEEL_ZOOM * event.deltaY), this.#secondsAt(event.clientX));
+    if (event.ctrlKey || event.metaKey) this.zoom(Math.exp(-WHEEL_ZOOM * event.deltaY), this.secondsAt(event.clientX));
     else if (!this.#isWhole && Math.abs(sideways) > Math.abs(event.shiftKey ? 0 : event.deltaY)) {
-      this.#show(start + (sideways / this.position.clientWidth) * (end - start), end - start);
+      this.#show(start + (sideways / this.#plot.clientWidth) * (end - start), end - start);
     } else return; // the page scrolls
     event.preventDefault();
   }
@@ -235,8 +345,11 @@ export class Timeline {
   #draw() {
     if (!this.#data || !this.lanes.clientWidth) return;
     this.whole.disabled = this.#isWhole;
+    this.earlier.disabled = this.#view[0] <= 0;
+    this.later.disabled = this.#view[1] >= this.#data.duration_s - 1e-6;
     if (this.#data.peaks.length) drawWave(this.wave, this.#data, (seconds) => this.#share(seconds));
     this.#placeTiers();
+    this.tiers.place((seconds) => this.#share(seconds), this.#view);
     this.#placeMarks();
     const known = this.#rows.map(({ name }) => this.#curveOf(name)).filter(Boolean);
     const highest = known.reduce((most, { values }) => values.reduce((a, b) => Math.max(a, b), most), 0);
@@ -271,6 +384,7 @@ export class Timeline {
     const { seconds, isLost } = this.#now;
     this.cursor.hidden = isLost;
     this.lanes.style.setProperty("--at", String(inside(this.#share(seconds))));
+    this.tiers.at(seconds);
     this.position.setAttribute("aria-valuenow", time.toFixed(2));
     this.position.setAttribute("aria-valuetext", `${time.toFixed(2)} s, frame ${frame}`);
     const { unit, digits } = CURVES[this.#curve];
@@ -298,21 +412,44 @@ export class Timeline {
     this.#player.setLoop(loop);
   }
 
-  #secondsAt(clientX) {
-    const { left, right } = this.lanes.querySelector(".plot").getBoundingClientRect();
+  /** Any lane's box: all are as wide. */
+  get #plot() {
+    return /** @type {HTMLElement} */ (this.lanes.querySelector(".lane:not([hidden]) .plot"));
+  }
+
+  secondsAt(clientX) {
+    const { left, right } = this.#plot.getBoundingClientRect();
     const share = inside((clientX - left) / (right - left));
     const [start, end] = this.#view;
     return start + share * (end - start);
   }
 
   #press(event) {
-    if (event.button !== 0 || !event.target.closest(".plot")) return;
+    if (event.button !== 0 || !event.target.closest(".plot")) return undefined;
     if (event.pointerType === "touch") this.#fingers.set(event.pointerId, event.clientX);
+    const { target, pointerType } = event;
+    if (target.closest(".tier") && pointerType === "touch") return this.#slide(event); // to choose, or to go on
+    if (target.closest("[data-list]")) return undefined; // something to choose
     const seek = ({ clientX }) => {
-      if (this.#fingers.size < 2) this.#player.seek(this.#secondsAt(clientX));
+      if (this.#fingers.size < 2) this.#player.seek(this.secondsAt(clientX));
     };
     seek(event);
     this.#drag(event, seek);
+    return undefined;
+  }
+
+  /** One finger on the tiers moves what is shown of them. */
+  #slide({ clientX: begun }) {
+    const [start, end] = this.#view;
+    const move = ({ clientX }) => {
+      if (this.#fingers.size < 2 && !this.#isWhole) this.#show(start - ((clientX - begun) / this.#plot.clientWidth) * (end - start), end - start);
+    };
+    const stop = () => {
+      this.lanes.removeEventListener("pointermove", move);
+      for (const name of ["pointerup", "pointercancel"]) this.lanes.removeEventListener(name, stop);
+    };
+    this.lanes.addEventListener("pointermove", move);
+    for (const name of ["pointerup", "pointercancel"]) this.lanes.addEventListener(name, stop);
   }
 
   /** Two fingers that move apart or together. */
@@ -322,11 +459,14 @@ export class Timeline {
     const before = spread();
     this.#fingers.set(pointerId, clientX);
     const [first, second] = this.#fingers.values();
-    if (this.#fingers.size === 2) this.zoom(Math.max(spread(), 1) / Math.max(before, 1), this.#secondsAt((first + second) / 2));
+    if (this.#fingers.size === 2) this.zoom(Math.max(spread(), 1) / Math.max(before, 1), this.secondsAt((first + second) / 2));
   }
 
   /** What a key does; true if it does anything. */
   press(event) {
+    const page = { "[": -PAGE, "]": PAGE }[event.key];
+    if (page && this.#data && !this.#isWhole) this.pan(page);
+    if (page) return true;
     const factor = { "+": ZOOM, "=": ZOOM, "-": 1 / ZOOM, 0: 0 }[event.key];
     if (factor === undefined || event.ctrlKey || event.metaKey || event.altKey || !this.#data) return false;
     this.zoom(factor);

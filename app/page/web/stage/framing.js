@@ -145,6 +145,73 @@ export class Framing {
   }
 }
 
+export const GLIDE_MS = 700;
+
+/** Goes over from one framing of growing motions to the next, so that no camera jumps. */
+export class Reframing {
+  #before;
+  #after;
+  #begun = performance.now();
+
+  /**
+   * @param {Framing | Reframing} before
+   * @param {Framing} after
+   */
+  constructor(before, after) {
+    this.#before = before.isFollowing === after.isFollowing ? before : null;
+    this.#after = after;
+  }
+
+  get isFollowing() {
+    return this.#after.isFollowing;
+  }
+
+  get floor() {
+    return this.#mix(({ floor }) => floor);
+  }
+
+  get centre() {
+    return [0, 1].map((k) => this.#mix(({ centre }) => centre[k]));
+  }
+
+  get halfSize() {
+    return this.#mix(({ halfSize }) => halfSize);
+  }
+
+  track(body, closeUp = null) {
+    return this.#after.track(body, closeUp);
+  }
+
+  body(...asked) {
+    return this.#between((framing) => framing.body(...asked));
+  }
+
+  closeUp(...asked) {
+    return this.#between((framing) => framing.closeUp(...asked));
+  }
+
+  #between(of) {
+    const after = of(this.#after);
+    const left = this.#left;
+    if (!left) return after;
+    const before = of(this.#before).eye;
+    return { axes: after.axes, eye: after.eye.map((part, k) => part + left * (before[k] - part)) };
+  }
+
+  #mix(of) {
+    const after = of(this.#after);
+    const left = this.#left;
+    return left ? after + left * (of(this.#before) - after) : after;
+  }
+
+  /** Of the way from before, 1 to 0. */
+  get #left() {
+    const left = 1 - Math.min(1, (performance.now() - this.#begun) / GLIDE_MS);
+    if (!left) this.#before = null;
+    return this.#before ? left * left * (3 - 2 * left) : 0;
+  }
+}
+
 /** A camera's matrix, 4 x 4 row by row, from world to clip coordinates, and where it stands. */
 export function lens({ axes, eye }, aspect, { yfov, near }) {
   const tangent = Math.tan(yfov / 2);

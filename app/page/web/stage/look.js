@@ -37,6 +37,11 @@ export class Look extends EventTarget {
     this.dispatchEvent(new Event("change"));
   }
 
+  /** All of it, by name. */
+  get values() {
+    return { ...this.#values };
+  }
+
   reset() {
     this.#values = { ...USUAL };
     this.dispatchEvent(new Event("change"));

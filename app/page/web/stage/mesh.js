@@ -6,13 +6,6 @@
 import { fetched, readGlb } from "../body/glb.js";
 
 const BODY_URL = "live/body.glb";
-/**
- * Cells within which a coarser mesh has one vertex, metres: of hands, of the head, of the rest.
- *
- * @type {([number, number, number] | null)[]}
- */
-export const CELLS = [null, [0.005, 0.009, 0.016], [0.009, 0.014, 0.032], [0.03, 0.05, 0.07]];
-
 let fetching = null;
 
 /** The page's one body; a later call asks again where an earlier one failed. */
@@ -33,11 +26,12 @@ export class Mesh {
   joints; // (V, 4), the strongest first
   weights; // 16 bit, (V, 4)
   faces; // (F, 3)
+  #levels; // faces of each, the whole mesh first
   targets; // of the face: each { name, indices, values }
   parents; // of the joints
   offsets; // (J, 3) to their parents
   names; // of the joints
-  #coarser = new Map();
+  #sets = new Map();
   #parts = new Map();
 
   constructor({ document, array }) {
@@ -48,6 +42,7 @@ export class Mesh {
     this.joints = array(attributes.JOINTS_0);
     this.weights = array(attributes.WEIGHTS_0);
     this.faces = sorted(array(indices));
+    this.#levels = [this.faces, ...document.meshes.slice(1).map(({ primitives }) => sorted(array(primitives[0].indices)))];
     const named = document.meshes[0].extras?.targetNames ?? [];
     this.targets = targets.map(({ POSITION }, i) => ({ name: named[i], ...array(POSITION) }));
     const { joints } = document.skins[0];
@@ -87,8 +82,8 @@ export class Mesh {
    * `vertices` that it has, in their order, and `own`, the faces among these.
    */
   level(level) {
-    if (!this.#coarser.has(level)) this.#coarser.set(level, this.#set(level ? this.#coarse(this.level(level - 1).faces, CELLS[level]) : this.faces));
-    return this.#coarser.get(level);
+    if (!this.#sets.has(level)) this.#sets.set(level, this.#set(this.#levels[Math.min(level, this.#levels.length - 1)]));
+    return this.#sets.get(level);
   }
 
   /** The part of a level that follows some of the joints alone; its `own` are among the level's. */
@@ -117,29 +112,6 @@ export class Mesh {
       if ([0, 1, 2].every((k) => isDrawn.has(this.joints[4 * faces[i + k]]))) kept.push(i);
     }
     return kept;
-  }
-
-  /** One vertex stands for all of its colour, its joint and its cell. */
-  #coarse(faces, [hand, head, rest]) {
-    const sizes = this.names.map((name) => {
-      if (/wrist|index|middle|ring|pinky|thumb/.test(name)) return hand;
-      return /head|jaw|eye/.test(name) ? head : rest;
-    });
-    const first = new Map();
-    const stands = new Map();
-    for (const v of new Set(faces)) {
-      const joint = this.joints[4 * v];
-      const cell = [0, 1, 2].map((k) => Math.round(this.positions[3 * v + k] / sizes[joint]));
-      const key = `${cell} ${joint} ${this.colors[4 * v]} ${this.colors[4 * v + 1]}`;
-      if (!first.has(key)) first.set(key, v);
-      stands.set(v, first.get(key));
-    }
-    const kept = [];
-    for (let i = 0; i < faces.length; i += 3) {
-      const [a, b, c] = [0, 1, 2].map((k) => stands.get(faces[i + k]));
-      if (a !== b && b !== c && c !== a) kept.push(a, b, c);
-    }
-    return sorted(new faces.constructor(kept));
   }
 }
 

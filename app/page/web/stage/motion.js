@@ -1,7 +1,8 @@
-/** Motion as it travels to the browser: "Live frames" of docs/formats.md, all of a clip in one. */
+/** Motion as it travels to the browser: "Live frames" of docs/formats.md, one message after the other. */
 
 export const NUM_JOINTS = 55;
 const HEADER_BYTES = 20;
+const DAMAGED = "The motion that came is damaged.";
 
 /** What a skeleton does over time. Rotations are quaternions (x, y, z, w) of joints to parents. */
 export class Motion {
@@ -15,18 +16,96 @@ export class Motion {
   }
 }
 
-/** Reads the bytes; throws where they are no motion. */
-export function unpacked(bytes) {
-  const header = new DataView(bytes, 0, HEADER_BYTES);
-  const [count, numFaces] = [header.getUint16(4, true), header.getUint16(6, true)];
-  const size = HEADER_BYTES + count * (12 + 8 * NUM_JOINTS + numFaces);
-  if (!count || bytes.byteLength !== size) throw new Error("The motion that came is damaged.");
-  const positions = new Float32Array(bytes.slice(HEADER_BYTES, HEADER_BYTES + 12 * count));
-  const from = HEADER_BYTES + 12 * count;
-  const levels = new Int16Array(bytes.slice(from, from + 8 * NUM_JOINTS * count));
-  const rotations = Float32Array.from(levels, (level) => level / 32767);
-  const faces = new Uint8Array(bytes, from + 8 * NUM_JOINTS * count);
-  return new Motion(positions, smoothSigns(rotations), faces, numFaces);
+/**
+ * Reads messages that follow each other; throws where they are no motion.
+ *
+ * @param {ArrayBuffer} bytes
+ * @param {number} first Number of the frame that they must begin with.
+ */
+export function unpacked(bytes, first = 0) {
+  const parts = [];
+  let [frame, numFaces] = [first, 0];
+  for (let at = 0; at < bytes.byteLength || !parts.length; ) {
+    if (bytes.byteLength - at < HEADER_BYTES) throw new Error(DAMAGED);
+    const header = new DataView(bytes, at, HEADER_BYTES);
+    const count = header.getUint16(4, true);
+    const size = HEADER_BYTES + count * (12 + 8 * NUM_JOINTS + header.getUint16(6, true));
+    const isOther = parts.length > 0 && numFaces !== header.getUint16(6, true);
+    if (!count || isOther || header.getUint32(0, true) !== frame || at + size > bytes.byteLength) throw new Error(DAMAGED);
+    numFaces = header.getUint16(6, true);
+    parts.push(message(bytes, at + HEADER_BYTES, count, numFaces));
+    frame += count;
+    at += size;
+  }
+  return joined(parts);
+}
+
+/** What one message holds after its header. */
+function message(bytes, at, count, numFaces) {
+  const turnsAt = at + 12 * count;
+  const facesAt = turnsAt + 8 * NUM_JOINTS * count;
+  const positions = new Float32Array(bytes.slice(at, turnsAt));
+  const rotations = Float32Array.from(new Int16Array(bytes.slice(turnsAt, facesAt)), (level) => level / 32767);
+  return new Motion(positions, rotations, new Uint8Array(bytes.slice(facesAt, facesAt + numFaces * count)), numFaces);
+}
+
+/** One motion of such as follow each other, the same to the bit as if all had come at once. */
+export function joined(parts) {
+  const all = (Kind, name) => {
+    const whole = new Kind(parts.reduce((sum, part) => sum + part[name].length, 0));
+    let at = 0;
+    for (const part of parts) {
+      whole.set(part[name], at);
+      at += part[name].length;
+    }
+    return whole;
+  };
+  return new Motion(all(Float32Array, "positions"), smoothSigns(all(Float32Array, "rotations")), all(Uint8Array, "faces"), parts[0].numFaces);
+}
+
+/**
+ * A motion laid onto others: turned about the world's vertical, then shifted.
+ *
+ * @param {Motion} motion
+ * @param {number[]} place The turn (radians), then the shift (metres).
+ * @param {ArrayLike<number>} rest Where the root is at rest.
+ */
+export function placed(motion, [turn, ...shift], rest) {
+  const positions = new Float32Array(motion.positions.length);
+  const rotations = Float32Array.from(motion.rotations);
+  const [sin, cos] = [Math.sin(turn), Math.cos(turn)];
+  const [y, w] = [Math.sin(turn / 2), Math.cos(turn / 2)];
+  for (let frame = 0; frame < motion.length; frame++) {
+    const at = 3 * frame;
+    const [x, z] = [motion.positions[at] + rest[0], motion.positions[at + 2] + rest[2]];
+    positions[at] = cos * x + sin * z - rest[0] + shift[0];
+    positions[at + 1] = motion.positions[at + 1] + shift[1];
+    positions[at + 2] = cos * z - sin * x - rest[2] + shift[2];
+    const from = 4 * NUM_JOINTS * frame;
+    const [a, b, c, d] = motion.rotations.subarray(from, from + 4);
+    rotations.set([w * a + y * c, w * b + y * d, w * c - y * a, w * d - y * b], from);
+  }
+  return new Motion(positions, rotations, motion.faces, motion.numFaces);
+}
+
+/**
+ * Matrices of a body laid by `to`, taken back towards where `from` laid it by a share; in place.
+ *
+ * @param {Float32Array} world 3 x 4, row by row, one joint after the other.
+ * @param {number[]} from As `placed` takes it.
+ * @param {number[]} to
+ * @param {number} share
+ */
+export function partlyBack(world, from, to, share) {
+  const turn = from[0] - to[0];
+  const [sin, cos] = [Math.sin(turn), Math.cos(turn)];
+  const shift = [from[1] - (cos * to[1] + sin * to[3]), from[2] - to[2], from[3] - (cos * to[3] - sin * to[1])];
+  const [s, c] = [Math.sin(share * turn), Math.cos(share * turn)];
+  for (let at = 0; at < world.length; at += 12) {
+    for (let k = at; k < at + 4; k++) [world[k], world[k + 8]] = [c * world[k] + s * world[k + 8], c * world[k + 8] - s * world[k]];
+    for (let row = 0; row < 3; row++) world[at + 4 * row + 3] += share * shift[row];
+  }
+  return world;
 }
 
 /** Neighbouring frames get the same sign, so that a mean of them goes the short way; in place. */

@@ -1,15 +1,19 @@
 /** How coarsely to draw so that pictures come fast enough, found out by drawing. */
 
-/** From fine to coarse: `mesh` and that of the `shadow` as of Mesh.level, canvas pixels for each of the page's. */
+/**
+ * From fine to coarse: meshes as of Mesh.level, of bodies, their close-ups and shadows; canvas
+ * pixels for each of the page's; and whether those of a dense screen are drawn.
+ */
 const LEVELS = [
-  { mesh: 0, shadow: 1, pixels: 1, isDense: true },
-  { mesh: 1, shadow: 2, pixels: 1, isDense: false },
-  { mesh: 2, shadow: 3, pixels: 1, isDense: false },
-  { mesh: 2, shadow: 3, pixels: 0.8, isDense: false },
-  { mesh: 2, shadow: 3, pixels: 0.6, isDense: false },
+  { mesh: 0, close: 0, shadow: 2, pixels: 1, isDense: true },
+  { mesh: 1, close: 1, shadow: 4, pixels: 1, isDense: false },
+  { mesh: 2, close: 2, shadow: 4, pixels: 1, isDense: false },
+  { mesh: 3, close: 2, shadow: 4, pixels: 1, isDense: false },
+  { mesh: 3, close: 3, shadow: 4, pixels: 0.8, isDense: false },
+  { mesh: 3, close: 3, shadow: 4, pixels: 0.6, isDense: false },
 ];
-const SLOW_START = 2;
-const SLOW_FULL = { mesh: 0, shadow: 2, pixels: 1.5, isDense: false }; // of a picture that stands: no edge is smoothed otherwise
+const SLOW_START = 3;
+const SLOW_FULL = { mesh: 0, close: 0, shadow: 2, pixels: 1.5, isDense: false }; // of a picture that stands: no edge is smoothed otherwise
 const GPU_MS = [8, 22]; // finer below, coarser above
 const SLOW_MS = [28, 60];
 const PATIENCE = 6; // pictures in a row
@@ -19,6 +23,7 @@ export class Pace {
   #isSlow;
   #run = 0; // pictures in a row that were too slow (above 0) or fast enough for more
   #times = [];
+  #isHeld = false;
 
   constructor(isSlow) {
     this.#isSlow = isSlow;
@@ -27,6 +32,12 @@ export class Pace {
 
   get level() {
     return LEVELS[this.#at];
+  }
+
+  /** Draw as coarsely as a level says, 0 being the finest, however long it takes; null finds out again. */
+  hold(level) {
+    this.#isHeld = level !== null;
+    if (this.#isHeld) this.#at = level;
   }
 
   /** Of a picture that stands. */
@@ -48,6 +59,7 @@ export class Pace {
   took(milliseconds, now) {
     if (this.#times.length && now - this.#times.at(-1) > 1000) this.#times = [];
     this.#times = [...this.#times.slice(-29), now];
+    if (this.#isHeld) return;
     const [fine, coarse] = this.#isSlow ? SLOW_MS : GPU_MS;
     const way = milliseconds > coarse ? 1 : milliseconds < fine ? -1 : 0;
     this.#run = way && Math.sign(this.#run) === way ? this.#run + way : way;

@@ -9,11 +9,14 @@ import { isSoftware } from "../body/gl.js";
 import { ORBIT_HELP, Orbit } from "../body/orbit.js";
 import { icon, make, nameOf } from "../dom.js";
 import { currentFilter, followFilter } from "../filter_switch.js";
+import { Arrival } from "./arrival.js";
 import { Shown } from "./displays.js";
+import { filesOf } from "./files.js";
+import { Difference } from "./difference.js";
 import { derivative } from "./filters.js";
-import { Framing, lens, projected } from "./framing.js";
+import { Framing, GLIDE_MS, lens, projected, Reframing } from "./framing.js";
 import { theBody } from "./mesh.js";
-import { NUM_JOINTS, unpacked } from "./motion.js";
+import { NUM_JOINTS, partlyBack, placed } from "./motion.js";
 import { cells, grid, pairPanels, panels } from "./packing.js";
 import { Painter } from "./painter.js";
 import { Pace } from "./pace.js";
@@ -24,11 +27,13 @@ const FLICKER_MS = 500; // one change in half a second: far below what can do ha
 const REST_MS = 180; // after which a picture that stands is drawn in full
 const NARROW_PX = 560; // here one body at a time
 const BESIDE_PX = 285; // of a window's height, for what must be seen with the stage
-const HEIGHTS_PX = [400, 760];
+const HEIGHTS_PX = [330, 760];
 const OPENING_PX = 330; // the least of an example
 const UNDER_PX = 12; // of the window, free under an example
 const SWIPE_PX = 40;
+const CLICK_PX = 5; // of a pointer that turned nothing
 const TAG_PX = 34; // of a body's name, above its picture
+const SOON_FRAMES = 60; // that are shown next
 const VIEW = "front";
 const BACKGROUND = [0.894, 0.902, 0.918]; // until the facts have come
 
@@ -54,14 +59,18 @@ export class Stage {
   #look;
   #onChange;
   #rows = new Map(); // name -> { row, shown, cell, tips }
+  #known = new Map(); // the same of all rows of the run, those among them that are not seen now
   #gl;
   #canvas;
   #labels = make("div", { class: "stage-labels" });
   #said = make("p", { class: "said", role: "status", hidden: true });
+  #waiting = make("p", { class: "said", role: "status", hidden: true }, "Waiting for the next window of motion.");
   #notice = make("p", { class: "stage-notice", hidden: true });
   #legend = make("p", { class: "stage-legend", hidden: true });
   #caption = make("p", { class: "stage-caption", hidden: true });
   #ghostLegend = make("p", { class: "ghost-legend", role: "note", hidden: true });
+  #apart = make("ul", { class: "apart", hidden: true, "aria-label": "By how much the two differ" });
+  #difference = null; // of the two that lie over each other
   #handle;
   #mesh = null;
   /** @type {import("../told").Facts} */
@@ -74,7 +83,7 @@ export class Stage {
   #fence = null;
   #begun = 0;
   #drawn = 0; // pictures
-  #observer = new ResizeObserver(() => this.#fit());
+  #observer = new ResizeObserver(() => this.fit());
   #unfollow;
   #letGo;
   #flicker = null;
@@ -84,6 +93,8 @@ export class Stage {
   #at = 0; // the body that a narrow screen shows
   #words = [];
   #isDisposed = false;
+  #isRunning = false;
+  #glidesUntil = 0; // cameras and bodies, to where they belong now
   orbit = new Orbit();
   mode = "grid";
   pair = [null, null];
@@ -111,8 +122,8 @@ export class Stage {
       onkeydown: (event) => this.#keyWipe(event),
     });
     this.back = make("button", { type: "button", class: "stage-back", hidden: true, onclick: () => this.orbit.reset() }, "Back to the front");
-    this.view = make("div", { class: "stage-view" }, this.#canvas, this.#labels, this.#handle, this.#notice, this.#caption, this.back, this.#said);
-    this.element = make("div", { class: "stage" }, this.view, this.#legend, this.#ghostLegend);
+    this.view = make("div", { class: "stage-view" }, this.#canvas, this.#labels, this.#handle, this.#notice, this.#caption, this.back, this.#said, this.#waiting);
+    this.element = make("div", { class: "stage" }, this.view, this.#legend, this.#ghostLegend, this.#apart);
     this.#letGo = this.orbit.hold(this.#canvas, (event) => event.pointerType === "touch" && this.#isNarrow);
     this.orbit.addEventListener("change", () => {
       this.back.hidden = !this.orbit.isMoved;
@@ -120,14 +131,16 @@ export class Stage {
     });
     look.addEventListener("change", () => this.#lookChanged());
     player.addEventListener("time", () => this.#ask());
+    player.addEventListener("state", () => this.#showWaiting());
     this.#unfollow = followFilter(() => this.#ask());
     this.#canvas.addEventListener("pointerdown", (event) => this.#beginSwipe(event));
+    this.#canvas.addEventListener("pointerdown", (event) => this.#beginClick(event));
     this.#canvas.addEventListener("dblclick", (event) => this.#enlargeAt(event));
     this.#observer.observe(this.view);
     window.addEventListener("resize", this.#onResize);
   }
 
-  #onResize = () => this.#fit();
+  #onResize = () => this.fit();
 
   // -------------------------------------------------------------- what there is
 
@@ -137,6 +150,12 @@ export class Stage {
 
   labelOf(name) {
     return this.#rows.get(name)?.row.label ?? name;
+  }
+
+  /** Whether all of a body's motion has come. */
+  isWhole(name) {
+    const { shown, row } = this.#rows.get(name) ?? {};
+    return !!shown && shown.length === row.there.num_frames;
   }
 
   /** Drawn so far. */
@@ -150,22 +169,53 @@ export class Stage {
   }
 
   /**
-   * Make or complete the bodies of `rows`; those whose motion is not there yet are named as coming.
+   * Make or complete the bodies of `rows`, and no others; those whose motion is not there yet are
+   * named as coming.
    *
    * @param {import("../told").Row[]} rows
+   * @param {boolean} isRunning Whether more of them is being made.
    */
-  show(rows) {
+  show(rows, isRunning = false) {
     for (const row of rows) {
-      const known = this.#rows.get(row.name);
+      const known = this.#known.get(row.name);
       if (known) known.row = row;
-      else this.#rows.set(row.name, { row, shown: null, tips: new Map(), isAsked: false });
+      else this.#known.set(row.name, { row, shown: null, place: null, moved: null, tips: new Map(), arrival: null, isFollowed: false });
     }
+    const isOther = rows.length !== this.#rows.size || this.names.some((name, i) => rows[i].name !== name);
+    if (isOther) this.#replace(rows.map(({ name }) => name));
     for (const entry of this.#rows.values()) {
-      if (!entry.row.frames || entry.isAsked) continue;
-      entry.isAsked = true;
-      this.#load(entry).catch((error) => this.#say(error.message));
+      if (!entry.row.frames) continue;
+      entry.arrival ??= new Arrival(entry.row.frames);
+      this.#follow(entry);
     }
-    this.#fit();
+    this.#isRunning = isRunning;
+    this.#tellLimit();
+    this.fit();
+  }
+
+  /** Have these rows on the stage in place of those that are there. */
+  #replace(names) {
+    const hadBodies = this.hasBodies;
+    const isNew = names.findIndex((name) => !this.#rows.has(name));
+    if (hadBodies) this.#at = isNew < 0 ? Math.min(this.#at, names.length - 1) : isNew; // of a narrow screen
+    this.#rows = new Map(names.map((name) => [name, this.#known.get(name)]));
+    if (!this.pair.every((name) => name === null || this.#rows.has(name))) {
+      this.pair = [null, null];
+      this.setMode("grid");
+    }
+    if (!this.#rows.has(this.#large)) this.#large = null;
+    if (!hadBodies || !this.hasBodies) return;
+    this.#frame(true);
+    this.fit();
+  }
+
+  /** Cameras for the bodies there are. */
+  #frame(isGliding) {
+    const framing = new Framing(this.#mesh, this.#facts, this.#present.map(({ shown }) => shown.version(false).places));
+    this.#framing = this.#framing && isGliding ? new Reframing(this.#framing, framing) : framing;
+    if (isGliding) this.#glidesUntil = performance.now() + GLIDE_MS;
+    this.#painter.setBodies(this.#present.length);
+    this.element.dataset.bodies = String(this.#present.length);
   }
 
   /** Words of the speech, [start, end, text] in seconds, as captions. */
@@ -174,21 +224,81 @@ export class Stage {
     this.#ask();
   }
 
+  /** What is in the picture and where, as a video of it is asked for; pixels are those of the page. */
+  get picture() {
+    const present = this.#present;
+    const [width, height] = this.#size;
+    const told = ({ view, rect }) => ({ view, rect });
+    const isPair = this.mode !== "grid";
+    const seen = (isPair ? this.pair.map((name) => this.#rows.get(name)) : this.#seen).filter((entry) => entry?.shown);
+    const [, , wide, tall] = isPair ? [0, 0, width, height] : this.#cells[0].cell;
+    const size = [wide, isPair ? tall : tall - TAG_PX];
+    const pictures = () => {
+      if (!isPair) return [panels([0, 0, size[0], size[1]], this.closeUp, this.#facts.close_ups)];
+      const { body, sides } = pairPanels([0, 0, width, height], this.closeUp, this.#facts.close_ups);
+      return sides.map((side) => [{ view: null, rect: body.rect }, ...side]);
+    };
+    return {
+      bodies: present.map(({ row }) => ({ label: row.label ?? row.name, motion: row.motion ?? "" })),
+      shown: seen.map((entry) => present.indexOf(entry)),
+      columns: grid(this.#seen.length, width, height).columns,
+      mode: this.mode,
+      wipe: this.#wipe,
+      isSmoothed: this.#motionLook.isSmoothed,
+      size,
+      panels: this.#facts ? pictures().map((picture) => picture.map(told)) : [],
+    };
+  }
+
   setLayout() {} // cells follow from the room there is
 
-  async #load(entry) {
-    const [mesh, told, bytes] = await Promise.all([theBody(), theFacts(), framesOf(entry.row.frames)]);
-    if (this.#isDisposed || this.#rows.get(entry.row.name) !== entry) return; // another run is shown
+  /** Take in what has come of a motion, again and again until no more is there. */
+  async #follow(entry) {
+    if (entry.isFollowed) return;
+    entry.isFollowed = true;
+    try {
+      const [mesh, told] = await Promise.all([theBody(), theFacts()]);
+      for (let there = null; this.#rows.get(entry.row.name) === entry && there !== entry.row.there; ) {
+        ({ there } = entry.row);
+        const motion = await entry.arrival.next(there, this.#player.frame + SOON_FRAMES);
+        if (this.#isDisposed || this.#rows.get(entry.row.name) !== entry) return; // another run is shown
+        if (motion) this.#take(entry, motion, there, mesh, told);
+      }
+      this.#say("");
+    } catch (error) {
+      this.#say(error.message);
+    } finally {
+      entry.isFollowed = false;
+      this.#tellLimit();
+    }
+  }
+
+  #take(entry, motion, there, mesh, told) {
     this.#mesh = mesh;
     this.#facts = told;
     this.#painter ??= new Painter(this.#gl, mesh, told, this.#pace.isSlow);
-    entry.shown = new Shown(unpacked(bytes), mesh, told.exaggeration.max_turn);
-    this.#framing = new Framing(mesh, told, this.#present.map(({ shown }) => shown.version(false).places));
-    this.#painter.setBodies(this.#present.length);
-    this.#say("");
-    this.#fit();
-    this.element.dataset.bodies = this.#present.length;
-    performance.mark("stage-body");
+    const isFirst = !entry.shown;
+    const isMoved = entry.place && String(entry.place) !== String(there.place);
+    entry.moved = isMoved ? { from: entry.place, to: there.place, at: performance.now() } : null;
+    entry.place = there.place;
+    entry.shown = new Shown(placed(motion, there.place, mesh.rest.subarray(0, 3)), mesh, told.exaggeration.max_turn);
+    entry.tips.clear();
+    this.#frame(!isFirst || this.#coming.length > 0);
+    this.fit();
+    if (isFirst) performance.mark("stage-body");
+    this.#tellLimit();
+  }
+
+  /** Those of which more is to come. */
+  get #coming() {
+    return [...this.#rows.values()].filter(({ row, shown }) => shown && shown.length < row.there.num_frames);
+  }
+
+  /** The sound waits for bodies that are still being made, and for the first to come from the server. */
+  #tellLimit() {
+    const coming = this.#coming;
+    const isAwaited = !this.hasBodies && (this.#isRunning || [...this.#rows.values()].some(({ isFollowed }) => isFollowed));
+    this.#player.setLimit(isAwaited ? 0 : coming.length ? Math.min(...coming.map(({ shown }) => shown.length)) : null);
   }
 
   /** Those with a motion, in their order. */
@@ -202,7 +312,9 @@ export class Stage {
 
   clear() {
     this.setMode("grid");
+    this.#difference = null;
     this.#rows.clear();
+    this.#known.clear();
     this.#framing = null;
     this.#large = null;
     this.#at = 0;
@@ -234,7 +346,7 @@ export class Stage {
 
   setCloseUp(name) {
     this.closeUp = name;
-    this.#fit();
+    this.fit();
     this.#onChange();
   }
 
@@ -252,7 +364,7 @@ export class Stage {
       this.pair = [this.pair[0] ?? first, this.pair[1] ?? second];
     }
     if (mode === "flicker") this.#flicker = setInterval(() => this.swap(), FLICKER_MS);
-    this.#fit();
+    this.fit();
     this.#onChange();
   }
 
@@ -270,7 +382,7 @@ export class Stage {
     const other = 1 - index;
     if (this.pair[other] === name) this.pair[other] = this.pair[index];
     this.pair[index] = name;
-    this.#fit();
+    this.fit();
     this.#onChange();
   }
 
@@ -284,7 +396,7 @@ export class Stage {
   enlarge(name) {
     if (this.mode !== "grid") this.setMode("grid");
     this.#large = this.#large === name ? null : name;
-    this.#fit();
+    this.fit();
     this.#onChange();
   }
 
@@ -293,11 +405,32 @@ export class Stage {
     if (name) this.enlarge(name);
   }
 
-  #enlargeAt({ offsetX, offsetY }) {
+  #enlargeAt(event) {
+    const name = this.#nameAt(event);
+    if (name && this.mode === "grid" && this.#rows.size > 1) this.enlarge(name);
+  }
+
+  /** Whose picture is there. */
+  #nameAt({ offsetX, offsetY }) {
     const [x, y] = [offsetX / this.view.clientWidth, offsetY / this.view.clientHeight];
     const [width, height] = this.#size;
     const found = this.#cells.find(({ cell: [left, top, w, h] }) => x * width >= left && x * width < left + w && y * height >= top && y * height < top + h);
-    if (found && this.mode === "grid" && this.#rows.size > 1) this.enlarge(found.entry.row.name);
+    return found?.entry.row.name ?? null;
+  }
+
+  /** Tell whose body somebody has clicked, unless they turned the camera. */
+  #beginClick({ clientX: x, clientY: y }) {
+    const end = (event) => {
+      const isClick = Math.hypot(event.clientX - x, event.clientY - y) < CLICK_PX;
+      const name = isClick && this.mode === "grid" ? this.#nameAt(event) : null;
+      if (name) this.#tellBody(name);
+    };
+    this.#canvas.addEventListener("click", end, { once: true });
+  }
+
+  /** Which body somebody is looking at, as an event `body` of the element. */
+  #tellBody(name) {
+    this.element.dispatchEvent(new CustomEvent("body", { detail: name }));
   }
 
   // -------------------------------------------------------------- room
@@ -327,14 +460,18 @@ export class Stage {
     return cells(seen.length, width, height, columns).map((cell, i) => ({ cell, entry: seen[i] }));
   }
 
-  #fit() {
+  /** As high as the window allows. An example is seen as the page opens; so is the time line with
+   * a run whose form makes room, and else a run may be scrolled to. */
+  fit() {
     const width = this.view.clientWidth;
     if (!width || !this.#rows.size) return;
-    // An example is seen as the page opens; a run may be scrolled to.
     const isOpening = !!this.element.closest(".opening");
-    const above = isOpening ? this.view.getBoundingClientRect().top + window.scrollY + UNDER_PX : 0;
+    const timeline = this.#isNarrow ? null : this.element.closest(".columns.folded")?.querySelector(".timeline");
+    const { top, bottom } = this.view.getBoundingClientRect();
+    const above = top + window.scrollY + UNDER_PX;
     const [least, most] = HEIGHTS_PX;
-    const tall = Math.max(isOpening ? OPENING_PX : least, Math.min(most, window.innerHeight - Math.max(BESIDE_PX, above)));
+    const beside = isOpening ? above : timeline ? above + timeline.getBoundingClientRect().bottom - bottom : 0;
+    const tall = Math.max(isOpening ? OPENING_PX : least, Math.min(most, window.innerHeight - Math.max(BESIDE_PX, beside)));
     const rows = this.mode === "grid" ? grid(this.#seen.length, width, tall).rows : 1;
     const height = Math.max(tall, Math.min(rows * 300, window.innerHeight - 140));
     this.view.style.height = `${Math.round(height)}px`;
@@ -361,10 +498,7 @@ export class Stage {
 
   #tag({ row, shown }, wide) {
     const swatch = make("i", { class: row.dashes?.length ? "dashed" : "solid", "aria-hidden": "true" });
-    const download = (url, name, kind) => make("a", { href: url, download: name, title: `Save the ${kind} of ${row.label ?? row.name}`, "aria-label": `Save the ${kind} of ${row.label ?? row.name}` }, kind === "video" ? icon("save") : "npz");
-    const tools = make("span", { class: "tools" });
-    if (row.motion) tools.append(download(row.motion, `${row.stem}.npz`, "motion"));
-    if (row.video) tools.append(download(row.video, `${row.stem}.mp4`, "video"));
+    const tools = make("span", { class: "tools" }, filesOf(row) ?? "");
     if (this.#rows.size > 1) {
       const isLarge = this.#large === row.name;
       const label = isLarge ? "Show all again" : `Enlarge ${row.label ?? row.name}`;
@@ -440,7 +574,8 @@ export class Stage {
   }
 
   #drawFully() {
-    if (this.#player.isPlaying || !this.view.clientWidth || !this.#framing || this.#gl.isContextLost()) return;
+    const isMoving = this.#player.isPlaying && !this.#player.isWaiting;
+    if (isMoving || !this.view.clientWidth || !this.#framing || this.#gl.isContextLost()) return;
     this.#draw(null, this.#pace.fullLevel);
   }
 
@@ -470,9 +605,20 @@ export class Stage {
     if (this.mode === "grid") this.#drawGrid(moment, level, size);
     else this.#drawPair(moment, level, size);
     this.#showCaption();
+    this.#showApart(moment);
     gl.deleteSync(this.#fence);
     this.#fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
+    if (performance.now() < this.#glidesUntil) this.#ask();
+  }
+
+  /** What is waited for; all that has come is taken in. */
+  #showWaiting() {
+    const isWaiting = this.#player.isWaiting && this.hasBodies;
+    this.#waiting.hidden = !isWaiting;
+    if (!isWaiting) return;
+    for (const entry of this.#coming) this.#follow(entry);
+    this.#ask();
   }
 
   /** In frames: between two while it plays, exactly one while it stands. */
@@ -486,19 +632,20 @@ export class Stage {
   }
 
   /** Move what is seen; where the processor draws, faces at every second picture. */
-  #pose(moment, { mesh, shadow }) {
+  #pose(moment, { mesh, close, shadow }) {
     const look = this.#motionLook;
+    const levels = new Set(this.closeUp === "off" ? [mesh, shadow] : [mesh, close, shadow]);
     const seen = new Set(this.mode === "grid" ? this.#seen : this.pair.map((name) => this.#rows.get(name)));
     for (const [number, entry] of this.#present.entries()) {
       entry.number = number;
       if (!seen.has(entry)) continue;
-      const world = entry.shown.world(moment, look);
+      const world = settled(entry, entry.shown.world(moment, look));
       entry.pelvis = [world[3], world[7], world[11]];
       const frame = Math.min(Math.floor(moment), entry.shown.length - 1);
       const jerk = this.#look.get("hasHeat") ? entry.shown.jerk(look.isSmoothed).subarray(NUM_JOINTS * frame, NUM_JOINTS * (frame + 1)) : null;
       const isFaceDue = !this.#player.isPlaying || !this.#pace.isSlow || (this.#drawn + number) % 2 === 0;
       const faces = isFaceDue ? entry.shown.faces(moment) : null;
-      this.#painter.pose(number, world, jerk, faces, [mesh, shadow]);
+      this.#painter.pose(number, world, jerk, faces, levels);
     }
     this.#painter.upload();
   }
@@ -537,6 +684,26 @@ export class Stage {
     this.#handle.setAttribute("aria-valuenow", String(Math.round(100 * this.#wipe)));
   }
 
+  /** By how many degrees the two differ, in each part of the body. */
+  #showApart(moment) {
+    const [first, second] = this.mode === "grid" ? [] : this.pair.map((name) => this.#rows.get(name));
+    this.#apart.hidden = !first?.shown || !second?.shown;
+    if (this.#apart.hidden) return;
+    const { isSmoothed } = this.#motionLook;
+    const [one, other] = [first, second].map(({ shown }) => shown.version(isSmoothed).motion);
+    if (this.#difference?.one !== one || this.#difference.other !== other) {
+      this.#difference = { one, other, told: new Difference(one, other, this.#mesh.names) };
+    }
+    const parts = this.#difference.told.at(moment);
+    while (this.#apart.children.length < parts.length) this.#apart.append(make("li", {}, make("span", {}), " ", make("b", {}), " ", make("small", {})));
+    for (const [i, { part, mean, now }] of parts.entries()) {
+      const [name, all, at] = this.#apart.children[i].children;
+      name.textContent = part;
+      all.textContent = `${round(mean)}°`;
+      at.textContent = `now ${round(now)}°`;
+    }
+  }
+
   #castShadow({ number }, { shadow }) {
     this.#painter.castShadow(number, shadow, this.#framing);
   }
@@ -551,9 +718,10 @@ export class Stage {
     const aspect = panel.rect[2] / panel.rect[3];
     const camera = this.#cameraOf(panel, like, moment, aspect);
     const matrix = lens(camera, aspect, this.#facts.camera);
-    const part = panel.view ? this.#mesh.part(level.mesh, panel.drawn) : this.#mesh.level(level.mesh);
+    const mesh = panel.view ? level.close : level.mesh;
+    const part = panel.view ? this.#mesh.part(mesh, panel.drawn) : this.#mesh.level(mesh);
     const heat = this.#look.get("hasHeat") ? this.#look.get("heatScale") : 0;
-    this.#painter.panel(panel.rect, { matrix, eye: camera.eye, number: entry.number, level: level.mesh, part, ground: this.#framing, heat, ...options });
+    this.#painter.panel(panel.rect, { matrix, eye: camera.eye, number: entry.number, level: mesh, part, ground: this.#framing, heat, ...options });
     if (this.#look.get("hasTrail") && !options.ghost && this.#isTrailIn(panel)) this.#drawTrail(panel, entry, moment, matrix, options);
   }
 
@@ -569,7 +737,8 @@ export class Stage {
     const along = this.#framing.isFollowing ? at(this.#framing.track(entry.number)) : [0, 0, 0];
     const place = eye.map((part, k) => part + along[k]);
     if (!this.orbit.isMoved) return { axes, eye: place };
-    const pelvis = this.#framing.isFollowing ? [along[0], this.#framing.floor + 1, along[2]] : [this.#framing.centre[0], this.#framing.floor + 1, this.#framing.centre[1]];
+    const height = this.#framing.floor + this.#facts.framing.middle;
+    const pelvis = this.#framing.isFollowing ? [along[0], height, along[2]] : [this.#framing.centre[0], height, this.#framing.centre[1]];
     const distance = axes[2].reduce((sum, part, k) => sum + part * (place[k] - pelvis[k]), 0);
     const moved = this.orbit.from([0, 1, 2].flatMap((k) => [axes[0][k], axes[1][k], axes[2][k], place[k]]), distance);
     return { axes: [0, 1, 2].map((axis) => [moved[axis], moved[4 + axis], moved[8 + axis]]), eye: [moved[3], moved[7], moved[11]] };
@@ -684,19 +853,17 @@ export class Stage {
   showNext(by) {
     const count = this.#rows.size;
     this.#at = (this.#at + by + count) % count;
-    this.#fit();
+    this.fit();
+    this.#tellBody(this.names[this.#at]);
   }
 }
 
-async function framesOf(url) {
-  let answer;
-  try {
-    answer = await fetch(url);
-  } catch (cause) {
-    throw new Error("The motion cannot be fetched: the server does not answer.", { cause });
-  }
-  if (!answer.ok) throw new Error("The motion cannot be fetched: it is kept no longer.");
-  return answer.arrayBuffer();
+/** A body that was laid elsewhere a moment ago goes over to its new place. */
+function settled(entry, world) {
+  if (!entry.moved) return world;
+  const left = 1 - Math.min(1, (performance.now() - entry.moved.at) / GLIDE_MS);
+  if (!left) entry.moved = null;
+  return entry.moved ? partlyBack(world, entry.moved.from, entry.moved.to, left * left * (3 - 2 * left)) : world;
 }
 
 function round(value) {

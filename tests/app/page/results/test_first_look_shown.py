@@ -13,7 +13,6 @@ from app.run.first_look import FACTS, STEADY, TREMBLING, FirstLook, first_look
 from app.run.planted import CLEAN
 from model.motion.motion import load_motion, save_motion
 from model.systems.globaldiff.config import BEST
-from tests.app.fakes import write_video
 
 JERK = {STEADY: 110, TREMBLING: 2300}
 
@@ -46,7 +45,6 @@ def test_what_has_been_made_is_shown_to_every_visitor_without_a_cookie(tmp_path:
     clean = load_motion(CLEAN).part(slice(40))
     for name in (STEADY, TREMBLING):
         save_motion(clean, look.folder / f"{name}.npz")
-        write_video(look.folder / f"{name}.mp4")
     (look.folder / FACTS).write_text(
         '{"jerk_m_s3": {"A": 110, "B": 2300}, "noise_rad": 0.012, "provenance": {}}'
     )
@@ -60,7 +58,8 @@ def test_what_has_been_made_is_shown_to_every_visitor_without_a_cookie(tmp_path:
     value, told = desk.updates()
     assert value["plays"] and [row["name"] for row in value["rows"]] == [STEADY, TREMBLING]
     for row in value["rows"]:
-        assert media.find(row["video"].rsplit("/", 1)[-1], "of anybody") is not None
+        assert media.find(row["frames"].rsplit("/", 1)[-1], "of anybody") is not None
+        assert not row["is_drawn"] and "video" not in row
     assert media.find(value["timeline"].rsplit("/", 1)[-1], "") is not None
     assert "Which hand trembles?" in told
     shutil.rmtree(look.folder)

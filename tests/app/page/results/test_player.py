@@ -1,5 +1,6 @@
 import json
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -8,9 +9,11 @@ from app.page.results.player import Showing, gravest_of, picture_layout, write_t
 from app.page.results.timeline import point_curves
 from app.page.serving.media import MediaDesk
 from app.run.pictures.followed_point import choose_tip_source
-from app.run.request import Artefact, GenerateRequest
+from app.run.pieces import HEADER, frames_message
+from app.run.request import Artefact, GenerateRequest, Piece
 from model.measures.faults.finding import MEASURED, SEEN, WRONG, Finding
 from model.motion.motion import first_frames, load_motion, save_motion
+from model.plan.plan import GesturePlan, Nod
 from model.speech.transcript import GestureTier, Interval, Transcript, Word
 from renderer.body.body import load_body
 from tests.app.fakes import made_motion
@@ -60,6 +63,53 @@ def test_rows_are_there_at_once_and_their_files_come_one_by_one(
     assert len(showing.value()["rows"]) == 3
 
 
+def test_motion_is_there_window_by_window_and_in_the_end_as_the_whole_is(
+    showing: Showing, tmp_path: Path
+) -> None:
+    motion = made_motion(37)
+    showing.begin()
+    ends = [0, 10, 11, 37]
+    for start, end in pairwise(ends):
+        message = frames_message(start, motion.part(slice(start, end)))
+        showing.take_piece(Piece(NAMES[0], message, end, 37, 0.1, (0.0, 0.2, 0.0)))
+        first, second, recorded = showing.value()["rows"]
+        path = tmp_path / "globaldiff-local.frames"
+        size = path.stat().st_size
+        assert first["there"] == {
+            "end": end, "num_frames": 37, "bytes": size, "place": [0.1, 0.0, 0.2, 0.0],
+        }  # fmt: skip
+        assert "there" not in second and "motion" not in first
+        assert recorded["there"]["end"] == 37, "cut to the speech, and there from the first"
+    url = first["frames"]
+    assert path.stat().st_size == 3 * HEADER.size + 37 * 504
+    told(showing, "motion", NAMES[0], tmp_path)
+    (row, *_) = showing.value()["rows"]
+    assert row["frames"] == url and row["there"]["bytes"] == path.stat().st_size
+    told(showing, "motion", NAMES[1], tmp_path)
+    (_, second, _) = showing.value(is_over=True)["rows"]
+    assert second["there"]["bytes"] == HEADER.size + 37 * 504
+    assert second["there"]["end"] == second["there"]["num_frames"] == 37
+    assert "audio" in showing.value(is_over=True)
+
+
+def test_each_row_has_the_plan_that_it_performed_or_one_that_is_found_once_all_is_there(
+    showing: Showing, tmp_path: Path
+) -> None:
+    written = tmp_path / "run.plan.json"
+    GesturePlan(37 / 30, nods=(Nod(0.5, 6.0),)).write(written)
+    showing.take(Artefact("plan", NAMES[0], written))
+    assert ["plan" in row for row in showing.value()["rows"]] == [True, False, False]
+    told(showing, "motion", NAMES[0], tmp_path)
+    assert ["plan" in row for row in showing.value()["rows"]] == [True, False, False]
+    told(showing, "motion", NAMES[1], tmp_path)
+    urls = [row["plan"] for row in showing.value(is_over=True)["rows"]]
+    files = [showing._desk.find(url.rsplit("/", 1)[-1], "") for url in urls]
+    plans = [json.loads(file.read_text()) for file in files if file is not None]
+    assert [plan["origin"] for plan in plans] == ["planned", "found", "found"]
+    assert plans[0]["nods"] == [{"time_s": 0.5, "depth_deg": 6.0}]
+    assert [plan["duration_s"] for plan in plans] == [pytest.approx(37 / 30, abs=1e-3)] * 3
+
+
 def test_the_player_knows_where_close_ups_stand_in_a_picture() -> None:
     assert picture_layout("front", 400, ("face", "hands"), "whole") == {
         "aspect": 0.5,
@@ -99,6 +149,7 @@ def test_the_time_line_follows_the_last_motion_and_holds_the_reference(
     anew = showing.timeline()
     assert (anew["words"], anew["words_origin"]) == ([[0.3, 0.4, "hell"]], "recognised")
     assert anew["curves"] == timeline["curves"]
+    assert anew["heard_accents"] == timeline["heard_accents"] == [], "no encoder in this folder"
     assert timeline["gestures"] == {"gesture_left": [[0.2, 0.4, "stroke beat"]]}
     lengths = {
         name: len(curves["raw"]["jerk_m_s3"]["values"])

@@ -21,6 +21,7 @@ from app.page.results.run_pair import (
     told_settings,
     told_speech,
 )
+from app.page.results.settings import NONE
 from app.page.serving.media import MediaDesk
 from app.run.request import Artefact
 from model.motion.motion import save_motion
@@ -42,7 +43,9 @@ def run(tmp_path: Path) -> Run:
     return make
 
 
-def showing(folder: Path, jerk: dict[str, float], duration_s: float = 2.0) -> Showing:
+def showing(
+    folder: Path, jerk: dict[str, float], duration_s: float = 2.0, words: list | None = None
+) -> Showing:
     """Of rows with a motion and a video each, and a time line in which each jerks once."""
     folder.mkdir()
 
@@ -52,7 +55,7 @@ def showing(folder: Path, jerk: dict[str, float], duration_s: float = 2.0) -> Sh
             "fps": 30,
             "peaks": [1],
             "onsets_s": [],
-            "words": [],
+            "words": words or [],
             "point": "Right middle fingertip",
             "curves": {name: {"raw": {}} for name in jerk},
             "worst": [
@@ -85,7 +88,7 @@ def test_what_the_speech_means_is_said(run: Run) -> None:
     assert told_speech(run(), run({"seed": "1"}), True) == text.PAIR_ONLY_SEED
     assert "play together" in told_speech(run(), run({"steps": "9"}), True)
     told = told_speech(run(), run({"speech": "another"}), False)
-    assert "speech against another" in told and "do not play together" in told
+    assert "speech against another" in told and "choose whose sound plays" in told
 
 
 @pytest.mark.parametrize(
@@ -154,6 +157,45 @@ def test_both_are_in_one_player_with_one_time_line(run: Run, tmp_path: Path) -> 
     assert list(line["curves"]) == ["f/x (A)", "f/y (A)", "f/x (B)"]
     assert [each["name"] for each in line["worst"]] == ["f/y (A)"]  # the others overlap it
     assert joined(a, run()) == NOTHING  # nothing was drawn of the other
+
+
+def line_of(address: str) -> dict[str, Any]:
+    return json.loads(base64.b64decode(address.partition(",")[2]))
+
+
+def test_of_two_speeches_either_can_be_heard_with_its_own_time_line(
+    run: Run, tmp_path: Path
+) -> None:
+    said = [[0.1, 0.4, "hello"]]
+    a = run(showing=showing(tmp_path / "a", {"f/x": 5.0}, words=said))
+    b = run(
+        {"speech": "another"},
+        speech_sha256="other",
+        showing=showing(tmp_path / "b", {"f/x": 7.0}, duration_s=3.0),
+    )
+    value = joined(a, b)
+    assert [sound["label"] for sound in value["sounds"]] == ["A: speech", "B: another"]
+    first, second = value["sounds"]
+    assert (value["audio"], value["timeline"]) == (first["audio"], first["timeline"])
+    assert first["audio"] != second["audio"]
+    lines = [line_of(sound["timeline"]) for sound in value["sounds"]]
+    assert [line["duration_s"] for line in lines] == [2.0, 3.0]
+    assert [line["words"] for line in lines] == [said, []]  # nobody said it in the other
+    assert lines[0]["curves"].keys() == lines[1]["curves"].keys() == {"f/x (A)", "f/x (B)"}
+
+
+def test_motion_without_speech_moves_under_that_of_the_other_run(run: Run, tmp_path: Path) -> None:
+    system = run(showing=showing(tmp_path / "a", {"f/x": 5.0}))
+    own = run(
+        {"speech": NONE},
+        speech_sha256="",
+        showing=showing(tmp_path / "b", {"take": 7.0}, duration_s=9.0),
+    )
+    for first, second in ((system, own), (own, system)):
+        value = joined(first, second)
+        assert "sounds" not in value
+        assert line_of(value["timeline"])["duration_s"] == 2.0
+    assert line_of(joined(own, own)["timeline"])["duration_s"] == 9.0  # silence of either will do
 
 
 def test_the_earlier_is_a_and_only_one_speech_plays_together(run: Run, tmp_path: Path) -> None:

@@ -1,11 +1,21 @@
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from app.page.results.timeline import derivative_curve, make_timeline, series_looks, waveform_peaks
+from app.page.results.timeline import (
+    derivative_curve,
+    heard_accents,
+    make_timeline,
+    series_looks,
+    tiers_of,
+    waveform_peaks,
+)
 from app.run.pictures.followed_point import choose_tip_source
-from model.speech.audio import Speech
+from model.speech.audio import Speech, load_speech
+from model.speech.transcript import Accent, Interval, Transcript, Word
+from model.storage.cards import BUNDLED_WEIGHTS
 from renderer.body.body import load_body
 from renderer.figures.style import REFERENCE_STYLE, SYSTEM_STYLES
 from tests.app.fakes import made_motion
@@ -87,3 +97,20 @@ def test_curves_look_as_in_the_figures() -> None:
         *(style.color for style in SYSTEM_STYLES[:2]),
         REFERENCE_STYLE.color,
     ]
+
+
+def test_phones_and_accents_of_a_transcript_are_handed_on() -> None:
+    said = Transcript(
+        (Word(0.2, 0.6, "no"),),
+        phones=(Interval(0.2, 0.3, "N"), Interval(0.3, 0.6, "OW1")),
+        accents=(Accent(0.31, 0.8),),
+    )
+    told = tiers_of(said)
+    assert told["phones"] == [(0.2, 0.3, "N"), (0.3, 0.6, "OW1")]
+    assert told["accents"] == [(0.31, 0.8)]
+
+
+def test_accents_that_are_heard_are_told_with_their_strength() -> None:
+    speech = load_speech(Path(__file__).resolve().parents[4] / "examples" / "the_huge_box.wav")
+    heard = heard_accents(speech, BUNDLED_WEIGHTS)
+    assert heard and all(0 < at < speech.duration_s and 0 <= much <= 1 for at, much in heard)

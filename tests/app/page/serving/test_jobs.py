@@ -1,5 +1,6 @@
 import threading
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -315,3 +316,21 @@ def test_what_nobody_waits_for_comes_last_and_makes_way_at_once(tmp_path: Path) 
         jobs.close(run)
         run = jobs.open("two", "generate", "10.0.0.2")
     assert jobs.cancel("one", "videos") and anew.is_cancelled() and not run.is_cancelled()
+
+
+def test_a_video_that_was_asked_for_comes_before_those_that_nobody_waits_for(
+    tmp_path: Path,
+) -> None:
+    jobs = JobBook(tmp_path)
+    usual = jobs.open("one", "videos", "10.0.0.1")
+    at_work = ExitStack()
+    assert list(at_work.enter_context(jobs.slot(usual))) == []
+    asked = jobs.open("one", "seen", "10.0.0.1")
+    with jobs.slot(asked) as waiting:
+        assert next(waiting) == 1 and usual.is_put_back
+        at_work.close()
+        assert jobs.again(usual) is not None
+        assert list(waiting) == [], "the other stands in line"
+        run = jobs.open("two", "generate", "10.0.0.2")
+        with jobs.slot(run) as waiting:
+            assert next(waiting) == 1 and asked.is_put_back

@@ -12,10 +12,11 @@ from starlette.websockets import WebSocketDisconnect
 
 from app.errors import RunError
 from app.live.desk import LiveDesk
-from app.live.wire import HEADER
+from app.page.serving import live_route
 from app.page.serving.guard import is_from_page
 from app.page.serving.live_route import FOREIGN, SPEAK_ROUTE, live_routes
 from app.page.serving.visitors import COOKIE
+from app.run.pieces import HEADER
 from tests.app.live.test_session import sound
 
 ASK = {"system": "globaldiff/global", "speaker": "ann", "seed": 1}
@@ -28,7 +29,8 @@ def desk(weights: Path) -> LiveDesk:
 
 
 @pytest.fixture
-def client(desk: LiveDesk, speech: Path) -> Iterator[TestClient]:
+def client(desk: LiveDesk, speech: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[TestClient]:
+    monkeypatch.setattr(live_route, "SILENT_S", 600.0)  # a busy machine is not a browser that left
     with TestClient(FastAPI(routes=live_routes(desk, [speech]))) as client:
         yield client
 

@@ -176,6 +176,7 @@ def test_behind_a_proxy_as_the_docs_say(
                     f"wss://{NAME}:{port}/live/speak",
                     ssl=trusted,
                     additional_headers={"Origin": address.rstrip("/")},
+                    open_timeout=120,
                 )
             elsewhere = stranger.get("login", headers={"Host": "evil.example"})
             assert elsewhere.status_code == 421 or not elsewhere.content

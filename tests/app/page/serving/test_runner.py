@@ -13,8 +13,9 @@ import pytest
 
 from app import text
 from app.errors import CancelledRun, RunError
+from app.page.serving.in_turn import Updates
 from app.page.serving.jobs import Job, JobBook
-from app.page.serving.runner import TabRunner, Updates
+from app.page.serving.runner import TabRunner
 from app.page.serving.visitors import COOKIE
 from app.run.request import Event, OnEvent, Progress, ShouldCancel
 

@@ -1,6 +1,7 @@
 """Runs in processes of their own: limits, cancelling, and what is left after each."""
 
 import os
+import shutil
 import signal
 import threading
 import time
@@ -81,12 +82,27 @@ def test_a_killed_process_has_a_warm_successor_before_the_next_run(
         nonlocal asked
         asked += 1
         if asked > 10:
+            os.kill(first, signal.SIGSTOP)  # a process that hears of it in time is kept
             raise CancelledRun
 
     try:
         with pytest.raises(CancelledRun):
             workshop.diagnose(DiagnoseRequest(hours, tmp_path / "out"), on_share)
         assert pid_of(workshop) != first
+        assert workshop.diagnose(small(tmp_path), lambda share: None).files
+    finally:
+        workshop.close()
+
+
+def test_work_that_is_there_is_done_before_models_are_read(weights: Path, tmp_path: Path) -> None:
+    never = tmp_path / "weights"
+    shutil.copytree(weights, never)
+    for path in never.glob("*.safetensors"):
+        path.unlink()
+        os.mkfifo(path)  # whoever reads it waits for ever
+    workshop = Workshop(limits=Limits(seconds=120.0), warm=(never, None))
+    workshop.start()
+    try:
         assert workshop.diagnose(small(tmp_path), lambda share: None).files
     finally:
         workshop.close()

@@ -126,5 +126,5 @@ def test_what_fills_the_form_in_again_is_all_but_files_that_a_run_does_not_show(
     again = Path(kept.pop("speech"))
     assert again.name == speech.name and job in again.parents and again.read_bytes() == b"RIFF"
     again_asked = replace(FORM, reference=None, transcript=None)
-    assert replace(Form(**{**kept, **dict.fromkeys(("speech", "reference", "transcript"))}),
+    assert replace(Form(**{**kept, **dict.fromkeys(("speech", "reference", "transcript", "plan"))}),
                    speech=FORM.speech) == again_asked  # fmt: skip

@@ -1,6 +1,7 @@
 """From the last minute of a live session to the run that keeps it."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -12,13 +13,15 @@ from app.page.results.kept_runs import KeptRuns
 from app.page.results.result_parts import build_results
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
+from app.page.serving.visitors import COOKIE
 from app.page.tabs.generate import FormParts
 from app.page.tabs.live import USUAL, offered
 from app.page.tabs.live_run import LiveRunner
+from app.page.tabs.videos_behind import VideosBehind
 from app.run.request import CLOSE_UPS
 from model.motion.motion import load_motion
 from model.speech.audio import load_speech
-from tests.app.fakes import CATALOGUE
+from tests.app.fakes import CATALOGUE, make_draw, make_generate
 from tests.app.live.test_desk import ByHand, nothing
 from tests.app.live.test_session import sound
 
@@ -37,16 +40,10 @@ def runner(live: LiveDesk, weights: Path, tmp_path: Path) -> LiveRunner:
         results = build_results("live-")
     config = AppConfig(weights=weights, temp=tmp_path)
     jobs = JobBook(tmp_path / "jobs")
+    kept = KeptRuns(60.0)
+    videos = VideosBehind(make_draw(), jobs, results, kept, "live_videos")
     return LiveRunner(
-        lambda *_: None,
-        CATALOGUE,
-        config,
-        jobs,
-        MediaDesk(),
-        form,
-        results,
-        KeptRuns(60.0),
-        live,  # type: ignore
+        make_generate(), CATALOGUE, config, jobs, MediaDesk(), form, results, kept, videos, live
     )
 
 
@@ -69,6 +66,28 @@ def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder(
     for token, cookie in ((session.token, "yours"), ("", "mine"), (None, "mine"), ("x" * 9999, "")):
         with pytest.raises(RunError, match="no live minute"):
             runner.asked(job, cookie, (token,))
+
+
+def test_keep_says_why_it_kept_less_than_was_spoken(
+    runner: LiveRunner, live: LiveDesk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.live.session.AHEAD_S", 10.0)  # nobody waits for sound here
+    session = live.open(LiveAsk("globaldiff/global", "bob", 7), "mine", nothing)
+    blocks = list(sound(5.5))
+    for block in blocks[: len(blocks) // 2]:
+        live.put(session, block)
+    live._turn()
+    live._turn()
+    kept_s = session.kept().minute.motion.num_frames / 30
+    assert session.kept().why_less == "", "it follows as closely as it can"
+    for block in blocks[len(blocks) // 2 :]:
+        live.put(session, block)
+    request = SimpleNamespace(session_hash="me", cookies={COOKIE: "mine"}, client=None)
+    updates = list(runner.run(request, session.token))  # type: ignore[arg-type]
+    (line,) = [each[runner._status] for each in updates if "Done in" in str(each)]
+    assert (
+        f"{kept_s:.1f} s are kept: the last {5.5 - kept_s:.1f} s spoken had no motion yet" in line
+    )
 
 
 def test_what_is_usual_stands_first() -> None:

@@ -13,7 +13,7 @@ from app import text
 from app.page.parts import markup
 from app.page.results.kept_runs import KeptRuns
 from app.page.results.result_parts import ResultParts, build_results
-from app.page.serving.runner import Updates
+from app.page.serving.in_turn import Updates
 from app.page.tabs.opening import Opening
 from tests.app.page.results.made_run import ended_run, keep
 

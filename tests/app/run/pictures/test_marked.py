@@ -4,7 +4,7 @@ import pytest
 from app.errors import RunError
 from app.run.display import Display, check_display
 from app.run.pictures.followed_point import choose_tip_source
-from app.run.pictures.marked import SPIKE_M_S3, displayed, marks_of
+from app.run.pictures.marked import displayed, marks_of
 from renderer.body.body import load_body
 from renderer.body.joints import JOINT_INDEX
 from tests.app.fakes import made_motion
@@ -48,7 +48,11 @@ def test_colours_follow_the_jerk_of_each_joint_on_a_fixed_scale():
     assert shares.shape == (60, 55) and shares.min() >= 0 and shares.max() <= 1
     assert shares[:, JOINT_INDEX["right_wrist"]].mean() > 0.5
     assert shares[:, JOINT_INDEX["left_wrist"]].max() < 1e-3
-    assert f"{SPIKE_M_S3:g}" in marks.heat.legend
+    assert "500 m/s³" in marks.heat.legend
+    wider = marks_of(made_motion(60, 0.5), Display(coloring="jerk", jerk_m_s3=2000.0), TIP, BODY)
+    assert wider is not None and wider.heat is not None and "2000" in wider.heat.legend
+    inside = shares[shares < 1]
+    assert np.allclose(wider.heat.shares[shares < 1], inside / 4)
 
 
 def test_exaggerated_motion_says_so_and_its_jerk_is_that_of_the_motion():
@@ -66,6 +70,16 @@ def test_exaggerated_motion_says_so_and_its_jerk_is_that_of_the_motion():
     assert 8 * kept < drawn < 30 * kept
 
 
+def test_factor_cut_off_and_length_of_a_trail_are_what_was_asked_for():
+    motion = made_motion(60, 0.02)
+    display = Display(2.26, True, cutoff_hz=7.0, trail_frames=12)
+    marks = marks_of(motion, display, TIP, BODY)
+    assert marks is not None and marks.trail is not None
+    assert marks.notice == "EXAGGERATED x2.3: all above 7 Hz" and marks.trail.num_frames == 12
+    lower = displayed(motion, Display(2.26, cutoff_hz=3.0))
+    assert np.abs(displayed(motion, display).poses - lower.poses).max() > 0.005
+
+
 def test_clips_too_short_for_jerk_have_none():
     marks = marks_of(made_motion(2), Display(has_trail=True, coloring="jerk"), TIP, BODY)
     assert marks is not None and marks.trail is not None and marks.heat is not None
@@ -75,7 +89,11 @@ def test_clips_too_short_for_jerk_have_none():
 @pytest.mark.parametrize(
     ("display", "words"),
     [
-        (Display(exaggeration=7), "1, 5, 20 times as large; got 7"),
+        (Display(exaggeration=21), "1 to 20 times as large; got 21"),
+        (Display(exaggeration=float("nan")), "1 to 20 times as large; got nan"),
+        (Display(cutoff_hz=2), "faster than 3 to 8 Hz; got 2"),
+        (Display(trail_frames=91), "5 to 90 frames long; got 91"),
+        (Display(jerk_m_s3=0), "end at 50 to 2000 m/s³; got 0"),
         (Display(coloring="rainbow"), "no colouring 'rainbow'"),  # type: ignore[arg-type]
     ],
 )

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from model.corpus.body.ik import HingedLimb, two_bone_ik
+from model.corpus.body.ik import two_bone_ik
 from model.corpus.body.signals import bump, minimum_jerk, smooth_noise, sway_line
 from model.corpus.people.rig import (
     JOINT_NAMES,
@@ -14,6 +14,7 @@ from model.corpus.people.rig import (
     matrices,
     open_body_rig,
 )
+from model.motion.limb import HingedLimb
 from model.motion.skeleton import JOINT_NAMES as TORCH_NAMES
 from model.motion.skeleton import PARENTS as TORCH_PARENTS
 from model.motion.timing import FPS

@@ -2,7 +2,7 @@ import numpy as np
 import torch
 
 from model.plan.tiers import TIERS, chains_of, frames_of, seen_together
-from model.systems.planned.planner import Planner, load_planner
+from model.systems.planned.planner import Planner, _Events, load_planner
 from model.systems.planned.planner_network import Marks
 from tests.model.plan.made import made_plan
 from tests.model.systems.planned.made import make_planned_weights
@@ -102,3 +102,15 @@ def test_losses_are_means_over_frames(tmp_path):
         told = head.marks(state[0, at], event["nod"][0, at] - 1).log_likelihood(mark["nod"][0, at])
         assert np.isclose(losses["nod mark"].item(), -told.sum().item() / 180, atol=1e-6)
     assert set(losses) == {t.name for t in TIERS} | {f"{t.name} mark" for t in TIERS if t.units}
+
+
+def test_events_without_torch_are_those_of_the_network(tmp_path):
+    planner = made_planner(tmp_path)
+    for tier in TIERS:
+        head = planner.network.heads[tier.name]
+        heard = torch.randn(2, head.event_out.in_features)
+        seen = torch.randn(head.seen.in_features)
+        state, logs = _Events(head)(heard.numpy(), seen.numpy())
+        wanted = torch.nn.functional.silu(heard + head.seen(seen))
+        np.testing.assert_allclose(state, wanted.numpy(), atol=1e-5)
+        np.testing.assert_allclose(logs, head.events(wanted).numpy(), atol=1e-5)

@@ -2,13 +2,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
+from torch import Tensor
 
 from model.generation.windows import (
     GenerateOptions,
+    draw_of,
     draw_plans,
     generate_motion,
     stream_motion,
 )
+from model.motion.skeleton import JOINT_INDEX
 from model.plan.plan import read_plan
 from model.storage.cards import CheckpointError
 from model.systems.planned.config import PLANNED, PLANNER
@@ -48,7 +52,7 @@ def test_a_plan_given_back_gives_the_same_motion(system, tmp_path):
     told = replace(OPTIONS, plans=(read_plan(tmp_path / "plan.json"),))
     (drawn,), (given,) = (generate_motion(system, SPEECH, o) for o in (OPTIONS, told))
     # The file has four decimals.
-    np.testing.assert_allclose(given.poses, drawn.poses, atol=2e-3)
+    np.testing.assert_allclose(given.poses, drawn.poses, atol=5e-3)
     again = replace(OPTIONS, plans=(plan,))
     np.testing.assert_array_equal(generate_motion(system, SPEECH, again)[0].poses, drawn.poses)
 
@@ -86,6 +90,25 @@ def test_progress_and_guidance_are_told(system):
     assert seen == sorted(seen) and seen[-1] == 1.0
     deaf, strong = (draw_plans(system, SPEECH, replace(OPTIONS, guidance=g))[0] for g in (0.0, 4.0))
     assert deaf != strong
+
+
+def test_chance_moves_the_trunk_more_than_the_arms_and_hides_no_speaker_from_what_hears(system):
+    (plan,) = draw_plans(system, SPEECH, OPTIONS)
+    draw = replace(draw_of(system, OPTIONS), plan=plan)
+    whole = draw.noise((system.config.window_frames, system.config.motion_dim))
+    unmix = system.normaliser.unmix
+    moved, unscaled = (noise[0] @ unmix for noise in (system.noise(draw), whole))
+
+    def share(joint: str) -> Tensor:
+        channels = [3 * JOINT_INDEX[joint] + k for k in range(3)]
+        return (moved / unscaled)[:, channels]
+
+    torch.testing.assert_close(share("spine2"), torch.full_like(share("spine2"), 0.85))
+    for joint in ("head", "left_wrist"):
+        assert share(joint).max() <= 0.45 + 1e-4 and share(joint).min() >= 0.1 - 1e-4
+    hears = torch.tensor([True, True, False])
+    assert system.known_speaker(draw, hears).tolist() == [draw.speaker, draw.speaker, 0]
+    assert draw.speaker > 0
 
 
 def test_what_needs_whole_speech_is_not_streamed(system):

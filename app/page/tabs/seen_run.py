@@ -1,0 +1,253 @@
+"""A video of what the stage shows, made when its button is pressed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import gradio as gr
+
+from app import text
+from app.errors import RunError
+from app.page.parts.html_parts import shown
+from app.page.results.result_parts import ResultParts
+from app.page.serving.follow import last_share
+from app.page.serving.in_turn import Updates
+from app.page.serving.jobs import Job, JobBook
+from app.page.serving.media import MEDIA_ROUTE, MediaDesk
+from app.page.serving.runner import TabRunner
+from app.run.display import Display
+from app.run.pictures.seen import BODY, MAX_BODIES, Seen, SeenPanel, finite
+from app.run.pictures.seen_video import SeenBody, SeenRequest, SeenVideo
+from app.run.request import Event, OnEvent, ShouldCancel
+from model.storage.harmless import printable
+from renderer.stage.orbit import Orbit
+
+if TYPE_CHECKING:
+    from app.config import AppConfig
+
+MAX_ASKED = 60_000
+"""Characters."""
+MAX_LABEL = 60
+DrawSeen = Callable[[SeenRequest, OnEvent, ShouldCancel], SeenVideo]
+"""As `app.run.pictures.seen_video.draw_seen`."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a browser tells of its stage; addresses are those that the page gave it."""
+
+    seen: Seen
+    labels: tuple[str, ...]
+    motions: tuple[str, ...]
+    sound: str | None
+
+    @classmethod
+    def of(cls, told: object) -> Asked:
+        """
+        Args:
+            told: JSON, as app/page/web/player/player.js writes it.
+
+        Raises:
+            RunError: if it is anything else.
+        """
+        try:
+            if not isinstance(told, str) or len(told) > MAX_ASKED:
+                raise ValueError("it is too long, or no text.")
+            return cls._of(json.loads(told))
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+            why = f"it lacks {error}." if isinstance(error, KeyError) else str(error)
+            raise RunError(text.SEEN_DAMAGED.format(why=printable(why)[:200])) from error
+
+    @classmethod
+    def _of(cls, told: Mapping[str, Any]) -> Asked:
+        bodies = _list(told["bodies"], MAX_BODIES)
+        look = told["look"]
+        yaw, pitch, zoom, right, up = map(finite, _list(told["camera"], 5))
+        width, height = map(finite, _list(told["size"], 2))
+        seen = Seen(
+            shown=tuple(_whole(number) for number in _list(told["shown"], MAX_BODIES)),
+            size=(width, height),
+            panels=tuple(
+                tuple(_panel(panel) for panel in _list(picture, 4))
+                for picture in _list(told["panels"], 2)
+            ),
+            columns=_whole(told["columns"]),
+            mode=_words(told["mode"]),  # type: ignore[arg-type]  # checked with the rest
+            is_aligned=look["isAligned"] is True,
+            wipe=finite(told["wipe"]),
+            display=Display(
+                exaggeration=finite(look["factor"]),
+                has_trail=look["hasTrail"] is True,
+                coloring="jerk" if look["hasHeat"] is True else "natural",
+                cutoff_hz=finite(look["cutoff"]),
+                trail_frames=_whole(look["trailFrames"]),
+                jerk_m_s3=finite(look["heatScale"]),
+            ),
+            point=_words(look["point"]),
+            is_smoothed=told["isSmoothed"] is True,
+            is_whole=look["isWhole"] is True,
+            camera=Orbit(yaw, pitch, zoom, right, up),
+        )
+        labels = tuple(printable(_words(body["label"]))[:MAX_LABEL] or "motion" for body in bodies)
+        motions = tuple(_words(body["motion"]) for body in bodies)
+        return cls(seen, labels, motions, _words(told["sound"]) if told.get("sound") else None)
+
+
+def _list(value: object, most: int) -> Sequence[Any]:
+    if not isinstance(value, list) or len(value) > most:
+        raise ValueError(f"a list of at most {most} is missing.")
+    return value
+
+
+def _whole(value: object) -> int:
+    number = finite(value)
+    if number != int(number):
+        raise ValueError(f"{number:g} is no whole number.")
+    return int(number)
+
+
+def _words(value: object) -> str:
+    if not isinstance(value, str) or len(value) > 500:
+        raise ValueError("a text is missing or too long.")
+    return value
+
+
+def _panel(told: Mapping[str, Any]) -> SeenPanel:
+    left, top, width, height = map(finite, _list(told["rect"], 4))
+    view = BODY if told["view"] is None else _words(told["view"])
+    return SeenPanel(view, left, top, width, height)
+
+
+class SeenRunner(TabRunner[SeenVideo]):
+    """Makes videos of one tab's stage."""
+
+    tab = "seen"
+
+    def __init__(
+        self, draw: DrawSeen, config: AppConfig, jobs: JobBook, desk: MediaDesk, parts: ResultParts
+    ) -> None:
+        super().__init__(jobs, parts.seen)
+        self._draw = draw
+        self._config = config
+        self._desk = desk
+        self._parts = parts
+
+    def wire(self, page: gr.Blocks, prefix: str = "") -> None:
+        """Have the stage's button start it.
+
+        Args:
+            prefix: of the ids of the tab's parts, with its hyphen.
+        """
+        parts = self._parts
+        parts.seen_start.click(
+            self.run,
+            inputs=[parts.seen_asked],
+            outputs=[parts.seen, parts.seen_cancel],
+            js=f"() => [document.querySelector('#{prefix}player .lockstep').seen()]",
+            api_visibility="private",
+            show_progress="hidden",
+            trigger_mode="once",
+            concurrency_limit=None,  # JobBook lets them in one by one
+        )
+        parts.seen_cancel.click(
+            self.cancel, queue=False, api_visibility="private", show_progress="hidden"
+        )
+        page.unload(self.cancel)
+
+    @contextmanager
+    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
+        asked = Asked.of(values[0])
+        asked.seen.check(len(asked.motions))
+        request = SeenRequest(
+            bodies=tuple(
+                SeenBody(label, self._file(address, cookie, ".npz"))
+                for label, address in zip(asked.labels, asked.motions, strict=True)
+            ),
+            seen=asked.seen,
+            out=job.folder / "results",
+            speech=None if asked.sound is None else self._file(asked.sound, cookie, ".wav"),
+            body=self._config.body,
+        )
+        yield _Work(self._draw, request, self._parts, self._desk, cookie)
+
+    def _file(self, address: str, cookie: str, suffix: str) -> Path:
+        """What the page has given an address.
+
+        Raises:
+            RunError: if it has not, or it is kept no longer.
+        """
+        route, _, token = address.partition("/")
+        path = self._desk.find(token, cookie) if route == MEDIA_ROUTE.strip("/") else None
+        if path is None or path.suffix != suffix:
+            raise RunError(text.SEEN_GONE)
+        return path
+
+    def blank(self) -> Updates:
+        return {
+            self._parts.seen: shown(told(text.SEEN_STARTING)),
+            self._parts.seen_cancel: gr.update(visible=True),
+        }
+
+    def stopped(self, status: str, message: str) -> Updates:
+        return {
+            self._parts.seen: shown(message or status),
+            self._parts.seen_cancel: gr.update(visible=False),
+        }
+
+    def says(self, line: str) -> Updates:
+        return {self._parts.seen: shown(told(line))}
+
+
+@dataclass
+class _Work:
+    """One video."""
+
+    draw: DrawSeen
+    asked: SeenRequest
+    parts: ResultParts
+    desk: MediaDesk
+    cookie: str
+    share: float = field(default=0.0)
+
+    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> SeenVideo:
+        return self.draw(self.asked, on_event, should_cancel)
+
+    def progress(self, events: list[Event]) -> Updates:
+        share = last_share(events)
+        if share is None:
+            return {}
+        line = text.SEEN_COMING.format(share=share)
+        return {self.parts.seen: shown(told(line, share))}
+
+    def finished(self, result: SeenVideo) -> Updates:
+        from model.motion.timing import FPS
+
+        count = len(self.asked.seen.shown)
+        line = text.SEEN_DONE.format(
+            bodies="one body" if count == 1 else f"{count} bodies",
+            seconds=result.num_frames / FPS,
+            megabytes=result.path.stat().st_size / 1e6,
+        )
+        address = escape(self.desk.offer(result.path, self.cookie))
+        link = f'<a href="{address}" download="{escape(result.path.name)}">{text.SEEN_SAVE}</a>'
+        return {
+            self.parts.seen: shown(told(" ".join((line, *result.notes)), more=link)),
+            self.parts.seen_cancel: gr.update(visible=False),
+        }
+
+
+def told(line: str, share: float | None = None, more: str = "") -> str:
+    """One line under the stage.
+
+    Args:
+        share: of the work done, where that is known.
+        more: HTML behind it.
+    """
+    bar = "" if share is None else f'<progress value="{share:.3f}" max="1"></progress>'
+    return f'<div class="seen-told" role="status"><p>{escape(line)}</p>{bar}{more}</div>'

@@ -1,0 +1,468 @@
+/**
+ * Edits of the gestures of a run: what can be done with the one that is chosen on the time line, what
+ * can be added, and the sliders of the whole. The server changes the plan and performs it again: a
+ * take, that stands beside the one it was made from. Takes are kept, so that undo is the take before.
+ */
+
+import { make } from "../dom.js";
+import { kindName } from "./plan.js";
+
+const NUDGE_S = 0.1;
+const HOLD_S = 0.3;
+const LARGER = 1.25;
+const HIGHER_M = 0.06;
+const FASTER = 1.2;
+const DRAG_PX = 6; // less is a click
+const LEAD_S = 1; // played before what has changed
+const MAX_FILE = 2_000_000;
+const LOOKS = { "Look left": 20, "Look right": -20 };
+/** @type {Record<string, [string, number, number, number]>} */
+const SLIDERS = {
+  gestures_per_min: ["How often", 0, 60, 1],
+  size_m: ["How large", 0.05, 0.6, 0.01],
+  height_m: ["How high", -0.4, 0.4, 0.01],
+  stroke_s: ["How fast", 0.2, 1, 0.02], // from right to left: short strokes are fast
+  both: ["With both hands", 0, 1, 0.05],
+  smile: ["Smile", 0, 1, 0.05],
+};
+const NOTHING = { rows: [], known: {}, said: "", refused: false, state: "" };
+
+export class Editing {
+  #player;
+  #timeline;
+  #send;
+  #onShown;
+  #run = null;
+  /** @type {import("../told").Editing} */
+  #value = NOTHING;
+  /** @type {import("../told").Row[]} */
+  #rows = [];
+  #start = null; // the row that edits go on from
+  #beside = null;
+  #redo = [];
+  /** @type {import("../told").EditorTold | null} */
+  #told = null;
+  #toldUrl = null;
+  #chosen = null; // a gesture {side, lands}, or {list, at}
+  #locked = new Map(); // "side lands" -> [side, lands]
+  #queue = [];
+  #asked = null; // what is being done
+  #isBusy = false;
+  #coming = null; // the take that is being made
+  #isOpen = false;
+
+  /** `send` has the server take up `asked`; `onShown` is called when other rows are to be seen. */
+  constructor(player, timeline, { send, onShown }) {
+    this.#player = player;
+    this.#timeline = timeline;
+    this.#send = send;
+    this.#onShown = onShown;
+    this.#build();
+    timeline.onchoose = (body, chosen, event) => this.#choose(body, chosen, event);
+    timeline.lanes.addEventListener("pointerdown", (event) => this.#beginDrag(event), true);
+    for (const part of [timeline.lanes, this.element]) part.addEventListener("keydown", (event) => this.#key(event), true);
+  }
+
+  #build() {
+    const button = (label, onclick, title = label) => make("button", { type: "button", title, onclick }, label);
+    this.toggle = make("button", { type: "button", class: "toggle", "aria-expanded": "false", onclick: () => this.#open(!this.#isOpen) }, "Edit the gestures");
+    this.said = make("p", { class: "said-of-edits", role: "status" });
+    this.undo = button("Undo", () => this.#undo(), "Undo (Ctrl+Z)");
+    this.redo = button("Redo", () => this.#doAgain(), "Redo (Ctrl+Shift+Z)");
+    this.takes = make("select", { "aria-label": "Take that is edited", onchange: () => this.#goOnFrom(this.takes.value) });
+    this.besides = make("select", { "aria-label": "Beside it", onchange: () => this.#putBeside(this.besides.value || null) });
+    const file = make("input", { type: "file", accept: ".json,.TextGrid,.eaf", "aria-label": "A plan from a file", onchange: () => file.files.length && this.#take(file.files[0]) });
+    const top = make("div", { class: "row" }, this.undo, this.redo, make("label", {}, "Edited", this.takes), make("label", {}, "beside", this.besides), make("label", { class: "file" }, "Plan from a file", file));
+    this.which = make("b", { class: "which" });
+    this.tools = make("div", { class: "row tools", hidden: true, role: "group", "aria-label": "The gesture that is chosen" },
+      this.which, button("Delete", () => this.#delete(), "Delete (Del)"),
+      (this.ofGesture = make("span", { class: "row" },
+        button("Earlier", () => this.#nudge(-NUDGE_S), "Earlier (Shift+Left)"), button("Later", () => this.#nudge(NUDGE_S), "Later (Shift+Right)"),
+        (this.byWord = make("span", { class: "row" }, button("Previous word", () => this.#toWord(-1)), button("Next word", () => this.#toWord(1)))),
+        button("Hold shorter", () => this.#hold(-HOLD_S)), button("Hold longer", () => this.#hold(HOLD_S)),
+        button("Smaller", () => this.#change("size", { size: 1 / LARGER })), button("Larger", () => this.#change("size", { size: LARGER })),
+        button("Lower", () => this.#change("height", { by: -HIGHER_M })), button("Higher", () => this.#change("height", { by: HIGHER_M })),
+        button("Slower", () => this.#change("speed", { speed: 1 / FASTER })), button("Faster", () => this.#change("speed", { speed: FASTER })),
+        make("span", { class: "switch", role: "group", "aria-label": "Hand" }, ...(this.handButtons = ["left", "right", "both"].map((hands) => button(hands === "both" ? "Both hands" : `${hands[0].toUpperCase()}${hands.slice(1)} hand`, () => this.#hands(hands))))),
+        (this.lock = make("button", { type: "button", "aria-pressed": "false", title: "What is locked stays as it is", onclick: () => this.#toggleLock() }, "Lock")),
+      )));
+    this.hint = make("p", { class: "hint" }, "Choose a gesture on the time line: a stroke can be dragged, too.");
+    this.kinds = make("select", { "aria-label": "Gesture to be added" });
+    this.places = make("select", { "aria-label": "Where" });
+    this.hands = make("select", { "aria-label": "With" }, ...[["", "usual hand"], ["left", "left hand"], ["right", "right hand"], ["both", "both hands"]].map(([value, label]) => make("option", { value }, label)));
+    const head = [button("Nod", () => this.#ask({ do: "nod", at: this.#player.time })), button("Blink", () => this.#ask({ do: "blink", at: this.#player.time })),
+      ...Object.entries(LOOKS).map(([label, yaw]) => button(label, () => this.#ask({ do: "look", at: this.#player.time, yaw, pitch: 0 })))];
+    const adding = make("div", { class: "row", role: "group", "aria-label": "Add" }, this.kinds, this.places, this.hands, button("Add", () => this.#add()), make("span", { class: "row", role: "group", "aria-label": "At the present moment" }, ...head));
+    this.sliders = new Map();
+    const sliders = Object.entries(SLIDERS).map(([name, [label, min, max, step]]) => {
+      const input = make("input", { type: "range", min, max, step, "aria-label": label, onchange: () => this.#ask({ do: "style", [name]: Number(input.value) }) });
+      if (name === "stroke_s") input.dir = "rtl";
+      this.sliders.set(name, input);
+      return make("label", {}, make("span", {}, label), input);
+    });
+    const excite = make("input", { type: "range", min: -1, max: 1, step: 0.25, value: 0, "aria-label": "Calm to excited", onchange: () => (this.#ask({ do: "style", excite: Number(excite.value) }), (excite.value = "0")) });
+    const style = make("details", { class: "style" }, make("summary", {}, "Style of the whole"), make("div", { class: "sliders" }, ...sliders, make("label", {}, make("span", {}, "Calm to excited"), excite)));
+    this.body = make("div", { class: "editor", hidden: true }, top, this.hint, this.tools, adding, style);
+    this.element = make("section", {
+      class: "editing", hidden: true, "aria-label": "Edit the gestures",
+      ondragover: (event) => this.#isOpen && event.preventDefault(),
+      ondrop: (event) => {
+        if (!this.#isOpen || !event.dataTransfer.files.length) return;
+        event.preventDefault();
+        this.#take(event.dataTransfer.files[0]);
+      },
+    }, make("div", { class: "row head" }, this.toggle, this.said), this.body);
+  }
+
+  /** What the server is asked for, as app/page/tabs/takes_run.py reads it. */
+  get asked() {
+    return JSON.stringify(this.#asked);
+  }
+
+  /**
+   * Of all rows those that are to be seen: while gestures are edited the take, what it stands beside,
+   * and the one that is being made.
+   *
+   * @param {import("../told").Row[]} rows
+   */
+  seen(rows) {
+    const own = rows.filter(({ take }) => !take);
+    if (!this.#isOpen) return own;
+    const wanted = this.#coming ? [this.#start, this.#coming] : [this.#beside, this.#start];
+    const found = wanted.map((name) => rows.find((row) => row.name === name)).filter(Boolean);
+    return found.length ? found : own;
+  }
+
+  /**
+   * @param {string | null} run
+   * @param {import("../told").Editing | null} value
+   * @param {import("../told").Row[]} rows
+   */
+  show(run, value, rows) {
+    if (run !== this.#run) this.#clear(run);
+    this.element.hidden = !value?.rows.length;
+    this.#value = value ?? NOTHING;
+    this.#rows = rows;
+    if (!value?.rows.length) return;
+    if (!this.#start) this.#start = value.rows[0];
+    this.said.textContent = value.said;
+    this.said.classList.toggle("refused", value.refused);
+    const coming = rows.find(({ name, take }) => take && !value.known[name])?.name ?? null;
+    const isNew = coming && coming !== this.#coming;
+    const made = this.#coming && !coming && value.known[this.#coming] ? this.#coming : null;
+    this.#coming = coming;
+    if (isNew) this.#watch();
+    if (made) this.#arrived(made);
+    if (this.#isBusy && !value.state) this.#ended(value.refused);
+    this.#load();
+    this.#update();
+  }
+
+  #clear(run) {
+    this.#run = run;
+    this.#start = this.#beside = this.#told = this.#toldUrl = this.#chosen = this.#coming = null;
+    this.#queue = [];
+    this.#redo = [];
+    this.#isBusy = false;
+    this.#locked.clear();
+    this.#open(false);
+  }
+
+  // ------------------------------------------------------------------ takes
+
+  #open(isOpen) {
+    this.#isOpen = isOpen;
+    this.body.hidden = !isOpen;
+    this.toggle.setAttribute("aria-expanded", String(isOpen));
+    this.toggle.textContent = isOpen ? "Close the editor" : "Edit the gestures";
+    this.element.classList.toggle("open", isOpen);
+    if (!this.#start) return;
+    if (isOpen && !this.#value.known[this.#start]) this.#flush(true);
+    if (isOpen) this.#timeline.showBody(this.#start);
+    this.#onShown();
+    this.#update();
+  }
+
+  /** Look at what has changed as soon as it comes. */
+  #watch() {
+    const [edit] = this.#asked?.edits ?? [];
+    const moments = [edit?.lands, edit?.at, this.#told?.words[edit?.word]?.[0]].filter(Number.isFinite);
+    const from = moments.length ? Math.max(0, Math.min(...moments) - LEAD_S) : 0;
+    this.#player.seek(from);
+    if (!matchMedia("(prefers-reduced-motion: reduce)").matches) this.#player.play();
+  }
+
+  #arrived(name) {
+    this.#redo = [];
+    this.#beside = this.#value.known[name].from;
+    this.#start = name;
+    this.#timeline.showBody(name);
+    this.#onShown();
+  }
+
+  #goOnFrom(name) {
+    this.#start = name;
+    if (this.#beside === name) this.#beside = this.#value.known[name]?.from || null;
+    this.#chosen = null;
+    this.#timeline.showBody(name);
+    if (!this.#value.known[name]) this.#flush(true);
+    this.#load();
+    this.#onShown();
+    this.#update();
+  }
+
+  #putBeside(name) {
+    this.#beside = name;
+    this.#onShown();
+    this.#update();
+  }
+
+  #undo() {
+    const before = this.#value.known[this.#start]?.from;
+    if (!before || this.#isBusy) return;
+    this.#redo.push(this.#start);
+    const now = this.#start;
+    this.#goOnFrom(before);
+    this.#putBeside(this.#value.known[before]?.from || now);
+  }
+
+  #doAgain() {
+    const next = this.#redo.at(-1);
+    if (!next || this.#isBusy) return;
+    const rest = this.#redo.slice(0, -1);
+    const now = this.#start;
+    this.#goOnFrom(next);
+    this.#putBeside(now);
+    this.#redo = rest;
+    this.#update();
+  }
+
+  async #load() {
+    const url = this.#value.known[this.#start]?.told ?? null;
+    if (url === this.#toldUrl) return;
+    this.#toldUrl = url;
+    this.#told = null;
+    if (!url) return;
+    const answer = await fetch(url);
+    if (!answer.ok || url !== this.#toldUrl) return;
+    this.#told = await answer.json();
+    this.#update();
+  }
+
+  // ------------------------------------------------------------------ asking
+
+  /** Have something done to the plan, after what is being done. */
+  #ask(edit) {
+    this.#queue.push(edit);
+    if (!this.#isBusy) this.#flush();
+    this.#update();
+  }
+
+  #flush(isOpening = false) {
+    if (this.#isBusy || (!this.#queue.length && !isOpening)) return;
+    this.#asked = { run: this.#run, start: this.#start, edits: this.#queue, locked: [...this.#locked.values()] };
+    this.#queue = [];
+    this.#isBusy = true;
+    performance.mark("take-asked");
+    this.#send();
+  }
+
+  #ended(isRefused) {
+    this.#isBusy = false;
+    if (isRefused) this.#queue = []; // of a plan that there is not
+    if (isRefused) this.#chosen = this.#before;
+    this.#flush();
+  }
+
+  #before = null; // what was chosen when the edit was asked for
+
+  /** An edit of the gesture that is chosen. */
+  #change(does, values) {
+    if (!this.#chosen?.side) return;
+    const { side, lands } = this.#chosen;
+    this.#before = this.#chosen;
+    this.#ask({ do: does, side, lands, ...values });
+  }
+
+  #delete() {
+    const { chosen } = this;
+    if (!chosen) return;
+    if (chosen.side) this.#change("delete", {});
+    else this.#ask({ do: "remove", list: chosen.list, at: chosen.at });
+    this.#chosen = null;
+    this.#update();
+  }
+
+  get chosen() {
+    return this.#chosen;
+  }
+
+  #moveTo(at) {
+    const to = Math.max(0, Math.round(1000 * at) / 1000);
+    this.#change("move", { at: to });
+    this.#chosen = { ...this.#chosen, lands: to };
+    this.#update();
+  }
+
+  #nudge(by) {
+    if (this.#chosen?.side) this.#moveTo(this.#chosen.lands + by);
+  }
+
+  #toWord(way) {
+    const words = this.#told?.words ?? [];
+    if (!this.#chosen?.side || !words.length) return;
+    const lands = words.map(/** @param {import("../told").Interval} word */ ([start, end]) => start + 0.3 * (end - start));
+    const now = this.#chosen.lands;
+    const index = way > 0 ? lands.findIndex((at) => at > now + 0.02) : lands.findLastIndex((at) => at < now - 0.02);
+    if (index < 0) return;
+    this.#change("move", { word: index });
+    this.#chosen = { ...this.#chosen, lands: lands[index] };
+    this.#update();
+  }
+
+  #hold(by) {
+    const gesture = this.#gesture;
+    if (gesture) this.#change("hold", { hold: Math.max(0, gesture.hold + by) });
+  }
+
+  #hands(hands) {
+    if (!this.#chosen?.side) return;
+    this.#change("hands", { hands });
+    if (hands !== "both") this.#chosen = { ...this.#chosen, side: hands };
+  }
+
+  #toggleLock() {
+    const { side, lands } = this.#chosen;
+    const key = this.#lockOf(this.#chosen);
+    if (key) this.#locked.delete(key);
+    else this.#locked.set(`${side} ${lands}`, [side, lands]);
+    this.#update();
+  }
+
+  #lockOf({ side, lands }) {
+    return [...this.#locked].find(([, [hand, at]]) => hand === side && Math.abs(at - lands) < 0.01)?.[0] ?? null;
+  }
+
+  #add() {
+    const [what, where] = [this.kinds.value, this.places.value];
+    const place = where === "" ? { at: Math.round(1000 * this.#player.time) / 1000 } : { word: Number(where) };
+    const hands = this.hands.value ? { hands: this.hands.value } : {};
+    this.#ask({ do: "add", kind: what, ...place, ...hands });
+  }
+
+  async #take(file) {
+    if (file.size > MAX_FILE) {
+      this.said.textContent = `${file.name} has ${(file.size / 1e6).toFixed(1)} MB; a plan has at most ${MAX_FILE / 1e6} MB.`;
+      this.said.classList.add("refused");
+      return;
+    }
+    this.#ask({ do: "plan", name: file.name.slice(-200), text: await file.text() });
+  }
+
+  // ------------------------------------------------------------------ choosing
+
+  #isKnown(name) {
+    return !!name && (this.#value.rows.includes(name) || name in this.#value.known);
+  }
+
+  #choose(body, { list }, event) {
+    if (!this.#isOpen || !this.#isKnown(body)) return;
+    if (body !== this.#start) this.#goOnFrom(body);
+    if (list === "left" || list === "right") {
+      const found = this.#told?.gestures.find(({ side, start, end }) => side === list && start < event.end_s - 1e-3 && end > event.start_s + 1e-3);
+      this.#chosen = found ? { side: found.side, lands: found.lands } : null;
+    } else if (["nods", "looks", "blinks"].includes(list)) this.#chosen = { list, at: event.time_s ?? event.start_s };
+    else this.#chosen = null;
+    this.#update();
+  }
+
+  /** The gesture that is chosen, as the server tells of it. */
+  get #gesture() {
+    const chosen = this.#chosen;
+    return this.#told?.gestures.find(({ side, lands }) => side === chosen?.side && Math.abs(lands - chosen.lands) < 0.01) ?? null;
+  }
+
+  /** A stroke that is dragged goes where it is let go. */
+  #beginDrag(event) {
+    const button = event.target.closest?.("[data-list]");
+    if (!this.#isOpen || !button?.classList.contains("stroke") || event.button !== 0) return;
+    const from = event.clientX;
+    button.setPointerCapture(event.pointerId); // it is narrow: a pointer leaves it at once
+    const move = ({ clientX }) => {
+      if (Math.abs(clientX - from) >= DRAG_PX) button.style.transform = `translateX(${clientX - from}px)`;
+    };
+    const stop = new AbortController();
+    const { signal } = stop;
+    button.addEventListener("pointermove", move, { signal });
+    button.addEventListener("pointercancel", () => (stop.abort(), (button.style.transform = "")), { signal });
+    button.addEventListener("pointerup", ({ clientX }) => {
+      stop.abort();
+      button.style.transform = "";
+      if (Math.abs(clientX - from) < DRAG_PX) return; // a click chooses it
+      button.click();
+      if (this.#chosen?.side) this.#moveTo(this.#chosen.lands + this.#timeline.secondsAt(clientX) - this.#timeline.secondsAt(from));
+    }, { signal });
+  }
+
+  #key(event) {
+    if (!this.#isOpen || event.target.closest("input, select, textarea")) return;
+    const isUndo = (event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z";
+    const isRedo = (isUndo && event.shiftKey) || ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "y");
+    const focused = event.target.closest("[data-list]");
+    const does = isRedo ? () => this.#doAgain() : isUndo ? () => this.#undo() : null;
+    const ofChosen = { Delete: () => this.#delete(), Backspace: () => this.#delete() }[event.key];
+    const nudge = event.shiftKey && { ArrowLeft: -NUDGE_S, ArrowRight: NUDGE_S }[event.key];
+    if (!does && !ofChosen && !nudge) return;
+    event.preventDefault();
+    event.stopPropagation();
+    if (does) return void does();
+    if (focused && focused.getAttribute("aria-pressed") !== "true") focused.click();
+    if (nudge) this.#nudge(nudge);
+    else ofChosen();
+  }
+
+  // ------------------------------------------------------------------ showing
+
+  #update() {
+    if (!this.#isOpen) return;
+    const label = (name) => this.#rows.find((row) => row.name === name)?.label ?? name;
+    const options = (select, entries, value) => {
+      const told = JSON.stringify(entries);
+      if (select.dataset.told !== told) select.replaceChildren(...entries.map(([each, words]) => make("option", { value: each }, words)));
+      select.dataset.told = told;
+      select.value = value;
+    };
+    const names = [...new Set([...this.#value.rows, ...Object.keys(this.#value.known)])];
+    options(this.takes, names.map((name) => [name, label(name)]), this.#start);
+    options(this.besides, [["", "nothing"], ...this.#rows.filter(({ name }) => name !== this.#start && name !== this.#coming).map((row) => [row.name, row.label ?? row.name])], this.#beside ?? "");
+    this.undo.disabled = this.#isBusy || !this.#value.known[this.#start]?.from;
+    this.redo.disabled = this.#isBusy || !this.#redo.length;
+    this.element.setAttribute("aria-busy", String(this.#isBusy));
+    this.#showChosen();
+    if (!this.#told) return;
+    options(this.kinds, this.#told.kinds.map((kind) => [kind, kindName(kind)]), this.kinds.value || "you");
+    options(this.places, [["", "at the present moment"], ...this.#told.words.map(([start, , words], i) => [String(i), `on “${words}” (${start.toFixed(1)} s)`])], this.places.value);
+    for (const [name, input] of this.sliders) {
+      if (!this.#isBusy || document.activeElement !== input) input.value = String(this.#told.style[name]);
+      if (name === "stroke_s") input.setAttribute("aria-valuetext", `strokes of ${this.#told.style[name]} s`);
+    }
+  }
+
+  #showChosen() {
+    const chosen = this.#chosen;
+    this.hint.hidden = !!chosen;
+    this.tools.hidden = !chosen;
+    if (!chosen) return;
+    this.ofGesture.hidden = !chosen.side;
+    this.byWord.hidden = !this.#told?.words.length;
+    const gesture = this.#gesture;
+    const kind = gesture ? kindName(gesture.kind) || "gesture" : "Gesture";
+    const hands = gesture && gesture.partner !== null ? "both hands" : `${chosen.side} hand`;
+    this.which.textContent = chosen.side ? `${kind}, ${hands}, ${chosen.lands.toFixed(2)} s` : `${chosen.list.slice(0, -1)}, ${chosen.at.toFixed(2)} s`;
+    const now = gesture && gesture.partner !== null ? "both" : chosen.side;
+    for (const [i, each] of ["left", "right", "both"].entries()) this.handButtons[i].setAttribute("aria-pressed", String(each === now));
+    const isLocked = !!chosen.side && !!this.#lockOf(chosen);
+    this.lock.setAttribute("aria-pressed", String(isLocked));
+    this.lock.textContent = isLocked ? "Unlock" : "Lock";
+  }
+}

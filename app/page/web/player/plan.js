@@ -1,0 +1,195 @@
+/** What a plan says of each moment and of each of its events: pure functions of its JSON. */
+
+export const SIDES = /** @type {const} */ (["left", "right"]);
+export const POINT_S = 0.2; // for as long a nod, a blink or a brow is what happens now
+const AROUND_WORD_S = [0.25, 0.15]; // before it begins and after it ends: still on it
+const TOGETHER_S = 0.15; // strokes of both hands that end so close are one gesture
+const AHEAD_DEG = 4;
+const FOLLOWING = "follow"; // small beats of the hand that takes no part
+
+/** The tiers in the order in which they are drawn, each with the plan's lists that it shows. */
+export const TIERS = /** @type {const} */ ([
+  { name: "Left hand", short: "Left", lists: ["left"], isHand: true },
+  { name: "Right hand", short: "Right", lists: ["right"], isHand: true },
+  { name: "Head and gaze", short: "Head", lists: ["looks", "nods"], isHand: false },
+  { name: "Face", short: "Face", lists: ["smiles", "brows", "blinks"], isHand: false },
+  { name: "Weight", short: "Weight", lists: ["stands"], isHand: false },
+]);
+
+export const ORIGINS = { planned: "planned", found: "found in the motion" };
+
+/** From when to when something happens; a moment lies around its time. */
+export function timesOf(event) {
+  return event.time_s === undefined ? [event.start_s, event.end_s] : [event.time_s - POINT_S / 2, event.time_s + POINT_S / 2];
+}
+
+/**
+ * The accents that are known: those that somebody wrote down, else those that were heard.
+ *
+ * @param {import("../told").TimelineData} data
+ */
+export function accentsOf({ accents, heard_accents }) {
+  return accents.length ? accents : heard_accents;
+}
+
+/** Where to look at it. */
+export function beginOf(event) {
+  return event.time_s ?? event.start_s;
+}
+
+/**
+ * What lies within some seconds, or happens at a moment (`from` and `to` alike): the numbers of the
+ * first such event and of the one after the last. Events are in time.
+ */
+export function within(events, from, to) {
+  const first = lowest(events.length, (i) => timesOf(events[i])[1] > from);
+  const stop = lowest(events.length, (i) => timesOf(events[i])[0] > to);
+  return [first, Math.max(first, stop)];
+}
+
+/** The lowest number below `count` for which it holds, if it holds for all after it. */
+function lowest(count, holds) {
+  let [low, high] = [0, count];
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (holds(middle)) high = middle;
+    else low = middle + 1;
+  }
+  return low;
+}
+
+/** What stands in an event's box; nothing in a rest's. */
+export function labelOf(list, event) {
+  switch (list) {
+    case "left":
+    case "right":
+      return { rest: "", preparation: "prep.", stroke: kindName(event.kind) || "stroke", hold: "hold", beat: "beat", retraction: "retr." }[event.phase];
+    case "looks":
+      return wayOf(event, "");
+    case "stands":
+      return event.leg;
+    default:
+      return "";
+  }
+}
+
+/** How an event is drawn: the name of its class. */
+export function classOf(list, event) {
+  if (list === "left" || list === "right") return event.phase;
+  if (list === "brows") return event.height < 0 ? "frown" : "brow";
+  if (list === "stands") return `stand ${event.leg}`;
+  return list.slice(0, -1);
+}
+
+/** A kind's name as a person would write it. */
+export function kindName(kind) {
+  return kind === FOLLOWING ? "small beat" : kind.replaceAll("_", " ");
+}
+
+function wayOf({ yaw_deg, pitch_deg }, ahead) {
+  const sideways = Math.abs(yaw_deg) < AHEAD_DEG ? "" : `${Math.round(Math.abs(yaw_deg))}° ${yaw_deg > 0 ? "left" : "right"}`;
+  const upright = Math.abs(pitch_deg) < AHEAD_DEG ? "" : `${Math.round(Math.abs(pitch_deg))}° ${pitch_deg > 0 ? "down" : "up"}`;
+  return [sideways, upright].filter(Boolean).join(", ") || ahead;
+}
+
+/**
+ * The word of a moment, and whether it is stressed as far as accents are known.
+ *
+ * @param {{ words: import("../told").Interval[], accents: [number, number][] }} said
+ * @param {number} seconds
+ * @param {string} [text] of the word, where it is known
+ */
+export function wordAt({ words, accents }, seconds, text) {
+  const [before, after] = AROUND_WORD_S;
+  const near = words.filter(([start, end, word]) => seconds >= start - before && seconds <= end + after && (text === undefined || word.toLowerCase() === text));
+  /** @param {import("../told").Interval} word */
+  const far = ([start, end]) => Math.max(start - seconds, seconds - end, 0);
+  const word = near.reduce((best, each) => (best && far(best) <= far(each) ? best : each), null);
+  if (!word) return null;
+  return { text: word[2], isStressed: accents.some(([at]) => at >= word[0] && at <= word[1]) };
+}
+
+/**
+ * Why something is there and what it is, in one sentence, as far as it is known.
+ *
+ * @param {import("../told").Plan} plan
+ * @param {import("../told").Chosen} chosen
+ * @param {{ words: import("../told").Interval[], accents: [number, number][] }} said
+ */
+export function sentenceOf(plan, { list, index }, said) {
+  /** @type {any} */
+  const event = plan[list][index];
+  const told = list === "left" || list === "right" ? handTold(plan, list, index, said) : otherTold(plan, list, event, said);
+  const [start, end] = timesOf(event);
+  const when = event.time_s === undefined ? `${start.toFixed(2)} to ${end.toFixed(2)} s` : `at ${event.time_s.toFixed(2)} s`;
+  return `${capital(told)}; ${when}, ${ORIGINS[plan.origin]}.`;
+}
+
+function handTold(plan, side, index, said) {
+  const phases = plan[side];
+  const { phase } = phases[index];
+  if (phase === "rest") return `the ${side} hand rests`;
+  const landing = phase === "stroke" ? index : landingOf(phases, index);
+  const stroke = phases[landing];
+  const what = stroke && strokeTold(plan, side, stroke, said);
+  switch (phase) {
+    case "stroke":
+      return what;
+    case "preparation":
+      return `the ${side} hand gets ready${what ? ` for: ${what}` : ""}`;
+    case "hold":
+      return `the ${side} hand stays${what ? ` after: ${what}` : ""}`;
+    case "beat":
+      return `a ${kindName(phases[index].kind === FOLLOWING ? FOLLOWING : "beat")} of the ${side} hand${onWord(plan, phases[index], said)}`;
+    default:
+      return `the ${side} hand goes back to rest`;
+  }
+}
+
+/** The stroke that a phase belongs to: the next one of a preparation, else the last one before. */
+function landingOf(phases, index) {
+  const step = phases[index].phase === "preparation" ? 1 : -1;
+  for (let i = index + step; i >= 0 && i < phases.length; i += step) {
+    if (phases[i].phase === "stroke") return i;
+    if (phases[i].phase === "rest" || phases[i].phase === "retraction") break;
+  }
+  return -1;
+}
+
+function strokeTold(plan, side, stroke, said) {
+  const other = plan[side === "left" ? "right" : "left"];
+  const isBoth = other.some(({ phase, end_s }) => phase === "stroke" && Math.abs(end_s - stroke.end_s) < TOGETHER_S);
+  const kind = kindName(stroke.kind);
+  return `${kind === "beat" ? kind : kind ? `stroke (${kind})` : "stroke"} of ${isBoth ? "both hands" : `the ${side} hand`}${onWord(plan, stroke, said)}`;
+}
+
+/** A planned stroke says which word it lands on; one that was found ends on the word of its time. */
+function onWord(plan, phase, said) {
+  if (plan.origin === "planned" && phase.phase === "stroke" && !phase.word) return "";
+  const known = phase.word && plan.origin === "planned" ? phase.word : undefined;
+  const word = wordAt(said, phase.end_s, known) ?? (known ? { text: known, isStressed: false } : null);
+  return word ? ` on the ${word.isStressed ? "stressed " : ""}word “${word.text}”` : "";
+}
+
+function otherTold(plan, list, event, said) {
+  const word = event.time_s === undefined ? null : wordAt(said, event.time_s);
+  const on = word ? ` on the ${word.isStressed ? "stressed " : ""}word “${word.text}”` : "";
+  switch (list) {
+    case "nods":
+      return `nod of ${Math.round(event.depth_deg)}°${on}`;
+    case "looks":
+      return `looks ${wayOf(event, plan.origin === "planned" ? "at the listener" : "ahead")}`;
+    case "brows":
+      return `${event.height < 0 ? "frown" : "raised brows"}${on}`;
+    case "smiles":
+      return `smile of ${Math.round(100 * event.size)} %`;
+    case "blinks":
+      return "blink";
+    default:
+      return event.leg === "both" ? "stands on both legs" : `weight on the ${event.leg} leg`;
+  }
+}
+
+function capital(words) {
+  return words[0].toUpperCase() + words.slice(1);
+}

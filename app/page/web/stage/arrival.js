@@ -1,0 +1,51 @@
+/** A motion that comes window by window: its file grows, and what is new of it is fetched. */
+
+import { joined, unpacked } from "./motion.js";
+
+const GROWN = 1.2; // so many times as long, it is worth working out anew
+
+export class Arrival {
+  #url;
+  #fetched;
+  #parts = [];
+  #bytes = 0;
+  #end = 0; // frames fetched
+  #given = 0;
+
+  /** `fetched(url, from, to)` gives bytes of a file. */
+  constructor(url, fetched = bytesOf) {
+    this.#url = url;
+    this.#fetched = fetched;
+  }
+
+  /**
+   * The motion as far as it has come, or null where nothing of it is new, or worth working out yet.
+   *
+   * @param {import("../told").There} there What the server has by now.
+   * @param {number} needed Frames that are about to be shown.
+   */
+  async next(there, needed) {
+    if (there.bytes > this.#bytes) {
+      const part = unpacked(await this.#fetched(this.#url, this.#bytes, there.bytes), this.#end);
+      this.#parts.push(part);
+      this.#bytes = there.bytes;
+      this.#end += part.length;
+    }
+    const isWorthIt = this.#end === there.num_frames || this.#end >= GROWN * this.#given || needed > this.#given;
+    if (this.#end === this.#given || !isWorthIt) return null;
+    this.#given = this.#end;
+    return joined(this.#parts);
+  }
+}
+
+async function bytesOf(url, from, to) {
+  let answer;
+  try {
+    answer = await fetch(url, { headers: { Range: `bytes=${from}-${to - 1}` }, cache: "no-store" });
+  } catch (cause) {
+    throw new Error("The motion cannot be fetched: the server does not answer.", { cause });
+  }
+  if (!answer.ok) throw new Error("The motion cannot be fetched: it is kept no longer.");
+  const content = await answer.arrayBuffer();
+  return answer.status === 206 ? content : content.slice(from, to); // a proxy may send the whole
+}

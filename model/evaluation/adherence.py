@@ -1,0 +1,409 @@
+"""Does a system do what its plan says? ``python -m model.evaluation.adherence --data DIR``.
+
+Plans are drawn for clips of the test split, performed, edited at random and performed again where
+they differ. What is asked: do strokes end when the plan says, does the hand that was asked move and
+the other stay, are larger gestures larger and higher ones higher, do resting hands rest, and is the
+edited motion as smooth as the unedited? Recordings beside their own annotation show what the
+questions' own answers are worth.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import math
+import sys
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import gaussian_filter1d
+
+from model.data.recordings import DataError, read_files, read_split, speaker_of
+from model.evaluation.frechet import Features, frechet_distance, motion_features
+from model.generation.again import Performance, perform, perform_again
+from model.generation.base import System
+from model.generation.windows import GenerateOptions, draw_plans
+from model.measures.posture import foot_slide
+from model.motion.motion import Motion, MotionError, first_frames
+from model.motion.skeleton import JOINT_INDEX, open_body_skeleton
+from model.motion.timing import FPS, SAMPLE_RATE
+from model.motion.tracks import Tracks, track_points
+from model.networks.autoencoder import FrozenEncoder, load_encoder
+from model.plan.editing import (
+    Edited,
+    Gesture,
+    added,
+    deleted,
+    gestures,
+    held,
+    moved,
+    raised,
+    sized,
+    with_hands,
+)
+from model.plan.palette import PLACES
+from model.plan.places import wrist_places
+from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, Side
+from model.plan.textgrid import annotated_plan
+from model.plan.tracks import hand_tracks, tracks_of
+from model.speech.audio import Speech, SpeechError
+from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
+from model.storage.files import written_atomically
+from model.systems.autoencoders.config import FGD_ENCODER
+from model.systems.planned.config import PLANNED
+from model.systems.registry import load_system
+
+FEET = [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]]
+SPEECH_S = 12.0
+"""Of each clip."""
+IN_TIME_S = 0.1
+MOST_LAG_S = 0.4
+LEAST_LIKENESS = 0.5
+"""A wrist whose path correlates less with the plan's makes no such stroke."""
+LEAST_WAY = 0.5
+"""The hand that is asked goes at least so much of the planned way."""
+STILL_M_S = 0.12
+"""A wrist that rests, or is to stay while the other moves, is slower than this on average."""
+EDITS = ("move", "hold", "delete", "add", "hand", "size", "height")
+SIZES = (0.6, 1.0, 1.5)
+HEIGHTS_M = (-0.12, 0.0, 0.12)
+Places = Mapping[Side, Float[np.ndarray, "T 3"]]
+log = logging.getLogger(__name__)
+
+
+def stroke_lags(
+    places: Places, plan: GesturePlan, frames: Sequence[range] | None = None
+) -> list[float]:
+    """By how many seconds each stroke ends later than planned; NaN where no stroke is made.
+
+    The wrist's path from the stroke's preparation to half a second after it is laid over the
+    planned one with every shift; the shift at which they are most alike is how late it is.
+
+    Args:
+        frames: strokes that end elsewhere are left out; None takes all.
+    """
+    num_frames = len(places["left"])
+    planned = tracks_of(plan, num_frames).astype(np.float64)
+    most = round(MOST_LAG_S * FPS)
+    lags = []
+    for side in SIDES:
+        path = planned[:, hand_tracks(side)][:, :3]
+        for phase in plan.hand(side):
+            end = round(phase.end_s * FPS)
+            if phase.phase != "stroke" or not any(end in one for one in frames or [range(10**9)]):
+                continue
+            first, stop = round(phase.start_s * FPS) - 12, end + 9
+            if first - most < 0 or stop + most > num_frames:
+                continue
+            lags.append(_lag(path[first:stop], places[side], first, most))
+    return lags
+
+
+def _lag(
+    planned: Float[np.ndarray, "n 3"], path: Float[np.ndarray, "T 3"], first: int, most: int
+) -> float:
+    wish = planned - planned.mean(axis=0)
+    likeness = []
+    for shift in range(-most, most + 1):
+        made = path[first + shift : first + shift + len(wish)]
+        made = made - made.mean(axis=0)
+        norm = np.linalg.norm(made) * np.linalg.norm(wish)
+        likeness.append(float((made * wish).sum() / norm) if norm > 1e-9 else 0.0)
+    best = int(np.argmax(likeness))
+    return (best - most) / FPS if likeness[best] >= LEAST_LIKENESS else math.nan
+
+
+def rest_speeds(places: Places, plan: GesturePlan) -> list[float]:
+    """Mean speed of each resting wrist in m/s, of rests of .8 s and longer without their edges."""
+    found = []
+    for side in SIDES:
+        speed = _speed(places[side])
+        for phase in plan.hand(side):
+            if phase.phase == "rest" and phase.end_s - phase.start_s >= 0.8:
+                first, stop = round((phase.start_s + 0.25) * FPS), round((phase.end_s - 0.25) * FPS)
+                if first < len(speed):
+                    found.append(float(speed[first:stop].mean()))
+    return found
+
+
+def moves_alone(places: Places, plan: GesturePlan, gesture: Gesture) -> bool | None:
+    """Whether the hand makes the gesture and the other stays; None where the other is to move."""
+    phases = _phases_of(plan, gesture)
+    first, stop = round(phases[0].start_s * FPS), round(phases[-1].end_s * FPS)
+    other = SIDES[1 - SIDES.index(gesture.side)]
+    planned = tracks_of(plan, len(places["left"])).astype(np.float64)
+    around = slice(max(0, first - 4), stop + 4)
+    stays = _way(planned[around, hand_tracks(other)][:, :3]) <= 0.02
+    wish = _way(planned[first:stop, hand_tracks(gesture.side)][:, :3])
+    if not stays or wish < 0.05:
+        return None
+    asked = _way(places[gesture.side][first:stop]) >= LEAST_WAY * wish
+    return asked and bool(_speed(places[other])[first:stop].mean() < STILL_M_S)
+
+
+def _phases_of(plan: GesturePlan, gesture: Gesture) -> list[HandPhase]:
+    """Preparation and stroke of a gesture."""
+    phases = plan.hand(gesture.side)
+    at = [abs(p.end_s - gesture.lands_s) if p.phase == "stroke" else math.inf for p in phases]
+    last = int(np.argmin(at))
+    first = last - 1 if last and phases[last - 1].phase == "preparation" else last
+    return list(phases[first : last + 1])
+
+
+def _way(path: Float[np.ndarray, "n 3"]) -> float:
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()) if len(path) > 1 else 0.0
+
+
+def _speed(path: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, " T"]:
+    smooth = gaussian_filter1d(path, 1.0, axis=0)
+    return np.linalg.norm(np.gradient(smooth, axis=0), axis=1) * FPS
+
+
+def random_edit(plan: GesturePlan, rng: np.random.Generator) -> tuple[str, Edited, Gesture | None]:
+    """One that the plan takes: its name, the plan, and the gesture it is about if there still is.
+
+    Raises:
+        PlanError: if none of a hundred is taken.
+    """
+    for _ in range(100):
+        there = [g for side in SIDES for g in gestures(plan, side)]
+        name = EDITS[rng.integers(len(EDITS))]
+        try:
+            if there and name != "add":
+                edited, gesture = _changed(plan, there[rng.integers(len(there))], name, rng)
+            else:
+                name, kind = "add", str(rng.choice(list(PLACES)))
+                at_s = round(float(rng.uniform(1.0, plan.duration_s - 1.0)), 3)
+                gesture = Gesture(SIDES[rng.integers(2)], at_s)
+                edited = added(plan, kind, at_s, gesture.side)
+        except PlanError:
+            continue
+        return name, edited, gesture
+    raise PlanError("The plan takes no edit.")
+
+
+def _changed(
+    plan: GesturePlan, old: Gesture, name: str, rng: np.random.Generator
+) -> tuple[Edited, Gesture | None]:
+    by = float(rng.uniform(0.2, 1.5))
+    if name == "move":
+        to_s = round(old.lands_s + float(rng.uniform(-1.5, 1.5)), 3)
+        return moved(plan, old, to_s), Gesture(old.side, to_s)
+    if name == "delete":
+        return deleted(plan, old), None
+    if name == "hand":
+        other = SIDES[1 - SIDES.index(old.side)]
+        return with_hands(plan, old, other), Gesture(other, old.lands_s)
+    if name == "hold":
+        return held(plan, old, by), old
+    if name == "size":
+        return sized(plan, old, 0.5 + by), old
+    return raised(plan, old, 0.2 * (by - 0.85)), old
+
+
+class Asked:
+    """Answers as they come, and what they say in the end."""
+
+    def __init__(self) -> None:
+        self.answers: defaultdict[str, list[float]] = defaultdict(list)
+
+    def add(self, question: str, answers: Sequence[float]) -> None:
+        """Answers of one question."""
+        self.answers[question] += list(answers)
+
+    def told(self) -> dict[str, dict[str, float]]:
+        """Mean and number of the answers by question."""
+        return {
+            name: {"mean": float(np.nanmean(values)), "count": len(values)}
+            for name, values in sorted(self.answers.items()) if values
+        }  # fmt: skip
+
+
+def _in_time(lags: Sequence[float]) -> list[float]:
+    return [float(abs(lag) <= IN_TIME_S + 1e-6) for lag in lags]  # NaN is not
+
+
+def _rough(tracks: Tracks, frames: range) -> tuple[float, float]:
+    """Jerk of all joints in m/s^3 and sliding of feet in m/s, of some frames."""
+    joints = tracks.joints[frames.start : frames.stop]
+    jerk = np.linalg.norm(np.diff(joints, n=3, axis=0), axis=-1).mean() * FPS**3
+    return float(jerk), foot_slide(joints[:, FEET])
+
+
+def ask_clip(
+    system: System, speech: Speech, speaker: str, edits: int, rng: np.random.Generator, asked: Asked
+) -> list[Motion]:
+    """All questions of one clip; returns the unedited motion, then each edited one."""
+    skeleton = open_body_skeleton()
+    options = GenerateOptions(speaker, seed=int(rng.integers(1000)))
+    (plan,) = draw_plans(system, speech, options)
+    first = perform(system, speech, replace(options, plans=(plan,)))
+    tracks = track_points(first.motion, skeleton)
+    places = wrist_places(tracks)
+    asked.add("drawn: strokes in time", _in_time(stroke_lags(places, plan)))
+    asked.add("rests at rest", [float(s < STILL_M_S) for s in rest_speeds(places, plan)])
+    asked.add("rest speed, m/s", rest_speeds(places, plan))
+
+    def again(changed: GesturePlan) -> Performance:
+        return perform_again(system, speech, replace(options, plans=(changed,)), first)
+
+    motions = [first.motion]
+    for _ in range(edits):
+        name, edited, gesture = random_edit(plan, rng)
+        made = again(edited.plan)
+        motions.append(made.motion)
+        new_tracks = track_points(made.motion, skeleton)
+        new = wrist_places(new_tracks)
+        asked.add("edited: strokes in time", _in_time(stroke_lags(new, edited.plan, made.fresh)))
+        asked.add("share made anew", [sum(map(len, made.fresh)) / speech.num_frames])
+        if gesture is not None:
+            end = round(gesture.lands_s * FPS)
+            own = GesturePlan(plan.duration_s).with_hand(
+                gesture.side, edited.plan.hand(gesture.side)
+            )
+            lags = stroke_lags(new, own, [range(end - 1, end + 2)])
+            asked.add("the edited stroke in time", _in_time(lags))
+            asked.add(f"the edited stroke in time: {name}", _in_time(lags))
+            alone = moves_alone(new, edited.plan, gesture)
+            if alone is not None:
+                asked.add("the asked hand moves, the other not", [float(alone)])
+        for part in made.fresh:
+            if len(part) > 15:
+                jerk, slide = _rough(new_tracks, part)
+                jerk_before, slide_before = _rough(tracks, part)
+                asked.add("jerk, edited / unedited", [jerk / jerk_before])
+                if slide_before > 0:
+                    asked.add("slide, edited / unedited", [slide / slide_before])
+    there = [g for side in SIDES for g in gestures(plan, side)]
+    inside = [g for g in there if 1 < g.lands_s < plan.duration_s - 1]
+    for k in rng.permutation(len(inside))[: max(1, edits // 4)]:
+        gesture = inside[k]
+        asked.add("sizes in order", _in_order(plan, gesture, SIZES, sized, again, _extent))
+        asked.add("heights in order", _in_order(plan, gesture, HEIGHTS_M, raised, again, _height))
+    return motions
+
+
+class Distances:
+    """FGD to recorded motion, of unedited motion and of as many clips of it edited."""
+
+    def __init__(self, encoder: FrozenEncoder) -> None:
+        self._encoder = encoder
+        self._clips: list[list[Features]] = []
+
+    def add(self, recorded: Motion, made: Sequence[Motion]) -> None:
+        """One clip: recorded, unedited, then edited."""
+        found = [motion_features(self._encoder, motion) for motion in (recorded, *made)]
+        self._clips.append([one for one in found if one is not None])
+
+    def told(self) -> dict[str, dict[str, float]]:
+        """Of the unedited clips, of the edited ones (mean over edits), and the one over the other;
+        nothing for a single clip."""
+        if len(self._clips) < 2:
+            return {}
+        recorded, plain, *edited = (np.concatenate(one) for one in zip(*self._clips, strict=True))
+        before = frechet_distance(recorded, plain)
+        after = float(np.mean([frechet_distance(recorded, one) for one in edited]))
+        values = {"unedited": before, "edited": after, "edited / unedited": after / before}
+        return {
+            f"FGD, {name}": {"mean": value, "count": len(self._clips)}
+            for name, value in values.items()
+        }
+
+
+def _in_order(
+    plan: GesturePlan,
+    gesture: Gesture,
+    values: Sequence[float],
+    change: Callable[[GesturePlan, Gesture, float], Edited],
+    again: Callable[[GesturePlan], Performance],
+    measured: Callable[[Places, GesturePlan, Gesture], float],
+) -> list[float]:
+    """Of each pair of neighbours, whether the larger wish is larger in the motion."""
+    found = []
+    for value in values:
+        try:
+            edited = change(plan, gesture, value)
+        except PlanError:
+            return []
+        tracks = track_points(again(edited.plan).motion, open_body_skeleton())
+        found.append(measured(wrist_places(tracks), edited.plan, gesture))
+    return [float(b > a) for a, b in pairwise(found)]
+
+
+def _extent(places: Places, plan: GesturePlan, gesture: Gesture) -> float:
+    phases = _phases_of(plan, gesture)
+    first, stop = round(phases[0].start_s * FPS), round(phases[-1].end_s * FPS) + 1
+    path = places[gesture.side][max(0, first) : stop]
+    return float(np.linalg.norm(path.max(axis=0) - path.min(axis=0)))
+
+
+def _height(places: Places, plan: GesturePlan, gesture: Gesture) -> float:
+    at = round(gesture.lands_s * FPS)
+    return float(places[gesture.side][at - 2 : at + 3, 1].mean())
+
+
+def ask_recording(motion: Motion, plan: GesturePlan, asked: Asked) -> None:
+    """What the questions say of recorded motion beside its own annotation."""
+    places = wrist_places(track_points(motion, open_body_skeleton()))
+    asked.add("recorded: strokes in time", _in_time(stroke_lags(places, plan)))
+    there = [g for side in SIDES for g in gestures(plan, side)]
+    alone = [moves_alone(places, plan, g) for g in there if 1 < g.lands_s < plan.duration_s - 1]
+    asked.add("recorded: one hand moves, the other not", [float(a) for a in alone if a is not None])
+    speeds = [s for s in rest_speeds(places, plan) if not math.isnan(s)]
+    asked.add("recorded: rests at rest", [float(s < STILL_M_S) for s in speeds])
+    asked.add("recorded: rest speed, m/s", speeds)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command; returns its exit status."""
+    parser = argparse.ArgumentParser(
+        prog="python -m model.evaluation.adherence", description=__doc__
+    )
+    parser.add_argument("--data", type=Path, required=True, help="a corpus with annotated plans")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE.json")
+    parser.add_argument("--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR")
+    parser.add_argument("--clips", type=int, default=20, help="default: %(default)s")
+    parser.add_argument("--edits", type=int, default=10, help="of each clip; default: %(default)s")
+    parser.add_argument("--seed", type=int, default=0, help="default: %(default)s")
+    options = parser.parse_args(arguments)
+    logging.basicConfig(format="%(message)s", level=logging.INFO)
+    asked, rng = Asked(), np.random.default_rng(options.seed)
+    try:
+        system = load_system(PLANNED, options.weights)
+        distances = Distances(load_encoder(options.weights, FGD_ENCODER))
+        names = [n for n, split in read_split(options.data).items() if split == "test"]
+        known = [n for n in names if speaker_of(n)[1] in system.speakers]
+        for name in rng.permutation(np.array(known))[: options.clips].tolist():
+            motion, speech = read_files(options.data, name)
+            cut = Speech(speech.waveform[: round(SPEECH_S * SAMPLE_RATE)], speech.sha256)
+            plan = annotated_plan(options.data / "textgrid" / f"{name}.TextGrid")
+            recorded = first_frames(motion, cut.num_frames)
+            ask_recording(recorded, _until(plan, cut.duration_s), asked)
+            made = ask_clip(system, cut, speaker_of(name)[1], options.edits, rng, asked)
+            distances.add(recorded, made)
+            told = asked.told() | distances.told()
+            with written_atomically(options.out) as path:  # what there is so far
+                path.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+            log.info("%s", name)
+    except (DataError, MotionError, SpeechError, CheckpointError, PlanError, OSError) as error:
+        log.error("%s", error)
+        return 1
+    for question, answer in (asked.told() | distances.told()).items():
+        log.info("%-45s %.3f of %d", question, answer["mean"], answer["count"])
+    return 0
+
+
+def _until(plan: GesturePlan, end_s: float) -> GesturePlan:
+    """What the plan says of hands up to some time."""
+    hands = {side: tuple(p for p in plan.hand(side) if p.end_s <= end_s) for side in SIDES}
+    return GesturePlan(end_s, left=hands["left"], right=hands["right"])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,204 @@
+"""A performance that is kept, and performed again where its plan has changed.
+
+Windows that hear the same plan as before stay bit for bit, but the one after each changed stretch:
+there the new motion goes over into the old within a window, so that what follows it can stay.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from model.generation.base import System, Window
+from model.generation.feet import Footing
+from model.generation.one_thread import one_thread
+from model.generation.speech_stream import SpeechWindow
+from model.generation.stitching import fade_weights, num_windows
+from model.generation.windows import (
+    Cancelled,
+    GenerateOptions,
+    PiecewiseMotion,
+    draw_of,
+    feet_of,
+    hands_of,
+)
+from model.motion.motion import Motion, put_together
+from model.motion.rotations import interpolate_rotations
+from model.plan.plan import GesturePlan, Planted
+from model.speech.audio import Speech
+
+OnPiece = Callable[[Motion], None]
+SAME = 1e-3
+"""What is heard differs by less where a plan is the same: soft edges of far events."""
+
+
+@dataclass(frozen=True, eq=False)
+class Performance:
+    """Motion of one sample, with what it takes to change a part of it."""
+
+    motion: Motion
+    plan: GesturePlan
+    fresh: tuple[range, ...]
+    """Frames that are not those of the performance before; all of a first one."""
+    made: tuple[Window, ...]
+    """Windows before they are joined."""
+    heard: Float[Tensor, "T heard_dim"]
+    footings: Mapping[Planted, Footing]
+    """Where its feet have stood."""
+
+
+def perform(
+    system: System,
+    speech: Speech,
+    options: GenerateOptions,
+    should_cancel: Callable[[], bool] | None = None,
+    on_piece: OnPiece = lambda motion: None,
+) -> Performance:
+    """The motion that `generate_motion` makes of one sample and one given plan, kept.
+
+    Args:
+        on_piece: called with the frames after those before as soon as nothing changes them.
+
+    Raises:
+        UnknownNameError, ValueError: as `generate_motion`, or without exactly one sample and plan.
+        Cancelled: if ``should_cancel`` said so.
+    """
+    return _performed(system, speech, options, None, should_cancel, on_piece)
+
+
+def perform_again(
+    system: System,
+    speech: Speech,
+    options: GenerateOptions,
+    before: Performance,
+    should_cancel: Callable[[], bool] | None = None,
+    on_piece: OnPiece = lambda motion: None,
+) -> Performance:
+    """A changed plan, performed as ``before`` but where it differs.
+
+    Args:
+        options: those of ``before`` with the changed plan.
+        on_piece: as of `perform`; what comes before the first change is there at once.
+
+    Raises:
+        UnknownNameError, ValueError, Cancelled: as `perform`.
+    """
+    return _performed(system, speech, options, before, should_cancel, on_piece)
+
+
+def _performed(
+    system: System,
+    speech: Speech,
+    options: GenerateOptions,
+    before: Performance | None,
+    should_cancel: Callable[[], bool] | None,
+    on_piece: OnPiece,
+) -> Performance:
+    if options.samples != 1 or len(options.plans) != 1:
+        raise ValueError("One sample with a plan is performed again; give one of each.")
+    if system.root_motion != "place":
+        raise ValueError(f"{system.name} tells how the body travels, not where it is.")
+    cut, draw = system.windowing, draw_of(system, options)
+    feet = feet_of(options.plans, {} if before is None else before.footings)
+    hands = hands_of(options.plans)
+    count = num_windows(speech.num_frames, cut.frames, cut.overlap)
+    with one_thread():
+        heard = system.hear(speech.waveform, cut.frames + (count - 1) * cut.advance, draw)
+        windows = [_heard(heard, k * cut.advance, cut.frames, cut.context) for k in range(count)]
+        made: list[Window] = []
+        fresh: list[range] = []
+        pieces: list[Motion] = []
+        told: PiecewiseMotion | None = None
+        joined: Window | None = None
+        leads_here, left = False, speech.num_frames
+        for k, window in enumerate(windows):
+            old = None if before is None else before.made[k]
+            is_same = before is not None and _same(
+                window, _heard(before.heard, k * cut.advance, cut.frames, cut.context)
+            )
+            if old is not None and is_same and not leads_here:
+                made.append(old)
+            else:
+                if should_cancel is not None and should_cancel():
+                    raise Cancelled
+                last = made[-1] if made else None
+                new = system.window(_as_speech(window, cut.frames), last, replace(draw, index=k))
+                leads_here = old is None or not is_same
+                if old is None or leads_here:
+                    made.append(new)
+                else:
+                    made.append(_returning(new, old, cut.advance))
+                stop = (k + 1) * cut.advance
+                if leads_here and k == count - 1:  # then the frames it shares with none are new
+                    stop = speech.num_frames
+                fresh.append(range(k * cut.advance, min(stop, speech.num_frames)))
+            joined = _joined(system, joined, made[-1])
+            told = told or PiecewiseMotion(system, _origin(made, before).root[:, :1], feet, hands)
+            length = min(left, joined.root.shape[1] if k == count - 1 else cut.advance)
+            if length:  # a last window may hold only frames beyond the speech
+                pieces += told.go_on(joined.part(slice(length)))
+                left -= length
+                on_piece(pieces[-1])
+    motion = put_together(pieces)
+    footings = {} if feet is None else feet.found
+    return Performance(motion, options.plans[0], tuple(_runs(fresh)), tuple(made), heard, footings)
+
+
+def _origin(made: Sequence[Window], before: Performance | None) -> Window:
+    return made[0] if before is None else before.made[0]
+
+
+def _heard(
+    heard: Float[Tensor, "T dim"], first: int, frames: int, context: int
+) -> Float[Tensor, "heard dim"]:
+    wanted = torch.arange(first - context, first + frames + context)
+    return heard[wanted.clamp(0, len(heard) - 1)]
+
+
+def _same(one: Float[Tensor, "heard dim"], other: Float[Tensor, "heard dim"]) -> bool:
+    return bool((one - other).abs().max() < SAME)
+
+
+def _as_speech(heard: Float[Tensor, "heard dim"], frames: int) -> SpeechWindow:
+    return SpeechWindow(heard, frames, is_last=False)
+
+
+def _returning(new: Window, old: Window, advance: int) -> Window:
+    """A window that begins as the new one and goes over into the old, which it has become when the
+    next one starts; that one's seed is the old one's."""
+    weight = torch.ones(new.root.shape[1])
+    weight[:advance] = fade_weights(advance)
+    weight = weight.to(new.root)
+    is_old = weight[:, None] == 1
+
+    def faded(one: Tensor, other: Tensor) -> Tensor:
+        return torch.where(is_old, other, torch.lerp(one, other, weight[:, None]))
+
+    rotmat = interpolate_rotations(new.rotmat, old.rotmat, weight[:, None])
+    return replace(
+        old,
+        rotmat=torch.where(is_old[..., None, None], old.rotmat, rotmat),
+        root=faded(new.root, old.root),
+        expression=faded(new.expression, old.expression),
+    )
+
+
+def _joined(system: System, before: Window | None, window: Window) -> Window:
+    """A window joined to the one before, which has been joined to those before it."""
+    if before is None:
+        return window
+    cut = system.windowing
+    return system.join(before.part(slice(cut.advance, cut.advance + cut.overlap)), window)
+
+
+def _runs(frames: Sequence[range]) -> list[range]:
+    """Ranges that follow on one another as one."""
+    found: list[range] = []
+    for one in frames:
+        if found and found[-1].stop >= one.start:
+            found[-1] = range(found[-1].start, max(one.stop, found[-1].stop))
+        elif len(one):
+            found.append(one)
+    return found

@@ -1,0 +1,96 @@
+"""A speech encoder of our own: codes in which phones, accents, ends of phrases and what a plan does
+in the mean can be read off by one linear layer.
+
+It has the part that WavLM has in the papers. It is trained on the corpus's exact annotation, as
+many microphones hear it (`model.systems.speech_encoder`), and is frozen for all that listen to it.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from model.motion.packing import Normaliser
+from model.speech.codes import PHONES, SPEECH_ENCODER, TOLD, CodesConfig
+from model.storage.cards import CheckpointError
+from model.storage.checkpoint import load_into, load_weights
+from model.storage.settings import from_dict
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What is read off codes."""
+
+    phone: Float[Tensor, "B T phones"]
+    """Logits; the first is none."""
+    told: Float[Tensor, "B T told"]
+    """`TOLD`: logits, but for strength and speed."""
+
+
+class CodesNetwork(nn.Module):
+    """Dilated convolutions over `MelEncoder`'s features, and what is read off them."""
+
+    def __init__(self, config: CodesConfig) -> None:
+        super().__init__()
+        width = config.width
+        self.config = config
+        self.frames = nn.Linear(config.speech_dim, width)
+        self.around = nn.ModuleList(
+            nn.Conv1d(width, width, 3, padding=dilation, dilation=dilation)
+            for dilation in config.dilations
+        )
+        self.mixed = nn.ModuleList(nn.Linear(width, width) for _ in config.dilations)
+        self.norm = nn.LayerNorm(width)
+        self.code = nn.Linear(width, config.codes)
+        self.phone = nn.Linear(config.codes, 1 + len(PHONES))
+        self.told = nn.Linear(config.codes, len(TOLD))
+
+    def codes(self, speech: Float[Tensor, "B T speech_dim"]) -> Float[Tensor, "B T codes"]:
+        """Numbers from -1 to 1, from normalised features; beyond the ends the network hears
+        what is usual."""
+        x = self.frames(speech)
+        for convolution, mixed in zip(self.around, self.mixed, strict=True):
+            x = x + mixed(F.silu(convolution(F.silu(x).transpose(1, 2)).transpose(1, 2)))
+        return torch.tanh(self.code(self.norm(x)))
+
+    def forward(self, speech: Float[Tensor, "B T speech_dim"]) -> Reading:
+        """What is read off the codes of normalised features."""
+        codes = self.codes(speech)
+        return Reading(self.phone(codes), self.told(codes))
+
+
+@dataclass(frozen=True)
+class SpeechCodes:
+    """A trained network with the statistics of what it hears; never changed again."""
+
+    network: CodesNetwork
+    normaliser: Normaliser
+    sha256: str
+
+    @torch.inference_mode()
+    def of(self, features: Float[Tensor, "*B T speech_dim"]) -> Float[Tensor, "*B T codes"]:
+        """Codes of `MelEncoder`'s features."""
+        batch = features.view(-1, *features.shape[-2:])
+        codes = self.network.codes(self.normaliser.normalise(batch)).float()
+        return codes.view(*features.shape[:-1], -1)
+
+
+def load_codes(folder: Path) -> SpeechCodes:
+    """Read the encoder.
+
+    Raises:
+        CheckpointError: if its files are missing or damaged.
+    """
+    tensors, card = load_weights(folder, SPEECH_ENCODER)
+    try:
+        config = from_dict(CodesConfig, card["config"]["codes"])
+    except (KeyError, TypeError) as error:
+        message = f"The card of {SPEECH_ENCODER} lacks or misstates {error}."
+        raise CheckpointError(message) from None
+    network = CodesNetwork(config)
+    load_into(network, tensors, "network.", SPEECH_ENCODER)
+    network.eval().requires_grad_(False)
+    return SpeechCodes(network, Normaliser.of_tensors(tensors), card["sha256"])

@@ -1,0 +1,234 @@
+"""A whole performance at once: how often, how large, how high, how fast, with which hands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from model.plan.editing import (
+    Edited,
+    Gesture,
+    added,
+    deleted,
+    gestures,
+    hastened,
+    on_word,
+    raised,
+    sized,
+    with_hands,
+)
+from model.plan.kinds import TOGETHER_S, Spoken, strokes_of
+from model.plan.palette import REST_PLACE
+from model.plan.plan import SIDES, GesturePlan, PlanError, Smile
+
+_CLOSE = 0.02
+"""A wish this close to what is there, as a share of it, is met already."""
+_LIMITS = {
+    "gestures_per_min": (0.0, 90.0), "size_m": (0.05, 0.6), "height_m": (-0.4, 0.4),
+    "stroke_s": (0.2, 1.0), "both": (0.0, 1.0), "smile": (0.0, 1.0),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Style:
+    """What a plan is like on the whole; of one drawn from speech, what the speech asks for."""
+
+    gestures_per_min: float
+    """Those of both hands together count once."""
+    size_m: float
+    """Mean distance of the ends of strokes from where hands rest."""
+    height_m: float
+    """Mean height of the ends of strokes over the chest joint."""
+    stroke_s: float
+    """Mean length of strokes."""
+    both: float
+    """Share of gestures that both hands make."""
+    smile: float
+    """Mean size of smiles over all the time, none being 0."""
+
+    def __post_init__(self) -> None:
+        """
+        Raises:
+            PlanError: if something is not within what bodies do.
+        """
+        for name, (least, most) in _LIMITS.items():
+            if not least <= getattr(self, name) <= most:
+                value = getattr(self, name)
+                raise PlanError(f"{name} is {value:g}; it must lie between {least:g} and {most:g}.")
+
+
+def style_of(plan: GesturePlan) -> Style:
+    """What the plan is like now: where a slider stands before anybody moves it."""
+    strokes = strokes_of(plan)
+    goals = [stroke.lands.goal for stroke in strokes]
+    twice = sum(stroke.both for stroke in strokes) / 2
+    count = len(strokes) - twice
+    smiles = sum(one.size * (one.end_s - one.start_s) for one in plan.smiles)
+    told = {
+        "gestures_per_min": 60 * count / plan.duration_s,
+        "size_m": _mean([math.dist(goal, REST_PLACE) for goal in goals], 0.2),
+        "height_m": _mean([up for _, up, _ in goals], -0.1),
+        "stroke_s": _mean([one.lands.end_s - one.lands.start_s for one in strokes], 0.3),
+        "both": twice / count if count else 0.0,
+        "smile": smiles / plan.duration_s,
+    }
+    return Style(**{name: float(np.clip(told[name], *_LIMITS[name])) for name in told})
+
+
+def excited(style: Style, by: float) -> Style:
+    """The style calmer or more excited.
+
+    Args:
+        by: -1 (calm) to 1 (excited); 0 leaves it.
+    """
+    if not -1 <= by <= 1:
+        raise PlanError(f"Excitement goes from -1 to 1; got {by:g}.")
+    changed = {
+        "gestures_per_min": style.gestures_per_min * 1.6**by,
+        "size_m": style.size_m * 1.3**by,
+        "height_m": style.height_m + 0.06 * by,
+        "stroke_s": style.stroke_s / 1.25**by,
+        "both": style.both + 0.15 * by,
+    }
+    return replace(
+        style, **{name: float(np.clip(changed[name], *_LIMITS[name])) for name in changed}
+    )
+
+
+def with_style(
+    plan: GesturePlan,
+    style: Style,
+    words: Sequence[Spoken] = (),
+    locked: Collection[Gesture] = (),
+) -> Edited:
+    """The plan with another style, as far as there are gestures, words and time for it.
+
+    Args:
+        words: where more gestures go: beats on those that have none. Without words there are no
+            more gestures than before.
+        locked: gestures that stay as they are.
+    """
+    notes: list[str] = []
+    now = style_of(plan)
+    if _differs(style.gestures_per_min, now.gestures_per_min):
+        plan = _as_often(plan, style.gestures_per_min, words, locked)
+        got = style_of(plan).gestures_per_min
+        if abs(got - style.gestures_per_min) * plan.duration_s / 60 > 1:
+            notes.append(f"There is room for {got:.0f} gestures a minute.")
+    if _differs(style.both, now.both):
+        plan = _with_both(plan, style.both, locked)
+    now = style_of(plan)
+    changes: list[Callable[[GesturePlan, Gesture], Edited]] = []
+    if _differs(style.stroke_s, now.stroke_s):
+        speed = float(np.clip(now.stroke_s / style.stroke_s, 0.2, 5))
+        changes.append(lambda each, gesture: hastened(each, gesture, speed))
+    if _differs(style.size_m, now.size_m):
+        size = float(np.clip(style.size_m / now.size_m, 0.1, 4))
+        changes.append(lambda each, gesture: sized(each, gesture, size))
+    for change in changes:
+        plan = _each(plan, change, locked)
+    by_m = style.height_m - style_of(plan).height_m
+    if _differs(style.height_m, now.height_m) and abs(by_m) > 1e-3:
+        plan = _each(plan, lambda each, gesture: raised(each, gesture, by_m), locked)
+    if _differs(style.smile, now.smile):
+        plan = replace(plan, smiles=_smiles(plan, style.smile, now.smile))
+    return Edited(plan, tuple(notes))
+
+
+def differing(style: Style, other: Style) -> tuple[str, ...]:
+    """The names of what differs."""
+    return tuple(
+        each.name for each in fields(Style)
+        if _differs(getattr(style, each.name), getattr(other, each.name))
+    )  # fmt: skip
+
+
+def _differs(wish: float, now: float) -> bool:
+    return abs(wish - now) > _CLOSE * max(abs(wish), abs(now), 0.05)
+
+
+def _mean(numbers: Sequence[float], usual: float) -> float:
+    return float(np.mean(numbers)) if numbers else usual
+
+
+def _together(plan: GesturePlan) -> list[list[Gesture]]:
+    """All gestures in time; those of both hands as one."""
+    found: list[list[Gesture]] = []
+    every = sorted((g for side in SIDES for g in gestures(plan, side)), key=lambda g: g.lands_s)
+    for gesture in every:
+        last = found[-1] if found else []
+        is_partner = len(last) == 1 and last[0].side != gesture.side
+        if is_partner and gesture.lands_s - last[0].lands_s < TOGETHER_S:
+            last.append(gesture)
+        else:
+            found.append([gesture])
+    return found
+
+
+def _spread(count: int, most: int) -> list[int]:
+    """Which of some, evenly over all of them."""
+    return [int((k + 0.5) * most / count) for k in range(min(count, most))]
+
+
+def _as_often(
+    plan: GesturePlan, per_min: float, words: Sequence[Spoken], locked: Collection[Gesture]
+) -> GesturePlan:
+    there = _together(plan)
+    wanted = round(per_min * plan.duration_s / 60)
+    free = [group for group in there if not set(group) & set(locked)]
+    for k in _spread(max(0, len(there) - wanted), len(free)):
+        for gesture in free[k]:
+            plan = deleted(plan, gesture).plan
+    missing = wanted - len(there)
+    for word in sorted(words, key=lambda w: w.start_s - w.end_s):  # long ones first
+        if missing <= 0:
+            break
+        try:
+            edited = added(plan, "beat", on_word(word), "right", word.text.lower())
+        except PlanError:
+            continue
+        plan, missing = edited.plan, missing - 1
+    return plan
+
+
+def _with_both(plan: GesturePlan, share: float, locked: Collection[Gesture]) -> GesturePlan:
+    groups = _together(plan)
+    both = [group for group in groups if len(group) == 2 and not set(group) & set(locked)]
+    single = [group for group in groups if len(group) == 1 and not set(group) & set(locked)]
+    missing = round(share * len(groups)) - sum(len(group) == 2 for group in groups)
+    for k in _spread(max(0, -missing), len(both)):
+        plan = with_hands(plan, both[k][1], "right").plan
+    done = 0
+    for (gesture,) in single:
+        if done >= missing:
+            break
+        try:
+            plan = with_hands(plan, gesture, "both").plan
+        except PlanError:
+            continue
+        done += 1
+    return plan
+
+
+def _each(
+    plan: GesturePlan,
+    change: Callable[[GesturePlan, Gesture], Edited],
+    locked: Collection[Gesture],
+) -> GesturePlan:
+    """Every gesture changed that can be."""
+    for gesture in [g for group in _together(plan) for g in group if g not in locked]:
+        try:
+            plan = change(plan, gesture).plan
+        except PlanError:
+            continue
+    return plan
+
+
+def _smiles(plan: GesturePlan, wish: float, now: float) -> tuple[Smile, ...]:
+    if now == 0:
+        return (Smile(0.0, plan.duration_s, wish),)
+    scaled = (replace(one, size=min(1.0, one.size * wish / now)) for one in plan.smiles)
+    return tuple(one for one in scaled if one.size > 0)

@@ -1,0 +1,86 @@
+"""The authors' own checkpoints of GlobalDiff, where a person has them; may import what systems may.
+
+Nothing of them is bundled. The networks are written anew; equality with the authors' code is held
+by the tests.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from model.generation.family import Family, Sampler
+from model.storage.cards import load_card
+from model.systems.official.files import official_files, require_official
+from model.training.config import TrainConfig
+
+FILTERED = "official/authors"
+UNFILTERED = "official/authors-unfiltered"
+SPEAKERS = {
+    "wayne": 1, "scott": 2, "solomon": 3, "lawrence": 4, "stewart": 5, "carla": 6, "sophie": 7,
+    "miranda": 9, "kieks": 10, "nidal": 11, "zhao": 12, "lu": 13, "carlos": 15, "jorge": 16,
+    "itoi": 17, "daiki": 18, "li": 20, "ayana": 21, "luqi": 22, "hailing": 23, "kexin": 24,
+    "goto": 25, "yingqing": 27, "tiffnay": 28, "katya": 30,
+}  # fmt: skip
+"""BEAT2's, by their numbers; 0 is no speaker, which training shows one time in ten."""
+
+
+@dataclass(frozen=True)
+class OfficialFamily(Family):
+    """Its weights lie in a folder of their own, and are not trained here."""
+
+    @property
+    def trained(self) -> tuple[str, ...]:
+        """Nothing."""
+        return ()
+
+    def systems_in(self, folder: Path) -> tuple[str, ...]:
+        """Both systems, where a folder was named; what it lacks is told when they are read."""
+        return () if official_files() is None else self.systems
+
+    def card(self, name: str, folder: Path) -> dict[str, Any]:
+        """What is known of the checkpoints, from their names. Speakers of the other systems are
+        no speaker to these.
+
+        Raises:
+            CheckpointError: if no folder was named, or it holds too little.
+        """
+        motion = require_official().path("motion")
+        return {
+            "system": name,
+            "speakers": SPEAKERS | {name: 0 for name in _speakers_in(folder)},
+            "training_data": f"what the authors' checkpoint {motion.name} was trained on",
+            "weights_are": f"the authors' checkpoint {motion.name}, run by this project's code",
+        }
+
+
+def _speakers_in(folder: Path) -> list[str]:
+    """Speakers that other systems of a folder know."""
+    cards = [load_card(folder, path.stem) for path in sorted(folder.glob("*.safetensors"))]
+    names = [str(name) for card in cards for name in card.get("speakers", {})]
+    return [name for name in dict.fromkeys(names) if name not in SPEAKERS]
+
+
+def named_config(preset: str, system: str) -> TrainConfig:
+    """There are no settings: it is not trained here.
+
+    Raises:
+        ValueError: always, saying so.
+    """
+    raise ValueError(f"{system} is not trained here; train globaldiff/full with the preset paper.")
+
+
+FAMILY = OfficialFamily(
+    name="official",
+    title="GlobalDiff by its authors",
+    systems=(FILTERED, UNFILTERED),
+    about={
+        FILTERED: "The authors' checkpoint as their script runs it, each window smoothed.",
+        UNFILTERED: "The same checkpoint without the smoothing: what it really makes.",
+    },
+    samplers=(Sampler("reinterpolate", 5),),
+    presets=(),
+    config=named_config,
+    package="model.systems.official",
+    whole_speech=(FILTERED, UNFILTERED),
+    shared_weights={UNFILTERED: FILTERED},
+)

@@ -1,0 +1,142 @@
+"""Where the authors' checkpoints lie, told by the names that their scripts give them.
+
+The folder is the one of their code that holds the checkpoints (``ckpt``), or any other with the
+files in it; ``docs/official.md`` says which names are known.
+"""
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+from model.speech.encoder import WEIGHTS_VARIABLE, EncoderError
+from model.storage.cards import CheckpointError
+
+Part = Literal["motion", "expression", "vae2", "vae3"]
+PARTS: tuple[Part, ...] = get_args(Part)
+FOLDER_VARIABLE = "OFFICIAL_DIR"
+SPEECH_VARIABLE = "OFFICIAL_FEATURES"
+SEED_VARIABLE = "OFFICIAL_SEED"
+_ENDINGS = (".pt", ".pth", ".bin", ".ckpt", ".zip")
+_EPOCH = re.compile(r"epoch_(\d+)")
+_NAMES: tuple[tuple[re.Pattern[str], Part], ...] = (
+    (re.compile(r"diffusiondit|epoch_\d|motion"), "motion"),
+    (re.compile(r"vae_?2"), "vae2"),
+    (re.compile(r"vae_?3"), "vae3"),
+    (re.compile(r"speech|expression"), "expression"),
+)
+"""In the order in which they are asked: the motion network's folder names a VAE, too."""
+
+
+@dataclass(frozen=True)
+class OfficialFiles:
+    """What was found."""
+
+    folder: Path
+    found: dict[Part, Path]
+
+    def path(self, part: Part) -> Path:
+        """The file of a network.
+
+        Raises:
+            CheckpointError: if there is none.
+        """
+        if part not in self.found:
+            raise CheckpointError(_missing(self.folder, part))
+        return self.found[part]
+
+    @property
+    def moves(self) -> bool:
+        """Whether there is enough to make motion."""
+        return {"motion", "expression"} <= self.found.keys()
+
+
+def official_files(folder: Path | None = None) -> OfficialFiles | None:
+    """The checkpoints in a folder, by default in that of ``OFFICIAL_DIR``; None if none is named.
+
+    Of several of the motion network the one called best is taken, else that of the last epoch.
+
+    Raises:
+        CheckpointError: if there is no such folder.
+    """
+    named = os.environ.get(FOLDER_VARIABLE)
+    if folder is None and not named:
+        return None
+    folder = folder or Path(named or "")
+    if not folder.is_dir():
+        raise CheckpointError(
+            f"There is no folder {folder}; name the one that holds the authors' checkpoints with "
+            "--official FOLDER."
+        )
+    by_part: dict[Part, list[Path]] = {}
+    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+        part = part_of(path.relative_to(folder), folder.name)
+        if part is not None:
+            by_part.setdefault(part, []).append(path)
+    return OfficialFiles(folder, {part: max(by_part[part], key=_rank) for part in by_part})
+
+
+def part_of(path: Path, folder: str = "") -> Part | None:
+    """Which network a file holds: the nearest name that tells it, from the file's own upwards."""
+    if path.suffix not in _ENDINGS and not _EPOCH.fullmatch(path.name):
+        return None
+    for name in (path.name, *reversed(path.parent.parts), folder):
+        for pattern, part in _NAMES:
+            if pattern.search(name.lower()):
+                return part
+    return None
+
+
+def require_official(folder: Path | None = None) -> OfficialFiles:
+    """The checkpoints, of which there are enough to make motion.
+
+    Raises:
+        CheckpointError: if not.
+    """
+    files = official_files(folder)
+    if files is None:
+        raise CheckpointError(
+            "The systems official/... need the authors' checkpoints; name their folder with "
+            "--official FOLDER."
+        )
+    for part in ("motion", "expression"):
+        files.path(part)
+    return files
+
+
+def require_speech(path: Path | None = None) -> Path:
+    """The folder of a speech model, or the file of features, by which the networks hear.
+
+    Args:
+        path: by default what ``OFFICIAL_FEATURES`` names, or ``WAVLM_DIR``.
+
+    Raises:
+        EncoderError: if neither names anything that is there.
+    """
+    named = os.environ.get(SPEECH_VARIABLE) or os.environ.get(WEIGHTS_VARIABLE)
+    path = path or (Path(named) if named else None)
+    if path is None or not path.exists():
+        found = "none was named" if path is None else f"there is no {path}"
+        raise EncoderError(
+            "The systems official/... hear speech by WavLM or HuBERT; name a folder with its "
+            f"config.json and weights, or a file of prepared features, with --official-features "
+            f"PATH ({found})."
+        )
+    return path
+
+
+def _rank(path: Path) -> tuple[bool, int]:
+    epoch = _EPOCH.search(path.name)
+    return path.stem.lower() == "best", int(epoch[1]) if epoch else -1
+
+
+def _missing(folder: Path, part: Part) -> str:
+    names = {
+        "motion": ("motion network", "epoch_<n>, or DiffusionDIT.../best.pt"),
+        "expression": ("expression model", "SimpleSpeechModel/best.pt"),
+        "vae2": ("masked VAE 2", "MaskedVAE2.../best.pt"),
+        "vae3": ("masked VAE 3", "MaskedVAE3.../best.pt"),
+    }
+    what, called = names[part]
+    return f"{folder} holds no file of the {what}; put it there as {called}."

@@ -1,0 +1,183 @@
+"""What the authors' networks hear: 2 s windows of speech, each on its own, at the motion's rate.
+
+Windows begin every 27,734 samples, so that 8 frames of motion lie in two of them, and what a frame
+sounds like depends on the window that hears it. So a frame has two halves here: as one of a
+window's later frames, and as one of the first 8 of a window.
+"""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32
+from torch import Tensor
+
+from model.generation.stitching import num_windows
+from model.speech.encoder import EncoderError
+from model.speech.wavlm import normalises
+from model.systems.official.files import require_speech
+from model.systems.official.sizes import SEED_FRAMES, SPEECH_DIM, WINDOW_FRAMES
+
+WINDOW_SAMPLES = 32_000
+STEP_SAMPLES = WINDOW_SAMPLES - int(16_000 / 30 * SEED_FRAMES)
+ADVANCE = WINDOW_FRAMES - SEED_FRAMES
+MODELS = {"wavlm": "WavLMModel", "hubert": "HubertModel"}
+"""What a folder may hold, by the ``model_type`` of its config, and the class that reads it."""
+Hear = Callable[[Float32[np.ndarray, "n 32000"]], Float32[Tensor, "n 60 1024"]]
+"""Windows of speech to features of their frames."""
+
+
+class OfficialEncoder:
+    """See `model.speech.encoder.SpeechEncoder`; a frame's two halves are of 1024 numbers each."""
+
+    name = "official"
+    dim = 2 * SPEECH_DIM
+
+    def __init__(self, hear: Hear) -> None:
+        self._hear = hear
+
+    def encode(
+        self, waveform: Float32[np.ndarray, " N"], num_frames: int
+    ) -> Float32[np.ndarray, "num_frames dim"]:
+        """See `model.speech.encoder.SpeechEncoder.encode`.
+
+        Raises:
+            EncoderError: if there are no features of this speech.
+        """
+        count = num_windows(num_frames, WINDOW_FRAMES, SEED_FRAMES)
+        needed = WINDOW_SAMPLES + (count - 1) * STEP_SAMPLES
+        padded = np.pad(waveform[:needed], (0, max(0, needed - len(waveform))))
+        starts = [index * STEP_SAMPLES for index in range(count)]
+        windows = np.stack([padded[start : start + WINDOW_SAMPLES] for start in starts])
+        return by_frame(self._hear(windows)).numpy()[:num_frames]
+
+
+def by_frame(windows: Float[Tensor, "n 60 dim"]) -> Float[Tensor, "frames both"]:
+    """Features of windows as two halves of each frame: see above."""
+    num_frames = WINDOW_FRAMES + (len(windows) - 1) * ADVANCE
+    later = windows.new_zeros(num_frames, windows.shape[-1])
+    for index in reversed(range(len(windows))):  # the window that a frame is late in comes last
+        later[index * ADVANCE : index * ADVANCE + WINDOW_FRAMES] = windows[index]
+    first = later.clone()
+    for index, window in enumerate(windows):
+        first[index * ADVANCE : index * ADVANCE + SEED_FRAMES] = window[:SEED_FRAMES]
+    return torch.cat([later, first], dim=-1)
+
+
+def of_window(frames: Float[Tensor, "60 both"]) -> Float[Tensor, "60 dim"]:
+    """The features of one window, of the frames that it has."""
+    later, first = frames.chunk(2, dim=-1)
+    return torch.cat([first[:SEED_FRAMES], later[SEED_FRAMES:]])
+
+
+def resampled(
+    features: Float[Tensor, "n heard dim"], num_frames: int = WINDOW_FRAMES
+) -> Float[Tensor, "n frames dim"]:
+    """Linear in time, from the first number to the last."""
+    return torch.nn.functional.interpolate(
+        features.transpose(1, 2), size=num_frames, mode="linear", align_corners=True
+    ).transpose(1, 2)
+
+
+def official_encoder(path: Path | None = None) -> OfficialEncoder:
+    """The encoder that hears by the speech model in a folder, or has features from a file.
+
+    Args:
+        path: by default what ``OFFICIAL_FEATURES`` names, or ``WAVLM_DIR``.
+
+    Raises:
+        EncoderError: if neither is there.
+    """
+    source = require_speech(path)
+    if source.is_dir():
+        return OfficialEncoder(_by_model(source))
+    return OfficialEncoder(_prepared(source))
+
+
+def _by_model(folder: Path) -> Hear:
+    """Hears each window on its own, as the authors do."""
+    try:
+        config = json.loads((folder / "config.json").read_text())
+        kind, width = str(config.get("model_type")), int(config["hidden_size"])
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise EncoderError(
+            f"{folder} holds no config.json of a speech model; name another with "
+            "--official-features PATH."
+        ) from error
+    if kind not in MODELS or width != SPEECH_DIM:
+        raise EncoderError(
+            f"{folder} holds a {kind} of width {width}; the authors' networks hear by a wavlm or "
+            f"hubert of width {SPEECH_DIM}."
+        )
+    try:
+        import transformers
+    except ImportError as error:
+        raise EncoderError(
+            "The systems official/... need the package transformers to hear; pip install it, or "
+            "give prepared features with --official-features FILE."
+        ) from error
+    try:
+        model = getattr(transformers, MODELS[kind]).from_pretrained(folder, local_files_only=True)
+    except (OSError, ValueError, RuntimeError) as error:
+        raise EncoderError(
+            f"The speech model in {folder} cannot be loaded: {str(error).splitlines()[0]}"
+        ) from error
+    network = cast(torch.nn.Module, model).eval().requires_grad_(False)
+    levels = normalises(folder)
+
+    @torch.inference_mode()
+    def hear(windows: Float32[np.ndarray, "n 32000"]) -> Float32[Tensor, "n 60 1024"]:
+        found = []
+        for window in torch.from_numpy(windows):
+            if levels:
+                spread = (window.var(correction=0) + 1e-7).sqrt()
+                window = (window - window.mean()) / spread
+            found.append(resampled(network(window[None]).last_hidden_state))
+        return torch.cat(found)
+
+    return hear
+
+
+def _prepared(path: Path) -> Hear:
+    """Has the features of one speech from a file."""
+    features = read_features(path)
+
+    def hear(windows: Float32[np.ndarray, "n 32000"]) -> Float32[Tensor, "n 60 1024"]:
+        needed = len(windows)
+        if len(features) != needed and not (needed == 1 and len(features) == 2):
+            raise EncoderError(
+                f"{path.name} holds features of {len(features)} windows, and this speech needs "
+                f"{needed}, one every {STEP_SAMPLES} samples of 16 kHz; prepare them from it."
+            )
+        return features[:needed]
+
+    return hear
+
+
+def read_features(path: Path) -> Float32[Tensor, "n 60 1024"]:
+    """Prepared features: ``features`` of an .npz, or an .npy, of 60 or 99 vectors a window.
+
+    Raises:
+        EncoderError: if it is no such file.
+    """
+    try:
+        loaded = np.load(path, allow_pickle=False)
+        array = loaded if isinstance(loaded, np.ndarray) else loaded["features"]
+    except Exception as error:  # a damaged file makes NumPy's reader raise almost anything
+        raise EncoderError(
+            f"{path} cannot be read as prepared features; an .npz with `features`, or an .npy, is "
+            "needed."
+        ) from error
+    is_right = array.ndim == 3 and array.shape[1] in (WINDOW_FRAMES, 99)
+    if not is_right or array.shape[2] != SPEECH_DIM or array.dtype.kind != "f":
+        raise EncoderError(
+            f"{path.name} holds {array.dtype} of the shape {array.shape}; features must be "
+            f"(windows, {WINDOW_FRAMES} or 99, {SPEECH_DIM})."
+        )
+    features = torch.from_numpy(array.astype(np.float32))
+    if not features.isfinite().all():
+        raise EncoderError(f"{path.name} holds features that are not finite (NaN or infinite).")
+    return features if features.shape[1] == WINDOW_FRAMES else resampled(features)

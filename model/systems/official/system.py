@@ -1,0 +1,158 @@
+"""The authors' checkpoints as a system: their sampler, windows, joins and filter, written anew."""
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, cast
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from model.generation.base import Draw, System, Window, Windowing
+from model.generation.speech_stream import SpeechWindow
+from model.motion.rotations import matrix_from_rot6d, rot6d_from_matrix
+from model.motion.spaces import ROOT_DIM
+from model.sampling.flow import sample
+from model.systems.official import FAMILY, UNFILTERED
+from model.systems.official.checkpoint import load_network, sha256_of
+from model.systems.official.expression_network import OfficialExpressionNetwork
+from model.systems.official.files import Part, require_official
+from model.systems.official.motion_network import OfficialMotionNetwork
+from model.systems.official.seed import first_seed
+from model.systems.official.sizes import MOTION_DIM, SEED_FRAMES, WINDOW_FRAMES
+from model.systems.official.speech import of_window, official_encoder
+
+FILTER = torch.tensor([-2.0, 3.0, 6.0, 7.0, 6.0, 3.0, -2.0]) / 21
+"""Savitzky-Golay of 7 frames, order 2."""
+FILTERED_FROM = 5
+"""Their script filters what follows this frame, with no padding."""
+
+
+@dataclass(frozen=True)
+class OfficialWindow(Window):
+    """A window, and its motion vectors: those of joined frames are means, and no rotations yet."""
+
+    vectors: Float[Tensor, "B n 333"]
+
+    def fields_of(self, frames: slice) -> dict[str, Any]:
+        """See `Window.fields_of`."""
+        return super().fields_of(frames) | {"vectors": self.vectors[:, frames]}
+
+
+@dataclass(frozen=True, kw_only=True)
+class OfficialSystem(System):
+    """The motion network, the expression model beside it, and the pose that a clip starts from."""
+
+    window_type: ClassVar[type[Window]] = OfficialWindow
+    network: OfficialMotionNetwork
+    expressions: OfficialExpressionNetwork
+    seed: Float[Tensor, "8 333"]
+    filters: bool
+    """Whether each window is smoothed, as their script does before the next starts from it."""
+
+    @torch.inference_mode()
+    def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> OfficialWindow:
+        """See `System.window`."""
+        assert before is None or isinstance(before, OfficialWindow)
+        size = draw.samples
+        heard = of_window(speech.around(0, WINDOW_FRAMES))[None]
+        speaker = torch.tensor([draw.speaker])
+        face = self.expressions(heard, speaker)
+        seed = self.seed.expand(size, -1, -1)
+        if before is not None:
+            seed = before.vectors[:, -SEED_FRAMES:]
+        conditions = {
+            "speech": heard.expand(size, -1, -1),
+            "expression": face.expand(size, -1, -1),
+            "seed": seed,
+            "speaker": speaker.expand(size),
+        }
+        last: dict[str, Tensor] = {}
+
+        def predict(x_t: Tensor, t: float) -> Tensor:
+            x_1 = self.network(x_t, torch.full((size,), t, dtype=x_t.dtype), **conditions)
+            x_1[:, :SEED_FRAMES] = (seed + x_1[:, :SEED_FRAMES]) / 2
+            last["x_1"] = x_1
+            return x_1
+
+        x_0 = draw.noise((WINDOW_FRAMES, MOTION_DIM))
+        sample(predict, x_0, steps=draw.steps, sampler="reinterpolate")
+        vectors = smoothed(last["x_1"]) if self.filters else last["x_1"]
+        return _window(as_rotations(vectors), conditions["expression"])
+
+    def join(self, older: Window, newer: Window) -> OfficialWindow:
+        """The shared frames are the mean of both windows, the face too."""
+        assert isinstance(older, OfficialWindow) and isinstance(newer, OfficialWindow)
+        shared = older.vectors.shape[1]
+
+        def joined(end: Tensor, start: Tensor) -> Tensor:
+            return torch.cat([(end + start[:, :shared]) / 2, start[:, shared:]], dim=1)
+
+        return _window(
+            joined(older.vectors, newer.vectors), joined(older.expression, newer.expression)
+        )
+
+
+def _window(vectors: Float[Tensor, "B n 333"], face: Float[Tensor, "B n E"]) -> OfficialWindow:
+    rotmat = matrix_from_rot6d(vectors[..., :-ROOT_DIM].unflatten(-1, (-1, 6)))
+    return OfficialWindow(
+        rotmat=rotmat, root=vectors[..., -ROOT_DIM:], expression=face, vectors=vectors
+    )
+
+
+def as_rotations(vectors: Float[Tensor, "B T 333"]) -> Float[Tensor, "B T 333"]:
+    """The vectors with rows of 6D that are those of rotations."""
+    rotmat = matrix_from_rot6d(vectors[..., :-ROOT_DIM].unflatten(-1, (-1, 6)))
+    return torch.cat([rot6d_from_matrix(rotmat).flatten(-2), vectors[..., -ROOT_DIM:]], dim=-1)
+
+
+def smoothed(vectors: Float[Tensor, "B T C"]) -> Float[Tensor, "B T C"]:
+    """Behind their filter: the first 8 frames and the last 3 stay as they are."""
+    frames = len(FILTER)
+    smooth = vectors[:, FILTERED_FROM:].unfold(1, frames, 1) @ FILTER.to(vectors)
+    middle = slice(FILTERED_FROM + frames // 2, vectors.shape[1] - frames // 2)
+    changed = vectors.clone()
+    changed[:, middle] = smooth
+    return changed
+
+
+@functools.lru_cache(maxsize=2)
+def _shared(part: Part, path: Path, changed: float) -> nn.Module:
+    """A network, read once for both systems."""
+    return load_network(part, path)
+
+
+def _changed(path: Path) -> float:
+    return path.stat().st_mtime
+
+
+def load(name: str, folder: Path) -> OfficialSystem:
+    """Read the checkpoints that were named.
+
+    Raises:
+        CheckpointError: if one of them is missing or does not fit.
+        EncoderError: if there is nothing to hear by.
+        MotionError: if the motion that clips are to start from cannot be read.
+    """
+    files = require_official()
+    motion, expression = files.path("motion"), files.path("expression")
+    card = FAMILY.card(name, folder)
+    return OfficialSystem(
+        name=name,
+        card=card,
+        sha256s={name: sha256_of(motion), "official expression": sha256_of(expression)},
+        speakers=card["speakers"],
+        encoder=official_encoder(),
+        windowing=Windowing(WINDOW_FRAMES, SEED_FRAMES, 0),
+        samplers=FAMILY.samplers_of(name),
+        frame="world",
+        root_motion="place",
+        expression_basis="flame100",
+        network=cast(OfficialMotionNetwork, _shared("motion", motion, _changed(motion))),
+        expressions=cast(
+            OfficialExpressionNetwork, _shared("expression", expression, _changed(expression))
+        ),
+        seed=first_seed(),
+        filters=name != UNFILTERED,
+    )

@@ -1,0 +1,78 @@
+"""Training of the speech encoder on the corpus's exact annotation."""
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float, Int
+from torch import Tensor, nn
+
+from model.data.plans import prepare_plans
+from model.data.prepared import Batch, PreparedData
+from model.data.spoken import Spoken, annotated_speech
+from model.motion.packing import Normaliser
+from model.networks.speech_codes import CodesNetwork, Reading
+from model.speech.codes import TOLD
+from model.systems.speech_encoder.config import SpeechEncoderConfig
+from model.training.hearing import heard
+from model.training.parallel import WHOLE, Shard
+from model.training.statistics import fit_features
+from model.training.task import DescentTask, StepFunction, StepLoss, Workshop
+
+_NUMBERS = ("strength", "speed")
+"""Of `TOLD` those that are no logits."""
+
+
+def make_task(config: SpeechEncoderConfig, data: PreparedData, workshop: Workshop) -> DescentTask:
+    """The task of the speech encoder.
+
+    Raises:
+        CheckpointError: if the weights to start from are missing, damaged or of another shape.
+        DataError: if a clip has no annotated words and plan.
+    """
+    torch.manual_seed(config.random_seed)
+    given, shape = workshop.given(), config.codes
+    spoken = annotated_speech(data, prepare_plans(data, 1 + max(data.speakers)))
+    network = CodesNetwork(shape)
+    if given is not None:
+        given.load_into(network)
+    fitted = given.normaliser if given else fit_features(data)
+    normaliser = fitted.to(workshop.shard.device)
+    return DescentTask(
+        config, network, codes_step(config, normaliser, spoken), normaliser,
+        config.window_frames, shape.context, workshop.shard,
+    )  # fmt: skip
+
+
+def codes_step(config: SpeechEncoderConfig, normaliser: Normaliser, spoken: Spoken) -> StepFunction:
+    """The loss of the encoder on one batch: cross-entropies of phone, accent, phrase end, voice and
+    strokes on words, squared errors of an accent's strength where there is one and of the speed."""
+
+    def step(
+        network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard = WHOLE
+    ) -> StepLoss:
+        with torch.no_grad():
+            speech = normaliser.normalise(shard.of(heard(config, network, batch, generator)))
+            phone, told = (shard.of(part) for part in spoken.of(batch))
+        with shard.autocast():
+            reading = network(speech)
+        inside = slice(config.codes.context, speech.shape[1] - config.codes.context)
+        found = Reading(reading.phone[:, inside].float(), reading.told[:, inside].float())
+        loss = StepLoss.of(terms(found, phone, told))
+        right = (found.phone.argmax(-1) == phone).float().mean()
+        return StepLoss(loss.total, loss.parts | {"phones_right": right.detach()})
+
+    return step
+
+
+def terms(
+    found: Reading, phone: Int[Tensor, "B T"], told: Float[Tensor, "B T told"]
+) -> dict[str, Float[Tensor, ""]]:
+    """Each part of the loss."""
+    losses = {"phone": F.cross_entropy(found.phone.flatten(0, 1), phone.flatten())}
+    for number, name in enumerate(TOLD):
+        said, wanted = found.told[..., number], told[..., number]
+        if name not in _NUMBERS:
+            losses[name] = F.binary_cross_entropy_with_logits(said, wanted)
+            continue
+        counts = told[..., TOLD.index("accent")] if name == "strength" else torch.ones_like(said)
+        losses[name] = ((said - wanted).square() * counts).sum() / counts.sum().clamp_min(1)
+    return losses

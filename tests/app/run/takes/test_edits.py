@@ -1,0 +1,162 @@
+"""Edits as they come from outside, and what they do to a plan."""
+
+import pytest
+
+from app.errors import RunError
+from app.run.takes.apply import edited
+from app.run.takes.edits import MAX_EDITS, edits_of, locked_of
+from model.plan.editing import added, gestures
+from model.plan.plan import GesturePlan, PlanError
+from model.plan.style import style_of
+from model.speech.transcript import Word
+from tests.model.plan.made import phase
+
+SECONDS = 14.0
+WORDS = (Word(1.0, 1.4, "and"), Word(4.0, 4.5, "You"), Word(9.0, 9.5, "there"))
+
+
+@pytest.fixture
+def plan() -> GesturePlan:
+    still = (phase(0.0, SECONDS, "rest"),)
+    made = GesturePlan(SECONDS, left=still, right=still)
+    made = added(made, "offer", 2.0, "right").plan
+    return added(made, "frame", 6.0, "both").plan
+
+
+def done(plan, *told, locked=()):
+    return edited(plan, edits_of(list(told)), WORDS, locked_of(list(locked)))
+
+
+def lands(plan, side):
+    return [round(gesture.lands_s, 3) for gesture in gestures(plan, side)]
+
+
+def test_a_gesture_goes_to_a_time_or_a_word(plan):
+    at_time = done(plan, {"do": "move", "side": "right", "lands": 2.0, "at": 2.8}).plan
+    assert lands(at_time, "right") == [2.8, 6.0]
+    on_word = done(plan, {"do": "move", "side": "right", "lands": 2.0, "word": 2}).plan
+    assert lands(on_word, "right") == [6.0, 9.15]
+    strokes = [one.word for one in on_word.right if one.phase == "stroke"]
+    assert strokes == ["", "there"]
+
+
+def test_both_hands_of_a_gesture_go_together(plan):
+    moved = done(plan, {"do": "move", "side": "left", "lands": 6.0, "at": 7.0}).plan
+    assert lands(moved, "left") == [7.0] and lands(moved, "right") == [2.0, 7.0]
+    gone = done(plan, {"do": "delete", "side": "right", "lands": 6.0}).plan
+    assert lands(gone, "left") == [] and lands(gone, "right") == [2.0]
+    one = done(plan, {"do": "hands", "side": "left", "lands": 6.0, "hands": "left"}).plan
+    assert lands(one, "left") == [6.0] and lands(one, "right") == [2.0]
+
+
+def test_a_point_is_added_on_a_word_with_the_hand_that_is_asked_for(plan):
+    made = done(plan, {"do": "add", "kind": "you", "word": 1, "hands": "left"}).plan
+    assert lands(made, "left") == [4.15, 6.0] and lands(made, "right") == [2.0, 6.0]
+    (stroke,) = [one for one in made.left if one.kind == "you" and one.phase == "stroke"]
+    assert stroke.word == "you"
+
+
+def test_size_height_speed_and_hold_change_the_gesture(plan):
+    which = {"side": "right", "lands": 2.0}
+
+    def stroke(of):
+        return next(one for one in of.right if one.phase == "stroke")
+
+    large = done(plan, {"do": "size", **which, "size": 1.3}).plan
+    high = done(plan, {"do": "height", **which, "by": 0.1}).plan
+    slow = done(plan, {"do": "speed", **which, "speed": 0.8}).plan
+    held = done(plan, {"do": "hold", **which, "hold": 1.0}).plan
+    before = stroke(plan)
+    assert stroke(high).goal[1] == pytest.approx(before.goal[1] + 0.1)
+    assert stroke(large).goal != before.goal
+    assert stroke(slow).end_s - stroke(slow).start_s > before.end_s - before.start_s
+    (hold,) = [one for one in held.right if one.phase == "hold" and one.end_s < 4]
+    assert hold.end_s - hold.start_s == pytest.approx(1.0)
+
+
+def test_head_and_eyes_are_edited_alike(plan):
+    made = done(
+        plan,
+        {"do": "nod", "at": 3.0},
+        {"do": "blink", "at": 3.5},
+        {"do": "look", "at": 13.5, "yaw": 15.0, "pitch": 0.0},
+    ).plan
+    assert len(made.nods) == len(made.blinks) == 1 and made.looks[0].end_s == SECONDS
+    there = (("nods", 3.01), ("looks", 13.5), ("blinks", 3.5))
+    gone = done(made, *({"do": "remove", "list": each, "at": at} for each, at in there)).plan
+    assert not gone.nods and not gone.looks and not gone.blinks
+    with pytest.raises(PlanError, match=r"none of its nods at 8.00 s"):
+        done(plan, {"do": "remove", "list": "nods", "at": 8.0})
+
+
+def test_sliders_change_the_whole_and_leave_what_is_locked(plan):
+    large = done(plan, {"do": "style", "size_m": 0.5}, locked=[["right", 2.0]]).plan
+    assert style_of(large).size_m > style_of(plan).size_m
+    assert large.right[1:3] == plan.right[1:3]
+    calm = done(plan, {"do": "style", "excite": -1.0}).plan
+    assert style_of(calm).size_m < style_of(plan).size_m
+
+
+def test_what_is_locked_is_not_moved(plan):
+    with pytest.raises(PlanError, match=r"right hand's gesture at 2.00 s is locked"):
+        done(plan, {"do": "delete", "side": "right", "lands": 2.0}, locked=[["right", 2.0]])
+
+
+def test_a_plan_from_a_file_takes_its_place(plan):
+    other = added(plan, "point_up", 10.0, "right").plan
+    made = done(plan, {"do": "plan", "name": "x.json", "text": other.as_json()})
+    assert lands(made.plan, "right") == [2.0, 6.0, 10.0]
+    short = GesturePlan(3.0, left=(phase(0.0, 3.0, "rest"),))
+    with pytest.raises(PlanError, match=r"of 3.00 s and the speech lasts 14.00 s"):
+        done(plan, {"do": "plan", "name": "x.json", "text": short.as_json()})
+    with pytest.raises(RunError, match=r"this file ends in '.exe'"):
+        done(plan, {"do": "plan", "name": "x.exe", "text": ""})
+    with pytest.raises(PlanError, match="no plan of format"):
+        done(plan, {"do": "plan", "name": "../../x.json", "text": "[1]"})
+
+
+def test_an_impossible_edit_is_a_sentence_and_none_of_its_batch_is_done(plan):
+    with pytest.raises(PlanError, match="there is no time for a gesture"):
+        done(
+            plan,
+            {"do": "nod", "at": 3.0},
+            {"do": "move", "side": "right", "lands": 2.0, "at": 6.1},
+        )
+    with pytest.raises(RunError, match="The speech has 3 words"):
+        done(plan, {"do": "add", "kind": "you", "word": 3})
+
+
+@pytest.mark.parametrize(
+    ("told", "match"),
+    [
+        ({"do": "move"}, "lacks 'side'"),
+        ({"do": "move", "side": "right", "lands": 1.0}, "to a time or a word"),
+        ({"do": "add", "kind": "you", "at": 1.0, "word": 1}, "to a time or a word"),
+        ({"do": "move", "side": "up", "lands": 1.0, "at": 1.0}, "none of left, right"),
+        ({"do": "delete", "side": "left", "lands": True}, "no number"),
+        ({"do": "delete", "side": "left", "lands": float("nan")}, "no number"),
+        ({"do": "delete", "side": "left", "lands": -1}, "from 0 to 3600"),
+        ({"do": "delete", "side": "left", "lands": 10**400}, "no number"),
+        ({"do": "delete", "side": ["left"], "lands": 1}, "none of left, right"),
+        ({"do": "size", "side": "left", "lands": 1, "size": 9}, r"from 0.1 to 4"),
+        ({"do": "add", "kind": "x" * 41, "at": 1}, "at most 40 characters"),
+        ({"do": "add", "kind": "you", "word": 1.5}, "no number of a word"),
+        ({"do": "nod", "at": 1, "path": "/etc"}, "has no 'path'"),
+        ({"do": ["nod"]}, "There is no edit"),
+        ({}, "There is no edit"),
+        ("nod", "is an object"),
+    ],
+)
+def test_what_is_no_edit_is_refused(told, match):
+    with pytest.raises(RunError, match=match):
+        edits_of([told])
+
+
+def test_there_is_an_end_to_how_much_comes_at_once():
+    with pytest.raises(RunError, match=f"at most {MAX_EDITS}"):
+        edits_of([{"do": "nod", "at": 1.0}] * (MAX_EDITS + 1))
+    for told in ({"do": "nod"}, None, "x" * 100):
+        with pytest.raises(RunError, match="a list"):
+            edits_of(told)
+    with pytest.raises(RunError, match="A locked gesture"):
+        locked_of([["left"]])

@@ -1,0 +1,86 @@
+"""The authors' checkpoints, named on a command line."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from app.commands.cli import main
+from app.errors import RunError
+from app.page.launch import launch, parse_config
+from model.speech.audio import write_wav
+from model.speech.encoder import EncoderError
+from model.storage.cards import CheckpointError
+from model.systems.official import FILTERED, UNFILTERED
+from tests.model.made import made_waveform, make_weights
+from tests.model.systems.official.made_official import make_features, make_official
+
+
+@pytest.fixture(autouse=True)
+def unnamed(monkeypatch):
+    """Nothing is named by the environment, and what a command names is forgotten again."""
+    for name in ("OFFICIAL_DIR", "OFFICIAL_FEATURES", "OFFICIAL_SEED", "WAVLM_DIR"):
+        monkeypatch.setenv(name, "")
+
+
+@pytest.fixture(scope="module")
+def checkpoints(tmp_path_factory) -> Path:
+    return make_official(tmp_path_factory.mktemp("official"))
+
+
+def test_generate_runs_them_beside_ours(checkpoints, tmp_path):
+    write_wav(tmp_path / "speech.wav", made_waveform(24_000))
+    features = make_features(tmp_path / "features.npz", 1)
+    weights, out = make_weights(tmp_path / "weights"), tmp_path / "out"
+    argv = ["generate", str(tmp_path / "speech.wav"), "--out", str(out), "--weights", str(weights),
+            "--official", str(checkpoints), "--official-features", str(features), "--no-video",
+            "--no-figures", "--systems", f"{FILTERED},{UNFILTERED},globaldiff/local",
+            "--steps", "1"]  # fmt: skip
+    assert main(argv) == 0
+    assert (out / "official-authors.npz").is_file()
+    assert (out / "official-authors-unfiltered.npz").is_file()
+    record = json.loads((out / "provenance.json").read_text())
+    assert "epoch_999 was trained on" in record["weights"][FILTERED]["trained_on"]
+    assert record["weights_are"].startswith("the authors' checkpoint epoch_999, run by this")
+    assert "demonstration weights of this project" in record["weights_are"]
+
+
+@pytest.mark.parametrize(
+    ("flags", "told"),
+    [
+        (["--official", "nowhere"], "There is no folder"),
+        (["--official", "."], "holds no file of the motion network"),
+    ],
+)
+def test_what_is_not_there_is_told_before_anything_is_made(
+    flags, told, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    write_wav(tmp_path / "speech.wav", made_waveform(16_000))
+    assert main(["generate", "speech.wav", "--out", "out", *flags]) == 1
+    assert told in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+def test_the_page_needs_something_that_hears_every_speech(checkpoints, tmp_path):
+    with pytest.raises(CheckpointError, match="There is no folder"):
+        parse_config(["--official", str(tmp_path / "nowhere")])
+    with pytest.raises(EncoderError, match="with --official-features PATH"):
+        parse_config(["--official", str(checkpoints)])
+    features = str(make_features(tmp_path / "features.npz", 1))
+    config = parse_config(["--official", str(checkpoints), "--official-features", features])
+    assert os.environ["OFFICIAL_DIR"] == str(checkpoints)
+    with pytest.raises(RunError, match="The page cannot use prepared features"):
+        launch(config, is_warmed_up=False)
+
+
+def test_doctor_reads_each_of_them(checkpoints, tmp_path):
+    from app.commands.doctor import _official
+
+    assert _official() == []
+    os.environ["OFFICIAL_DIR"] = str(checkpoints)
+    os.environ["OFFICIAL_FEATURES"] = str(make_features(tmp_path / "features.npz", 1))
+    found = {finding.name: finding for finding in _official()}
+    assert found["official motion"].detail.endswith("epoch_999, 43.1 M parameters")
+    assert found["official expression"].works and found["official speech"].works
+    assert not found["official vae2"].works and not found["official vae2"].is_broken

@@ -1,0 +1,249 @@
+"""Plans in and out of JSON, TextGrids and ELAN files; annotators' own habits; hostile files."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+
+from model.plan import annotation, elan
+from model.plan.annotation import NamedTier, Row, plan_of_tiers
+from model.plan.files import ENDINGS, read_plan_file, write_plan_file
+from model.plan.palette import PLACES, REST_PLACE
+from model.plan.plan import GesturePlan, PlanError, Smile
+from tests.model.plan.made import made_plan
+from tests.model.plan.strategies import plans
+
+MS = 0.0005000001
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+@settings(
+    max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(plans())
+def test_a_plan_comes_back_as_it_went(ending: str, tmp_path: Path, plan: GesturePlan) -> None:
+    write_plan_file(plan, tmp_path / f"plan{ending}")
+    read = read_plan_file(tmp_path / f"plan{ending}")
+    assert read.plan == plan and read.notes == ()
+
+
+def test_times_between_milliseconds_are_rounded_once(tmp_path: Path) -> None:
+    plan = made_plan().at_speed(1.0417)
+    write_plan_file(plan, tmp_path / "a.eaf")
+    once = read_plan_file(tmp_path / "a.eaf").plan
+    for side in ("left", "right"):
+        for before, after in zip(plan.hand(side), once.hand(side), strict=True):
+            assert abs(before.start_s - after.start_s) < MS and abs(before.end_s - after.end_s) < MS
+            assert (before.goal, before.kind, before.word) == (after.goal, after.kind, after.word)
+    assert all(abs(a.time_s - b.time_s) < MS for a, b in zip(plan.nods, once.nods, strict=True))
+    write_plan_file(once, tmp_path / "b.eaf")
+    assert read_plan_file(tmp_path / "b.eaf").plan == once
+
+
+def test_an_elan_file_has_phases_to_choose_from_and_the_sound(tmp_path: Path) -> None:
+    write_plan_file(made_plan(), tmp_path / "a.eaf", tmp_path / "so & so.wav")
+    told = (tmp_path / "a.eaf").read_text()
+    assert 'RELATIVE_MEDIA_URL="./so%20%26%20so.wav"' in told
+    for phase in ("rest", "preparation", "stroke", "hold", "beat", "retraction"):
+        assert f">{phase}</CVE_VALUE>" in told
+    tiers = re.findall(r'TIER .*TIER_ID="(\w+)"', told)
+    assert tiers[:4] == ["gesture_left", "kind_left", "word_left", "goal_left"]
+    assert 'PARENT_REF="gesture_right"' in told
+
+
+def test_what_overlaps_is_kept_in_json_only(tmp_path: Path) -> None:
+    plan = replace(made_plan(), smiles=(Smile(1.0, 3.0, 0.5), Smile(2.0, 4.0, 0.2)))
+    write_plan_file(plan, tmp_path / "plan.json")
+    assert read_plan_file(tmp_path / "plan.json").plan == plan
+    for ending in (".TextGrid", ".eaf"):
+        with pytest.raises(PlanError, match=r"smiles overlap at 2.00 s.*JSON"):
+            write_plan_file(plan, tmp_path / f"plan{ending}")
+        assert not (tmp_path / f"plan{ending}").exists()
+    with pytest.raises(PlanError, match=r"a plan is written as .json, .TextGrid, .eaf"):
+        write_plan_file(plan, tmp_path / "plan.txt")
+
+
+def tier(name: str, *rows: tuple[float, float, str]) -> NamedTier:
+    return NamedTier(name, tuple(Row(float(a), float(b), label) for a, b, label in rows))
+
+
+def told(*tiers: NamedTier) -> annotation.PlanRead:
+    return plan_of_tiers(tiers, 5.0)
+
+
+@pytest.mark.parametrize(
+    "name", ["RH-Phase", "Right hand phases", "gesture_right", "RHPhase", "phase R"]
+)
+def test_annotators_names_and_short_labels_are_understood(name: str) -> None:
+    rows = (0.0, 1.0, "Rest"), (1.0, 1.4, "Prep"), (1.4, 1.8, "S"), (1.8, 2.2, "post-stroke hold")
+    read = told(tier(name, *rows, (2.2, 3.0, "Retr.")), tier("RH-Kind", (1.0, 2.2, "you")))
+    phases = read.plan.right
+    assert [p.phase for p in phases] == ["rest", "preparation", "stroke", "hold", "retraction"]
+    assert [p.kind for p in phases] == ["", "you", "you", "you", ""]
+    assert phases[2].goal == phases[3].goal == PLACES["you"]
+    assert phases[0].goal == phases[-1].goal == REST_PLACE
+    assert read.plan.left == ()
+    assert read.notes == ("No places are told for the right hand; it goes where such gestures "
+                          "usually do.",)  # fmt: skip
+
+
+def test_a_tier_for_each_phase_is_put_in_time() -> None:
+    read = told(
+        tier("LH Stroke", (1.4, 1.8, "no"), (3.0, 3.3, "")), tier("LH Prep", (1.0, 1.4, "")),
+        tier("LH Retraction", (1.8, 2.4, "")), tier("Notes", (0.0, 1.0, "windy")),
+    )  # fmt: skip
+    assert [(p.phase, p.start_s) for p in read.plan.left] == [
+        ("preparation", 1.0), ("stroke", 1.4), ("retraction", 1.8), ("stroke", 3.0),
+    ]  # fmt: skip
+    assert read.plan.left[1].kind == "no"
+    assert "Left out, for they tell of no plan: 'Notes'." in read.notes
+
+
+def test_phrases_are_strokes_alone_and_kinds_beside_phases() -> None:
+    phrase = tier("Gesture", (1.0, 2.0, "Deictic"))
+    alone = told(phrase)
+    assert [(p.phase, p.kind) for p in alone.plan.right] == [("stroke", "deictic")]
+    assert "Tier Gesture names no hand; it was taken for the right." in alone.notes
+    assert any(note.startswith("Taken as kinds of strokes: 'Deictic'") for note in alone.notes)
+    beside = told(phrase, tier("Phase", (1.0, 1.5, "prep"), (1.5, 2.0, "stroke")))
+    assert [(p.phase, p.kind) for p in beside.plan.right] == [
+        ("preparation", "Deictic"), ("stroke", "Deictic"),
+    ]  # fmt: skip
+
+
+def test_heads_and_faces_need_no_numbers() -> None:
+    read = told(
+        tier("phases both hands", (0.0, 1.0, "rest")), tier("head nod", (1.0, 1.4, "nod")),
+        tier("Gaze", (0.0, 1.0, "listener"), (1.0, 2.0, "looks left")),
+        tier("eyebrows", (1.0, 2.0, "frown")), tier("blink", (2.0, 2.2, "")),
+        tier("weight", (0.0, 2.0, "on the left leg")),
+    )  # fmt: skip
+    plan = read.plan
+    assert plan.left == plan.right and len(plan.left) == 1
+    assert (plan.nods[0].time_s, plan.nods[0].depth_deg) == (1.2, annotation.USUAL_NOD_DEG)
+    assert [look.yaw_deg > 0 for look in plan.looks] == [False, True]
+    assert plan.brows[0].height < 0 and plan.blinks[0].time_s == 2.1
+    assert plan.stands[0].leg == "left"
+
+
+@pytest.mark.parametrize(
+    ("tiers", "says"),
+    [
+        ([tier("words", (0.0, 1.0, "so"))], "No tier tells what a hand does.*found words"),
+        ([], "found no tier"),
+        ([tier("phase R", (0, 2, "stroke"), (1, 3, "hold"))], "a hand does one thing at a time"),
+        ([tier("phase R", (0, 2, "rest")), tier("goal R", (0, 2, "near"))], "no three numbers"),
+        ([tier("phase R"), tier("weight", (0, 2, "chair"))], "not left, right, both"),
+        ([tier("phase R"), tier("nods", (0, 2, "nan"))], "is not finite"),
+        ([tier("phase R"), tier("smile", (2, 1, ".5"))], "must end after it begins"),
+    ],
+)  # fmt: skip
+def test_what_tells_no_plan_is_refused(tiers: list[NamedTier], says: str) -> None:
+    with pytest.raises(PlanError, match=says):
+        told(*tiers)
+
+
+def eaf(body: str, head: str = "") -> str:
+    return f"""<?xml version="1.0"?>{head}<ANNOTATION_DOCUMENT>
+<HEADER TIME_UNITS="milliseconds"/>{body}</ANNOTATION_DOCUMENT>"""
+
+
+def slots(*times: str) -> str:
+    told = "".join(
+        f'<TIME_SLOT TIME_SLOT_ID="t{k}"{f" TIME_VALUE={at!r}" if at else ""}/>'
+        for k, at in enumerate(times)
+    ).replace("'", '"')
+    return f"<TIME_ORDER>{told}</TIME_ORDER>"
+
+
+def phase_tier(*spans: tuple[int, int, str]) -> str:
+    rows = "".join(
+        f'<ANNOTATION><ALIGNABLE_ANNOTATION ANNOTATION_ID="a{k}" TIME_SLOT_REF1="t{a}" '
+        f'TIME_SLOT_REF2="t{b}"><ANNOTATION_VALUE>{label}</ANNOTATION_VALUE>'
+        "</ALIGNABLE_ANNOTATION></ANNOTATION>"
+        for k, (a, b, label) in enumerate(spans)
+    )
+    return f'<TIER TIER_ID="R-Phase" LINGUISTIC_TYPE_REF="x">{rows}</TIER>'
+
+
+def test_times_that_an_annotator_left_open_lie_between(tmp_path: Path) -> None:
+    path = tmp_path / "a.eaf"
+    body = slots("0", "", "", "3000") + phase_tier((0, 1, "prep"), (1, 2, "stroke"), (2, 3, "hold"))
+    path.write_text(eaf(body))
+    plan = read_plan_file(path).plan
+    assert [(p.start_s, p.end_s) for p in plan.right] == [(0, 1), (1, 2), (2, 3)]
+    assert plan.duration_s == 3.0
+
+
+HOSTILE = {
+    "entities": (eaf("&a;", '<!DOCTYPE x [<!ENTITY a "aaaa">]>'), "defines a document type"),
+    "outside": (
+        eaf("&a;", '<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/passwd">]>'), "document type"),
+    "definitions": (eaf("", '<!DOCTYPE x SYSTEM "http://a.b/c.dtd">'), "document type"),
+    "deep": (eaf("<a>" * 50 + "</a>" * 50), "nested deeper"),
+    "cut": (eaf(slots("0", "5"))[:-9], "is no ELAN file"),
+    "other": ("<svg/>", "is no ELAN file"),
+    "empty": ("", "is no ELAN file"),
+    "encoding": ('<?xml version="1.0" encoding="nonsense"?><a/>', "is no ELAN file"),
+    "times": (eaf(slots("0", "-5")), "'-5' is no number of milliseconds"),
+    "long": (eaf(slots("0", "999999999")), "more than 24 hours"),
+    "slots": (eaf(slots("0") + phase_tier((0, 4, "prep"))), "has no times"),
+    "units": (eaf("").replace("milliseconds", "PAL-frames"), "PAL-frames"),
+    "loop": (
+        eaf(slots("0", "1") + '<TIER TIER_ID="x"><ANNOTATION><REF_ANNOTATION ANNOTATION_ID="a" '
+            'ANNOTATION_REF="a"/></ANNOTATION></TIER>'), "No tier tells what a hand does"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", HOSTILE)
+def test_hostile_elan_files_are_refused_in_a_sentence(what: str, tmp_path: Path) -> None:
+    text, says = HOSTILE[what]
+    (tmp_path / "a.eaf").write_text(text)
+    with pytest.raises(PlanError, match=rf"^a\.eaf.*{says}") as error:
+        read_plan_file(tmp_path / "a.eaf")
+    assert str(error.value).count("\n") == 0
+
+
+def test_large_and_missing_files_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("model.plan.plan.MAX_BYTES", 100)
+    (tmp_path / "a.eaf").write_text(" " * 101)
+    with pytest.raises(PlanError, match="is larger than"):
+        read_plan_file(tmp_path / "a.eaf")
+    for ending in ENDINGS:
+        with pytest.raises(PlanError, match="could not be read"):
+            read_plan_file(tmp_path / f"missing{ending}")
+    monkeypatch.setattr(elan, "MAX_ELEMENTS", 3)
+    monkeypatch.setattr("model.plan.plan.MAX_BYTES", 10_000)
+    (tmp_path / "a.eaf").write_text(eaf(slots(*["0"] * 9)))
+    with pytest.raises(PlanError, match="holds more than any ELAN file"):
+        read_plan_file(tmp_path / "a.eaf")
+
+
+def test_names_that_xml_cannot_hold_are_refused(tmp_path: Path) -> None:
+    plan = made_plan()
+    for sign in ("\0", "\ud800"):
+        bad = plan.with_hand("left", (replace(plan.left[0], kind=f"a{sign}"),))
+        with pytest.raises(PlanError, match=r"holds a sign|is no text"):
+            write_plan_file(bad, tmp_path / "a.eaf")
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("xmin = 0", "is no TextGrid"),
+        ('File type = "ooTextFile"\nObject class = "TextGrid"\n', "has no tier at all"),
+    ],
+)
+def test_what_is_no_textgrid_is_refused(text: str, says: str, tmp_path: Path) -> None:
+    (tmp_path / "a.TextGrid").write_text(text)
+    with pytest.raises(PlanError, match=says):
+        read_plan_file(tmp_path / "a.TextGrid")
+    write_plan_file(made_plan(), tmp_path / "a.TextGrid")
+    cut = (tmp_path / "a.TextGrid").read_text().replace("xmax = 1.5000", "xmax = 1..5")
+    (tmp_path / "a.TextGrid").write_text(cut)
+    with pytest.raises(PlanError, match=r"'1..5', which is no time of a plan"):
+        read_plan_file(tmp_path / "a.TextGrid")

@@ -1,0 +1,46 @@
+"""The authors' checkpoints as their training script leaves them, with weights by the rule."""
+
+from collections import OrderedDict
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from model.systems.official.checkpoint import make_network
+from model.systems.official.files import Part
+from model.systems.official.sizes import SPEECH_DIM, WINDOW_FRAMES
+from tests.model.systems.official.filled import fill, made
+
+NAMES: dict[Part, str] = {
+    "motion": "split/DiffusionDITNetPartsFixedExpressions2PostNorm_LL_split/epoch_999",
+    "expression": "split/SimpleSpeechModel/best.pt",
+}
+
+
+def make_official(folder: Path) -> Path:
+    """A folder of checkpoints, of the real size; rotations hardly move from those of the rest."""
+    for part, name in NAMES.items():
+        state = fill(make_network(part)).state_dict()
+        if part == "motion":
+            _calm(state)
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        torch.save(OrderedDict(state), path)
+    return folder
+
+
+def _calm(state: dict[str, torch.Tensor]) -> None:
+    """Let the network's answer be near a body that stands, so that its motion can be shown."""
+    from model.systems.official.seed import standing
+    from model.systems.official.sizes import BODY_CHANNELS, HAND_CHANNELS
+
+    pose = standing()[0]
+    for name, channels in (("hand", HAND_CHANNELS), ("body", BODY_CHANNELS)):
+        state[f"{name}.weight"] *= 0.05
+        state[f"{name}.bias"] = pose[list(channels)]
+
+
+def make_features(path: Path, count: int) -> Path:
+    """Prepared features of that many windows."""
+    np.savez(path, features=made("features", (count, WINDOW_FRAMES, SPEECH_DIM)).numpy())
+    return path

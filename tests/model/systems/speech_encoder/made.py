@@ -1,0 +1,42 @@
+"""Annotated speech, and a tiny encoder trained on it."""
+
+import json
+from pathlib import Path
+
+import torch
+
+from model.motion.packing import Normaliser
+from model.networks.speech_codes import CodesNetwork
+from model.speech.codes import SPEECH_ENCODER, CodesConfig
+from model.storage.checkpoint import save_weights
+from model.storage.settings import to_json
+from model.systems.speech_encoder.config import SpeechEncoderConfig
+from tests.model.made import make_data_folder
+from tests.model.plan.test_annotation import HANDS, grid, interval_tier, point_tier
+
+TINY_CODES = CodesConfig(width=16, codes=8, dilations=(1, 2))
+SPOKEN = (
+    interval_tier("words", (0.2, 0.7, "whole"), (0.7, 1.0, "of"), (1.5, 2.0, "other")),
+    interval_tier("phones", (0.2, 0.4, "hh"), (0.4, 0.7, "OW1"), (0.7, 1.0, "pau"), (1.5, 2, "er")),
+    point_tier("accents", (0.5, "0.800"), (1.8, "0.300")),
+)
+
+
+def make_spoken_folder(folder: Path, *tiers: str) -> Path:
+    """Made recordings with what is said and done in three seconds beside each."""
+    make_data_folder(folder)
+    (folder / "textgrid").mkdir()
+    for path in (folder / "wave16k").iterdir():
+        told = grid(*(tiers or SPOKEN), *HANDS)
+        (folder / "textgrid" / f"{path.stem}.TextGrid").write_text(told)
+    return folder
+
+
+def make_encoder_weights(folder: Path) -> Path:
+    """Random weights with a complete card."""
+    torch.manual_seed(2)
+    tensors = {f"network.{k}": v for k, v in CodesNetwork(TINY_CODES).state_dict().items()}
+    tensors |= Normaliser(torch.zeros(68), torch.ones(68)).tensors()
+    config = SpeechEncoderConfig(system=SPEECH_ENCODER, codes=TINY_CODES)
+    save_weights(folder, SPEECH_ENCODER, tensors, {"config": json.loads(to_json(config))})
+    return folder

@@ -1,0 +1,122 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from model.data.plans import prepare_plans
+from model.data.prepared import DataError, PreparedData, prepare
+from model.data.spoken import annotated_speech
+from model.networks.speech_codes import Reading, load_codes
+from model.speech.codes import PHONES, SPEECH_ENCODER, TOLD
+from model.speech.features import MelEncoder
+from model.storage.cards import BUNDLED_WEIGHTS
+from model.systems.planned.config import PLANNER, PlannerConfig
+from model.systems.registry import family_of
+from model.systems.speech_encoder.task import terms
+from model.training.loop import train
+from model.training.task import Start
+from tests.model.systems.speech_encoder.made import (
+    SPOKEN,
+    make_encoder_weights,
+    make_spoken_folder,
+)
+
+QUICK = {"steps": 6, "save_every": 6, "validate_every": 6, "warmup_steps": 2, "batch_size": 2}
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Annotated data, and beside it an encoder that was trained on it."""
+    root = tmp_path_factory.mktemp("spoken")
+    make_spoken_folder(root / "data")
+    learn(SPEECH_ENCODER, root, root / "encoder")
+    return root
+
+
+def learn(name: str, root: Path, out: Path, **settings) -> None:
+    family = family_of(name)
+    config = replace(family.config("smoke", name), **QUICK, augmented_copies=1)
+    config = replace(config, **settings.pop("config", {}))
+    train(config, family.make_task, root / "data", out, **({"helpers": BUNDLED_WEIGHTS} | settings))
+
+
+def prepared(root: Path) -> PreparedData:
+    return prepare(root / "data", root / "prepared-mel64", MelEncoder(), augmented_copies=1)
+
+
+def test_frames_are_told_what_is_annotated_at_the_speed_of_each_copy(root):
+    data = prepared(root)
+    plans = prepare_plans(data, 4)
+    table = replace(plans.table, struck={"whole": 0.75})
+    spoken = annotated_speech(data, replace(plans, table=table))
+    plain, copy = (next(c for c in data.clips if c.copy == n) for n in (0, 1))
+    phone = spoken.phone[plain.start : plain.stop]
+    named = [PHONES[number - 1] if number else "" for number in phone[:60]]
+    wanted = [""] * 6 + ["hh"] * 6 + ["ow"] * 9 + [""] * 24 + ["er"] * 15
+    assert named == wanted
+    told = {name: spoken.told[plain.start : plain.stop, k] for k, name in enumerate(TOLD)}
+    assert np.flatnonzero(told["accent"]).tolist() == [14, 15, 16, 53, 54, 55]
+    np.testing.assert_allclose(told["strength"][[15, 54]], [0.8, 0.3], atol=1e-6)
+    assert np.flatnonzero(told["voice"]).tolist() == [*range(6, 30), *range(45, 60)]
+    assert np.flatnonzero(told["phrase_end"]).tolist() == [*range(27, 32), *range(57, 62)]
+    assert set(told["struck"][6:21]) == {0.75} and not told["struck"][21:].any()
+    assert told["speed"][45] > 10 * told["speed"][5] >= 0  # of a stroke, and before anything moves
+    speed = plain.num_frames / copy.num_frames
+    faster = spoken.phone[copy.start : copy.stop]
+    assert np.flatnonzero(faster)[0] == pytest.approx(6 / speed, abs=1)
+
+
+def test_an_encoder_that_was_trained_gives_codes_beside_features(root, tmp_path):
+    codes = load_codes(root / "encoder" / "weights")
+    features = torch.randn(2, 40, 68)
+    found = codes.of(features)
+    assert found.shape == (2, 40, 8) and found.abs().max() <= 1
+    torch.testing.assert_close(codes.of(features[1]), found[1])
+    later = features.clone()
+    later[:, 20:] += 1
+    reach = codes.network.config.context
+    torch.testing.assert_close(codes.of(later)[:, : 20 - reach], found[:, : 20 - reach])
+    assert not torch.allclose(codes.of(later)[:, 20 - reach], found[:, 20 - reach], atol=1e-6)
+    card = json.loads((root / "encoder" / "weights" / "speech-encoder.json").read_text())
+    assert 0 <= card["validation"]["phones_right"] <= 1
+    assert set(card["validation"]) == {"phone", *TOLD, "phones_right", "total"}
+
+
+def test_losses_are_those_of_what_is_right():
+    phone = torch.tensor([[2, 0]])
+    sure = 30.0 * torch.nn.functional.one_hot(phone, 1 + len(PHONES)).float()
+    told = torch.tensor([[[1, 0.7, 0, 1, 0, 0.2], [0, 0.0, 1, 0, 1, 0.4]]])
+    said = torch.where(told > 0.5, 30.0, -30.0)
+    said[..., 1], said[..., 5] = told[..., 1], told[..., 5]
+    losses = terms(Reading(sure, said), phone, told)
+    assert max(losses.values()) < 1e-6
+    said[0, 1, 1], said[0, 0, 1] = 5.0, 0.5  # the strength counts where there is an accent
+    assert terms(Reading(sure, said), phone, told)["strength"].item() == pytest.approx(0.04)
+
+
+def test_a_planner_begins_with_weights_that_heard_no_codes(root, tmp_path):
+    shape = PlannerConfig(width=16, head_width=16, window_frames=60)
+    learn(PLANNER, root, root / "deaf", config={"planner": shape})
+    make_encoder_weights(tmp_path)
+    learn(
+        PLANNER, root, root / "more", helpers=tmp_path, start=Start(root / "deaf/weights", PLANNER),
+        config={"planner": replace(shape, codes=8), "learning_rate": 0.0},
+    )  # fmt: skip
+    cards = [
+        json.loads((root / name / "weights" / "planner.json").read_text())
+        for name in ("deaf", "more")
+    ]
+    assert cards[0]["validation"]["total"] == pytest.approx(
+        cards[1]["validation"]["total"], rel=1e-2
+    )
+
+
+@pytest.mark.parametrize("tiers", [("words",), ("words", "phones")])
+def test_data_that_tells_too_little_is_refused_in_a_sentence(tmp_path, tiers):
+    make_spoken_folder(tmp_path / "data", *SPOKEN[: len(tiers)])
+    missing = "phones" if len(tiers) == 1 else "accents"
+    with pytest.raises(DataError, match=f"No TextGrid of data has a tier of {missing}"):
+        learn(SPEECH_ENCODER, tmp_path, tmp_path / "out")
