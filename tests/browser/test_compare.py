@@ -72,7 +72,8 @@ def test_of_two_speeches_either_sounds_under_all_bodies(
     apart = both.locator("#player .apart li")
     expect(apart).to_have_count(7)
     expect(apart.filter(has_text="right arm")).to_contain_text(re.compile(r"\d°.*now [\d.]+°"))
-    both.wait_for_function("location.hash.includes('sound=1')")
+    # The address follows once all is still: with the sound first, with its moment a little later.
+    both.wait_for_function("/&t=1&.*sound=1/.test(location.hash)")
     again = watched(browser.new_context(viewport={"width": 1280, "height": 900}).new_page())
     again.goto(both.url)
     expect(again.locator("#player .sounds button").last).to_have_attribute(

@@ -23,6 +23,7 @@ pytestmark = pytest.mark.browser
 SYSTEMS, CLIPS = ["localnet", "globalnet"], ["kitchen", "garden"]
 WORDS = wording()
 BUTTONS = WORDS["buttons"]
+RETURN_TO = "https://example.org/done?cc=C0DE"
 
 
 class _Host(SimpleHTTPRequestHandler):
@@ -48,7 +49,7 @@ def host(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Path, 
     server = ThreadingHTTPServer(("127.0.0.1", 0), partial(handler, directory=str(root)))
     Thread(target=server.serve_forever, daemon=True).start()
     address = f"http://127.0.0.1:{server.server_port}"
-    post = f'post_to = "{address}/answers"'
+    post = f'post_to = "{address}/answers"\nreturn_to = "{RETURN_TO}"'
     for protocol, settings in {
         "pairwise": "attention_checks = 1",
         "matched": "attention_checks = 0\n" + post,
@@ -257,7 +258,10 @@ def test_a_preview_keeps_and_sends_nothing(
     page.get_by_role("button", name=WORDS["headphones"]["skip"]).click()
     practise(page)
     answer_pairs(page)
+    expect(page.get_by_text(WORDS["finish"]["then"])).to_be_visible()
     assert saved_answers(page, tmp_path).name.startswith("preview-")
+    expect(page.get_by_text(RETURN_TO)).to_be_visible()  # said, but it leads nowhere
+    expect(page.get_by_role("link", name=WORDS["finish"]["back"])).to_have_count(0)
     assert len(host[2].posted) == before
     assert page.evaluate("localStorage.length") == 0
     page.reload()
@@ -315,6 +319,9 @@ def test_speech_is_asked_about_and_answers_are_posted(
     assert page.evaluate("document.querySelector('video').muted") is False
     answer_pairs(page)
     expect(page.get_by_text(WORDS["finish"]["sent"])).to_be_visible()
+    back = page.get_by_role("link", name=WORDS["finish"]["back"])
+    expect(back).to_have_attribute("href", RETURN_TO)
+    expect(page.get_by_text(WORDS["finish"]["then"])).to_have_count(0)
     for number, posted in enumerate(host[2].posted):
         (tmp_path / f"{number}.json").write_bytes(posted)
     collected = collect([tmp_path], key_of(host, "matched"))

@@ -24,10 +24,15 @@ ASKED: dict[str, dict[str, Any]] = {
         "steps": "1",
         "has_videos": False,
     },
-    "hearing": {"param_0": []},
+    "hearing": {"systems": []},
     "own_motion": {"has_videos": False},
-    "steps": {"param_0": []},  # with a system it would be measured on an example
-    "study_plan": {"param_0": "A", "param_3": ["globaldiff/global"], "param_5": 2, "param_6": 4},
+    "steps": {"systems": []},  # with a system it would be measured on an example
+    "study_plan": {
+        "title": "A",
+        "systems": ["globaldiff/global"],
+        "length_s": 2,
+        "participants": 4,
+    },
 }
 """By call, what is asked for; of every other field the page's own value."""
 PROGRAM_FAULTS = ("inside the program", "Traceback")

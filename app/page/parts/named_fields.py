@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import inspect
+from collections.abc import Callable
 from dataclasses import MISSING, fields
 from inspect import Parameter, Signature
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import gradio as gr
 
-Run = Callable[..., Iterator[dict[Any, Any]]]
+Run = TypeVar("Run", bound=Callable[..., Any])
 
 
 def named_fields(run: Run, form: type, optional: tuple[str, ...] = ()) -> Run:
@@ -19,12 +20,18 @@ def named_fields(run: Run, form: type, optional: tuple[str, ...] = ()) -> Run:
     default and without a value on the page.
 
     Args:
-        run: takes the request of the browser and the values of the fields.
+        run: takes the request of the browser and the values of the fields; a generator or not.
         optional: fields that may be left out though the dataclass has no default for them.
     """
 
-    def named(request: gr.Request, *values: Any) -> Iterator[dict[Any, Any]]:
-        yield from run(request, *values)
+    if inspect.isgeneratorfunction(run):
+
+        def named(request: gr.Request, *values: Any) -> Any:
+            yield from run(request, *values)
+    else:
+
+        def named(request: gr.Request, *values: Any) -> Any:
+            return run(request, *values)
 
     kind = Parameter.POSITIONAL_OR_KEYWORD
     parameters = [Parameter("request", kind, annotation=gr.Request)]
@@ -36,4 +43,4 @@ def named_fields(run: Run, form: type, optional: tuple[str, ...] = ()) -> Run:
             default = None if field.default is MISSING else field.default
         parameters.append(Parameter(field.name, kind, default=default))
     named.__dict__["__signature__"] = Signature(parameters)
-    return named
+    return cast(Run, named)

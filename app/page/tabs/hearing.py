@@ -103,6 +103,8 @@ class HearingRunner(FigureRunner["HearingRequest", "Hearing"]):
     """Compares two speeches by two seeds."""
 
     tab = "hearing"
+    form = HearingForm
+    optional = ("first", "second")
 
     def request(self, values: tuple[Any, ...], out: Path) -> HearingRequest:
         """See `FigureRunner.request`."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import gradio as gr
 
@@ -16,6 +16,7 @@ from app.config import AppConfig
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import mount, reveal_on_click, shown
+from app.page.parts.named_fields import named_fields
 from app.page.results.figures_shown import FiguresShown
 from app.page.serving.follow import last_share
 from app.page.serving.in_turn import Updates
@@ -104,6 +105,11 @@ def _build_figure_parts(name: str) -> FigureParts:
 class FigureRunner(TabRunner[Found], Generic[Asked, Found]):
     """Asks for a measurement, follows it, and shows its figure."""
 
+    form: ClassVar[type]
+    """The dataclass of the fields of its sheet, in their order."""
+    optional: ClassVar[tuple[str, ...]]
+    """Those that a program may leave out."""
+
     def __init__(
         self,
         measure: Callable[[Asked, Callable[[float], None]], Found],
@@ -155,7 +161,7 @@ class FigureRunner(TabRunner[Found], Generic[Asked, Found]):
         """Let the buttons begin and end it; the tab's name is that of the API."""
         reveal_on_click(sheet.start, self.parts.status)
         sheet.start.click(
-            self.run,
+            named_fields(self.run, self.form, self.optional),
             inputs=sheet.fields,
             outputs=[self.parts.status, self.parts.message, self.parts.figure],
             api_name=self.tab,

@@ -78,6 +78,8 @@ class StepCurveRunner(FigureRunner["StepCurveRequest", "StepCurve"]):
     """Measures ticked systems with few and with many steps."""
 
     tab = "steps"
+    form = StepCurveForm
+    optional = ("speech",)
 
     def request(self, values: tuple[Any, ...], out: Path) -> StepCurveRequest:
         """See `FigureRunner.request`."""

@@ -57,12 +57,17 @@ def build_study_tab(
                 results = _build_results()
     fields = [*materials, *settings]
     runner = StudyRunner(export, config, jobs, handover, previews, results)
+    optional = ("speeches", "motions")
     write.click(
-        runner.write_plan, fields, results.all, api_name="study_plan", show_progress="hidden"
+        named_fields(runner.write_plan, StudyForm, optional),
+        fields,
+        results.all,
+        api_name="study_plan",
+        show_progress="hidden",
     )
     reveal_on_click(start, results.status)
     start.click(
-        named_fields(runner.run, StudyForm, optional=("speeches", "motions")),
+        named_fields(runner.run, StudyForm, optional),
         fields,
         results.all,
         api_name="study",
@@ -114,7 +119,13 @@ def _build_settings() -> list[Any]:
         [(text.VIEW_NAMES[view], view) for view in VIEWS], value=["front"], label="Views"
     )
     post_to = gr.Textbox("", label="Address that answers are posted to (optional)")
-    return [length, people, seed, views, post_to]
+    return_to = gr.Textbox(
+        "",
+        label="Completion link (optional)",
+        info="Participants go there at the end, for example Prolific's or SONA's link with its "
+        "code.",
+    )
+    return [length, people, seed, views, post_to, return_to]
 
 
 def _build_results() -> StudyParts:

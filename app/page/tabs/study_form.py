@@ -40,6 +40,7 @@ class StudyForm:
     seed: float | None
     views: list[str]
     post_to: str | None
+    return_to: str | None = None
 
     @classmethod
     def of(cls, values: Sequence[Any]) -> StudyForm:
@@ -82,6 +83,8 @@ def plan_text(form: StudyForm) -> str:
     ]
     if post_to := (form.post_to or "").strip():
         lines.append(f"post_to = {_text(post_to)}")
+    if return_to := (form.return_to or "").strip():
+        lines.append(f"return_to = {_text(return_to)}")
     for clip in clips:
         lines += ["", "[[clips]]", f"name = {_text(clip.stem)}", f"speech = {_text(clip.name)}"]
     for system in form.systems:

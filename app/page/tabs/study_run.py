@@ -28,6 +28,8 @@ from app.page.tabs.study_form import StudyForm, collect_files, plan_text
 from app.run.request import Event, OnEvent, ShouldCancel
 from app.run.result_folder import zip_folder
 from app.study.design.plan import read_plan
+from app.study.design.size import size_of
+from app.study.design.trials import make_design
 from app.study.make.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -97,13 +99,13 @@ class StudyRunner(TabRunner[Workspace]):
         """
         job = self._jobs.open(visitor_of(request), self.tab, address_of(request))
         try:
-            path = _write_plan(StudyForm.of(values), job.folder)
+            path, size = _write_plan(StudyForm.of(values), job.folder)
         except Exception as error:
             raise gr.Error(visitor_sentence(error), print_exception=False) from error
         finally:
             self._jobs.close(job)
         return {
-            self._parts.status: markup.sentence_status("The plan is written."),
+            self._parts.status: markup.sentence_status(f"The plan is written. {size}"),
             self._parts.plan: gr.update(value=str(path), visible=True),
         }
 
@@ -116,11 +118,11 @@ class StudyRunner(TabRunner[Workspace]):
         private = self._handover.private_folder()
         try:
             form = StudyForm.of(values)
-            plan_path = _write_plan(form, private)
+            plan_path, size = _write_plan(form, private)
             collect_files(form, private)
             options = ExportOptions(self._config.weights, self._config.body)
             yield _Work(
-                *(self._export, plan_path, options, job, cookie),
+                *(self._export, plan_path, size, options, job, cookie),
                 *(self._handover, self._previews, self._parts, self._config.keep_results_s),
             )
         finally:
@@ -147,6 +149,8 @@ class _Work:
     export: Export
     plan_path: Path
     """In that folder."""
+    size: str
+    """What it asks of participants."""
     options: ExportOptions
     job: Job
     cookie: str
@@ -177,7 +181,7 @@ class _Work:
             shutil.copytree(result.bundle, folder / "bundle"), self.cookie
         )
         return {
-            self.parts.status: markup.sentence_status(MADE),
+            self.parts.status: markup.sentence_status(f"{MADE} {self.size}"),
             self.parts.plan: gr.update(value=str(plan), visible=True),
             self.parts.participants: gr.update(value=str(bundle), visible=True),
             self.parts.researcher: shown(_key(token, self.keep_s)),
@@ -185,15 +189,16 @@ class _Work:
         }
 
 
-def _write_plan(form: StudyForm, folder: Path) -> Path:
-    """
+def _write_plan(form: StudyForm, folder: Path) -> tuple[Path, str]:
+    """The plan, and what it asks of participants.
+
     Raises:
         RunError: if no study can be made from it.
     """
     path = folder / "plan.toml"
     path.write_text(plan_text(form), "utf-8")
-    read_plan(path)
-    return path
+    plan = read_plan(path)
+    return path, size_of(plan, make_design(plan)).sentence()
 
 
 def _key(token: str, keep_s: float) -> str:

@@ -87,6 +87,8 @@ class Plan:
     consent: str | None = None
     """In place of the text in `questions.toml`."""
     post_to: str | None = None
+    return_to: str | None = None
+    """Where participants go at the end: the completion link of Prolific, SONA or the like."""
     hosted_at: str = ""
     """Address of the folder with `media/`, for the configurations of other tools."""
 
@@ -99,7 +101,7 @@ class Plan:
 _PLAN_KEYS = {
     *("format", "title", "protocol", "clips", "systems", "participants", "seed", "views"),
     *("length_s", "size", "face", "trials_per_participant", "attention_checks", "max_failed"),
-    *("reasons", "consent", "post_to", "hosted_at"),
+    *("reasons", "consent", "post_to", "return_to", "hosted_at"),
 }
 _CLIP_KEYS = {"name", "speech", "start_s"}
 _SYSTEM_KEYS = {"name", "motion", "system", "seed", "speaker", "steps", "sampler", "post_filter"}
@@ -193,8 +195,10 @@ def _plan_of(fields: Fields, folder: Path) -> Plan:
         raise FieldError("it has no [[clips]]")
     names = [clip.name for clip in clips]
     post_to = fields.text_or_none("post_to")
+    return_to = fields.text_or_none("return_to")
     hosted_at = fields.text_or_none("hosted_at") or ""
-    for name, url in (("post_to", post_to), ("hosted_at", hosted_at)):
+    addresses = {"post_to": post_to, "return_to": return_to, "hosted_at": hosted_at}
+    for name, url in addresses.items():
         if url and not (_PLAIN_URL.fullmatch(url) and urlsplit(url).hostname):
             raise FieldError(f"`{name}` must be an http or https address; it is {url[:80]!r}")
     return Plan(
@@ -216,6 +220,7 @@ def _plan_of(fields: Fields, folder: Path) -> Plan:
         has_reasons=_flag(fields, "reasons", True),
         consent=fields.text_or_none("consent"),
         post_to=post_to,
+        return_to=return_to,
         hosted_at=hosted_at,
     )
 

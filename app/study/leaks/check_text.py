@@ -11,7 +11,7 @@ from app.study.design.key import TRIAL_KINDS
 from app.study.design.wording import CHOICE_VALUES, wording
 from app.study.make.participant_page import INDEX, SCRIPT, SITE, STYLE, fixed_words, index_html
 
-_FREE_TEXTS = ("title", "consent", "postTo")
+_FREE_TEXTS = ("title", "consent", "postTo", "returnTo")
 _KNOWN_KEYS = {
     *("study", "sound", "minutes", "trials", "lists", "instruction", "questions", "words"),
     "reasons",

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import html
 import json
-import math
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 from app.study.design.blinding import Blinding
 from app.study.design.plan import Plan
+from app.study.design.size import size_of
 from app.study.design.trials import KIND_OF_PROTOCOL, Design
 from app.study.design.wording import questions_of, wording
 from app.study.make.media import set_time
@@ -19,8 +19,6 @@ from app.study.make.workspace import Workspace
 SITE = Path(__file__).with_name("site")
 SCRIPT, STYLE, INDEX, DATA = "study.js", "study.css", "index.html", "study-data.js"
 DATA_START = "window.STUDY = "
-BEFORE_S, ANSWER_S, USUAL_LENGTH_S = 60.0, 8.0, 10.0
-"""What reading and practice take, an answer, and a video of which the plan does not say it."""
 _SHARED_WORDS = (
     *("attention", "buttons", "slider", "consent", "headphones", "practice", "preview"),
     *("progress", "finish", "problems"),
@@ -69,22 +67,14 @@ def page_data(plan: Plan, design: Design, blinding: Blinding) -> dict[str, Any]:
         "title": plan.title,
         "sound": plan.has_sound,
         "postTo": plan.post_to,
-        "minutes": minutes_of(plan, design),
+        "returnTo": plan.return_to,
+        "minutes": size_of(plan, design).minutes,
         "consent": plan.consent,
         "trials": trials,
         "lists": pages,
         **fixed_words(plan.protocol),
         "reasons": words["reasons"] if has_reasons else None,
     }
-
-
-def minutes_of(plan: Plan, design: Design) -> int:
-    """What the longest list takes: each video once, and for each page the time of an answer."""
-    length_s = plan.length_s or USUAL_LENGTH_S
-    seconds = max(
-        sum(len(page.shown) * length_s + ANSWER_S for page in pages) for pages in design.lists
-    )
-    return math.ceil((BEFORE_S + seconds) / 60)
 
 
 def fixed_words(protocol: str) -> dict[str, Any]:

@@ -786,15 +786,24 @@
     const download = button(words.buttons.download, saveFile, { className: postTo ? "" : "main" });
     const send = postTo && !state.sent
       ? button(words.buttons.send, () => sendAnswers(message, send), { className: "main" }) : null;
+    const isOver = state.sent || state.saved;
     sheet(
       text.heading,
       make("p", {}, text.text),
       message,
-      make("div", { className: "actions" }, send, download),
+      isOver || !study.returnTo ? null : make("p", {}, text.then),
+      make("div", { className: "actions" }, send, download, isOver ? backLink() : null),
       // Only now: whoever starts anew can no longer reach the answers of the one before.
-      state.sent || state.saved
+      isOver
         ? make("div", { className: "actions" }, button(words.buttons.again, startAgain, {})) : null
     );
+  }
+
+  /** To the service that sent the participant; a preview shows where it leads and goes nowhere. */
+  function backLink() {
+    if (!study.returnTo) return null;
+    if (isPreview) return make("span", {}, `${words.finish.back}: ${study.returnTo}`);
+    return make("a", { href: study.returnTo, className: "main" }, words.finish.back);
   }
 
   function saveFile() {

@@ -57,7 +57,13 @@ def test_what_a_program_leaves_out_is_as_if_empty(tmp_path: Path) -> None:
     bare = replace(FORM, title=None, seed=None, post_to=None)
     (tmp_path / "plan.toml").write_text(plan_text(bare), "utf-8")
     plan = read_plan(tmp_path / "plan.toml")
-    assert (plan.seed, plan.post_to) == (0, None)
+    assert (plan.seed, plan.post_to, plan.return_to) == (0, None, None)
+
+
+def test_a_completion_link_comes_into_the_plan(tmp_path: Path) -> None:
+    link = "https://app.prolific.com/submissions/complete?cc=C0DE"
+    (tmp_path / "plan.toml").write_text(plan_text(replace(FORM, return_to=f" {link} ")), "utf-8")
+    assert read_plan(tmp_path / "plan.toml").return_to == link
 
 
 def test_a_text_cannot_become_settings(tmp_path: Path) -> None:

@@ -70,6 +70,11 @@ def test_motion_can_be_a_table_by_clip(tmp_path: Path) -> None:
         ),
         (
             "participants = 28",
+            'participants = 28\nreturn_to = "javascript:alert(1)"',
+            "`return_to` must be an http",
+        ),
+        (
+            "participants = 28",
             'participants = 28\npost_to = "https://x.org/;script-src *"',
             "`post_to` must be an http",
         ),
