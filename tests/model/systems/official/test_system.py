@@ -1,7 +1,6 @@
 """The authors' checkpoints move as by their own script, and like any other system."""
 
 import copy
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from model.generation.base import Draw, Windowing
 from model.generation.family import UnknownNameError
-from model.generation.speech_stream import SpeechWindow
 from model.generation.windows import GenerateOptions, generate_motion
 from model.motion.kinematics import joint_positions_from_global, local_from_global
 from model.motion.motion import Motion, save_motion
@@ -22,28 +19,17 @@ from model.systems.official import FAMILY, FILTERED, UNFILTERED
 from model.systems.official.expression_network import OfficialExpressionNetwork
 from model.systems.official.motion_network import OfficialMotionNetwork
 from model.systems.official.seed import first_seed, seed_of, standing
-from model.systems.official.speech import OfficialEncoder, by_frame
-from model.systems.official.system import OfficialSystem, OfficialWindow, smoothed
+from model.systems.official.system import OfficialSystem, smoothed
 from model.systems.registry import list_speakers, list_systems, load_system
 from tests.helpers import official_folder, smooth_motion_example
 from tests.model.made import made_speech, make_weights
 from tests.model.systems.official.filled import fill, made
+from tests.model.systems.official.given_windows import GivenWindows, Networks
 from tests.model.systems.official.made_official import make_features, make_official
 
 KINDS = ("filtered", "unfiltered")
 CLIPS = (0, 1)
 CLOSE = 1e-4
-
-
-@dataclass(frozen=True)
-class GivenDraw(Draw):
-    """Its noise is the reference's."""
-
-    given: Tensor = field(default_factory=lambda: torch.empty(0))
-
-    def noise(self, shape: tuple[int, ...]) -> Tensor:
-        assert shape == self.given.shape[1:]
-        return self.given[self.index, None]
 
 
 @pytest.fixture(scope="module")
@@ -53,65 +39,18 @@ def reference() -> dict[str, np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def networks() -> tuple[OfficialMotionNetwork, OfficialExpressionNetwork]:
+def networks() -> Networks:
     return fill(OfficialMotionNetwork()), fill(OfficialExpressionNetwork())
 
 
-def _system(networks, seed: Tensor, kind: str = "filtered") -> OfficialSystem:
-    motion, expression = networks
-    return OfficialSystem(
-        name="official",
-        card={},
-        sha256s={},
-        speakers={},
-        encoder=OfficialEncoder(lambda windows: made("heard", (len(windows), 60, 1024))),
-        windowing=Windowing(60, 8, 0),
-        samplers=FAMILY.samplers,
-        frame="world",
-        root_motion="place",
-        expression_basis="flame100",
-        network=motion,
-        expressions=expression,
-        seed=seed,
-        filters=kind == "filtered",
-    )
-
-
-def _start(reference: dict[str, np.ndarray], clip: int) -> Tensor:
-    return seed_of(
-        Motion(
-            poses=reference["seed_poses_axis_angle_local"][clip],
-            trans=reference["seed_trans"][clip],
-            expressions=np.zeros((8, 100), np.float32),
-            expression_basis="flame100",
-            betas=np.zeros(300, np.float32),
-        )
-    )
-
-
-def _run(
-    reference: dict[str, np.ndarray], networks, kind: str, clip: int, dtype=torch.float32
-) -> tuple[list[OfficialWindow], OfficialWindow]:
-    """All windows as they were made, and all joined."""
-    count = 2
-    system = _system(networks, _start(reference, clip).to(dtype), kind)
-    frames = by_frame(torch.from_numpy(reference["features"][clip, :count]).to(dtype))
-    draw = GivenDraw(
+def _given(reference: dict[str, np.ndarray], clip: int) -> GivenWindows:
+    return GivenWindows(
         speaker=int(reference["pid"][clip]),
-        seed=0,
-        samples=1,
-        index=0,
-        sampler="reinterpolate",
-        steps=5,
-        guidance=1.0,
-        given=torch.from_numpy(reference["noise"][:, clip]).to(dtype),
+        start_poses=reference["seed_poses_axis_angle_local"][clip],
+        start_trans=reference["seed_trans"][clip],
+        features=torch.from_numpy(reference["features"][clip, :2]),
+        noise=torch.from_numpy(reference["noise"][:2, clip]),
     )
-    first = system.window(SpeechWindow(frames[:60], 60, False), None, draw)
-    second = system.window(SpeechWindow(frames[52:], 60, True), first, replace(draw, index=1))
-    joined = system.join(first.part(slice(52, 60)), second)
-    start, rest = (window.fields_of(slice(None)) for window in (first, joined))
-    fields = {name: torch.cat([start[name][:, :52], rest[name]], dim=1) for name in rest}
-    return [first, second], OfficialWindow(**fields)
 
 
 @pytest.mark.parametrize("clip", CLIPS)
@@ -119,9 +58,10 @@ def _run(
 def test_two_windows_equal_the_authors(reference, networks, kind, clip):
     """In single precision: where a row of 6D is short, Gram-Schmidt makes more of the last digit,
     so a few numbers in a hundred thousand differ by more."""
-    (first, _), whole = _run(reference, networks, kind, clip)
+    given = _given(reference, clip)
+    (first, _), whole = given.run(networks, kind == "filtered")
     seeds = reference[f"{kind}_seed_window"][:, clip]
-    np.testing.assert_allclose(_start(reference, clip), seeds[0], atol=1e-6)
+    np.testing.assert_allclose(given.start, seeds[0], atol=1e-6)
     np.testing.assert_allclose(first.vectors[0, -8:], seeds[1], atol=CLOSE)
     error = np.abs(whole.vectors[0, :, :330].numpy() - reference[f"{kind}_stitched_rot6d"][clip])
     assert error.max() < 5e-4 and (error > CLOSE).mean() < 3e-4
@@ -133,14 +73,14 @@ def test_two_windows_equal_the_authors(reference, networks, kind, clip):
 def test_two_windows_equal_the_authors_to_the_last_number(reference, networks):
     """In double precision, without our own rounding: the reference's is left."""
     networks = tuple(copy.deepcopy(network).double() for network in networks)
-    _, whole = _run(reference, networks, "filtered", 0, torch.float64)
+    _, whole = _given(reference, 0).run(networks, True, torch.float64)
     wanted = reference["filtered_stitched_rot6d"][0]
     np.testing.assert_allclose(whole.vectors[0, :, :330], wanted, atol=CLOSE)
 
 
 @pytest.mark.parametrize("clip", CLIPS)
 def test_written_poses_are_the_authors(reference, networks, clip):
-    _, whole = _run(reference, networks, "filtered", clip)
+    _, whole = _given(reference, clip).run(networks, True)
     local = local_from_global(whole.rotmat[0].double())
     written = torch.from_numpy(reference[f"filtered_poses_{clip}"]).double().unflatten(-1, (55, 3))
     error = (local - matrix_from_axis_angle(written)).abs().amax((-1, -2)).numpy()
@@ -156,7 +96,7 @@ def test_each_evaluation_equals_the_authors(reference, networks):
         asked.append((float(given[1][0]), given[0][0].clone(), answer[0].clone()))
 
     handle = networks[0].register_forward_hook(keep)
-    _run(reference, networks, "filtered", 0)
+    _given(reference, 0).run(networks, True)
     handle.remove()
     at = reference["trace_frames"]
     np.testing.assert_allclose([t for t, _, _ in asked], reference["trace_t"], atol=1e-7)
