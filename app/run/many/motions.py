@@ -1,7 +1,8 @@
 """Folders of motion files beside each other: each measure with an interval over clips.
 
-Files are paired by name. Each clip is measured by one process, as it is, and its numbers are kept
-in ``clips``, so that a run that was stopped goes on where it was.
+Files at any depth are paired by name, without ``res_`` or ``gt_`` before it. Each clip is measured
+by one process, as it is, and its numbers are kept in ``clips``, so that a run that was stopped goes
+on where it was.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ from model.jobs.crew import Crew, Job
 from model.storage.harmless import printable
 
 ENDINGS = (".npz", ".npy", ".bvh")
+GENERATED, RECORDED = "res_", "gt_"
+"""How EMAGE's code and those after it begin the names of results, and of the recordings beside."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +50,8 @@ class ManyResult:
 def diagnose_folders(
     request: ManyRequest, on_progress: Callable[[float], None] = lambda share: None
 ) -> ManyResult:
-    """Measure all clips that every folder has, and leave ``many.csv``, ``many.json`` and
-    ``sheet.md`` in ``request.out``.
+    """Measure all clips that every folder has, and leave what `write_tables` writes in
+    ``request.out``.
 
     Raises:
         RunError: where folders have no clip in common, or a folder is none.
@@ -56,7 +59,10 @@ def diagnose_folders(
         JobsError: if those who measure are lost.
     """
     folders = _named_folders(request)
-    files = {name: _files(folder) for name, folder in folders.items()}
+    files = {
+        name: _files(folder, RECORDED if name == REFERENCE_NAME else GENERATED)
+        for name, folder in folders.items()
+    }
     clips = sorted(set.intersection(*(set(found) for found in files.values())))
     if not clips:
         raise RunError(f"No file name is in all of {', '.join(files)}; clips are paired by name.")
@@ -120,16 +126,27 @@ def _named_folders(request: ManyRequest) -> dict[str, Path]:
     return folders
 
 
-def _files(folder: Path) -> dict[str, Path]:
+def _files(folder: Path, kind: str) -> dict[str, Path]:
+    """By clip; where results and recordings lie side by side, those of the kind that is asked."""
+    paths = sorted(path for path in folder.rglob("*") if _is_motion(path.relative_to(folder)))
+    if any(path.name.startswith(kind) for path in paths):
+        paths = [path for path in paths if path.name.startswith(kind)]
     found: dict[str, Path] = {}
-    for path in sorted(folder.iterdir()):
-        if path.suffix not in ENDINGS:
-            continue
-        name = printable(path.stem)
-        if found.get(name, path).stem != path.stem:
-            raise RunError(f"Two files in {folder} would both be called {name!r}; rename one.")
+    for path in paths:
+        name = printable(path.stem.removeprefix(GENERATED).removeprefix(RECORDED))
+        other = found.get(name, path)
+        if (other.parent, other.stem) != (path.parent, path.stem):
+            raise RunError(
+                f"Two files in {folder} would both be called {name!r}: {other.relative_to(folder)} "
+                f"and {path.relative_to(folder)}. Rename one."
+            )
         found[name] = path
     return found
+
+
+def _is_motion(path: Path) -> bool:
+    is_hidden = any(part.startswith((".", "__MACOSX")) for part in path.parts)
+    return path.suffix in ENDINGS and not is_hidden
 
 
 def _measure_clip(

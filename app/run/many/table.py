@@ -15,12 +15,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from app.findings.measure_rows import MEASURES
-from model.storage.harmless import csv_text, markdown
+from app.run.request import REFERENCE_NAME
+from model.storage.harmless import csv_text, markdown, tex
 
 if TYPE_CHECKING:
     from model.measures.faults.finding import Finding
     from model.measures.results import Measures
 
+JERK, NUM_WORST = ("Followed point", "Jerk"), 10
+"""The measure that orders equally faulty clips, and how many of a system are named."""
+Cells = dict[str, list[str]]
+"""By measure, what is told of each system."""
+OfSystems = dict[str, list[tuple[str, dict[str, Any]]]]
+"""By system, each clip and what `numbers_of` gave of it."""
 HEADER = (
     *("measure", "unit", "system", "clips", "mean", "low", "high"),
     *("difference_to", "difference", "difference_low", "difference_high"),
@@ -50,13 +57,14 @@ def interval(values: Sequence[float]) -> tuple[float, float, float]:
 def write_tables(
     out: Path, systems: list[str], clips: list[str], numbers: list[dict[str, Any]]
 ) -> tuple[Path, ...]:
-    """Write ``many.csv``, ``many.json`` and ``sheet.md``.
+    """Write ``many.csv``, ``many.json``, ``clips.csv``, ``sheet.md`` and ``table.tex``.
 
     Args:
         numbers: of each clip, as `numbers_of` in ``systems`` by name.
     """
     rows = list(_rows(systems, numbers))
     table, sheet, content = out / "many.csv", out / "sheet.md", out / "many.json"
+    by_clip, paper = out / "clips.csv", out / "table.tex"
     table.write_text(csv_text([HEADER, *rows]), "utf-8", newline="")
     kinds = {
         name: Counter(kind for each in numbers for kind in set(each["systems"][name]["findings"]))
@@ -66,8 +74,61 @@ def write_tables(
     findings = {name: dict(found.most_common()) for name, found in kinds.items()}
     told = {"clips": clips, "measures": named, "clips_with_finding": findings}
     content.write_text(json.dumps(told, indent=1, allow_nan=False) + "\n")
-    sheet.write_text(_sheet(systems, len(clips), named, findings), "utf-8")
-    return table, content, sheet
+    of_systems = {
+        name: [(clip, each["systems"][name]) for clip, each in zip(clips, numbers, strict=True)]
+        for name in systems
+    }
+    by_clip.write_text(csv_text(_clip_rows(of_systems)), "utf-8", newline="")
+    means = _cells(systems, named)
+    texts = [*_sheet(systems, len(clips), means, findings), *_worst_clips(of_systems)]
+    sheet.write_text("\n".join(texts) + "\n", "utf-8")
+    paper.write_text(_latex(systems, len(clips), means), "utf-8")
+    return table, content, by_clip, sheet, paper
+
+
+def _clip_rows(of_systems: OfSystems) -> Iterator[tuple[Any, ...]]:
+    """A header, and a row for each clip of each system."""
+    titles = [f"{row.group}: {row.title}{f' ({row.unit})' if row.unit else ''}" for row in MEASURES]
+    yield ("clip", "system", "findings", *titles)
+    for name, clips in of_systems.items():
+        for clip, told in clips:
+            yield (clip, name, "; ".join(dict.fromkeys(told["findings"])), *told["values"])
+
+
+def _worst_clips(of_systems: OfSystems) -> list[str]:
+    """Those with most kinds of findings; of equal ones, the jerkiest first."""
+    (jerk,) = (i for i, row in enumerate(MEASURES) if (row.group, row.title) == JERK)
+    lines: list[str] = []
+    for name, clips in of_systems.items():
+        if name == REFERENCE_NAME:
+            continue
+        kinds = {clip: list(dict.fromkeys(told["findings"])) for clip, told in clips}
+        jerks = {clip: told["values"][jerk] or 0.0 for clip, told in clips}
+        worst = sorted(kinds, key=lambda clip: (-len(kinds[clip]), -jerks[clip]))[:NUM_WORST]
+        for clip in filter(kinds.__getitem__, worst):
+            cells = name, clip, ", ".join(kinds[clip]), f"{jerks[clip]:.3g}"
+            lines.append("| " + " | ".join(map(markdown, cells)) + " |")
+    if not lines:
+        return []
+    title = f"Clips with most findings, at most {NUM_WORST} of each; of equal ones, the jerkiest"
+    unit = MEASURES[jerk].unit
+    head = f"| system | clip | findings | jerk ({unit}) |", "|---|---|---|---|"
+    return ["", f"{title} first. All are in `clips.csv`.", "", *head, *lines]
+
+
+def _latex(systems: list[str], clips: int, means: Cells) -> str:
+    lines = [
+        "% Needs \\usepackage{booktabs}. Means, 95 % bootstrap intervals over "
+        f"{clips} clips; * where the paired difference to the last column is not chance.",
+        f"\\begin{{tabular}}{{l{'c' * len(systems)}}}",
+        "\\toprule",
+        " & ".join(["Measure", *map(tex, systems)]) + " \\\\",
+        "\\midrule",
+        *(" & ".join([tex(title), *map(tex, cells)]) + " \\\\" for title, cells in means.items()),
+        "\\bottomrule",
+        "\\end{tabular}",
+    ]
+    return "\n".join(lines) + "\n"
 
 
 def _rows(systems: list[str], numbers: list[dict[str, Any]]) -> Iterator[tuple[Any, ...]]:
@@ -92,13 +153,29 @@ def _rows(systems: list[str], numbers: list[dict[str, Any]]) -> Iterator[tuple[A
                     yield (title, measure.unit, name, len(pairs), "", "", "", *difference)
 
 
-def _sheet(
-    systems: list[str],
-    clips: int,
-    rows: list[dict[str, Any]],
-    findings: dict[str, dict[str, int]],
-) -> str:
+def _cells(systems: list[str], rows: list[dict[str, Any]]) -> Cells:
     """Means with their intervals, a star where the paired difference to the last is not chance."""
+    told: Cells = {}
+    for title in dict.fromkeys(row["measure"] for row in rows):
+        own = [row for row in rows if row["measure"] == title]
+        unit = own[0]["unit"]
+        cells = [_cell(own, name, systems[-1]) for name in systems]
+        told[f"{title}{f' ({unit})' if unit else ''}"] = cells
+    return told
+
+
+def _cell(rows: list[dict[str, Any]], name: str, last: str) -> str:
+    by_other = {row["difference_to"]: row for row in rows if row["system"] == name}
+    mean, apart = by_other.get(""), by_other.get(last)
+    if mean is None:
+        return "n/a"
+    star = apart and (apart["difference_low"] > 0 or apart["difference_high"] < 0)
+    return f"{mean['mean']:.3g} [{mean['low']:.3g}, {mean['high']:.3g}]{'*' if star else ''}"
+
+
+def _sheet(
+    systems: list[str], clips: int, means: Cells, findings: dict[str, dict[str, int]]
+) -> list[str]:
     last = systems[-1]
     lines = [
         f"# {clips} clips",
@@ -109,20 +186,8 @@ def _sheet(
         "",
         "| measure | " + " | ".join(map(markdown, systems)) + " |",
         "|---|" + "---|" * len(systems),
+        *(f"| {title} | " + " | ".join(cells) + " |" for title, cells in means.items()),
     ]
-    for title in dict.fromkeys(row["measure"] for row in rows):
-        own = [row for row in rows if row["measure"] == title]
-        unit = own[0]["unit"]
-        cells = []
-        for name in systems:
-            by_other = {row["difference_to"]: row for row in own if row["system"] == name}
-            mean, apart = by_other.get(""), by_other.get(last)
-            star = apart and (apart["difference_low"] > 0 or apart["difference_high"] < 0)
-            told = "n/a"
-            if mean is not None:
-                told = f"{mean['mean']:.3g} [{mean['low']:.3g}, {mean['high']:.3g}]"
-            cells.append(f"{told}*" if star else told)
-        lines.append(f"| {title}{f' ({unit})' if unit else ''} | " + " | ".join(cells) + " |")
     kinds = sorted({kind for found in findings.values() for kind in found})
     if kinds:
         lines += [
@@ -133,4 +198,4 @@ def _sheet(
         for kind in kinds:
             counts = [str(findings[name].get(kind, 0)) for name in systems]
             lines.append(f"| {kind} | " + " | ".join(counts) + " |")
-    return "\n".join(lines) + "\n"
+    return lines

@@ -54,6 +54,22 @@ def test_clips_are_paired_told_and_kept(folders: Path, tmp_path: Path):
     assert float(apart["difference"]) == pytest.approx(means["lively"] - means["reference"])
     sheet = (tmp_path / "sheet.md").read_text()
     assert "# 3 clips" in sheet and "| identical | 0 | 3 | 0 |" in sheet
+    with (tmp_path / "clips.csv").open() as file:
+        by_clip = list(csv.DictReader(file))
+    assert [row["clip"] for row in by_clip] == [*CLIPS] * 3
+    of_lively = [row for row in by_clip if row["system"] == "lively"]
+    mean = np.mean([float(row["Followed point: Speed (m/s)"]) for row in of_lively])
+    assert mean == pytest.approx(means["lively"])
+    worst = sheet.split("Clips with most findings")[1].splitlines()[4:]
+    assert [line.split(" | ")[0] for line in worst[-3:]] == ["| same"] * 3  # and not the reference
+    order = [
+        (-len(findings.split(", ")), -float(jerk.rstrip(" |")))
+        for _, _, findings, jerk in (line.split(" | ") for line in worst[-3:])
+    ]
+    assert order == sorted(order) and all("identical" in line for line in worst[-3:])
+    paper = (tmp_path / "table.tex").read_text()
+    assert paper.count("\\\\\n") == 1 + len({row["measure"] for row in rows})
+    assert r"{*}" in next(line for line in paper.splitlines() if "point: Speed" in line)
     kept = tmp_path / "clips" / "b.json"
     before = kept.stat().st_mtime_ns
     (tmp_path / "clips" / "c.json").write_text("{")  # half a file of a run that was stopped
@@ -69,6 +85,34 @@ def test_folders_without_a_common_name_are_refused(folders: Path, tmp_path: Path
         diagnose_folders(ManyRequest((folders / "gt", tmp_path / "other"), tmp_path / "out"))
     with pytest.raises(RunError, match="is no folder"):
         diagnose_folders(ManyRequest((folders / "gt", tmp_path / "none"), tmp_path / "out"))
+
+
+def test_results_as_others_name_them_are_paired_at_any_depth(folders: Path, tmp_path: Path):
+    """As EMAGE's code leaves them: results and recordings in one folder, below other folders."""
+    theirs = tmp_path / "emage" / "epoch_400"
+    (theirs / ".cache").mkdir(parents=True)
+    for clip in CLIPS[:2]:
+        (theirs / f"res_{clip}.npz").write_bytes((folders / "lively" / f"{clip}.npz").read_bytes())
+        (theirs / f"gt_{clip}.npz").write_bytes((folders / "gt" / f"{clip}.npz").read_bytes())
+    (theirs / ".cache" / "res_c.npz").write_bytes(b"no motion")
+    top, out = tmp_path / "emage", tmp_path / "out"
+    result = diagnose_folders(ManyRequest((top,), out, top, crew=Crew(1)))
+    assert result.clips == CLIPS[:2]
+    deep = json.loads((out / "many.json").read_text())["measures"]
+    flat_out = tmp_path / "flat"
+    flat = (folders / "lively",)
+    diagnose_folders(ManyRequest(flat, flat_out, folders / "gt", crew=Crew(1)))
+    of_clips = {}
+    for name in (out, flat_out):
+        for clip in CLIPS[:2]:
+            told = json.loads((name / "clips" / f"{clip}.json").read_text())["systems"]
+            of_clips[name, clip] = told["reference"], told.get("emage", told.get("lively"))
+    assert all(of_clips[out, clip] == of_clips[flat_out, clip] for clip in CLIPS[:2])
+    assert {row["system"] for row in deep} == {"emage", "reference"}
+    (theirs / "again").mkdir()
+    (theirs / "again" / "res_a.npz").write_bytes((theirs / "res_a.npz").read_bytes())
+    with pytest.raises(RunError, match="would both be called 'a'"):
+        diagnose_folders(ManyRequest((top,), tmp_path / "none", top, crew=Crew(1)))
 
 
 def test_an_interval_holds_the_mean():

@@ -103,9 +103,8 @@ def test_clips_that_cannot_be_made_hold_up_no_other(
     asked = ["generate", str(speeches), *flags, "--processes", "1"]
     assert main(asked) == 1
     said = capsys.readouterr()
-    assert said.out.split() == [
-        *(str(out / name) for name in ("a", "c", "many.csv", "many.json", "sheet.md"))
-    ]
+    tables = "many.csv", "many.json", "clips.csv", "sheet.md", "table.tex"
+    assert said.out.split() == [*(str(out / name) for name in ("a", "c", *tables))]
     assert "b: b.wav" in said.err and "1 of 3 clips could not be made" in said.err
     write_wav(speeches / "b.wav", made_waveform(16_000, 1))
     assert main(asked) == 0
