@@ -30,6 +30,9 @@ SPEECH_HELP = "Upload or record {min_s:g} seconds to {max_min:g} minutes."
 EXAMPLES_LABEL = "Or take an example (a synthetic voice)"
 SYSTEMS_LABEL = "Systems to compare"
 SYSTEMS_HELP = "Each is a trained generator; all get the same noise. The tab Systems explains them."
+STUDY_READY = "Ready to be made, with the examples unless you upload speech:"
+STUDY_CHANGED = "Gestures changed"
+STUDY_CHANGED_HELP = "Each is one more system: workbench/planned with its plan changed."
 STUDY_SYSTEMS_HELP = "Each more is one more video of every clip, and more pairs to be judged."
 SPEAKER_LABEL = "Speaker style"
 SPEAKER_HELP = "Whose manner it takes on."
@@ -132,6 +135,11 @@ FIGURES = {
         "closed form.",
         (),
     ),
+    "distributions": FigureText(
+        "How measures are spread over clips",
+        "Share of a set's clips at or below a value: a curve further to the right has more of it.",
+        (),
+    ),
     "hearing": FigureText(
         "What speech decides, and what chance",
         "Lines of one colour share the speech, lines of one kind the noise. Where a system hears, "
@@ -174,6 +182,14 @@ VIEW_NAMES = {
     "right_hand": "The right hand",
 }
 RUN_LINK = "Link to this run"
+SAVE_RUN = "Save as a file"
+SAVE_RUN_HELP = (
+    "Motions, speech, words and plans in one file; drop it on this page to open the run again."
+)
+SAVE_PAGE = "Save as a page"
+SAVE_PAGE_HELP = (
+    "Bodies, sound and time line in one HTML file that any browser plays, without this program."
+)
 COPY_LINK = "Copy link"
 RUN_KEPT = "Whoever has it can open it, for {minutes} minutes more."
 YOUR_RUNS = "Your runs"

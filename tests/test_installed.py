@@ -101,6 +101,26 @@ def test_the_command_works_where_nothing_but_its_output_can_be_written(
     assert "--data" in answer(installed(site, "train", "--help", cwd=tmp_path))
 
 
+def test_it_is_imported_by_its_one_name(site: Path, tmp_path: Path) -> None:
+    """Without being in the way of anyone's own ``app`` or ``model`` until it is used."""
+    code = (
+        "import sys, co_speech_motion; assert not {'app', 'model', 'torch'} & set(sys.modules); "
+        "from co_speech_motion import systems, read_motion; print(*systems())"
+    )
+    child = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True,
+        env={**os.environ, "PYTHONPATH": str(site)}, check=False,
+    )  # fmt: skip
+    assert child.returncode == 0, child.stderr
+    assert "globaldiff/local" in child.stdout.split()
+    (tmp_path / "app.py").write_text("")
+    child = subprocess.run(
+        [sys.executable, "-c", "from co_speech_motion import systems"], cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(site)}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert child.returncode == 1 and "Another package called 'app'" in child.stderr
+
+
 def test_the_installed_page_opens_and_ends(site: Path, tmp_path: Path) -> None:
     port = 7950
     flags = ("page", "--port", str(port))

@@ -1,4 +1,5 @@
-"""The command line: generate, diagnose, steps, plan, hearing, render, mechanism, study, doctor.
+"""The command line: generate, diagnose, steps, plan, hearing, render, mechanism, leaderboard,
+study, doctor.
 
 Exit status: 0 done, 1 failed with one sentence on standard error, 2 wrong arguments.
 """
@@ -14,9 +15,10 @@ from pathlib import Path
 
 from app import text
 from app.commands.hearing import add_hearing
+from app.commands.leaderboard import add_leaderboard
 from app.commands.many import add_crew, crew_of, generate_over_many, told_if_stopped
 from app.commands.mechanism import add_mechanism
-from app.commands.plan import add_plan
+from app.commands.plan import add_plan, add_style
 from app.commands.said import LogLines, Parser, name_file, say
 from app.commands.study import add_study
 from app.config import BUNDLED_WEIGHTS, default_body
@@ -88,6 +90,7 @@ def make_parser() -> argparse.ArgumentParser:
     add_plan(commands)
     add_hearing(commands)
     add_mechanism(commands)
+    add_leaderboard(commands)
     _add_doctor(commands)
     add_study(commands)
     return parser
@@ -136,8 +139,10 @@ def _add_generate(commands) -> None:
     parser.add_argument(
         "--plan", type=Path, metavar="FILE",
         help="what systems that plan are to perform, as a run or `plan` leaves it, or as annotated "
-        "in\nPraat or ELAN: .json, .TextGrid, .eaf (default: drawn from the speech)",
+        "in\nPraat or ELAN: .json, .TextGrid, .eaf; of many pieces a folder of them (default: "
+        "drawn from the speech)",
     )  # fmt: skip
+    add_style(parser)
     parser.add_argument(
         "--post-filter", choices=POST_FILTERS, default="none",
         help="smooth every system alike; the numbers give both in any case (default: none)",
@@ -192,6 +197,7 @@ def _generate(options: argparse.Namespace) -> None:
         sampler=options.sampler,
         guidance=options.guidance,
         plan=options.plan,
+        style=options.style,
         post_filter=options.post_filter,
         reference=options.reference,
         transcript=options.transcript,
@@ -228,19 +234,25 @@ def _add_diagnose(commands) -> None:
     parser.add_argument(
         "motions", type=Path, nargs="+", metavar="MOTION",
         help=".npz (BEAT2, AMASS, SMPL-X parameters), .npy (rotations, TalkSHOW) or .bvh; or "
-        "folders of them, paired by name, for numbers over many clips",
+        "folders or zips of them, paired by name, for numbers over many clips",
     )  # fmt: skip
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of results")
     parser.add_argument(
         "--reference", type=Path, metavar="MOTION.npz", help="recorded motion to compare with"
     )
     parser.add_argument(
-        "--speech", type=Path, metavar="WAV", help="their sound, for BeatAlign and its chance level"
-    )
+        "--speech", type=Path, metavar="WAV",
+        help="their sound, for BeatAlign and its chance level; a folder of it for folders",
+    )  # fmt: skip
     parser.add_argument(
         "--mean-speeds", type=Path, metavar="NPY",
         help="EMAGE's mean_vel_smplxflame_30.npy (BEAT2's folder weights): BeatAlign with its "
         "published speeds of the joints, to be held against papers",
+    )  # fmt: skip
+    parser.add_argument(
+        "--emage-weights", type=Path, metavar="BIN",
+        help="folders beside --reference: EMAGE's AESKConv_240_100.bin, for FGD as papers on BEAT2 "
+        "tell it (docs/many-clips.md)",
     )  # fmt: skip
     parser.add_argument(
         "--show", type=_names, default=(), metavar="A,B,...",
@@ -281,6 +293,9 @@ def _diagnose_folders(options: argparse.Namespace) -> None:
         folders=tuple(options.motions),
         out=options.out,
         reference=options.reference,
+        speech=options.speech,
+        mean_speeds=options.mean_speeds,
+        emage_weights=options.emage_weights,
         fps=options.fps,
         rotations=options.rotations,
         crew=crew_of(options),
@@ -291,9 +306,13 @@ def _diagnose_folders(options: argparse.Namespace) -> None:
 
 
 def _diagnose(options: argparse.Namespace) -> None:
-    if any(path.is_dir() for path in options.motions):
+    from app.run.many.unpacked import is_zip
+
+    if any(path.is_dir() or is_zip(path) for path in options.motions):
         _diagnose_folders(options)
         return
+    if options.emage_weights is not None:
+        raise RunError("FGD is a measure of many clips; --emage-weights goes with folders.")
     from app.commands.terminal import ProgressBar
     from app.run.diagnose import DiagnoseRequest, diagnose_files
     from model.formats.numbers import ReadOptions
@@ -410,6 +429,11 @@ def _add_render(commands) -> None:
     parser.add_argument("--out", type=Path, required=True, metavar=f"FILE{'|'.join(ENDINGS)}")
     parser.add_argument("--speech", type=Path, metavar="WAV", help="sound of the video")
     parser.add_argument(
+        "--plan", type=Path, metavar="FILE",
+        help="whose events .glb, .bvh (in a .markers.csv beside it) and .blender.npz carry as "
+        "markers (default: the .plan.json beside the motion, if there is one)",
+    )  # fmt: skip
+    parser.add_argument(
         "--views", type=_views, default=("front",), metavar="V,...",
         help=f"of {', '.join(VIEWS)}; the files of all but the first have the view in their name "
         "(default: front)",
@@ -445,6 +469,7 @@ def _render(options: argparse.Namespace) -> None:
     request = RenderRequest(
         motion=options.motion,
         out=options.out,
+        plan=options.plan,
         speech=options.speech,
         body=options.body,
         look=options.look,

@@ -48,13 +48,22 @@ def add_plan(commands) -> None:
         "--words", choices=WORDS_ASKED, default="none",
         help="recognise words where no transcript is given (default: %(default)s)",
     )  # fmt: skip
+    add_style(parser)
     parser.add_argument("--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR")
     parser.set_defaults(command=_plan)
 
 
+def add_style(parser: argparse.ArgumentParser) -> None:
+    """The flag for a style file."""
+    parser.add_argument(
+        "--style", type=Path, metavar="FILE.toml",
+        help="how often, how large, how high, how fast: done to every plan (docs/plans.md)",
+    )  # fmt: skip
+
+
 def _plan(options: argparse.Namespace) -> None:
     if is_motion(options.speech):
-        given = [f"--{name}" for name in ("speaker", "guidance", "transcript", "empty")
+        given = [f"--{name}" for name in ("speaker", "guidance", "transcript", "empty", "style")
                  if getattr(options, name)]  # fmt: skip
         if given:
             raise RunError(f"In a motion the plan is found; {given[0]} is for speech.")
@@ -72,6 +81,8 @@ def _plan(options: argparse.Namespace) -> None:
         transcript=options.transcript,
         words=options.words,
         is_empty=options.empty,
+        style=options.style,
     )
-    make_plan(request)
+    for note in make_plan(request).notes:
+        say(note)
     name_file(options.out)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.errors import RunError, visitor_sentence
-from app.live.session import Kept, LiveAsk, LiveSession, check_live, rehearse
+from app.live.session import Kept, LiveAsk, LiveSession, Tell, check_live, rehearse
 from app.run.models import get_system
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class LiveDesk:
         self,
         ask: LiveAsk,
         cookie: str,
-        tell: Callable[[bytes | str], None],
+        tell: Tell,
         address: str = "",
     ) -> LiveSession:
         """A session for one browser; an earlier one of the same browser ends.

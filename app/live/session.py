@@ -15,11 +15,13 @@ import numpy as np
 
 from app.errors import RunError
 from app.live.minute import FPS, SAMPLE_RATE, LastMinute, Minute
+from app.live.told_plan import manner_of, told_plan
 from app.live.wire import read_sound
 from app.run.pieces import frames_message
 
 if TYPE_CHECKING:
     from model.generation.base import System
+    from model.plan.manner import Manner
 
 MAX_S = 30 * 60.0
 """Of sound in one session."""
@@ -37,6 +39,9 @@ AUDIBLE = 0.001
 """Of full scale, -60 dB; what a microphone that is switched off stays below."""
 TRIAL_WINDOWS = 3
 SEED_LIMIT = 2**31 - 1
+PLANNING_STEPS = 4
+"""Of the sampler, of systems that plan beside making motion; six leave half of them no time."""
+Tell = Callable[[bytes | str | dict[str, Any]], None]
 
 USUAL_S = 2.0
 """Of speech whose motion has not been made yet while a body keeps up."""
@@ -113,13 +118,14 @@ class LiveSession:
         system: System,
         ask: LiveAsk,
         cookie: str,
-        tell: Callable[[bytes | str], None],
+        tell: Tell,
         clock: Callable[[], float] = time.monotonic,
         address: str = "",
     ) -> None:
         """
         Args:
-            tell: takes frames as bytes, and as text the sentence with which the session ends.
+            tell: takes frames as bytes, what is told beside them as an object, and as text the
+                sentence with which the session ends.
             address: of the visitor; empty where it is not known.
         """
         from model.generation.live import LiveMotion, Pace
@@ -134,7 +140,13 @@ class LiveSession:
         self._tell, self._clock = tell, clock
         self._frames_of_window = system.windowing.frames
         self._features = CausalMel()
-        self._live = LiveMotion(system, GenerateOptions(ask.speaker, seed=ask.seed), self.pace)
+        steps = PLANNING_STEPS if system.plans else None
+        self.plans = system.plans
+        """Whether it plans, and its sliders can be moved."""
+        options = GenerateOptions(ask.speaker, seed=ask.seed, steps=steps)
+        self._live = LiveMotion(system, options, self.pace)
+        self._manner: Manner | None = None
+        """What the sliders say since the last window."""
         self._lock = threading.Lock()  # of the minute and the inbox
         self._inbox: deque[np.ndarray] = deque()
         self._samples = 0
@@ -184,6 +196,19 @@ class LiveSession:
             raise RunError(TOO_LITTLE.format(came=came_s, seconds=watched_s))
         self._watched_since, self._watched_samples = now, 0
 
+    def lead(self, told: Any) -> None:
+        """The sliders have been moved: from the next window on.
+
+        Args:
+            told: as a browser says it.
+
+        Raises:
+            RunError: if it is no such thing, or the system performs no plans.
+        """
+        if not self.plans:
+            raise RunError(f"{self.ask.system} performs no plans, so its sliders do nothing.")
+        self._manner = manner_of(told)
+
     @property
     def has_work(self) -> bool:
         """Whether there is sound to hear, or enough of it for a window."""
@@ -214,6 +239,9 @@ class LiveSession:
         if behind_s > BEHIND_S:
             who = "one visitor" if visitors == 1 else f"{visitors} visitors at once"
             raise RunError(TOO_SLOW.format(visitors=who, behind=behind_s))
+        manner, self._manner = self._manner, None
+        if manner is not None:
+            self._live.lead(manner)
         first, began, used = self._live.next_frame, self._clock(), time.thread_time()
         (motion,) = self._live.step()
         made_ms = 1000 * (self._clock() - began)
@@ -226,6 +254,8 @@ class LiveSession:
         self._tell(
             frames_message(first, motion, made_ms=made_ms, waited_ms=waited_ms, visitors=visitors)
         )
+        if self._live.ahead is not None:
+            self._tell({"plan": told_plan(self._live.ahead, first)})
         self._check_cost()
 
     @property
@@ -297,8 +327,6 @@ def check_live(system: System) -> None:
             f"{system.name} hears speech by {system.encoder.name}, which needs all of it; "
             "choose another system."
         )
-    if system.plans:
-        raise RunError(f"{system.name} plans all of the speech first; choose another system.")
 
 
 def rehearse(system: System, ask: LiveAsk) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from app.run.models import get_body
+from app.run.pieces import frames_message
 
 if TYPE_CHECKING:
     from renderer.body.body import Body, BodyMotion
@@ -27,6 +28,11 @@ def body_glb() -> bytes:
 
     body = get_body(None)
     return glb_bytes(body, reaches(body), coarser=coarser_faces())
+
+
+def reaches_message() -> bytes:
+    """`reaches` as a browser reads motion: it frames live motion by them before there is any."""
+    return frames_message(0, reaches(get_body(None)))
 
 
 def face_names() -> tuple[str, ...]:

@@ -152,7 +152,10 @@ def launch(
     from app.page.page import build_app
     from app.page.parts.catalogue import find_examples, read_catalogue
     from app.page.results.first_look_shown import FirstLookDesk
+    from app.page.results.kept_runs import KeptRuns
+    from app.page.results.run_file import run_file_routes
     from app.page.results.study_preview import PreviewDesk, preview_routes
+    from app.page.run_page import run_page_routes
     from app.page.serving.guard import Framing, HostNames, guarded
     from app.page.serving.jobs import NUM_ASIDE, JobBook
     from app.page.serving.live_route import live_routes
@@ -203,6 +206,7 @@ def launch(
     if is_warmed_up:
         first_look = FirstLookDesk(config, catalogue, jobs, desk, workshop.make_first_look)
     check = UploadCheck(gate.refuse, config.max_speech_s)
+    kept = KeptRuns(config.keep_results_s)
     page = build_app(
         does,
         workshop,
@@ -216,9 +220,16 @@ def launch(
         live,
         first_look,
         draw,
+        kept=kept,
     )
     page.queue(max_size=4 * config.max_waiting)
-    routes = [*media_routes(desk), *study_routes(handover), *preview_routes(previews)]
+    routes = [
+        *run_file_routes(kept),
+        *run_page_routes(kept),
+        *media_routes(desk),
+        *study_routes(handover),
+        *preview_routes(previews),
+    ]
     routes += [*stage_routes(), *motion_file_routes(desk, config.temp)]
     routes += live_routes(live, examples)
     page.launch(

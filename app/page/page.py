@@ -12,7 +12,7 @@ from app.config import AppConfig
 from app.live.desk import LiveDesk
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
-from app.page.parts.html_parts import reveal_on_click
+from app.page.parts.html_parts import mount, reveal_on_click
 from app.page.parts.named_fields import named_fields
 from app.page.results.edited_runs import EditedRuns
 from app.page.results.first_look_shown import FirstLookDesk
@@ -59,6 +59,7 @@ def build_app(
     first_look: FirstLookDesk | None = None,
     draw: Draw | None = None,
     take: MakeTake | None = None,
+    kept: KeptRuns | None = None,
 ) -> gr.Blocks:
     """The whole page.
 
@@ -69,15 +70,20 @@ def build_app(
         first_look: what plays before the first run.
         draw: the same of the videos of a run; None is the workshop.
         take: the same of a take of it.
+        kept: where runs are kept; None is a place of its own.
     """
     draws = draw or workshop.draw_behind
-    kept = KeptRuns(config.keep_results_s)
+    kept = kept or KeptRuns(config.keep_results_s)
     with gr.Blocks(
         title=text.TITLE,
         analytics_enabled=False,
         fill_width=True,
     ) as page:
         gr.HTML(markup.header(catalogue.trained_on))
+        gr.HTML(
+            own_motion_tab.TAB, html_template="", js_on_load=mount("reopen.js", "mountReopen"),
+            apply_default_css=False, elem_classes="told-elsewhere",
+        )  # fmt: skip
         with gr.Tabs(overflow_behavior="wrap") as tabs:  # a phone would hide some in a menu
             with gr.Tab(text.MOTION_TAB, id="generate"), gr.Row(elem_classes="columns"):
                 with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
@@ -90,7 +96,8 @@ def build_app(
                 )
             with gr.Tab(own_motion_tab.TAB, id="own_motion"):
                 own_results = own_motion_tab.build_own_motion_tab(
-                    page, config, jobs, desk, workshop.diagnose, check, kept, draws
+                    *(page, config, jobs, desk, workshop.diagnose, check, kept, draws),
+                    workshop.measure_sets,
                 )
             with gr.Tab(text.LADDER_TAB) as systems_tab:
                 build_mechanism(page, systems_tab, config, jobs, desk, workshop.show_mechanism)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from model.generation.base import System
     from model.generation.windows import GenerateOptions
     from model.motion.motion import Motion
+    from model.plan.wish import StyleWish
     from model.speech.audio import Speech
     from renderer.body.body import Body
 
@@ -38,6 +39,8 @@ class Inputs:
     reference: Motion | None
     backend: str | None
     """OpenGL backend; None when nothing is drawn."""
+    wish: StyleWish | None = None
+    """What is done to every plan."""
 
 
 def read_inputs(
@@ -57,6 +60,7 @@ def read_inputs(
         RunError, SpeechError, UnknownNameError, CheckpointError, BodyError, MotionError, GLError,
         WriteError: each with one sentence.
     """
+    from model.plan.wish import read_wish
     from model.speech.audio import SpeechLimits, load_speech, write_wav
 
     speech = load_speech(request.speech, SpeechLimits(max_s=request.max_speech_s))
@@ -81,6 +85,7 @@ def read_inputs(
         body=body,
         reference=reference,
         backend=backend,
+        wish=None if request.style is None else read_wish(request.style),
     )
     return inputs, speech
 
@@ -127,8 +132,9 @@ def _options(
 
     read = None if request.plan is None else read_plan_file(request.plan)
     plans = () if read is None else (read.plan,)
-    if plans and not any(system.plans for system in systems):
-        raise RunError("None of these systems performs plans; leave the plan out.")
+    for what, given in (("plan", request.plan), ("style", request.style)):
+        if given is not None and not any(system.plans for system in systems):
+            raise RunError(f"None of these systems performs plans; leave the {what} out.")
     for note in () if read is None else read.notes:
         reporter.note(note)
 
@@ -155,7 +161,7 @@ def _options(
         guidance = system.strength(None if system.guidance is None else request.guidance)
         if request.guidance not in (None, guidance):
             reporter.note(f"{system.name} takes no guidance.")
-        if plans and not system.plans:
+        if (plans or request.style) and not system.plans:
             reporter.note(f"{system.name} performs no plans.")
         face_steps = steps_of(request.face_steps, system.name)
         if face_steps is not None and sampler.face_steps is None:

@@ -13,6 +13,7 @@ from app.run.telling import Reporter
 
 if TYPE_CHECKING:
     from model.motion.motion import Motion
+    from renderer.body.body import BodyMotion
 
 NUM_FACES = 52
 FACE_BASIS = "arkit52"
@@ -26,7 +27,12 @@ _GROWN = 1.2
 
 
 def frames_message(
-    first: int, motion: Motion, *, made_ms: float = 0.0, waited_ms: float = 0.0, visitors: int = 0
+    first: int,
+    motion: Motion | BodyMotion,
+    *,
+    made_ms: float = 0.0,
+    waited_ms: float = 0.0,
+    visitors: int = 0,
 ) -> bytes:
     """Frames of the open body as the browser draws them: positions as 32-bit floats, rotations of
     all joints to their parents as quaternions (x, y, z, w) of 16-bit numbers, face weights as

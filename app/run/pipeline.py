@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from model.measures.joins.seams import Windows
     from model.motion.motion import Motion
     from model.plan.plan import GesturePlan
+    from model.plan.wish import StyleWish
     from model.speech.audio import Speech
     from model.speech.transcript import Transcript
 
@@ -105,7 +106,7 @@ def _run(
     check_start(request.start_frame, min(each.num_frames for each in compared))
 
     plans = any(system.plans for system in inputs.systems)
-    if plans and request.plan is None:  # from words, so that these must be found first
+    if plans and (request.plan is None or request.style):  # from words: these come first
         words.begin(speech.waveform)
         words.found(reporter.stop_if_asked)
     rows = _generate(request, inputs, speech, words, folder, reporter)
@@ -236,7 +237,7 @@ def _pieces_of(
     options = inputs.options[system.name]
     if system.plans:
         said, _ = words.found(reporter.stop_if_asked)
-        options = _with_plans(system, speech, options, said, folder, reporter)
+        options = _with_plans(system, speech, options, said, inputs.wish, folder, reporter)
     yield from motion_pieces(system, speech, options, reporter.should_cancel)
 
 
@@ -245,6 +246,7 @@ def _with_plans(
     speech: Speech,
     options: GenerateOptions,
     said: Transcript,
+    wish: StyleWish | None,
     folder: ResultFolder,
     reporter: Reporter,
 ) -> GenerateOptions:
@@ -258,6 +260,10 @@ def _with_plans(
     written: list[GesturePlan] = []
     for sample, plan in enumerate(plans, start=1):
         name = sample_name(system.name, sample)
+        if wish is not None:
+            styled = wish.done(plan, said.words)
+            reporter.note(*(f"{name}: {note}" for note in styled.notes))
+            plan = styled.plan
         path = folder.path(f"{file_stem(name)}.plan.json")
         plan.write(path)
         written.append(read_plan(path))  # its decimals are those that anybody finds in the file
@@ -379,6 +385,7 @@ def _write_provenance(
             "transcript": request.transcript.name if request.transcript else None,
             "words": request.words,
             "plan": request.plan.name if request.plan else None,
+            "style": request.style.name if request.style else None,
             "joint": request.joint,
             "start_frame": request.start_frame,
             "reference": request.reference.name if request.reference else None,

@@ -11,7 +11,7 @@ from app.run.request import MAX_GUIDANCE, WordsAsked
 from app.run.words import SpokenWords
 
 if TYPE_CHECKING:
-    from model.plan.plan import GesturePlan
+    from model.plan.editing import Edited
 
 MAX_SPEECH_S = 3600.0
 
@@ -33,6 +33,8 @@ class PlanRequest:
     words: WordsAsked = "none"
     is_empty: bool = False
     """Of the speech's length with nothing in it, to be filled in by hand."""
+    style: Path | None = None
+    """A style file (`model.plan.wish`), done to the plan."""
 
 
 def is_motion(path: Path) -> bool:
@@ -59,8 +61,8 @@ def find_plan(motion: Path, out: Path) -> list[str]:
     return list(read.notes)
 
 
-def make_plan(request: PlanRequest) -> GesturePlan:
-    """Draw the plan and write it.
+def make_plan(request: PlanRequest) -> Edited:
+    """Draw the plan and write it; with it what its style could not do.
 
     Raises:
         RunError, SpeechError, TranscriptError, UnknownNameError, CheckpointError, PlanError,
@@ -68,8 +70,10 @@ def make_plan(request: PlanRequest) -> GesturePlan:
     """
     from app.run.models import get_system
     from model.generation.windows import GenerateOptions, draw_plans
+    from model.plan.editing import Edited
     from model.plan.files import check_ending, write_plan_file
     from model.plan.plan import GesturePlan
+    from model.plan.wish import read_wish
     from model.speech.audio import SpeechLimits, load_speech
     from model.systems.planned.config import PLANNED
 
@@ -78,11 +82,14 @@ def make_plan(request: PlanRequest) -> GesturePlan:
     if request.seed < 0:
         raise RunError(f"The seed must not be negative; got {request.seed}.")
     check_ending(request.out)
+    if request.is_empty and request.style is not None:
+        raise RunError("An empty plan has no style; leave one of the two out.")
     speech = load_speech(request.speech, SpeechLimits(max_s=MAX_SPEECH_S))
     if request.is_empty:
         plan = GesturePlan(speech.duration_s)
         write_plan_file(plan, request.out, request.speech)
-        return plan
+        return Edited(plan)
+    wish = None if request.style is None else read_wish(request.style)
     system = get_system(PLANNED, request.weights)
     with SpokenWords(request.transcript, request.words) as words:
         words.begin(speech.waveform)
@@ -94,5 +101,6 @@ def make_plan(request: PlanRequest) -> GesturePlan:
         words=said.words,
     )
     (plan,) = draw_plans(system, speech, options)
-    write_plan_file(plan, request.out, request.speech)
-    return plan
+    edited = Edited(plan) if wish is None else wish.done(plan, said.words)
+    write_plan_file(edited.plan, request.out, request.speech)
+    return edited

@@ -101,7 +101,9 @@ class GenerateRequest:
     """Whether words are recognised where there is no transcript: ``recognise`` or ``none``."""
     plan: Path | None = None
     """What the systems that perform plans are to perform (`model.plan.files`); None lets
-    them draw plans from the speech."""
+    them draw plans from the speech. Of many pieces of speech, a folder with a plan for each."""
+    style: Path | None = None
+    """A style file (`model.plan.wish`), done to every plan that is performed."""
     joint: str = "right_middle"
     """The fingertip or joint that figure and tip measures follow; see
     `app.run.pictures.followed_point`."""

@@ -14,7 +14,8 @@ from types import TracebackType
 from app.errors import RunError, disk_full_sentence, is_disk_full
 from app.run.held_folder import held_folder
 
-_PREFIX = ".unfinished-"
+UNFINISHED = ".unfinished-"
+"""How names of folders begin that are removed with what a killed run left."""
 _ABANDONED_S = 24 * 3600.0
 _ALREADY_SMALL = {".mp4", ".png", ".npz", ".pdf", ".glb"}
 _NO_TIME = (2000, 1, 1, 0, 0, 0)
@@ -33,7 +34,7 @@ class ResultFolder:
         self.out = out
         self._names: list[str] = []
         self._held = held_folder(out)
-        self._staging = out / f"{_PREFIX}{os.getpid()}-{secrets.token_hex(4)}"
+        self._staging = out / f"{UNFINISHED}{os.getpid()}-{secrets.token_hex(4)}"
 
     def __enter__(self) -> ResultFolder:
         self._held.__enter__()
@@ -133,15 +134,15 @@ def remove_unfinished(out: Path) -> None:
     if not out.is_dir():
         return
     with held_folder(out):
-        for staging in out.glob(f"{_PREFIX}*"):
+        for staging in out.glob(f"{UNFINISHED}*"):
             shutil.rmtree(staging, ignore_errors=True)
 
 
 def _remove_abandoned(out: Path) -> None:
     """Remove what a killed run left: its process lives no more, or has written nothing for a day;
     its number may long be another's."""
-    for staging in out.glob(f"{_PREFIX}*"):
-        pid = staging.name.removeprefix(_PREFIX).split("-")[0]
+    for staging in out.glob(f"{UNFINISHED}*"):
+        pid = staging.name.removeprefix(UNFINISHED).split("-")[0]
         is_dead = pid.isdigit() and not _is_alive(int(pid))
         if is_dead or time.time() - _last_written(staging) > _ABANDONED_S:
             shutil.rmtree(staging, ignore_errors=True)

@@ -5,11 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
+from zipfile import is_zipfile
 
-from app.errors import sentence_of
+from app.errors import RunError, sentence_of
+from model.storage.harmless import printable
 
-UploadKind = Literal["speech", "reference", "motion", "transcript", "plan"]
-"""What a file is meant to be: a reference is a BEAT2 npz, a motion any file that can be read."""
+NO_ZIP = "{name} is no readable zip; pack it again."
+
+UploadKind = Literal["speech", "reference", "motion", "sounds", "motions", "transcript", "plan"]
+"""What a file is meant to be: a reference is a BEAT2 npz, a motion any file that can be read; of
+motions and sounds a zip may hold many."""
 
 
 def refusal_of(kind: UploadKind, paths: Sequence[Path], max_speech_s: float) -> str:
@@ -28,7 +33,7 @@ def refusal_of(kind: UploadKind, paths: Sequence[Path], max_speech_s: float) -> 
 
 def _read(kind: UploadKind, path: Path, max_speech_s: float) -> None:
     match kind:
-        case "speech":
+        case "speech" | "sounds":
             from model.speech.audio import SpeechLimits, load_speech
 
             load_speech(path, SpeechLimits(max_s=max_speech_s))
@@ -36,7 +41,10 @@ def _read(kind: UploadKind, path: Path, max_speech_s: float) -> None:
             from model.motion.motion import load_motion
 
             load_motion(path)
-        case "motion":
+        case "motions" | "sounds" if path.suffix.lower() == ".zip":
+            if not is_zipfile(path):
+                raise RunError(NO_ZIP.format(name=printable(path.name)))
+        case "motion" | "motions":
             from model.formats.read import read_any_motion
 
             read_any_motion(path)

@@ -47,7 +47,7 @@ from model.plan.editing import (
     sized,
     with_hands,
 )
-from model.plan.palette import PLACES
+from model.plan.palette import PLACES, REST_PLACE
 from model.plan.places import wrist_places
 from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, Side
 from model.plan.textgrid import annotated_plan
@@ -284,8 +284,13 @@ def ask_clip(
     inside = [g for g in there if 1 < g.lands_s < plan.duration_s - 1]
     for k in rng.permutation(len(inside))[: max(1, edits // 4)]:
         gesture = inside[k]
-        asked.add("sizes in order", _in_order(plan, gesture, SIZES, sized, again, _extent))
-        asked.add("heights in order", _in_order(plan, gesture, HEIGHTS_M, raised, again, _height))
+        larger = _varied(plan, gesture, SIZES, sized, again)
+        asked.add("sizes in order", _in_order([gesture_size(*one) for one in larger]))
+        asked.add("extents in order", _in_order([_extent(*one) for one in larger]))
+        told = [_extent(planned_places(one), one, gesture) for _, one, _ in larger]
+        asked.add("extents of plans in order", _in_order(told))
+        higher = _varied(plan, gesture, HEIGHTS_M, raised, again)
+        asked.add("heights in order", _in_order([_height(*one) for one in higher]))
     return motions
 
 
@@ -316,15 +321,14 @@ class Distances:
         }
 
 
-def _in_order(
+def _varied(
     plan: GesturePlan,
     gesture: Gesture,
     values: Sequence[float],
     change: Callable[[GesturePlan, Gesture, float], Edited],
     again: Callable[[GesturePlan], Performance],
-    measured: Callable[[Places, GesturePlan, Gesture], float],
-) -> list[float]:
-    """Of each pair of neighbours, whether the larger wish is larger in the motion."""
+) -> list[tuple[Places, GesturePlan, Gesture]]:
+    """Where wrists are for each wish, in turn; nothing where the plan does not take one."""
     found = []
     for value in values:
         try:
@@ -332,11 +336,29 @@ def _in_order(
         except PlanError:
             return []
         tracks = track_points(again(edited.plan).motion, open_body_skeleton())
-        found.append(measured(wrist_places(tracks), edited.plan, gesture))
-    return [float(b > a) for a, b in pairwise(found)]
+        found.append((wrist_places(tracks), edited.plan, gesture))
+    return found
+
+
+def _in_order(measured: Sequence[float]) -> list[float]:
+    """Of each pair of neighbours, whether the larger wish is larger."""
+    return [float(b > a) for a, b in pairwise(measured)]
+
+
+def planned_places(plan: GesturePlan) -> Places:
+    """Where a plan has the wrists."""
+    planned = tracks_of(plan, round(plan.duration_s * FPS)).astype(np.float64)
+    return {side: planned[:, hand_tracks(side)][:, :3] for side in SIDES}
+
+
+def gesture_size(places: Places, plan: GesturePlan, gesture: Gesture) -> float:
+    """As plans have it: how far from where hands rest the stroke ends."""
+    at = round(gesture.lands_s * FPS)
+    return math.dist(places[gesture.side][at - 2 : at + 3].mean(axis=0), REST_PLACE)
 
 
 def _extent(places: Places, plan: GesturePlan, gesture: Gesture) -> float:
+    """Of the path from the preparation's start to the stroke's end."""
     phases = _phases_of(plan, gesture)
     first, stop = round(phases[0].start_s * FPS), round(phases[-1].end_s * FPS) + 1
     path = places[gesture.side][max(0, first) : stop]

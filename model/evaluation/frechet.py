@@ -6,6 +6,8 @@ of another amount of motion, cannot be compared with these.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -56,14 +58,76 @@ def motion_features(encoder: FrozenEncoder, motion: Motion) -> Features | None:
     return codes[0].numpy().astype(np.float64)
 
 
+@dataclass(frozen=True)
+class Moments:
+    """What a Fréchet distance needs of features, so that sets can be put together of clips whose
+    features are not kept."""
+
+    count: int
+    total: Float[np.ndarray, " dim"]
+    """Sum of the features."""
+    products: Float[np.ndarray, "dim dim"]
+    """Sum of their outer products."""
+
+    @staticmethod
+    def of(features: Features) -> "Moments":
+        """Of the features of one clip."""
+        return Moments(len(features), features.sum(0), features.T @ features)
+
+    @staticmethod
+    def sum(clips: Sequence["Moments"]) -> "Moments":
+        """Of several clips together."""
+        return Moments(
+            sum(clip.count for clip in clips),
+            np.sum([clip.total for clip in clips], axis=0),
+            np.sum([clip.products for clip in clips], axis=0),
+        )
+
+    def kept(self) -> dict[str, Any]:
+        """As plain numbers; products once, as they are symmetric."""
+        upper = self.products[np.triu_indices(len(self.total))]
+        return {"count": self.count, "total": self.total.tolist(), "products": upper.tolist()}
+
+    @staticmethod
+    def of_kept(kept: Mapping[str, Any]) -> "Moments":
+        """The inverse of `kept`."""
+        total = np.array(kept["total"])
+        products = np.zeros((len(total), len(total)))
+        products[np.triu_indices(len(total))] = kept["products"]
+        return Moments(kept["count"], total, products + np.triu(products, 1).T)
+
+    @property
+    def tells(self) -> bool:
+        """Whether there are enough features for a covariance of full rank."""
+        return self.count > len(self.total)
+
+    @property
+    def mean(self) -> Float[np.ndarray, " dim"]:
+        return self.total / self.count
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "dim dim"]:
+        centred = self.products - np.outer(self.total, self.mean)
+        return centred / (self.count - 1)
+
+
 def frechet_distance(a: Features, b: Features) -> float:
     """``|m_a - m_b|^2 + tr(C_a + C_b - 2 (C_a C_b)^(1/2))`` of two sets of features."""
-    cov_a, cov_b = np.cov(a, rowvar=False), np.cov(b, rowvar=False)
-    values, vectors = np.linalg.eigh(cov_a)
+    return distance_of(Moments.of(a), Moments.of(b))
+
+
+def distance_of(a: Moments, b: Moments, offset: float = 0.0) -> float:
+    """`frechet_distance` of two sets of which only the moments are known.
+
+    Args:
+        offset: added to the diagonals of both covariances under the root.
+    """
+    under = offset * np.eye(len(a.total))
+    values, vectors = np.linalg.eigh(a.covariance + under)
     root = vectors * np.sqrt(values.clip(0)) @ vectors.T
-    cross = np.sqrt(np.linalg.eigvalsh(root @ cov_b @ root).clip(0)).sum()
-    mean = np.square(a.mean(0) - b.mean(0)).sum()
-    return float(mean + np.trace(cov_a) + np.trace(cov_b) - 2 * cross)
+    cross = np.sqrt(np.linalg.eigvalsh(root @ (b.covariance + under) @ root).clip(0)).sum()
+    mean = np.square(a.mean - b.mean).sum()
+    return float(mean + np.trace(a.covariance) + np.trace(b.covariance) - 2 * cross)
 
 
 def distance(recorded: Sequence[Features], generated: Sequence[Features]) -> Interval:

@@ -1,6 +1,6 @@
 """Means with bootstrap intervals, over clips: what differs between clips is the uncertainty."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,10 +30,21 @@ def bootstrap_of(
     Args:
         statistic: of the clips with these indices; called with all of them once for the value.
     """
+    values = [statistic(index) for index in drawn_clips(num_clips, draws)]
+    return interval_of(statistic(np.arange(num_clips)), values)
+
+
+def drawn_clips(num_clips: int, draws: int) -> Iterator[Int[np.ndarray, " n"]]:
+    """Clips drawn with replacement, as many as there are; the same for all who ask."""
     rng = np.random.default_rng(0)
-    values = [statistic(rng.integers(num_clips, size=num_clips)) for _ in range(draws)]
-    low, high = np.percentile(values, PERCENTILES)
-    return Interval(float(statistic(np.arange(num_clips))), float(low), float(high))
+    for _ in range(draws):
+        yield rng.integers(num_clips, size=num_clips)
+
+
+def interval_of(value: float, drawn: Sequence[float]) -> Interval:
+    """Of all clips, with the interval of what the draws gave."""
+    low, high = np.percentile(drawn, PERCENTILES)
+    return Interval(float(value), float(low), float(high))
 
 
 def bootstrap(values: Sequence[float]) -> Interval:

@@ -30,6 +30,7 @@ _LIMBS = {
     "collar": "Shoulder", "shoulder": "Arm", "elbow": "ForeArm", "wrist": "Hand",
     "hip": "UpLeg", "knee": "Leg", "ankle": "Foot", "foot": "ToeBase",
 }  # fmt: skip
+_BEAT_LIMBS = _LIMBS | {"elbow": "Arm1", "foot": "FootF"}
 USUAL_NAMES: dict[str, tuple[str, ...]] = {
     "pelvis": ("Hips",),
     "spine1": ("Spine",),
@@ -38,18 +39,22 @@ USUAL_NAMES: dict[str, tuple[str, ...]] = {
     "neck": ("Neck", "Neck1"),
     "head": ("Head",),
     **{
-        f"{side.lower()}_{own}": (f"{side}{theirs}",)
+        f"{side.lower()}_{own}": (f"{side}{theirs}", f"{side[0]}{_BEAT_LIMBS[own]}")
         for side in ("Left", "Right")
         for own, theirs in _LIMBS.items()
     },
     **{
-        f"{side.lower()}_{finger.lower()}{segment}": (f"{side}Hand{finger}{segment}",)
+        f"{side.lower()}_{finger.lower()}{segment}": (
+            f"{side}Hand{finger}{segment}",
+            f"{side[0]}Hand{finger[0]}{segment}",
+        )
         for side in ("Left", "Right")
         for finger in _FINGERS
         for segment in (1, 2, 3)
     },
 }
-"""Of Mixamo, MotionBuilder and ZeroEGGS: the joints whose rotations together are one of ours."""
+"""Of Mixamo, MotionBuilder and ZeroEGGS, then of BEAT and DiffSHEG (``LArm1``, ``LHandM1``): the
+joints whose rotations together are one of ours."""
 BONES: dict[str, str] = {
     f"{side}_{start}": f"{side}_{end}"
     for side in ("left", "right")
@@ -84,7 +89,9 @@ def read_bvh(path: Path, options: ReadOptions) -> ReadMotion:
         MotionError: for damaged files, unknown skeletons, and rest poses that are no T-pose.
     """
     name, notes = path.name, []
-    joints, frame_s, rows = _parsed(path)
+    joints, frame_s, rows, stated = _parsed(path)
+    if stated > len(rows):
+        notes.append(f"{name} says that it has {stated} frames and holds {len(rows)}.")
     own = {joint.name: index for index, joint in enumerate(joints)}
     is_ours = all(each in own for each in JOINT_NAMES)
     names = {each: (each,) for each in JOINT_NAMES} if is_ours else USUAL_NAMES
@@ -94,8 +101,8 @@ def read_bvh(path: Path, options: ReadOptions) -> ReadMotion:
     lacking = [ours for ours in _NEEDED if not found.get(ours)]
     if lacking:
         raise MotionError(
-            f"{name} names no joint for {', '.join(lacking)}; known are our own names and those of"
-            " Mixamo (Hips, Spine, LeftArm …)."
+            f"{name} names no joint for {', '.join(lacking)}; known are our own names, those of"
+            " Mixamo (Hips, Spine, LeftArm …) and of BEAT (LArm …)."
         )
     _check_rest_pose(joints, found, name)
     turns = {} if is_ours else _rest_turns(joints, found)
@@ -123,7 +130,9 @@ def read_bvh(path: Path, options: ReadOptions) -> ReadMotion:
     return ReadMotion(motion, tuple(notes))
 
 
-def _parsed(path: Path) -> tuple[list[_Joint], float, Float[np.ndarray, "T channels"]]:
+def _parsed(path: Path) -> tuple[list[_Joint], float, Float[np.ndarray, "T channels"], int]:
+    """Joints, seconds a frame, rows, and how many rows the file says that it has: DiffSHEG leaves
+    out the first one."""
     name = path.name
     if not path.is_file():
         raise MotionError(f"{name} does not exist; give a motion file.")
@@ -137,14 +146,16 @@ def _parsed(path: Path) -> tuple[list[_Joint], float, Float[np.ndarray, "T chann
         frame_s = float(lines[1].split(":")[1])
         check_length(frames, name)
         values = np.array(" ".join(lines[2:]).split(), dtype=np.float64)
-        rows = values.reshape(frames, sum(len(joint.channels) for joint in joints))
+        channels = sum(len(joint.channels) for joint in joints)
+        is_one_short = frames > 1 and len(values) == (frames - 1) * channels
+        rows = values.reshape(frames - is_one_short, channels)
     except MotionError:
         raise
     except (ValueError, IndexError, UnicodeDecodeError, OSError) as error:
         raise MotionError(f"{name} is no readable BVH file.") from error
     if not frames or not frame_s > 0 or not np.isfinite(rows).all():
         raise MotionError(f"{name} has no frames, or values that are not finite.")
-    return joints, frame_s, rows
+    return joints, frame_s, rows, frames
 
 
 def _hierarchy(words: list[str]) -> list[_Joint]:

@@ -1,9 +1,9 @@
 """What every system is, whatever family it belongs to: a maker of windows that join to motion."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -16,7 +16,8 @@ from model.generation.stitching import cross_fade, fade
 from model.motion.motion import ExpressionBasis, Motion
 from model.motion.spaces import RootMotion
 from model.plan.kinds import Spoken
-from model.plan.plan import GesturePlan
+from model.plan.manner import Manner
+from model.plan.plan import GesturePlan, Planted
 from model.sampling.flow import seeded_noise
 from model.speech.encoder import SpeechEncoder
 
@@ -60,6 +61,8 @@ class Draw:
     first_sample: int = 0
     plan: GesturePlan | None = None
     """What a system that plans is to perform."""
+    first_frame: int | None = None
+    """Of the window, in the plan; None is where windows of whole speech have it."""
     words: tuple[Spoken, ...] = ()
     """What is said, for a system that plans."""
 
@@ -94,6 +97,45 @@ class Window:
             "root": self.root[:, frames],
             "expression": self.expression[:, frames],
         }
+
+
+@dataclass(frozen=True)
+class PlannedAhead:
+    """A plan around some frames of speech that goes on."""
+
+    plan: GesturePlan
+    """Its second 0 is the frame ``origin``; what began earlier has negative times."""
+    origin: int
+    planted: tuple[Planted, ...]
+    """When feet stand, from the first frame of all on."""
+
+
+@runtime_checkable
+class PlanStream(Protocol):
+    """Plans speech while it comes."""
+
+    manner: Manner
+
+    def go_on(
+        self,
+        speech: Callable[[int, int], Float[Tensor, "T dim"]],
+        first: int,
+        final: int,
+        stop: int,
+    ) -> PlannedAhead:
+        """The plan around the frames from ``first`` to ``stop``; what begins before ``final`` is
+        planned for good.
+
+        Args:
+            speech: features from one frame to another, supposed ones where none have come.
+        """
+        ...
+
+    def heard(
+        self, features: Float[Tensor, "n dim"], ahead: PlannedAhead, first: int
+    ) -> Float[Tensor, "n heard_dim"]:
+        """What windows hear of frames from ``first`` on: features and plan."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -163,6 +205,14 @@ class System(ABC):
 
     def plan(self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw) -> GesturePlan:
         """A plan for whole speech, drawn for the first sample.
+
+        Raises:
+            ValueError: of a system that performs none.
+        """
+        raise ValueError(f"{self.name} performs no plans.")
+
+    def plan_stream(self, draw: Draw) -> PlanStream:
+        """What plans speech that is still being spoken, drawn for the first sample.
 
         Raises:
             ValueError: of a system that performs none.

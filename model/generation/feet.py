@@ -64,12 +64,19 @@ class HeldFeet:
     """Of all feet that have landed so far."""
     _frames: int = field(default=0, init=False)
 
+    def go_on_with(self, planted: Sequence[Planted]) -> None:
+        """From now on other times, of which those that began before have the footing they had."""
+        stood = {(event.foot, event.start_s): place for event, place in self.found.items()}
+        self.planted = planted
+        there = {event: stood.get((event.foot, event.start_s)) for event in planted}
+        self.found = {event: place for event, place in there.items() if place is not None}
+
     def hold(self, motion: Motion) -> Motion:
         """The frames that follow those of the call before, with legs that stand."""
-        if not self.planted:
-            return motion
         frames = range(self._frames, self._frames + motion.num_frames)
         self._frames = frames.stop
+        if not self.planted:
+            return motion
         local = motion.local_rotations().double()
         trans = torch.from_numpy(motion.trans).double()
         turned, places = joint_positions_from_local(local, self.skeleton, trans)

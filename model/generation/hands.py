@@ -28,6 +28,8 @@ away from their own plans on average; this leaves 3.2."""
 SOFT_FRAMES = 1.5
 """Deviation of what rounds the planned path off: phases begin and end with a jolt. At 1 fingertips
 had 1.19 times the recorded power above 5 Hz, at 1.5 .96, with strokes as often in time."""
+SOFT_MARGIN = round(4 * SOFT_FRAMES)
+"""Frames of the plan that are heard on either side."""
 LONGEST = 0.99
 """Of a straight arm's length."""
 _SOFT_M = 0.004
@@ -47,6 +49,10 @@ class LedHands:
     plan: GesturePlan
     skeleton: RestSkeleton
     _frames: int = field(default=0, init=False)
+
+    def go_on_with(self, plan: GesturePlan, first_frame: int) -> None:
+        """From now on another plan, in which the next frame is ``first_frame``."""
+        self.plan, self._frames = plan, first_frame
 
     def lead(self, motion: Motion) -> Motion:
         """The frames that follow those of the call before."""
@@ -71,7 +77,7 @@ class LedHands:
 
 def _planned(plan: GesturePlan, side: Side, frames: range) -> Float[np.ndarray, "T 3"]:
     """Where the plan has a wrist, rounded off; before and after the plan it stays."""
-    margin = round(4 * SOFT_FRAMES)
+    margin = SOFT_MARGIN
     wide = np.arange(frames.start - margin, frames.stop + margin)
     path = goal_path(without_gaps(plan.hand(side), plan.duration_s), (wide + 0.5) / FPS)
     return gaussian_filter1d(path, SOFT_FRAMES, axis=0)[margin : margin + len(frames)]

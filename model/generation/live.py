@@ -18,10 +18,18 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from model.generation.base import System
+from model.generation.base import PlannedAhead, PlanStream, System, Window
+from model.generation.feet import HeldFeet
+from model.generation.hands import SOFT_MARGIN, LedHands
 from model.generation.speech_stream import SpeechWindow
-from model.generation.windows import GenerateOptions, PiecewiseMotion, WindowChain
+from model.generation.windows import GenerateOptions, PiecewiseMotion, WindowChain, draw_of
 from model.motion.motion import Motion
+from model.motion.skeleton import open_body_skeleton
+from model.plan.manner import Manner
+from model.plan.plan import GesturePlan
+
+PLANNED_AFTER = 12
+"""Frames after a window for which there is still a plan; then hands stay."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +60,17 @@ class LiveMotion:
             )
         self._cut, self._pace = cut, pace
         self._chain = WindowChain(system, options)
-        self._motion = PiecewiseMotion(system)
+        self._plans: PlanStream | None = None
+        """What plans as speech comes, of a system that plans."""
+        self.ahead: PlannedAhead | None = None
+        """What it has planned around the latest window."""
+        self._hands = self._feet = None
+        if system.plans:
+            self._plans = system.plan_stream(draw_of(system, options))
+            skeleton = open_body_skeleton()
+            self._hands = LedHands(GesturePlan(1.0), skeleton)
+            self._feet = HeldFeet((), skeleton)
+        self._motion = PiecewiseMotion(system, feet=self._feet, hands=self._hands)
         self._speech: Float[Tensor, "kept dim"] = torch.zeros(0, system.encoder.dim)
         self._first = 0
         """Frame at which the kept speech begins."""
@@ -83,17 +101,42 @@ class LiveMotion:
         it `is_due`. They are as many as wait, but no more than a window may advance."""
         assert self.is_due
         hop = min(self.waiting, self._cut.advance)
-        window = SpeechWindow(self._around(self.next_frame), self._cut.frames, is_last=False)
-        final = self._chain.window(window, hop).part(slice(hop))
+        final = self._window(hop).part(slice(hop))
         self.next_frame += hop
         self._forget_before(self.next_frame - 2 * (self._cut.frames + self._cut.context))
         return self._motion.go_on(final)
 
-    def _around(self, start: int) -> Float[Tensor, "heard dim"]:
-        """Speech under a window and its context: mirrored at the end of what was heard, held
-        before the beginning."""
-        cut = self._cut
-        wanted = torch.arange(start - cut.context, start + cut.frames + cut.context)
+    def lead(self, manner: Manner) -> None:
+        """Plan in another manner from now on.
+
+        Raises:
+            ValueError: of a system that performs no plans.
+        """
+        if self._plans is None:
+            raise ValueError("This system performs no plans.")
+        self._plans.manner = manner
+
+    def _window(self, hop: int) -> Window:
+        """The next window; with it hands and feet know what to do."""
+        cut, start = self._cut, self.next_frame
+        first, stop = start - cut.context, start + cut.frames + cut.context
+        heard = self._heard_from(first, stop)
+        if self._plans is None:
+            return self._chain.window(SpeechWindow(heard, cut.frames, is_last=False), hop)
+        final, ends = start + hop + SOFT_MARGIN, start + cut.frames + PLANNED_AFTER
+        ahead = self.ahead = self._plans.go_on(self._heard_from, first, final, ends)
+        heard = self._plans.heard(heard, ahead, first)
+        assert self._hands is not None and self._feet is not None
+        at = start - ahead.origin
+        self._hands.go_on_with(ahead.plan, at)
+        self._feet.go_on_with(ahead.planted)
+        window = SpeechWindow(heard, cut.frames, is_last=False)
+        return self._chain.window(window, hop, ahead.plan, at)
+
+    def _heard_from(self, first: int, stop: int) -> Float[Tensor, "heard dim"]:
+        """Speech from one frame to another: mirrored at the end of what was heard, held before the
+        beginning."""
+        wanted = torch.arange(first, stop)
         mirrored = torch.where(wanted < self.heard, wanted, 2 * self.heard - 1 - wanted)
         return self._speech[(mirrored - self._first).clamp(min=0)]
 

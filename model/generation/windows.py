@@ -242,18 +242,28 @@ class WindowChain:
         self._made: Window | None = None
         self._end: Window | None = None
 
-    def window(self, heard: SpeechWindow, advance: int | None = None) -> Window:
+    def window(
+        self,
+        heard: SpeechWindow,
+        advance: int | None = None,
+        plan: GesturePlan | None = None,
+        first_frame: int | None = None,
+    ) -> Window:
         """The next window, joined to the one before.
 
         Args:
             heard: its speech.
             advance: after how many of its frames the next window starts, from ``overlap`` on; only
                 those are final. None is the system's own advance.
+            plan, first_frame: of this window, where plans are made as speech comes.
         """
         cut = self._system.windowing
         advance = cut.advance if advance is None else advance
         assert cut.overlap <= advance <= cut.advance
-        made = self._system.window(heard, self._made, self._draw)
+        draw = self._draw
+        if plan is not None:
+            draw = replace(draw, plan=plan, first_frame=first_frame)
+        made = self._system.window(heard, self._made, draw)
         joined = made if self._end is None else self._system.join(self._end, made)
         self._made = made.part(slice(advance + cut.overlap))
         self._end = joined.part(slice(advance, advance + cut.overlap))

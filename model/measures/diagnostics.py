@@ -191,15 +191,26 @@ def raw_evidence(
     reference: Evidence | None = None,
     windows: Windows | None = None,
     point: str = TIP,
+    onsets_s: Float[np.ndarray, " onsets"] | None = None,
+    loudness: Float[np.ndarray, " frames"] | None = None,
+    mean_speeds: Float[np.ndarray, " 13"] | None = None,
 ) -> Evidence:
     """One motion's measures as it is only, and what faults are looked for in, where filtered
-    numbers are not asked for. A reference must be as long."""
+    numbers are not asked for. A reference must be as long.
+
+    Args:
+        onsets_s, loudness, mean_speeds: see `diagnose`.
+    """
     tracks = track_points(motion, skeleton)
     period = find_period(tracks)
     numbers = measure_tracks(tracks, tracks.point(point), point, skeleton, windows, period)
     if reference is not None:
         numbers = replace(numbers, errors=error_to_reference(tracks, reference.tracks))
-    return Evidence(motion, tracks, numbers, point, reference)
+    if onsets_s is not None:
+        recorded = None if reference is None else reference.tracks
+        usual_speed = _usual_speed(mean_speeds, recorded, tracks)
+        numbers = replace(numbers, beats=_measure_beats(tracks, *usual_speed, onsets_s))
+    return Evidence(motion, tracks, numbers, point, reference, loudness)
 
 
 @dataclass(frozen=True)
@@ -247,13 +258,12 @@ def _measured(
     found: list[Measures] = []
     faults: list[Finding] = []
     period = evidence = None
-    usual_speed = settings.mean_speeds
-    speeds_of: BeatSpeeds = "emage"
-    if usual_speed is None and recorded is not None:
-        usual_speed, speeds_of = _mean_speed(recorded["raw"].tracks), "reference"
+    usual_speed = None
     for kind, version in versions:
         if kind == "raw":  # it comes first
             period = find_period(version.tracks)
+            of_recorded = None if recorded is None else recorded["raw"].tracks
+            usual_speed = _usual_speed(settings.mean_speeds, of_recorded, version.tracks)
         numbers = measure_tracks(
             version.tracks,
             version.point,
@@ -265,10 +275,8 @@ def _measured(
         errors = beats = None
         if recorded is not None:
             errors = error_to_reference(version.tracks, recorded[kind].tracks)
-        if usual_speed is None:
-            usual_speed, speeds_of = _mean_speed(version.tracks), "own"
-        if settings.onsets_s is not None:
-            beats = _measure_beats(version.tracks, usual_speed, speeds_of, settings.onsets_s)
+        if settings.onsets_s is not None and usual_speed is not None:
+            beats = _measure_beats(version.tracks, *usual_speed, settings.onsets_s)
         numbers = replace(numbers, errors=errors, beats=beats)
         found.append(numbers)
         if kind == "raw":
@@ -302,6 +310,17 @@ def _measure_beats(
             score, chance = audio_to_motion_and_chance(positions, onsets_s, usual_speed)
             mean, highest = float(chance.mean()), float(chance.max())
     return BeatMeasures(score, mean, highest, rate, num_onsets, speeds_of)
+
+
+def _usual_speed(
+    published: Float[np.ndarray, " joints"] | None, recorded: Tracks | None, own: Tracks
+) -> tuple[Float[np.ndarray, " joints"], BeatSpeeds]:
+    """Mean speeds of the joints, m/s, and whose: the published ones if there are any."""
+    if published is not None:
+        return published, "emage"
+    if recorded is not None:
+        return _mean_speed(recorded), "reference"
+    return _mean_speed(own), "own"
 
 
 def _mean_speed(tracks: Tracks) -> Float[np.ndarray, " joints"]:

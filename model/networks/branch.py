@@ -12,6 +12,7 @@ from model.networks.layers import (
     TimeEmbedding,
     sinusoidal_positions,
 )
+from model.networks.speech_codes import listener_of
 
 SPEAKER_WIDTH = 64
 
@@ -155,7 +156,9 @@ class ConditionedNetwork(nn.Module):
         super().__init__()
         width = config.width
         self.condition = Condition(config.num_speakers, width)
-        self.speech = SpeechTokens(config.speech_dim, width, config.speech_context)
+        heard = config.speech_dim + config.codes
+        self.speech = SpeechTokens(heard, width, config.speech_context)
+        self.listener = listener_of(config.speech_dim, config.codes)
         self.no_speech = nn.Parameter(torch.zeros(config.speech_dim))
         positions = sinusoidal_positions(config.window_frames, width)
         self.register_buffer("positions", positions, persistent=False)
@@ -164,11 +167,13 @@ class ConditionedNetwork(nn.Module):
         self, speech: Float[Tensor, "B heard speech_dim"], has_speech: Bool[Tensor, " B"]
     ) -> Float[Tensor, "B T width"]:
         """Tokens of the speech, or of none where ``has_speech`` is false."""
-        return self.speech(torch.where(has_speech[:, None, None], speech, self.no_speech))
+        heard = torch.where(has_speech[:, None, None], speech, self.no_speech)
+        if self.listener is not None:
+            heard = torch.cat([heard, shown(self.listener(speech), has_speech)], dim=-1)
+        return self.speech(heard)
 
 
-def shown(
-    expression: Float[Tensor, "B T E"], has_speech: Bool[Tensor, " B"]
-) -> Float[Tensor, "B T E"]:
-    """The face that a body is shown; none where it hears nothing, or the face would tell."""
-    return torch.where(has_speech[:, None, None], expression, torch.zeros_like(expression))
+def shown(told: Float[Tensor, "B T E"], has_speech: Bool[Tensor, " B"]) -> Float[Tensor, "B T E"]:
+    """The face that a body is shown, or codes of speech; none where it hears nothing, or they
+    would tell."""
+    return torch.where(has_speech[:, None, None], told, torch.zeros_like(told))

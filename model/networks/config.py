@@ -20,6 +20,9 @@ class BranchConfig:
     frames_by: Literal["attention", "gru"] = "attention"
     """How frames of a window hear of each other: a transformer's blocks, or recurrent ones."""
     speech_dim: int = 68
+    codes: int = 0
+    """Of our speech encoder (`model.networks.speech_codes`), heard beside the features; 0 for none.
+    They are of what the network hears, so that no more speech need be waited for."""
     expression_dim: int = 52
     num_speakers: int = 31
     """Size of the speaker table; 0 stands for "no speaker"."""

@@ -409,7 +409,7 @@ def _laid(
         ready_s = max(free_s, min(ready.start_s, strikes_s - LEAST_MOVE_S))
         body.insert(0, replace(ready, start_s=ready_s, end_s=strikes_s))
     until_s = min((one.start_s for one in moving if one.start_s >= busy_s - _TINY_S), default=None)
-    body, mended = _within_reach(body)
+    body, mended = within_reach(body)
     later = [] if until_s is None else [one for one in phases if one.start_s >= until_s - _TINY_S]
     ending = _ending(phases, body, plan.duration_s if until_s is None else until_s)
     new = _merged([*_until(phases, body[0].start_s), *ending, *later])
@@ -478,7 +478,7 @@ def _from_rest(goal: Place, size: float) -> Place:
     return out, up, forward
 
 
-def _within_reach(block: Sequence[HandPhase]) -> tuple[list[HandPhase], tuple[str, ...]]:
+def within_reach(block: Sequence[HandPhase]) -> tuple[list[HandPhase], tuple[str, ...]]:
     """Goals that an arm reaches, and that are not inside the body."""
     found, notes = [], []
     for one in block:

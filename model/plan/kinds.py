@@ -190,11 +190,9 @@ class KindTable:
         for stroke in sorted(strokes_of(plan), key=lambda one: one.lands.end_s):
             lands = stroke.lands
             word = _word_at(words, lands.end_s)
-            partner = next(
-                (k for at, k in landed.items() if abs(at - lands.end_s) < TOGETHER_S), ""
-            )
+            partner = self.partner(landed, lands.end_s)
             called = self._called(word, rng) if not (stroke.both and partner) else partner
-            kind = called or self._likely(stroke, speaker, rng)
+            kind = called or self.likely(stroke, speaker, rng)
             landed[lands.end_s] = kind
             phases = hands[stroke.side]
             for k in range(stroke.first, stroke.last + 1):
@@ -215,6 +213,11 @@ class KindTable:
             ]
         return replace(plan, left=tuple(hands["left"]), right=tuple(hands["right"]))
 
+    @staticmethod
+    def partner(landed: Mapping[float, str], lands_s: float) -> str:
+        """Of gestures by when they land, the kind of one that lands with this; empty if none."""
+        return next((kind for at, kind in landed.items() if abs(at - lands_s) < TOGETHER_S), "")
+
     def _called(self, word: str, rng: np.random.Generator) -> str:
         shares = self.calls.get(word, {})
         chance = rng.random()
@@ -224,7 +227,8 @@ class KindTable:
                 return kind
         return NO_KIND
 
-    def _likely(self, stroke: Stroke, speaker: int, rng: np.random.Generator) -> str:
+    def likely(self, stroke: Stroke, speaker: int, rng: np.random.Generator) -> str:
+        """A kind by where a gesture ends and whose it is."""
         off = (np.asarray(stroke.lands.goal) - self.goal) / self.spread
         score = np.log(self.by_speaker[speaker].clip(1e-9)) - np.log(self.spread).sum(1)
         score -= 0.5 * (off**2).sum(1)

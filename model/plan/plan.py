@@ -199,14 +199,26 @@ def plan_bytes(path: Path) -> bytes:
     Raises:
         PlanError: if it is missing or too large.
     """
+    return bytes_within(path, MAX_BYTES, f"{MAX_BYTES // 2**20} MiB")
+
+
+def bytes_within(path: Path, most: int, told: str) -> bytes:
+    """What a file holds that belongs to plans.
+
+    Args:
+        told: ``most`` as a person reads it.
+
+    Raises:
+        PlanError: if it is missing or larger.
+    """
     try:
         with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
+            data = file.read(most + 1)
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise PlanError(f"{path.name} could not be read: {reason}.") from error
-    if len(data) > MAX_BYTES:
-        raise PlanError(f"{path.name} is larger than {MAX_BYTES // 2**20} MiB.")
+    if len(data) > most:
+        raise PlanError(f"{path.name} is larger than {told}.")
     return data
 
 

@@ -26,7 +26,7 @@ from model.plan.plan import SIDES, GesturePlan, PlanError, Smile
 
 _CLOSE = 0.02
 """A wish this close to what is there, as a share of it, is met already."""
-_LIMITS = {
+LIMITS = {
     "gestures_per_min": (0.0, 90.0), "size_m": (0.05, 0.6), "height_m": (-0.4, 0.4),
     "stroke_s": (0.2, 1.0), "both": (0.0, 1.0), "smile": (0.0, 1.0),
 }  # fmt: skip
@@ -54,7 +54,7 @@ class Style:
         Raises:
             PlanError: if something is not within what bodies do.
         """
-        for name, (least, most) in _LIMITS.items():
+        for name, (least, most) in LIMITS.items():
             if not least <= getattr(self, name) <= most:
                 value = getattr(self, name)
                 raise PlanError(f"{name} is {value:g}; it must lie between {least:g} and {most:g}.")
@@ -75,7 +75,7 @@ def style_of(plan: GesturePlan) -> Style:
         "both": twice / count if count else 0.0,
         "smile": smiles / plan.duration_s,
     }
-    return Style(**{name: float(np.clip(told[name], *_LIMITS[name])) for name in told})
+    return Style(**{name: float(np.clip(told[name], *LIMITS[name])) for name in told})
 
 
 def excited(style: Style, by: float) -> Style:
@@ -94,7 +94,7 @@ def excited(style: Style, by: float) -> Style:
         "both": style.both + 0.15 * by,
     }
     return replace(
-        style, **{name: float(np.clip(changed[name], *_LIMITS[name])) for name in changed}
+        style, **{name: float(np.clip(changed[name], *LIMITS[name])) for name in changed}
     )
 
 
@@ -154,7 +154,7 @@ def _mean(numbers: Sequence[float], usual: float) -> float:
     return float(np.mean(numbers)) if numbers else usual
 
 
-def _together(plan: GesturePlan) -> list[list[Gesture]]:
+def together(plan: GesturePlan) -> list[list[Gesture]]:
     """All gestures in time; those of both hands as one."""
     found: list[list[Gesture]] = []
     every = sorted((g for side in SIDES for g in gestures(plan, side)), key=lambda g: g.lands_s)
@@ -176,7 +176,7 @@ def _spread(count: int, most: int) -> list[int]:
 def _as_often(
     plan: GesturePlan, per_min: float, words: Sequence[Spoken], locked: Collection[Gesture]
 ) -> GesturePlan:
-    there = _together(plan)
+    there = together(plan)
     wanted = round(per_min * plan.duration_s / 60)
     free = [group for group in there if not set(group) & set(locked)]
     for k in _spread(max(0, len(there) - wanted), len(free)):
@@ -195,7 +195,7 @@ def _as_often(
 
 
 def _with_both(plan: GesturePlan, share: float, locked: Collection[Gesture]) -> GesturePlan:
-    groups = _together(plan)
+    groups = together(plan)
     both = [group for group in groups if len(group) == 2 and not set(group) & set(locked)]
     single = [group for group in groups if len(group) == 1 and not set(group) & set(locked)]
     missing = round(share * len(groups)) - sum(len(group) == 2 for group in groups)
@@ -219,7 +219,7 @@ def _each(
     locked: Collection[Gesture],
 ) -> GesturePlan:
     """Every gesture changed that can be."""
-    for gesture in [g for group in _together(plan) for g in group if g not in locked]:
+    for gesture in [g for group in together(plan) for g in group if g not in locked]:
         try:
             plan = change(plan, gesture).plan
         except PlanError:

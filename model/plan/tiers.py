@@ -237,13 +237,15 @@ def seen_together(
 
 
 def seen_of(tier: Tier, begun: Begun, frame: int) -> Float[np.ndarray, " seen"]:
-    """Where a chain is at a frame, after what began last."""
-    return _seen(
-        tier,
-        np.array([begun.state]),
-        np.array([frame - begun.frame]),
-        np.array([begun.mark], float),
-    )[0]
+    """Where a chain is at a frame, after what began last: `_seen` of one frame, which is asked for
+    at every frame of every tier."""
+    seconds = min((frame - begun.frame) / FPS, LONGEST_S)
+    count = len(tier.states)
+    seen = np.zeros(tier.seen, np.float32)
+    seen[begun.state] = 1.0
+    seen[count : count + 2] = seconds, np.log(seconds + 0.1)
+    seen[count + 2 :] = begun.mark
+    return seen
 
 
 def _reachable(goal: Sequence[float]) -> tuple[float, float, float]:

@@ -14,6 +14,7 @@ from torch import Tensor, nn
 
 from model.data.prepared import Batch, DataError, PreparedData
 from model.motion.packing import Normaliser
+from model.networks.speech_codes import Listener, load_codes
 from model.sampling.prior import GaussianPrior
 from model.storage.cards import CheckpointError
 from model.storage.checkpoint import load_into, load_weights
@@ -108,6 +109,25 @@ class Workshop:
             CheckpointError: see `Start.read`.
         """
         return None if self.start is None else self.start.read()
+
+    def put_weights_into(
+        self, network: nn.Module, given: Given | None, *, may_lack: bool = False
+    ) -> None:
+        """Let a network hear with the speech encoder among the helpers, if it hears with one, and
+        begin with the weights that are given, which may know of none.
+
+        Args:
+            may_lack: whether they may know of other parts as little.
+
+        Raises:
+            CheckpointError: if the encoder is missing, or weights are of another shape.
+        """
+        listener = getattr(network, "listener", None)
+        if isinstance(listener, Listener):
+            listener.become(load_codes(self.helpers))
+            may_lack = True
+        if given is not None:
+            (given.load_known_into if may_lack else given.load_into)(network)
 
 
 @runtime_checkable

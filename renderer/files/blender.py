@@ -9,6 +9,7 @@ reference "Flat". The add-on leaves the face expression alone.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +22,12 @@ _FEWEST_BETAS = 10
 """Shape keys of the smallest model of the add-on, which complains about every further beta."""
 
 
-def write_blender(motion: BodyMotion, out: Path) -> None:
+def write_blender(motion: BodyMotion, out: Path, markers: Sequence[tuple[float, str]] = ()) -> None:
     """Write ``motion`` to ``out``; radians, metres, y up.
+
+    Args:
+        markers: moments in seconds with names: the arrays ``marker_frames``, counted from 0, and
+            ``marker_names``, which the add-on leaves alone.
 
     Raises:
         OSError: if ``out`` cannot be written; nothing half-written stays behind.
@@ -30,6 +35,11 @@ def write_blender(motion: BodyMotion, out: Path) -> None:
     num_betas = max(_FEWEST_BETAS, int(np.flatnonzero(motion.betas).max(initial=-1)) + 1)
     betas = np.zeros(num_betas, np.float32)
     betas[: len(motion.betas)] = motion.betas[:num_betas]
+    told = {}
+    if markers:
+        frames = [round(seconds * FPS) for seconds, _ in markers]
+        told["marker_frames"] = np.array(frames, np.int32)
+        told["marker_names"] = np.array([name for _, name in markers])
     with written_whole(out) as file:
         np.savez(
             file,
@@ -46,4 +56,5 @@ def write_blender(motion: BodyMotion, out: Path) -> None:
             pose_jaw=motion.poses[:, 66:69],
             pose_eye=motion.poses[:, 69:75],
             pose_hand=motion.poses[:, 75:],
+            **told,
         )

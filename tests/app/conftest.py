@@ -14,6 +14,12 @@ from model.speech.audio import write_wav
 from tests.model.made import made_waveform, make_weights
 
 
+@pytest.fixture(autouse=True)
+def _any_machine_is_quick_enough_to_be_live(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Busy machines refuse live systems by time; the test of that asks for it."""
+    monkeypatch.setattr("app.live.session.MAX_WINDOW_MS", 1e6)
+
+
 @pytest.fixture(scope="session")
 def weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Both systems from the real config classes, tiny and random."""
@@ -30,7 +36,7 @@ def speech(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def ask(weights: Path, speech: Path, tmp_path: Path) -> Callable[..., GenerateRequest]:
-    """A request that needs no GL unless it is told otherwise."""
+    """A request that needs no GL and draws no figures unless it is told otherwise."""
 
     def make(**changes) -> GenerateRequest:
         values = {
@@ -39,6 +45,7 @@ def ask(weights: Path, speech: Path, tmp_path: Path) -> Callable[..., GenerateRe
             "weights": weights,
             "steps": 1,
             "has_video": False,
+            "has_figures": False,
         }
         return GenerateRequest(**{**values, **changes})
 

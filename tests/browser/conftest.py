@@ -87,6 +87,12 @@ def watched(page: Page) -> Page:
 
 
 @pytest.fixture(autouse=True)
+def any_machine_is_quick_enough_to_be_live(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Busy machines refuse live systems by time, and the page runs beside the browser here."""
+    monkeypatch.setattr("app.live.session.MAX_WINDOW_MS", 1e6)
+
+
+@pytest.fixture(autouse=True)
 def no_script_has_failed() -> Iterator[None]:
     """Of the pages that are watched. To fail where it is heard would end the browser's connection,
     and with it all later tests."""

@@ -133,6 +133,12 @@ def test_three_edits_are_performed_beside_each_other_and_saved(
     assert landing(page, tmp_path)["right"] == [2.1, 4.15, 6.5]
     editor(page).get_by_role("button", name="Redo").click()
     assert landing(page, tmp_path)["right"] == [2.1, 4.15]
+
+    eaf = saved(page, ".eaf", tmp_path)  # and it opens again
+    editor(page).get_by_role("button", name="Undo").click()
+    editor(page).get_by_label("Plan from a file").set_input_files(str(eaf))
+    said(page, text.TAKE_DONE.format(number=4))
+    assert landing(page, tmp_path) == {"left": [], "right": [2.1, 4.15]}
     page.context.close()
 
 

@@ -48,16 +48,37 @@ def test_one_speaks_and_the_body_moves_and_the_minute_is_kept(speaking: Page) ->
     latency_ms = float(live.get_attribute("data-latency") or "nan")
     assert 600 < latency_ms < 60_000  # what it is depends on the machine; it is measured
     assert page.evaluate("() => document.querySelector('.live meter').value") > 0.3
+    place = "document.querySelector('.live').live.place"
     for _ in range(3):
-        pose = page.evaluate("() => String(document.querySelector('.live').live.pose)")
-        assert pose.count(",") == 4 * 55 - 1
-        page.wait_for_function(
-            "(pose) => String(document.querySelector('.live').live.pose) !== pose", arg=pose
-        )
+        page.wait_for_function(f"place => {place} > place", arg=page.evaluate(place))
+    expect(live.locator(".stage")).to_have_attribute("data-bodies", "1")
+    expect(live.locator(".planned")).to_be_hidden()  # this system performs no plans
+
+    # The stage of any run: displays act while the body moves, and the server is not asked.
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    bar = live.get_by_role("toolbar", name="Displays")
+    canvas = live.locator(".stage canvas")
+    bar.get_by_label("Close-up").select_option("both")
+    bar.get_by_role("button", name="Jerk", exact=True).click()
+    bar.get_by_label("Tremble, times as large").fill("1")
+    expect(live.locator(".stage-legend")).to_contain_text("jerk: 0 to 500 m/s³")
+    expect(live.locator(".stage-notice")).to_have_text("EXAGGERATED x20: all above 5 Hz")
+    bar.locator(".more").click()
+    live.get_by_label("Whole body").check()
+    live.get_by_role("button", name="Side").click()
+    expect(live.get_by_role("button", name="Back to the front")).to_be_visible()
+    page.wait_for_function(f"place => {place} > place + 6", arg=page.evaluate(place))
+    canvas.focus()
+    canvas.press("Home")
+    canvas.press("e")
+    expect(live.locator(".stage-notice")).to_be_hidden()
+    bar.locator(".more").click()
+    assert asked == []
 
     page.wait_for_timeout(4_000)  # a minute that is kept has two seconds at least
     page.get_by_role("button", name=KEEP).click()
-    expect(live.get_by_role("status")).to_contain_text("is being kept")
+    expect(live.locator(".asked").get_by_role("status")).to_contain_text("is being kept")
     expect(page.locator("#live-status")).to_contain_text("Done in", timeout=4 * PATIENCE_MS)
     expect(page.locator("#live-message")).to_contain_text("made while the speech was spoken")
     page.wait_for_function(
@@ -73,7 +94,7 @@ def test_one_speaks_and_the_body_moves_and_the_minute_is_kept(speaking: Page) ->
 def test_a_lost_connection_and_a_denied_microphone_are_told(speaking: Page) -> None:
     page = speaking
     live = page.locator(".live")
-    status = live.get_by_role("status")
+    status = live.locator(".asked").get_by_role("status")
     sockets: list[str] = []
     page.on("websocket", lambda socket: sockets.append(socket.url))
     live.get_by_role("button", name="Start").click()
@@ -97,7 +118,7 @@ def test_an_example_is_played_as_if_it_were_spoken(speaking: Page) -> None:
     live = page.locator(".live")
     live.locator("select[name=source]").select_option(label="Example: Three reasons")
     live.get_by_role("button", name="Start").click()
-    expect(live.get_by_role("status")).to_contain_text("Playing")
+    expect(live.locator(".asked").get_by_role("status")).to_contain_text("Playing")
     page.wait_for_function("() => document.querySelector('.live').live.latency !== null")
     live.get_by_role("button", name="Stop").click()
-    expect(live.get_by_role("status")).to_contain_text("Stopped")
+    expect(live.locator(".asked").get_by_role("status")).to_contain_text("Stopped")

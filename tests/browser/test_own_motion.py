@@ -1,5 +1,7 @@
 """A visitor compares motion files of their own, in a real Chromium."""
 
+import base64
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -37,6 +39,21 @@ item [2]:
 """
 
 pytestmark = [pytest.mark.browser, pytest.mark.gl]
+
+TAKES_FILES = """() => {
+    const dataTransfer = new DataTransfer();
+    dataTransfer.items.add(new File([], "a"));
+    const over = new DragEvent("dragover", { dataTransfer, bubbles: true, cancelable: true });
+    document.querySelector("h1")?.dispatchEvent(over);
+    return over.defaultPrevented;
+}"""
+DROPPED = """(content) => {
+    const bytes = Uint8Array.from(atob(content), (letter) => letter.charCodeAt(0));
+    const dataTransfer = new DataTransfer();
+    dataTransfer.items.add(new File([bytes], "saved.run.zip"));
+    const told = { dataTransfer, bubbles: true, cancelable: true };
+    document.querySelector("h1").dispatchEvent(new DragEvent("drop", told));
+}"""
 
 
 def test_two_files_of_ones_own_are_measured_and_drawn(
@@ -120,6 +137,52 @@ def test_two_files_of_ones_own_are_measured_and_drawn(
     canvas.press("Home")
     expect(back).not_to_be_visible()
     other.context.close()
+
+
+def test_a_zip_is_measured_as_a_set_and_its_worst_clip_opens_on_the_stage(
+    visit: Callable[..., Page], tmp_path: Path
+) -> None:
+    zipped = tmp_path / "mine.zip"
+    with zipfile.ZipFile(zipped, "w") as archive:
+        for clip, path in zip(
+            ("calm", "wild"), planted_files(tmp_path / "planted")[0], strict=False
+        ):
+            archive.write(path, f"results/{clip}.npz")
+    page = visit()
+    page.get_by_role("tab", name=TAB).click()
+    page.set_input_files("#own-motions input[type=file]", str(zipped))
+    expect(page.locator("#own-motions")).to_contain_text("mine")
+    page.get_by_role("button", name="Measure and compare").click()
+    sets = page.locator("#own-sets")
+    expect(sets.locator(".findings li").first).to_contain_text("jerk", timeout=3 * PATIENCE_MS)
+    expect(sets.locator("tbody tr").first).to_contain_text("[")
+    worst = sets.locator(".findings li b").first.inner_text()
+    sets.get_by_role("button", name="Open on the stage").first.click()
+    stage = page.locator("#own-player .stage")
+    expect(stage).to_have_attribute("data-bodies", "1", timeout=3 * PATIENCE_MS)
+    expect(page.locator("#own-status")).to_contain_text(
+        "Measured 1 motion", timeout=3 * PATIENCE_MS
+    )
+    expect(page.locator("#own-runs .link a")).to_be_visible()
+    expect(sets.locator(".findings li b").first).to_have_text(worst)
+
+    # The run as a file, dropped on another page: it opens again.
+    with page.expect_download() as download:
+        page.locator("#own-runs").get_by_role("link", name=text.SAVE_RUN).click()
+    assert download.value.suggested_filename.endswith(".run.zip")
+    with page.expect_download() as alone:
+        page.locator("#own-runs").get_by_role("link", name=text.SAVE_PAGE).click()
+    assert alone.value.suggested_filename.endswith(".run.html")
+    other = visit()
+    content = base64.b64encode(download.value.path().read_bytes()).decode("ascii")
+    other.wait_for_function(TAKES_FILES)
+    other.evaluate(DROPPED, content)
+    expect(other.locator("#own-status")).to_contain_text(
+        "Opened from its file", timeout=3 * PATIENCE_MS
+    )
+    expect(other.locator("#own-player .stage")).to_have_attribute("data-bodies", "1")
+    expect(other.locator("#own-runs .link a")).to_be_visible()
+    page.context.close()
 
 
 def test_the_gravest_findings_stand_beside_the_stage_and_lead_to_their_moment(

@@ -78,6 +78,11 @@ for (const [closeUp, number] of [["hands", 3], ["face", 2], ["both", 4], ["off",
     const inside = found.map(({ rect: [left, top, w, h] }) => [left - 10, top - 20, w, h]);
     assert.ok(covered(inside, [240, 430]).every((times) => times === 1));
     assert.ok(found[0].rect[3] >= 120, "the body has room");
+
+    const [body, ...beside] = panels([0, 0, 900, 430], closeUp, SHOTS);
+    assert.equal(beside.length, number - 1);
+    assert.ok(covered([body, ...beside].map(({ rect }) => rect), [900, 430]).every((times) => times === 1));
+    assert.equal(body.rect[3], 430, "in a wide cell they take none of its height");
   });
 
   test(`two in one place keep their close-ups (${closeUp}) apart`, () => {

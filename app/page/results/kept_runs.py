@@ -15,6 +15,7 @@ from pathlib import Path
 
 from app import text
 from app.page.results.ended_run import EndedRun
+from app.page.results.run_file import ROUTE as SAVED_ROUTE
 from app.page.serving.jobs import Job
 from app.page.serving.visitors import is_same
 
@@ -100,6 +101,7 @@ class KeptRuns:
                 f'<p class="link"><a href="{escape(address_of(*opened))}">{words}</a>'
                 f'<button type="button">{text.COPY_LINK}</button>'
                 f"<span>{text.RUN_KEPT.format(minutes=max(1, round(minutes)))}</span></p>"
+                f"{_saved(*opened)}"
                 f"{_beside(opened, mine)}"
             )
         compare = f'<button>{text.COMPARE}</button><span class="how">{text.COMPARE_HELP}</span>'
@@ -114,6 +116,17 @@ class KeptRuns:
 def address_of(*runs: KeptRun) -> str:
     """Of one run, or of two beside each other; relative to the page."""
     return "?" + "&".join(f"{PARAMETER}={run.token}" for run in runs)
+
+
+def _saved(*opened: KeptRun) -> str:
+    """The ways to a run as a file, which the page opens again, and as one that plays anywhere."""
+    (first, *others) = opened
+    if others or first.run.showing is None:
+        return ""
+    address = f"{SAVED_ROUTE.lstrip('/')}/{escape(first.token)}"
+    link = f'<a href="{address}" download title="{text.SAVE_RUN_HELP}">{text.SAVE_RUN}</a>'
+    page = f'<a href="{address}/page" download title="{text.SAVE_PAGE_HELP}">{text.SAVE_PAGE}</a>'
+    return f"<p>{link}</p><p>{page}</p>"
 
 
 def _beside(opened: tuple[KeptRun, ...], mine: list[KeptRun]) -> str:

@@ -319,7 +319,12 @@ class Showing:
     def add_words(self, said: Transcript) -> None:
         """Words that were looked for while the time line was there already. The whole time line
         gets another address, so that a browser takes it anew."""
-        if said.origin == "given" or self._timeline is None:
+        if said.origin != "given":
+            self.tell_words(said)
+
+    def tell_words(self, said: Transcript) -> None:
+        """The same of whatever words."""
+        if self._timeline is None:
             return
         made: Future[Path] = Future()
         made.set_result(

@@ -11,6 +11,7 @@ import asyncio
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from fastapi import Response
 from fastapi.responses import FileResponse, PlainTextResponse
@@ -35,6 +36,7 @@ SILENT_S = 20.0
 GONE = "Nothing was heard from the browser for {seconds:.0f} s; start again."
 FOREIGN = 4403
 """Closes a WebSocket that another site's page has opened."""
+Message = bytes | str | dict[str, Any]
 _MOST_UNSENT = 600
 """Messages to a browser that takes none; about a minute."""
 
@@ -71,14 +73,14 @@ def live_routes(desk: LiveDesk, examples: Sequence[Path] = ()) -> list[BaseRoute
 
 async def _serve(socket: WebSocket, desk: LiveDesk) -> None:
     loop = asyncio.get_running_loop()
-    unsent: asyncio.Queue[bytes | str] = asyncio.Queue(_MOST_UNSENT)
+    unsent: asyncio.Queue[Message] = asyncio.Queue(_MOST_UNSENT)
 
-    def put(message: bytes | str) -> None:
+    def put(message: Message) -> None:
         if unsent.full():  # the browser takes nothing; what is old helps it least
             unsent.get_nowait()
         unsent.put_nowait(message)
 
-    def tell(message: bytes | str) -> None:  # from the worker's thread
+    def tell(message: Message) -> None:  # from the worker's thread
         if not loop.is_closed():
             loop.call_soon_threadsafe(put, message)
 
@@ -92,6 +94,7 @@ async def _serve(socket: WebSocket, desk: LiveDesk) -> None:
             "hop": session.pace.hop,
             "ahead": session.pace.heard_ahead,
             "faces": await run_in_threadpool(face_names),
+            "plans": session.plans,
         }
         await socket.send_text(json.dumps(told))
         hearing = asyncio.create_task(_hear(socket, desk, session))
@@ -116,11 +119,8 @@ async def _serve(socket: WebSocket, desk: LiveDesk) -> None:
 
 async def _ask(socket: WebSocket) -> object:
     try:
-        told = await asyncio.wait_for(socket.receive_text(), SILENT_S)
-        if len(told) > MAX_ASK_BYTES:
-            raise ValueError
-        return json.loads(told)
-    except (ValueError, KeyError, TimeoutError, RecursionError):
+        return _object(await asyncio.wait_for(socket.receive_text(), SILENT_S))
+    except (KeyError, TimeoutError):
         return None
 
 
@@ -133,17 +133,32 @@ async def _hear(socket: WebSocket, desk: LiveDesk, session: LiveSession) -> None
             raise RunError(GONE.format(seconds=SILENT_S)) from None
         if message["type"] == "websocket.disconnect":
             raise WebSocketDisconnect(message.get("code", 1000))
-        desk.put(session, message.get("bytes") or b"")
+        told = _object(message.get("text") or "")
+        if isinstance(told, dict) and "manner" in told:
+            session.lead(told)
+        else:
+            desk.put(session, message.get("bytes") or b"")
 
 
-async def _send(socket: WebSocket, unsent: asyncio.Queue[bytes | str]) -> None:
-    """Frames, until a sentence ends it."""
+def _object(told: str) -> object:
+    """JSON from a browser; None of anything else."""
+    try:
+        return json.loads(told) if len(told) <= MAX_ASK_BYTES else None
+    except (ValueError, RecursionError):
+        return None
+
+
+async def _send(socket: WebSocket, unsent: asyncio.Queue[Message]) -> None:
+    """Frames and what is told of them, until a sentence ends it."""
     while True:
         message = await unsent.get()
         if isinstance(message, str):
             await _end(socket, message)
             return
-        await socket.send_bytes(message)
+        if isinstance(message, bytes):
+            await socket.send_bytes(message)
+        else:
+            await socket.send_text(json.dumps(message))
 
 
 async def _end(socket: WebSocket, sentence: str) -> None:

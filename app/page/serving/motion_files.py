@@ -22,12 +22,14 @@ from starlette.background import BackgroundTask
 from app.errors import visitor_sentence
 from app.page.serving.media import GONE, MEDIA_ROUTE, MediaDesk
 from app.page.serving.visitors import cookie_of
-from app.run.pictures.export import RenderRequest, render_motion
+from app.run.pictures.export import MARKERS_ENDING, RenderRequest, render_motion
 
 ENDINGS = {"glb": ".glb", "bvh": ".bvh", "blender": ".blender.npz"}
 """By what stands behind the address of a motion; app/page/web/stage/files.js has them too."""
 
-PLAN_ENDINGS = {"json": ".json", "textgrid": ".TextGrid", "elan": ".eaf"}
+PLAN_ENDINGS = {
+    "json": ".json", "textgrid": ".TextGrid", "elan": ".eaf", "markers": MARKERS_ENDING,
+}  # fmt: skip
 """The same of a plan."""
 PLAN_SUFFIX = ".tiers.json"
 """Of plans as the page shows them."""
@@ -81,10 +83,15 @@ def _write_motion(motion: Path, out: Path) -> None:
 def _write_plan(shown: Path, out: Path) -> None:
     """A plan as the page shows it, without what only the page has of it."""
     from model.plan.files import write_plan_file
+    from model.plan.markers import markers_csv
     from model.plan.plan import read_plan
 
     told = json.loads(shown.read_text(encoding="utf-8"))
     told.pop("origin", None)
     bare = out.with_name(f".{out.name}.bare")
     bare.write_text(json.dumps(told), encoding="utf-8")
-    write_plan_file(read_plan(bare), out)
+    plan = read_plan(bare)
+    if out.name.endswith(MARKERS_ENDING):
+        out.write_text(markers_csv(plan), encoding="utf-8")
+    else:
+        write_plan_file(plan, out)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import functools
 import json
 
@@ -9,7 +10,7 @@ from fastapi import Response
 from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
 
-from app.live.stage import body_glb, face_names
+from app.live.stage import body_glb, face_names, reaches_message
 from app.page.parts.catalogue import point_choices
 
 FACTS_ROUTE = "/stage/facts.json"
@@ -19,7 +20,7 @@ def stage_routes() -> list[APIRoute]:
     """Serve the facts; the body comes from where live speech has it."""
 
     async def facts() -> Response:
-        content = await run_in_threadpool(_facts_json)
+        content = await run_in_threadpool(stage_facts)
         headers = {"Cache-Control": "private, max-age=600", "X-Content-Type-Options": "nosniff"}
         return Response(content, media_type="application/json", headers=headers)
 
@@ -29,23 +30,26 @@ def stage_routes() -> list[APIRoute]:
 def prepare() -> None:
     """Make what the first page would wait for."""
     body_glb()
-    _facts_json()
+    stage_facts()
 
 
 @functools.cache
-def _facts_json() -> bytes:
-    from app.run.display import Display
+def stage_facts() -> bytes:
+    """The numbers as JSON, as `Facts` of app/page/web/told.d.ts declares them."""
     from app.run.pictures.followed_point import TIP
     from app.run.pictures.marked import FULL_SPEED_M_S
     from model.motion.exaggeration import CUTOFF_HZ, MAX_TURN_RAD
+    from renderer.body.look import TONES
     from renderer.video.facts import drawing_facts
 
     told = {
         **drawing_facts(),
         "faces": list(face_names()),
+        "reaches": base64.b64encode(reaches_message()).decode("ascii"),
         "exaggeration": {"cutoff": CUTOFF_HZ, "max_turn": MAX_TURN_RAD},
-        "scales": {"jerk": Display().jerk_m_s3, "speed": FULL_SPEED_M_S},
+        "scales": {"speed": FULL_SPEED_M_S},
         "points": {name: title for title, name in point_choices()},
         "usual_point": TIP,
+        "tones": TONES,
     }
     return json.dumps(told, separators=(",", ":")).encode()

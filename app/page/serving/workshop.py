@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from app.run.diagnose import DiagnoseRequest, Diagnosis
     from app.run.first_look import FirstLook
     from app.run.hearing import Hearing, HearingRequest
+    from app.run.many.sets import Sets, SetsRequest
     from app.run.mechanism import MechanismRequest
     from app.run.pictures.behind import VideosRequest
     from app.run.pictures.seen_video import SeenRequest, SeenVideo
@@ -135,6 +136,10 @@ class Workshop:
     ) -> Diagnosis:
         """As `app.run.diagnose.diagnose_files`."""
         return self._with_shares("diagnose", (request,), on_share, on_file)
+
+    def measure_sets(self, request: SetsRequest, on_share: Callable[[float], None]) -> Sets:
+        """As `app.run.many.sets.measure_sets`."""
+        return self._with_shares("measure_sets", (request,), on_share)
 
     def draw_behind(
         self, request: VideosRequest, on_event: OnEvent, should_cancel: ShouldCancel

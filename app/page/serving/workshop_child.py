@@ -33,6 +33,12 @@ def diagnose(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> An
     return diagnose_files(request, share_teller("numbers", on_event, should_cancel), on_event)
 
 
+def measure_sets(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
+    from app.run.many.sets import measure_sets as measure
+
+    return measure(request, share_teller("numbers", on_event, should_cancel))
+
+
 def draw_behind(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
     from app.run.pictures.behind import draw_behind as draw
 
@@ -110,7 +116,7 @@ def refuse(
 
 
 _ALL = (
-    *(generate, diagnose, draw_behind, draw_seen, make_take, show_mechanism),
+    *(generate, diagnose, measure_sets, draw_behind, draw_seen, make_take, show_mechanism),
     *(make_first_look, measure_steps, measure_hearing, export_study, analyse_study, refuse),
 )
 TASKS: dict[str, Callable[..., Any]] = {task.__name__: task for task in _ALL}

@@ -14,15 +14,18 @@ from app.page.parts.catalogue import point_choices
 from app.page.parts.html_parts import reveal_on_click
 from app.page.parts.named_fields import named_fields
 from app.page.results.kept_runs import KeptRuns
+from app.page.results.kept_sets import KeptSets
 from app.page.results.result_parts import ResultParts, build_results
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.page.tabs.own_motion_run import (
+    ClipRunner,
     Diagnose,
     OwnMotionForm,
     OwnMotionRunner,
     display_names,
 )
+from app.page.tabs.own_sets_run import MeasureSets, SetsDesk, build_sets
 from app.page.tabs.upload_check import UploadCheck
 from app.page.tabs.videos_behind import Draw, VideosBehind
 from app.run.pictures.followed_point import TIP
@@ -39,7 +42,8 @@ SHOWN_LABEL = "Shown on the stage and in figures"
 SHOWN_HELP = "At most six with the reference; all are measured."
 INTRODUCTION = (
     "Measures motion files of your own as it measures the systems, raw and filtered: "
-    ".npz as BEAT2, AMASS and SMPL-X have them, .npy, .bvh; 12 to 240 frames a second."
+    ".npz as BEAT2, AMASS and SMPL-X have them, .npy, .bvh; 12 to 240 frames a second. A zip of "
+    "clips is measured as a set, several beside each other by the clips' names."
 )
 
 
@@ -52,24 +56,31 @@ def build_own_motion_tab(
     check: UploadCheck,
     kept: KeptRuns,
     draw: Draw,
+    measure_sets: MeasureSets,
 ) -> ResultParts:
     """Lay out the tab inside the current context and wire it; returns where it shows results.
 
     Args:
         diagnose: does the measuring, as `app.run.diagnose.diagnose_files`.
         draw: draws videos behind it.
+        measure_sets: measures zips of clips, as `app.run.many.sets.measure_sets`.
     """
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
     with gr.Row(elem_classes="columns"):
         with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
             form = _build_form(check)
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
+            of_sets = build_sets()
             parts = build_results("own-")
     videos = VideosBehind(draw, jobs, parts, kept, "own_videos")
-    runner = OwnMotionRunner(diagnose, config, jobs, desk, parts, kept, videos)
+    sets = SetsDesk(measure_sets, of_sets, KeptSets())
+    runner, opener = (
+        kind(diagnose, config, jobs, desk, parts, kept, videos, sets)
+        for kind in (OwnMotionRunner, ClipRunner)
+    )
     asks = {
         "inputs": form.fields,
-        "outputs": parts.all,
+        "outputs": [*parts.all, of_sets.shown],
         "show_progress": "hidden",
         "concurrency_limit": None,  # JobBook lets them in one by one
     }
@@ -90,6 +101,17 @@ def build_own_motion_tab(
     ).then(runner.run, **asks, api_visibility="private")
     for run in (started, planted):
         videos.follow(run)
+    reveal_on_click(of_sets.start, parts.status)
+    of_sets.start.click(
+        opener.run,
+        inputs=[of_sets.asked],
+        outputs=parts.all,
+        js="() => [document.querySelector('#own-sets .sets')?.asked ?? '']",
+        api_visibility="private",
+        show_progress="hidden",
+        trigger_mode="once",
+        concurrency_limit=None,  # JobBook lets them in one by one
+    )
     page.unload(videos.left)
     form.cancel.click(runner.cancel, queue=False, api_visibility="private", show_progress="hidden")
     page.unload(runner.cancel)
@@ -111,9 +133,9 @@ class FormParts:
 def _build_form(check: UploadCheck) -> FormParts:
     planted = gr.Button(PLANTED_LABEL, elem_id="own-planted", size="sm")
     motions = check.file(
-        "motion",
-        "Motions to compare (.npz, .npy or .bvh)",
-        [".npz", ".npy", ".bvh"],
+        "motions",
+        "Motions to compare (.npz, .npy, .bvh), or zips of them",
+        [".npz", ".npy", ".bvh", ".zip"],
         "own-motions",
         height=170,
         file_count="multiple",
@@ -131,12 +153,16 @@ def _build_form(check: UploadCheck) -> FormParts:
         _choices, motions, shown, queue=False, api_visibility="private", show_progress="hidden"
     )
     reference = check.file(
-        "motion", text.REFERENCE_LABEL, [".npz", ".npy", ".bvh"], "own-reference", height=120
+        "motions",
+        text.REFERENCE_LABEL,
+        [".npz", ".npy", ".bvh", ".zip"],
+        "own-reference",
+        height=120,
     )
     speech = check.file(
-        "speech",
+        "sounds",
         "Speech of all of them (optional, for BeatAlign)",
-        ["audio"],
+        ["audio", ".zip"],
         "own-speech",
         height=120,
     )

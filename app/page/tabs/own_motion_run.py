@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,12 +21,14 @@ from app.page.results.figures_shown import FiguresShown
 from app.page.results.kept_runs import KeptRuns
 from app.page.results.player import NOTHING, Showing, gravest_of, own_writers, picture_layout
 from app.page.results.result_parts import ResultParts
+from app.page.results.run_file import OpenedRun, SavedRun, is_saved_run, open_run
 from app.page.results.settings import settings_of_own
 from app.page.serving.follow import last_share
-from app.page.serving.in_turn import Updates
+from app.page.serving.in_turn import Updates, Work
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.runner import TabRunner
+from app.page.tabs.own_sets_run import MIXED, NO_SETS, REFERENCE_TOO, SetsDesk, is_zip
 from app.page.tabs.videos_behind import VideosBehind, Wanted
 from app.run.pictures.behind import VideosRequest
 from app.run.pictures.own_videos import OnFile, VideoOptions
@@ -44,14 +46,16 @@ from model.storage.harmless import printable
 
 if TYPE_CHECKING:
     from app.run.diagnose import DiagnoseRequest, Diagnosis
+    from app.run.many.sets import SetsRequest
 
-NO_MOTION = "Choose at least one motion file (.npz, .npy or .bvh)."
+NO_MOTION = "Choose at least one motion file (.npz, .npy or .bvh), or a zip of many."
 MAX_FILES = 24
 TOO_MANY = "At most {limit} files are measured at once; {count} were given."
 TOO_MANY_SHOWN = "At most {limit} motions are shown beside each other; {count} were chosen."
 BAD_START = "The first frame of the figure must be a whole number from 0 on; got {value}."
 BAD_FRAMES = "The {what} must be a whole number of frames, or empty; got {value:g}."
 MEASURED = "Measured {motions}."
+OPENED = "Opened from its file; its {motions} were measured anew."
 MEASURING = "Measuring and drawing: {share:.0%}"
 MAX_FRAMES = 108_000
 """Of all files of a run, an hour; the command line has no such limit."""
@@ -98,6 +102,8 @@ class OwnMotionForm:
         limit = MAX_COMPARED - bool(self.reference)
         if self.shown and len(self.shown) > limit:
             raise RunError(TOO_MANY_SHOWN.format(limit=limit, count=len(self.shown)))
+        if any(map(is_zip, (*map(str, paths), self.reference, self.speech))):
+            raise RunError(NO_SETS)
         start = self.start_frame or 0
         if start < 0 or start != int(start):
             raise RunError(BAD_START.format(value=self.start_frame))
@@ -117,6 +123,42 @@ class OwnMotionForm:
             window=_whole(self.window, "window"),
             overlap=_whole(self.overlap, "overlap") or 0,
             max_frames=MAX_FRAMES,
+        )
+
+    @property
+    def saved_run(self) -> Path | None:
+        """A run that was saved as a file, which is to be opened again."""
+        paths = [Path(path) for path in self.motions or ()]
+        return paths[0] if len(paths) == 1 and is_saved_run(paths[0]) else None
+
+    @property
+    def has_sets(self) -> bool:
+        """Whether zips of clips are to be measured."""
+        return any(map(is_zip, self.motions or ()))
+
+    def to_sets(self, out: Path) -> SetsRequest:
+        """The measuring of zips that the form asks for.
+
+        Raises:
+            RunError: with a sentence for the visitor.
+        """
+        from app.run.many.sets import SetsRequest
+
+        paths = [Path(path) for path in self.motions or ()]
+        if not all(map(is_zip, self.motions or ())):
+            raise RunError(MIXED)
+        for what, path in (("reference", self.reference), ("speech", self.speech)):
+            if path and not is_zip(path):
+                raise RunError(REFERENCE_TOO.format(what=what))
+        limit = MAX_COMPARED - bool(self.reference)
+        if len(paths) > limit:
+            raise RunError(TOO_MANY_SHOWN.format(limit=limit, count=len(paths)))
+        return SetsRequest(
+            tuple(paths),
+            display_names([path.stem for path in paths]),
+            out,
+            Path(self.reference) if self.reference else None,
+            Path(self.speech) if self.speech else None,
         )
 
 
@@ -154,8 +196,8 @@ def display_names(stems: Sequence[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
-class OwnMotionRunner(TabRunner["Diagnosis"]):
-    """Measures motion files that a visitor brings."""
+class OwnMotionRunner(TabRunner[Any]):
+    """Measures motion files that a visitor brings, or zips of many."""
 
     tab = "own_motion"
 
@@ -168,9 +210,11 @@ class OwnMotionRunner(TabRunner["Diagnosis"]):
         parts: ResultParts,
         kept: KeptRuns,
         videos: VideosBehind,
+        sets: SetsDesk,
     ) -> None:
         super().__init__(jobs, parts.status)
         self._videos = videos
+        self._sets = sets
         self._kept = kept
         self._diagnose = diagnose
         self._config = config
@@ -178,13 +222,39 @@ class OwnMotionRunner(TabRunner["Diagnosis"]):
         self._parts = parts
 
     @contextmanager
-    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
+    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[Work[Any]]:
         form = form_of(OwnMotionForm, values)
-        asked = form.to_request(job.folder / "results", self._config)
+        out = job.folder / "results"
         self._videos.give_up(job.visitor)
+        if form.saved_run is not None:
+            opened = open_run(form.saved_run, job.folder / "opened")
+            yield self._opened(opened, job, cookie)
+            return
+        if form.has_sets:
+            asked = form.to_sets(out)
+            with self._sets.work(asked, job, cookie, self._desk, self._parts) as work:
+                yield work
+            return
+        request = form.to_request(out, self._config)
+        yield self._work(request, job, cookie, _title(request), has_videos=form.has_videos)
+
+    def _opened(self, opened: OpenedRun, job: Job, cookie: str) -> _Work:
+        """A saved run, under its own name and with its words; measured anew."""
+        told = opened.told
+        asked = asked_of(opened.motions, opened.speech, job.folder / "results", self._config)
+        asked = replace(asked, joint=told.joint)
+        work = self._work(asked, job, cookie, printable(told.title), has_videos=False)
+        for name, path in opened.plans.items():
+            work.showing.take(Artefact("plan", name, path))
+        return replace(work, opened=told)
+
+    def _work(
+        self, asked: DiagnoseRequest, job: Job, cookie: str, title: str, *, has_videos: bool
+    ) -> _Work:
         showing = _showing(asked, job, self._desk, cookie, self._config.weights)
-        showing.is_drawn = form.has_videos
-        yield _Work(
+        showing.is_drawn = has_videos
+        return _Work(
+            title=title,
             diagnose=self._diagnose,
             asked=asked,
             job=job,
@@ -193,7 +263,7 @@ class OwnMotionRunner(TabRunner["Diagnosis"]):
             showing=showing,
             parts=self._parts,
             kept=self._kept,
-            videos=self._videos if form.has_videos else None,
+            videos=self._videos if has_videos else None,
         )
 
     def blank(self) -> Updates:
@@ -213,12 +283,51 @@ class OwnMotionRunner(TabRunner["Diagnosis"]):
 
     def _without_results(self) -> Updates:
         return {
+            self._sets.parts.shown: shown(""),
             self._parts.player: NOTHING,
             self._parts.seen: shown(""),
             self._parts.figures: shown(""),
             self._parts.numbers: shown(""),
             self._parts.downloads_part: gr.update(visible=False),
         }
+
+
+class ClipRunner(OwnMotionRunner):
+    """Opens a clip of measured sets: a run like any other, under the sets that stay."""
+
+    @contextmanager
+    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[Work[Any]]:
+        clip = self._sets.clip_of(values[0] if values else None, cookie)
+        self._videos.give_up(job.visitor)
+        asked = asked_of(clip.motions, clip.sound, job.folder / "results", self._config)
+        title = f"{clip.name} of {', '.join(asked.names)}"
+        yield self._work(asked, job, cookie, title, has_videos=False)
+
+    def _without_results(self) -> Updates:
+        return {
+            part: update
+            for part, update in super()._without_results().items()
+            if part is not self._sets.parts.shown
+        }
+
+
+def asked_of(
+    files: Mapping[str, Path], speech: Path | None, out: Path, config: AppConfig
+) -> DiagnoseRequest:
+    """The measuring of motions that have names already, the reference among them."""
+    from app.run.diagnose import DiagnoseRequest
+
+    motions = {name: path for name, path in files.items() if name != REFERENCE_NAME}
+    return DiagnoseRequest(
+        motions=tuple(motions.values()),
+        out=out,
+        names=tuple(motions),
+        reference=files.get(REFERENCE_NAME),
+        speech=speech,
+        body=config.body,
+        is_played=True,
+        max_frames=MAX_FRAMES,
+    )
 
 
 def _showing(
@@ -237,6 +346,7 @@ def _showing(
 class _Work:
     """One run of the measuring."""
 
+    title: str
     diagnose: Diagnose
     asked: DiagnoseRequest
     job: Job
@@ -247,6 +357,8 @@ class _Work:
     kept: KeptRuns
     videos: VideosBehind | None
     """None where no videos are wanted."""
+    opened: SavedRun | None = None
+    """What is known of a run that was saved."""
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Diagnosis:
         on_progress = share_teller("numbers", on_event, should_cancel)
@@ -278,15 +390,19 @@ class _Work:
 
     def _ended(self, result: Diagnosis) -> EndedRun:
         self.figures.take_files(result.files)
-        self.showing.add_words(result.said)
+        if self.opened is None:
+            self.showing.add_words(result.said)
+        else:
+            self.showing.tell_words(self.opened.said)
         self.showing.findings = gravest_of(result.diagnostics.findings)
-        count = len(result.diagnostics.systems)
-        line = MEASURED.format(motions=f"{count} motion{'s' if count > 1 else ''}")
+        count, saved = len(result.diagnostics.systems), self.opened
+        motions = f"{count} motion{'s' if count > 1 else ''}"
+        line = MEASURED.format(motions=motions)
         return EndedRun(
-            title=_title(self.asked),
-            settings=settings_of_own(self.asked),
-            speech_sha256=sha256_of(self.asked.speech),
-            line=line,
+            title=self.title,
+            settings=settings_of_own(self.asked) if saved is None else saved.settings,
+            speech_sha256=sha256_of(self.asked.speech) if saved is None else saved.speech_sha256,
+            line=line if saved is None else OPENED.format(motions=motions),
             notes=result.notes,
             verdict="",
             diagnostics=result.diagnostics,

@@ -92,6 +92,8 @@ class Asked:
             point=_words(look["point"]),
             is_smoothed=told["isSmoothed"] is True,
             is_whole=look["isWhole"] is True,
+            tone=_words(look["tone"]),
+            has_lines=look["hasBones"] is True or look["hasAxes"] is True,
             camera=Orbit(yaw, pitch, zoom, right, up),
         )
         labels = tuple(printable(_words(body["label"]))[:MAX_LABEL] or "motion" for body in bodies)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import gradio as gr
@@ -16,10 +18,12 @@ from app.page.results.study_preview import PreviewDesk
 from app.page.serving.jobs import JobBook
 from app.page.serving.researcher_part import Handover
 from app.page.serving.visitors import VISITOR_ROUTE
-from app.page.tabs.study_form import PROTOCOLS, SEPARATOR, StudyForm
+from app.page.tabs.generate import fresh_copy
+from app.page.tabs.study_form import CHANGES, PROTOCOLS, QUESTIONS, SEPARATOR, StudyForm
 from app.page.tabs.study_run import Export, StudyParts, StudyRunner
 from app.page.tabs.upload_check import UploadCheck
 from app.run.request import VIEWS
+from model.systems.planned.config import PLANNED
 
 INTRODUCTION = (
     "Makes a blind study: a web page with videos under random names for your participants, and a "
@@ -46,7 +50,8 @@ def build_study_tab(
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
     with gr.Row(elem_classes="columns"):
         with gr.Column(scale=5, min_width=320):
-            materials = _build_materials(catalogue, check)
+            ready = _build_questions(catalogue)
+            materials, changed = _build_materials(catalogue, check)
         with gr.Column(scale=5, min_width=320):
             settings = _build_settings()
             with gr.Row(elem_classes="actions"):
@@ -55,7 +60,14 @@ def build_study_tab(
                 cancel = gr.Button(text.CANCEL, elem_id="study-cancel", min_width=110)
             with gr.Column(elem_classes="results"):
                 results = _build_results()
-    fields = [*materials, *settings]
+    fields = [*materials, *settings, changed]
+    _, protocol, speeches, systems, _ = materials
+    for button in ready:
+        button.click(
+            _Ready(button.value, catalogue, config.cache_folder / "examples").asked,
+            speeches, [protocol, speeches, systems, changed],
+            api_visibility="private", show_progress="hidden",
+        )  # fmt: skip
     runner = StudyRunner(export, config, jobs, handover, previews, results)
     optional = ("speeches", "motions")
     write.click(
@@ -80,8 +92,35 @@ def build_study_tab(
     page.unload(runner.cancel)
 
 
-def _build_materials(catalogue: Catalogue, check: UploadCheck) -> list[Any]:
-    """What is compared: the first fields of `StudyForm`."""
+@dataclass(frozen=True)
+class _Ready:
+    """A study that is ready to be made."""
+
+    question: str
+    catalogue: Catalogue
+    folder: Path
+    """Of copies of the examples."""
+
+    def asked(self, speeches: list[str] | None) -> tuple[Any, ...]:
+        """Protocol, speech, systems and changes; the examples where no speech is there yet."""
+        protocol, changed = QUESTIONS[self.question]
+        examples = [str(fresh_copy(each.path, self.folder)) for each in self.catalogue.examples]
+        return protocol, speeches or examples or None, [PLANNED], changed
+
+
+def _build_questions(catalogue: Catalogue) -> list[gr.Button]:
+    """Buttons that fill in a study of the gestures of the system that plans."""
+    if PLANNED not in catalogue.systems:
+        return []
+    gr.HTML(f'<p class="hint">{text.STUDY_READY}</p>')
+    with gr.Row(elem_id="study-ready"):
+        return [gr.Button(name, size="sm", min_width=110) for name in QUESTIONS]
+
+
+def _build_materials(
+    catalogue: Catalogue, check: UploadCheck
+) -> tuple[list[Any], gr.CheckboxGroup]:
+    """What is compared: the first fields of `StudyForm`, and its last."""
     title = gr.Textbox("How people move when they talk", label="Title (participants see it)")
     protocol = gr.Radio(list(PROTOCOLS), value=next(iter(PROTOCOLS)), label="Protocol")
     speeches = check.file(
@@ -98,6 +137,11 @@ def _build_materials(catalogue: Catalogue, check: UploadCheck) -> list[Any]:
         label="Systems",
         info=text.STUDY_SYSTEMS_HELP,
     )
+    changed = gr.CheckboxGroup(
+        list(CHANGES), value=[], label=text.STUDY_CHANGED,
+        info=text.STUDY_CHANGED_HELP, visible=PLANNED in catalogue.systems,
+        elem_id="study-changed",
+    )  # fmt: skip
     motions = check.file(
         "motion",
         f"Other motion, each file named <system>{SEPARATOR}<clip>.npz (optional)",
@@ -106,7 +150,7 @@ def _build_materials(catalogue: Catalogue, check: UploadCheck) -> list[Any]:
         height=150,
         file_count="multiple",
     )
-    return [title, protocol, speeches, systems, motions]
+    return [title, protocol, speeches, systems, motions], changed
 
 
 def _build_settings() -> list[Any]:

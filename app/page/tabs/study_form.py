@@ -12,6 +12,7 @@ from typing import Any
 
 from app.errors import RunError
 from app.page.parts.asked import form_of, whole_number
+from model.systems.planned.config import PLANNED
 
 SEPARATOR = "--"
 PROTOCOLS = {
@@ -20,6 +21,19 @@ PROTOCOLS = {
     "Rank all systems on three questions": "ranking",
     "Rate all systems with sliders": "rating",
 }
+CHANGES = {
+    "on wrong words": "{ wrong_words = true }",
+    "half as many": "{ times = { gestures_per_min = 0.5 } }",
+    "smaller": "{ times = { size_m = 0.6 } }",
+    "larger": "{ times = { size_m = 1.5 } }",
+}
+"""What can be done to the gestures of the system that plans, as a style of `model.plan.wish`."""
+QUESTIONS = {
+    "Do words matter?": ("Rank all systems on three questions", ["on wrong words"]),
+    "How many gestures?": ("Rate all systems with sliders", ["half as many"]),
+    "How large?": ("Rate all systems with sliders", ["smaller", "larger"]),
+}
+"""Studies ready to be made: a protocol, and changes beside the gestures as planned."""
 MAX_FILES = 60
 MAX_VIDEO_S = 1800.0
 """Of all videos of a study that the page makes."""
@@ -41,6 +55,8 @@ class StudyForm:
     views: list[str]
     post_to: str | None
     return_to: str | None = None
+    changed: list[str] | None = None
+    """Of `CHANGES`, each a system of its own."""
 
     @classmethod
     def of(cls, values: Sequence[Any]) -> StudyForm:
@@ -67,7 +83,11 @@ def plan_text(form: StudyForm) -> str:
         raise RunError("The length of the videos is missing: give it in seconds.")
     clips = [Path(path) for path in form.speeches]
     others = _by_system(form.motions or [])
-    count = len(clips) * (len(form.systems) + len(others)) * len(form.views)
+    changed = form.changed or []
+    unknown = next((name for name in changed if name not in CHANGES), None)
+    if unknown is not None:
+        raise RunError(f"There is no change {unknown!r}; there are {', '.join(CHANGES)}.")
+    count = len(clips) * (len(form.systems) + len(others) + len(changed)) * len(form.views)
     if count * form.length_s > MAX_VIDEO_S:
         raise RunError(
             f"This study has {count * form.length_s / 60:.0f} minutes of video; the page makes at "
@@ -89,6 +109,9 @@ def plan_text(form: StudyForm) -> str:
         lines += ["", "[[clips]]", f"name = {_text(clip.stem)}", f"speech = {_text(clip.name)}"]
     for system in form.systems:
         lines += ["", "[[systems]]", f"name = {_text(system)}"]
+    for name in changed:
+        lines += ["", "[[systems]]", f"name = {_text(f'{PLANNED} {name}')}"]
+        lines += [f"system = {_text(PLANNED)}", f"style = {CHANGES[name]}"]
     for system, motions in others.items():
         lines += ["", "[[systems]]", f"name = {_text(system)}", "[systems.motion]"]
         lines += [f"{_text(clip)} = {_text(path.name)}" for clip, path in motions.items()]

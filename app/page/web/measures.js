@@ -19,7 +19,8 @@ export function mountMeasures(element, props, watch) {
 
 /** Show the moment at which something is worst, in the player of the same tab. */
 function goTo(button, root) {
-  const player = root.closest("[role=tabpanel]")?.querySelector(".lockstep:not([hidden])");
+  const players = root.closest("[role=tabpanel]")?.querySelectorAll(".lockstep:not([hidden])") ?? [];
+  const player = [...players].find(({ lockstep }) => lockstep); // a live body has no time to go to
   if (!player) return;
   goToMoment(player.lockstep, Number(button.dataset.at));
   player.scrollIntoView({ block: "nearest", behavior: "smooth" });

@@ -215,8 +215,12 @@ export interface Facts {
     tips: Record<string, { joint: number; vertex: number }>;
   };
   faces: string[];
+  /** By the name of a tone the colour of each region of the body, linear, 0 to 1. */
+  tones: Record<string, Record<string, Vector>>;
+  /** Poses that live motion hardly leaves, at rest first: "Live frames", in base64. */
+  reaches: string;
   exaggeration: { cutoff: number; max_turn: number };
-  scales: { jerk: number; speed: number };
+  scales: { speed: number };
   points: Record<string, string>;
   usual_point: string;
 }

@@ -6,7 +6,7 @@ are whole. Started again, the same command goes on with what has none.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -70,13 +70,15 @@ def generate_many(
             "over many, and compare with recordings by `python -m app diagnose`."
         )
     speeches = find_speeches(request.speech)
-    request = replace(request, weights=request.weights.absolute())
+    plans = _plans(request.plan, speeches)
+    style = request.style and request.style.absolute()
+    request = replace(request, weights=request.weights.absolute(), style=style)
     folders = {clip: (request.out / clip).absolute() for clip in speeches}
     records = {clip: folder / RECORD for clip, folder in folders.items()}
     jobs = []
     for clip, speech in speeches.items():
         seed = clip_seed(request.seed, clip)
-        own = replace(request, speech=speech, out=folders[clip], seed=seed)
+        own = replace(request, speech=speech, out=folders[clip], seed=seed, plan=plans.get(clip))
         stamp = _stamp(own)
         done = partial(is_kept, records[clip], stamp)
         jobs.append(Job(clip, done, partial(_generate_clip, own, records[clip], stamp)))
@@ -141,10 +143,39 @@ def _listed(source: Path) -> list[Path]:
     return found
 
 
+def _plans(folder: Path | None, clips: Iterable[str]) -> dict[str, Path]:
+    """The plan of each clip: the file of its name.
+
+    Raises:
+        RunError: if it is no folder, or a clip has no plan.
+    """
+    from model.plan.files import ENDINGS as PLAN_ENDINGS
+
+    if folder is None:
+        return {}
+    if not folder.is_dir():
+        raise RunError(
+            f"{folder} is no folder; many pieces of speech take a folder of plans, each named as "
+            f"its speech ({', '.join(PLAN_ENDINGS)})."
+        )
+    known = {ending.lower() for ending in PLAN_ENDINGS}
+    found = {
+        path.stem: path.absolute()
+        for path in sorted(folder.iterdir())
+        if path.suffix.lower() in known
+    }
+    missing = [clip for clip in clips if clip not in found]
+    if missing:
+        raise RunError(f"{folder} lacks plans of {len(missing)} clips; the first is {missing[0]}.")
+    return found
+
+
 def _stamp(request: GenerateRequest) -> dict[str, Any]:
     """Of everything that decides what a run's files hold; not of where they lie."""
-    asked = asdict(replace(request, speech=Path(request.speech.name), out=Path(), weights=Path()))
-    files = {"speech": request.speech}
+    bare = replace(request, speech=Path(request.speech.name), out=Path(), weights=Path())
+    asked = asdict(replace(bare, plan=None, style=None))
+    read = {"speech": request.speech, "plan": request.plan, "style": request.style}
+    files = {name: path for name, path in read.items() if path is not None}
     files |= {path.name: path for path in sorted(request.weights.glob("*.safetensors"))}
     return stamp_of(files if request.body is None else files | {"body": request.body}, asked)
 

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.findings.measure_rows import MEASURES
+from app.findings.measure_rows import MEASURES, written
+from app.run.many.distances import distance_rows
 from app.run.request import REFERENCE_NAME
 from model.storage.harmless import csv_text, markdown, tex
 
@@ -28,6 +30,7 @@ Cells = dict[str, list[str]]
 """By measure, what is told of each system."""
 OfSystems = dict[str, list[tuple[str, dict[str, Any]]]]
 """By system, each clip and what `numbers_of` gave of it."""
+Row = tuple[Any, ...]
 HEADER = (
     *("measure", "unit", "system", "clips", "mean", "low", "high"),
     *("difference_to", "difference", "difference_low", "difference_high"),
@@ -55,14 +58,21 @@ def interval(values: Sequence[float]) -> tuple[float, float, float]:
 
 
 def write_tables(
-    out: Path, systems: list[str], clips: list[str], numbers: list[dict[str, Any]]
+    out: Path,
+    systems: list[str],
+    clips: list[str],
+    numbers: list[dict[str, Any]],
+    origin: Mapping[str, Any] | None = None,
+    more: Iterable[Row] = (),
 ) -> tuple[Path, ...]:
     """Write ``many.csv``, ``many.json``, ``clips.csv``, ``sheet.md`` and ``table.tex``.
 
     Args:
         numbers: of each clip, as `numbers_of` in ``systems`` by name.
+        origin: where they come from, as `app.run.many.origin.origin_of` tells it.
+        more: rows of measures that are taken of whole sets.
     """
-    rows = list(_rows(systems, numbers))
+    rows = [*_rows(systems, numbers), *distance_rows(systems, numbers), *more]
     table, sheet, content = out / "many.csv", out / "sheet.md", out / "many.json"
     by_clip, paper = out / "clips.csv", out / "table.tex"
     table.write_text(csv_text([HEADER, *rows]), "utf-8", newline="")
@@ -72,15 +82,22 @@ def write_tables(
     }
     named = [dict(zip(HEADER, row, strict=True)) for row in rows]
     findings = {name: dict(found.most_common()) for name, found in kinds.items()}
-    told = {"clips": clips, "measures": named, "clips_with_finding": findings}
-    content.write_text(json.dumps(told, indent=1, allow_nan=False) + "\n")
     of_systems = {
         name: [(clip, each["systems"][name]) for clip, each in zip(clips, numbers, strict=True)]
         for name in systems
     }
+    worst = worst_clips(of_systems)
+    told = {
+        "clips": clips,
+        "measures": named,
+        "clips_with_finding": findings,
+        "worst": [asdict(each) for each in worst],
+    }
+    told |= {"provenance": dict(origin)} if origin is not None else {}
+    content.write_text(json.dumps(told, indent=1, allow_nan=False) + "\n")
     by_clip.write_text(csv_text(_clip_rows(of_systems)), "utf-8", newline="")
-    means = _cells(systems, named)
-    texts = [*_sheet(systems, len(clips), means, findings), *_worst_clips(of_systems)]
+    means = cells_of(systems, named)
+    texts = [*_sheet(systems, len(clips), means, findings), *_worst_lines(worst)]
     sheet.write_text("\n".join(texts) + "\n", "utf-8")
     paper.write_text(_latex(systems, len(clips), means), "utf-8")
     return table, content, by_clip, sheet, paper
@@ -95,23 +112,44 @@ def _clip_rows(of_systems: OfSystems) -> Iterator[tuple[Any, ...]]:
             yield (clip, name, "; ".join(dict.fromkeys(told["findings"])), *told["values"])
 
 
-def _worst_clips(of_systems: OfSystems) -> list[str]:
+@dataclass(frozen=True)
+class WorstClip:
+    """A clip of a system in which something stands out."""
+
+    system: str
+    clip: str
+    kinds: list[str]
+    """Of findings."""
+    jerk: float
+    """Mean of the followed point's, m/s^3."""
+
+
+def worst_clips(of_systems: OfSystems) -> list[WorstClip]:
     """Those with most kinds of findings; of equal ones, the jerkiest first."""
     (jerk,) = (i for i, row in enumerate(MEASURES) if (row.group, row.title) == JERK)
-    lines: list[str] = []
+    found: list[WorstClip] = []
     for name, clips in of_systems.items():
         if name == REFERENCE_NAME:
             continue
-        kinds = {clip: list(dict.fromkeys(told["findings"])) for clip, told in clips}
-        jerks = {clip: told["values"][jerk] or 0.0 for clip, told in clips}
-        worst = sorted(kinds, key=lambda clip: (-len(kinds[clip]), -jerks[clip]))[:NUM_WORST]
-        for clip in filter(kinds.__getitem__, worst):
-            cells = name, clip, ", ".join(kinds[clip]), f"{jerks[clip]:.3g}"
-            lines.append("| " + " | ".join(map(markdown, cells)) + " |")
-    if not lines:
+        faulty = [
+            WorstClip(name, clip, kinds, told["values"][jerk] or 0.0)
+            for clip, told in clips
+            if (kinds := list(dict.fromkeys(told["findings"])))
+        ]
+        found += sorted(faulty, key=lambda each: (-len(each.kinds), -each.jerk))[:NUM_WORST]
+    return found
+
+
+def _worst_lines(worst: list[WorstClip]) -> list[str]:
+    if not worst:
         return []
+    lines = [
+        "| " + " | ".join(map(markdown, cells)) + " |"
+        for each in worst
+        for cells in [(each.system, each.clip, ", ".join(each.kinds), written(each.jerk))]
+    ]
     title = f"Clips with most findings, at most {NUM_WORST} of each; of equal ones, the jerkiest"
-    unit = MEASURES[jerk].unit
+    (unit,) = (row.unit for row in MEASURES if (row.group, row.title) == JERK)
     head = f"| system | clip | findings | jerk ({unit}) |", "|---|---|---|---|"
     return ["", f"{title} first. All are in `clips.csv`.", "", *head, *lines]
 
@@ -153,7 +191,7 @@ def _rows(systems: list[str], numbers: list[dict[str, Any]]) -> Iterator[tuple[A
                     yield (title, measure.unit, name, len(pairs), "", "", "", *difference)
 
 
-def _cells(systems: list[str], rows: list[dict[str, Any]]) -> Cells:
+def cells_of(systems: list[str], rows: list[dict[str, Any]]) -> Cells:
     """Means with their intervals, a star where the paired difference to the last is not chance."""
     told: Cells = {}
     for title in dict.fromkeys(row["measure"] for row in rows):
@@ -170,7 +208,8 @@ def _cell(rows: list[dict[str, Any]], name: str, last: str) -> str:
     if mean is None:
         return "n/a"
     star = apart and (apart["difference_low"] > 0 or apart["difference_high"] < 0)
-    return f"{mean['mean']:.3g} [{mean['low']:.3g}, {mean['high']:.3g}]{'*' if star else ''}"
+    told, low, high = (written(mean[key]) for key in ("mean", "low", "high"))
+    return f"{told} [{low}, {high}]{'*' if star else ''}"
 
 
 def _sheet(

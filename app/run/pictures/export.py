@@ -17,12 +17,15 @@ if TYPE_CHECKING:
     import numpy as np
 
     from model.motion.motion import Motion
+    from model.plan.plan import GesturePlan
     from renderer.body.body import Body, BodyMotion
     from renderer.video.render import RenderSettings
 
 Background = Literal["studio", "transparent"]
 BACKGROUNDS: tuple[Background, ...] = get_args(Background)
 MAX_STILLS = 64
+MARKERS_ENDING = ".markers.csv"
+"""Of the table beside a BVH file."""
 SHEET_POSES = 8
 """Poses on a sheet where nothing else is asked for."""
 ENDINGS = (".mp4", ".png", ".glb", ".bvh", ".blender.npz")
@@ -55,6 +58,9 @@ class RenderRequest:
     sheet_every: int | None = None
     """A contact sheet of each so-many-th frame."""
     background: Background = "studio"
+    plan: Path | None = None
+    """Whose events files for 3D software carry as markers; None takes the ``.plan.json`` that a
+    run has left beside the motion, if there is one."""
 
     @property
     def ending(self) -> str:
@@ -166,18 +172,39 @@ def render_settings(
 
 
 def _export(request: RenderRequest, body: Body, motion: BodyMotion) -> tuple[Path, ...]:
+    from model.plan.markers import markers_csv, markers_of
+    from model.storage.files import written_atomically
     from renderer.files.blender import write_blender
     from renderer.files.bvh import write_bvh
     from renderer.files.glb import write_glb
 
+    plan = _plan(request)
+    markers = [] if plan is None else [(one.time_s, one.name) for one in markers_of(plan)]
     match request.ending:
         case ".glb":
-            write_glb(body, motion, request.out)
+            write_glb(body, motion, request.out, markers=markers)
         case ".bvh":
             write_bvh(body, motion, request.out)
+            if plan is not None:  # the format has no place for them
+                beside = request.out.with_suffix(MARKERS_ENDING)
+                with written_atomically(beside) as part:
+                    part.write_text(markers_csv(plan), encoding="utf-8")
+                return (request.out, beside)
         case _:
-            write_blender(motion, request.out)
+            write_blender(motion, request.out, markers)
     return (request.out,)
+
+
+def _plan(request: RenderRequest) -> GesturePlan | None:
+    """
+    Raises:
+        PlanError: if the plan that is named cannot be used.
+    """
+    from model.plan.files import read_plan_file
+
+    beside = request.motion.with_suffix(".plan.json")
+    path = request.plan or (beside if beside.is_file() else None)
+    return None if path is None else read_plan_file(path).plan
 
 
 def _draw(

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from renderer.video.settings import RenderSettings
 
 NAME = "stage.mp4"
+NO_LINES = "Skeletons and axes of joints are of the stage alone, and not in the video."
+LOOK = "average-{tone}"
 MAX_ENLARGED = 1.5
 """Pixels of a video for one of the page, at most."""
 _DRAWN = 0.9
@@ -102,6 +104,8 @@ def draw_seen(request: SeenRequest, on_event: OnEvent, should_cancel: ShouldCanc
     on_share(0.0)
     motions = [in_register(load_motion(each.motion)) for each in request.bodies]
     longest, notes = _longest(motions, seen)
+    if seen.has_lines:
+        notes = (*notes, NO_LINES)
     motions = [motion.part(slice(longest)) for motion in motions]
     body = get_body(request.body)
     tip = choose_tip_source(body, request.body, seen.point)
@@ -120,7 +124,10 @@ def draw_seen(request: SeenRequest, on_event: OnEvent, should_cancel: ShouldCanc
             stage = stage.following(body, body_motion(each.raw))
             if is_pair:
                 stage = _along(stage, body, drawn[0].raw, each.raw.num_frames)
-            jobs[str(number)] = _job(each, parts / f"{number}.mp4", settings, stage, request.body)
+            job = _job(each, parts / f"{number}.mp4", settings, stage, request.body)
+            if request.body is None:
+                job = replace(job, look=LOOK.format(tone=seen.tone))
+            jobs[str(number)] = job
         draw_videos(
             jobs,
             on_progress=lambda share: on_share(_DRAWN * share),

@@ -7,14 +7,18 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from app.errors import RunError
 from app.run.request import POST_FILTERS, VIEWS, PostFilter, View
 from app.study.design.fields import FieldError, Fields, is_number
 from app.study.design.key import MAX_SYSTEMS, PROTOCOLS
+from model.systems.planned.config import PLANNED
 from model.systems.registry import families
+
+if TYPE_CHECKING:
+    from model.plan.wish import StyleWish
 
 FORMAT = 1
 MAX_PLAN_BYTES = 1 << 20
@@ -52,6 +56,8 @@ class Generator:
     sampler: str = "euler"
     """One of the system's own."""
     post_filter: PostFilter = "none"
+    style: StyleWish | None = None
+    """What is done to the plan that the system performs; None leaves it."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +67,8 @@ class PlannedSystem:
     name: str
     motions: Mapping[str, Path] | None = None
     generator: Generator | None = None
+    plans: Mapping[str, Path] | None = None
+    """By clip what the system performs; None lets it draw plans from the speech."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +112,10 @@ _PLAN_KEYS = {
     *("reasons", "consent", "post_to", "return_to", "hosted_at"),
 }
 _CLIP_KEYS = {"name", "speech", "start_s"}
-_SYSTEM_KEYS = {"name", "motion", "system", "seed", "speaker", "steps", "sampler", "post_filter"}
+_SYSTEM_KEYS = {
+    *("name", "motion", "system", "seed", "speaker", "steps", "sampler", "post_filter"),
+    *("plan", "style"),
+}
 
 
 def read_plan(path: Path) -> Plan:
@@ -179,7 +190,8 @@ def check_plan(plan: Plan) -> None:
         )
     for index, system in enumerate(plan.systems):
         for other in plan.systems[:index]:
-            if system.generator is not None and system.generator == other.generator:
+            is_same = (system.generator, system.plans) == (other.generator, other.plans)
+            if system.generator is not None and is_same:
                 raise RunError(
                     f"The systems {other.name!r} and {system.name!r} are the same: "
                     "give one another seed or setting."
@@ -242,12 +254,16 @@ def _system_of(item: Fields, folder: Path, clips: list[str]) -> PlannedSystem:
         extra = sorted(set(item.names()) - {"name", "motion"})
         if extra:
             raise FieldError(f"the system {name!r} has `motion`, so it cannot have `{extra[0]}`")
-        return PlannedSystem(name, motions=_motions_of(item, name, folder, clips))
+        return PlannedSystem(name, motions=_files_of(item, "motion", name, folder, clips))
     system = item.text_or_none("system") or name
     samplers = _samplers_of(system)
     sampler = _choice(item, "sampler", tuple(samplers), next(iter(samplers)))
+    asked = [key for key in ("plan", "style") if item.raw(key) is not None]
+    if asked and system != PLANNED:
+        raise FieldError(f"the system {name!r} performs no plans, so it cannot have `{asked[0]}`")
     return PlannedSystem(
         name,
+        plans=_files_of(item, "plan", name, folder, clips) if "plan" in asked else None,
         generator=Generator(
             system=system,
             seed=_whole(item, "seed", 0, 2**31 - 1, 0),
@@ -255,8 +271,25 @@ def _system_of(item: Fields, folder: Path, clips: list[str]) -> PlannedSystem:
             steps=_whole(item, "steps", 1, 1000, samplers[sampler]),
             sampler=sampler,
             post_filter=_choice(item, "post_filter", POST_FILTERS, "none"),
+            style=_style_of(item, name, folder) if "style" in asked else None,
         ),
     )
+
+
+def _style_of(item: Fields, name: str, folder: Path) -> StyleWish:
+    """A style file, or its tables in place."""
+    from model.plan.plan import PlanError
+    from model.plan.wish import read_wish, wish_of  # bring torch: only once they are needed
+
+    style = item.raw("style")
+    try:
+        if isinstance(style, Mapping):
+            return wish_of(style)
+        return read_wish(folder / item.text("style"))
+    except PlanError as error:
+        raise FieldError(
+            f"the style of {name!r} cannot be used: {str(error).rstrip('.')}"
+        ) from None
 
 
 def _samplers_of(system: str) -> dict[str, int]:
@@ -268,20 +301,22 @@ def _samplers_of(system: str) -> dict[str, int]:
     raise FieldError(f"there is no system {system!r}; the systems are {known}")
 
 
-def _motions_of(item: Fields, name: str, folder: Path, clips: list[str]) -> dict[str, Path]:
+def _files_of(
+    item: Fields, what: str, name: str, folder: Path, clips: list[str]
+) -> dict[str, Path]:
     """A pattern with {clip}, or a table of one path for each clip."""
-    motion = item.raw("motion")
-    if isinstance(motion, str):
-        if "{clip}" not in motion:
-            raise FieldError(f"the motion of {name!r} must hold {{clip}}, or be a table by clip")
-        return {clip: folder / motion.replace("{clip}", clip) for clip in clips}
-    table = item.inner("motion")
+    value = item.raw(what)
+    if isinstance(value, str):
+        if "{clip}" not in value:
+            raise FieldError(f"the {what} of {name!r} must hold {{clip}}, or be a table by clip")
+        return {clip: folder / value.replace("{clip}", clip) for clip in clips}
+    table = item.inner(what)
     missing = [clip for clip in clips if clip not in table.names()]
     if missing:
-        raise FieldError(f"the system {name!r} has no motion for the clip {missing[0]!r}")
+        raise FieldError(f"the system {name!r} has no {what} for the clip {missing[0]!r}")
     unknown = [clip for clip in table.names() if clip not in clips]
     if unknown:
-        raise FieldError(f"the system {name!r} has a motion for {unknown[0]!r}, which is no clip")
+        raise FieldError(f"the system {name!r} has a {what} for {unknown[0]!r}, which is no clip")
     return {clip: folder / table.text(clip) for clip in clips}
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +18,7 @@ from model.motion.timing import FPS, SAMPLE_RATE
 
 if TYPE_CHECKING:
     from model.motion.motion import Motion
+    from model.plan.plan import GesturePlan
     from model.speech.audio import Speech
     from renderer.body.body import Body, BodyMotion
 
@@ -37,6 +38,8 @@ class Source:
     """sha256 of each file it comes from, by ``speech`` or the system's name."""
     recorded: Mapping[str, Motion]
     """The excerpts of motion files, by system."""
+    plans: Mapping[str, GesturePlan] = field(default_factory=dict)
+    """What systems are given to perform, by system."""
 
 
 def read_sources(plan: Plan) -> tuple[Source, ...]:
@@ -68,19 +71,26 @@ def read_source(plan: Plan, clip: Clip) -> Source:
     for system in plan.systems:
         if system.motions is not None:
             motions[system.name], files[system.name] = _read_motion(system, clip)
-    _refuse_same_files(clip, files)
+    _refuse_same_files(clip, {name: files[name] for name in motions})
     start = round(clip.start_s * FPS)
     lengths = {f"the motion of {name!r}": m.num_frames - start for name, m in motions.items()}
     if speech is not None:
         lengths["the speech"] = round(FPS * (speech.duration_s - clip.start_s))
     num_frames = _common_length(plan, clip, lengths)
     frames = slice(start, start + num_frames)
+    plans = {}
+    for system in plan.systems:
+        if system.plans is not None:
+            path = system.plans[clip.name]
+            plans[system.name] = _read_plan(system, clip, path, num_frames / FPS)
+            files[f"plan of {system.name}"] = sha256(path)
     return Source(
         clip=clip,
         num_frames=num_frames,
         speech=None if speech is None else _excerpt(speech, clip.start_s, num_frames),
         files=files,
         recorded={name: motion.part(frames) for name, motion in motions.items()},
+        plans=plans,
     )
 
 
@@ -105,10 +115,25 @@ def _read_motion(system: PlannedSystem, clip: Clip) -> tuple[Motion, str]:
     return load_motion(path), sha256(path)
 
 
-def _refuse_same_files(clip: Clip, files: Mapping[str, str]) -> None:
+def _read_plan(system: PlannedSystem, clip: Clip, path: Path, duration_s: float) -> GesturePlan:
+    from app.run.takes.apply import as_long_as
+    from model.plan.files import read_plan_file
+    from model.plan.plan import PlanError
+
+    if not path.is_file():
+        raise RunError(
+            f"The plan of {system.name!r} for clip {clip.name!r} is missing: there is no {path}."
+        )
+    try:
+        return as_long_as(read_plan_file(path).plan, duration_s)
+    except PlanError as error:
+        raise RunError(f"The plan of {system.name!r} for clip {clip.name!r}: {error}") from None
+
+
+def _refuse_same_files(clip: Clip, motions: Mapping[str, str]) -> None:
     seen: dict[str, str] = {}
-    for name, digest in files.items():
-        if name != "speech" and digest in seen:
+    for name, digest in motions.items():
+        if digest in seen:
             raise RunError(
                 f"The systems {seen[digest]!r} and {name!r} have the same motion file for clip "
                 f"{clip.name!r}; a comparison needs different ones."
@@ -168,7 +193,10 @@ def shown_motions(
         if system.generator is None:
             motions[system.name] = source.recorded[system.name]
         else:
-            motions[system.name] = _generate(system.generator, source, weights, should_cancel)
+            given = source.plans.get(system.name)
+            motions[system.name] = _generate(
+                system.generator, given, source, weights, should_cancel
+            )
     _refuse_same_motions(source.clip, motions)
     bases = sorted({motion.expression_basis for motion in motions.values()})
     if plan.face == "moving" and len(bases) > 1:
@@ -181,12 +209,21 @@ def shown_motions(
 
 
 def _generate(
-    generator: Generator, source: Source, weights: Path, should_cancel: Callable[[], bool]
+    generator: Generator,
+    given: GesturePlan | None,
+    source: Source,
+    weights: Path,
+    should_cancel: Callable[[], bool],
 ) -> Motion:
     """From the excerpt alone: the system hears what the participants hear. No two clips share
-    noise, or participants would see the same gestures again and again."""
+    noise, or participants would see the same gestures again and again; conditions of one system and
+    seed share it, and the plan that a style changes.
+
+    Args:
+        given: what is performed; None draws it from the speech.
+    """
     from model.generation.clip_noise import clip_seed
-    from model.generation.windows import Cancelled, GenerateOptions, generate_motion
+    from model.generation.windows import Cancelled, GenerateOptions, draw_plans, generate_motion
     from model.measures.diagnostics import smooth_motion
 
     assert source.speech is not None
@@ -197,6 +234,11 @@ def _generate(
         steps=generator.steps,
         sampler=generator.sampler,
     )
+    if given is not None:
+        options = replace(options, plans=(given,))
+    if generator.style is not None:
+        plans = options.plans or draw_plans(system, source.speech, options)
+        options = replace(options, plans=tuple(generator.style.done(p).plan for p in plans))
     try:
         (motion,) = generate_motion(system, source.speech, options, should_cancel=should_cancel)
     except Cancelled as error:

@@ -98,6 +98,7 @@ def _provenance(plan: Plan, sources: Sequence[Source], options: ExportOptions) -
             system.name: {
                 "generator": asdict(system.generator) if system.generator else None,
                 "motions": _file_names(system.motions),
+                "plans": _file_names(system.plans),
             }
             for system in plan.systems
         },

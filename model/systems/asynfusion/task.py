@@ -54,9 +54,9 @@ def make_task(config: AsynFusionConfig, data: PreparedData, workshop: Workshop) 
     else:
         streams = fit_streams(shape, data, targets)
     network = make_network(config, streams, consistent=teacher is not None)
-    if given is not None:
-        given.load_into(network)
-    elif teacher is not None:
+    if given is not None or teacher is None:
+        workshop.put_weights_into(network, given)
+    else:
         network.load_state_dict(teacher.state_dict())
     face, body = streams
     normalisers = face.normaliser.to(device), body.normaliser.to(device)

@@ -46,8 +46,7 @@ def make_task(config: FaceTrainConfig, data: PreparedData, workshop: Workshop) -
         statistics, prior = given.normaliser, given.prior(shape.seed_frames)
     normaliser = statistics.to(workshop.shard.device)
     network = FaceNetwork(shape, prior)
-    if given is not None:
-        given.load_known_into(network)
+    workshop.put_weights_into(network, given, may_lack=True)
     plans = prepare_plans(data, shape.num_speakers) if config.plan_dropout < 1 else None
     return DescentTask(
         config, network, expression_step(config, normaliser, plans), normaliser,

@@ -39,6 +39,14 @@ class GeneratorConfig(BranchConfig):
     cepstra: int = 0
     """Hear so many cepstral coefficients (MFCC) of the log-mels instead of them; 0 for none."""
 
+    def __post_init__(self) -> None:
+        if self.cepstra and self.codes:
+            raise ValueError(
+                f"cepstra is {self.cepstra} and codes {self.codes}; codes are of log-mels, which "
+                "cepstra replace: one of the two must be 0."
+            )
+        super().__post_init__()
+
     @property
     def heard_dim(self) -> int:
         """Speech features of each frame that the networks see."""

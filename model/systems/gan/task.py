@@ -55,8 +55,7 @@ def make_task(config: GanConfig, data: PreparedData, workshop: Workshop) -> "Gan
         normaliser, prior = given.normaliser, given.prior(shape.seed_frames)
     generator = Generator(shape, prior, normaliser)
     discriminator = Discriminator(config.discriminator, shape)
-    if given is not None:
-        given.load_into(generator)
+    workshop.put_weights_into(generator, given)
     compiles = workshop.may_compile and can_compile()
     return GanTask(config, generator, discriminator, normaliser, targets, workshop.shard, compiles)
 
@@ -278,7 +277,7 @@ class GanTask:
     def _descend(self, network: nn.Module, loss: Float[Tensor, ""]) -> Float[Tensor, ""]:
         """Put the loss's gradient for this network alone in place, averaged over all processes and
         clipped; its length before that."""
-        parameters = list(network.parameters())
+        parameters = [each for each in network.parameters() if each.requires_grad]
         gradients = torch.autograd.grad(loss, parameters)
         for parameter, gradient in zip(parameters, self._averaged(gradients), strict=True):
             parameter.grad = gradient

@@ -182,7 +182,7 @@ def _small(config: GlobalDiffConfig) -> GlobalDiffConfig:
 
 
 def _best(config: GlobalDiffConfig) -> GlobalDiffConfig:
-    """Everything that was found to help; see the model card."""
+    """Everything that was found to help; see docs/experiments/priorflow.md."""
     return replace(
         config,
         network=replace(

@@ -73,8 +73,7 @@ def make_task(config: GlobalDiffConfig, data: PreparedData, workshop: Workshop) 
         network.start_at(mean_vector(known, targets))
     normaliser = known.to(device)
     compiles = workshop.may_compile and can_compile()
-    if given is not None:
-        given.load_into(network)
+    workshop.put_weights_into(network, given)
     return DescentTask(
         config, network, motion_step(config, normaliser, targets, encoder, compiles), normaliser,
         shape.window_frames, shape.speech_context, workshop.shard, compiles, statistics,

@@ -18,5 +18,4 @@ FAMILY = Family(
     package="model.systems.planned",
     helpers=(PLANNER,),
     guidance={PLANNED: 2.5},
-    whole_speech=(PLANNED,),
 )

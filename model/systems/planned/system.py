@@ -27,6 +27,7 @@ from model.systems.face.face import load_face
 from model.systems.face.shown import shared_windowing
 from model.systems.globaldiff.system import GlobalDiffSystem
 from model.systems.planned import FAMILY
+from model.systems.planned.causal import CausalPlanner
 from model.systems.planned.config import PLANNER, PlannedNetworkConfig
 from model.systems.planned.network import PlannedNetwork
 from model.systems.planned.planner import Planner, load_planner
@@ -70,6 +71,12 @@ class PlannedSystem(GlobalDiffSystem):
         key = [draw.seed, draw.first_sample]
         return self.planner.plan(features, draw.speaker, draw.words, key, draw.guidance)
 
+    def plan_stream(self, draw: Draw) -> CausalPlanner:
+        """See `System.plan_stream`."""
+        return CausalPlanner(
+            self.planner, draw.speaker, [draw.seed, draw.first_sample], draw.guidance
+        )
+
     def hear(
         self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw
     ) -> Float[Tensor, "T heard_dim"]:
@@ -83,7 +90,8 @@ class PlannedSystem(GlobalDiffSystem):
         """See `GlobalDiffSystem.noise`."""
         assert draw.plan is not None
         noise = super().noise(draw)
-        first = draw.index * self.windowing.advance
+        whole = draw.index * self.windowing.advance
+        first = whole if draw.first_frame is None else draw.first_frame
         rest = torch.from_numpy(at_rest(draw.plan, range(first, first + noise.shape[1]))).float()
         share = (NOISE_SHARE + (REST_NOISE_SHARE - NOISE_SHARE) * rest)[:, None]
         return share * noise + (TRUNK_NOISE_SHARE - share) * self._of_trunk(noise)

@@ -114,8 +114,7 @@ def _motion_task(config: PlannedConfig, data: PreparedData, workshop: Workshop) 
     else:
         known, prior = given.normaliser, given.prior(shape.seed_frames)
     network = PlannedNetwork(shape, prior)
-    if given is not None:  # which may know of no plans
-        given.load_known_into(network)
+    workshop.put_weights_into(network, given, may_lack=True)  # they may know of no plans
     normaliser = known.to(workshop.shard.device)
 
     def told(batch: Batch, draws: Draws, shard: Shard) -> dict[str, Tensor]:

@@ -1,3 +1,4 @@
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from app.run.pieces import HEADER
 from model.generation.family import UnknownNameError
 from model.generation.live import LiveMotion
 from model.generation.windows import GenerateOptions
+from model.plan.manner import Manner
+from model.plan.plan import PHASES
 from model.speech.causal import CausalMel
 from model.systems.registry import load_system
 from tests.model.made import made_waveform
@@ -191,7 +194,34 @@ def test_an_unknown_speaker_is_told(weights: Path, told: list[bytes | str]) -> N
         LiveSession(system, LiveAsk(ASK.system, "eve"), "", told.append)
 
 
-def test_a_system_that_plans_is_refused_with_a_sentence(tmp_path: Path) -> None:
+def test_a_system_that_plans_tells_its_plan_and_takes_its_sliders(
+    tmp_path: Path, clock: Clock
+) -> None:
+    told: list[bytes | str | dict] = []
     system = load_system("workbench/planned", make_planned_weights(tmp_path))
-    with pytest.raises(RunError, match="plans all of the speech first; choose another system"):
-        check_live(system)
+    check_live(system)
+    ask = LiveAsk("workbench/planned", "ann", seed=2)
+    session = LiveSession(system, ask, "", told.append, clock)
+    speak(session, clock, 1.3, 6400)
+    plans = [message["plan"] for message in told if isinstance(message, dict)]
+    frames = [message for message in told if isinstance(message, bytes)]
+    assert len(plans) == len(frames) >= 2
+    starts = [HEADER.unpack_from(message)[0] for message in frames]
+    assert [plan["from"] for plan in plans] == [round(start / 30, 3) for start in starts]
+    for plan in plans:
+        for hand in (plan["left"], plan["right"]):
+            assert hand[0][0] <= plan["from"] < hand[0][1] and hand[-1][1] > plan["from"] + 2
+            assert all(one[1] == pytest.approx(other[0]) for one, other in pairwise(hand))
+            assert {phase for _, _, phase, _ in hand} <= set(PHASES)
+        assert all(at >= plan["from"] for at in plan["nods"])
+    session.lead({"manner": {"large": 2.0, "smile": 0}})
+    speak(session, clock, 0.6, 6400)
+    assert session._live._plans.manner == Manner(large=2.0, smile=0.0)
+    for wrong in (None, {"manner": {"large": 99}}, {"manner": {"more": 1}}, {"manner": None}, []):
+        with pytest.raises(RunError):
+            session.lead(wrong)
+
+
+def test_sliders_of_a_system_without_plans_are_refused(session: LiveSession) -> None:
+    with pytest.raises(RunError, match="performs no plans, so its sliders do nothing"):
+        session.lead({"manner": {}})

@@ -38,7 +38,7 @@ WITHOUT_VIDEO = {
 @pytest.mark.gl
 def test_a_whole_run_leaves_every_file_with_exactly_the_frames_of_the_speech(ask: Ask) -> None:
     reference = smooth_motion_example(50)
-    request = ask(has_video=True, size=256, views=("front", "side"))
+    request = ask(has_video=True, has_figures=True, size=256, views=("front", "side"))
     path = request.speech.with_name("reference.npz")
     save_motion(reference, path)
     events = []
@@ -78,7 +78,7 @@ def test_a_run_without_video_needs_no_gl_and_records_what_made_it(
 ) -> None:
     monkeypatch.setattr(probe, "probe_backend", lambda name: probe._broken(name, "gone"))
     probe.choose_backend.cache_clear()
-    request = ask(seed=5, post_filter="savgol")
+    request = ask(seed=5, post_filter="savgol", has_figures=True)
     result = generate_all(request)
     assert names_in(request.out) == WITHOUT_VIDEO
     record = json.loads((request.out / "provenance.json").read_text())
@@ -138,7 +138,8 @@ def test_each_system_takes_the_steps_it_was_given_and_the_record_says_so(ask: As
 
 
 def test_joint_and_start_reach_numbers_and_figures(ask: Ask) -> None:
-    run = generate_all(ask(systems=("globaldiff/global",), joint="left_elbow", start_frame=30))
+    asked = {"systems": ("globaldiff/global",), "has_figures": True}
+    run = generate_all(ask(joint="left_elbow", start_frame=30, **asked))
     assert run.diagnostics.point == "left_elbow"
     with Image.open(run.out / "figure6.png") as picture:
         caption = picture.info["Description"]
@@ -322,9 +323,9 @@ def test_a_live_take_is_kept_as_it_was_seen_and_said_to_be_live(ask: Ask, tmp_pa
 
 @pytest.mark.gl
 def test_figure_6_has_poses_where_no_video_is_drawn(ask: Callable[..., GenerateRequest]) -> None:
-    bare = generate_all(ask())
+    bare = generate_all(ask(has_figures=True))
     told: list[Artefact] = []
-    request = ask(out=bare.out.with_name("with poses"), has_poses=True)
+    request = ask(out=bare.out.with_name("posed"), has_poses=True, has_figures=True)
     result = generate_all(request, lambda e: told.append(e) if isinstance(e, Artefact) else None)
     assert [path.name for path in result.files] == [path.name for path in bare.files]
     assert not any(each.kind in ("video", "poster", "comparison") for each in told)

@@ -13,8 +13,9 @@ from app.run.pipeline import generate_all
 from app.run.planning import PlanRequest, make_plan
 from app.run.request import GenerateRequest
 from model.motion.motion import load_motion, save_motion
+from model.plan.editing import added, gestures
 from model.plan.files import read_plan_file
-from model.plan.plan import PlanError, read_plan
+from model.plan.plan import SIDES, Blink, GesturePlan, Nod, PlanError, read_plan
 from model.speech.audio import write_wav
 from model.systems.planned.config import PLANNED
 from tests.model.made import TINY_SYSTEMS, made_waveform, make_weights
@@ -72,9 +73,9 @@ def test_an_annotators_plan_is_performed_and_what_was_made_of_it_is_told(
 ) -> None:
     empty = tmp_path / "plan.eaf"
     asked = PlanRequest(request_.speech, empty, tmp_path / "no weights", is_empty=True)
-    assert make_plan(asked).duration_s == 4.0
+    assert make_plan(asked).plan.duration_s == 4.0
     assert 'RELATIVE_MEDIA_URL="./speech.wav"' in empty.read_text()
-    assert read_plan_file(empty).plan == make_plan(asked)
+    assert read_plan_file(empty).plan == make_plan(asked).plan
     grid_ = tmp_path / "plan.TextGrid"
     grid_.write_text(grid(interval_tier("RH phase", (0, 1, "prep"), (1, 1.5, "stroke"))))
     given = generate_all(replace(request_, plan=grid_))
@@ -90,8 +91,73 @@ def test_words_of_a_transcript_reach_the_plan(request_: GenerateRequest, tmp_pat
     words: set[str] = set()
     for seed in range(6):
         asked = PlanRequest(request_.speech, plan, request_.weights, seed=seed, transcript=said)
-        words |= {p.word for side in ("left", "right") for p in make_plan(asked).hand(side)}
+        words |= {p.word for side in ("left", "right") for p in make_plan(asked).plan.hand(side)}
     assert words > {""} and words <= {"", "so", "whole"}
+
+
+def test_a_style_file_is_done_to_drawn_and_to_given_plans(
+    request_: GenerateRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    style = tmp_path / "style.toml"
+    style.write_text("[times]\nsmile = 0\ngestures_per_min = 0\n")
+    still = GesturePlan(4.0, right=(), left=())
+    given = tmp_path / "given.json"
+    added(still, "offer", 2.0, "right").plan.write(given)
+    for plan in (None, given):
+        out = tmp_path / f"out {plan is None}"
+        made = generate_all(replace(request_, out=out, plan=plan, style=style))
+        performed = read_plan(out / f"{STEM}.plan.json")
+        assert not [one for side in SIDES for one in gestures(performed, side)]
+        record = json.loads((made.out / "provenance.json").read_text())
+        assert record["options"]["style"] == "style.toml"
+    with pytest.raises(RunError, match="None of these systems performs plans; leave the style out"):
+        generate_all(replace(request_, style=style, systems=("globaldiff/global",)))
+
+    out = tmp_path / "drawn.json"
+    asked = ["plan", str(request_.speech), "--out", str(out), "--style", str(style)]
+    assert main([*asked, "--weights", str(request_.weights)]) == 0
+    assert not gestures(read_plan(out), "right")
+    more = tmp_path / "more.toml"
+    more.write_text("gestures_per_min = 90")
+    made = generate_all(replace(request_, out=tmp_path / "more", plan=given, style=more))
+    assert f"{PLANNED}: There is room for 15 gestures a minute." in made.notes
+    assert main([*asked, "--empty"]) == 1
+    assert "An empty plan has no style" in capsys.readouterr().err
+    style.write_text("more = 1")
+    assert main([*asked, "--weights", str(request_.weights)]) == 1
+    assert "style.toml: a style has no 'more'" in capsys.readouterr().err
+
+
+def test_files_for_3d_software_carry_the_plan_as_markers(
+    request_: GenerateRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    motion, plan = tmp_path / "made.npz", tmp_path / "made.plan.json"
+    save_motion(made_motion(90), motion)
+    still = GesturePlan(3.0, nods=(Nod(1.5, 4.0),))
+    added(still, "offer", 2.0, "right").plan.write(plan)
+    for ending in (".glb", ".bvh", ".blender.npz"):
+        assert main(["render", str(motion), "--out", str(tmp_path / f"out{ending}")]) == 0
+    assert str(tmp_path / "out.markers.csv") in capsys.readouterr().out.split()
+
+    content = (tmp_path / "out.glb").read_bytes()
+    length = int.from_bytes(content[12:16], "little")
+    told = json.loads(content[20 : 20 + length])["animations"][0]["extras"]["markers"]
+    assert {"time": 1.5, "frame": 45, "name": "nod 4°"} in told
+    with np.load(tmp_path / "out.blender.npz", allow_pickle=False) as arrays:
+        frames, names = arrays["marker_frames"].tolist(), arrays["marker_names"].tolist()
+    assert frames == [marker["frame"] for marker in told]
+    assert names == [marker["name"] for marker in told]
+    assert "right stroke (offer)" in names
+    lines = (tmp_path / "out.markers.csv").read_text().splitlines()
+    assert lines[0] == "frame,time_s,name" and len(lines) == 1 + len(names)
+
+    GesturePlan(3.0, blinks=(Blink(1.0),)).write(tmp_path / "other.json")
+    flags = ["--plan", str(tmp_path / "other.json"), "--out", str(tmp_path / "other.bvh")]
+    assert main(["render", str(motion), *flags]) == 0
+    assert (tmp_path / "other.markers.csv").read_text().splitlines()[1:] == ["30,1.0000,blink"]
+    plan.unlink()
+    assert main(["render", str(motion), "--out", str(tmp_path / "bare.bvh")]) == 0
+    assert not (tmp_path / "bare.markers.csv").exists()
 
 
 def test_the_command_finds_the_plan_of_a_motion(

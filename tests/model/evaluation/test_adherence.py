@@ -9,16 +9,18 @@ from model.evaluation.adherence import (
     EDITS,
     Asked,
     Distances,
+    gesture_size,
     moves_alone,
+    planned_places,
     random_edit,
     rest_speeds,
     stroke_lags,
 )
 from model.motion.motion import Motion
 from model.networks.autoencoder import load_encoder
-from model.plan.editing import Gesture, added, gestures
+from model.plan.editing import Gesture, added, gestures, sized
+from model.plan.palette import PLACES, REST_PLACE
 from model.plan.plan import SIDES, GesturePlan
-from model.plan.tracks import hand_tracks, tracks_of
 from model.storage.cards import BUNDLED_WEIGHTS
 from model.systems.autoencoders.config import FGD_ENCODER
 from tests.model.plan.made import phase
@@ -35,13 +37,8 @@ def plan() -> GesturePlan:
     return made
 
 
-def performed(plan: GesturePlan) -> dict:
-    tracks = tracks_of(plan, FRAMES).astype(np.float64)
-    return {side: tracks[:, hand_tracks(side)][:, :3] for side in SIDES}
-
-
 def test_strokes_are_as_late_as_they_are(plan):
-    exact = performed(plan)
+    exact = planned_places(plan)
     assert stroke_lags(exact, plan) == [0.0] * 3
     late = {side: np.roll(path, 5, axis=0) for side, path in exact.items()}
     assert stroke_lags(late, plan) == pytest.approx([5 / 30] * 3)
@@ -58,7 +55,7 @@ def test_a_stroke_that_nobody_makes_is_none(plan):
 
 
 def test_the_asked_hand_moves_and_the_other_stays(plan):
-    places, gesture = performed(plan), Gesture("right", 5.0)
+    places, gesture = planned_places(plan), Gesture("right", 5.0)
     assert moves_alone(places, plan, gesture) is True
     assert moves_alone({**places, "left": places["right"]}, plan, gesture) is False
     assert moves_alone({**places, "right": places["left"]}, plan, gesture) is False
@@ -67,11 +64,20 @@ def test_the_asked_hand_moves_and_the_other_stays(plan):
     gone = places["left"] + np.arange(FRAMES)[:, None] * [0.15 / 30, 0, 0]
     assert moves_alone({**places, "left": gone}, plan, gesture) is False
     both = added(plan, "stop", 5.0, "left").plan
-    assert moves_alone(performed(both), both, gesture) is None
+    assert moves_alone(planned_places(both), both, gesture) is None
+
+
+def test_a_gesture_is_as_large_as_it_ends_far_from_rest(plan):
+    gesture = Gesture("right", 5.0)
+    usual = math.dist(PLACES["stop"], REST_PLACE)
+    for size in (0.6, 1.0, 1.4):
+        larger = sized(plan, gesture, size).plan
+        found = gesture_size(planned_places(larger), larger, gesture)
+        assert found == pytest.approx(size * usual, rel=0.05)
 
 
 def test_rests_are_measured_inside(plan):
-    places = performed(plan)
+    places = planned_places(plan)
     assert rest_speeds(places, plan) == pytest.approx([0.0] * 5, abs=0.05)
     drifting = {
         side: path + np.arange(FRAMES)[:, None] * [0.01, 0, 0] for side, path in places.items()

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from model.formats.numbers import ROTATIONS, ReadOptions
 from model.formats.read import CONVERT, read_any_motion
 from model.measures.smoothness import derivative_magnitudes
 from model.motion.motion import Motion, MotionError
-from model.motion.skeleton import JOINT_INDEX, open_body_skeleton
+from model.motion.skeleton import JOINT_INDEX, chain_to_root, open_body_skeleton
 from model.motion.tracks import track_points
 from renderer.body.body import load_body
 from renderer.files.bvh import write_bvh
@@ -147,6 +148,97 @@ def test_talkshow_rows(tmp_path: Path):
     np.testing.assert_array_equal(read.motion.expressions, MOTION.expressions)
     assert any("TalkSHOW" in note for note in read.notes)
     assert any("no frame rate" in note for note in read.notes)
+
+
+def test_diffsheg_rows_of_the_upper_body(tmp_path: Path):
+    """Spine 3, 6 and 9; 12 to 21; both hands; jaw; 100 of expression."""
+    joints = [3, 6, 9, *range(12, 22), *range(25, 55), 22]
+    poses = MOTION.poses.reshape(-1, 55, 3)
+    columns = [poses[:, joints].reshape(len(poses), -1), MOTION.expressions]
+    path = tmp_path / "out.npy"
+    np.save(path, np.concatenate(columns, axis=1)[None])
+    read = read_any_motion(path)
+    found = read.motion.poses.reshape(-1, 55, 3)
+    np.testing.assert_allclose(found[:, joints], poses[:, joints], atol=1e-6)
+    rest = [joint for joint in range(55) if joint not in joints]
+    assert (found[:, rest] == 0).all() and len(rest) == 11
+    np.testing.assert_array_equal(read.motion.expressions, MOTION.expressions)
+    assert any("pelvis, legs and eyes stay at rest" in note for note in read.notes)
+
+
+@pytest.mark.parametrize(
+    ("shape", "said"),
+    [((60, 104), "no public list of which angle"), ((1, 60, 141), r"give the \.bvh")],
+)
+def test_arrays_that_no_motion_can_be_made_of_say_why(
+    shape: tuple[int, ...], said: str, tmp_path: Path
+):
+    np.save(tmp_path / "pose.npy", np.zeros(shape, np.float32))
+    with pytest.raises(MotionError, match=said):
+        read_any_motion(tmp_path / "pose.npy")
+
+
+def test_names_of_beat_are_those_of_mixamo(tmp_path: Path):
+    """The same skeleton and motion under either names."""
+    path = written_bvh(tmp_path / "mixamo.bvh", (4, 3), -20)
+    text = path.read_text().replace("LeftForeArm", "LArm1").replace("RightForeArm", "RArm1")
+    beat = tmp_path / "beat.bvh"
+    beat.write_text(text.replace("JOINT Left", "JOINT L").replace("JOINT Right", "JOINT R"))
+    assert "JOINT LUpLeg" in beat.read_text() and "Left" not in beat.read_text()
+    wanted, read = read_any_motion(path), read_any_motion(beat)
+    np.testing.assert_array_equal(read.motion.poses, wanted.motion.poses)
+    assert (read.motion.poses != 0).any()
+
+
+def test_hands_and_feet_of_beat(tmp_path: Path):
+    """Each joint turned about z by an angle of its own, through BEAT's extra bones; and a row less
+    than is stated, as DiffSHEG leaves it."""
+    arm = {
+        "LShoulder": 3, "LArm": 5, "LArm1": 7, "LHand": 11, "LHandR": 13, "LHandR1": 17,
+        "LHandR2": 19, "LHandR3": 23,
+    }  # fmt: skip
+    leg = {"LUpLeg": 2, "LLeg": 4, "LFoot": 6, "LFootF": 8, "LToeBase": 10}
+    head = f"HIERARCHY ROOT Hips {{ {_joint(0, 0)} JOINT Spine {{ {_joint(0, 1)}"
+    others = f"{_chain(['RArm'], -1, 1)} {_chain(['RUpLeg'], -1, -1)}"
+    row = " ".join(f"{angle} 0 0" for angle in (0, 0, *arm.values(), *leg.values(), 0, 0))
+    path = tmp_path / "beat.bvh"
+    path.write_text(
+        f"{head} {_chain(arm, 2, 0)} }} {_chain(leg, 0, -2)} {others} }}\n"
+        f"MOTION\nFrames: 2\nFrame Time: 0.0666667\n{row}\n"
+    )
+    read = read_any_motion(path)
+    assert any("says that it has 2 frames and holds 1" in note for note in read.notes)
+    assert any("15 frames per second" in note for note in read.notes)
+    joints = track_points(read.motion, open_body_skeleton()).joints[0]
+    points = {
+        ("left_shoulder", "left_elbow"): 3 + 5,
+        ("left_elbow", "left_wrist"): 3 + 5 + 7,
+        ("left_ring1", "left_ring2"): 3 + 5 + 7 + 11 + 13 + 17,
+        ("left_ring2", "left_ring3"): 3 + 5 + 7 + 11 + 13 + 17 + 19,
+        ("left_hip", "left_knee"): -90 + 2,
+        ("left_ankle", "left_foot"): -90 + 2 + 4 + 6,
+    }
+    for (start, end), degrees in points.items():
+        bone = joints[JOINT_INDEX[end]] - joints[JOINT_INDEX[start]]
+        assert np.degrees(np.arctan2(bone[1], bone[0])) == pytest.approx(degrees, abs=0.01), start
+    foot = Rotation.identity()
+    for joint in reversed(chain_to_root(JOINT_INDEX["left_foot"])):
+        foot *= Rotation.from_rotvec(read.motion.poses[0].reshape(55, 3)[joint])
+    of_ball_deg = 2 + 4 + 6 + 8  # and not that of the toes in front of it
+    np.testing.assert_allclose(foot.as_rotvec(degrees=True), [0, 0, of_ball_deg], atol=0.01)
+    text = path.read_text()
+    path.write_text(text.replace("Frames: 2", "Frames: 3"))
+    with pytest.raises(MotionError, match="no readable BVH"):
+        read_any_motion(path)
+
+
+def _joint(x: float, y: float) -> str:
+    return f"OFFSET {x} {y} 0 CHANNELS 3 Zrotation Yrotation Xrotation"
+
+
+def _chain(names: Iterable[str], x: float, y: float) -> str:
+    opened = [f"JOINT {name} {{ {_joint(x, y)}" for name in names]
+    return " ".join([*opened, *"}" * len(opened)])
 
 
 def test_our_own_bvh_comes_back(tmp_path: Path):

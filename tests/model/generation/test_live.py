@@ -112,12 +112,11 @@ def test_joins_move_no_faster_than_the_inside(system):
 
 
 def test_memory_does_not_grow_and_place_does_not_drift(system):
-    pieces = streamed(system, FEATURES.repeat(3, 1), [52])
-    live = LiveMotion(system, OPTIONS)
+    live, pieces = LiveMotion(system, OPTIONS, PACE), []
     for block in FEATURES.repeat(3, 1).split(52):
         live.hear(block)
         while live.is_due:
-            live.step()
+            pieces += live.step()
     assert len(live._speech) < 4 * 60 + 2 * 2 * system.windowing.context + 60
     if system.root_motion == "place":
         _, trans, _ = joined(pieces)

@@ -88,7 +88,7 @@ def test_the_flow_of_the_gaussian_ends_where_many_small_steps_end(prior, with_se
     x = torch.randn(1, FRAMES, CHANNELS, generator=generator)
     seed = torch.randn(1, SEED, CHANNELS, generator=generator) * 0.3
     has_seed = torch.tensor([with_seed])
-    start, steps = 0.2, 4000
+    start, steps = 0.2, 1000
     found = prior.carried(x, torch.tensor([start]), seed, has_seed)
     walked = x
     for k in range(steps):

@@ -4,7 +4,7 @@ const ARRAYS = {
   5121: Uint8Array, 5122: Int16Array, 5123: Uint16Array, 5125: Uint32Array, 5126: Float32Array,
 };
 /** Numbers of one element of an accessor. */
-export const WIDTHS = { SCALAR: 1, VEC3: 3, VEC4: 4, MAT4: 16 };
+const WIDTHS = { SCALAR: 1, VEC3: 3, VEC4: 4, MAT4: 16 };
 
 /** The bytes of a file; rejects with an Error that holds a sentence. */
 export async function fetched(url, signal) {

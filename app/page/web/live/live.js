@@ -5,46 +5,59 @@
  */
 
 import { make } from "../dom.js";
-import { GlbView, isDrawingSlow } from "../body/glb_view.js";
+import { currentFilter, followFilter } from "../filter_switch.js";
+import { DisplayBar } from "../player/displays.js";
+import { theFacts } from "../stage/facts.js";
+import { Look } from "../stage/look.js";
+import { theBody } from "../stage/mesh.js";
+import { More } from "../stage/more.js";
+import { unpacked } from "../stage/motion.js";
+import { Stage } from "../stage/stage.js";
+import { LiveClock } from "./clock.js";
+import { Planned } from "./planned.js";
 import { Playout } from "./playout.js";
+import { Following, Rolling } from "./rolling.js";
 import { Sound } from "./sound.js";
-import { ORBIT_HELP, Orbit } from "../body/orbit.js";
 
-const PICTURE_PX = 640;
-const SLOW_PICTURE_PX = 360; // where the processor draws
+const NAME = "live"; // of the one row
+const COLOR = "#2e86de";
+const AHEAD_MS = 200; // that filters look ahead
 const SLOW_REST = 1; // after a picture that a processor drew, as a share of the time that took
-const LEAST_FACE = 0.01;
-const FOLLOW_MS = 3000; // in which the camera goes most of the way after the body
 const LATE_MS = 1500;
 const LATE_FOR_MS = 3000; // before it is said
 const LOST = "The connection to the server was lost; start again.";
 const READY = "Press Start, then speak. The body follows about a second later.";
+const KEEPS_ITS_KEYS = "input, textarea, select";
 
 class Live {
   #root;
   #told;
-  #view = null;
+  #look = new Look();
+  #stage = null; // null where the browser draws no 3D graphics
+  #refusal = null; // why
+  #more = null;
+  #bar = null;
+  #clock = null;
+  #rolling = null; // null until the body has come
+  #cameras = null;
   #socket = null;
   #sound = null;
   #playout = null;
   #token = "";
   #news = null;
   #lateSince = null;
-  #drawnAt = 0;
-  #isDrawing = false;
   #restUntil = 0;
-  #centre = null; // what the camera looks at
-  #pose = null;
   #pace = null;
-  #order = []; // names of the face weights, as they come
   #run = null; // what Start began; null while nothing goes on
   #doing = "";
+  #unfollow = () => {};
+  #feed = () => {}; // the stage, with what has come
 
   constructor(root, told) {
     this.#root = root;
     this.#told = told;
     this.#build();
-    this.#showBodyOnceSeen();
+    this.#setStage();
     root.live = this; // for whoever wants to look at it from outside
   }
 
@@ -59,9 +72,9 @@ class Live {
     return this.#playout?.latency ?? null;
   }
 
-  /** Rotations of the last picture. */
-  get pose() {
-    return this.#pose;
+  /** Frames since the first that was spoken, of what is shown. */
+  get place() {
+    return this.#clock?.place ?? 0;
   }
 
   get socket() {
@@ -87,14 +100,46 @@ class Live {
     this.button = make("button", { class: "start", type: "button", onclick: () => (this.#socket ? this.stop() : this.start()) }, "Start");
     this.level = make("meter", { min: 0, max: 1, value: 0, "aria-label": "Loudness of what is heard" });
     this.status = make("p", { role: "status", "aria-live": "polite" }, READY);
-    this.canvas = make("canvas", { width: PICTURE_PX, height: PICTURE_PX, role: "application", tabindex: "0", "aria-label": `The body that follows your speech. ${ORBIT_HELP}`, title: ORBIT_HELP });
+    this.planned = new Planned((told) => this.#socket?.readyState === WebSocket.OPEN && this.#socket.send(told));
+    this.picture = make("div", { class: "picture lockstep staged" });
     this.number = make("b", {}, "–");
     this.parts = make("small");
     this.#root.replaceChildren(
       make("div", { class: "asked" }, sourceLabel, filePart, systemLabel, speakerLabel, this.button, this.level, this.status,
-        make("p", { class: "latency", title: "From the moment a sound is captured to the picture that answers it, measured here" }, "From sound to moved body ", this.number, this.parts)),
-      make("div", { class: "picture" }, this.canvas),
+        make("p", { class: "latency", title: "From the moment a sound is captured to the picture that answers it, measured here" }, "From sound to moved body ", this.number, this.parts), this.planned.element),
+      this.picture,
     );
+  }
+
+  /** The same stage as that of a run, with what switches its displays. */
+  #setStage() {
+    const changed = () => this.#bar?.update();
+    this.#clock = new LiveClock();
+    try {
+      this.#stage = new Stage(this.#clock, this.#look, changed);
+    } catch (error) {
+      this.#refusal = error;
+      this.picture.append(make("p", { class: "no-stage", role: "note" }, `${error.message} Live needs them.`));
+      return;
+    }
+    this.#more = new More(this.#look, this.#stage.orbit, {}, ["isAligned", "hasWords"]);
+    this.#bar = new DisplayBar(this.#look, () => this.#stage, this.#more.element);
+    const others = make("div", { class: "group compare" }, this.#bar.closeUp, this.#bar.more);
+    this.picture.append(this.#stage.element, make("div", { class: "controls", role: "toolbar", "aria-label": "Displays" }, this.#bar.element, others), this.#more.element);
+    this.#bar.update();
+    this.#stage.element.addEventListener("drawn", ({ detail }) => this.#isDrawn(detail));
+    this.#look.addEventListener("change", () => this.#lookAhead());
+    this.#unfollow = followFilter(() => this.#lookAhead());
+    this.picture.addEventListener("keydown", (event) => {
+      if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest(KEEPS_ITS_KEYS)) return;
+      if (this.#bar.press(event.key.toLowerCase())) event.preventDefault();
+    });
+    this.#showBodyOnceSeen();
+  }
+
+  /** Filters know the motion on either side of a moment. */
+  #lookAhead() {
+    if (this.#playout) this.#playout.ahead = this.#look.get("factor") > 1 || currentFilter() === "savgol" ? AHEAD_MS : 0;
   }
 
   #say(sentence, isBad = false) {
@@ -110,8 +155,9 @@ class Live {
     const run = (this.#run = {});
     const sound = new Sound((block, peak) => this.#onBlock(block, peak), (why) => this.stop(why || "The sound is over. Press Start for more.", !!why));
     this.#sound = sound;
+    this.#news = null;
     this.#playout = new Playout();
-    this.#centre = null;
+    this.#lookAhead();
     try {
       await this.#showBody();
       if (this.#run !== run) return;
@@ -123,13 +169,15 @@ class Live {
       if (this.#run !== run) return sound.close();
       this.#doing = bytes ? "Playing. You hear it when the body moves to it." : "Listening: speak.";
       this.#say(this.#doing);
-      this.#draw(run);
+      this.#clock.begin(this.#playout);
+      this.#tick(run);
     } catch (error) {
       if (this.#run === run) this.stop(error.message, true);
     }
   }
 
   stop(sentence = "Stopped. Keep the last minute, or start again.", isBad = false) {
+    if (this.#run) this.#clock.end();
     this.#run = null;
     const socket = this.#socket;
     this.#socket = null;
@@ -148,20 +196,22 @@ class Live {
       seen.disconnect();
       this.#showBody().catch(() => {});
     });
-    seen.observe(this.canvas);
+    seen.observe(this.picture);
   }
 
   async #showBody() {
-    if (this.#view) return;
-    const isSlow = isDrawingSlow();
-    if (isSlow) this.canvas.width = this.canvas.height = SLOW_PICTURE_PX;
-    const view = new GlbView(this.canvas, { antialias: !isSlow });
-    await view.load("live/body.glb");
-    view.orbit = new Orbit();
-    view.seek(0);
-    this.#view = view;
-    view.orbit.hold(this.canvas);
-    view.orbit.addEventListener("change", () => this.#run || view.redraw()); // while it moves, the next picture comes anyhow
+    if (this.#refusal) throw this.#refusal;
+    if (this.#rolling) return;
+    const [mesh, facts] = await Promise.all([theBody(), theFacts()]);
+    if (this.#rolling) return; // both times at once
+    const reaches = unpacked(Uint8Array.from(atob(facts.reaches), (letter) => letter.charCodeAt(0)).buffer);
+    this.#rolling = new Rolling(mesh, facts.exaggeration.max_turn);
+    this.#rolling.push(0, reaches.part(0, 1)); // at rest
+    this.#cameras = new Following(mesh, facts, reaches, this.#rolling);
+    this.#clock.follow(this.#rolling);
+    this.#feed = () => this.#stage.feed(NAME, this.#rolling.shown, this.#cameras, mesh, facts);
+    this.#stage.show([{ name: NAME, label: "You speak", color: COLOR, dashes: [], stem: NAME, is_reference: false, noise: null }]);
+    this.#feed();
   }
 
   /** Of the sound that is played; null for the microphone. */
@@ -201,9 +251,10 @@ class Live {
           if (this.#socket === socket) this.stop(told.end, true);
           return;
         }
+        if ("plan" in told) return this.planned.take(told.plan);
         this.#token = told.token;
         this.#pace = told;
-        this.#order = told.faces;
+        this.planned.begin(told.plans);
         resolve();
       };
       socket.onclose = () => {
@@ -221,54 +272,28 @@ class Live {
   }
 
   #onFrames(message) {
-    this.#news = this.#playout.take(message);
+    this.#news = this.#playout.came(message);
+    this.#rolling.push(this.#news.first, unpacked(message, this.#news.first));
+    this.#feed();
     if (this.#sound) this.#sound.delay = this.#playout.delay / 1000;
   }
 
   // -------------------------------------------------------------- the picture
 
-  #draw(run) {
+  #tick(run) {
     if (this.#run !== run) return;
-    requestAnimationFrame(() => this.#draw(run));
-    const time = performance.now();
-    if (this.#isDrawing && !this.#view.isDrawing) this.#isDrawn(time);
-    if (this.#isDrawing || time < this.#restUntil) return;
-    const pair = this.#playout.now();
-    if (!pair) return;
-    const passed = time - this.#drawnAt;
-    this.#drawnAt = time;
-    this.#isDrawing = true;
-    this.#view.pose(...this.#between(...pair, passed));
+    requestAnimationFrame(() => this.#tick(run));
+    if (this.#news && performance.now() >= this.#restUntil) this.#clock.tick();
   }
 
   /** The picture is there; the next one leaves a processor that draws time for other things. */
-  #isDrawn(time) {
-    this.#isDrawing = false;
-    this.#playout.shown();
-    if (this.#view.isSlow) this.#restUntil = time + SLOW_REST * (time - this.#drawnAt);
+  #isDrawn(took) {
+    const time = performance.now();
+    if (!this.#run || !this.#news) return;
+    this.#playout.shown(this.#clock.place);
+    if (this.#stage.pace.isSlow) this.#restUntil = time + SLOW_REST * took;
+    this.planned.draw(this.#clock.place / 30);
     this.#tell(time);
-  }
-
-  /** A pose between two frames, `passed` ms after the last one. */
-  #between(one, two, share, passed) {
-    const mix = (a, b) => a + share * (b - a);
-    const place = Array.from(one.position, (value, i) => mix(value, two.position[i]));
-    const follow = 1 - Math.exp(-passed / FOLLOW_MS);
-    this.#centre = this.#centre?.map((value, i) => value + follow * (place[i] - value)) ?? place;
-    const position = [place[0] - this.#centre[0], place[1], place[2] - this.#centre[2]];
-    const rotations = (this.#pose ??= new Float32Array(one.rotations.length));
-    for (let at = 0; at < rotations.length; at += 4) {
-      let dot = 0;
-      for (let i = at; i < at + 4; i++) dot += one.rotations[i] * two.rotations[i];
-      const sign = dot < 0 ? -1 : 1; // the short way
-      for (let i = at; i < at + 4; i++) rotations[i] = mix(one.rotations[i], sign * two.rotations[i]);
-    }
-    const weights = this.#view.faces.map((name) => {
-      const k = this.#order.indexOf(name);
-      const weight = k < 0 ? 0 : mix(one.faces[k], two.faces[k]) / 255;
-      return weight < LEAST_FACE ? 0 : weight;
-    });
-    return [position, rotations, weights];
   }
 
   #tell(time) {
@@ -291,7 +316,9 @@ class Live {
 
   dispose() {
     this.stop();
-    this.#view?.dispose();
+    this.#unfollow();
+    this.#more?.end();
+    this.#stage?.dispose();
   }
 }
 

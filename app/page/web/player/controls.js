@@ -1,14 +1,13 @@
 /** The bar under the stage or the videos: time, what is shown, and how bodies are compared. */
 
-import { clockText, icon, make, relabel } from "../dom.js";
+import { clockText, make, relabel } from "../dom.js";
+import { DisplayBar } from "./displays.js";
 import { WorstSeconds } from "./worst.js";
 
 const RATES = [0.25, 0.5, 1, 2];
 const MODES = { grid: "All", wipe: "Wipe", flicker: "Flicker", ghost: "Ghost" };
-const CLOSE_UPS = { hands: "Hands", face: "Face", both: "Both", off: "None" };
 const LOOP_S = 2; // what a loop holds at first
 const HOP_S = 1; // of the arrow keys
-const STRONG = 20; // what the key makes of tremble
 const KEYS_HELP = "Space: play or pause. Arrows: one second. Comma and full stop: one frame. L: loop. W: worst second. C: close-up. E: exaggerate. J: jerk colours. T: trail. X: the other of two. G: ghost, one over another. 1 to 9: enlarge. Plus, minus, 0: zoom of the time line. On the bodies, once clicked: arrows turn, plus and minus go nearer and farther, Home goes back.";
 
 export class Controls {
@@ -60,26 +59,15 @@ export class Controls {
       make("select", { "aria-label": index ? "Second of two" : "First of two", onchange: ({ target }) => this.#view.setPair(index, target.value) }),
     );
     this.pairBox = make("span", { class: "pair", hidden: true }, this.pair[0], make("span", {}, "against"), this.pair[1]);
-    this.closeUp = make("select", { "aria-label": "Close-up", onchange: () => this.#view.setCloseUp(this.closeUp.value) });
-    this.closeUp.append(...Object.entries(CLOSE_UPS).map(([value, label]) => make("option", { value }, label)));
-    this.factor = make("input", { type: "range", min: "0", max: "1", step: "any", "aria-label": "Tremble, times as large", oninput: () => this.#look.set("factor", factorAt(Number(this.factor.value))) });
-    this.factorText = make("output", { class: "factor" });
-    const toggle = (label, name, title) =>
-      make("button", { type: "button", class: "worded", "data-look": name, title, onclick: () => this.#look.set(name, !this.#look.get(name)) }, label);
-    this.toggles = [toggle("Trail", "hasTrail", "The way of the followed point, coloured by its speed"), toggle("Jerk", "hasHeat", "Bodies in the colours of how they jerk")];
-    this.displays = make("div", { class: "group displays" }, make("label", { class: "slider", title: "All that is faster than the cut-off, made larger" }, this.factor, this.factorText), ...this.toggles);
-    this.more = make("button", { type: "button", class: "more", "aria-expanded": "false", title: "More", "aria-label": "More displays and views", onclick: () => this.#fold(more) }, icon("more"));
-    this.folded = more;
+    this.displayBar = new DisplayBar(this.#look, () => this.#view, more);
+    const { closeUp } = this.displayBar;
+    this.displays = this.displayBar.element;
+    this.more = this.displayBar.more;
     const left = make("div", { class: "group" }, this.play, back, forward, this.time);
     const middle = make("div", { class: "group" }, this.speed, this.loop, this.sound);
     const keys = make("button", { type: "button", class: "keys", title: KEYS_HELP, "aria-label": `Keys. ${KEYS_HELP}` }, "?");
-    const right = make("div", { class: "group compare" }, this.closeUp, this.modes, this.more, keys);
+    const right = make("div", { class: "group compare" }, closeUp, this.modes, this.more, keys);
     this.element = make("div", { class: "controls", role: "toolbar", "aria-label": "Player" }, left, middle, this.worst.element, this.displays, this.pairBox, right);
-  }
-
-  #fold(more) {
-    more.hidden = !more.hidden;
-    this.more.setAttribute("aria-expanded", String(!more.hidden));
   }
 
   /** Everything but the time, which changes too often. */
@@ -90,19 +78,9 @@ export class Controls {
     this.loop.setAttribute("aria-pressed", String(loop !== null));
     relabel(this.sound, this.#audio.muted ? "silent" : "sound", this.#audio.muted ? "Sound on" : "Sound off");
     for (const button of this.modes.children) button.setAttribute("aria-pressed", String(button.dataset.mode === this.#view.mode));
-    for (const option of this.closeUp.options) option.hidden = option.disabled = !this.#view.closeUps.includes(option.value);
-    this.closeUp.value = this.#view.closeUp;
-    this.closeUp.hidden = this.#view.closeUps.length < 2;
-    this.#showLook();
+    this.displayBar.update();
     this.#showPair();
     this.#showTime();
-  }
-
-  #showLook() {
-    const factor = this.#look.get("factor");
-    if (Math.abs(factorAt(Number(this.factor.value)) - factor) > 1e-6) this.factor.value = String(Math.log(factor) / Math.log(STRONG));
-    this.factorText.textContent = `×${factor < 9.95 ? Math.round(10 * factor) / 10 : Math.round(factor)}`;
-    for (const button of this.toggles) button.setAttribute("aria-pressed", String(this.#look.get(button.dataset.look)));
   }
 
   #showPair() {
@@ -140,7 +118,6 @@ export class Controls {
   press(event) {
     if (event.ctrlKey || event.metaKey || event.altKey) return false;
     const { time } = this.#player;
-    const flip = (name) => this.#look.set(name, !this.#look.get(name));
     const actions = {
       " ": () => this.#player.toggle(),
       ArrowLeft: () => this.#player.seek(time - HOP_S),
@@ -152,22 +129,12 @@ export class Controls {
       l: () => this.toggleLoop(),
       x: () => this.#view.swap(),
       w: () => this.worst.toggle(),
-      c: () => this.#view.nextCloseUp(),
-      e: () => this.#look.set("factor", this.#look.get("factor") === 1 ? STRONG : 1),
-      j: () => flip("hasHeat"),
-      t: () => flip("hasTrail"),
       g: () => this.#view.names.length > 1 && this.#view.setMode(this.#view.mode === "ghost" ? "grid" : "ghost"),
     };
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     if (/^[1-9]$/.test(key)) this.#view.enlargeNumber(Number(key));
     else if (actions[key]) actions[key]();
-    else return false;
+    else return this.displayBar.press(key);
     return true;
   }
-}
-
-/** The slider is even in how much more there is. */
-function factorAt(share) {
-  const factor = STRONG ** share;
-  return Math.abs(factor - 1) < 0.02 ? 1 : factor;
 }

@@ -310,6 +310,7 @@ class Player {
     this.#clear(null);
     this.#observer.disconnect();
     this.#stage?.dispose();
+    this.#more?.end();
     this.timeline.dispose();
   }
 

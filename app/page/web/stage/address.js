@@ -39,6 +39,7 @@ export class Address {
   }
 
   #write() {
+    if (!location.protocol.startsWith("http")) return; // a file by itself has no address to be shared
     const hash = this.text;
     if (hash === location.hash || (!hash && !location.hash.startsWith(`#${MARK}`))) return;
     history.replaceState(history.state, "", location.pathname + location.search + hash);

@@ -14,6 +14,7 @@ const PLAN_KINDS = {
   json: [".json", "plan of its gestures, as this page reads it"],
   textgrid: [".TextGrid", "the same, for Praat"],
   elan: [".eaf", "the same, for ELAN"],
+  markers: [".markers.csv", "its events by frame, for animation programs"],
 };
 
 /**

@@ -62,6 +62,26 @@ export class Mesh {
     this.sole = this.positions.reduce((least, y, i) => (i % 3 === 1 ? Math.min(least, y) : least), Infinity);
   }
 
+  /**
+   * Colours of all vertices in another tone: each region by its colour in the tone that the mesh has.
+   *
+   * @param {Record<string, number[]>} own Colour of each region, 0 to 1.
+   * @param {Record<string, number[]>} other
+   */
+  toned(own, other) {
+    const regions = Object.entries(own).map(([name, color]) => [color.map((part) => 65535 * part), other[name].map((part) => Math.round(65535 * part))]);
+    const colors = Uint16Array.from(this.colors);
+    for (let at = 0; at < colors.length; at += 4) {
+      let [best, least] = [null, Infinity];
+      for (const [from, to] of regions) {
+        const away = Math.abs(colors[at] - from[0]) + Math.abs(colors[at + 1] - from[1]) + Math.abs(colors[at + 2] - from[2]);
+        if (away < least) [best, least] = [to, away];
+      }
+      colors.set(best, at);
+    }
+    return colors;
+  }
+
   get numVertices() {
     return this.positions.length / 3;
   }

@@ -14,6 +14,12 @@ export class Motion {
     this.numFaces = numFaces;
     this.length = positions.length / 3;
   }
+
+  /** Frames from one on, up to another. */
+  part(from, to = this.length) {
+    const cut = (values, width) => values.slice(width * from, width * to);
+    return new Motion(cut(this.positions, 3), cut(this.rotations, 4 * NUM_JOINTS), cut(this.faces, this.numFaces), this.numFaces);
+  }
 }
 
 /**

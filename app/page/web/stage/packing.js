@@ -4,6 +4,8 @@
 
 const BODY_ASPECT = 0.6; // of somebody who gestures
 const PAIR_ASPECT = 1.1; // from which close-ups of two stand beside them
+const WIDE_ASPECT = 1.4; // from which the close-ups of one do
+const SIDE_SHARE = 0.28; // of the width, of close-ups beside it
 const CLOSE_UP_SHARE = 0.34; // of a cell's height at most, of each row of close-ups
 
 /** Columns and rows in which so many bodies are as large as they can be. */
@@ -33,13 +35,15 @@ export function cells(count, width, height, columns) {
 }
 
 /**
- * Where in a cell the body stands, and its close-ups: the face above, the hands below.
+ * Where in a cell the body stands, and its close-ups: the face above, the hands below; in a wide
+ * cell all of them at its sides.
  *
  * @param {Rect} cell
  * @param {string} closeUp
  * @param {import("../told").Facts["close_ups"]} closeUps
  */
 export function panels([left, top, width, height], closeUp, closeUps) {
+  if (width > WIDE_ASPECT * height && closeUp !== "off") return widePanels([left, top, width, height], closeUp, closeUps);
   const tall = Math.round(Math.min(width / 2, CLOSE_UP_SHARE * height));
   const hasFace = closeUp === "face" || closeUp === "both";
   const hasHands = closeUp === "hands" || closeUp === "both";
@@ -55,6 +59,16 @@ export function panels([left, top, width, height], closeUp, closeUps) {
   return found;
 }
 
+/** The face at one side and the hands at the other, or the hands on either side. */
+function widePanels([left, top, width, height], closeUp, closeUps) {
+  const [before, after] = { hands: [closeUps.hands.slice(0, 1), closeUps.hands.slice(1)], face: [closeUps.face, []], both: [closeUps.face, closeUps.hands] }[closeUp];
+  const wide = Math.round(SIDE_SHARE * width);
+  const column = (shots, x) => cells(shots.length, wide, height, 1).map(([, y, w, h], i) => ({ ...shots[i], rect: [x, top + y, w, h] }));
+  const from = before.length ? left + wide : left;
+  const to = left + width - (after.length ? wide : 0);
+  return [{ view: null, rect: [from, top, to - from, height] }, ...column(before, left), ...column(after, to)];
+}
+
 /** Two bodies in one place in the middle, the close-ups of each on its own side. */
 export function pairPanels([left, top, width, height], closeUp, closeUps) {
   const shots = [...(closeUp === "face" || closeUp === "both" ? closeUps.face : []), ...(closeUp === "hands" || closeUp === "both" ? closeUps.hands : [])];
@@ -66,7 +80,7 @@ export function pairPanels([left, top, width, height], closeUp, closeUps) {
     const side = (first) => shots.map((shot, i) => ({ ...shot, rect: [left + row[first + i][0], top + height - tall, row[first + i][2], tall] }));
     return { body: { rect: [left, top, width, height - tall] }, sides: [side(0), side(shots.length)] };
   }
-  const wide = Math.round(Math.min(height / shots.length, 0.28 * width));
+  const wide = Math.round(Math.min(height / shots.length, SIDE_SHARE * width));
   const column = cells(shots.length, wide, height, 1);
   const side = (x) => shots.map((shot, i) => ({ ...shot, rect: [x, top + column[i][1], wide, column[i][3]] }));
   return { body: { rect: [left + wide, top, width - 2 * wide, height] }, sides: [side(left), side(left + width - wide)] };

@@ -190,6 +190,8 @@ export class Painter {
   #joints; // texture
   #texels = new Float32Array(0);
   #texelsAcross;
+  #tone = "light"; // as the mesh comes
+  #toned; // colours of all vertices in it
   #shadow; // { texture, frame } three times: covered, half spread, spread
   #ink;
 
@@ -205,6 +207,7 @@ export class Painter {
     this.#isSlow = isSlow;
     this.#gl = gl;
     this.#mesh = mesh;
+    this.#toned = mesh.colors;
     this.#facts = facts;
     const program = (...sources) => new Program(gl, ...sources);
     const defines = isSlow ? { IS_SKINNED: 1 } : {};
@@ -252,6 +255,22 @@ export class Painter {
     gl.uniform3fv(body.at("heat_colors"), marks.heat.flat());
   }
 
+  /** Have all bodies in another tone, one of the facts' `tones`; as they are where there is none of that name. */
+  setTone(tone) {
+    const colors = this.#facts.tones[tone];
+    if (tone === this.#tone || !colors) return;
+    this.#tone = tone;
+    const toned = this.#mesh.toned(this.#facts.tones.light, colors);
+    const gl = this.#gl;
+    const fill = (buffer, content) => {
+      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+      gl.bufferSubData(gl.ARRAY_BUFFER, 0, content);
+    };
+    fill(this.#attributes.colors, toned);
+    for (const [level, buffer] of this.#colors) fill(buffer, picked(toned, this.#mesh.level(level).vertices));
+    this.#toned = toned;
+  }
+
   /** How many bodies there are. */
   setBodies(count) {
     while (this.#bodies.length < count) this.#bodies.push(this.#newBody());
@@ -285,9 +304,7 @@ export class Painter {
     const gl = this.#gl;
     const { vertices: kept } = this.#mesh.level(level);
     if (!this.#colors.has(level)) {
-      const colors = new Uint16Array(4 * kept.length);
-      kept.forEach((vertex, i) => colors.set(this.#mesh.colors.subarray(4 * vertex, 4 * vertex + 4), 4 * i));
-      this.#colors.set(level, this.#filled(gl.ARRAY_BUFFER, colors));
+      this.#colors.set(level, this.#filled(gl.ARRAY_BUFFER, picked(this.#toned, kept)));
     }
     const values = new Float32Array(SKINNED_FLOATS * kept.length);
     const buffer = this.#filled(gl.ARRAY_BUFFER, values);
@@ -553,6 +570,13 @@ export class Painter {
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     return { texture, frame };
   }
+}
+
+/** Colours of some of the vertices. */
+function picked(colors, vertices) {
+  const found = new Uint16Array(4 * vertices.length);
+  vertices.forEach((vertex, i) => found.set(colors.subarray(4 * vertex, 4 * vertex + 4), 4 * i));
+  return found;
 }
 
 /** A program and the places of its uniforms. */

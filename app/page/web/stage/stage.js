@@ -11,12 +11,14 @@ import { icon, make, nameOf } from "../dom.js";
 import { currentFilter, followFilter } from "../filter_switch.js";
 import { Arrival } from "./arrival.js";
 import { Shown } from "./displays.js";
-import { filesOf } from "./files.js";
 import { Difference } from "./difference.js";
+import { theFacts } from "./facts.js";
+import { filesOf } from "./files.js";
 import { derivative } from "./filters.js";
 import { Framing, GLIDE_MS, lens, projected, Reframing } from "./framing.js";
 import { theBody } from "./mesh.js";
 import { NUM_JOINTS, partlyBack, placed } from "./motion.js";
+import { axisCorners, boneCorners } from "./bones.js";
 import { cells, grid, pairPanels, panels } from "./packing.js";
 import { Painter } from "./painter.js";
 import { Pace } from "./pace.js";
@@ -30,29 +32,13 @@ const BESIDE_PX = 285; // of a window's height, for what must be seen with the s
 const HEIGHTS_PX = [330, 760];
 const OPENING_PX = 330; // the least of an example
 const UNDER_PX = 12; // of the window, free under an example
+const UNDER_LIVE_PX = 116; // displays and the button that keeps it
 const SWIPE_PX = 40;
 const CLICK_PX = 5; // of a pointer that turned nothing
 const TAG_PX = 34; // of a body's name, above its picture
 const SOON_FRAMES = 60; // that are shown next
 const VIEW = "front";
 const BACKGROUND = [0.894, 0.902, 0.918]; // until the facts have come
-
-/** @type {Promise<import("../told").Facts> | null} */
-let facts = null;
-
-/** By which numbers videos are drawn. */
-async function theFacts() {
-  facts ??= fetch("stage/facts.json").then((answer) => {
-    if (!answer.ok) throw new Error("The page is of another version; load it again.");
-    return answer.json();
-  });
-  try {
-    return await facts;
-  } catch (error) {
-    facts = null;
-    throw error;
-  }
-}
 
 export class Stage {
   #player;
@@ -155,7 +141,7 @@ export class Stage {
   /** Whether all of a body's motion has come. */
   isWhole(name) {
     const { shown, row } = this.#rows.get(name) ?? {};
-    return !!shown && shown.length === row.there.num_frames;
+    return !!shown && shown.length === row.there?.num_frames;
   }
 
   /** Drawn so far. */
@@ -274,9 +260,7 @@ export class Stage {
   }
 
   #take(entry, motion, there, mesh, told) {
-    this.#mesh = mesh;
-    this.#facts = told;
-    this.#painter ??= new Painter(this.#gl, mesh, told, this.#pace.isSlow);
+    this.#prepare(mesh, told);
     const isFirst = !entry.shown;
     const isMoved = entry.place && String(entry.place) !== String(there.place);
     entry.moved = isMoved ? { from: entry.place, to: there.place, at: performance.now() } : null;
@@ -289,9 +273,38 @@ export class Stage {
     this.#tellLimit();
   }
 
+  /**
+   * Show a motion that is made as one looks, as far as it goes by now, from cameras of its own. The
+   * row is among those of `show`.
+   *
+   * @param {string} name
+   * @param {Shown} shown
+   * @param {import("../live/rolling.js").Following} framing
+   * @param {import("./mesh.js").Mesh} mesh
+   * @param {import("../told").Facts} told
+   */
+  feed(name, shown, framing, mesh, told) {
+    const entry = this.#rows.get(name);
+    const isFirst = !entry.shown;
+    this.#prepare(mesh, told);
+    this.#framing = framing;
+    entry.shown = shown;
+    entry.tips.clear();
+    if (!isFirst) return this.#ask();
+    this.#painter.setBodies(this.#present.length);
+    this.element.dataset.bodies = String(this.#present.length);
+    this.fit();
+  }
+
+  #prepare(mesh, told) {
+    this.#mesh = mesh;
+    this.#facts = told;
+    this.#painter ??= new Painter(this.#gl, mesh, told, this.#pace.isSlow);
+  }
+
   /** Those of which more is to come. */
   get #coming() {
-    return [...this.#rows.values()].filter(({ row, shown }) => shown && shown.length < row.there.num_frames);
+    return [...this.#rows.values()].filter(({ row, shown }) => shown && row.there && shown.length < row.there.num_frames);
   }
 
   /** The sound waits for bodies that are still being made, and for the first to come from the server. */
@@ -460,17 +473,18 @@ export class Stage {
     return cells(seen.length, width, height, columns).map((cell, i) => ({ cell, entry: seen[i] }));
   }
 
-  /** As high as the window allows. An example is seen as the page opens; so is the time line with
+  /** As high as the window allows. An example, or who speaks, is seen as the page opens; so is the time line with
    * a run whose form makes room, and else a run may be scrolled to. */
   fit() {
     const width = this.view.clientWidth;
     if (!width || !this.#rows.size) return;
     const isOpening = !!this.element.closest(".opening");
+    const isLive = !!this.element.closest(".live");
     const timeline = this.#isNarrow ? null : this.element.closest(".columns.folded")?.querySelector(".timeline");
     const { top, bottom } = this.view.getBoundingClientRect();
     const above = top + window.scrollY + UNDER_PX;
     const [least, most] = HEIGHTS_PX;
-    const beside = isOpening ? above : timeline ? above + timeline.getBoundingClientRect().bottom - bottom : 0;
+    const beside = isLive ? above + UNDER_LIVE_PX : isOpening ? above : timeline ? above + timeline.getBoundingClientRect().bottom - bottom : 0;
     const tall = Math.max(isOpening ? OPENING_PX : least, Math.min(most, window.innerHeight - Math.max(BESIDE_PX, beside)));
     const rows = this.mode === "grid" ? grid(this.#seen.length, width, tall).rows : 1;
     const height = Math.max(tall, Math.min(rows * 300, window.innerHeight - 140));
@@ -586,7 +600,9 @@ export class Stage {
     if (gl.getSyncParameter(this.#fence, gl.SYNC_STATUS) !== gl.SIGNALED) return true;
     gl.deleteSync(this.#fence);
     this.#fence = null;
-    if (this.#begun !== null && this.#player.isPlaying) this.#pace.took(now - this.#begun, now);
+    if (this.#begun === null || !this.#player.isPlaying) return false;
+    this.#pace.took(now - this.#begun, now);
+    this.element.dispatchEvent(new CustomEvent("drawn", { detail: now - this.#begun })); // ms that it took
     return false;
   }
 
@@ -599,6 +615,7 @@ export class Stage {
     const [width, height] = this.#size.map((size) => Math.max(1, Math.round(size * density)));
     if (this.#canvas.width !== width || this.#canvas.height !== height) [this.#canvas.width, this.#canvas.height] = [width, height];
     const moment = this.#moment;
+    this.#painter.setTone(this.#look.get("tone"));
     this.#pose(moment, level);
     this.#painter.clear();
     const size = { width, height, density };
@@ -640,6 +657,7 @@ export class Stage {
       entry.number = number;
       if (!seen.has(entry)) continue;
       const world = settled(entry, entry.shown.world(moment, look));
+      if (this.#look.get("hasBones") || this.#look.get("hasAxes")) entry.stands = Float32Array.from(world);
       entry.pelvis = [world[3], world[7], world[11]];
       const frame = Math.min(Math.floor(moment), entry.shown.length - 1);
       const jerk = this.#look.get("hasHeat") ? entry.shown.jerk(look.isSmoothed).subarray(NUM_JOINTS * frame, NUM_JOINTS * (frame + 1)) : null;
@@ -722,7 +740,29 @@ export class Stage {
     const part = panel.view ? this.#mesh.part(mesh, panel.drawn) : this.#mesh.level(mesh);
     const heat = this.#look.get("hasHeat") ? this.#look.get("heatScale") : 0;
     this.#painter.panel(panel.rect, { matrix, eye: camera.eye, number: entry.number, level: mesh, part, ground: this.#framing, heat, ...options });
+    this.#drawBones(panel, entry, matrix, options);
     if (this.#look.get("hasTrail") && !options.ghost && this.#isTrailIn(panel)) this.#drawTrail(panel, entry, moment, matrix, options);
+  }
+
+  /**
+   * Skeleton and axes over the body; `options` are `clip` and `shift` of Painter.panel.
+   *
+   * @param {any} panel
+   * @param {any} entry
+   * @param {number[]} matrix
+   * @param {{ clip?: number[], shift?: number[] }} options
+   */
+  #drawBones({ rect, view, drawn }, entry, matrix, options) {
+    const { clip, shift = [0, 0, 0] } = options;
+    /** @type {[number, number]} */
+    const size = [rect[2], rect[3]];
+    if (this.#look.get("hasBones")) this.#painter.ink(rect, boneCorners(entry.stands, this.#mesh.parents, matrix, size, shift, view && drawn), clip);
+    if (this.#look.get("hasAxes")) this.#painter.ink(rect, axisCorners(entry.stands, this.#fine, matrix, size, shift, view && drawn), clip);
+  }
+
+  /** Of each joint, whether it is one of many close to each other. */
+  get #fine() {
+    return this.#mesh.names.map((name) => /index|middle|pinky|ring|thumb|jaw|eye/.test(name));
   }
 
   #cameraOf(panel, entry, moment, aspect) {

@@ -101,5 +101,5 @@ def test_what_is_usual_stands_first() -> None:
 def test_what_needs_all_of_the_speech_is_not_offered() -> None:
     from dataclasses import replace
 
-    told = offered(replace(CATALOGUE, systems=("workbench/planned", USUAL)))
-    assert told["systems"] == [USUAL]
+    told = offered(replace(CATALOGUE, systems=("official/authors", "workbench/planned", USUAL)))
+    assert told["systems"] == [USUAL, "workbench/planned"]

@@ -1,5 +1,6 @@
 """The tab for motion of one's own: what the form asks for, and what the tab then shows."""
 
+import json
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -13,15 +14,25 @@ from app import text
 from app.config import AppConfig
 from app.errors import RunError
 from app.page.results.kept_runs import KeptRuns
+from app.page.results.kept_sets import KeptSets
 from app.page.results.result_parts import ResultParts, build_results
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
+from app.page.serving.visitors import COOKIE
 from app.page.serving.workshop import Workshop
 from app.page.tabs.own_motion import build_own_motion_tab
-from app.page.tabs.own_motion_run import MAX_NAME, OwnMotionForm, OwnMotionRunner, display_names
+from app.page.tabs.own_motion_run import (
+    MAX_NAME,
+    ClipRunner,
+    OwnMotionForm,
+    OwnMotionRunner,
+    display_names,
+)
+from app.page.tabs.own_sets_run import SetsDesk, build_sets
 from app.page.tabs.upload_check import UploadCheck
 from app.page.tabs.videos_behind import VideosBehind
 from app.run.diagnose import DiagnoseRequest, Diagnosis, OnShare
+from app.run.many.sets import Sets, SetsRequest, measure_sets
 from app.run.pictures.own_videos import OnFile
 from app.run.upload_check import refusal_of
 from tests.app import fakes
@@ -75,10 +86,19 @@ def test_long_and_equal_names_are_told_apart() -> None:
     assert names == ("x" * MAX_NAME, "x" * MAX_NAME + " (2)", "b")
 
 
-def runner_of(diagnose: Any, folder: Path, parts: ResultParts) -> OwnMotionRunner:
+def runner_of(
+    diagnose: Any,
+    folder: Path,
+    parts: ResultParts,
+    sets: SetsDesk | None = None,
+    kind: type[OwnMotionRunner] = OwnMotionRunner,
+) -> OwnMotionRunner:
     jobs = JobBook(folder)
     videos = VideosBehind(fakes.make_draw(), jobs, parts, KEPT, "own_videos")
-    return OwnMotionRunner(diagnose, CONFIG, jobs, MediaDesk(), parts, KEPT, videos)
+    if sets is None:
+        with gr.Blocks():
+            sets = SetsDesk(measure_sets, build_sets(), KeptSets())
+    return kind(diagnose, CONFIG, jobs, MediaDesk(), parts, KEPT, videos, sets)
 
 
 Runs = Callable[..., list[dict[Any, Any]]]
@@ -93,6 +113,7 @@ def runs(tmp_path: Path) -> Runs:
             parts = build_results()
         names = {getattr(parts, name): name for name in parts.__dataclass_fields__}
         runner = runner_of(diagnose, tmp_path, parts)
+        names[runner._sets.parts.shown] = "sets"
         updates = []
         try:
             for update in runner.run(VISITOR, *values):  # type: ignore[arg-type]
@@ -172,5 +193,131 @@ def test_the_tab_is_built_with_its_endpoint(tmp_path: Path) -> None:
             CHECK,
             KEPT,
             fakes.make_draw(),
+            Workshop().measure_sets,
         )
     assert "own_motion" in {each.api_name for each in page.fns.values()}
+
+
+class _Measured:
+    """Sets that somebody has brought."""
+
+    def __init__(self, folder: Path) -> None:
+        self.asked: list[SetsRequest] = []
+        self._folder = folder
+
+    def __call__(self, request: SetsRequest, on_progress: Callable[[float], None]) -> Sets:
+        self.asked.append(request)
+        on_progress(0.5)
+        request.out.mkdir()
+        table = request.out / "many.csv"
+        table.write_text("0")
+        row = {"measure": "Followed point: Jerk", "unit": "m/s³", "clips": 2, "difference_to": ""}
+        rows = [
+            {**row, "system": name, "mean": mean, "low": mean - 1, "high": mean + 1}
+            for name, mean in (("<i>mine", 2345.6), ("reference", 120.0))
+        ]
+        kinds = ["foot_slide", "jerk"]
+        worst = [{"system": "<i>mine", "clip": "b<u>", "kinds": kinds, "jerk": 2400.0}]
+        told = {"clips": ["a", "b<u>"], "measures": rows, "worst": worst}
+        clips = {
+            name: {clip: self._folder / f"{name} {clip}.npz" for clip in told["clips"]}
+            for name in ("<i>mine", "reference")
+        }
+        return Sets((table,), ("A <note>.",), told, clips, {"a": self._folder / "a.wav"})
+
+
+@pytest.fixture
+def measured(tmp_path: Path) -> _Measured:
+    return _Measured(tmp_path)
+
+
+@pytest.fixture
+def sets(measured: _Measured) -> SetsDesk:
+    with gr.Blocks():
+        return SetsDesk(measured, build_sets(), KeptSets())
+
+
+def all_updates(runner: OwnMotionRunner, visitor: Any, *values: Any) -> list[dict[Any, Any]]:
+    return list(runner.run(visitor, *values))
+
+
+def test_zips_are_measured_as_sets_and_any_clip_is_opened(
+    tmp_path: Path, measured: _Measured, sets: SetsDesk
+) -> None:
+    with gr.Blocks():
+        parts = build_results()
+
+    def diagnose(request: DiagnoseRequest, on_progress: OnShare, on_file: OnFile) -> Diagnosis:
+        opened.append(request)
+        request.out.mkdir()
+        file = request.out / "diagnostics.json"
+        file.write_text("0")
+        return Diagnosis(
+            (file,), (), diagnostics_of(**dict.fromkeys(request.names, measures(1.0))), None
+        )
+
+    opened: list[DiagnoseRequest] = []
+    runner = runner_of(diagnose, tmp_path / "jobs", parts, sets)
+    asked = ["/up/<i>mine.zip"], "/up/gt.zip", None, "right_middle", 0
+    mine, stranger = (
+        SimpleNamespace(session_hash=name, cookies={COOKIE: name * 20}, client=None, headers={})
+        for name in ("mine", "else")
+    )
+    first, *_, last = all_updates(runner, mine, *asked)
+    assert first[sets.parts.shown] == {"value": "", "visible": False, "__type__": "update"}
+    (request,) = measured.asked
+    assert (request.names, request.reference) == (("<i>mine",), Path("/up/gt.zip"))
+    html = last[sets.parts.shown]["value"]
+    assert "foot slide, jerk; jerk 2,400 m/s³" in html and 'data-clip="b&lt;u&gt;"' in html
+    assert "2,350 [2,340, 2,350]" in html and "120 [119, 121]" in html
+    assert "<i>" not in html and "<u>" not in html
+    assert "Measured 2 clips of 2 sets" in last[parts.status]
+    assert "A &lt;note&gt;." in last[parts.message]["value"]
+
+    token = html.split('data-sets="')[1].split('"')[0]
+    opener = runner_of(diagnose, tmp_path / "others", parts, sets, ClipRunner)
+    *updates, end = all_updates(opener, mine, json.dumps({"sets": token, "clip": "a"}))
+    (one,) = opened
+    assert (one.names, one.motions) == (("<i>mine",), (tmp_path / "<i>mine a.npz",))
+    assert (one.reference, one.speech) == (tmp_path / "reference a.npz", tmp_path / "a.wav")
+    assert all(sets.parts.shown not in update for update in (*updates, end)), "the sets stay"
+    assert "a of &lt;i&gt;mine" in end[parts.runs]["value"]
+
+    for visitor, told in (
+        (mine, json.dumps({"sets": token, "clip": "../secret"})),
+        (mine, json.dumps({"sets": "x" * 43, "clip": "a"})),
+        (mine, json.dumps([token, "a"])),
+        (mine, "[" * 1000),
+        (mine, json.dumps({"sets": token, "clip": "a"}).ljust(3000)),
+        (mine, None),
+        (stranger, json.dumps({"sets": token, "clip": "a"})),
+    ):
+        with pytest.raises(gr.Error, match=r"kept no longer|load the page again"):
+            all_updates(opener, visitor, told)
+    assert len(opened) == 1
+
+
+@pytest.mark.parametrize(
+    ("motions", "changes", "said"),
+    [
+        (["a.zip", "b.npz"], {}, "zips of results only, or motion files only"),
+        (["a.ZIP"], {"reference": "r.npz"}, "the reference comes as a zip"),
+        (["a.zip"], {"speech": "r.wav"}, "the speech comes as a zip"),
+        ([f"{n}.zip" for n in range(7)], {}, "At most 6 motions"),
+    ],
+)
+def test_zips_beside_other_files_are_refused(
+    motions: list[str], changes: dict[str, str], said: str
+) -> None:
+    asked = form(*motions, **changes)
+    assert asked.has_sets
+    with pytest.raises(RunError, match=said):
+        asked.to_sets(Path("out"))
+
+
+def test_a_zip_beside_motion_files_is_refused() -> None:
+    for changes in ({"reference": "r.zip"}, {"speech": "r.zip"}):
+        asked = form("a.npz", **changes)
+        assert not asked.has_sets
+        with pytest.raises(RunError, match="A zip goes beside zips"):
+            asked.to_request(Path("out"), CONFIG)

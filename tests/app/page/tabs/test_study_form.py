@@ -6,8 +6,16 @@ from pathlib import Path
 import pytest
 
 from app.errors import RunError
-from app.page.tabs.study_form import StudyForm, collect_files, plan_text
+from app.page.tabs.study_form import (
+    PROTOCOLS,
+    QUESTIONS,
+    StudyForm,
+    collect_files,
+    plan_text,
+)
 from app.study.design.plan import read_plan
+from model.plan.wish import StyleWish
+from model.systems.planned.config import PLANNED
 
 FORM = StudyForm(
     title='A "title" with\nlines',
@@ -64,6 +72,30 @@ def test_a_completion_link_comes_into_the_plan(tmp_path: Path) -> None:
     link = "https://app.prolific.com/submissions/complete?cc=C0DE"
     (tmp_path / "plan.toml").write_text(plan_text(replace(FORM, return_to=f" {link} ")), "utf-8")
     assert read_plan(tmp_path / "plan.toml").return_to == link
+
+
+@pytest.mark.parametrize("question", QUESTIONS)
+def test_changes_of_gestures_become_systems(tmp_path: Path, question: str) -> None:
+    protocol, changed = QUESTIONS[question]
+    form = StudyForm.of(
+        [*("t", protocol, ["/cache/one.wav", "/cache/two.wav"], [PLANNED], None, 8, 4, 0),
+         ["front"], "", "", changed]
+    )  # fmt: skip
+    (tmp_path / "plan.toml").write_text(plan_text(form), "utf-8")
+    plan = read_plan(tmp_path / "plan.toml")
+    assert plan.protocol == PROTOCOLS[protocol] and plan.has_sound
+    found = {each.name: each.generator for each in plan.systems}
+    assert list(found) == [PLANNED, *(f"{PLANNED} {name}" for name in changed)]
+    assert {each.system for each in found.values() if each} == {PLANNED}
+    styles = [each.style for each in found.values() if each]
+    assert styles[0] is None and all(each not in (None, StyleWish()) for each in styles[1:])
+
+
+def test_a_change_that_there_is_not_is_refused_and_each_counts_as_a_system() -> None:
+    with pytest.raises(RunError, match="There is no change 'slower'; there are on wrong words, "):
+        plan_text(replace(FORM, changed=["slower"]))
+    with pytest.raises(RunError, match="36 minutes of video"):
+        plan_text(replace(FORM, length_s=135, changed=["smaller", "larger"]))
 
 
 def test_a_text_cannot_become_settings(tmp_path: Path) -> None:

@@ -9,10 +9,15 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
+from app.run.diagnose import DiagnoseRequest, diagnose_files
 from app.run.many.motions import ManyRequest, diagnose_folders
 from app.run.many.table import interval
+from model.evaluation.frechet import Features, distance, motion_features
 from model.jobs.crew import Crew
-from model.motion.motion import save_motion
+from model.motion.motion import load_motion, save_motion
+from model.networks.autoencoder import load_encoder
+from model.speech.audio import SAMPLE_RATE, write_wav
+from model.storage.cards import BUNDLED_WEIGHTS
 from tests.helpers import smooth_motion_example
 
 CLIPS = ("a", "b", "c")
@@ -79,6 +84,83 @@ def test_clips_are_paired_told_and_kept(folders: Path, tmp_path: Path):
     assert json.loads((tmp_path / "clips" / "c.json").read_text())["frames"] == 90
 
 
+def test_the_distance_of_sets_is_that_of_all_their_codes(folders: Path, tmp_path: Path):
+    diagnose_folders(asked(folders, tmp_path))
+    with (tmp_path / "many.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if "FGD" in row["measure"]]
+    encoder = load_encoder(BUNDLED_WEIGHTS, "fgd-encoder")
+
+    def codes(name: str) -> list[Features]:
+        paths = [folders / name / f"{clip}.npz" for clip in CLIPS]
+        found = [motion_features(encoder, load_motion(path)) for path in paths]
+        return [features for features in found if features is not None]
+
+    wanted = distance(codes("gt"), codes("lively"))
+    (lively, same), (apart,) = (
+        [row for row in rows if bool(row["difference_to"]) == is_pair] for is_pair in (False, True)
+    )
+    found = [float(lively[name]) for name in ("mean", "low", "high")]
+    assert found == pytest.approx([wanted.mean, wanted.low, wanted.high], rel=1e-6)
+    assert lively["system"] == "lively" and float(same["mean"]) == pytest.approx(0, abs=1e-6)
+    assert (apart["system"], apart["difference_to"]) == ("lively", "same")
+    assert float(apart["difference"]) == pytest.approx(wanted.mean, rel=1e-6)
+    assert "FGD to the recorded set" in (tmp_path / "sheet.md").read_text()
+
+
+def test_beats_are_those_of_a_single_clip_beside_its_sound(folders: Path, tmp_path: Path):
+    (tmp_path / "sound").mkdir()
+    for clip, seed in zip(CLIPS[:2], (1, 2), strict=True):
+        rng = np.random.default_rng(seed)
+        sound = rng.normal(size=6 * SAMPLE_RATE) * (np.arange(6 * SAMPLE_RATE) % 9000 < 2000)
+        write_wav(tmp_path / "sound" / f"{clip}.wav", 0.1 * sound.astype(np.float32))
+    long = {name: tmp_path / name for name in ("lively", "gt")}
+    for name, folder in long.items():
+        folder.mkdir()
+        for seed, clip in enumerate(CLIPS):
+            motion = smooth_motion_example(180, seed + (50 if name == "gt" else 0))
+            save_motion(motion, folder / f"{clip}.npz")
+    request = ManyRequest(
+        (long["lively"],), tmp_path / "out", long["gt"], tmp_path / "sound", crew=Crew(1)
+    )
+    result = diagnose_folders(request)
+    assert "1 of 3 clips have no sound of their name." in result.notes
+    with (tmp_path / "out" / "clips.csv").open() as file:
+        rows = {(row["clip"], row["system"]): row for row in csv.DictReader(file)}
+    for clip in CLIPS[:2]:
+        alone = diagnose_files(
+            DiagnoseRequest(
+                motions=(long["lively"] / f"{clip}.npz",),
+                out=tmp_path / f"alone-{clip}",
+                reference=long["gt"] / f"{clip}.npz",
+                speech=tmp_path / "sound" / f"{clip}.wav",
+                has_pictures=False,
+            )
+        ).diagnostics
+        for name, versions in (("lively", alone.systems[clip]), ("reference", alone.reference)):
+            row = rows[clip, name]
+            assert versions is not None and versions.raw.beats is not None
+            told = float(row["Beat alignment: BeatAlign (0 to 1)"])
+            assert told == pytest.approx(versions.raw.beats.beat_align, rel=1e-12) and told > 0
+            chance = float(row["Beat alignment: BeatAlign by chance (0 to 1)"])
+            assert chance == pytest.approx(versions.raw.beats.beat_align_chance, rel=1e-12)
+        found = {finding.kind for finding in alone.findings[clip]}
+        assert found == set(filter(None, rows[clip, "lively"]["findings"].split("; ")))
+    assert rows["c", "lively"]["Beat alignment: BeatAlign (0 to 1)"] == ""
+    with pytest.raises(RunError, match="no folder"):
+        diagnose_folders(replace(request, speech=tmp_path / "sound" / "a.wav"))
+    with pytest.raises(RunError, match="--speech"):
+        diagnose_folders(replace(request, speech=None, mean_speeds=tmp_path / "speeds.npy"))
+
+
+def test_sets_too_short_for_a_distance_are_told(folders: Path, tmp_path: Path):
+    for name in ("lively", "same", "gt"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "a.npz").write_bytes((folders / name / "a.npz").read_bytes())
+    result = diagnose_folders(asked(tmp_path, tmp_path / "out"))
+    assert any("have 11 codes" in note and "more than 32" in note for note in result.notes)
+    assert "FGD" not in (tmp_path / "out" / "sheet.md").read_text()
+
+
 def test_folders_without_a_common_name_are_refused(folders: Path, tmp_path: Path):
     (tmp_path / "other").mkdir()
     with pytest.raises(RunError, match="paired by name"):
@@ -92,7 +174,8 @@ def test_results_as_others_name_them_are_paired_at_any_depth(folders: Path, tmp_
     theirs = tmp_path / "emage" / "epoch_400"
     (theirs / ".cache").mkdir(parents=True)
     for clip in CLIPS[:2]:
-        (theirs / f"res_{clip}.npz").write_bytes((folders / "lively" / f"{clip}.npz").read_bytes())
+        lively = (folders / "lively" / f"{clip}.npz").read_bytes()
+        (theirs / f"res_{clip}{'_output' * (clip == 'b')}.npz").write_bytes(lively)
         (theirs / f"gt_{clip}.npz").write_bytes((folders / "gt" / f"{clip}.npz").read_bytes())
     (theirs / ".cache" / "res_c.npz").write_bytes(b"no motion")
     top, out = tmp_path / "emage", tmp_path / "out"

@@ -15,8 +15,13 @@ from app.run.many.speeches import RECORD, find_speeches, generate_many, is_many
 from app.run.request import GenerateRequest
 from model.generation.clip_noise import clip_seed
 from model.jobs.crew import Crew
+from model.plan.editing import added, gestures
+from model.plan.files import write_plan_file
+from model.plan.plan import GesturePlan, Nod, read_plan
 from model.speech.audio import write_wav
-from tests.model.made import made_waveform
+from model.systems.planned.config import PLANNED
+from tests.model.made import TINY_SYSTEMS, made_waveform, make_weights
+from tests.model.systems.planned.made import make_planned_weights
 
 HERE = Crew(1)
 
@@ -164,3 +169,34 @@ def test_what_belongs_to_one_clip_is_refused(speeches: Path, weights: Path, tmp_
     with pytest.raises(RunError, match="belong to one piece of speech"):
         generate_many(asked, HERE)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_batch_takes_one_style_file_and_a_folder_of_plans(speeches: Path, tmp_path: Path) -> None:
+    made = make_planned_weights(make_weights(tmp_path / "weights", TINY_SYSTEMS))
+    for name in "bc":
+        (speeches / f"{name}.wav").unlink()
+    write_wav(speeches / "d.wav", made_waveform(16_000 * 4))
+    style, plans = tmp_path / "style.toml", tmp_path / "plans"
+    style.write_text("[times]\ngestures_per_min = 0\nsmile = 0\n")
+    plans.mkdir()
+    asked = GenerateRequest(
+        speeches, tmp_path / "out", made, systems=(PLANNED,), steps=1, has_video=False,
+        has_figures=False, style=style, plan=plans,
+    )  # fmt: skip
+    with pytest.raises(RunError, match="plans lacks plans of 2 clips; the first is a"):
+        generate_many(asked, HERE)
+    with pytest.raises(RunError, match="is no folder; many pieces of speech take a folder"):
+        generate_many(replace(asked, plan=style), HERE)
+    GesturePlan(1.0, nods=(Nod(0.5, 4.0),)).write(plans / "a.json")
+    busy = added(GesturePlan(4.0, nods=(Nod(1.5, 4.0),)), "offer", 2.0, "right").plan
+    write_plan_file(busy, plans / "d.TextGrid")
+    runs = generate_many(asked, HERE)
+    assert runs.failed == {} and runs.clips == ("a", "d")
+    performed = [read_plan(asked.out / clip / "workbench-planned.plan.json") for clip in "ad"]
+    assert [plan.nods[0].time_s for plan in performed] == [0.5, 1.5]
+    assert not gestures(performed[1], "right")
+
+    assert generate_many(asked, HERE).kept == 2
+    style.write_text("[times]\nsmile = 0\n")  # another style makes other motion
+    assert generate_many(asked, HERE).kept == 0
+    assert len(gestures(read_plan(asked.out / "d/workbench-planned.plan.json"), "right")) == 1

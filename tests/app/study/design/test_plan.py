@@ -7,6 +7,7 @@ import pytest
 
 from app.errors import RunError
 from app.study.design.plan import Generator, read_plan
+from model.plan.wish import StyleWish
 from tests.app.study.made_study import write_plan
 
 MINIMAL = """
@@ -133,3 +134,67 @@ def test_looking_for_deep_keys_takes_no_time(tmp_path: Path) -> None:
         with pytest.raises(RunError):
             read(tmp_path, text)
     assert time.monotonic() - start < 5
+
+
+PLANNED_STUDY = """
+title = "Timing"
+protocol = "ranking"
+participants = 4
+[[clips]]
+name = "one"
+speech = "one.wav"
+[[systems]]
+name = "as planned"
+system = "workbench/planned"
+[[systems]]
+name = "half as many"
+system = "workbench/planned"
+style = { times = { gestures_per_min = 0.5 } }
+[[systems]]
+name = "from a file"
+system = "workbench/planned"
+style = "style.toml"
+[[systems]]
+name = "by hand"
+system = "workbench/planned"
+plan = "plans/{clip}.eaf"
+"""
+
+
+def test_a_condition_may_be_a_plan_or_a_change_of_it(tmp_path: Path) -> None:
+    (tmp_path / "style.toml").write_text("wrong_words = true")
+    plan = read(tmp_path, PLANNED_STUDY)
+    styles = [system.generator and system.generator.style for system in plan.systems]
+    half, wrong = StyleWish(times={"gestures_per_min": 0.5}), StyleWish(wrong_words=True)
+    assert styles == [None, half, wrong, None]
+    assert plan.systems[3].plans == {"one": tmp_path / "plans" / "one.eaf"}
+    assert plan.systems[0].plans is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            "gestures_per_min = 0.5",
+            "often = 2",
+            "the style of 'half as many' cannot be used: `times`",
+        ),
+        ('"style.toml"', '"none.toml"', "none.toml could not be read: no such file"),
+        ("plans/{clip}.eaf", "plans/one.eaf", "the plan of 'by hand' must hold {clip}"),
+        ('plan = "plans/{clip}.eaf"', "", "The systems 'as planned' and 'by hand' are the same"),
+        ('style = "style.toml"', "style = 3", "`style` must be a text"),
+        (
+            'system = "workbench/planned"\nplan',
+            'system = "globaldiff/full"\nplan',
+            "the system 'by hand' performs no plans, so it cannot have `plan`",
+        ),
+    ],
+)
+def test_conditions_that_cannot_be_are_refused(
+    tmp_path: Path, old: str, new: str, words: str
+) -> None:
+    (tmp_path / "style.toml").write_text("wrong_words = true")
+    assert old in PLANNED_STUDY
+    with pytest.raises(RunError) as caught:
+        read(tmp_path, PLANNED_STUDY.replace(old, new))
+    assert words in str(caught.value)

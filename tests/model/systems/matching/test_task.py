@@ -27,7 +27,9 @@ def test_a_judge_learns_which_speech_belongs_and_only_where_it_shows(learned):
     batch = windows(data, "val", task, 16)
     found = task.validate(batch, torch.Generator().manual_seed(0))
     assert found["arms_share_right"] > 0.95
-    assert found["trunk_share_right"] < 0.1  # nothing moves there: all are tied, none is preferred
+    # Nothing moves there: all are tied, or told apart by one rounding error that all motions share,
+    # as often wrongly as rightly. Which of the two depends on the processor.
+    assert found["trunk_share_right"] < 0.1 or found["trunk_share_right"] == 0.5
     assert found["arm_speed"] < 0.3 * 0.3  # of an error of .3 where nothing is told
     strangers = replace(batch, speech=batch.speech.roll(1, dims=0))
     assert task.validate(strangers, torch.Generator())["arms_share_right"] < 0.7

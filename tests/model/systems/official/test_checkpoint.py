@@ -10,7 +10,8 @@ import torch
 from torch import Tensor
 
 from model.storage.cards import CheckpointError
-from model.systems.official.checkpoint import load_network, make_network, read_tensors
+from model.storage.torch_file import read_tensors
+from model.systems.official.checkpoint import load_network, make_network
 from tests.model.systems.official.filled import fill, sha256_of
 
 

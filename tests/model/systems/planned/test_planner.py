@@ -2,7 +2,8 @@ import numpy as np
 import torch
 
 from model.plan.tiers import TIERS, chains_of, frames_of, seen_together
-from model.systems.planned.planner import Planner, _Events, load_planner
+from model.systems.planned.drawer import _Events
+from model.systems.planned.planner import Planner, load_planner
 from model.systems.planned.planner_network import Marks
 from tests.model.plan.made import made_plan
 from tests.model.systems.planned.made import make_planned_weights
@@ -47,7 +48,7 @@ def test_shares_are_those_of_slow_counting(tmp_path):
     with torch.no_grad():
         around = told[torch.arange(-31, 33).clamp(0, 1)][None]
         heard = planner.network.hear(around, torch.tensor([1]), torch.tensor([True]))
-        begun = planner._drawers(told, 1, [0], 1.0)
+        begun = planner.drawers(told, 1, [0], 1.0)
         chains = {name: drawer.chain for name, drawer in begun.items()}
         frames = {t.name: frames_of(t, chains[t.name], np.arange(2)) for t in TIERS}
         seen = torch.from_numpy(seen_together(frames)["right"])
@@ -55,7 +56,7 @@ def test_shares_are_those_of_slow_counting(tmp_path):
         expected = head.events(head.state(heard[0], seen))[1].exp().numpy()
     counts = np.zeros(7)
     for seed in range(3000):
-        plan = planner._drawers(told, 1, [seed], 1.0)
+        plan = planner.drawers(told, 1, [seed], 1.0)
         plan["right"].draw(1, plan)
         chain = plan["right"].chain
         counts[0 if len(chain) == 1 else 1 + chain[-1].state] += 1

@@ -1,0 +1,31 @@
+"""The installed form from Python, where this file is ``co_speech_motion/__init__.py``; a checkout
+has ``app.notebook`` instead.
+
+The folders ``app``, ``model`` and ``renderer`` lie beside it, and are searched after everything
+else once something of it is used.
+"""
+
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+_HERE = Path(__file__).resolve().parent
+
+
+def __getattr__(name: str) -> Any:
+    if name.startswith("__"):
+        raise AttributeError(name)
+    if str(_HERE) not in sys.path:
+        sys.path.append(str(_HERE))
+    app = import_module("app")
+    if Path(str(app.__file__)).resolve().parent.parent != _HERE:
+        raise ImportError(
+            f"Another package called 'app' is found before this program's: {app.__file__}. Start "
+            "Python in another folder."
+        )
+    return getattr(import_module("app.notebook"), name)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *import_module("app.notebook").__all__] if "app" in sys.modules else []

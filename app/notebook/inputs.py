@@ -1,0 +1,111 @@
+"""What a notebook hands over: sound and motion as files or as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from app.errors import RunError
+from model.formats.read import read_any_motion
+from model.motion.motion import Motion, save_motion
+from model.plan.plan import GesturePlan
+from model.speech.audio import Speech, load_speech, write_wav
+
+SpeechLike = str | Path | Speech | tuple[np.ndarray, int]
+"""A sound file; speech that was read; or samples, (N,) or (N, channels), and their rate in Hz."""
+MotionLike = str | Path | Motion
+PlanLike = str | Path | GesturePlan
+
+
+def read_speech(speech: SpeechLike) -> Speech:
+    """Sound as the systems hear it: 16 kHz, mono.
+
+    Raises:
+        SpeechError: with one sentence, if it cannot be used.
+    """
+    if isinstance(speech, Speech):
+        return speech
+    with speech_file(speech) as path:
+        return load_speech(path)
+
+
+def read_motion(motion: MotionLike) -> Motion:
+    """Anyone's motion: BEAT2, AMASS and SMPL-X files (.npz), rotations (.npy), .bvh.
+
+    Returns:
+        ``poses`` (T, 165), local axis-angle of the 55 SMPL-X joints in radians; ``trans`` (T, 3) in
+        metres, y up; ``expressions`` (T, 100); at 30 frames per second.
+
+    Raises:
+        MotionError: with one sentence, if it cannot be read.
+    """
+    return motion if isinstance(motion, Motion) else read_any_motion(motion).motion
+
+
+def named_motions(motions: MotionLike | Mapping[str, MotionLike]) -> dict[str, Motion]:
+    """By name; a file alone is called as it is, a motion alone "motion".
+
+    Raises:
+        RunError: of none.
+        MotionError: as `read_motion`.
+    """
+    if isinstance(motions, str | Path):
+        motions = {Path(motions).stem: motions}
+    elif isinstance(motions, Motion):
+        motions = {"motion": motions}
+    if not motions:
+        raise RunError("There is no motion; give at least one.")
+    return {name: read_motion(motion) for name, motion in motions.items()}
+
+
+@contextmanager
+def speech_file(speech: SpeechLike) -> Iterator[Path]:
+    """The sound as a file, which is there as long as the context."""
+    if isinstance(speech, str | Path):
+        yield Path(speech)
+        return
+    if isinstance(speech, Speech):
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "speech.wav"
+            write_wav(path, speech.waveform)
+            yield path
+        return
+    from scipy.io import wavfile
+
+    samples, rate = np.asarray(speech[0]), speech[1]
+    if samples.ndim not in (1, 2) or not np.issubdtype(samples.dtype, np.number):
+        raise RunError(
+            "Speech as an array is numbers of the shape (N,) or (N, channels); it is "
+            f"{samples.dtype} of the shape {samples.shape}."
+        )
+    if samples.dtype not in (np.int16, np.int32, np.uint8):
+        samples = samples.astype(np.float32)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "speech.wav"
+        wavfile.write(path, int(rate), samples)
+        yield path
+
+
+@contextmanager
+def motion_file(motion: MotionLike) -> Iterator[Path]:
+    """The motion as a file of BEAT2's form, which is there as long as the context."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "motion.npz"
+        save_motion(read_motion(motion), path)
+        yield path
+
+
+@contextmanager
+def plan_file(plan: PlanLike | None) -> Iterator[Path | None]:
+    """The plan as a file, which is there as long as the context."""
+    if not isinstance(plan, GesturePlan):
+        yield None if plan is None else Path(plan)
+        return
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "plan.json"
+        plan.write(path)
+        yield path

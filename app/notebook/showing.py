@@ -1,0 +1,100 @@
+"""Bodies that play in a cell: the page's player, with all that it needs, in one file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+from app.notebook.inputs import (
+    MotionLike,
+    SpeechLike,
+    named_motions,
+    read_motion,
+    read_speech,
+    speech_file,
+)
+from app.page.alone import Scene, player_alone
+from app.page.results.timeline import make_timeline, tiers_of
+from app.run.models import get_body
+from app.run.pictures.followed_point import TIP, choose_tip_source
+from app.run.request import REFERENCE_NAME
+from model.measures.faults.finding import Finding
+from model.plan.plan import GesturePlan
+from model.speech.audio import Speech
+from model.speech.transcript import NOTHING_SAID, Transcript
+from model.storage.files import written_atomically
+
+HEIGHT_PX = 880
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Player:
+    """A cell shows it; `save` keeps it as a file for any browser, about 3 MB and 50 kB a second of
+    each body."""
+
+    html: str
+    height: int = HEIGHT_PX
+    """Of the cell, in pixels."""
+
+    def save(self, path: str | Path) -> Path:
+        """Write it whole or not at all.
+
+        Raises:
+            WriteError: with the reason.
+        """
+        with written_atomically(Path(path)) as part:
+            part.write_text(self.html, encoding="utf-8")
+        return Path(path)
+
+    def __repr__(self) -> str:
+        return f"Player({len(self.html) / 1e6:.1f} MB)"
+
+    def _repr_html_(self) -> str:
+        return (
+            f'<iframe srcdoc="{escape(self.html)}" sandbox="allow-scripts allow-same-origin" '
+            f'style="width: 100%; height: {self.height}px; border: 0"></iframe>'
+        )
+
+
+def show(
+    motions: MotionLike | Mapping[str, MotionLike],
+    speech: SpeechLike | None = None,
+    *,
+    reference: MotionLike | None = None,
+    plans: Mapping[str, GesturePlan] | None = None,
+    said: Transcript = NOTHING_SAID,
+    findings: Mapping[str, list[Finding]] | None = None,
+    joint: str = TIP,
+    height: int = HEIGHT_PX,
+) -> Player:
+    """Motions in lock-step under the sound, with the stage's displays and the time line.
+
+    Args:
+        motions: one, or several by name.
+        plans: by the name of the motion that performs it.
+        findings: of `diagnose`; the gravest stand beside the bodies.
+        joint: whose jerk and speed the time line shows.
+
+    Raises:
+        ValueError: of what cannot be shown, with one sentence.
+    """
+    named = named_motions(motions)
+    if reference is not None:
+        named[REFERENCE_NAME] = read_motion(reference)
+    heard = None if speech is None else read_speech(speech)
+    tip = choose_tip_source(get_body(None), None, joint)
+    scene = Scene(
+        motions=named,
+        timeline=make_timeline(heard, named, "raw", tip) | tiers_of(said),
+        sound=None if heard is None else _wav(heard),
+        plans=plans or {},
+        findings=findings or {},
+    )
+    return Player(player_alone(scene), height)
+
+
+def _wav(speech: Speech) -> bytes:
+    with speech_file(speech) as path:
+        return path.read_bytes()

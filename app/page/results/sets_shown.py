@@ -1,0 +1,113 @@
+"""Sets of clips on the page: the worst clips, how measures are spread, and a table of them.
+
+app/page/web/sets.js opens a clip on the stage.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any
+
+from app.findings.measure_rows import MEASURES, written
+from app.page.parts import markup
+from app.run.many.distances import TITLE as DISTANCE
+from app.run.many.table import JERK, cells_of
+
+HEADING = "Results as sets"
+COUNTED = (
+    "{clips} in {sets}, each measured as it is. Means over clips, with 95 % intervals over clips."
+)
+WORST = "Worst clips first: most kinds of findings, of equal ones the jerkiest"
+NONE_FOUND = "Nothing stands out in any clip."
+OPEN = "Open on the stage"
+ANY = "Any clip"
+TABLE = "Mean over clips [95 % interval]"
+MORE = "All measures"
+STAR = "* the paired difference to {last} is not chance."
+MOST_SHOWN = 5
+"""Worst clips that are seen unfolded."""
+
+
+def sets_html(
+    token: str, told: Mapping[str, Any], systems: Sequence[str], figure: str, links: str
+) -> str:
+    """All that is told of them.
+
+    Args:
+        told: as `app.run.many.sets.Sets.told`.
+        systems: names of the sets, the reference last.
+        figure: that of the spread, as HTML; empty of few clips.
+        links: to what can be saved, as HTML.
+    """
+    clips = told["clips"]
+    counted = COUNTED.format(clips=_of(len(clips), "clip"), sets=_of(len(systems), "set"))
+    return (
+        f'<div class="sets" data-sets="{escape(token)}">{markup.heading(HEADING, counted)}'
+        f"{_worst(told['worst'])}{_any_clip(clips)}{figure}{_table(told['measures'], systems)}"
+        f'<p class="links">{links}</p></div>'
+    )
+
+
+def _of(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def _open(clip: str) -> str:
+    return f'<button type="button" class="open" data-clip="{escape(clip)}">{OPEN}</button>'
+
+
+def _worst(worst: Sequence[Mapping[str, Any]]) -> str:
+    if not worst:
+        return f'<p class="says">{NONE_FOUND}</p>'
+    unit = next(row.unit for row in MEASURES if (row.group, row.title) == JERK)
+    ordered = sorted(worst, key=lambda each: (-len(each["kinds"]), -each["jerk"]))
+    items = [
+        f"<li><b>{escape(each['clip'])}</b><span>{escape(each['system'])}: "
+        f"{escape(kinds_of(each))}; jerk {written(each['jerk'])} {unit}</span>"
+        f"{_open(each['clip'])}</li>"
+        for each in ordered
+    ]
+    rest = items[MOST_SHOWN:]
+    more = f"<details><summary>{len(rest)} more</summary><ul>{''.join(rest)}</ul></details>"
+    return (
+        f'<div class="findings"><h3>{WORST}</h3><ul>{"".join(items[:MOST_SHOWN])}</ul>'
+        f"{more if rest else ''}</div>"
+    )
+
+
+def kinds_of(worst: Mapping[str, Any]) -> str:
+    """Of findings, in words."""
+    return ", ".join(kind.replace("_", " ") for kind in worst["kinds"])
+
+
+def _any_clip(clips: Sequence[str]) -> str:
+    options = "".join(f"<option>{escape(clip)}</option>" for clip in clips)
+    return (
+        f'<p class="any"><label>{ANY} <select>{options}</select></label>'
+        f'<button type="button" class="open">{OPEN}</button></p>'
+    )
+
+
+def _table(rows: Sequence[Mapping[str, Any]], systems: Sequence[str]) -> str:
+    firsts = {f"{row.group}: {row.title}" for row in MEASURES if row.is_first} | {DISTANCE}
+    head = "".join(f'<th scope="col">{escape(name)}</th>' for name in systems)
+
+    def table(chosen: list[Mapping[str, Any]]) -> str:
+        body = "".join(
+            f'<tr><th scope="row">{escape(title)}</th>'
+            f"{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>"
+            for title, cells in cells_of(list(systems), [dict(row) for row in chosen]).items()
+        )
+        return (
+            f'<div class="scroll" role="region" aria-label="{TABLE}" tabindex="0"><table><thead>'
+            f'<tr><th scope="col">{TABLE}</th>{head}</tr></thead><tbody>{body}</tbody></table>'
+            "</div>"
+        )
+
+    star = f"<p>{escape(STAR.format(last=systems[-1]))}</p>" if len(systems) > 1 else ""
+    first = table([row for row in rows if row["measure"] in firsts])
+    return (
+        f'<div class="measures all">{first}{star}'
+        f"<details><summary>{MORE}</summary>{table(list(rows))}</details></div>"
+    )

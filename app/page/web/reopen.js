@@ -1,0 +1,52 @@
+/** A zip that is dropped anywhere on the page, but on a field for files, goes to the tab for motion of one's own: a saved run opens again. */
+
+const FIELD = "#own-motions input[type=file]";
+const EVERY_MS = 100;
+const PATIENCE_MS = 60_000;
+
+/** Called by Gradio's component, whose value is the name of the tab. */
+export function mountReopen(element, props) {
+  const ending = new AbortController();
+  const on = (name, listener) => document.addEventListener(name, (event) => element.isConnected ? listener(event) : ending.abort(), { signal: ending.signal });
+  on("dragover", (event) => isOurs(event) && event.preventDefault());
+  on("drop", (event) => {
+    if (!isOurs(event)) return;
+    event.preventDefault(); // or the browser would leave the page for the file
+    const file = [...event.dataTransfer.files].find(({ name }) => /\.zip$/i.test(name));
+    if (file) open(file, props.value);
+  });
+}
+
+/** Whether it is files, and no field wants them. */
+function isOurs({ dataTransfer, target }) {
+  const field = target instanceof Element ? target.closest(".block")?.querySelector("input[type=file]") : null;
+  return !!dataTransfer?.types.includes("Files") && !field;
+}
+
+async function open(file, tab) {
+  press([...document.querySelectorAll("[role=tab]")].find((each) => each.textContent.trim() === tab));
+  await found("#own-motions");
+  press(document.querySelector("#own-motions button[aria-label=Clear]"));
+  const input = await found(FIELD);
+  if (!(input instanceof HTMLInputElement)) return;
+  const given = new DataTransfer();
+  given.items.add(file);
+  input.files = given.files;
+  input.dispatchEvent(new Event("change", { bubbles: true }));
+  if (await found("#own-motions .file-preview")) press(await found("#own-start:not([disabled])"));
+}
+
+function press(element) {
+  if (element instanceof HTMLElement) element.click();
+}
+
+/** The first such element, as soon as there is one; null after a while. */
+async function found(selector) {
+  const until = performance.now() + PATIENCE_MS;
+  while (performance.now() < until) {
+    const element = document.querySelector(selector);
+    if (element) return element;
+    await new Promise((resolve) => setTimeout(resolve, EVERY_MS));
+  }
+  return null;
+}

@@ -1,0 +1,92 @@
+"""Zips of results, as people hand them in: unpacked and measured as sets beside each other."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from app.run.many.motions import ENDINGS, ManyRequest, diagnose_folders
+from app.run.many.speeches import ENDINGS as SOUND_ENDINGS
+from app.run.many.unpacked import Limits, unpacked
+from app.run.request import REFERENCE_NAME
+from model.jobs.crew import Crew
+from model.storage.harmless import printable
+
+MAX_BYTES = 10**9
+"""Of all zips of a run, unpacked."""
+MAX_FILES = 1500
+"""Of all of them."""
+_UNPACKED = 0.05
+"""Share of the work that is done then."""
+
+
+@dataclass(frozen=True)
+class SetsRequest:
+    """Which zips to measure, each a system's results, beside what."""
+
+    zips: tuple[Path, ...]
+    names: tuple[str, ...]
+    out: Path
+    """Unpacked files stay below it, beside what is written."""
+    reference: Path | None = None
+    """A zip of recorded clips with the same names."""
+    speech: Path | None = None
+    """A zip of their sound, for BeatAlign."""
+
+
+@dataclass(frozen=True)
+class Sets:
+    """What was written, and found."""
+
+    files: tuple[Path, ...]
+    notes: tuple[str, ...]
+    told: dict[str, Any]
+    """What `app.run.many.table.write_tables` leaves in ``many.json``."""
+    clips: dict[str, dict[str, Path]]
+    """By system, and the reference, the motion file of each clip."""
+    sounds: dict[str, Path]
+    """By clip."""
+
+
+def measure_sets(
+    request: SetsRequest, on_progress: Callable[[float], None] = lambda share: None
+) -> Sets:
+    """Unpack, then measure one clip after the other; those that cannot be read are left out.
+
+    Args:
+        on_progress: told of the share done; what it raises ends the work.
+
+    Raises:
+        RunError: for zips that cannot be read, hold too much, or share no clip.
+        MotionError: where no clip can be read.
+    """
+    top = request.out / "unpacked"
+    left = Limits(files=MAX_FILES, total_bytes=MAX_BYTES)
+
+    def folder_of(path: Path, name: str, endings: tuple[str, ...]) -> Path:
+        nonlocal left
+        on_progress(0.0)
+        folder = top / name / (printable(path.stem) or "set")
+        folder.mkdir(parents=True)
+        count = unpacked(path, folder, endings, left)
+        held = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+        left = Limits(files=left.files - count, total_bytes=left.total_bytes - held)
+        return folder
+
+    folders = tuple(
+        folder_of(path, f"set{number}", ENDINGS) for number, path in enumerate(request.zips)
+    )
+    reference = request.reference and folder_of(request.reference, REFERENCE_NAME, ENDINGS)
+    speech = request.speech and folder_of(request.speech, "speech", SOUND_ENDINGS)
+    asked = ManyRequest(
+        *(folders, request.out, reference, speech),
+        names=request.names,
+        leaves_out=True,
+        crew=Crew(1),
+    )
+    found = diagnose_folders(asked, lambda share: on_progress(_UNPACKED + (1 - _UNPACKED) * share))
+    told = json.loads((request.out / "many.json").read_text())
+    return Sets(found.files, found.notes, told, found.measured, found.sounds)

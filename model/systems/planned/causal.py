@@ -1,0 +1,224 @@
+"""Plans while speech comes: drawn a little ahead of what is performed, and no more changed where it
+has been.
+
+The planner hears a second on either side, so the speech that has not come yet is put to it as
+whoever calls supposes it to be. What it draws of frames to come tells the motion network where
+hands are going; when more has been heard these are drawn anew, under the same chances. A movement
+that has begun is carried out as it was drawn: hands cannot be told half way where they were going.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from model.data.plans import kinds_of
+from model.generation.base import PlannedAhead
+from model.motion.timing import FPS
+from model.plan.kinds import FOLLOWING, KindTable, Stroke, strokes_of
+from model.plan.manner import Manner
+from model.plan.palette import Place
+from model.plan.plan import PHASES, SIDES, GesturePlan, HandPhase, Side
+from model.plan.tiers import BY_NAME, Begun, plan_of
+from model.plan.tracks import STILL, tracks_of
+from model.systems.planned.planner import KINDS, Planner
+
+BEFORE_FRAMES = 90
+"""A plan is told from so long before the frame that it is asked for."""
+KEPT_EVENTS = 3
+"""Of each tier, before that."""
+_TOGETHER_FRAMES = 5
+"""A hand may join one that made ready so long ago."""
+_MOVING = tuple(name for name in PHASES if name not in STILL)
+_PREPARATION, _STROKE = (1 + PHASES.index(name) for name in ("preparation", "stroke"))
+_NUM_EVENTS = 1 + len(PHASES)
+_SMILE = 1 + BY_NAME["smile"].states.index("smile")
+
+
+@dataclass(frozen=True)
+class _Leans:
+    """What a manner makes likelier."""
+
+    manner: Manner
+
+    def log_odds(
+        self, tier: str, frame: int, now: Begun, others: Mapping[str, Begun]
+    ) -> Float[np.ndarray, " events"] | None:
+        """See `Leaning.log_odds`."""
+        manner = self.manner
+        if tier == "smile" and manner.smile > 0:
+            odds = np.zeros(1 + len(BY_NAME["smile"].states))
+            odds[_SMILE] = math.log(manner.smile)
+            return odds
+        if tier not in SIDES:
+            return None
+        odds = np.zeros(_NUM_EVENTS)
+        if PHASES[now.state] in _MOVING:
+            odds[1:] = math.log(manner.fast)
+        else:
+            odds[[_PREPARATION, _STROKE]] = math.log(manner.often)
+            other = others[SIDES[1 - SIDES.index(tier)]]
+            if 1 + other.state == _PREPARATION and frame - other.frame <= _TOGETHER_FRAMES:
+                odds[_PREPARATION] += math.log(manner.both)
+        return odds
+
+
+class CausalPlanner:
+    """The planner of one speaker; its memory does not grow."""
+
+    def __init__(
+        self, planner: Planner, speaker: int, noise_key: Sequence[int], guidance: float
+    ) -> None:
+        self.manner = Manner()
+        """May be changed at any time; what has been planned for good stays."""
+        self._planner, self._speaker, self._key = planner, speaker, list(noise_key)
+        self._guidance = guidance
+        nothing = torch.zeros(1, planner.config.speech_dim)
+        with torch.inference_mode():
+            self._drawers = planner.drawers(nothing, speaker, noise_key, guidance)
+        self._final = 1
+        """First frame that may still be drawn anew; at frame 0 nothing begins."""
+        self._kinds: dict[tuple[str, int], str] = {}
+        self._goals: dict[tuple[str, int], Place] = {}
+        """Of phases that are planned for good, by hand and first frame."""
+
+    @torch.inference_mode()
+    def go_on(
+        self,
+        speech: Callable[[int, int], Float[Tensor, "T speech_dim"]],
+        first: int,
+        final: int,
+        stop: int,
+    ) -> PlannedAhead:
+        """The plan around some frames.
+
+        Args:
+            speech: features from one frame to another, supposed ones where none have come.
+            first: the first frame that is asked for.
+            final: what begins before this frame is planned for good with this call.
+            stop: the plan ends here.
+        """
+        final = max(final, self._final)
+        self._draw(speech, final, stop)
+        origin = first - BEFORE_FRAMES
+        for drawer in self._drawers.values():
+            drawer.forget_before(origin, KEPT_EVENTS)
+        chains = {name: drawer.chain for name, drawer in self._drawers.items()}
+        shifted = {
+            name: [replace(one, frame=one.frame - origin) for one in chain]
+            for name, chain in chains.items()
+        }
+        plan = self._told(plan_of(shifted, stop - origin), origin, final)
+        planted = tuple(
+            replace(one, start_s=one.start_s + origin / FPS, end_s=one.end_s + origin / FPS)
+            for one in plan.planted
+        )
+        self._go_back(final, origin)
+        return PlannedAhead(plan, origin, planted)
+
+    def heard(
+        self, features: Float[Tensor, "n speech_dim"], ahead: PlannedAhead, first: int
+    ) -> Float[Tensor, "n heard_dim"]:
+        """What the motion network hears of frames from ``first`` on."""
+        at = first - ahead.origin
+        stop = at + len(features)
+        tracks = torch.from_numpy(tracks_of(ahead.plan, stop)[at:])
+        kinds = torch.from_numpy(kinds_of(ahead.plan, stop, self._planner.kinds)[at:]).float()
+        return torch.cat([features, tracks, kinds], dim=1)
+
+    def _draw(
+        self, speech: Callable[[int, int], Float[Tensor, "T speech_dim"]], final: int, stop: int
+    ) -> None:
+        """All frames from those that are final on."""
+        begin, context = self._final, self._planner.config.context
+        heard = self._planner.hear(
+            speech(begin - 2 * context, stop + context), self._speaker, self._guidance
+        )
+        leans = _Leans(self.manner)
+        for name, drawer in self._drawers.items():
+            drawer.hear(heard[name][:, context:], begin)
+        for frame in range(begin, stop):
+            if frame == final:
+                self._keep_place()
+            for drawer in self._drawers.values():
+                drawer.draw(frame, self._drawers, leans)
+        if final >= stop:
+            self._keep_place()
+
+    def _keep_place(self) -> None:
+        for drawer in self._drawers.values():
+            drawer.keep_place()
+
+    def _go_back(self, final: int, origin: int) -> None:
+        for name, drawer in self._drawers.items():
+            state = drawer.chain_at(final).state
+            drawer.go_back(final, finishes=_finishes(name, state))
+        self._final = final
+        for known in (self._kinds, self._goals):
+            for key in [key for key in known if key[1] < origin - 10 * BEFORE_FRAMES]:
+                del known[key]
+
+    def _told(self, plan: GesturePlan, origin: int, final: int) -> GesturePlan:
+        """A plan with kinds, as large and high as it shall be, whose holds and rests stay."""
+        table, kinds = self._planner.kinds, {}
+        hands = {side: list(plan.hand(side)) for side in SIDES}
+        landed: dict[float, str] = {}
+        for stroke in sorted(strokes_of(plan), key=lambda one: one.lands.end_s):
+            begins = round(plan.hand(stroke.side)[stroke.first].start_s * FPS) + origin
+            kind = self._kind(table, stroke, begins, landed)
+            landed[stroke.lands.end_s] = kind
+            kinds[stroke.side, begins] = kind
+            for k in range(stroke.first, stroke.last + 1):
+                hands[stroke.side][k] = replace(hands[stroke.side][k], kind=kind)
+        self._kinds |= {key: kind for key, kind in kinds.items() if key[1] < final}
+        left, right = (self._shaped(side, hands[side], origin, final) for side in SIDES)
+        smiles = tuple(
+            replace(one, size=min(1.0, one.size * self.manner.smile))
+            for one in plan.smiles
+            if self.manner.smile > 0
+        )
+        return replace(plan, left=left, right=right, smiles=smiles)
+
+    def _kind(
+        self, table: KindTable, stroke: Stroke, begins: int, landed: Mapping[float, str]
+    ) -> str:
+        known = self._kinds.get((stroke.side, begins))
+        if known is not None:
+            return known
+        if stroke.both:
+            partner = table.partner(landed, stroke.lands.end_s)
+            if partner:
+                return partner
+        side = SIDES.index(stroke.side)
+        rng = np.random.default_rng([*self._key, KINDS, side, max(0, begins)])
+        return table.likely(stroke, self._speaker, rng)
+
+    def _shaped(
+        self, side: Side, phases: Sequence[HandPhase], origin: int, final: int
+    ) -> tuple[HandPhase, ...]:
+        found: list[HandPhase] = []
+        for phase in phases:
+            begins = round(phase.start_s * FPS) + origin
+            shaped = self.manner.done(phase)
+            if phase.phase in STILL and found:  # its end is not known yet, so it leads nowhere
+                shaped = replace(shaped, goal=found[-1].goal)
+            if begins < final:
+                goal = self._goals.setdefault((side, begins), shaped.goal)
+                shaped = replace(shaped, goal=goal)
+            if phase.phase == "beat" and not phase.kind:
+                shaped = replace(shaped, kind=FOLLOWING)
+            found.append(shaped)
+        return tuple(found)
+
+
+def _finishes(tier: str, state: int) -> bool:
+    """Whether a state goes on as it was drawn once it has begun."""
+    if tier in SIDES:
+        return PHASES[state] in _MOVING
+    return tier.endswith(" foot") and BY_NAME[tier].states[state] == "step"

@@ -1,0 +1,180 @@
+"""A run as a file: what it holds, that it opens again, and that anything else is refused."""
+
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fastapi import FastAPI
+from starlette.testclient import TestClient
+
+from app.errors import RunError
+from app.page.results.kept_runs import KeptRuns
+from app.page.results.player import Showing, own_writers, picture_layout
+from app.page.results.run_file import (
+    TOLD,
+    file_name,
+    is_saved_run,
+    open_run,
+    run_file_routes,
+    save_run,
+)
+from app.page.run_page import run_page_routes
+from app.page.serving.media import MediaDesk
+from app.run.diagnose import DiagnoseRequest
+from app.run.request import REFERENCE_NAME, Artefact
+from model.motion.motion import load_motion, save_motion
+from model.plan.plan import GesturePlan, HandPhase
+from model.speech.audio import load_speech, write_wav
+from model.speech.transcript import Accent, GestureTier, Interval, Transcript, Word
+from tests.app.page.results.made_run import ended_run, keep, numbers
+from tests.helpers import smooth_motion_example
+from tests.model.made import made_waveform
+
+NAMES = ("globaldiff/local", "globaldiff/global", REFERENCE_NAME)
+SAID = Transcript(
+    (Word(0.2, 0.5, "<b>hello"),),
+    (GestureTier("gesture_left", (Interval(0.3, 0.6, "stroke beat"),)),),
+    "aligned",
+    (Interval(0.2, 0.3, "HH"),),
+    (Accent(0.4, 1.5),),
+)
+REST = HandPhase(0.0, 2.0, "rest", (0.2, -0.2, 0.2))
+
+
+@pytest.fixture
+def showing(tmp_path: Path) -> Showing:
+    """Of two systems and a reference; the first performed a plan."""
+    folder = tmp_path / "job"
+    folder.mkdir()
+    speech = tmp_path / "speech.wav"
+    write_wav(speech, made_waveform(32_000))
+    made = Showing(
+        *(NAMES, NAMES, picture_layout("front", 512, ("hands",), "knees")),
+        own_writers(DiagnoseRequest((), folder, speech=speech), folder),
+        *(folder, MediaDesk(), ""),
+    )
+    plan = folder / "local.plan.json"
+    GesturePlan(2.0, (REST,), (REST,)).write(plan)
+    made.take(Artefact("plan", NAMES[0], plan))
+    for seed, name in enumerate(NAMES):
+        path = folder / f"{seed}.npz"
+        save_motion(smooth_motion_example(60, seed), path)
+        made.take(Artefact("motion", name, path))
+    made.timeline()
+    made.tell_words(SAID)
+    return made
+
+
+def saved(showing: Showing, tmp_path: Path, **changes: Any) -> Path:
+    diagnostics = numbers(120.0, **{name: 100.0 for name in NAMES[:2]})
+    values = {"showing": showing, "speech_sha256": "ab12", "diagnostics": diagnostics, **changes}
+    return save_run(
+        ended_run(tmp_path, "speech: local, global; seed 0", **values), tmp_path / "x.zip"
+    )
+
+
+def test_what_was_saved_is_opened(showing: Showing, tmp_path: Path) -> None:
+    path = saved(showing, tmp_path)
+    assert is_saved_run(path)
+    opened = open_run(path, tmp_path / "opened")
+    assert list(opened.motions) == list(NAMES) and list(opened.plans) == [NAMES[0]]
+    for seed, name in enumerate(NAMES):
+        motion = load_motion(opened.motions[name])
+        np.testing.assert_array_equal(motion.poses, smooth_motion_example(60, seed).poses)
+    assert opened.plans[NAMES[0]].read_bytes() == (tmp_path / "job/local.plan.json").read_bytes()
+    assert opened.speech is not None and load_speech(opened.speech).num_frames == 60
+    told = opened.told
+    assert (told.title, told.speech_sha256) == ("speech: local, global; seed 0", "ab12")
+    assert told.settings == {"speech": "speech", "systems": "local", "seed": "0"}
+    assert told.said == SAID
+    with zipfile.ZipFile(path) as archive:
+        assert b"100.0" not in archive.read(TOLD), "numbers are measured anew"
+
+
+def test_motion_without_speech_is_saved_without_its_silence(
+    showing: Showing, tmp_path: Path
+) -> None:
+    sound = showing.sound()
+    assert sound is not None
+    write_wav(sound, np.zeros(32_000, np.float32))
+    opened = open_run(saved(showing, tmp_path), tmp_path / "opened")
+    assert opened.speech is None and not opened.told.has_speech
+
+
+def changed(path: Path, out: Path, told: Any = None, without: str = "", **more: bytes) -> Path:
+    """Another zip, begun alike."""
+    with zipfile.ZipFile(path) as before, zipfile.ZipFile(out, "w") as after:
+        whole = json.loads(before.read(TOLD))
+        said = json.dumps(whole | told if isinstance(told, dict) else told or whole)
+        after.writestr(TOLD, said)
+        for name in before.namelist():
+            if name not in (TOLD, without):
+                after.writestr(name, before.read(name))
+        for name, content in more.items():
+            after.writestr(name.replace("_", "."), content)
+    return out
+
+
+def test_anything_else_is_refused_in_a_sentence(showing: Showing, tmp_path: Path) -> None:
+    path = saved(showing, tmp_path)
+    row = {"name": "a", "motion": "motion-0.npz", "plan": None}
+    wrong: list[dict[str, Any]] = [
+        {"told": {"format": 2}},
+        {"told": {"rows": []}},
+        {"told": {"rows": [row] * 9}},
+        {"told": {"rows": [row, row]}},
+        {"told": {"rows": [{**row, "motion": "../../secret.npz"}]}},
+        {"told": {"rows": [{**row, "motion": "motion-0.npz\n"}]}},
+        {"told": {"rows": [{**row, "name": REFERENCE_NAME}]}},
+        {"told": {"joint": "../x"}},
+        {"told": {"words": [[0.0, float("nan"), "x"]]}},
+        {"told": {"title": "x" * 1000}},
+        {"told": {"html": "<script>"}},
+        {"told": [1, 2]},
+        {"without": "motion-1.npz"},
+        {"without": "speech.wav"},
+    ]
+    for number, changes in enumerate(wrong):
+        other = changed(path, tmp_path / f"{number}.zip", **changes)
+        assert is_saved_run(other)
+        with pytest.raises(RunError, match=r"holds no run that this page can open"):
+            open_run(other, tmp_path / f"opened{number}")
+    plain = tmp_path / "plain.zip"
+    with zipfile.ZipFile(plain, "w") as archive:
+        archive.writestr("a.npz", b"x")
+    assert not is_saved_run(plain) and not is_saved_run(tmp_path / "none.zip")
+
+
+def test_whoever_has_the_link_can_save_the_run(showing: Showing, tmp_path: Path) -> None:
+    runs = KeptRuns(3600.0)
+    diagnostics = numbers(120.0, **{name: 100.0 for name in NAMES[:2]})
+    run = ended_run(tmp_path, "ä/b\nc", showing=showing, speech_sha256="", diagnostics=diagnostics)
+    kept = keep(runs, tmp_path / "job", "mine", run)
+    app = FastAPI(routes=[*run_file_routes(runs), *run_page_routes(runs)])
+    client = TestClient(app)
+    (address,) = [part.split('"')[0] for part in runs.html("mine", kept).split('href="')[2:3]]
+    answer = client.get(f"/{address}")
+    assert answer.status_code == 200
+    assert "filename*=utf-8''%C3%A4-b-c.run.zip" in answer.headers["content-disposition"]
+    path = tmp_path / "fetched.zip"
+    path.write_bytes(answer.content)
+    assert list(open_run(path, tmp_path / "again").motions) == list(NAMES)
+    assert client.get(f"/media/run/{'x' * 43}").status_code == 404
+
+    page = client.get(f"/{address}/page")
+    assert "filename*=utf-8''%C3%A4-b-c.run.html" in page.headers["content-disposition"]
+    assert page.headers["content-type"] == "application/octet-stream"
+    told = json.loads(page.text.split('id="kept">')[1].split("</script>")[0])
+    assert [row["name"] for row in told["value"]["rows"]] == list(NAMES)
+    assert told["sound"] and f"plan/{NAMES[0]}" in told["files"]
+    assert client.get(f"/media/run/{'x' * 43}/page").status_code == 404
+
+
+def test_a_file_is_called_as_its_run() -> None:
+    assert (
+        file_name("my speech: local, global; seed 0") == "my speech- local, global- seed 0.run.zip"
+    )
+    assert file_name("../..") == "run.run.zip"

@@ -1,0 +1,119 @@
+"""Zips of results: unpacked, measured as folders are, and clips left out that cannot be read."""
+
+import json
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.errors import RunError
+from app.run.many.motions import ManyRequest, diagnose_folders
+from app.run.many.sets import SetsRequest, measure_sets
+from model.jobs.crew import Crew
+from model.motion.motion import save_motion
+from model.speech.audio import SAMPLE_RATE, write_wav
+from tests.helpers import smooth_motion_example
+
+CLIPS = ("a", "b", "c", "d", "e")
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A system that trembles in one clip, the recorded clips, and their sound."""
+    top = tmp_path_factory.mktemp("sets")
+    for name in ("mine", "gt", "sound"):
+        (top / name / "inner").mkdir(parents=True)
+    rng = np.random.default_rng(0)
+    for seed, clip in enumerate(CLIPS):
+        motion = smooth_motion_example(90, seed)
+        save_motion(motion, top / "gt" / "inner" / f"gt_{clip}.npz")
+        noise = rng.normal(0, 0.2 if clip == "d" else 0.0, motion.poses.shape)
+        trembling = replace(motion, poses=(motion.poses + noise).astype(np.float32))
+        save_motion(trembling, top / "mine" / "inner" / f"res_{clip}.npz")
+        wav = rng.uniform(-0.5, 0.5, 3 * SAMPLE_RATE).astype(np.float32)
+        write_wav(top / "sound" / "inner" / f"{clip}.wav", wav)
+    return top
+
+
+def zipped(folder: Path, out: Path, **more: bytes) -> Path:
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in sorted(folder.rglob("*.*")):
+            archive.write(path, path.relative_to(folder))
+        for name, content in more.items():
+            archive.writestr(f"inner/{name}.npz", content)
+    return out
+
+
+def test_a_zip_is_measured_as_its_folder(folders: Path, tmp_path: Path) -> None:
+    shares: list[float] = []
+    found = measure_sets(
+        SetsRequest(
+            (zipped(folders / "mine", tmp_path / "mine.zip", res_broken=b"no motion"),),
+            ("My system",),
+            tmp_path / "out",
+            zipped(folders / "gt", tmp_path / "gt.zip", gt_broken=b"no motion"),
+            zipped(folders / "sound", tmp_path / "sound.zip"),
+        ),
+        shares.append,
+    )
+    assert found.told["clips"] == list(CLIPS)
+    assert sorted(shares) == shares and shares[-1] > 0.8, "the last clip could not be read"
+    assert list(found.clips) == ["My system", "reference"]
+    assert sorted(found.sounds) == list(CLIPS)
+    assert any("Left out" in note and "broken" in note for note in found.notes)
+    worst = found.told["worst"][0]
+    assert (worst["system"], worst["clip"]) == ("My system", "d") and worst["kinds"]
+    assert any(path.name == "distributions.png" for path in found.files)
+    for name, files in found.clips.items():
+        assert list(files) == list(CLIPS)
+        for clip, path in files.items():
+            kind = "gt_" if name == "reference" else "res_"
+            (source,) = folders.rglob(f"{kind}{clip}.npz")
+            assert path.read_bytes() == source.read_bytes()
+
+    asked = ManyRequest(
+        *((folders / "mine",), tmp_path / "plain", folders / "gt", folders / "sound"), crew=Crew(1)
+    )
+    diagnose_folders(asked)
+    plain = json.loads((tmp_path / "plain" / "many.json").read_text())
+    named = json.loads(json.dumps(found.told).replace("My system", "mine"))
+    for told in (named, plain):
+        del told["provenance"]["made_at"]
+    assert named == plain
+
+
+def test_all_zips_together_hold_no_more_than_the_limit(
+    folders: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mine = zipped(folders / "mine", tmp_path / "mine.zip")
+    held = sum(path.stat().st_size for path in (folders / "mine").rglob("*.npz"))
+    monkeypatch.setattr("app.run.many.sets.MAX_BYTES", round(1.5 * held))
+    asked = SetsRequest((mine,), ("mine",), tmp_path / "one")
+    assert measure_sets(asked).told["clips"] == list(CLIPS)
+    with pytest.raises(RunError, match="would unpack to"):
+        measure_sets(replace(asked, out=tmp_path / "two", reference=mine))
+    monkeypatch.setattr("app.run.many.sets.MAX_FILES", len(CLIPS) + 1)
+    monkeypatch.setattr("app.run.many.sets.MAX_BYTES", 10 * held)
+    with pytest.raises(RunError, match="at most 1 are read"):
+        measure_sets(replace(asked, out=tmp_path / "three", reference=mine))
+
+
+def test_names_that_would_be_one_and_zips_without_a_common_clip_are_refused(
+    folders: Path, tmp_path: Path
+) -> None:
+    twice = tmp_path / "twice.zip"
+    with zipfile.ZipFile(twice, "w") as archive:
+        for folder in ("one", "other"):
+            archive.write(next(folders.rglob("res_a.npz")), f"{folder}/res_a.npz")
+    with pytest.raises(RunError, match="would both be called"):
+        measure_sets(SetsRequest((twice,), ("twice",), tmp_path / "first"))
+    other = tmp_path / "other.zip"
+    with zipfile.ZipFile(other, "w") as archive:
+        archive.write(next(folders.rglob("res_a.npz")), "x.npz")
+    mine = zipped(folders / "mine", tmp_path / "mine.zip")
+    with pytest.raises(RunError, match="No file name is in all of mine, other"):
+        measure_sets(SetsRequest((mine, other), ("mine", "other"), tmp_path / "second"))
+    with pytest.raises(RunError, match="same name"):
+        measure_sets(SetsRequest((mine, mine), ("mine", "mine"), tmp_path / "third"))

@@ -1,0 +1,63 @@
+/** Lines over bodies, and tones of them. */
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { axisCorners, boneCorners } from "../../app/page/web/stage/bones.js";
+import { lens } from "../../app/page/web/stage/framing.js";
+import { Look } from "../../app/page/web/stage/look.js";
+import { Mesh } from "../../app/page/web/stage/mesh.js";
+
+const CAMERA = { axes: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], eye: [0, 0, 4] };
+const MATRIX = lens(CAMERA, 1, { yfov: Math.PI / 2, near: 0.1 });
+const SIZE = [200, 200];
+const AT = (x, y, z) => [1, 0, 0, x, 0, 1, 0, y, 0, 0, 1, z];
+const EACH = 6 * 5; // numbers of one line's corners
+
+/** Middle of a line's corners in the panel, -1 to 1. */
+function middle(corners, first) {
+  const of = (k) => [0, 1, 2, 3, 4, 5].reduce((sum, corner) => sum + corners[first + 5 * corner + k] / 6, 0);
+  return [of(0), of(1)];
+}
+
+test("a bone lies between its joints, and goes along with what is shifted", () => {
+  const world = Float32Array.from([...AT(-1, 0, 0), ...AT(1, 0, 0), ...AT(1, 2, 0)]);
+  const corners = boneCorners(world, [-1, 0, 1], MATRIX, SIZE, [0, 0, 0]);
+  assert.equal(corners.length, 2 * 2 * EACH, "two bones, each with its edge");
+  assert.ok(Math.hypot(...middle(corners, 0)) < 1e-9);
+  const [x, y] = middle(corners, EACH);
+  assert.ok(Math.abs(x - 0.25) < 1e-6 && Math.abs(y - 0.25) < 1e-6, `${[x, y]}`);
+  const shifted = boneCorners(world, [-1, 0, 1], MATRIX, SIZE, [1, 0, 0]);
+  assert.ok(Math.abs(middle(shifted, 0)[0] - 0.25) < 1e-6);
+  assert.deepEqual(boneCorners(world, [-1, 0, 1], MATRIX, SIZE, [0, 0, 0], [1, 2]).slice(0, EACH), corners.slice(EACH, 2 * EACH));
+});
+
+test("axes point where the joint's own do, and a joint behind the camera has none", () => {
+  const turned = [0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1, 0]; // its x is the world's y
+  const corners = axisCorners(Float32Array.from([...turned, ...AT(0, 0, 9)]), [false, false], MATRIX, SIZE, [0, 0, 0]);
+  assert.equal(corners.length, 3 * EACH);
+  const [x, y] = middle(corners, 0);
+  assert.ok(Math.abs(x) < 1e-6 && Math.abs(y - 0.07 / 8) < 1e-6, `${[x, y]}`);
+  assert.deepEqual(corners.slice(2, 5), [0.86, 0.2, 0.16], "red");
+  const fine = axisCorners(Float32Array.from(turned), [true], MATRIX, SIZE, [0, 0, 0]);
+  assert.ok(middle(fine, 0)[1] < middle(corners, 0)[1] / 3, "shorter where joints are close");
+});
+
+test("a tone changes each region by its own colour", () => {
+  const own = { skin: [0.5, 0.4, 0.3], shirt: [0.1, 0.15, 0.26] };
+  const other = { skin: [0.1, 0.05, 0.04], shirt: [0.3, 0.2, 0.1] };
+  const levels = (...colors) => Uint16Array.from(colors.flatMap((color) => [...color.map((part) => Math.round(65535 * part)), 65535]));
+  const mesh = { colors: levels(own.skin, own.shirt, own.skin) };
+  const toned = Mesh.prototype.toned.call(mesh, own, other);
+  assert.deepEqual(toned, levels(other.skin, other.shirt, other.skin));
+  assert.deepEqual(mesh.colors, levels(own.skin, own.shirt, own.skin), "the mesh keeps its own");
+});
+
+test("an address tells of lines and tone", () => {
+  const [look, other] = [new Look(), new Look()];
+  for (const [name, value] of [["hasBones", true], ["hasAxes", true], ["tone", "dark"]]) look.set(name, value);
+  const address = new URLSearchParams();
+  look.write(address);
+  other.read(address);
+  assert.deepEqual(other.values, look.values);
+});
