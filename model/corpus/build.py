@@ -9,7 +9,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 
-from model.corpus.clip import make_clip
+from model.corpus.clip import Clip, make_clip
 from model.corpus.layout import SPLIT_TABLE, clip_paths, split_table, write_bytes, write_clip
 from model.corpus.people.rig import open_body_rig
 from model.corpus.people.speakers import SPEAKERS, Speaker
@@ -201,7 +201,11 @@ def _make_clips(
 
 def make_job(job: ClipJob) -> None:
     """Make and write one clip."""
+    write_clip(job.root, job.clip_id, made_clip(job))
+
+
+def made_clip(job: ClipJob) -> Clip:
+    """The clip that a job asks for."""
     seed = [job.seed, job.index]
     length_s = job.clip_s * (0.87 + 0.26 * ((job.index * 0.618) % 1.0))
-    clip = make_clip(open_body_rig(), job.speaker, job.split, length_s, seed)
-    write_clip(job.root, job.clip_id, clip)
+    return make_clip(open_body_rig(), job.speaker, job.split, length_s, seed)

@@ -1,15 +1,20 @@
 """The bundled example speech: readable everywhere, small, with its text and its notice."""
 
+import re
 import wave
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from model.corpus.layout import ClipPaths
 from model.corpus.people.voice import VoiceError, require_flite, words_of
+from model.plan.textgrid import annotated_plan
 from model.speech.audio import load_speech
+from tests.model.corpus.made_example import EXAMPLE, LENGTH_S, NAME, made_example
 
-EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+EXAMPLES = EXAMPLE.parent
+NUMBER = re.compile(r"-?\d+\.?\d*")
 CLIPS = sorted(EXAMPLES.glob("*.wav"))
 
 
@@ -45,3 +50,36 @@ def test_examples_are_read_without_the_speech_program(
         require_flite()
     for path in CLIPS:
         assert load_speech(path).num_frames > 300
+
+
+def numbers(text: str) -> list[float]:
+    return [float(number) for number in NUMBER.findall(text)]
+
+
+def test_the_procedural_speaker_is_what_the_corpus_program_makes(
+    tmp_path: Path, flite: None
+) -> None:
+    """Whoever changes the corpus makes the example anew: see `tests.model.corpus.made_example`."""
+    made = made_example(tmp_path)
+    kept = ClipPaths(*(EXAMPLE / f"{NAME}.{kind}" for kind in ("npz", "wav", "TextGrid")))
+    told, anew = kept.textgrid.read_text(), made.textgrid.read_text()
+    assert NUMBER.split(told) == NUMBER.split(anew)
+    np.testing.assert_allclose(numbers(told), numbers(anew), atol=2e-3)
+    with np.load(kept.motion) as own, np.load(made.motion) as again:
+        assert set(own) == set(again)
+        assert own["poses"].shape == (round(30 * LENGTH_S), 165)
+        for name in ("poses", "trans", "expressions"):
+            np.testing.assert_allclose(own[name], again[name], atol=1e-3)
+    sound, said = load_speech(kept.sound).waveform, load_speech(made.sound).waveform
+    assert len(sound) == round(16_000 * LENGTH_S)
+    np.testing.assert_allclose(sound, said, atol=1e-3)
+
+
+def test_the_procedural_speaker_is_told_of_in_full() -> None:
+    plan = annotated_plan(EXAMPLE / f"{NAME}.TextGrid")
+    assert plan.duration_s == LENGTH_S
+    for phases in (plan.left, plan.right):
+        assert (phases[0].start_s, phases[-1].end_s) == (0.0, LENGTH_S)
+        assert {"preparation", "stroke", "hold", "beat"} <= {p.phase for p in phases}
+    assert all((plan.nods, plan.looks, plan.brows, plan.smiles, plan.blinks, plan.stands))
+    assert {one.foot for one in plan.planted} == {"left", "right"}
