@@ -30,6 +30,14 @@ def body_glb() -> bytes:
     return glb_bytes(body, reaches(body), coarser=coarser_faces())
 
 
+@functools.cache
+def builds() -> bytes:
+    """The body's other builds, as app/page/web/stage/builds.js reads them."""
+    from renderer.files.builds import builds_bytes
+
+    return builds_bytes()
+
+
 def reaches_message() -> bytes:
     """`reaches` as a browser reads motion: it frames live motion by them before there is any."""
     return frames_message(0, reaches(get_body(None)))

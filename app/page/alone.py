@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.errors import RunError
 from app.findings.verdict import short_names
-from app.live.stage import body_glb
+from app.live.stage import body_glb, builds
 from app.page.results.player import gravest_of, noise_of
 from app.page.results.timeline import series_looks
 from app.page.serving.stage_route import stage_facts
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 WEB = Path(__file__).resolve().parent / "web"
 DOOR = "player/player.js"
 """The module that the file starts."""
-BODY, FACTS = "live/body.glb", "stage/facts.json"
+BODY, FACTS, BUILDS = "live/body.glb", "stage/facts.json", "stage/builds.bin"
 """Where the page has what every player asks for."""
 TIMELINE = "timeline.json"
 _IMPORTED = re.compile(r'(?<=from ")(\.{1,2}/[^"]+)(?=")')
@@ -131,6 +131,7 @@ def _files(scene: Scene) -> dict[str, bytes]:
     return {
         BODY: body_glb(),
         FACTS: stage_facts(),
+        BUILDS: builds(),
         TIMELINE: json.dumps(scene.timeline, separators=(",", ":")).encode(),
         **{address: plan.encode() for address, plan in plans.items()},
         **{

@@ -1,9 +1,9 @@
-"""An example of what the diagnostics find: one motion, and copies of it with planted faults."""
+"""An example of what the diagnostics find: two minutes of motion, and a copy with faults."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,36 +13,44 @@ if TYPE_CHECKING:
     from model.motion.motion import Motion
 
 CLEAN = EXAMPLES / "procedural_speaker" / "a_procedural_speaker.npz"
+"""14 s of motion."""
+TWO_MINUTES = EXAMPLES / "two_minutes" / "two_minutes.npz"
+FAULTY = "a system with faults"
 NOISE_RAD = 0.012
 SLIDE_M, SLIDE_S = 0.35, 2.5
 """How far feet slide to the side and back, and how long one way takes."""
 JUMP_RAD, JUMP_EVERY = 0.06, 52
 """Of every joint, where windows of 60 frames join."""
+FLOAT_M, FLOAT_RISE_S = 0.08, 0.5
 CALMER = 0.9
 
 
 def planted_files(folder: Path) -> tuple[list[str], str, str, str]:
-    """The motions, which are made once, and their reference, speech and transcript as files."""
+    """The motion with faults, which is made once, and its reference, speech and transcript."""
     from model.motion.motion import load_motion, save_motion
 
     folder.mkdir(parents=True, exist_ok=True)
-    clean = load_motion(CLEAN)
-    paths = []
-    for name, plant in PLANTS.items():
-        path = folder / f"{name}.npz"
-        if not path.is_file():
-            save_motion(plant(clean), path)
-        paths.append(str(path))
-    return paths, str(CLEAN), str(CLEAN.with_suffix(".wav")), str(CLEAN.with_suffix(".TextGrid"))
+    path = folder / f"{FAULTY}.npz"
+    if not path.is_file():
+        save_motion(with_faults(load_motion(TWO_MINUTES)), path)
+    beside = (TWO_MINUTES, TWO_MINUTES.with_suffix(".ogg"), TWO_MINUTES.with_suffix(".TextGrid"))
+    reference, speech, transcript = map(str, beside)
+    return [str(path)], reference, speech, transcript
 
 
-def _calmer_face(motion: Motion) -> Motion:
-    """Else it would be found to be copied, which is not what is shown."""
-    return replace(motion, expressions=(CALMER * motion.expressions).astype("float32"))
+def with_faults(motion: Motion) -> Motion:
+    """All of `PLANTS`, each in its seconds; the face is a calmer one all the while, or it would be
+    found to be copied, which is not what is shown."""
+    from model.motion.timing import FPS
 
-
-def _trembling(motion: Motion) -> Motion:
-    return tremble(_calmer_face(motion))
+    faulty = replace(motion, expressions=(CALMER * motion.expressions).astype("float32"))
+    for plant in PLANTS:
+        span = slice(round(plant.from_s * FPS), round(plant.to_s * FPS))
+        part = plant.change(faulty.part(span))
+        poses, trans = faulty.poses.copy(), faulty.trans.copy()
+        poses[span], trans[span] = part.poses, part.trans
+        faulty = replace(faulty, poses=poses, trans=trans)
+    return faulty
 
 
 def tremble(motion: Motion) -> Motion:
@@ -58,7 +66,8 @@ def tremble(motion: Motion) -> Motion:
     return replace(motion, poses=joints.reshape(motion.poses.shape).astype(np.float32))
 
 
-def _sliding(motion: Motion) -> Motion:
+def slide(motion: Motion) -> Motion:
+    """Feet that stand glide to the side and back."""
     import numpy as np
 
     from model.motion.timing import FPS
@@ -66,24 +75,54 @@ def _sliding(motion: Motion) -> Motion:
     trans = motion.trans.copy()
     way = np.arange(len(trans)) / FPS * np.pi / SLIDE_S
     trans[:, 0] += SLIDE_M * (1.0 - np.cos(way)) / 2.0
-    return replace(_calmer_face(motion), trans=trans)
+    return replace(motion, trans=trans)
 
 
-def _joined(motion: Motion) -> Motion:
+def join(motion: Motion) -> Motion:
+    """All joints jump, and back, where windows would meet."""
     import numpy as np
 
     joints = motion.poses.reshape(len(motion.poses), -1, 3).copy()
     is_odd = np.arange(len(joints)) // JUMP_EVERY % 2
     joints[:, 1:, 0] += JUMP_RAD * is_odd[:, None]
-    return replace(
-        _calmer_face(motion), poses=joints.reshape(motion.poses.shape).astype(np.float32)
-    )
+    return replace(motion, poses=joints.reshape(motion.poses.shape).astype(np.float32))
 
 
-PLANTS: dict[str, Callable[[Motion], Motion]] = {
-    "trembling right arm": _trembling,
-    "sliding feet": _sliding,
-    "joins every 52 frames": _joined,
-    "an untouched copy": lambda motion: motion,
-}
-"""What is planted, by the name of the file."""
+def freeze(motion: Motion) -> Motion:
+    """Nothing moves."""
+    poses, trans = motion.poses.copy(), motion.trans.copy()
+    poses[:], trans[:] = poses[0], trans[0]
+    return replace(motion, poses=poses, trans=trans)
+
+
+def lift(motion: Motion) -> Motion:
+    """The body leaves the floor by `FLOAT_M`, and comes back to it."""
+    import numpy as np
+
+    from model.motion.timing import FPS
+
+    trans = motion.trans.copy()
+    since = np.arange(len(trans)) / FPS
+    rise = np.minimum(np.minimum(since, since[::-1]) / FLOAT_RISE_S, 1.0)
+    trans[:, 1] += FLOAT_M * rise**2 * (3.0 - 2.0 * rise)
+    return replace(motion, trans=trans)
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A fault, and the seconds that it is planted in."""
+
+    name: str
+    change: Callable[[Motion], Motion]
+    from_s: float
+    to_s: float
+
+
+PLANTS = (
+    Plant("sliding feet", slide, 4, 114),
+    Plant("trembling right arm", tremble, 20, 100),
+    Plant("joins every 52 frames", join, 50, 86),
+    Plant("nothing moves", freeze, 90.25, 92.75),
+    Plant("floating", lift, 100, 108),
+)
+"""Longer where a fault counts by the mean or the median of all frames."""

@@ -10,8 +10,8 @@ from playwright.sync_api import Page, Position, expect
 
 from app import text
 from app.page.tabs.own_motion import TAB
-from app.run.planted import PLANTS, planted_files
-from model.motion.motion import save_motion
+from app.run.planted import CLEAN, slide, tremble
+from model.motion.motion import load_motion, save_motion
 from tests.browser.conftest import PATIENCE_MS, in_every_look, show_videos
 from tests.helpers import smooth_motion_example
 
@@ -142,12 +142,11 @@ def test_two_files_of_ones_own_are_measured_and_drawn(
 def test_a_zip_is_measured_as_a_set_and_its_worst_clip_opens_on_the_stage(
     visit: Callable[..., Page], tmp_path: Path
 ) -> None:
-    zipped = tmp_path / "mine.zip"
+    zipped, clean = tmp_path / "mine.zip", load_motion(CLEAN)
     with zipfile.ZipFile(zipped, "w") as archive:
-        for clip, path in zip(
-            ("calm", "wild"), planted_files(tmp_path / "planted")[0], strict=False
-        ):
-            archive.write(path, f"results/{clip}.npz")
+        for clip, motion in (("calm", clean), ("wild", tremble(clean))):
+            save_motion(motion, tmp_path / f"{clip}.npz")
+            archive.write(tmp_path / f"{clip}.npz", f"results/{clip}.npz")
     page = visit()
     page.get_by_role("tab", name=TAB).click()
     page.set_input_files("#own-motions input[type=file]", str(zipped))
@@ -188,12 +187,12 @@ def test_a_zip_is_measured_as_a_set_and_its_worst_clip_opens_on_the_stage(
 def test_the_gravest_findings_stand_beside_the_stage_and_lead_to_their_moment(
     visit: Callable[..., Page], tmp_path: Path
 ) -> None:
-    paths, *_ = planted_files(tmp_path / "planted")
+    save_motion(slide(load_motion(CLEAN)), tmp_path / "sliding feet.npz")
     page = visit()
     page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     page.get_by_role("tab", name=TAB).click()
     page.locator("#own-videos input").uncheck()
-    page.set_input_files("#own-motions input[type=file]", paths[list(PLANTS).index("sliding feet")])
+    page.set_input_files("#own-motions input[type=file]", str(tmp_path / "sliding feet.npz"))
     expect(page.locator("#own-motions")).to_contain_text("sliding")
     page.get_by_role("button", name="Measure and compare").click()
     player = page.locator("#own-player")

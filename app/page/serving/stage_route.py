@@ -10,21 +10,30 @@ from fastapi import Response
 from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
 
-from app.live.stage import body_glb, face_names, reaches_message
+from app.live.stage import body_glb, builds, face_names, reaches_message
 from app.page.parts.catalogue import point_choices
 
 FACTS_ROUTE = "/stage/facts.json"
+BUILDS_ROUTE = "/stage/builds.bin"
 
 
 def stage_routes() -> list[APIRoute]:
-    """Serve the facts; the body comes from where live speech has it."""
+    """Serve the facts and the builds; the body comes from where live speech has it."""
 
     async def facts() -> Response:
         content = await run_in_threadpool(stage_facts)
         headers = {"Cache-Control": "private, max-age=600", "X-Content-Type-Options": "nosniff"}
         return Response(content, media_type="application/json", headers=headers)
 
-    return [APIRoute(FACTS_ROUTE, facts, methods=["GET"], include_in_schema=False)]
+    async def other_builds() -> Response:
+        content = await run_in_threadpool(builds)
+        headers = {"Cache-Control": "private, max-age=3600", "X-Content-Type-Options": "nosniff"}
+        return Response(content, media_type="application/octet-stream", headers=headers)
+
+    return [
+        APIRoute(FACTS_ROUTE, facts, methods=["GET"], include_in_schema=False),
+        APIRoute(BUILDS_ROUTE, other_builds, methods=["GET"], include_in_schema=False),
+    ]
 
 
 def prepare() -> None:
@@ -39,7 +48,8 @@ def stage_facts() -> bytes:
     from app.run.pictures.followed_point import TIP
     from app.run.pictures.marked import FULL_SPEED_M_S
     from model.motion.exaggeration import CUTOFF_HZ, MAX_TURN_RAD
-    from renderer.body.look import TONES
+    from renderer.body.look import BUILDS, TONES
+    from renderer.files.builds import STEP_M
     from renderer.video.facts import drawing_facts
 
     told = {
@@ -51,5 +61,6 @@ def stage_facts() -> bytes:
         "points": {name: title for title, name in point_choices()},
         "usual_point": TIP,
         "tones": TONES,
+        "builds": {"names": BUILDS, "step": STEP_M},
     }
     return json.dumps(told, separators=(",", ":")).encode()

@@ -93,6 +93,7 @@ class Asked:
             is_smoothed=told["isSmoothed"] is True,
             is_whole=look["isWhole"] is True,
             tone=_words(look["tone"]),
+            build=_words(look["build"]),
             has_lines=look["hasBones"] is True or look["hasAxes"] is True,
             camera=Orbit(yaw, pitch, zoom, right, up),
         )

@@ -217,6 +217,8 @@ export interface Facts {
   faces: string[];
   /** By the name of a tone the colour of each region of the body, linear, 0 to 1. */
   tones: Record<string, Record<string, Vector>>;
+  /** Names, that of the mesh first, and the step of the others' offsets in metres. */
+  builds: { names: string[]; step: number };
   /** Poses that live motion hardly leaves, at rest first: "Live frames", in base64. */
   reaches: string;
   exaggeration: { cutoff: number; max_turn: number };

@@ -61,6 +61,8 @@ class Seen:
     """All of the body rather than from the knees up."""
     tone: str = "light"
     """One of `renderer.body.look.TONES`; of the open body alone."""
+    build: str = "average"
+    """One of `renderer.body.look.BUILDS`; of the open body alone."""
     has_lines: bool = False
     """Whether skeletons or axes lie over the bodies; a video has none, and says so."""
     camera: Orbit = field(default_factory=Orbit)
@@ -93,10 +95,11 @@ class Seen:
             raise RunError(f"A row holds 1 to {MAX_SHOWN} bodies; got {self.columns}.")
         if not 0 <= self.wipe <= 1:
             raise RunError(f"A wipe stands at 0 to 1 of the picture; got {self.wipe:g}.")
-        from renderer.body.look import TONES
+        from renderer.body.look import BUILDS, TONES
 
-        if self.tone not in TONES:
-            raise RunError(f"There is no tone {self.tone!r}; choose one of {', '.join(TONES)}.")
+        for kind, name, known in (("tone", self.tone, TONES), ("build", self.build, BUILDS)):
+            if name not in known:
+                raise RunError(f"There is no {kind} {name!r}; choose one of {', '.join(known)}.")
         self._check_room(is_pair)
         check_display(self.display)
         try:

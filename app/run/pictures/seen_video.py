@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 NAME = "stage.mp4"
 NO_LINES = "Skeletons and axes of joints are of the stage alone, and not in the video."
-LOOK = "average-{tone}"
 MAX_ENLARGED = 1.5
 """Pixels of a video for one of the page, at most."""
 _DRAWN = 0.9
@@ -126,7 +125,7 @@ def draw_seen(request: SeenRequest, on_event: OnEvent, should_cancel: ShouldCanc
                 stage = _along(stage, body, drawn[0].raw, each.raw.num_frames)
             job = _job(each, parts / f"{number}.mp4", settings, stage, request.body)
             if request.body is None:
-                job = replace(job, look=LOOK.format(tone=seen.tone))
+                job = replace(job, look=f"{seen.build}-{seen.tone}")
             jobs[str(number)] = job
         draw_videos(
             jobs,

@@ -16,13 +16,14 @@ const FIELDS = {
   hasBones: ["bones", (text) => text === "1"],
   hasAxes: ["axes", (text) => text === "1"],
   tone: ["tone", String],
+  build: ["build", String],
 };
 /** From the least to the most of what can be set by a slider. */
 export const RANGES = { factor: [1, 20], cutoff: [3, 8], trailFrames: [5, 90], heatScale: [50, 2000] };
 const USUAL = {
   factor: 1, cutoff: 5, hasTrail: true, trailFrames: 30, point: "right_middle",
   hasHeat: false, heatScale: 500, isAligned: true, isWhole: false, hasWords: true,
-  hasBones: false, hasAxes: false, tone: "light",
+  hasBones: false, hasAxes: false, tone: "light", build: "average",
 };
 
 /** Emits "change". */

@@ -18,6 +18,7 @@ export class More {
   #inputs = new Map();
   #points;
   #tones;
+  #builds;
 
   /** `orbit` is the stage's; `views` are buttons of the player's own, from label to what each does;
    * `without` names switches of the look that would do nothing. */
@@ -28,10 +29,11 @@ export class More {
     switches.push(this.#smoothed());
     this.#points = make("select", { "aria-label": "Point of the trail", onchange: () => look.set("point", this.#points.value) });
     this.#tones = make("select", { "aria-label": "Tone of the bodies", onchange: () => look.set("tone", this.#tones.value) });
+    this.#builds = make("select", { "aria-label": "Build of the bodies", onchange: () => look.set("build", this.#builds.value) });
     const sides = Object.entries(SIDES).map(([label, [yaw, pitch]]) => make("button", { type: "button", onclick: () => orbit.place([yaw, pitch]) }, label));
     const others = Object.entries(views).map(([label, onclick]) => make("button", { type: "button", onclick }, label));
     this.element = make("div", { class: "more-box", hidden: true, role: "group", "aria-label": "More displays and views" },
-      ...sliders, make("label", {}, make("span", {}, "of"), this.#points), ...switches, make("label", {}, make("span", {}, "Tone"), this.#tones),
+      ...sliders, make("label", {}, make("span", {}, "of"), this.#points), ...switches, make("label", {}, make("span", {}, "Build"), this.#builds), make("label", {}, make("span", {}, "Tone"), this.#tones),
       make("span", { class: "switch", role: "group", "aria-label": "Camera" }, ...sides), ...others);
     look.addEventListener("change", () => this.update());
     this.#knowPoints().catch(() => {}); // the stage says why
@@ -39,8 +41,10 @@ export class More {
   }
 
   async #knowPoints() {
-    const { points, tones } = await theFacts();
-    this.#tones.replaceChildren(...Object.keys(tones).map((name) => make("option", { value: name }, name[0].toUpperCase() + name.slice(1))));
+    const { points, tones, builds } = await theFacts();
+    const named = (name) => make("option", { value: name }, name[0].toUpperCase() + name.slice(1));
+    this.#tones.replaceChildren(...Object.keys(tones).map(named));
+    this.#builds.replaceChildren(...builds.names.map(named));
     this.#points.replaceChildren(...Object.entries(points).map(([value, label]) => make("option", { value }, label)));
     this.update();
   }
@@ -74,5 +78,6 @@ export class More {
     for (const show of this.#inputs.values()) show();
     this.#points.value = this.#look.get("point");
     this.#tones.value = this.#look.get("tone");
+    this.#builds.value = this.#look.get("build");
   }
 }

@@ -192,6 +192,7 @@ export class Painter {
   #texelsAcross;
   #tone = "light"; // as the mesh comes
   #toned; // colours of all vertices in it
+  #build; // { positions, normals } of all bodies at rest
   #shadow; // { texture, frame } three times: covered, half spread, spread
   #ink;
 
@@ -208,6 +209,7 @@ export class Painter {
     this.#gl = gl;
     this.#mesh = mesh;
     this.#toned = mesh.colors;
+    this.#build = mesh;
     this.#facts = facts;
     const program = (...sources) => new Program(gl, ...sources);
     const defines = isSlow ? { IS_SKINNED: 1 } : {};
@@ -261,14 +263,24 @@ export class Painter {
     if (tone === this.#tone || !colors) return;
     this.#tone = tone;
     const toned = this.#mesh.toned(this.#facts.tones.light, colors);
-    const gl = this.#gl;
-    const fill = (buffer, content) => {
-      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-      gl.bufferSubData(gl.ARRAY_BUFFER, 0, content);
-    };
-    fill(this.#attributes.colors, toned);
-    for (const [level, buffer] of this.#colors) fill(buffer, picked(toned, this.#mesh.level(level).vertices));
+    this.#refill(this.#attributes.colors, toned);
+    for (const [level, buffer] of this.#colors) this.#refill(buffer, picked(toned, this.#mesh.level(level).vertices));
     this.#toned = toned;
+  }
+
+  /**
+   * Have all bodies in another build: where their vertices are at rest. What follows is to be posed.
+   *
+   * @param {{ positions: Float32Array, normals: Float32Array }} build
+   */
+  setBuild(build) {
+    if (build === this.#build) return;
+    this.#build = build;
+    this.#refill(this.#attributes.normals, build.normals);
+    for (const body of this.#bodies) {
+      body.positions.set(build.positions);
+      this.#refill(body.buffer, body.positions);
+    }
   }
 
   /** How many bodies there are. */
@@ -279,7 +291,7 @@ export class Painter {
 
   #newBody() {
     const gl = this.#gl;
-    const positions = Float32Array.from(this.#mesh.positions);
+    const positions = Float32Array.from(this.#build.positions);
     const buffer = this.#filled(gl.ARRAY_BUFFER, positions);
     const vertices = gl.createVertexArray();
     gl.bindVertexArray(vertices);
@@ -327,7 +339,8 @@ export class Painter {
     const body = this.#bodies[number];
     if (!body.skins.has(level)) body.skins.set(level, this.#newSkin(level));
     const { buffer, values } = body.skins.get(level);
-    const { normals, joints, weights } = this.#mesh;
+    const { joints, weights } = this.#mesh;
+    const { normals } = this.#build;
     const { positions } = body;
     const texels = this.#texels;
     let to = 0;
@@ -400,7 +413,8 @@ export class Painter {
   }
 
   #moveFace(body, faces) {
-    const { targets, positions: rest } = this.#mesh;
+    const { targets } = this.#mesh;
+    const { positions: rest } = this.#build;
     const strong = targets.flatMap((target, i) => (faces[this.#order[i]] >= LEAST_FACE ? [[target, faces[this.#order[i]] / 255]] : []));
     if (!strong.length && !body.hasFace) return;
     const { positions } = body;
@@ -549,6 +563,11 @@ export class Painter {
     gl.bindBuffer(target, buffer);
     gl.bufferData(target, content, target === gl.ARRAY_BUFFER ? gl.DYNAMIC_DRAW : gl.STATIC_DRAW);
     return buffer;
+  }
+
+  #refill(buffer, content) {
+    this.#gl.bindBuffer(this.#gl.ARRAY_BUFFER, buffer);
+    this.#gl.bufferSubData(this.#gl.ARRAY_BUFFER, 0, content);
   }
 
   #texture(filter) {

@@ -16,6 +16,7 @@ import { theFacts } from "./facts.js";
 import { filesOf } from "./files.js";
 import { derivative } from "./filters.js";
 import { Framing, GLIDE_MS, lens, projected, Reframing } from "./framing.js";
+import { theBuilds } from "./builds.js";
 import { theBody } from "./mesh.js";
 import { NUM_JOINTS, partlyBack, placed } from "./motion.js";
 import { axisCorners, boneCorners } from "./bones.js";
@@ -26,6 +27,7 @@ import { trailCorners } from "./trail.js";
 
 const FPS = 30;
 const FLICKER_MS = 500; // one change in half a second: far below what can do harm to anyone
+const BUILDS_LATER_MS = 4000; // after the first body: nothing waits for them
 const REST_MS = 180; // after which a picture that stands is drawn in full
 const NARROW_PX = 560; // here one body at a time
 const BESIDE_PX = 285; // of a window's height, for what must be seen with the stage
@@ -59,6 +61,7 @@ export class Stage {
   #difference = null; // of the two that lie over each other
   #handle;
   #mesh = null;
+  #builds = null; // by name, once they are there
   /** @type {import("../told").Facts} */
   #facts = null;
   #painter = null;
@@ -299,7 +302,20 @@ export class Stage {
   #prepare(mesh, told) {
     this.#mesh = mesh;
     this.#facts = told;
-    this.#painter ??= new Painter(this.#gl, mesh, told, this.#pace.isSlow);
+    if (this.#painter) return;
+    this.#painter = new Painter(this.#gl, mesh, told, this.#pace.isSlow);
+    this.#fetchBuilds(this.#look.get("build") === told.builds.names[0] ? BUILDS_LATER_MS : 0);
+  }
+
+  /** Bodies have the mesh's own build until the others are there. */
+  async #fetchBuilds(after) {
+    await new Promise((done) => setTimeout(done, after));
+    try {
+      this.#builds = await theBuilds(this.#mesh, this.#facts.builds);
+      this.#ask();
+    } catch (error) {
+      if (this.#look.get("build") !== this.#facts.builds.names[0]) this.#say(error.message);
+    }
   }
 
   /** Those of which more is to come. */
@@ -616,6 +632,7 @@ export class Stage {
     if (this.#canvas.width !== width || this.#canvas.height !== height) [this.#canvas.width, this.#canvas.height] = [width, height];
     const moment = this.#moment;
     this.#painter.setTone(this.#look.get("tone"));
+    this.#painter.setBuild(this.#builds?.get(this.#look.get("build")) ?? this.#mesh);
     this.#pose(moment, level);
     this.#painter.clear();
     const size = { width, height, density };

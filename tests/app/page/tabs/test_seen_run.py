@@ -22,7 +22,7 @@ COOKIE = "a browser"
 LOOK = {
     "factor": 6.5, "cutoff": 4, "hasTrail": True, "trailFrames": 60, "point": "left_index",
     "hasHeat": True, "heatScale": 300, "isAligned": False, "isWhole": True, "hasWords": True,
-    "tone": "dark", "hasBones": True, "hasAxes": False,
+    "tone": "dark", "build": "broad", "hasBones": True, "hasAxes": False,
 }  # fmt: skip
 
 

@@ -11,9 +11,9 @@ from app.run.diagnose import DiagnoseRequest, diagnose_files
 from app.run.pictures import own_videos
 from app.run.pictures.own_videos import VideoOptions, picture_motions
 from app.run.pictures.register import SOLE_M, in_register
-from app.run.planted import CLEAN, PLANTS, planted_files
+from app.run.planted import CLEAN, FAULTY, TWO_MINUTES, planted_files, tremble, with_faults
 from app.run.request import Artefact
-from model.motion.motion import Motion, load_motion
+from model.motion.motion import Motion, load_motion, save_motion
 from model.motion.skeleton import JOINT_INDEX, open_body_skeleton
 from model.motion.tracks import track_points
 from renderer.video.encoder import read_facts
@@ -53,13 +53,15 @@ def test_only_what_can_be_drawn_in_time_is_drawn(monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.gl
 def test_each_file_keeps_its_length_and_is_told_of(tmp_path: Path) -> None:
-    paths, reference, *_ = planted_files(tmp_path / "planted")
-    assert [Path(path).stem for path in paths] == list(PLANTS)
+    name = "trembling"
+    clean = load_motion(CLEAN)
+    calmer = replace(clean, expressions=(0.9 * clean.expressions).astype(np.float32))
+    save_motion(tremble(calmer), tmp_path / f"{name}.npz")
     told: list[Artefact] = []
     request = DiagnoseRequest(
-        motions=(Path(paths[0]),),
+        motions=(tmp_path / f"{name}.npz",),
         out=tmp_path / "out",
-        reference=Path(reference),
+        reference=CLEAN,
         has_pictures=False,
         videos=VideoOptions(size=256, close_ups=("hands",), has_posters=True),
         is_played=True,
@@ -68,20 +70,20 @@ def test_each_file_keeps_its_length_and_is_told_of(tmp_path: Path) -> None:
     found = diagnose_files(request, shares.append, told.append)
     assert shares == sorted(shares) and shares[-1] == pytest.approx(1.0)
     kinds = {(each.kind, each.name) for each in told}
-    names = (Path(paths[0]).stem, "reference")
+    names = (name, "reference")
     every = ("motion", "poster", "video")
     assert kinds == {(kind, name) for kind in every for name in names}
     videos = [path for path in found.files if path.suffix == ".mp4"]
     assert {path.stem for path in videos} == set(names)
     assert all(read_facts(path).num_frames == 420 for path in videos)
-    kinds_found = {finding.kind for finding in found.diagnostics.findings[names[0]]}
+    kinds_found = {finding.kind for finding in found.diagnostics.findings[name]}
     assert "joint_noise" in kinds_found and "copied_face" not in kinds_found
 
 
-def test_every_planted_example_is_found(tmp_path: Path) -> None:
-    paths, reference, speech, transcript = planted_files(tmp_path)
+def test_every_planted_fault_is_found(tmp_path: Path) -> None:
+    (path,), reference, speech, transcript = planted_files(tmp_path)
     request = DiagnoseRequest(
-        tuple(map(Path, paths)),
+        (Path(path),),
         tmp_path / "out",
         reference=Path(reference),
         speech=Path(speech),
@@ -91,7 +93,26 @@ def test_every_planted_example_is_found(tmp_path: Path) -> None:
     result = diagnose_files(request)
     assert result.notes == ()
     findings = result.diagnostics.findings
-    wanted = ("joint_noise", "foot_slide", "period", "identical")
-    for name, kind in zip(PLANTS, wanted, strict=True):
-        assert kind in {finding.kind for finding in findings[name]}, name
+    found = {finding.kind: finding for finding in findings[FAULTY]}
+    assert set(found) == {
+        *("frozen", "joint_noise", "foot_slide", "floating", "period"),
+        *("high_frequency", "jerk"),
+    }
+    assert (
+        abs(found["frozen"].worst_frame - 90.25 * 30) < 5
+        and 3000 < found["floating"].worst_frame < 3240
+    )
+    assert found["joint_noise"].numbers["noise_deg"].keys() == {
+        *("right_shoulder", "right_elbow", "right_wrist"),
+    }
     assert findings["reference"] == []
+
+
+def test_faults_are_planted_in_their_seconds_alone() -> None:
+    clean = load_motion(TWO_MINUTES)
+    faulty = with_faults(clean)
+    is_changed = (faulty.poses != clean.poses).any(1) | (faulty.trans != clean.trans).any(1)
+    assert not is_changed[: 4 * 30].any() and not is_changed[114 * 30 :].any()
+    assert is_changed[4 * 30 : 114 * 30].mean() > 0.95, "sliding feet stand for a moment"
+    step = np.linalg.norm(np.diff(faulty.trans, axis=0), axis=1).max()
+    assert step < 0.05, "only joints jump"
