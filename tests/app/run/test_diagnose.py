@@ -198,7 +198,7 @@ def test_there_is_a_point_to_stop_at_between_all_files_measures_and_figures(
     assert {0.55, 0.6, 0.7, 0.9} <= set(told)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.05, *STAGES])
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.5, STAGES[-1]])
 def test_a_run_that_is_ended_at_any_point_leaves_nothing(
     motion: Path, tmp_path: Path, share: float
 ) -> None:

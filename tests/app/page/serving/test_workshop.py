@@ -56,6 +56,13 @@ def small(tmp_path: Path, name: str = "small") -> DiagnoseRequest:
     return DiagnoseRequest((path,), tmp_path / f"{name}-results", has_pictures=False)
 
 
+def look(workshop: Workshop, end: Callable[[], None]) -> str:
+    """A task that needs no library, with that in the middle of it."""
+    return workshop.do(
+        "refuse", ("motion", ends.Ending(end), 1.0), lambda event: None, lambda: False
+    )
+
+
 def pid_of(workshop: Workshop) -> int:
     (process,) = workshop._all
     return process._child.pid
@@ -166,16 +173,14 @@ def test_what_takes_too_long_is_ended(limits: Limits, tmp_path: Path) -> None:
         workshop.close()
 
 
-def test_a_process_that_is_killed_is_told_of_and_replaced(
-    workshop: Workshop, tmp_path: Path
-) -> None:
+def test_a_process_that_is_killed_is_told_of_and_replaced(workshop: Workshop) -> None:
     threading.Timer(0.5, lambda: os.kill(pid_of(workshop), signal.SIGKILL)).start()
     with pytest.raises(
         RunError, match=r"by signal 9 \(SIGKILL\). Somebody or something else"
     ) as told:
-        workshop.diagnose(small(tmp_path), lambda share: None)
+        look(workshop, ends.wait)
     assert "want of memory" not in str(told.value).replace("tells of no want of memory", "")
-    assert workshop.diagnose(small(tmp_path), lambda share: None).files
+    assert look(workshop, ends.carry_on) == ""
 
 
 @pytest.mark.parametrize(
@@ -192,16 +197,16 @@ def test_a_process_that_is_killed_is_told_of_and_replaced(
     ],
 )
 def test_a_process_that_dies_says_how(
-    end: Callable[[], None], words: list[str], workshop: Workshop, tmp_path: Path
+    end: Callable[[], None], words: list[str], workshop: Workshop
 ) -> None:
     """Each kills itself in the middle of its run."""
     with pytest.raises(RunError) as told:
-        workshop.do("diagnose", (ends.Ending(end),), lambda event: None, lambda: False)
+        look(workshop, end)
     sentence = str(told.value)
     assert all(word in sentence for word in words), sentence
     assert "for want of memory" not in sentence and "needed more memory" not in sentence
     assert sentence.isprintable()
-    assert workshop.diagnose(small(tmp_path), lambda share: None).files
+    assert look(workshop, ends.carry_on) == ""
 
 
 @pytest.mark.parametrize("end", [ends.run_out_of_memory, ends.run_out_of_memory_in_c])
@@ -209,7 +214,7 @@ def test_memory_is_named_where_the_log_or_python_says_so(
     end: Callable[[], None], workshop: Workshop
 ) -> None:
     with pytest.raises(RunError, match="memory"):
-        workshop.do("diagnose", (ends.Ending(end),), lambda event: None, lambda: False)
+        look(workshop, end)
 
 
 def test_memory_is_named_where_the_kernel_has_ended_it(
@@ -225,14 +230,14 @@ def test_memory_is_named_where_the_kernel_has_ended_it(
 
     threading.Timer(0.5, strike).start()
     with pytest.raises(RunError, match=r"want of memory, as the system says; .* 4\.0 GB"):
-        workshop.diagnose(small(tmp_path), lambda share: None)
+        look(workshop, ends.wait)
 
 
 def test_what_a_process_says_goes_on_to_the_log_of_the_page(
     workshop: Workshop, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(RunError):
-        workshop.do("diagnose", (ends.Ending(ends.leave_with_3),), print, lambda: False)
+        look(workshop, ends.leave_with_3)
     assert "the last words of it" in capsys.readouterr().err
 
 
