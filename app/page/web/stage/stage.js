@@ -28,6 +28,8 @@ import { trailCorners } from "./trail.js";
 const FPS = 30;
 const FLICKER_MS = 500; // one change in half a second: far below what can do harm to anyone
 const BUILDS_LATER_MS = 4000; // after the first body: nothing waits for them
+const CAPTION_PX = 8; // between the words and where bodies end
+const NOTICE_PX = 40; // of a notice and a legend at the stage's end
 const REST_MS = 180; // after which a picture that stands is drawn in full
 const NARROW_PX = 560; // here one body at a time
 const BESIDE_PX = 285; // of a window's height, for what must be seen with the stage
@@ -861,10 +863,25 @@ export class Stage {
     const { time } = this.#player;
     const index = this.#look.get("hasWords") ? this.#words.findIndex(([start, end]) => time >= start && time < end) : -1;
     this.#caption.hidden = index < 0;
-    if (index < 0 || this.#caption.dataset.at === String(index)) return;
+    if (index < 0) return;
+    this.#caption.style.bottom = `${this.#size[1] - this.#captionEnds}px`;
+    if (this.#caption.dataset.at === String(index)) return;
     this.#caption.dataset.at = String(index);
     const near = this.#words.slice(Math.max(0, index - 2), index + 3);
     this.#caption.replaceChildren(...near.flatMap((word) => [make(word === this.#words[index] ? "b" : "span", {}, word[2]), " "]));
+  }
+
+  /** Over legs rather than heads: the lower end of the first row's bodies, with room for a notice. */
+  get #captionEnds() {
+    const [width, height] = this.#size;
+    const shots = this.#facts.close_ups;
+    let body = pairPanels([0, 0, width, height], this.closeUp, shots).body.rect;
+    if (this.mode === "grid") {
+      const [left, above, wide, high] = this.#cells[0].cell;
+      body = panels([left, above + TAG_PX, wide, high - TAG_PX], this.closeUp, shots)[0].rect;
+    }
+    const [, top, , tall] = body;
+    return Math.min(top + tall - CAPTION_PX, height - NOTICE_PX);
   }
 
   #dragWipe(event) {
