@@ -32,7 +32,7 @@ SYSTEMS_LABEL = "Systems to compare"
 SYSTEMS_HELP = "Each is a trained generator; all get the same noise. The tab Systems explains them."
 STUDY_READY = "Ready to be made, with the examples unless you upload speech:"
 STUDY_CHANGED = "Gestures changed"
-STUDY_CHANGED_HELP = "Each is one more system: workbench/planned with its plan changed."
+STUDY_CHANGED_HELP = "Each is one more system: {system} with its plan changed."
 STUDY_SYSTEMS_HELP = "Each more is one more video of every clip, and more pairs to be judged."
 SPEAKER_LABEL = "Speaker style"
 SPEAKER_HELP = "Whose manner it takes on."
@@ -52,23 +52,9 @@ STEPS_LABEL = "Sampler steps"
 STEPS_HELP = "Empty: what each system usually takes. A number for all, or full=20, local=5, …"
 BODY_STEPS_LABEL = "Steps of the body"
 FACE_STEPS_LABEL = "Steps of the face"
-TWO_STEPS_HELP = "AsynFusion draws face and body apart; 0 is what it usually takes."
 USUAL_SAMPLER = "each system's usual one"
 SAMPLER_LABEL = "Sampler"
 SAMPLER_HELP = "The way from noise to motion. Leave it, unless you compare samplers."
-SAMPLER_NAMES = {
-    "ddim": "DDIM",
-    "ddim-blend": "DDIM, overlaps blended in the last steps",
-    "lcm": "LCM",
-    "lcm-recomputed": "LCM, idle branch computed anew",
-    "lcm-blend": "LCM, overlaps blended in the last steps",
-    "posterior": "Drawn from the posterior (few-step generators)",
-    "dpm-solver++": "DPM-Solver++ (first order)",
-    "dpm-solver++-2m": "DPM-Solver++ 2M (second order)",
-    "heun": "Heun (second order)",
-    "euler": "Euler (first order)",
-    "reinterpolate": "Official re-interpolation",
-}
 FILTER_LABEL = "Smooth every system (Savitzky-Golay 7/2)"
 FILTER_HELP = (
     "Off shows what the models made. On is what the official code does before anyone looks. "

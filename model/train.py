@@ -16,7 +16,7 @@ from model.data.prepared import DataError
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from model.storage.harmless import printable
 from model.storage.settings import with_setting
-from model.systems.registry import families, family_of
+from model.systems.registry import families, family_of, usual_systems
 from model.training.loop import train
 from model.training.parallel import joined_processes
 from model.training.run_folder import TrainingError
@@ -30,7 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--data", type=Path, required=True, help="folder in BEAT2's layout")
     parser.add_argument("--out", type=Path, required=True, help="folder for state and weights")
     parser.add_argument(
-        "--system", default="globaldiff/global",
+        "--system", default=usual_systems("training")[0],
         help=f"one of {', '.join(_trained())}",
     )  # fmt: skip
     parser.add_argument("--steps", type=int, help="instead of the config's number")

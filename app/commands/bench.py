@@ -35,6 +35,7 @@ from app.run.request import (
     Progress,
     file_stem,
 )
+from model.systems.registry import families, list_systems, usual_systems
 
 if TYPE_CHECKING:
     from model.speech.audio import Speech
@@ -43,8 +44,6 @@ if TYPE_CHECKING:
 
 CLIP_S = 10.0
 SAMPLES = 5
-LADDER = "globaldiff/"
-BUSY_SYSTEMS = ("globaldiff/local", "globaldiff/global", "globaldiff/full")
 PAGE_SIZE_PX = 640
 """Height of a body in the page's player."""
 SHORT_S, LONG_S = 60.0, 600.0
@@ -92,13 +91,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         add(time_page_start(options.weights, folder))
         warm_up(options.weights, None)
         add(time_motion(clip, options.weights))
-        add(time_official())
+        add(time_families())
         add(time_training(options.weights))
         add(time_beside_busy_cores(clip, options.weights, folder))
         add(time_run(clip, options.weights, folder))
         add(time_page_run(clip, options.weights, folder))
         add(time_browser(clip, options.weights, folder))
-        add(time_measures(next((folder / "run").glob("globaldiff-*.npz"))))
+        add(time_measures(folder / "run" / f"{file_stem(usual_systems('bench-busy')[0])}.npz"))
         add(time_rendering(options.weights, folder))
         if not options.no_memory:
             add(measure_memory(speech, options.weights, folder))
@@ -157,9 +156,8 @@ def served_page(weights: Path, folder: Path) -> Iterator[str]:
 
 def time_motion(clip: Path, weights: Path) -> list[Figure]:
     """Features, generation of each system at the default number of steps, and five samples."""
-    from model.bench import generation_ms
+    from model.generation.cost import generation_ms
     from model.speech.audio import load_speech
-    from model.systems.registry import list_systems
 
     speech: Speech = load_speech(clip)
     systems = [get_system(name, weights) for name in list_systems(weights)]
@@ -177,14 +175,15 @@ def time_motion(clip: Path, weights: Path) -> list[Figure]:
     return [*figures, Figure(title, each, "ms/frame", "at most 2")]
 
 
-def time_official() -> list[Figure]:
-    """The authors' networks, with random weights: of a frame, and the memory of their process."""
-    code = "from model.bench import official_cost; print(*official_cost())"
-    each, memory_gb = (float(part) for part in _told("-c", code).split())
-    return [
-        Figure("generation, size of the official code, 5 steps", each, "ms/frame"),
-        Figure("memory of it", memory_gb, "GB", "at most 4"),
-    ]
+def time_families() -> list[Figure]:
+    """What families measure of their own networks, each in a process of its own."""
+    figures = []
+    for family in families():
+        if family.has_cost:
+            code = f"import json; from {family.package}.cost import measured; "
+            rows = json.loads(_told("-c", code + "print(json.dumps(measured()))"))
+            figures += [Figure(*row) for row in rows]
+    return figures
 
 
 def time_training(weights: Path) -> list[Figure]:
@@ -192,24 +191,25 @@ def time_training(weights: Path) -> list[Figure]:
     fp32 and not compiled."""
     from model.bench import training_rate
 
+    name, *others = usual_systems("bench-training")
     figures = []
     for config, aim in (("demo", 150), ("paper", 40)):
-        name = "globaldiff/global"
         for is_fast, kind in ((False, "fp32, not compiled"), (True, "as trained")):
             rate = training_rate(name, weights, config, fast=is_fast)
             title = f"training, {name}, {config} size, {kind}"
             figures.append(Figure(title, rate, "windows/s", f"at least {aim}" if is_fast else ""))
-    rate = training_rate("globaldiff/full", weights)
-    figures.append(Figure("training, globaldiff/full, demo size, as trained", rate, "windows/s"))
+    for other in others:
+        rate = training_rate(other, weights)
+        figures.append(Figure(f"training, {other}, demo size, as trained", rate, "windows/s"))
     for instructions, capability in (("AVX512_CORE", "avx512"), ("AVX2", "avx2")):
         # Of processors without AMX, and without AVX-512.
         code = (
             "from pathlib import Path; from model.bench import training_rate; "
-            f"print(training_rate('globaldiff/global', Path({str(weights.resolve())!r})))"
+            f"print(training_rate({name!r}, Path({str(weights.resolve())!r})))"
         )
         environment = {"ONEDNN_MAX_CPU_ISA": instructions, "ATEN_CPU_CAPABILITY": capability}
         rate = float(_told("-c", code, **environment))
-        title = f"training, globaldiff/global, demo size, {instructions}"
+        title = f"training, {name}, demo size, {instructions}"
         figures.append(Figure(title, rate, "windows/s"))
     return figures
 
@@ -220,7 +220,13 @@ def time_beside_busy_cores(clip: Path, weights: Path, folder: Path) -> list[Figu
     figures = []
     for busy in (0, 1, os.cpu_count() or 1):
         out = folder / f"beside-{busy}"
-        flags = ["--systems", ",".join(BUSY_SYSTEMS), "--no-video", "--out", str(out)]
+        flags = [
+            "--systems",
+            ",".join(usual_systems("bench-busy")),
+            "--no-video",
+            "--out",
+            str(out),
+        ]
         loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(busy)]
         try:
             started = time.perf_counter()
@@ -258,7 +264,6 @@ def time_page_run(clip: Path, weights: Path, folder: Path) -> list[Figure]:
     """A run as the page asks for it, of the ladder of systems, in a process that is warm: until the
     first of them moves on the stage, until all of its motion is there, as a stage without windows
     begins with, and until everything is there."""
-    from model.systems.registry import list_systems
 
     moving_at: list[float] = []
     whole_at: list[float] = []
@@ -269,7 +274,8 @@ def time_page_run(clip: Path, weights: Path, folder: Path) -> list[Figure]:
         elif isinstance(event, Artefact) and event.kind == "motion":
             whole_at.append(time.monotonic())
 
-    ladder = tuple(name for name in list_systems(weights) if name.startswith(LADDER))
+    explained = [rung.system for each in families() if each.ladder for rung in each.ladder.rungs]
+    ladder = tuple(name for name in list_systems(weights) if name in explained)
     started = time.monotonic()
     request = GenerateRequest(
         *(clip, folder / "page", weights),
@@ -295,9 +301,8 @@ def time_browser(clip: Path, weights: Path, folder: Path) -> list[Figure]:
     second of one body and of five; each beside what it would be without windows, and without
     coarser bodies."""
     from app.commands import bench_browser
-    from model.systems.registry import list_systems
 
-    five = [name for name in bench_browser.SYSTEMS if name in list_systems(weights)]
+    five = [name for name in usual_systems("bench-browser") if name in list_systems(weights)]
     with bench_browser.browser() as browser:
         if browser is None:
             sys.stderr.write(bench_browser.WITHOUT + "\n")
@@ -347,7 +352,6 @@ def time_measures(motion_file: Path) -> list[Figure]:
 def time_rendering(weights: Path, folder: Path) -> list[Figure]:
     """Videos of the first system's motion, the stages of drawing it, and the usual loop beside."""
     from model.motion.motion import load_motion
-    from model.systems.registry import list_systems
 
     path = folder / "run" / f"{file_stem(list_systems(weights)[0])}.npz"
     motion = body_motion(load_motion(path))
@@ -426,7 +430,6 @@ def _rate(title: str, cost: Cost, aim: str = "") -> Figure:
 
 def measure_memory(speech: Path, weights: Path, folder: Path) -> list[Figure]:
     """Peak memory of any process of a run of one system, for a long clip against a short one."""
-    from model.systems.registry import list_systems
 
     system = list_systems(weights)[-1]
     imports = (

@@ -13,13 +13,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-SYSTEMS = (
-    "workbench/priorflow",
-    "globaldiff/local",
-    "globaldiff/global",
-    "globaldiff/full",
-    "gan/20",
-)
 WINDOW = {"width": 1280, "height": 800}
 AIM_ON_GPU = 60
 """Pictures a second."""

@@ -23,9 +23,9 @@ from app.commands.said import LogLines, Parser, name_file, say
 from app.commands.study import add_study
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import CancelledRun, RunError, sentence_of
+from app.family_files import add_family_files, use_family_files
 from app.findings.ranking import told_findings
 from app.findings.sentences import sentences_of
-from app.official import add_official, use_official
 from app.run.display import COLORINGS, Display
 from app.run.pictures.export import BACKGROUNDS, ENDINGS, SHEET_POSES, RenderRequest, render_motion
 from app.run.pictures.followed_point import TIP
@@ -172,7 +172,7 @@ def _add_generate(commands) -> None:
     parser.add_argument(
         "--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR", help="default: bundled"
     )
-    add_official(parser)
+    add_family_files(parser)
     add_crew(parser)
     parser.set_defaults(command=_generate)
 
@@ -183,7 +183,7 @@ def _generate(options: argparse.Namespace) -> None:
     from app.run.many.speeches import is_many
     from app.run.pipeline import generate_all
 
-    use_official(options)
+    use_family_files(options)
     request = GenerateRequest(
         speech=options.speech,
         out=options.out,
@@ -366,7 +366,7 @@ def _add_steps(commands) -> None:
     parser.add_argument(
         "--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR", help="default: bundled"
     )
-    add_official(parser)
+    add_family_files(parser)
     parser.set_defaults(command=_steps_command)
 
 
@@ -374,7 +374,7 @@ def _steps_command(options: argparse.Namespace) -> None:
     from app.commands.terminal import ProgressBar
     from app.run.step_curve import StepCurveRequest, measure_step_curve
 
-    use_official(options)
+    use_family_files(options)
     request = StepCurveRequest(
         speech=options.speech,
         out=options.out,
@@ -500,14 +500,14 @@ def _add_doctor(commands) -> None:
     parser.add_argument(
         "--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR", help="default: bundled"
     )
-    add_official(parser)
+    add_family_files(parser)
     parser.set_defaults(command=_doctor)
 
 
 def _doctor(options: argparse.Namespace) -> None:
     from app.commands.doctor import examine, report
 
-    use_official(options)
+    use_family_files(options)
     findings = examine(options.weights, options.body)
     sys.stdout.write(report(findings))
     broken = [finding.name for finding in findings if finding.is_broken]

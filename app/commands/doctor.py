@@ -39,7 +39,7 @@ def examine(weights: Path, body: Path | None) -> list[Finding]:
         *_backends(),
         _body(body),
         _weights(weights),
-        *_official(),
+        *_family_files(),
         _ffmpeg(),
         _memory(),
         _disk(),
@@ -102,11 +102,10 @@ def _body(path: Path | None) -> Finding:
 
 
 def _weights(folder: Path) -> Finding:
-    from model.systems.official import FAMILY as OFFICIAL
-    from model.systems.registry import list_systems, load_system
+    from model.systems.registry import family_of, list_systems, load_system
 
     try:
-        names = [name for name in list_systems(folder) if name not in OFFICIAL.systems]
+        names = [name for name in list_systems(folder) if not family_of(name).files]
         for name in names:
             load_system(name, folder)
     except Exception as error:
@@ -117,32 +116,21 @@ def _weights(folder: Path) -> Finding:
     return Finding("weights", True, ", ".join(names))
 
 
-def _official() -> list[Finding]:
-    """What the authors' checkpoints are, where a folder of them was named: each is read."""
-    from model.systems.official.checkpoint import load_network
-    from model.systems.official.files import PARTS, official_files
-    from model.systems.official.speech import official_encoder
+def _family_files() -> list[Finding]:
+    """What is found of the files that families need of a person, where some were named."""
+    from model.systems.registry import families
 
-    files = official_files()
-    if files is None:
-        return []
-    findings = []
-    for part in PARTS:
-        is_needed, advice = part in ("motion", "expression"), "see docs/official.md"
-        name = f"official {part}"
-        try:
-            path = files.path(part)
-            count = sum(each.numel() for each in load_network(part, path).parameters())
-        except Exception as error:
-            findings.append(Finding(name, False, _told(error), advice, is_needed))
-            continue
-        detail = f"{path.relative_to(files.folder)}, {count / 1e6:.1f} M parameters"
-        findings.append(Finding(name, True, detail))
-    try:
-        official_encoder()
-    except Exception as error:
-        return [*findings, Finding("official speech", False, _told(error), "see docs/official.md")]
-    return [*findings, Finding("official speech", True, "WavLM, HuBERT or features are there")]
+    return [
+        Finding(
+            report.name,
+            report.error is None,
+            report.detail if report.error is None else _told(report.error),
+            report.advice,
+            report.is_needed,
+        )
+        for family in families()
+        for report in family.file_reports()
+    ]
 
 
 def _ffmpeg() -> Finding:

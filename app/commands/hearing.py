@@ -8,10 +8,9 @@ from pathlib import Path
 from app.commands.said import name_file, say
 from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
-from app.official import add_official, use_official
+from app.family_files import add_family_files, use_family_files
 from app.run.hearing import HearingRequest, measure_hearing
-
-USUAL = ("workbench/planned", "workbench/priorflow", "globaldiff/global", "gan/5")
+from model.systems.registry import usual_systems
 
 
 def add_hearing(commands) -> None:
@@ -29,7 +28,10 @@ def add_hearing(commands) -> None:
     )  # fmt: skip
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument(
-        "--systems", default=",".join(USUAL), metavar="A,B,...", help="default: %(default)s"
+        "--systems",
+        default=",".join(usual_systems("hearing")),
+        metavar="A,B,...",
+        help="default: %(default)s",
     )
     parser.add_argument("--seeds", type=int, default=2, metavar="N", help="default: %(default)s")
     parser.add_argument("--speaker", metavar="NAME", help="whose manner (default: the first)")
@@ -46,7 +48,7 @@ def add_hearing(commands) -> None:
         help="strength of the speech; 1 is as trained (default: as suits each system)",
     )  # fmt: skip
     parser.add_argument("--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR")
-    add_official(parser)
+    add_family_files(parser)
     parser.set_defaults(command=_hearing)
 
 
@@ -62,7 +64,7 @@ def _two(speakers: str | None) -> tuple[str, str] | None:
 def _hearing(options: argparse.Namespace) -> None:
     from app.commands.terminal import ProgressBar
 
-    use_official(options)
+    use_family_files(options)
     is_folder = len(options.given) == 1 and options.given[0].is_dir()
     systems = tuple(name for name in options.systems.split(",") if name)
     request = HearingRequest(

@@ -1,4 +1,4 @@
-"""What the numbers of one run say of the paper's first claim, and what it takes to say more."""
+"""What the numbers of one run say of the claims of papers, and what it takes to say more."""
 
 from __future__ import annotations
 
@@ -10,15 +10,12 @@ from app.findings.comparison import plain
 from app.findings.points import point_title
 from app.findings.samples import ALIKE, Samples, mean, number_of, ratio_of, values_by_system
 from app.findings.sentences import jerk_of
+from model.systems.registry import families
 
 if TYPE_CHECKING:
+    from model.generation.explained import Claim
     from model.measures.diagnostics import Diagnostics
 
-LOCAL = "globaldiff/local"
-GLOBAL_RUNGS = ("globaldiff/global", "globaldiff/joint", "globaldiff/skeleton", "globaldiff/full")
-PLAIN, FULL = GLOBAL_RUNGS[0], GLOBAL_RUNGS[-1]
-"""Without the constraints of the paper, and with all of them."""
-CLAIM = "global rotations jerk less than local ones"
 ENOUGH_CLIPS = 10
 """With fewer, an interval over clips is too wide to tell systems apart that differ by a tenth."""
 
@@ -47,12 +44,14 @@ def verdict_of(diagnostics: Diagnostics) -> Verdict | None:
     recorded = number_of(diagnostics.reference, jerk_of, "raw")
     ending = "" if recorded is None else f"; recorded {plain(recorded)}"
     numbers = f"{point_title(diagnostics.point)} jerk in m/s³: {told}{ending}."
-    sentences = [*_claim(jerk, names), *_worse(jerk, names), *_needed(jerk)]
-    return Verdict(numbers, " ".join(sentences))
+    sentences = []
+    for claim in [family.claim for family in families() if family.claim is not None]:
+        sentences += [*_claim(claim, jerk, names), *_worse(claim, jerk, names)]
+    return Verdict(numbers, " ".join([*sentences, *_needed(jerk)]))
 
 
 def short_names(systems: Iterable[str]) -> dict[str, str]:
-    """Each system's name without its family, where that is a word and no other's too."""
+    """Each system's name after its slash, where that is a word and no other's too."""
     systems = list(systems)
     ends = [name.rsplit("/", 1)[-1] for name in systems]
     return {
@@ -61,33 +60,36 @@ def short_names(systems: Iterable[str]) -> dict[str, str]:
     }
 
 
-def _claim(jerk: Mapping[str, Samples], names: Mapping[str, str]) -> list[str]:
-    """Whether the rungs with global rotations jerk less than the one with local ones."""
-    rungs = [name for name in GLOBAL_RUNGS if name in jerk]
-    if LOCAL not in jerk or not rungs:
+def _claim(claim: Claim, jerk: Mapping[str, Samples], names: Mapping[str, str]) -> list[str]:
+    """Whether the systems that should jerk less do."""
+    rungs = [name for name in claim.less if name in jerk]
+    if claim.more not in jerk or not rungs:
         return []
-    showing = [name for name in rungs if _is_less(jerk[LOCAL], jerk[name])]
+    showing = [name for name in rungs if _is_less(jerk[claim.more], jerk[name])]
     if len(showing) == len(rungs):
-        return [f"On this clip the paper's claim shows: {CLAIM}."]
+        return [f"On this clip the paper's claim shows: {claim.sentence}."]
     if not showing:
-        return [f"On this clip the paper's claim, that {CLAIM}, does not show."]
+        return [f"On this clip the paper's claim, that {claim.sentence}, does not show."]
     yes, no = (
         " and ".join(names[name] for name in rungs if (name in showing) == is_shown)
         for is_shown in (True, False)
     )
-    return [f"On this clip the paper's claim, that {CLAIM}, shows with {yes}, not with {no}."]
+    return [
+        f"On this clip the paper's claim, that {claim.sentence}, shows with {yes}, not with {no}."
+    ]
 
 
-def _worse(jerk: Mapping[str, Samples], names: Mapping[str, str]) -> list[str]:
-    """Whether all constraints together jerk more than none of them."""
-    if not {PLAIN, FULL} <= jerk.keys() or not _is_less(jerk[FULL], jerk[PLAIN]):
+def _worse(claim: Claim, jerk: Mapping[str, Samples], names: Mapping[str, str]) -> list[str]:
+    """Whether all that the paper adds together jerks more than none of it."""
+    plain_one, full = claim.plain, claim.full
+    if not {plain_one, full} <= jerk.keys() or not _is_less(jerk[full], jerk[plain_one]):
         return []
-    return [f"Here {names[FULL]} jerks more than {names[PLAIN]}: its constraints did not help."]
+    return [f"Here {names[full]} jerks more than {names[plain_one]}: {claim.added} did not help."]
 
 
-def _is_less(local: Samples, other: Samples) -> bool:
+def _is_less(more: Samples, other: Samples) -> bool:
     """By more than 5 %, and where there are several samples, by more than chance."""
-    ratio = ratio_of(local, other)
+    ratio = ratio_of(more, other)
     return ratio is not None and ratio.value >= ALIKE and not ratio.is_open
 
 

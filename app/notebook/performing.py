@@ -29,7 +29,7 @@ from model.motion.motion import Motion, first_frames, load_motion
 from model.plan.plan import GesturePlan, read_plan
 from model.speech.audio import Speech
 from model.speech.transcript import Transcript
-from model.systems.planned.config import PLANNED
+from model.systems.registry import usual_planner
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class Performance:
 
 def generate(
     speech: SpeechLike,
-    systems: str | Sequence[str] = PLANNED,
+    systems: str | Sequence[str] | None = None,
     *,
     speaker: str | None = None,
     seed: int = 0,
@@ -83,7 +83,8 @@ def generate(
     """Generate motion of one or more systems, with the same noise.
 
     Args:
-        systems: a name or several (`app.notebook.systems`); "all" are all there are.
+        systems: a name or several (`app.notebook.systems`); "all" are all there are, None is the
+            one that plans.
         speaker: in whose manner; None is the first that the systems know.
         samples: motions of each system, each from noise of its own.
         steps: of the sampler, of all systems or by name.
@@ -96,6 +97,7 @@ def generate(
     Raises:
         ValueError: of what cannot be done, with one sentence.
     """
+    systems = usual_planner() if systems is None else systems
     named = () if systems == "all" else (systems,) if isinstance(systems, str) else tuple(systems)
     with ExitStack() as held:
         bar = held.enter_context(Bar("speech", progress))
@@ -147,7 +149,7 @@ def plan(
     recognise_words: bool = False,
     weights: str | Path = BUNDLED_WEIGHTS,
 ) -> GesturePlan:
-    """Draw what ``workbench/planned`` is going to do with the speech; see `model.plan.plan`.
+    """Draw what the system that plans is going to do with the speech; see `model.plan.plan`.
 
     Raises:
         ValueError: of what cannot be done, with one sentence.

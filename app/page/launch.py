@@ -26,8 +26,8 @@ from app.config import (
     default_port,
 )
 from app.errors import RunError, sentence_of
-from app.official import add_official, use_official
-from model.systems.official.files import official_files, require_speech
+from app.family_files import add_family_files, use_family_files
+from model.systems.registry import families
 
 if TYPE_CHECKING:
     from gradio import Blocks
@@ -88,9 +88,9 @@ def parse_config(argv: list[str] | None = None) -> AppConfig:
         "--max-minutes", type=float, default=10.0, metavar="N",
         help="longest speech accepted (default: %(default)g)",
     )  # fmt: skip
-    add_official(parser)
+    add_family_files(parser)
     options = parser.parse_args(argv)
-    use_official(options)
+    use_family_files(options)
     return AppConfig(
         host=options.host,
         port=options.port,
@@ -170,12 +170,9 @@ def launch(
     from app.page.tabs.upload_check import UploadCheck
     from app.page.theme import CSS, head_style, make_theme
 
-    official = official_files()
-    if official is not None and require_speech().is_file():
-        raise RunError(
-            "The page cannot use prepared features, which are of one speech; name a folder of "
-            "WavLM or HuBERT with --official-features DIR."
-        )
+    for family in families():
+        if (why := family.why_not_on_page()) is not None:
+            raise RunError(why)
     catalogue = read_catalogue(config.weights, find_examples(EXAMPLES))
     keep_uploads_tidy()
     refuse_unknown_functions()
@@ -246,7 +243,7 @@ def launch(
                 config.weights,
                 config.body,
                 config.private_folder,
-                official and official.folder,
+                *(path for family in families() for path in family.private_paths()),
             )
             if path
         ],

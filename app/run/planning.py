@@ -75,7 +75,7 @@ def make_plan(request: PlanRequest) -> Edited:
     from model.plan.plan import GesturePlan
     from model.plan.wish import read_wish
     from model.speech.audio import SpeechLimits, load_speech
-    from model.systems.planned.config import PLANNED
+    from model.systems.registry import usual_planner
 
     if request.guidance is not None and not 0 <= request.guidance <= MAX_GUIDANCE:
         raise RunError(f"Guidance must be 0 to {MAX_GUIDANCE}; got {request.guidance:g}.")
@@ -90,7 +90,7 @@ def make_plan(request: PlanRequest) -> Edited:
         write_plan_file(plan, request.out, request.speech)
         return Edited(plan)
     wish = None if request.style is None else read_wish(request.style)
-    system = get_system(PLANNED, request.weights)
+    system = get_system(usual_planner(), request.weights)
     with SpokenWords(request.transcript, request.words) as words:
         words.begin(speech.waveform)
         said, _ = words.found(lambda: None)

@@ -56,8 +56,7 @@ from model.speech.audio import Speech, SpeechError
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from model.storage.files import written_atomically
 from model.systems.autoencoders.config import FGD_ENCODER
-from model.systems.planned.config import PLANNED
-from model.systems.registry import load_system
+from model.systems.registry import load_system, usual_planner
 
 FEET = [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]]
 SPEECH_S = 12.0
@@ -397,7 +396,7 @@ def main(arguments: list[str] | None = None) -> int:
     logging.basicConfig(format="%(message)s", level=logging.INFO)
     asked, rng = Asked(), np.random.default_rng(options.seed)
     try:
-        system = load_system(PLANNED, options.weights)
+        system = load_system(usual_planner(), options.weights)
         distances = Distances(load_encoder(options.weights, FGD_ENCODER))
         names = [n for n, split in read_split(options.data).items() if split == "test"]
         known = [n for n in names if speaker_of(n)[1] in system.speakers]

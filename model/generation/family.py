@@ -7,8 +7,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
+from model.generation.explained import Claim, Ladder
+from model.generation.named_files import FileFlag, FileReport
 from model.storage.cards import file_stem, load_card
 
 if TYPE_CHECKING:
@@ -16,6 +18,15 @@ if TYPE_CHECKING:
     from model.generation.base import System
     from model.training.config import TrainConfig
     from model.training.task import Task, Workshop
+
+
+Use = Literal[
+    "run", "steps", "hearing", "hearing-tab", "live", "first-look", "training",
+    "bench-training", "bench-busy", "bench-browser",
+]  # fmt: skip
+"""What systems are taken for where nobody has chosen: ticked on the page for a run, ticked for the
+curve of steps, compared by the command ``hearing``, ticked in that tab, first in the tab Live, the
+example that plays when the page opens, ``python -m model.train``, and rows of `make bench`."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +38,8 @@ class Sampler:
     """Where nothing else is asked for."""
     face_steps: int | None = None
     """Of the face, where that is drawn by steps of its own."""
+    title: str = ""
+    """What a person calls it; empty for its name."""
 
     def counts(self, steps: int | None, face_steps: int | None) -> tuple[int, int | None]:
         """Steps of the body and of the face, as asked for or as usual; a face of which nothing is
@@ -75,6 +88,22 @@ class Family:
     """Generators that need all of the speech before they begin, and so cannot be had live."""
     shared_weights: Mapping[str, str] = field(default_factory=dict)
     """Generators that move with the weights of another, and whose."""
+    usual: Mapping[Use, tuple[str, ...]] = field(default_factory=dict)
+    """Its generators that are taken where nobody has chosen, by what for."""
+    plans: tuple[str, ...] = ()
+    """Generators that draw a plan of gestures first, and can be given one."""
+    face_steps_help: str = ""
+    """For a person, where a sampler has `Sampler.face_steps`."""
+    ladder: Ladder | None = None
+    claim: Claim | None = None
+    files_title: str = ""
+    """Above the flags of ``files``."""
+    files: tuple[FileFlag, ...] = ()
+    """What a person names to have its generators at all; a family with files has methods of its
+    own that read them."""
+    has_cost: bool = False
+    """Whether its folder has ``cost.measured()``: further rows of `make bench` on what its networks
+    cost, (title, value, unit, aim) of each, measured in a process of its own."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -105,6 +134,26 @@ class Family:
             for name in self.systems
             if (folder / f"{file_stem(self.weights_of(name))}.safetensors").is_file()
         )
+
+    def require_files(self) -> None:
+        """See that everything is there that was named by ``files``.
+
+        Raises:
+            CheckpointError, EncoderError: if it is not.
+        """
+
+    def why_not_on_page(self) -> str | None:
+        """Why the page cannot offer its generators with the files that were named, as a sentence;
+        None where it can."""
+        return None
+
+    def private_paths(self) -> tuple[Path, ...]:
+        """Of ``files``, what no visitor of the page may read."""
+        return ()
+
+    def file_reports(self) -> tuple[FileReport, ...]:
+        """What is found of the files that were named; nothing where none were. Never raises."""
+        return ()
 
     def card(self, name: str, folder: Path) -> dict[str, Any]:
         """The card of the weights that a generator or a helper has.

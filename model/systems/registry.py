@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from model.generation.family import Family, UnknownNameError
+from model.generation.family import Family, UnknownNameError, Use
 from model.storage.cards import BUNDLED_WEIGHTS
 from model.systems import (
     asynfusion,
@@ -67,6 +67,30 @@ def family_of(name: str) -> Family:
             return family
     valid = ", ".join(name for family in _FAMILIES for name in family.names)
     raise UnknownNameError(f"There is no system {name!r}; choose one of {valid}.")
+
+
+def usual_systems(use: Use) -> tuple[str, ...]:
+    """Systems that are taken for something where nobody has chosen, in the order of the families;
+    whether their weights are there is not asked."""
+    return tuple(name for family in _FAMILIES for name in family.usual.get(use, ()))
+
+
+def planning_systems() -> tuple[str, ...]:
+    """Systems that plan before they move, and perform a plan that they are given."""
+    return tuple(name for family in _FAMILIES for name in family.plans)
+
+
+def usual_planner() -> str:
+    """The system whose plans are meant where none is named."""
+    return planning_systems()[0]
+
+
+def sampler_title(name: str) -> str:
+    """What a person calls a sampler."""
+    systems = ((family, system) for family in _FAMILIES for system in family.systems)
+    samplers = (sampler for family, system in systems for sampler in family.samplers_of(system))
+    titles = (sampler.title for sampler in samplers if sampler.name == name and sampler.title)
+    return next(titles, name)
 
 
 def list_systems(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:

@@ -75,12 +75,12 @@ def test_the_page_needs_something_that_hears_every_speech(checkpoints, tmp_path)
 
 
 def test_doctor_reads_each_of_them(checkpoints, tmp_path):
-    from app.commands.doctor import _official
+    from app.commands.doctor import _family_files
 
-    assert _official() == []
+    assert _family_files() == []
     os.environ["OFFICIAL_DIR"] = str(checkpoints)
     os.environ["OFFICIAL_FEATURES"] = str(make_features(tmp_path / "features.npz", 1))
-    found = {finding.name: finding for finding in _official()}
+    found = {finding.name: finding for finding in _family_files()}
     assert found["official motion"].detail.endswith("epoch_999, 43.1 M parameters")
     assert found["official expression"].works and found["official speech"].works
     assert not found["official vae2"].works and not found["official vae2"].is_broken

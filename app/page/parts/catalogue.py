@@ -11,14 +11,16 @@ from app import text
 from app.errors import RunError
 from app.findings.points import point_title
 from app.findings.verdict import short_names
-from model.systems.globaldiff.config import BEST
-from model.systems.planned.config import PLANNED
-from model.systems.registry import family_of, list_speakers, list_systems, read_card
+from model.systems.registry import (
+    family_of,
+    list_speakers,
+    list_systems,
+    read_card,
+    usual_systems,
+)
 from renderer.body.joints import JOINT_NAMES, TIP_VERTICES
 
 MAX_DEFAULT_SYSTEMS = 3
-_PREFERRED = (PLANNED, "globaldiff/local", "globaldiff/global", BEST)
-"""What is ticked at first where there are more: what hears best, and the paper's first question."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,12 @@ def about_systems(systems: Sequence[str]) -> dict[str, str]:
     return {
         label: family_of(name).about.get(name, "") for name, label in short_names(systems).items()
     }
+
+
+def two_steps_help(systems: Sequence[str]) -> str | None:
+    """What their families say of drawing the face by steps of its own."""
+    told = dict.fromkeys(family_of(name).face_steps_help for name in systems)
+    return " ".join(told) or None
 
 
 def read_catalogue(weights: Path, examples: tuple[Example, ...] = ()) -> Catalogue:
@@ -115,10 +123,10 @@ def _trained_on(cards: list[dict[str, Any]]) -> str:
 
 
 def default_systems(systems: Sequence[str]) -> list[str]:
-    """All systems where they are few, else three of them."""
+    """All systems where they are few, else three of them, the usual ones first."""
     if len(systems) <= MAX_DEFAULT_SYSTEMS:
         return list(systems)
-    preferred = [name for name in _PREFERRED if name in systems]
-    others = [name for name in systems if name not in _PREFERRED]
-    chosen = [*preferred, *others][:MAX_DEFAULT_SYSTEMS]
+    usual = [name for name in usual_systems("run") if name in systems]
+    others = [name for name in systems if name not in usual]
+    chosen = [*usual, *others][:MAX_DEFAULT_SYSTEMS]
     return [name for name in systems if name in chosen]

@@ -19,7 +19,7 @@ from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.run.first_look import STEADY, TREMBLING, FirstLook, first_look
 from app.run.request import Artefact
-from model.systems.globaldiff.config import BEST
+from model.systems.registry import usual_systems
 
 log = logging.getLogger(__name__)
 EXAMPLE = "three_reasons"
@@ -47,8 +47,9 @@ class FirstLookDesk:
         self._make = make
         paths = {example.path.stem: example.path for example in catalogue.examples}
         self._look: FirstLook | None = None
-        if BEST in catalogue.systems and EXAMPLE in paths:
-            self._look = first_look(config.kept, config.weights, BEST, paths[EXAMPLE])
+        systems = [name for name in usual_systems("first-look") if name in catalogue.systems]
+        if systems and EXAMPLE in paths:
+            self._look = first_look(config.kept, config.weights, systems[0], paths[EXAMPLE])
         self._shown: tuple[dict[str, Any], str] | None = None
         self.is_coming = self._look is not None
         """Whether it will be there in a while; false where it is, or could not be made."""

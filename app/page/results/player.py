@@ -385,11 +385,11 @@ def _begun(
 
 
 def noise_of(name: str) -> str | None:
-    """What two rows have in common that were drawn from the same noise in the same way: the family
-    and the sample. None of a motion whose noise, if any, is not known."""
-    family, slash, rest = name.partition("/")
+    """What two rows have in common that were drawn from the same noise in the same way: what
+    stands before the slash, and the sample. None of a motion whose noise, if any, is not known."""
+    before, slash, rest = name.partition("/")
     _, is_later, sample = rest.rpartition(".s")
-    return f"{family} {sample if is_later else 1}" if slash else None
+    return f"{before} {sample if is_later else 1}" if slash else None
 
 
 def gravest_of(findings: Mapping[str, Sequence[Finding]]) -> list[dict[str, Any]]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from app import text
 from app.findings.points import point_title
 from app.findings.verdict import short_names
 from app.run.request import GenerateRequest, Steps
+from model.systems.registry import sampler_title
 
 if TYPE_CHECKING:
     from app.run.diagnose import DiagnoseRequest
@@ -32,7 +32,7 @@ def settings_of_run(asked: GenerateRequest) -> Settings:
         "samples": str(asked.samples),
         "steps": _steps(asked.steps),
         "steps of the face": _steps(asked.face_steps),
-        "sampler": text.SAMPLER_NAMES.get(asked.sampler or "", asked.sampler or USUAL),
+        "sampler": sampler_title(asked.sampler) if asked.sampler else USUAL,
         "strength of the speech": USUAL if asked.guidance is None else f"{asked.guidance:g}",
         "filter": _FILTERS[asked.post_filter],
         "reference": reference.name if reference else NONE,

@@ -21,6 +21,7 @@ from app.page.parts.catalogue import (
     about_systems,
     default_systems,
     point_choices,
+    two_steps_help,
 )
 from app.page.parts.html_parts import tell_chips
 from app.page.parts.strength import USUAL, strength_choices
@@ -28,6 +29,7 @@ from app.page.tabs.generate_form import SEED_LIMIT
 from app.page.tabs.upload_check import UploadCheck
 from app.run.pictures.followed_point import TIP
 from app.run.request import MAX_SAMPLES
+from model.systems.registry import sampler_title
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
         body_steps, face_steps = (
             gr.Slider(0, 50, value=0, step=1, label=label, info=help_, buttons=[])
             for label, help_ in (
-                (text.BODY_STEPS_LABEL, text.TWO_STEPS_HELP),
+                (text.BODY_STEPS_LABEL, two_steps_help(catalogue.with_face_steps)),
                 (text.FACE_STEPS_LABEL, None),
             )
         )
@@ -117,7 +119,7 @@ def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> F
         sampler = gr.Dropdown(
             choices=[
                 (text.USUAL_SAMPLER, ""),
-                *((text.SAMPLER_NAMES.get(name, name), name) for name in catalogue.samplers),
+                *((sampler_title(name), name) for name in catalogue.samplers),
             ],
             value="",
             label=text.SAMPLER_LABEL,

@@ -21,8 +21,7 @@ from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.page.tabs.measured_figure import FigureRunner, build_measuring_sheet
 from model.storage.cards import CALM_AND_LIVELY
-from model.systems.globaldiff.config import BEST
-from model.systems.planned.config import PLANNED
+from model.systems.registry import usual_systems
 
 if TYPE_CHECKING:
     from app.run.hearing import Hearing, HearingRequest
@@ -33,7 +32,6 @@ INTRODUCTION = (
     "speech rise and fall together; where it is deaf, those of one seed. The same as <code>python "
     "-m app hearing</code>, which takes anyone's motion too."
 )
-AT_FIRST = (PLANNED, BEST, "globaldiff/global", "asynfusion/lcm-async", "gan/5")
 COMPARED = "Compared two speeches by two seeds, of {systems}."
 NO_SYSTEM = "Tick at least one system to compare."
 NO_SPEECH = "Upload two speeches to compare; this installation has fewer than two examples."
@@ -55,7 +53,9 @@ def build_hearing(
         measure: does the measuring, as `app.run.hearing.measure_hearing`.
     """
     gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{INTRODUCTION}</p>')
-    sheet = build_measuring_sheet("hearing", catalogue, AT_FIRST, _build_fields, "Compare")
+    sheet = build_measuring_sheet(
+        "hearing", catalogue, usual_systems("hearing-tab"), _build_fields, "Compare"
+    )
     examples = tuple(example.path for example in catalogue.examples)
     runner = HearingRunner(measure, examples, config, jobs, desk, sheet.parts)
     runner.wire(page, sheet)

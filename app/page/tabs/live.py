@@ -20,7 +20,7 @@ from app.page.tabs.generate import FormParts
 from app.page.tabs.generate_run import Generate
 from app.page.tabs.live_run import LiveRunner
 from app.page.tabs.videos_behind import Draw, VideosBehind
-from model.systems.registry import family_of
+from model.systems.registry import family_of, usual_systems
 
 TAB = "Live"
 INTRODUCTION = (
@@ -30,7 +30,6 @@ INTRODUCTION = (
 )
 KEEP = "Keep the last minute"
 NOTHING_KEPT = "Keep makes a run of the last minute: sound, video, figures, measures, downloads."
-USUAL = "gan/5"
 _TOKEN_OF_PAGE = "() => [document.querySelector('.live')?.live?.kept() ?? '']"
 
 
@@ -93,7 +92,8 @@ def build_live_tab(
 def offered(catalogue: Catalogue) -> dict[str, Any]:
     """What the browser lets a visitor choose; what is usual stands first."""
     live = [name for name in catalogue.systems if name not in family_of(name).whole_speech]
-    systems = sorted(live, key=lambda name: name != USUAL)
+    usual = usual_systems("live")
+    systems = sorted(live, key=lambda name: name not in usual)
     return {
         "systems": systems,
         "speakers": list(catalogue.speakers),

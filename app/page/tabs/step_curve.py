@@ -17,7 +17,7 @@ from app.page.parts.catalogue import Catalogue
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.page.tabs.measured_figure import FigureRunner, build_measuring_sheet
-from model.systems.globaldiff.config import BEST
+from model.systems.registry import usual_systems
 
 if TYPE_CHECKING:
     from app.run.step_curve import StepCurve, StepCurveRequest
@@ -28,7 +28,6 @@ INTRODUCTION = (
     "from that of 25 steps, and what a frame costs on the machine that serves this page. The same "
     "as <code>python -m app steps</code>."
 )
-AT_FIRST = ("globaldiff/full", BEST, "asynfusion/lcm-async", "gan/5")
 NO_SYSTEM = "Tick at least one system to measure."
 NO_SPEECH = "Upload speech to measure with; this installation has no examples."
 MEASURED = "Measured {count} motions."
@@ -50,7 +49,9 @@ def build_step_curve(
         measure: does the measuring, as `app.run.step_curve.measure_step_curve`.
     """
     gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{INTRODUCTION}</p>')
-    sheet = build_measuring_sheet("steps", catalogue, AT_FIRST, _build_fields, "Measure")
+    sheet = build_measuring_sheet(
+        "steps", catalogue, usual_systems("steps"), _build_fields, "Measure"
+    )
     examples = tuple(example.path for example in catalogue.examples)
     runner = StepCurveRunner(measure, examples, config, jobs, desk, sheet.parts)
     runner.wire(page, sheet)

@@ -23,7 +23,7 @@ from app.page.tabs.study_form import CHANGES, PROTOCOLS, QUESTIONS, SEPARATOR, S
 from app.page.tabs.study_run import Export, StudyParts, StudyRunner
 from app.page.tabs.upload_check import UploadCheck
 from app.run.request import VIEWS
-from model.systems.planned.config import PLANNED
+from model.systems.registry import usual_planner
 
 INTRODUCTION = (
     "Makes a blind study: a web page with videos under random names for your participants, and a "
@@ -105,12 +105,12 @@ class _Ready:
         """Protocol, speech, systems and changes; the examples where no speech is there yet."""
         protocol, changed = QUESTIONS[self.question]
         examples = [str(fresh_copy(each.path, self.folder)) for each in self.catalogue.examples]
-        return protocol, speeches or examples or None, [PLANNED], changed
+        return protocol, speeches or examples or None, [usual_planner()], changed
 
 
 def _build_questions(catalogue: Catalogue) -> list[gr.Button]:
     """Buttons that fill in a study of the gestures of the system that plans."""
-    if PLANNED not in catalogue.systems:
+    if usual_planner() not in catalogue.systems:
         return []
     gr.HTML(f'<p class="hint">{text.STUDY_READY}</p>')
     with gr.Row(elem_id="study-ready"):
@@ -137,9 +137,10 @@ def _build_materials(
         label="Systems",
         info=text.STUDY_SYSTEMS_HELP,
     )
+    planner = usual_planner()
     changed = gr.CheckboxGroup(
         list(CHANGES), value=[], label=text.STUDY_CHANGED,
-        info=text.STUDY_CHANGED_HELP, visible=PLANNED in catalogue.systems,
+        info=text.STUDY_CHANGED_HELP.format(system=planner), visible=planner in catalogue.systems,
         elem_id="study-changed",
     )  # fmt: skip
     motions = check.file(

@@ -12,7 +12,7 @@ from typing import Any
 
 from app.errors import RunError
 from app.page.parts.asked import form_of, whole_number
-from model.systems.planned.config import PLANNED
+from model.systems.registry import usual_planner
 
 SEPARATOR = "--"
 PROTOCOLS = {
@@ -110,8 +110,9 @@ def plan_text(form: StudyForm) -> str:
     for system in form.systems:
         lines += ["", "[[systems]]", f"name = {_text(system)}"]
     for name in changed:
-        lines += ["", "[[systems]]", f"name = {_text(f'{PLANNED} {name}')}"]
-        lines += [f"system = {_text(PLANNED)}", f"style = {CHANGES[name]}"]
+        planner = usual_planner()
+        lines += ["", "[[systems]]", f"name = {_text(f'{planner} {name}')}"]
+        lines += [f"system = {_text(planner)}", f"style = {CHANGES[name]}"]
     for system, motions in others.items():
         lines += ["", "[[systems]]", f"name = {_text(system)}", "[systems.motion]"]
         lines += [f"{_text(clip)} = {_text(path.name)}" for clip, path in motions.items()]

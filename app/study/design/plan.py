@@ -14,8 +14,7 @@ from app.errors import RunError
 from app.run.request import POST_FILTERS, VIEWS, PostFilter, View
 from app.study.design.fields import FieldError, Fields, is_number
 from app.study.design.key import MAX_SYSTEMS, PROTOCOLS
-from model.systems.planned.config import PLANNED
-from model.systems.registry import families
+from model.systems.registry import families, planning_systems
 
 if TYPE_CHECKING:
     from model.plan.wish import StyleWish
@@ -259,7 +258,7 @@ def _system_of(item: Fields, folder: Path, clips: list[str]) -> PlannedSystem:
     samplers = _samplers_of(system)
     sampler = _choice(item, "sampler", tuple(samplers), next(iter(samplers)))
     asked = [key for key in ("plan", "style") if item.raw(key) is not None]
-    if asked and system != PLANNED:
+    if asked and system not in planning_systems():
         raise FieldError(f"the system {name!r} performs no plans, so it cannot have `{asked[0]}`")
     return PlannedSystem(
         name,

@@ -1,6 +1,7 @@
 """AsynFusion: face and body by two branches that hear each other; may import what systems may."""
 
 from model.generation.family import Family, Sampler
+from model.sampling.names import SAMPLER_TITLES
 from model.systems.asynfusion.config import (
     DDIM,
     LCM_ASYNC,
@@ -10,10 +11,16 @@ from model.systems.asynfusion.config import (
     named_config,
 )
 
+_BLENDED = "overlaps blended in the last steps"
+_FEW_STEPS = {
+    "lcm": "LCM",
+    "lcm-recomputed": "LCM, idle branch computed anew",
+    "lcm-blend": f"LCM, {_BLENDED}",
+}
+
 
 def _few_steps(face: int, body: int) -> tuple[Sampler, ...]:
-    names = "lcm", "lcm-recomputed", "lcm-blend"
-    return tuple(Sampler(name, body, face) for name in names)
+    return tuple(Sampler(name, body, face, title) for name, title in _FEW_STEPS.items())
 
 
 FAMILY = Family(
@@ -32,10 +39,15 @@ FAMILY = Family(
     config=named_config,
     package="model.systems.asynfusion",
     own_samplers={
-        DDIM: (Sampler("ddim", 25, 25), Sampler("ddim-blend", 25, 25)),
+        DDIM: (
+            Sampler("ddim", 25, 25, SAMPLER_TITLES["ddim"]),
+            Sampler("ddim-blend", 25, 25, f"DDIM, {_BLENDED}"),
+        ),
         LCM_SYNC: _few_steps(8, 8),
         LCM_ASYNC: _few_steps(4, 8),
     },
     guidance=dict.fromkeys(SYSTEMS, 2.5),
     shared_weights={LCM_ASYNC: LCM_SYNC},
+    usual=dict.fromkeys(("steps", "hearing-tab"), (LCM_ASYNC,)),
+    face_steps_help="AsynFusion draws face and body apart; 0 is what it usually takes.",
 )

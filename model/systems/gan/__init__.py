@@ -1,6 +1,7 @@
 """Conditional-GAN few-step denoising; may import the face and what systems may."""
 
 from model.generation.family import Family, Sampler
+from model.sampling.names import SAMPLER_TITLES
 from model.systems.gan.config import (
     PRESETS,
     SAMPLER,
@@ -10,6 +11,13 @@ from model.systems.gan.config import (
     named_config,
 )
 
+_FASTEST = min(SYSTEMS, key=lambda name: SYSTEMS[name])
+_TITLES = SAMPLER_TITLES | {
+    SAMPLER: "Drawn from the posterior (few-step generators)",
+    "dpm-solver++": "DPM-Solver++ (first order)",
+    "dpm-solver++-2m": "DPM-Solver++ 2M (second order)",
+}
+
 FAMILY = Family(
     name="gan",
     title="Few large steps that a discriminator taught",
@@ -18,14 +26,18 @@ FAMILY = Family(
         name: f"Drawn in {steps} large denoising steps, trained against a discriminator."
         for name, steps in SYSTEMS.items()
     },
-    samplers=(Sampler(SAMPLER, SYSTEMS[WEIGHTS]),),
+    samplers=(Sampler(SAMPLER, SYSTEMS[WEIGHTS], title=_TITLES[SAMPLER]),),
     presets=PRESETS,
     config=named_config,
     package="model.systems.gan",
     own_samplers={
-        name: tuple(Sampler(way, steps) for way in (SAMPLER, *SOLVERS))
+        name: tuple(Sampler(way, steps, title=_TITLES[way]) for way in (SAMPLER, *SOLVERS))
         for name, steps in SYSTEMS.items()
     },
     guidance=dict.fromkeys(SYSTEMS, 3.0),
+    usual={
+        **dict.fromkeys(("steps", "hearing", "hearing-tab", "live"), (_FASTEST,)),
+        "bench-browser": (WEIGHTS,),
+    },
     shared_weights={name: WEIGHTS for name in SYSTEMS if name != WEIGHTS},
 )

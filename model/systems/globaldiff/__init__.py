@@ -1,10 +1,13 @@
 """GlobalDiff's ladder and our own system on a prior; may import the face and what systems may."""
 
+from model.generation.explained import Claim
 from model.generation.family import Family, Sampler
-from model.sampling.names import FLOW_SAMPLERS
-from model.systems.globaldiff.config import BEST, PRESETS, SYSTEMS, named_config
+from model.sampling.names import FLOW_SAMPLERS, SAMPLER_TITLES
+from model.systems.globaldiff.config import BEST, LADDER, PRESETS, SYSTEMS, named_config
+from model.systems.globaldiff.ladder import EXPLAINED
 
 STEPS = 10
+_LOCAL, _GLOBAL, _FULL = "globaldiff/local", "globaldiff/global", "globaldiff/full"
 
 
 FAMILY = Family(
@@ -19,9 +22,29 @@ FAMILY = Family(
         "globaldiff/skeleton": "Joint, and the skeleton structure constraint.",
         "globaldiff/full": "Skeleton, and the temporal structure constraint.",
     },
-    samplers=tuple(Sampler(name, STEPS) for name in FLOW_SAMPLERS),
+    samplers=tuple(Sampler(name, STEPS, title=SAMPLER_TITLES[name]) for name in FLOW_SAMPLERS),
     presets=PRESETS,
     config=named_config,
     package="model.systems.globaldiff",
     guidance=dict.fromkeys(SYSTEMS, 2.5),
+    usual={
+        "run": (_LOCAL, _GLOBAL, BEST),
+        "steps": (_FULL, BEST),
+        "hearing": (BEST, _GLOBAL),
+        "hearing-tab": (BEST, _GLOBAL),
+        "first-look": (BEST,),
+        "training": (_GLOBAL,),
+        "bench-training": (_GLOBAL, _FULL),
+        "bench-busy": (_LOCAL, _GLOBAL, _FULL),
+        "bench-browser": (BEST, _LOCAL, _GLOBAL, _FULL),
+    },
+    ladder=EXPLAINED,
+    claim=Claim(
+        "global rotations jerk less than local ones",
+        more=_LOCAL,
+        less=tuple(name for name in LADDER if name != _LOCAL),
+        plain=_GLOBAL,
+        full=_FULL,
+        added="its constraints",
+    ),
 )

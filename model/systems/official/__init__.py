@@ -9,8 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from model.generation.family import Family, Sampler
+from model.generation.named_files import FileFlag, FileReport
+from model.sampling.names import SAMPLER_TITLES
 from model.storage.cards import load_card
-from model.systems.official.files import official_files, require_official
+from model.systems.official.files import (
+    FOLDER_VARIABLE,
+    SEED_VARIABLE,
+    SPEECH_VARIABLE,
+    official_files,
+    require_official,
+    require_speech,
+)
 from model.training.config import TrainConfig
 
 FILTERED = "official/authors"
@@ -36,6 +45,37 @@ class OfficialFamily(Family):
     def systems_in(self, folder: Path) -> tuple[str, ...]:
         """Both systems, where a folder was named; what it lacks is told when they are read."""
         return () if official_files() is None else self.systems
+
+    def require_files(self) -> None:
+        """See `Family.require_files`.
+
+        Raises:
+            CheckpointError, EncoderError: if something is named, but not there, or not enough.
+        """
+        if official_files() is not None:
+            require_official()
+            require_speech()
+
+    def why_not_on_page(self) -> str | None:
+        """Prepared features are of one speech."""
+        if official_files() is None or not require_speech().is_file():
+            return None
+        return (
+            "The page cannot use prepared features, which are of one speech; name a folder of "
+            "WavLM or HuBERT with --official-features DIR."
+        )
+
+    def private_paths(self) -> tuple[Path, ...]:
+        """The folder of the checkpoints."""
+        files = official_files()
+        return () if files is None else (files.folder,)
+
+    def file_reports(self) -> tuple[FileReport, ...]:
+        """Of each network, and of what hears for them."""
+        from model.systems.official.report import reports_of
+
+        files = official_files()
+        return () if files is None else tuple(reports_of(files))
 
     def card(self, name: str, folder: Path) -> dict[str, Any]:
         """What is known of the checkpoints, from their names. Speakers of the other systems are
@@ -77,10 +117,29 @@ FAMILY = OfficialFamily(
         FILTERED: "The authors' checkpoint as their script runs it, each window smoothed.",
         UNFILTERED: "The same checkpoint without the smoothing: what it really makes.",
     },
-    samplers=(Sampler("reinterpolate", 5),),
+    samplers=(Sampler("reinterpolate", 5, title=SAMPLER_TITLES["reinterpolate"]),),
     presets=(),
     config=named_config,
     package="model.systems.official",
     whole_speech=(FILTERED, UNFILTERED),
     shared_weights={UNFILTERED: FILTERED},
-)
+    files_title="GlobalDiff by its authors (docs/official.md)",
+    files=(
+        FileFlag(
+            "--official", FOLDER_VARIABLE, "FOLDER",
+            "of checkpoints of the official code: adds the systems official/... (default: "
+            f"${FOLDER_VARIABLE})",
+        ),
+        FileFlag(
+            "--official-features", SPEECH_VARIABLE, "PATH",
+            "a folder of WavLM or HuBERT by which they hear, or features of this speech, .npz or "
+            f".npy (default: ${SPEECH_VARIABLE}, else $WAVLM_DIR)",
+        ),
+        FileFlag(
+            "--official-seed", SEED_VARIABLE, "MOTION.npz",
+            f"motion with whose first 8 frames they start (default: ${SEED_VARIABLE}, else "
+            "somebody who stands still)",
+        ),
+    ),
+    has_cost=True,
+)  # fmt: skip

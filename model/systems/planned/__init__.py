@@ -3,6 +3,7 @@ motion network follows the plan it is given. May import GlobalDiff's family and 
 """
 
 from model.generation.family import Family, Sampler
+from model.sampling.names import SAMPLER_TITLES
 from model.systems.planned.config import PLANNED, PLANNER, PRESETS, named_config
 
 FAMILY = Family(
@@ -12,10 +13,12 @@ FAMILY = Family(
     about={
         PLANNED: "Plans gestures, nods and looks from the speech first, then moves as planned.",
     },
-    samplers=(Sampler("euler", 6), Sampler("heun", 6)),
+    samplers=tuple(Sampler(name, 6, title=SAMPLER_TITLES[name]) for name in ("euler", "heun")),
     presets=PRESETS,
     config=named_config,
     package="model.systems.planned",
     helpers=(PLANNER,),
     guidance={PLANNED: 2.5},
+    usual=dict.fromkeys(("run", "hearing", "hearing-tab"), (PLANNED,)),
+    plans=(PLANNED,),
 )

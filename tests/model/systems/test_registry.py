@@ -1,10 +1,20 @@
+import ast
 import json
+from typing import get_args
 
 import pytest
 
-from model.generation.family import UnknownNameError
+from model.generation.family import UnknownNameError, Use
 from model.storage.cards import CheckpointError, file_stem, load_card
-from model.systems.registry import list_speakers, list_systems, load_system
+from model.systems.registry import (
+    families,
+    list_speakers,
+    list_systems,
+    load_system,
+    planning_systems,
+    usual_systems,
+)
+from tests.helpers import ROOT
 from tests.model.made import make_weights
 
 
@@ -62,3 +72,34 @@ def test_damaged_cards_are_refused(folder):
     (folder / "expression.json").unlink()
     with pytest.raises(CheckpointError, match="is missing"):
         load_system("globaldiff/local", folder)
+
+
+def test_families_declare_only_systems_of_their_own():
+    for family in families():
+        declared = {name for names in family.usual.values() for name in names} | {*family.plans}
+        declared |= set() if family.ladder is None else set(family.ladder.systems)
+        declared |= {*family.about, *family.guidance, *family.own_samplers, *family.whole_speech}
+        assert declared <= {*family.systems}
+        assert {*family.about} == {*family.systems}
+    assert planning_systems() and all(usual_systems(use) for use in get_args(Use))
+
+
+def test_every_sampler_has_one_title_wherever_it_is():
+    titles: dict[str, str] = {}
+    for family in families():
+        for sampler in (one for name in family.systems for one in family.samplers_of(name)):
+            assert sampler.title and titles.setdefault(sampler.name, sampler.title) == sampler.title
+
+
+def test_nothing_outside_the_families_knows_a_system_by_its_name():
+    names = {name for family in families() for name in family.systems}
+    paths = [path for root in ("app", "model", "renderer") for path in (ROOT / root).rglob("*.py")]
+    others = [path for path in paths if path.parent.parent != ROOT / "model" / "systems"]
+    assert len(others) > 300
+    for path in others:
+        strings = {node.value for node in ast.walk(ast.parse(path.read_text())) if _is_string(node)}
+        assert not strings & names, path
+
+
+def _is_string(node) -> bool:
+    return isinstance(node, ast.Constant) and isinstance(node.value, str)

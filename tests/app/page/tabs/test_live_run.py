@@ -15,7 +15,7 @@ from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
 from app.page.serving.visitors import COOKIE
 from app.page.tabs.generate import FormParts
-from app.page.tabs.live import USUAL, offered
+from app.page.tabs.live import offered
 from app.page.tabs.live_run import LiveRunner
 from app.page.tabs.videos_behind import VideosBehind
 from app.run.request import CLOSE_UPS
@@ -24,6 +24,8 @@ from model.speech.audio import load_speech
 from tests.app.fakes import CATALOGUE, make_draw, make_generate
 from tests.app.live.test_desk import ByHand, nothing
 from tests.app.live.test_session import sound
+
+USUAL = "gan/5"
 
 
 @pytest.fixture
