@@ -16,7 +16,7 @@ from model.data.prepared import DataError
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from model.storage.harmless import printable
 from model.storage.settings import with_setting
-from model.systems.registry import families, family_of, usual_systems
+from model.systems.registry import families, family_of, left_out, usual_systems
 from model.training.loop import train
 from model.training.parallel import joined_processes
 from model.training.run_folder import TrainingError
@@ -57,6 +57,8 @@ def main(arguments: list[str] | None = None) -> int:
     args = parser.parse_args(arguments)
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     torch.set_num_threads(args.threads)
+    for sentence in left_out():
+        sys.stderr.write(f"{printable(sentence)}\n")
     try:
         family = family_of(args.system)
         config = family.config(args.config, args.system)

@@ -1,5 +1,6 @@
 """What `pip install .` makes, used outside of the checkout; and the container's steps."""
 
+import json
 import os
 import re
 import resource
@@ -13,8 +14,13 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from frame_regression import MEAN, named_config
+from frame_regression.network import Regression
 
+from model.storage.checkpoint import save_weights
+from model.storage.settings import to_json
 from tests.helpers import ROOT
+from tests.model.made import make_data_folder
 
 GIGABYTE = 2**30
 
@@ -31,6 +37,14 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
         packed.extractall(folder / "site")
     wheel.unlink()
     return folder / "site"
+
+
+def made_regression() -> tuple[dict, dict]:
+    """Tensors of the example's network, untrained, and a card of them."""
+    config = named_config("smoke", MEAN)
+    tensors = Regression(68, config.width).state_dict()
+    card = {"speakers": {"ann": 1}, "config": json.loads(to_json(config))}
+    return {f"network.{name}": tensor for name, tensor in tensors.items()}, card
 
 
 def installed(
@@ -99,6 +113,58 @@ def test_the_command_works_where_nothing_but_its_output_can_be_written(
     assert (tmp_path / "results" / "globaldiff-global.npz").is_file()
     assert (tmp_path / "results" / "figure6.png").is_file()
     assert "--data" in answer(installed(site, "train", "--help", cwd=tmp_path))
+
+
+@pytest.fixture(scope="module")
+def with_a_family(site: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The path of modules once the example's package and a broken one were installed as well."""
+    target = tmp_path_factory.mktemp("target")
+    command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index"]
+    source = target / "source"
+    shutil.copytree(ROOT / "examples" / "frame_regression", source)
+    command += ["--no-build-isolation", "--target", str(target), str(source)]
+    subprocess.run(command, check=True, capture_output=True)
+    told = target / "broken-1.0.dist-info"
+    told.mkdir()
+    (told / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
+    (told / "entry_points.txt").write_text("[co_speech_motion.families]\nworse = broken:FAMILY\n")
+    return f"{site}{os.pathsep}{target}"
+
+
+def test_a_family_that_pip_installs_trains_and_generates_beside_a_broken_one(
+    site: Path, with_a_family: str, tmp_path: Path
+) -> None:
+    data = make_data_folder(tmp_path / "data")
+    flags = ("smoke", "--system", "regression/mean", "--data", str(data), "--out", "run")
+    answer(installed(site, "train", *flags, cwd=tmp_path, PYTHONPATH=with_a_family))
+    child = installed(
+        site, "generate", str(data / "wave16k" / "1_ann_0_0_0.wav"),
+        *("--systems", "regression/mean,regression/drawn", "--weights", "run/weights"),
+        *("--out", "results", "--no-video", "--no-figures"),
+        cwd=tmp_path, PYTHONPATH=with_a_family,
+    )  # fmt: skip
+    _, error = child.communicate(timeout=300)
+    assert child.returncode == 0, error
+    assert (
+        "The family 'worse' of the package broken (broken:FAMILY) is left out: "
+        "ModuleNotFoundError: No module named 'broken'." in error
+    )
+    assert (tmp_path / "results" / "regression-drawn.npz").is_file()
+    assert (tmp_path / "results" / "regression-mean.npz").is_file()
+
+
+def test_weights_that_a_package_brings_are_found_beside_the_bundled(
+    site: Path, with_a_family: str, tmp_path: Path
+) -> None:
+    weights = Path(with_a_family.split(os.pathsep)[1]) / "frame_regression" / "weights"
+    save_weights(weights, MEAN, *made_regression())
+    code = "from model.systems.registry import list_systems, read_card; "
+    code += "print(list_systems()[-2:], list(read_card('regression/drawn')['speakers']))"
+    child = subprocess.run(
+        [sys.executable, "-c", code], cwd=site / "co_speech_motion", capture_output=True, text=True,
+        env={**os.environ, "PYTHONPATH": with_a_family}, check=False,
+    )  # fmt: skip
+    assert child.stdout == "('regression/mean', 'regression/drawn') ['ann']\n", child.stderr
 
 
 def test_it_is_imported_by_its_one_name(site: Path, tmp_path: Path) -> None:

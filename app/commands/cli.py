@@ -44,6 +44,7 @@ from app.run.request import (
     check_size,
     parse_steps,
 )
+from model.systems.registry import left_out
 
 Command = Callable[[argparse.Namespace], None]
 log = logging.getLogger(__name__)
@@ -60,6 +61,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     log_to.setFormatter(LogLines("%(levelname)s %(name)s: %(message)s"))
     logging.basicConfig(level=logging.WARNING, handlers=[log_to])
     options = make_parser().parse_args(argv)
+    for sentence in left_out():
+        say(sentence)
     command: Command = options.command
     # A termination must pass through every `with`, so that it leaves no half file or child.
     previous = signal.signal(signal.SIGTERM, _interrupt)

@@ -117,10 +117,13 @@ def _weights(folder: Path) -> Finding:
 
 
 def _family_files() -> list[Finding]:
-    """What is found of the files that families need of a person, where some were named."""
-    from model.systems.registry import families
+    """Families of other packages that cannot be had, and what is found of the files that families
+    need of a person, where some were named."""
+    from model.systems.registry import families, left_out
 
-    return [
+    advice = "repair the package, or pip uninstall it"
+    broken = [Finding("family", False, told, advice, is_needed=False) for told in left_out()]
+    return broken + [
         Finding(
             report.name,
             report.error is None,

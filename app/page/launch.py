@@ -27,7 +27,7 @@ from app.config import (
 )
 from app.errors import RunError, sentence_of
 from app.family_files import add_family_files, use_family_files
-from model.systems.registry import families
+from model.systems.registry import families, left_out
 
 if TYPE_CHECKING:
     from gradio import Blocks
@@ -170,6 +170,8 @@ def launch(
     from app.page.tabs.upload_check import UploadCheck
     from app.page.theme import CSS, head_style, make_theme
 
+    for sentence in left_out():
+        log.warning("%s", sentence)
     for family in families():
         if (why := family.why_not_on_page()) is not None:
             raise RunError(why)

@@ -23,7 +23,7 @@ def get_system(name: str, weights: Path) -> System:
     """A system by name, read at its first use.
 
     Raises:
-        UnknownNameError, CheckpointError: see `model.systems.registry.load_system`.
+        UnknownNameError, CheckpointError, FamilyError: see `model.systems.registry.load_system`.
     """
     with _LOADING:
         return _load_system(name, weights)
@@ -67,6 +67,7 @@ def warming_up(weights: Path, body: Path | None) -> Iterator[None]:
     """
     import numpy as np
 
+    from model.generation.family import FamilyError
     from model.generation.windows import GenerateOptions, generate_motion
     from model.speech.audio import SAMPLE_RATE, Speech
     from model.systems.registry import list_systems
@@ -77,7 +78,11 @@ def warming_up(weights: Path, body: Path | None) -> Iterator[None]:
     yield
     noise = np.random.default_rng(0).normal(0.0, 0.1, SAMPLE_RATE).astype(np.float32)
     for name in list_systems(weights):
-        system = get_system(name, weights)
+        try:
+            system = get_system(name, weights)
+        except FamilyError as error:  # of another package: whoever asks for it is told
+            log.warning("%s", error)
+            continue
         options = GenerateOptions(speaker=next(iter(system.speakers)), steps=1)
         generate_motion(system, Speech(waveform=noise, sha256=""), options)
         yield

@@ -50,6 +50,10 @@ class Sampler:
         return taken, face_steps or max(1, round(taken * self.face_steps / self.steps))
 
 
+class FamilyError(ValueError):
+    """A family that cannot be had; the message says why."""
+
+
 class UnknownNameError(ValueError):
     """A system, speaker or sampler that does not exist; the message lists those that do."""
 
@@ -58,8 +62,8 @@ class UnknownNameError(ValueError):
 class Family:
     """What training, evaluation, the page and the command line ask of a family.
 
-    A new one is a folder beside the others that makes one of these and registers it
-    (`model.systems.registry.register`); nothing else needs to know of it.
+    A new one is a folder beside the others in `model.systems`, or a package of its own
+    (`model.systems.installed`), that makes one of these; nothing else needs to know of it.
     """
 
     name: str
@@ -88,6 +92,9 @@ class Family:
     """Generators that need all of the speech before they begin, and so cannot be had live."""
     shared_weights: Mapping[str, str] = field(default_factory=dict)
     """Generators that move with the weights of another, and whose."""
+    weights: Path | None = None
+    """Where its own weights lie, of a family that brings some; those in a folder that is asked for
+    come first."""
     usual: Mapping[Use, tuple[str, ...]] = field(default_factory=dict)
     """Its generators that are taken where nobody has chosen, by what for."""
     plans: tuple[str, ...] = ()
@@ -132,8 +139,15 @@ class Family:
         return tuple(
             name
             for name in self.systems
-            if (folder / f"{file_stem(self.weights_of(name))}.safetensors").is_file()
+            if _weights_file(self.home_of(name, folder), self.weights_of(name)).is_file()
         )
+
+    def home_of(self, name: str, folder: Path) -> Path:
+        """Where the weights lie that a generator or a helper moves with: ``folder``, or the
+        family's own where that has none."""
+        if self.weights is None or _weights_file(folder, self.weights_of(name)).is_file():
+            return folder
+        return self.weights
 
     def require_files(self) -> None:
         """See that everything is there that was named by ``files``.
@@ -161,7 +175,7 @@ class Family:
         Raises:
             CheckpointError: if it is missing or no JSON object.
         """
-        return load_card(folder, self.weights_of(name))
+        return load_card(self.home_of(name, folder), self.weights_of(name))
 
     def make_task(
         self, config: "TrainConfig", data: "PreparedData", workshop: "Workshop"
@@ -180,4 +194,9 @@ class Family:
         Raises:
             CheckpointError: if its files are missing or damaged.
         """
-        return import_module(f"{self.package}.system").load(name, folder)
+        home = self.home_of(name, folder)
+        return import_module(f"{self.package}.system").load(name, home)
+
+
+def _weights_file(folder: Path, weights: str) -> Path:
+    return folder / f"{file_stem(weights)}.safetensors"

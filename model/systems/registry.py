@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from model.generation.family import Family, UnknownNameError, Use
-from model.storage.cards import BUNDLED_WEIGHTS
+from model.generation.family import Family, FamilyError, UnknownNameError, Use
+from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from model.systems import (
     asynfusion,
     autoencoders,
@@ -16,6 +16,7 @@ from model.systems import (
     planned,
     speech_encoder,
 )
+from model.systems.installed import register_installed
 
 if TYPE_CHECKING:
     from model.generation.base import System
@@ -42,13 +43,18 @@ def register(family: Family) -> None:
     """Add a family.
 
     Raises:
-        ValueError: if one of its names is taken.
+        FamilyError: if one of its names is taken.
     """
     taken = {name for known in _FAMILIES for name in (known.name, *known.names)}
     doubles = [name for name in (family.name, *family.names) if name in taken]
     if doubles:
-        raise ValueError(f"The name {doubles[0]!r} is taken.")
+        raise FamilyError(f"the name {doubles[0]!r} is taken.")
     _FAMILIES.append(family)
+
+
+def left_out() -> tuple[str, ...]:
+    """A sentence on each family of another package that is installed but cannot be had."""
+    return _LEFT_OUT
 
 
 def unregister(name: str) -> None:
@@ -109,8 +115,11 @@ def read_card(name: str, folder: Path = BUNDLED_WEIGHTS) -> dict[str, Any]:
 
 
 def list_speakers(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
-    """Speakers that every system in ``folder`` knows, in the order of their numbers."""
-    tables = [read_card(name, folder)["speakers"] for name in list_systems(folder)]
+    """Speakers that every system in ``folder`` knows, in the order of their numbers. Systems of
+    other packages are asked only where there are no others."""
+    names = list_systems(folder)
+    own = [name for name in names if family_of(name) in _BUNDLED]
+    tables = [read_card(name, folder)["speakers"] for name in own or names]
     if not tables:
         return ()
     shared = [name for name in tables[0] if all(name in table for table in tables)]
@@ -123,9 +132,23 @@ def load_system(name: str, folder: Path = BUNDLED_WEIGHTS) -> "System":
     Raises:
         UnknownNameError: if there is no such system; the message lists those that are there.
         CheckpointError: if its files are missing or damaged.
+        FamilyError: if the code of a family of another package fails.
     """
     available = list_systems(folder)
     if name not in available:
         found = ", ".join(available) if available else f"none in {folder}"
         raise UnknownNameError(f"There is no system {name!r}; available: {found}.")
-    return family_of(name).load(name, folder)
+    family = family_of(name)
+    try:
+        return family.load(name, folder)
+    except Exception as error:
+        if family in _BUNDLED or isinstance(error, CheckpointError):
+            raise
+        raise FamilyError(
+            f"{name} cannot be read, the package {family.package} fails: "
+            f"{type(error).__name__}: {error}"
+        ) from error
+
+
+_BUNDLED = tuple(_FAMILIES)
+_LEFT_OUT = register_installed(register)

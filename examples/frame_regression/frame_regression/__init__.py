@@ -1,0 +1,51 @@
+"""Regression from a second of speech to the pose of a frame, as a family outside the workbench."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from model.generation.family import Family, Sampler
+from model.training.config import SMOKE, TrainConfig
+
+MEAN, DRAWN = "regression/mean", "regression/drawn"
+
+
+@dataclass(frozen=True)
+class RegressionConfig(TrainConfig):
+    """One training of the regression."""
+
+    width: int = 64
+
+
+def named_config(preset: str, system: str) -> RegressionConfig:
+    """The settings called ``preset``.
+
+    Raises:
+        ValueError: if there are none of that name.
+    """
+    config = RegressionConfig(
+        system, augmented_copies=0, steps=2000, batch_size=32, learning_rate=2e-3
+    )
+    match preset:
+        case "tiny":
+            return config
+        case "smoke":
+            return replace(config, **SMOKE, width=8)
+    raise ValueError(f"There is no config {preset!r}; choose tiny or smoke.")
+
+
+FAMILY = Family(
+    name="regression",
+    title="Regression, from a package",
+    systems=(MEAN, DRAWN),
+    about={
+        MEAN: "The pose that is expected with each sound: the mean of many gestures.",
+        DRAWN: "The same with smooth noise, as large as the error that the mean leaves.",
+    },
+    samplers=(Sampler("mean", 1, title="The mean, without noise"),),
+    presets=("tiny", "smoke"),
+    config=named_config,
+    package="frame_regression",
+    own_samplers={DRAWN: (Sampler("smoothed", 3, title="Noise, smoothed once a step"),)},
+    shared_weights={DRAWN: MEAN},
+    weights=Path(__file__).parent / "weights",
+)

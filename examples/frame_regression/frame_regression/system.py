@@ -1,0 +1,74 @@
+"""The regression moves."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch.nn.functional import avg_pool1d
+
+from frame_regression import DRAWN, FAMILY
+from frame_regression.network import CONTEXT, POSE, Regression
+from model.generation.base import Draw, System, Window, Windowing
+from model.generation.speech_stream import SpeechWindow
+from model.motion.rotations import matrix_from_axis_angle
+from model.speech.encoders import make_encoder
+from model.storage.checkpoint import load_into, load_weights
+
+SMOOTHED_OVER = 15
+"""Frames."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegressionSystem(System):
+    """Its face is an output, the same for each sample."""
+
+    network: Regression
+    is_drawn: bool
+
+    @torch.inference_mode()
+    def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> Window:
+        """See `System.window`."""
+        frames = self.windowing.frames
+        pose, face = self.network(speech.around(CONTEXT, frames))
+        poses = pose.expand(draw.samples, -1, -1)
+        if self.is_drawn:
+            noise = _smooth(draw.noise((frames, POSE)), draw.steps)
+            poses = poses + self.network.log_spread.exp() * noise
+        root = self.network.height * torch.tensor([0.0, 1.0, 0.0])
+        return Window(
+            matrix_from_axis_angle(poses.unflatten(-1, (-1, 3))),
+            root.expand(draw.samples, frames, 3),
+            face.expand(draw.samples, -1, -1),
+        )
+
+
+def _smooth(noise: torch.Tensor, passes: int) -> torch.Tensor:
+    """Means over half a second, ``passes`` times over, each scaled back to deviation 1."""
+    for _ in range(passes):
+        means = avg_pool1d(
+            noise.transpose(1, 2), SMOOTHED_OVER, 1, SMOOTHED_OVER // 2, count_include_pad=False
+        ).transpose(1, 2)
+        noise = means / means.std(dim=1, keepdim=True)
+    return noise
+
+
+def load(name: str, folder: Path) -> RegressionSystem:
+    """See `Family.load`."""
+    weights = FAMILY.weights_of(name)
+    tensors, card = load_weights(folder, weights)
+    encoder = make_encoder(card["config"]["encoder"])
+    network = Regression(encoder.dim, card["config"]["width"])
+    load_into(network, tensors, "network.", weights)
+    return RegressionSystem(
+        name=name,
+        card=card,
+        sha256s={weights: card["sha256"]},
+        speakers=card["speakers"],
+        encoder=encoder,
+        windowing=Windowing(frames=60, overlap=8, context=CONTEXT),
+        samplers=FAMILY.samplers_of(name),
+        frame="parent",
+        root_motion="place",
+        network=network.eval(),
+        is_drawn=name == DRAWN,
+    )
