@@ -32,7 +32,14 @@ export class Controls {
   /** Steer another view from now on. */
   steer(view) {
     this.#view = view;
+    this.#placePair();
     this.update();
+  }
+
+  /** The names of the two that are compared: over their picture, where it has room for them. */
+  #placePair() {
+    if (this.#view.pairRoom) this.#view.pairRoom.append(this.pairBox);
+    else this.displays.after(this.pairBox);
   }
 
   #build(more) {
@@ -67,7 +74,8 @@ export class Controls {
     const middle = make("div", { class: "group" }, this.speed, this.loop, this.sound);
     const keys = make("button", { type: "button", class: "keys", title: KEYS_HELP, "aria-label": `Keys. ${KEYS_HELP}` }, "?");
     const right = make("div", { class: "group compare" }, closeUp, this.modes, this.more, keys);
-    this.element = make("div", { class: "controls", role: "toolbar", "aria-label": "Player" }, left, middle, this.worst.element, this.displays, this.pairBox, right);
+    this.element = make("div", { class: "controls", role: "toolbar", "aria-label": "Player" }, left, middle, this.worst.element, this.displays, right);
+    this.#placePair();
   }
 
   /** Everything but the time, which changes too often. */

@@ -10,6 +10,7 @@ import { Look } from "../stage/look.js";
 import { More } from "../stage/more.js";
 import { Stage } from "../stage/stage.js";
 import { copyBy } from "../clipboard.js";
+import { currentFilter, followFilter, setFilter } from "../filter_switch.js";
 import { Controls } from "./controls.js";
 import { Editing } from "./editing.js";
 import { Findings } from "./findings.js";
@@ -39,6 +40,7 @@ class Player {
   #observer = new ResizeObserver(() => this.#stage?.fit());
   #tiles;
   #address = null;
+  #unfollow = () => {};
   #more = null;
   #isVideo = false; // videos in place of the stage
   #sounds = new Sounds(() => this.#playOther());
@@ -109,8 +111,13 @@ class Player {
       write: (address) => this.#sounds.index && address.set("sound", this.#sounds.index),
       read: (address) => address.has("sound") && this.#sounds.choose(Number(address.get("sound"))),
     };
-    this.#address = new Address([this.#look, camera, time, comparison, sound]);
+    const filter = {
+      write: (address) => currentFilter() !== "raw" && address.set("filter", currentFilter()),
+      read: (address) => setFilter(address.get("filter") ?? "raw"),
+    };
+    this.#address = new Address([this.#look, camera, time, comparison, sound, filter]);
     const note = () => this.#noteAddress();
+    this.#unfollow = followFilter(note);
     this.#look.addEventListener("change", note);
     orbit.addEventListener("change", note);
     player.addEventListener("time", () => player.isPlaying || note());
@@ -309,6 +316,7 @@ class Player {
   dispose() {
     this.#clear(null);
     this.#observer.disconnect();
+    this.#unfollow();
     this.#stage?.dispose();
     this.#more?.end();
     this.timeline.dispose();

@@ -35,8 +35,8 @@ export function cells(count, width, height, columns) {
 }
 
 /**
- * Where in a cell the body stands, and its close-ups: the face above, the hands below; in a wide
- * cell all of them at its sides.
+ * Where in a cell the body stands, and its close-ups: the face above, the hands below, or a row of
+ * all three below; in a wide cell all of them at its sides.
  *
  * @param {Rect} cell
  * @param {string} closeUp
@@ -44,19 +44,15 @@ export function cells(count, width, height, columns) {
  */
 export function panels([left, top, width, height], closeUp, closeUps) {
   if (width > WIDE_ASPECT * height && closeUp !== "off") return widePanels([left, top, width, height], closeUp, closeUps);
-  const tall = Math.round(Math.min(width / 2, CLOSE_UP_SHARE * height));
-  const hasFace = closeUp === "face" || closeUp === "both";
-  const hasHands = closeUp === "hands" || closeUp === "both";
-  const above = hasFace ? tall : 0;
-  const below = hasHands ? tall : 0;
-  const found = [{ view: null, rect: [left, top + above, width, height - above - below] }];
-  const row = (shots, y) => {
-    const cell = cells(shots.length, width, tall, shots.length);
-    shots.forEach((shot, i) => found.push({ ...shot, rect: [left + cell[i][0], y, cell[i][2], tall] }));
-  };
-  if (hasFace) row(closeUps.face, top);
-  if (hasHands) row(closeUps.hands, top + height - tall);
-  return found;
+  const { face, hands } = closeUps;
+  const shots = { hands, face, both: [...hands.slice(0, 1), ...face, ...hands.slice(1)], off: [] }[closeUp];
+  const tall = shots.length ? Math.round(Math.min(width / Math.max(2, shots.length), CLOSE_UP_SHARE * height)) : 0;
+  const above = closeUp === "face" ? tall : 0;
+  const row = cells(shots.length, width, tall, shots.length);
+  return [
+    { view: null, rect: [left, top + above, width, height - tall] },
+    ...shots.map((shot, i) => ({ ...shot, rect: [left + row[i][0], above ? top : top + height - tall, row[i][2], tall] })),
+  ];
 }
 
 /** The face at one side and the hands at the other, or the hands on either side. */

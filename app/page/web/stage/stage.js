@@ -154,6 +154,11 @@ export class Stage {
     return this.#drawn;
   }
 
+  /** Where it is told which two are compared. */
+  get pairRoom() {
+    return this.view;
+  }
+
   /** Pictures a second while it plays, and how coarse they are. */
   get pace() {
     return this.#pace;
@@ -524,6 +529,7 @@ export class Stage {
       }),
     );
     this.#handle.hidden = this.mode !== "wipe";
+    if (isPair) this.view.style.setProperty("--side", `${pairPanels([0, 0, width, height], this.closeUp, this.#facts.close_ups).body.rect[0]}px`);
     this.#showGhostLegend();
     this.#showNotices();
   }
