@@ -93,8 +93,14 @@ def test_bodies_move_with_the_sound_before_there_is_any_video(
     page.context.close()
 
 
+BUILDS_ARE_THERE = """() => performance.getEntriesByType('resource').some(
+  ({ name, responseEnd }) => name.endsWith('stage/builds.bin') && responseEnd > 0)"""
+"""They come a while after the first body."""
+
+
 def test_displays_are_switched_at_once_and_nothing_is_asked_of_the_server(staged: Page) -> None:
     asked: list[str] = []
+    staged.wait_for_function(BUILDS_ARE_THERE)
     staged.on("request", lambda request: asked.append(request.url))
     bar = staged.locator("#player .controls")
     seen = [drawn(staged)]
@@ -113,6 +119,8 @@ def test_displays_are_switched_at_once_and_nothing_is_asked_of_the_server(staged
         more.get_by_label(name).check()
         seen.append(drawn(staged))
         more.get_by_label(name).uncheck()
+    more.get_by_label("Build of the bodies").select_option("broad")
+    seen.append(drawn(staged))
     more.get_by_label("Tone of the bodies").select_option("dark")
     bar.get_by_role("button", name="Jerk", exact=True).click()
     seen.append(drawn(staged))
@@ -132,6 +140,8 @@ def test_displays_are_switched_at_once_and_nothing_is_asked_of_the_server(staged
 
 
 def test_a_link_shows_the_same_moment_side_and_displays(staged: Page, browser: Browser) -> None:
+    switch = "#player .timeline button[data-filter=savgol]"
+    staged.locator(switch).click()
     staged.evaluate("document.activeElement.blur()")  # a list of choices keeps its keys
     staged.keyboard.press("e")
     staged.keyboard.press("j")
@@ -150,6 +160,7 @@ def test_a_link_shows_the_same_moment_side_and_displays(staged: Page, browser: B
     other.wait_for_function(STAGED, arg=3)
     other.wait_for_function("() => document.querySelector('.lockstep').lockstep.frame === 75")
     assert other.evaluate(f"[{LOOK}.get('factor'), {LOOK}.get('hasHeat')]") == [20, True]
+    expect(other.locator(switch)).to_have_attribute("aria-pressed", "true")
     camera = "document.querySelector('.lockstep').stage.orbit.state"
     assert other.evaluate(camera) == pytest.approx([0.5, 0.2, 1, 0, 0])
     other.context.close()
