@@ -35,6 +35,7 @@ from app.run.request import (
     Progress,
     file_stem,
 )
+from model.motion.timing import FPS
 from model.systems.registry import families, list_systems, usual_systems
 
 if TYPE_CHECKING:
@@ -341,7 +342,7 @@ def time_measures(motion_file: Path) -> list[Figure]:
     from model.motion.skeleton import open_body_skeleton
 
     motion = load_motion(motion_file)
-    frames = np.resize(np.arange(motion.num_frames), round(SHORT_S * 30))
+    frames = np.resize(np.arange(motion.num_frames), round(SHORT_S * FPS))
     minute = motion.part(frames)
     started = time.perf_counter()
     diagnose({"motion": minute}, open_body_skeleton())

@@ -9,8 +9,9 @@ from math import isfinite, log
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from model.measures.diagnostics import Diagnostics, Kind, Versions
+    from model.measures.diagnostics import Diagnostics, Versions
     from model.measures.results import Measures
+    from model.motion.versions import Kind
 
 ALIKE = 1.05
 """Two numbers whose ratio lies within this factor of 1 are told as equal."""

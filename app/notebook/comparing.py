@@ -12,7 +12,8 @@ from app.notebook.inputs import MotionLike, SpeechLike, named_motions
 from app.notebook.measuring import diagnose
 from app.run.request import REFERENCE_NAME
 from model.measures.apart import degrees_by_part
-from model.measures.diagnostics import Diagnostics, Kind
+from model.measures.diagnostics import Diagnostics
+from model.motion.versions import Kind
 
 
 @dataclass(frozen=True)

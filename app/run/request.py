@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from app.errors import RunError
 from app.run.display import Display, check_display
+from model.motion.versions import REFERENCE_NAME as REFERENCE_NAME
 from model.speech.transcript import NOTHING_SAID, Transcript
 
 if TYPE_CHECKING:
@@ -38,7 +39,6 @@ MAX_GUIDANCE = 10
 MAX_COMPARED = 6
 """More motions than these do not fit into one comparison or figure."""
 
-REFERENCE_NAME = "reference"
 
 Stage = Literal["speech", "motion", "numbers", "video", "comparison", "figure"]
 STAGES: tuple[Stage, ...] = ("speech", "motion", "numbers", "video", "comparison", "figure")

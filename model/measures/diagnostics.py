@@ -9,7 +9,7 @@ here applied to the stitched sequence.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -43,16 +43,11 @@ from model.motion.skeleton import (
 )
 from model.motion.timing import FPS
 from model.motion.tracks import POINT_NAMES, TipTrack, Tracks, track_points
+from model.motion.versions import KINDS, REFERENCE_NAME, Kind
 
 __all__ = ["diagnose", "first_frames", "measures", "smooth_motion", "track_points"]
 
 JERK_FRAMES = 4
-REFERENCE = "reference"
-"""What the recorded motion is called beside the systems."""
-
-
-Kind = Literal["raw", "savgol"]
-"""A motion as it is, or filtered."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +122,7 @@ def diagnose(
 
     Args:
         motions: by the name that the file shall give them.
-        windows: how motions were cut, by name (the reference is `REFERENCE`), where that is known.
+        windows: how motions were cut, by name (also of `REFERENCE_NAME`), where that is known.
             The seam measures of another motion are folded on the period that is found in it.
         tip: the fingertip that the ``tip_`` measures follow.
         tip_track: gives its positions in place of the rigid fingertip, of a motion and its tracks.
@@ -163,7 +158,13 @@ def diagnose(
     measured_reference = evidence = None
     if recorded is not None and reference is not None:
         measured_reference, faults, evidence = _measured(
-            reference, iter(recorded.items()), None, settings, windows.get(REFERENCE), None, True
+            reference,
+            iter(recorded.items()),
+            None,
+            settings,
+            windows.get(REFERENCE_NAME),
+            None,
+            True,
         )
     systems = {}
     for name, motion in motions.items():
@@ -171,8 +172,8 @@ def diagnose(
             motion, _versions(motion, settings), recorded, settings, windows.get(name), evidence
         )
     if measured_reference is not None:
-        findings[REFERENCE] = faults
-    named = [*systems, REFERENCE] if measured_reference else [*systems]
+        findings[REFERENCE_NAME] = faults
+    named = [*systems, REFERENCE_NAME] if measured_reference else [*systems]
     return Diagnostics(
         point=settings.point,
         tip_source=tip_source or ("rigid" if settings.point in FINGERTIP_NAMES else "joint"),
@@ -230,8 +231,7 @@ class _Version(NamedTuple):
 
 def _versions(motion: Motion, settings: _Settings) -> Iterator[tuple[Kind, _Version]]:
     """The motion as it is and filtered, one after the other: a long clip's tracks are large."""
-    kinds: tuple[Kind, ...] = ("raw", "savgol")
-    for kind in kinds:
+    for kind in KINDS:
         version = motion if kind == "raw" else smooth_motion(motion)
         tracks = track_points(version, settings.skeleton)
         if settings.tip_track is None:

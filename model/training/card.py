@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from model.data.prepared import PreparedData
+from model.motion.timing import FPS
 from model.storage.cards import load_card
 from model.storage.settings import to_json
 from model.training.config import TrainConfig
@@ -25,7 +26,7 @@ def make_card(
         "config": json.loads(to_json(config)),
         "speakers": {name: n for n, name in sorted(data.speakers.items()) if n in seen},
         "training_data": json.loads(corpus.read_text()) if corpus.is_file() else folder.name,
-        "training_hours": round(train_frames / 30 / 3600, 3),
+        "training_hours": round(train_frames / FPS / 3600, 3),
         "steps": steps,
         "started_from_bundled_weights": origin is not None,
         "started_from": origin,

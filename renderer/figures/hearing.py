@@ -16,12 +16,12 @@ from renderer.figures import style
 from renderer.figures.files import FigureError, FigureFiles, matplotlib_settings, write_figure
 from renderer.figures.page import CAPTION_GAP, MARGIN, SMALL_LINE, TITLE, Rect
 from renderer.figures.text import caption_lines, write_caption, write_title
+from renderer.timing import FPS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FPS = 30
 SHOWN_S = 20.0
 SPEECH_COLORS = ("#0072b2", "#d55e00")
 NOISE_LINES = ("-", (0, (3, 1.5)))

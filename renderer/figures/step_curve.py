@@ -13,6 +13,7 @@ from renderer.figures import style
 from renderer.figures.files import FigureError, FigureFiles, matplotlib_settings, write_figure
 from renderer.figures.page import CAPTION_GAP, MARGIN, SMALL_LINE, TITLE, Rect, place_legend
 from renderer.figures.text import caption_lines, draw_key, write_caption, write_title
+from renderer.timing import FPS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,7 +24,7 @@ PANELS = (
     ("tip_jerk_m_s3", "a  Fingertip jerk (m/s\N{SUPERSCRIPT THREE})"),
     ("distance_cm", "b  From the result of most steps (cm)"),
 )
-REAL_TIME_MS = 1000.0 / 30.0
+REAL_TIME_MS = 1000.0 / FPS
 _LEFT, _HEIGHT, _BETWEEN, _TIMES = 0.38, 2.1, 0.45, 0.36
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from renderer.body.body import BodyMotion
 from renderer.files.written import written_whole
-from renderer.video.encoder import FPS
+from renderer.timing import FPS
 
 _FEWEST_BETAS = 10
 """Shape keys of the smallest model of the add-on, which complains about every further beta."""

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from renderer.body.body import Body, BodyMotion
 from renderer.body.joints import JOINT_NAMES, NUM_JOINTS, PARENTS, TIP_VERTICES
 from renderer.files.written import written_whole
-from renderer.video.encoder import FPS
+from renderer.timing import FPS
 
 _BLOCK_FRAMES = 512
 _ROTATIONS = "Zrotation Xrotation Yrotation"

@@ -24,7 +24,7 @@ from renderer.body.normals import VertexNormals
 from renderer.files.written import written_whole
 from renderer.stage.camera import Z_NEAR_M, Camera
 from renderer.stage.stage import Framing, camera_track, set_stage
-from renderer.video.encoder import FPS
+from renderer.timing import FPS
 
 INFLUENCES = 4
 SMALLEST_EXPRESSION = 1e-3

@@ -18,9 +18,9 @@ import imageio_ffmpeg
 import numpy as np
 from jaxtyping import UInt8
 
+from renderer.timing import FPS
 from renderer.video.ended import how_it_ended
 
-FPS = 30
 DEFAULT_CRF = 20
 
 # What ffmpeg prints -> what a person can do about it.

@@ -9,10 +9,10 @@ from typing import Literal, get_args
 from PIL import Image
 
 from renderer.stage.panels import Panel
+from renderer.timing import FPS
 from renderer.video.compose import band_height, label_band, run_encoder
 from renderer.video.encoder import (
     DEFAULT_CRF,
-    FPS,
     Encoder,
     VideoError,
     check_size,

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import UInt8
 from PIL import Image, ImageDraw, ImageFont
 
+from renderer.timing import FPS
 from renderer.video.compose import band_height, rows_of
-from renderer.video.encoder import FPS
 
 _INK = (38, 42, 50)
 

@@ -19,13 +19,11 @@ from app.findings.ranking import GRAVEST
 from app.findings.sentences import sentences_of
 from app.findings.verdict import short_names
 from app.page.parts import markup
-from app.run.request import REFERENCE_NAME
+from model.motion.versions import KINDS, REFERENCE_NAME, Kind
 
 if TYPE_CHECKING:
-    from model.measures.diagnostics import Diagnostics, Kind, Versions
+    from model.measures.diagnostics import Diagnostics, Versions
     from model.measures.faults.finding import Finding
-
-_KINDS: tuple[Kind, ...] = ("raw", "savgol")
 
 
 @dataclass(frozen=True)
@@ -146,7 +144,7 @@ def _group_head(title: str, width: int, has_first: bool) -> str:
 
 
 def _row(measure: Measure, columns: Sequence[Column], is_sortable: bool) -> str:
-    near = {kind: _nearest_names(measure, columns, kind) for kind in _KINDS}
+    near = {kind: _nearest_names(measure, columns, kind) for kind in KINDS}
     cells = "".join(_cell(measure, column, near) for column in columns)
     unit = f"<small>{escape(measure.unit)}</small>" if measure.unit else ""
     later = "" if measure.is_first else ' class="later"'
@@ -160,7 +158,7 @@ def _row(measure: Measure, columns: Sequence[Column], is_sortable: bool) -> str:
 
 
 def _cell(measure: Measure, column: Column, near: Mapping[str, Sequence[str]]) -> str:
-    values = {kind: column.read(measure, kind) for kind in _KINDS}
+    values = {kind: column.read(measure, kind) for kind in KINDS}
     data = "".join(
         f' data-{kind}="{value!r}"' for kind, value in values.items() if value is not None
     )
@@ -190,7 +188,7 @@ def _value(measure: Measure, versions: Versions, kind: Kind) -> float | None:
 
 
 def _is_known(measure: Measure, columns: Sequence[Column]) -> bool:
-    return any(column.read(measure, kind) is not None for column in columns for kind in _KINDS)
+    return any(column.read(measure, kind) is not None for column in columns for kind in KINDS)
 
 
 def _beats(diagnostics: Diagnostics) -> str:

@@ -17,7 +17,6 @@ from app.findings.ranking import GRAVEST
 from app.findings.verdict import short_names
 from app.page.results.shown_plans import found_plans, planned
 from app.page.results.timeline import (
-    Version,
     heard_accents,
     make_timeline,
     series_looks,
@@ -51,6 +50,7 @@ if TYPE_CHECKING:
     from app.run.diagnose import DiagnoseRequest
     from model.measures.faults.finding import Finding
     from model.motion.motion import Motion
+    from model.motion.versions import Kind
 
 NOTHING: dict[str, Any] = {}
 """What a player shows before there is anything."""
@@ -452,7 +452,7 @@ def write_timeline(
 
     speech = load_speech(request.speech, SpeechLimits(max_s=request.max_speech_s))
     motions = {name: _load(path) for name, path in paths.items()}
-    shown: Version = "savgol" if request.post_filter == "savgol" else "raw"
+    shown: Kind = "savgol" if request.post_filter == "savgol" else "raw"
     tip = choose_tip_source(get_body(request.body), request.body, request.joint)
     timeline = make_timeline(speech, motions, shown, tip)
     timeline["heard_accents"] = heard_accents(speech, request.weights)

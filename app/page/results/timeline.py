@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from model.motion.motion import Motion
+    from model.motion.versions import Kind
     from model.speech.audio import Speech
     from model.speech.transcript import Interval, Transcript
 
@@ -29,7 +30,6 @@ NUM_PEAKS = 1200
 CURVES: dict[str, tuple[int, int]] = {"jerk_m_s3": (3, 1), "speed_m_s": (1, 3)}
 """By name of a curve the order of the derivative and the decimals kept."""
 
-Version = Literal["raw", "savgol"]
 Curve = dict[str, Any]
 
 
@@ -54,7 +54,7 @@ def series_looks(names: tuple[str, ...]) -> dict[str, SeriesLook]:
 
 
 def make_timeline(
-    speech: Speech | None, motions: Mapping[str, Motion], shown: Version, tip: TipSource
+    speech: Speech | None, motions: Mapping[str, Motion], shown: Kind, tip: TipSource
 ) -> dict[str, Any]:
     """Everything that the time line shows.
 
@@ -78,7 +78,7 @@ def make_timeline(
     tracks = {name: tip.track(motion) for name, motion in motions.items()}
     curves = {}
     for name, motion in motions.items():
-        versions: dict[Version, Motion] = {shown: motion}
+        versions: dict[Kind, Motion] = {shown: motion}
         if shown == "raw":
             versions["savgol"] = smooth_motion(motion)
         curves[name] = {

@@ -12,9 +12,9 @@ from app.errors import RunError
 from app.study.design.fields import FieldError, Fields, is_number, read_object
 from app.study.statistics.preference import Share, share_of
 from app.study.statistics.votes import Votes
+from model.motion.versions import REFERENCE_NAME
 
 MAX_DIAGNOSTICS_BYTES = 64 * 2**20
-REFERENCE = "reference"
 MEASURE = "tip_jerk_m_s3"
 """Mean jerk of the fingertip in m/s³, of the motion as it stands in the file ("raw")."""
 
@@ -54,7 +54,7 @@ class JitterJoin:
 def read_jitter(folder: Path, clips: tuple[str, ...], systems: tuple[str, ...]) -> Jitter:
     """`MEASURE` from ``folder``/CLIP/diagnostics.json or ``folder``/CLIP.json.
 
-    A system is looked up by its name; the measured recording by the name `REFERENCE`.
+    A system is looked up by its name; the measured recording by the name `REFERENCE_NAME`.
 
     Raises:
         RunError: if there is no file for any clip, or one is damaged.
@@ -84,7 +84,7 @@ def _jitter_of(path: Path, clip: str, systems: tuple[str, ...]) -> Jitter:
         for name in systems:
             owner: Fields = measured
             if name not in measured.names():
-                if name != REFERENCE or diagnostics.raw(REFERENCE) is None:
+                if name != REFERENCE_NAME or diagnostics.raw(REFERENCE_NAME) is None:
                     continue
                 owner = diagnostics
             value = owner.inner(name).inner("raw").raw(MEASURE)

@@ -6,7 +6,7 @@ plot; a measure that a file does not have at all gives no curve.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +15,7 @@ from renderer.figures.files import FigureError
 from renderer.figures.style import MAX_SYSTEMS, SeriesStyle, styles_of
 
 Kind = Literal["raw", "savgol"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
 Curves = dict[str, tuple[np.ndarray, np.ndarray]]
 """Name to x and y, both (N,)."""
 

@@ -9,12 +9,13 @@ from model.corpus.clip import make_clip
 from model.corpus.people.rig import open_body_rig
 from model.corpus.people.speakers import SPEAKERS
 from model.formats.read import read_any_motion
-from model.measures.diagnostics import REFERENCE, diagnose
+from model.measures.diagnostics import diagnose
 from model.measures.faults.finding import Finding, by_gravity, clock, ranked, stretches_of
 from model.measures.faults.table import FAULTS, STILL
 from model.measures.joins.seams import Windows
 from model.motion.motion import Motion, load_motion
 from model.motion.skeleton import open_body_skeleton
+from model.motion.versions import REFERENCE_NAME
 from model.speech.audio import load_speech
 from tests.helpers import beat2_folder, foreign_folder
 from tests.model.corpus.conftest import flite
@@ -103,7 +104,7 @@ def test_one_recording_beside_another_is_left_alone():
     for motion, reference in (motions, motions[::-1]):
         assert diagnose({"a": motion}, SKELETON, reference=reference).findings == {
             "a": [],
-            REFERENCE: [],
+            REFERENCE_NAME: [],
         }
 
 
