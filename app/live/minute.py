@@ -1,4 +1,4 @@
-"""The last minute of a live session: its sound and its motion, frame beside frame."""
+"""The last minute of a live session: its sound, its motion and its plan, frame beside frame."""
 
 from __future__ import annotations
 
@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from app.errors import RunError
+from app.live.last_plan import LastPlan
 
 if TYPE_CHECKING:
+    from model.generation.base import PlannedAhead
     from model.motion.motion import Motion
+    from model.plan.plan import GesturePlan
 
 FPS, SAMPLE_RATE = 30, 16_000
 KEPT_FRAMES = 60 * FPS
@@ -30,10 +33,12 @@ class Minute:
     motion: Motion
     first_frame: int
     """Of the session."""
+    plan: GesturePlan | None = None
+    """That the motion performs; None of a system that performs none."""
 
 
 class LastMinute:
-    """Forgets what is older than a minute, sound and motion alike."""
+    """Forgets what is older than a minute, sound, motion and plan alike."""
 
     def __init__(self) -> None:
         self._sound: deque[np.ndarray] = deque()
@@ -41,18 +46,24 @@ class LastMinute:
         self._pieces: deque[Motion] = deque()
         self._first_frame = 0
         self._next_frame = 0
+        self._plan: LastPlan | None = None
 
     def add_sound(self, samples: np.ndarray) -> None:
         self._sound.append(samples)
         self._forget_sound_before(_sample_of(self._first_frame))
 
-    def add_motion(self, motion: Motion) -> None:
-        """The next frames."""
+    def add_motion(self, motion: Motion, ahead: PlannedAhead | None = None) -> None:
+        """The next frames, and the plan that they perform."""
+        if ahead is not None:
+            self._plan = self._plan or LastPlan()
+            self._plan.go_on(ahead, self._next_frame)
         self._pieces.append(motion)
         self._next_frame += motion.num_frames
         while self._next_frame - self._first_frame - self._pieces[0].num_frames >= KEPT_FRAMES:
             self._first_frame += self._pieces.popleft().num_frames
         self._forget_sound_before(_sample_of(self._first_frame))
+        if self._plan is not None:
+            self._plan.forget_before(self._first_frame)
 
     def kept(self) -> Minute:
         """The last minute, or all there is of it.
@@ -81,7 +92,8 @@ class LastMinute:
         )
         start = _sample_of(first) - self._sound_start
         sound = np.concatenate([*self._sound])[start : start + _sample_of(count)]
-        return Minute(sound, whole, first)
+        plan = None if self._plan is None else self._plan.part(first, count)
+        return Minute(sound, whole, first, plan)
 
     def _forget_sound_before(self, sample: int) -> None:
         while self._sound and self._sound_start + len(self._sound[0]) <= sample:

@@ -250,7 +250,7 @@ class LiveSession:
         self.windows += 1
         self._costs.append(1000 * (time.thread_time() - used))
         with self._lock:
-            self.minute.add_motion(motion)
+            self.minute.add_motion(motion, self._live.ahead)
         self._tell(
             frames_message(first, motion, made_ms=made_ms, waited_ms=waited_ms, visitors=visitors)
         )

@@ -154,6 +154,7 @@ def _generate(
     """Motion of all systems from the same noise; the reference is the last row."""
     from model.measures.diagnostics import smooth_motion
     from model.motion.motion import load_motion, save_motion
+    from model.plan.plan import read_plan
 
     is_smoothed = request.post_filter == "savgol"
 
@@ -166,7 +167,10 @@ def _generate(
         return row
 
     if request.take is not None:
-        rows = [told(inputs.systems[0].name, 1, load_motion(request.take.motion))]
+        name = inputs.systems[0].name
+        if request.take.plan is not None:  # before the motion, for which one would be found
+            _keep_plan(read_plan(request.take.plan), sample_name(name, 1), folder, reporter)
+        rows = [told(name, 1, load_motion(request.take.motion))]
         reporter.note(LIVE_NOTE)
         reporter.progress("motion", 1.0)
     else:
@@ -252,7 +256,6 @@ def _with_plans(
 ) -> GenerateOptions:
     """The options with the plans that the system performs, each left beside its motion."""
     from model.generation.windows import draw_plans
-    from model.plan.plan import read_plan
 
     plans = options.plans
     if not plans:
@@ -264,11 +267,21 @@ def _with_plans(
             styled = wish.done(plan, said.words)
             reporter.note(*(f"{name}: {note}" for note in styled.notes))
             plan = styled.plan
-        path = folder.path(f"{file_stem(name)}.plan.json")
-        plan.write(path)
-        written.append(read_plan(path))  # its decimals are those that anybody finds in the file
-        reporter.file("plan", name, path)
+        written.append(_keep_plan(plan, name, folder, reporter))
     return replace(options, plans=tuple(written))
+
+
+def _keep_plan(
+    plan: GesturePlan, name: str, folder: ResultFolder, reporter: Reporter
+) -> GesturePlan:
+    """Leave a row's plan beside its motion; given back with the decimals that anybody finds in the
+    file."""
+    from model.plan.plan import read_plan
+
+    path = folder.path(f"{file_stem(name)}.plan.json")
+    plan.write(path)
+    reporter.file("plan", name, path)
+    return read_plan(path)
 
 
 def _measure(

@@ -69,6 +69,8 @@ class Take:
     """Of the session, for the record."""
     why_less: str = ""
     """Than was spoken, for who asked for it."""
+    plan: Path | None = None
+    """That the motion performs, as long as it, of a system that performs plans."""
 
 
 @dataclass(frozen=True)

@@ -115,7 +115,7 @@ class GenerateRunner(TabRunner[GenerateResult]):
         """
         super().__init__(jobs, results.status)
         self._videos = videos
-        self._edited = edited or EditedRuns()
+        self._edited = edited
         self._kept = kept
         self._generate = generate
         self._catalogue = catalogue
@@ -210,7 +210,7 @@ class _Work:
     cookie: str
     at_the_end: Updates
     videos: VideosBehind
-    edited: EditedRuns
+    edited: EditedRuns | None
     form: dict[str, Any]
     view: RunView = field(default_factory=RunView)
 
@@ -243,7 +243,8 @@ class _Work:
         ended = self._ended(result)
         lasting = replace(self.asked, speech=own_speech(self.asked, self.form))
         words = result.said.words
-        self.edited.keep(self.cookie, self.job.folder, lasting, self.showing, words)
+        if self.edited is not None:
+            self.edited.keep(self.cookie, self.job.folder, lasting, self.showing, words)
         kept = self.kept.keep(self.job, self.cookie, ended)
         runs = {self.parts.runs: shown(self.kept.html(self.cookie, kept))}
         if self.asked.has_video:

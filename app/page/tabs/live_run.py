@@ -46,7 +46,7 @@ class LiveRunner(GenerateRunner):
         return {}  # the form of the tab "Motion" cannot ask for it again
 
     def asked(self, job: Job, cookie: str, values: tuple[Any, ...]) -> GenerateRequest:
-        """Sound and motion of the last minute, laid into the job's folder.
+        """Sound, motion and plan of the last minute, laid into the job's folder.
 
         Raises:
             RunError: if there is nothing to keep.
@@ -56,9 +56,11 @@ class LiveRunner(GenerateRunner):
 
         token = values[0] if isinstance(values[0], str) else ""
         session, kept = self._live.kept(token[:_MAX_TOKEN], cookie)
-        wav, npz = job.folder / "live.wav", job.folder / "live.npz"
+        wav, npz, plan = (job.folder / f"live.{ending}" for ending in ("wav", "npz", "plan.json"))
         write_wav(wav, kept.minute.waveform)
         save_motion(kept.minute.motion, npz)
+        if kept.minute.plan is not None:
+            kept.minute.plan.write(plan)
         return GenerateRequest(
             speech=wav,
             out=job.folder / "results",
@@ -72,5 +74,5 @@ class LiveRunner(GenerateRunner):
             close_ups=CLOSE_UPS,
             has_posters=True,
             max_speech_s=self._config.max_speech_s,
-            take=Take(npz, kept.facts, kept.why_less),
+            take=Take(npz, kept.facts, kept.why_less, plan if kept.minute.plan else None),
         )

@@ -17,9 +17,11 @@ from app.run import inputs
 from app.run.pipeline import generate_all
 from app.run.request import Artefact, GenerateRequest, Measured, Progress, Take
 from model.motion.motion import load_motion, save_motion
+from model.plan.plan import GesturePlan, read_plan
 from renderer.draw import probe
 from renderer.draw.offscreen import GLError
 from tests.helpers import smooth_motion_example
+from tests.model.plan.made import phase
 
 Ask = Callable[..., GenerateRequest]
 
@@ -316,6 +318,24 @@ def test_a_live_take_is_kept_as_it_was_seen_and_said_to_be_live(ask: Ask, tmp_pa
     record = json.loads((result.out / "provenance.json").read_text())
     assert record["options"]["live"] == take.facts
     assert any("made while the speech was spoken" in note for note in result.notes)
+    assert not (result.out / "globaldiff-global.plan.json").exists()
+    plan = GesturePlan(37 / 30, right=(phase(0.0, 1.0, "stroke", kind="you"),))
+    plan.write(tmp_path / "live.plan.json")
+    events: list[Artefact] = []
+    planned = generate_all(
+        ask(
+            systems=("globaldiff/global",),
+            take=replace(take, plan=tmp_path / "live.plan.json"),
+            out=tmp_path / "planned",
+        ),
+        lambda event: events.append(event) if isinstance(event, Artefact) else None,
+    )
+    kinds = [event.kind for event in events if event.kind in ("plan", "motion")]
+    assert kinds == ["plan", "motion"], "no other plan is sought in the motion"
+    left = read_plan(planned.out / "globaldiff-global.plan.json")
+    assert left.right[0].kind == "you" and planned.out / "globaldiff-global.plan.json" in set(
+        planned.files
+    )
     generated = generate_all(ask(systems=("globaldiff/global",), out=tmp_path / "other"))
     record = json.loads((generated.out / "provenance.json").read_text())
     assert record["options"]["live"] is None
