@@ -264,7 +264,7 @@ class Player {
       this.#hasBegun = true;
       if (!plays && this.#address?.read()) {
         const time = Number(new URLSearchParams(location.hash.slice(1)).get("t"));
-        const seek = () => this.#lockstep.seek(time || 0);
+        const seek = () => this.#lockstep.seekFrame(Math.round(30 * (time || 0)));
         if (this.#sounds.index) return this.#audio.addEventListener("loadedmetadata", seek, { once: true });
         return seek();
       }
