@@ -319,7 +319,7 @@ def _taken_out(plan: GesturePlan, gesture: Gesture) -> tuple[list[HandPhase], li
     if before is None or before.phase in ("rest", "retraction"):
         if after < len(phases) and phases[after].phase == "retraction":
             after += 1
-        goal = before.goal if before else _rest_goal(phases)
+        goal = before.goal if before else rest_goal(phases)
         still = HandPhase(block[0].start_s, phases[after - 1].end_s, "rest", goal)
     else:
         start_s, end_s = block[0].start_s, block[-1].end_s
@@ -327,7 +327,8 @@ def _taken_out(plan: GesturePlan, gesture: Gesture) -> tuple[list[HandPhase], li
     return _merged([*phases[: stroke.first], still, *phases[after:]]), block
 
 
-def _rest_goal(phases: Sequence[HandPhase]) -> Place:
+def rest_goal(phases: Sequence[HandPhase]) -> Place:
+    """Where a hand rests, the first time it does."""
     return next((p.goal for p in phases if p.phase in ("rest", "retraction")), REST_PLACE)
 
 
@@ -455,7 +456,7 @@ def _ending(
     left_s = until_s - last.end_s
     if left_s >= LEAST_BACK_S + LEAST_REST_S:
         back_s = last.end_s + min(USUAL_RETRACTION_S, left_s - LEAST_REST_S)
-        goal = _rest_goal(phases)
+        goal = rest_goal(phases)
         found.append(HandPhase(last.end_s, back_s, "retraction", goal))
         if until_s - back_s > _TINY_S:
             found.append(HandPhase(back_s, until_s, "rest", goal))

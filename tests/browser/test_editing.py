@@ -167,6 +167,62 @@ def test_a_stroke_is_dragged_to_another_time_and_moved_by_keys(
     page.context.close()
 
 
+def hold_ends(page: Page, tmp_path: Path) -> float:
+    """When the first gesture's hold ends, as the file of the plan says it."""
+    right = read_plan_file(saved(page, ".eaf", tmp_path)).plan.right
+    return round(next(one.end_s for one in right if one.phase == "hold"), 2)
+
+
+def test_the_end_of_a_hold_is_dragged_and_moved_by_keys_and_undone(
+    browser: Browser, planned_address: str, files: dict[str, Path], tmp_path: Path
+) -> None:
+    page = open_page(browser, planned_address)
+    run(page, files)
+    hold = page.locator("#player .timeline .event.hold").first
+    hold.scroll_into_view_if_needed()
+    hold.click()
+    handle = page.get_by_role("slider", name="End of the hold")
+    expect(handle).to_have_attribute("aria-valuetext", "hold ends at 2.30 s")
+    box = handle.bounding_box()
+    plot = page.locator("#player .timeline .plot.tier").first.bounding_box()
+    assert box is not None and plot is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 0.8 * plot["width"] / LONG_S, y, steps=4)  # .8 s on
+    expect(editor(page).locator(".ends-at")).to_contain_text("hold ends at 3.")
+    page.mouse.up()
+    said(page, text.TAKE_DONE.format(number=1))
+    expect(handle).to_be_focused()
+    dragged = hold_ends(page, tmp_path)
+    assert abs(dragged - 3.1) < 0.05
+
+    handle.focus()
+    for _ in range(3):
+        page.keyboard.press("ArrowRight")
+    expect(handle).to_have_attribute("aria-valuetext", f"hold ends at {dragged + 0.3:.2f} s")
+    said(page, text.TAKE_DONE.format(number=2))
+    page.keyboard.press("Control+z")
+    expect(handle).to_have_attribute("aria-valuetext", f"hold ends at {dragged:.2f} s")
+    expect(handle).to_be_focused()
+    page.keyboard.press("Control+Shift+z")
+    expect(handle).to_have_attribute("aria-valuetext", f"hold ends at {dragged + 0.3:.2f} s")
+    assert hold_ends(page, tmp_path) == pytest.approx(dragged + 0.3, abs=0.011)
+    assert landing(page, tmp_path)["right"] == [2.0, 6.5]
+
+    stroke(page, "offer").scroll_into_view_if_needed()
+    edge = stroke(page, "offer").bounding_box()  # a mouse takes hold of the end of any phase
+    assert edge is not None
+    at = edge["x"] + edge["width"] - 2, edge["y"] + edge["height"] / 2
+    page.mouse.move(*at)
+    page.mouse.down()
+    page.mouse.move(at[0] - 0.9 * edge["width"], at[1], steps=4)
+    page.mouse.up()
+    said(page, "lasts 0.2 s at least")
+    assert landing(page, tmp_path)["right"] == [1.89, 6.5]
+    page.context.close()
+
+
 def test_what_cannot_be_is_refused_in_a_sentence_and_changes_nothing(
     browser: Browser, planned_address: str, files: dict[str, Path], tmp_path: Path
 ) -> None:

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { accentsOf, labelOf, sentenceOf, within, wordAt } from "../../app/page/web/player/plan.js";
+import { accentsOf, foundAgain, hasEnd, labelOf, sentenceOf, stretched, within, wordAt } from "../../app/page/web/player/plan.js";
 
 const phase = (start_s, end_s, name, kind = "", word = "") => ({ start_s, end_s, phase: name, goal: [0.2, -0.1, 0.3], kind, word });
 const SAID = {
@@ -85,4 +85,35 @@ test("accents that somebody wrote down stand before those that were heard", () =
   const [written, heard] = [[[1, 0.5]], [[2, 0.5]]];
   assert.equal(accentsOf({ accents: written, heard_accents: heard }), written);
   assert.equal(accentsOf({ accents: [], heard_accents: heard }), heard);
+});
+
+test("an end that is moved takes from what follows; a way back goes on into the rest", () => {
+  const times = (phases) => phases.map(({ start_s, end_s }) => [start_s, end_s].map((at) => Number(at.toFixed(3))));
+  const hold = times(stretched(PLAN.right, 3, 2.1, 4));
+  assert.deepEqual(hold.slice(3, 5), [[1.3, 2.1], [2.1, 2.2]], "a beat after a hold gives way");
+  assert.deepEqual(times(stretched(PLAN.right, 3, 3.5, 4))[3], [1.3, 2.1], "but stays");
+  const beat = times(stretched(PLAN.right, 4, 2.6, 4));
+  assert.deepEqual(beat.slice(4), [[2, 2.6], [2.6, 3.4], [3.4, 4]], "the way back is as long as before");
+  assert.deepEqual(times(stretched(PLAN.right, 4, 3.9, 4)).slice(4), [[2, 3.8], [3.8, 3.9], [3.9, 4]]);
+  assert.deepEqual(times(stretched(PLAN.right, 2, 0, 4)).slice(2, 4), [[1, 1.1], [1.1, 2]]);
+  assert.equal(PLAN.right[4].end_s, 2.2, "the plan stays as it was");
+  const alone = [phase(0, 1, "stroke"), phase(2, 3, "stroke")];
+  assert.deepEqual(times(stretched(alone, 0, 2.5, 4)), [[0, 2], [2, 3]], "up to what follows a gap");
+  assert.deepEqual(times(stretched(alone, 1, 9, 4)), [[0, 1], [2, 4]], "up to the end of the speech");
+});
+
+test("the ends of hands' phases can be moved, but for the last", () => {
+  assert.equal(hasEnd(PLAN, { list: "right", index: 3 }), true);
+  assert.equal(hasEnd(PLAN, { list: "right", index: 6 }), false);
+  assert.equal(hasEnd(PLAN, { list: "looks", index: 0 }), false);
+  assert.equal(hasEnd(PLAN, { list: "right", index: 9 }), false);
+});
+
+test("a phase is found again in another plan by where it begins or ends", () => {
+  const longer = stretched(PLAN.right, 4, 2.6, 4);
+  assert.equal(foundAgain(longer, PLAN.right[4]), 4);
+  assert.equal(foundAgain(longer.slice(2), PLAN.right[4]), 2);
+  assert.equal(foundAgain(longer, phase(3.2, 3.6, "stroke")), -1, "none is near");
+  assert.equal(foundAgain(longer, phase(1.2, 1.5, "beat")), -1, "another phase is not it");
+  assert.equal(foundAgain([], PLAN.right[4]), -1);
 });

@@ -12,8 +12,9 @@ from app.errors import RunError
 from app.run.takes.edits import Edit, Locked
 from model.plan import editing
 from model.plan.editing import Edited, Gesture
+from model.plan.ends import SAME_S, counterpart, ended
 from model.plan.files import ENDINGS, read_plan_file
-from model.plan.plan import Blink, GesturePlan, Look, Nod, PlanError, Side
+from model.plan.plan import SIDES, Blink, GesturePlan, Look, Nod, PlanError, Side
 from model.plan.style import Style, excited, style_of, with_style
 from model.speech.transcript import Word
 
@@ -52,8 +53,7 @@ def _move(
     gesture = _gesture(told)
     lands_s, word = _place(told, words)
     if word is None and "word" not in told:
-        at_once = [each.text.lower() for each in words if each.start_s <= lands_s < each.end_s]
-        word = at_once[0] if at_once else ""
+        word = _said_at(words, lands_s)
     by_s = lands_s - gesture.lands_s
     return _with_partner(
         plan, gesture, lambda each, one: editing.moved(each, one, one.lands_s + by_s, word)
@@ -77,6 +77,28 @@ def _hold(plan: GesturePlan, told: Mapping[str, Any], *_: Any) -> Edited:
     return _with_partner(
         plan, _gesture(told), lambda each, one: editing.held(each, one, told["hold"])
     )
+
+
+def _end(plan: GesturePlan, told: Mapping[str, Any], words: Sequence[Word], *_: Any) -> Edited:
+    """Another end of a phase, of both hands where they make it together; strokes that end at
+    another time tell the word of that time."""
+    side, by_s = cast(Side, told["side"]), told["at"] - told["ends"]
+    done = ended(plan, side, told["ends"], told["at"])
+    also_s = counterpart(plan, side, told["ends"])
+    new, notes = done.plan, list(done.notes)
+    if also_s is not None:
+        also = ended(new, SIDES[1 - SIDES.index(side)], also_s, also_s + by_s)
+        new, notes = also.plan, [*notes, *also.notes]
+    for hand in SIDES:
+        known = [one.end_s for one in plan.hand(hand) if one.phase == "stroke"]
+        phases = tuple(
+            replace(one, word=_said_at(words, one.end_s))
+            if one.phase == "stroke" and all(abs(one.end_s - end_s) >= SAME_S for end_s in known)
+            else one
+            for one in new.hand(hand)
+        )
+        new = new.with_hand(hand, phases)
+    return Edited(new, tuple(dict.fromkeys(notes)))
 
 
 def _size(plan: GesturePlan, told: Mapping[str, Any], *_: Any) -> Edited:
@@ -162,9 +184,9 @@ def as_long_as(plan: GesturePlan, duration_s: float) -> GesturePlan:
 
 
 _DOES: dict[str, Does] = {
-    "move": _move, "delete": _delete, "add": _add, "hands": _hands, "hold": _hold, "size": _size,
-    "height": _height, "speed": _speed, "nod": _nod, "blink": _blink, "look": _look,
-    "remove": _remove, "style": _style, "plan": _plan,
+    "move": _move, "delete": _delete, "add": _add, "hands": _hands, "hold": _hold, "end": _end,
+    "size": _size, "height": _height, "speed": _speed, "nod": _nod, "blink": _blink,
+    "look": _look, "remove": _remove, "style": _style, "plan": _plan,
 }  # fmt: skip
 
 
@@ -180,6 +202,11 @@ def _place(told: Mapping[str, Any], words: Sequence[Word]) -> tuple[float, str |
         raise RunError(f"The speech has {len(words)} words that are known; choose one of them.")
     word = words[told["word"]]
     return editing.on_word(word), word.text.lower()[:80]
+
+
+def _said_at(words: Sequence[Word], at_s: float) -> str:
+    """The word of a moment; empty where none is said or known."""
+    return next((each.text.lower()[:80] for each in words if each.start_s <= at_s < each.end_s), "")
 
 
 def _with_partner(

@@ -125,6 +125,7 @@ _FIELDS: dict[str, dict[str, Callable[[object], Any]]] = {
     "add": {"kind": _words(40), "at": _second, "word": _index, "hands": _one_of(HANDS)},
     "hands": {**_GESTURE, "hands": _one_of(HANDS)},
     "hold": {**_GESTURE, "hold": _number(0.0, 60.0)},
+    "end": {"side": _one_of(SIDES), "ends": _second, "at": _second},
     "size": {**_GESTURE, "size": _number(0.1, 4.0)},
     "height": {**_GESTURE, "by": _number(-1.0, 1.0)},
     "speed": {**_GESTURE, "speed": _number(0.2, 5.0)},
@@ -141,6 +142,7 @@ _FIELDS: dict[str, dict[str, Callable[[object], Any]]] = {
 _NEEDED: dict[str, tuple[str, ...]] = {
     "move": ("side", "lands"), "delete": ("side", "lands"), "add": ("kind",),
     "hands": ("side", "lands", "hands"), "hold": ("side", "lands", "hold"),
+    "end": ("side", "ends", "at"),
     "size": ("side", "lands", "size"), "height": ("side", "lands", "by"),
     "speed": ("side", "lands", "speed"), "nod": ("at",), "blink": ("at",),
     "look": ("at", "yaw", "pitch"), "remove": ("list", "at"), "style": (),

@@ -5,7 +5,8 @@
  */
 
 import { make } from "../dom.js";
-import { kindName } from "./plan.js";
+import { PhaseEnd } from "./ends.js";
+import { foundAgain, kindName } from "./plan.js";
 
 const NUDGE_S = 0.1;
 const HOLD_S = 0.3;
@@ -13,6 +14,8 @@ const LARGER = 1.25;
 const HIGHER_M = 0.06;
 const FASTER = 1.2;
 const DRAG_PX = 6; // less is a click
+const EDGE_PX = 6; // at a phase's end, by which a mouse takes hold of it
+const EDGE_SHARE = 0.3; // of a narrow phase
 const LEAD_S = 1; // played before what has changed
 const MAX_FILE = 2_000_000;
 const LOOKS = { "Look left": 20, "Look right": -20 };
@@ -44,6 +47,7 @@ export class Editing {
   #told = null;
   #toldUrl = null;
   #chosen = null; // a gesture {side, lands}, or {list, at}
+  #picked = null; // the phase that was chosen on the time line {list, event}, as it will be
   #locked = new Map(); // "side lands" -> [side, lands]
   #queue = [];
   #asked = null; // what is being done
@@ -57,8 +61,16 @@ export class Editing {
     this.#timeline = timeline;
     this.#send = send;
     this.#onShown = onShown;
+    this.end = new PhaseEnd(timeline.tiers, {
+      secondsAt: (clientX) => timeline.secondsAt(clientX),
+      isBusy: () => this.#isBusy || this.#isShowing,
+      onMoved: (chosen, from, to) => this.#moveEnd(chosen, from, to),
+      onShown: () => this.#showChosen(),
+    });
     this.#build();
     timeline.onchoose = (body, chosen, event) => this.#choose(body, chosen, event);
+    timeline.onplan = (body, plan) => this.#pickAgain(body, plan);
+    timeline.onplanned = () => this.#planned();
     timeline.lanes.addEventListener("pointerdown", (event) => this.#beginDrag(event), true);
     for (const part of [timeline.lanes, this.element]) part.addEventListener("keydown", (event) => this.#key(event), true);
   }
@@ -75,7 +87,7 @@ export class Editing {
     const top = make("div", { class: "row" }, this.undo, this.redo, make("label", {}, "Edited", this.takes), make("label", {}, "beside", this.besides), make("label", { class: "file" }, "Plan from a file", file));
     this.which = make("b", { class: "which" });
     this.tools = make("div", { class: "row tools", hidden: true, role: "group", "aria-label": "The gesture that is chosen" },
-      this.which, button("Delete", () => this.#delete(), "Delete (Del)"),
+      this.which, (this.endsAt = make("span", { class: "ends-at" })), (this.deletion = button("Delete", () => this.#delete(), "Delete (Del)")),
       (this.ofGesture = make("span", { class: "row" },
         button("Earlier", () => this.#nudge(-NUDGE_S), "Earlier (Shift+Left)"), button("Later", () => this.#nudge(NUDGE_S), "Later (Shift+Right)"),
         (this.byWord = make("span", { class: "row" }, button("Previous word", () => this.#toWord(-1)), button("Next word", () => this.#toWord(1)))),
@@ -86,7 +98,7 @@ export class Editing {
         make("span", { class: "switch", role: "group", "aria-label": "Hand" }, ...(this.handButtons = ["left", "right", "both"].map((hands) => button(hands === "both" ? "Both hands" : `${hands[0].toUpperCase()}${hands.slice(1)} hand`, () => this.#hands(hands))))),
         (this.lock = make("button", { type: "button", "aria-pressed": "false", title: "What is locked stays as it is", onclick: () => this.#toggleLock() }, "Lock")),
       )));
-    this.hint = make("p", { class: "hint" }, "Choose a gesture on the time line: a stroke can be dragged, too.");
+    this.hint = make("p", { class: "hint" }, "Choose a gesture on the time line. A stroke can be dragged, too, and so can the end of any phase of a hand.");
     this.kinds = make("select", { "aria-label": "Gesture to be added" });
     this.places = make("select", { "aria-label": "Where" });
     this.hands = make("select", { "aria-label": "With" }, ...[["", "usual hand"], ["left", "left hand"], ["right", "right hand"], ["both", "both hands"]].map(([value, label]) => make("option", { value }, label)));
@@ -160,7 +172,8 @@ export class Editing {
 
   #clear(run) {
     this.#run = run;
-    this.#start = this.#beside = this.#told = this.#toldUrl = this.#chosen = this.#coming = null;
+    this.#start = this.#beside = this.#told = this.#toldUrl = this.#chosen = this.#picked = this.#coming = null;
+    this.#isShowing = false;
     this.#queue = [];
     this.#redo = [];
     this.#isBusy = false;
@@ -176,6 +189,7 @@ export class Editing {
     this.toggle.setAttribute("aria-expanded", String(isOpen));
     this.toggle.textContent = isOpen ? "Close the editor" : "Edit the gestures";
     this.element.classList.toggle("open", isOpen);
+    if (!isOpen) this.end.show(null);
     if (!this.#start) return;
     if (isOpen && !this.#value.known[this.#start]) this.#flush(true);
     if (isOpen) this.#timeline.showBody(this.#start);
@@ -186,7 +200,7 @@ export class Editing {
   /** Look at what has changed as soon as it comes. */
   #watch() {
     const [edit] = this.#asked?.edits ?? [];
-    const moments = [edit?.lands, edit?.at, this.#told?.words[edit?.word]?.[0]].filter(Number.isFinite);
+    const moments = [edit?.lands, edit?.ends, edit?.at, this.#told?.words[edit?.word]?.[0]].filter(Number.isFinite);
     const from = moments.length ? Math.max(0, Math.min(...moments) - LEAD_S) : 0;
     this.#player.seek(from);
     if (!matchMedia("(prefers-reduced-motion: reduce)").matches) this.#player.play();
@@ -196,7 +210,8 @@ export class Editing {
     this.#redo = [];
     this.#beside = this.#value.known[name].from;
     this.#start = name;
-    this.#timeline.showBody(name);
+    this.#isShowing = true;
+    this.#timeline.showBody(name).finally(() => this.#planned());
     this.#onShown();
   }
 
@@ -246,6 +261,7 @@ export class Editing {
     const answer = await fetch(url);
     if (!answer.ok || url !== this.#toldUrl) return;
     this.#told = await answer.json();
+    this.#chooseAgain();
     this.#update();
   }
 
@@ -270,17 +286,19 @@ export class Editing {
   #ended(isRefused) {
     this.#isBusy = false;
     if (isRefused) this.#queue = []; // of a plan that there is not
-    if (isRefused) this.#chosen = this.#before;
+    if (isRefused) [this.#chosen, this.#picked] = this.#before;
     this.#flush();
+    if (!this.#isShowing) this.end.settled();
   }
 
-  #before = null; // what was chosen when the edit was asked for
+  #before = [null, null]; // what was chosen when the edit was asked for
+  #isShowing = false; // that the plan of a take that is there is on its way to the time line
 
   /** An edit of the gesture that is chosen. */
   #change(does, values) {
     if (!this.#chosen?.side) return;
     const { side, lands } = this.#chosen;
-    this.#before = this.#chosen;
+    this.#before = [this.#chosen, this.#picked];
     this.#ask({ do: does, side, lands, ...values });
   }
 
@@ -289,7 +307,8 @@ export class Editing {
     if (!chosen) return;
     if (chosen.side) this.#change("delete", {});
     else this.#ask({ do: "remove", list: chosen.list, at: chosen.at });
-    this.#chosen = null;
+    this.#chosen = this.#picked = null;
+    this.end.show(null);
     this.#update();
   }
 
@@ -300,7 +319,27 @@ export class Editing {
   #moveTo(at) {
     const to = Math.max(0, Math.round(1000 * at) / 1000);
     this.#change("move", { at: to });
-    this.#chosen = { ...this.#chosen, lands: to };
+    this.#follow(to);
+  }
+
+  /** What is chosen lands elsewhere. */
+  #follow(lands) {
+    const by = lands - this.#chosen.lands;
+    this.#chosen = { ...this.#chosen, lands };
+    if (this.#picked) {
+      const { list, event } = this.#picked;
+      this.#picked = { list, event: { ...event, start_s: event.start_s + by, end_s: event.end_s + by } };
+    }
+    this.#update();
+  }
+
+  #moveEnd({ list, index }, from, to) {
+    const event = this.#timeline.tiers.plan[list][index];
+    const at = Math.round(1000 * to) / 1000;
+    this.#before = [this.#chosen, this.#picked];
+    this.#ask({ do: "end", side: list, ends: from, at });
+    this.#picked = { list, event: { ...event, end_s: at } };
+    if (event.phase === "stroke" && this.#chosen?.lands === from) this.#chosen = { ...this.#chosen, lands: at };
     this.#update();
   }
 
@@ -316,8 +355,7 @@ export class Editing {
     const index = way > 0 ? lands.findIndex((at) => at > now + 0.02) : lands.findLastIndex((at) => at < now - 0.02);
     if (index < 0) return;
     this.#change("move", { word: index });
-    this.#chosen = { ...this.#chosen, lands: lands[index] };
-    this.#update();
+    this.#follow(lands[index]);
   }
 
   #hold(by) {
@@ -328,7 +366,9 @@ export class Editing {
   #hands(hands) {
     if (!this.#chosen?.side) return;
     this.#change("hands", { hands });
-    if (hands !== "both") this.#chosen = { ...this.#chosen, side: hands };
+    if (hands === "both") return;
+    this.#chosen = { ...this.#chosen, side: hands };
+    if (this.#picked) this.#picked = { ...this.#picked, list: hands };
   }
 
   #toggleLock() {
@@ -365,15 +405,50 @@ export class Editing {
     return !!name && (this.#value.rows.includes(name) || name in this.#value.known);
   }
 
-  #choose(body, { list }, event) {
-    if (!this.#isOpen || !this.#isKnown(body)) return;
+  #isDropping = false; // a click follows that chooses nothing
+
+  #choose(body, chosen, event) {
+    if (!this.#isOpen || this.#isDropping || !this.#isKnown(body)) return;
     if (body !== this.#start) this.#goOnFrom(body);
-    if (list === "left" || list === "right") {
-      const found = this.#told?.gestures.find(({ side, start, end }) => side === list && start < event.end_s - 1e-3 && end > event.start_s + 1e-3);
-      this.#chosen = found ? { side: found.side, lands: found.lands } : null;
-    } else if (["nods", "looks", "blinks"].includes(list)) this.#chosen = { list, at: event.time_s ?? event.start_s };
+    const { list } = chosen;
+    const isHand = list === "left" || list === "right";
+    this.#picked = isHand ? { list, event } : null;
+    this.end.show(isHand ? chosen : null);
+    if (isHand) this.#chosen = this.#gestureAround(list, event);
+    else if (["nods", "looks", "blinks"].includes(list)) this.#chosen = { list, at: event.time_s ?? event.start_s };
     else this.#chosen = null;
     this.#update();
+  }
+
+  /** The gesture that a phase is part of; null of rests and ways back. */
+  #gestureAround(list, event) {
+    const found = this.#told?.gestures.find(({ side, start, end }) => side === list && start < event.end_s - 1e-3 && end > event.start_s + 1e-3);
+    return found ? { side: found.side, lands: found.lands } : null;
+  }
+
+  /** What of another plan is chosen: the phase that was, if it is there. */
+  #pickAgain(body, plan) {
+    if (!this.#isOpen || !this.#picked || ![this.#start, this.#coming].includes(body)) return null;
+    const known = this.#isBusy ? [this.#picked, this.#before[1]] : [this.#picked]; // the plan before may be shown anew
+    const found = known.filter(Boolean).map(({ list, event }) => ({ list, index: foundAgain(plan[list], event) }));
+    return found.find(({ index }) => index >= 0) ?? null;
+  }
+
+  #planned() {
+    const { chosen, plan } = this.#timeline.tiers;
+    this.#isShowing = false;
+    this.end.show(this.#isOpen && this.#picked ? chosen : null, true);
+    if (this.#isBusy) return; // more is to come
+    this.#picked = chosen && this.#picked && { list: chosen.list, event: plan[chosen.list][chosen.index] };
+    if (!this.#picked && this.#chosen?.side) this.#chosen = null; // there is no such any more
+    this.end.settled();
+    this.#chooseAgain();
+    this.#showChosen();
+  }
+
+  /** The gesture of the phase that is chosen: what was asked for may have been mended. */
+  #chooseAgain() {
+    if (this.#picked && this.#told) this.#chosen = this.#gestureAround(this.#picked.list, this.#picked.event);
   }
 
   /** The gesture that is chosen, as the server tells of it. */
@@ -382,10 +457,17 @@ export class Editing {
     return this.#told?.gestures.find(({ side, lands }) => side === chosen?.side && Math.abs(lands - chosen.lands) < 0.01) ?? null;
   }
 
-  /** A stroke that is dragged goes where it is let go. */
+  /** A stroke that is dragged goes where it is let go; at the end of a phase a mouse drags that. */
   #beginDrag(event) {
     const button = event.target.closest?.("[data-list]");
-    if (!this.#isOpen || !button?.classList.contains("stroke") || event.button !== 0) return;
+    if (!this.#isOpen || !button || event.button !== 0) return;
+    const { right, width } = button.getBoundingClientRect();
+    const isHand = !!button.closest(".of-hand");
+    if (isHand && event.pointerType === "mouse" && right - event.clientX <= Math.min(EDGE_PX, EDGE_SHARE * width)) {
+      button.click();
+      if (this.end.told) return void this.end.drag(event);
+    }
+    if (!button.classList.contains("stroke")) return;
     const from = event.clientX;
     button.setPointerCapture(event.pointerId); // it is narrow: a pointer leaves it at once
     const move = ({ clientX }) => {
@@ -400,6 +482,8 @@ export class Editing {
       button.style.transform = "";
       if (Math.abs(clientX - from) < DRAG_PX) return; // a click chooses it
       button.click();
+      this.#isDropping = true;
+      setTimeout(() => (this.#isDropping = false));
       if (this.#chosen?.side) this.#moveTo(this.#chosen.lands + this.#timeline.secondsAt(clientX) - this.#timeline.secondsAt(from));
     }, { signal });
   }
@@ -409,10 +493,11 @@ export class Editing {
     const isUndo = (event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z";
     const isRedo = (isUndo && event.shiftKey) || ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "y");
     const focused = event.target.closest("[data-list]");
-    const does = isRedo ? () => this.#doAgain() : isUndo ? () => this.#undo() : null;
+    const isPlay = event.key === " " && focused?.getAttribute("aria-pressed") === "true"; // it is chosen already
+    const does = isRedo ? () => this.#doAgain() : isUndo ? () => this.#undo() : isPlay ? () => this.#player.toggle() : null;
     const ofChosen = { Delete: () => this.#delete(), Backspace: () => this.#delete() }[event.key];
     const nudge = event.shiftKey && { ArrowLeft: -NUDGE_S, ArrowRight: NUDGE_S }[event.key];
-    if (!does && !ofChosen && !nudge) return;
+    if (!does && ((!ofChosen && !nudge) || event.target === this.end.element)) return;
     event.preventDefault();
     event.stopPropagation();
     if (does) return void does();
@@ -448,10 +533,22 @@ export class Editing {
     }
   }
 
+  /** What is done with the gesture that is chosen stands above the time line, which stays where it is. */
   #showChosen() {
+    const { element } = this.#timeline;
+    const before = element.getBoundingClientRect().top;
+    this.#layChosen();
+    window.scrollBy({ top: element.getBoundingClientRect().top - before, behavior: "instant" });
+  }
+
+  #layChosen() {
     const chosen = this.#chosen;
-    this.hint.hidden = !!chosen;
-    this.tools.hidden = !chosen;
+    const { told } = this.end;
+    this.endsAt.textContent = told ? `${told.phase} ends at ${told.seconds.toFixed(2)} s` : "";
+    this.hint.hidden = !!chosen || !!told;
+    this.tools.hidden = !chosen && !told;
+    this.deletion.hidden = this.ofGesture.hidden = !chosen;
+    if (!chosen) this.which.textContent = told ? `${told.phase}, ${told.list} hand` : "";
     if (!chosen) return;
     this.ofGesture.hidden = !chosen.side;
     this.byWord.hidden = !this.#told?.words.length;

@@ -5,6 +5,9 @@ export const POINT_S = 0.2; // for as long a nod, a blink or a brow is what happ
 const AROUND_WORD_S = [0.25, 0.15]; // before it begins and after it ends: still on it
 const TOGETHER_S = 0.15; // strokes of both hands that end so close are one gesture
 const AHEAD_DEG = 4;
+const SAME_S = 0.01;
+const AGAIN_S = 0.3;
+const LEAST_S = 0.1; // shorter no phase is drawn while its end is moved
 const FOLLOWING = "follow"; // small beats of the hand that takes no part
 
 /** The tiers in the order in which they are drawn, each with the plan's lists that it shows. */
@@ -56,6 +59,43 @@ function lowest(count, holds) {
     else low = middle + 1;
   }
   return low;
+}
+
+/** Whether the end of an event can be moved: that of a hand's phase, but for the last. */
+export function hasEnd(plan, { list, index }) {
+  return (list === "left" || list === "right") && plan[list][index]?.end_s < plan.duration_s - SAME_S;
+}
+
+/**
+ * The phases of a hand with one that ends at another time, as the server will do it unless it has to
+ * mend more: the next gives way, and a way back to rest goes on into the rest.
+ *
+ * @param {import("../told").HandPhase[]} phases
+ * @param {number} index
+ * @param {number} seconds
+ * @param {number} duration_s
+ */
+export function stretched(phases, index, seconds, duration_s) {
+  const made = phases.map((phase) => ({ ...phase }));
+  const [one, next, after] = made.slice(index, index + 3);
+  const isNext = next && next.start_s - one.end_s < SAME_S;
+  const rest = isNext && next.phase === "retraction" && after?.phase === "rest" ? after : null;
+  const latest = rest ? rest.end_s - 2 * LEAST_S : isNext ? next.end_s - LEAST_S : (next?.start_s ?? duration_s);
+  const end = Math.max(Math.min(seconds, latest), one.start_s + LEAST_S);
+  if (isNext) next.start_s = end;
+  if (rest) rest.start_s = next.end_s = Math.min(end + phases[index + 1].end_s - phases[index + 1].start_s, rest.end_s - LEAST_S);
+  one.end_s = end;
+  return made;
+}
+
+/**
+ * The number of the phase that another plan has in place of one: of its name, that begins or ends
+ * about where it did; -1 where there is none.
+ */
+export function foundAgain(phases, { phase, start_s, end_s }) {
+  const off = (other) => Math.min(Math.abs(other.start_s - start_s), Math.abs(other.end_s - end_s));
+  const near = phases.reduce((best, other, i) => (other.phase === phase && (best < 0 || off(other) < off(phases[best])) ? i : best), -1);
+  return near >= 0 && off(phases[near]) < AGAIN_S ? near : -1;
 }
 
 /** What stands in an event's box; nothing in a rest's. */

@@ -71,7 +71,8 @@ class Player {
     this.#observer.observe(this.timeline.element);
     root.classList.toggle("staged", this.#stage !== null);
     root.addEventListener("click", ({ detail, target }) => {
-      if (detail > 0) target.closest("button")?.blur(); // after a mouse, the space bar plays again
+      const isEdited = target.closest(".editing.open ~ .timeline .event"); // and keys go on with it
+      if (detail > 0 && !isEdited) target.closest("button")?.blur(); // after a mouse, the space bar plays again
     });
     root.setAttribute("role", "group");
     root.setAttribute("aria-label", "Bodies in lock-step");

@@ -21,6 +21,7 @@ export class Tiers {
   #time = 0;
   /** @type {import("../told").Chosen | null} */
   #chosen = null;
+  #hung = null; // what hangs in a tier beside its events, the tier's list, and how it is placed
 
   /**
    * @param {{ onChoose?: (chosen: import("../told").Chosen, event: object, sentence: string) => void }} told
@@ -68,13 +69,56 @@ export class Tiers {
     this.#plan = plan;
     this.#said = said;
     this.#chosen = chosen && plan?.[chosen.list][chosen.index] ? chosen : null;
-    for (const { lane, lists, box, buttons } of this.#tiers) {
+    const focused = this.#focused;
+    for (const { lane, lists, buttons } of this.#tiers) {
       lane.hidden = !plan || !lists.some((list) => plan[list].length);
       lane.dataset.origin = plan?.origin ?? "";
+      for (const button of buttons.values()) button.remove();
       buttons.clear();
-      box.replaceChildren();
     }
     this.#draw();
+    if (!focused) return;
+    const same = this.#chosen && this.elementOf(this.#chosen);
+    const near = eventsIn(focused.box);
+    (same ?? (near.length ? nearest(near, focused.left) : null))?.focus({ preventScroll: true });
+  }
+
+  /** The tier in which an event has the focus, and where that stands; null if none has. */
+  get #focused() {
+    const at = /** @type {HTMLElement | null} */ (document.activeElement);
+    const tier = at?.matches("[data-list]") && this.#tiers.find(({ box }) => box === at.parentElement);
+    return tier ? { box: tier.box, left: at.offsetLeft } : null;
+  }
+
+  /**
+   * Have an element hang in the tier of a list, after its events; null takes it away. `place` is
+   * called with it whenever moments stand elsewhere.
+   *
+   * @param {HTMLElement | null} element
+   * @param {string} list
+   * @param {() => void} place
+   */
+  hang(element, list = "", place = () => {}) {
+    if (this.#hung && this.#hung.element !== element) this.#hung.element.remove();
+    this.#hung = element && { element, list, place };
+    if (!element) return;
+    const { box } = this.#tiers.find(({ lists }) => lists.includes(list));
+    if (element.parentElement !== box) box.append(element);
+    place();
+  }
+
+  /** Where a moment stands, 0 to 1 within what is shown. */
+  shareOf(seconds) {
+    return this.#share(seconds);
+  }
+
+  /** Lay the events of a list as if they were at other times; null as they are. */
+  preview(list, events) {
+    const { buttons } = this.#tiers.find(({ lists }) => lists.includes(list));
+    for (const [key, button] of buttons) {
+      const [of, index] = key.split(" ");
+      if (of === list) this.#lay(button, (events ?? this.#plan[list])[Number(index)]);
+    }
   }
 
   /** Lay everything out: `share` says where a moment stands, 0 to 1 within the `view`. */
@@ -113,21 +157,23 @@ export class Tiers {
       const seen = this.#seenOf(tier);
       for (const [key, button] of tier.buttons) {
         if (seen.has(key)) continue;
-        if (button === document.activeElement) tier.box.querySelector("button")?.focus({ preventScroll: true });
+        if (button === document.activeElement) tier.box.querySelector("[data-list]")?.focus({ preventScroll: true });
         button.remove();
         tier.buttons.delete(key);
       }
       for (const [key, chosen] of seen) {
         if (!tier.buttons.has(key)) tier.buttons.set(key, this.#button(chosen));
-        this.#lay(tier.buttons.get(key), chosen);
+        this.#lay(tier.buttons.get(key), this.#plan[chosen.list][chosen.index]);
       }
       const inOrder = [...seen.keys()].map((key) => tier.buttons.get(key));
       if (inOrder.some((button, i) => tier.box.children[i] !== button)) {
         const focused = inOrder.find((button) => button === document.activeElement);
-        tier.box.replaceChildren(...inOrder);
+        const first = this.#hung?.element.parentElement === tier.box ? this.#hung.element : null;
+        for (const button of inOrder) tier.box.insertBefore(button, first);
         focused?.focus({ preventScroll: true });
       }
     }
+    this.#hung?.place();
     this.#letTab();
     this.#light();
   }
@@ -157,8 +203,7 @@ export class Tiers {
     }, labelOf(list, event));
   }
 
-  #lay({ style }, { list, index }) {
-    const event = this.#plan[list][index];
+  #lay({ style }, event) {
     const [start, end] = event.time_s === undefined ? timesOf(event) : [event.time_s, event.time_s];
     const from = end > start ? Math.max(BEFORE, this.#share(start)) : this.#share(start); // its label stays in sight
     style.left = `${100 * from}%`;
@@ -205,7 +250,7 @@ export class Tiers {
     if (!next) return;
     event.preventDefault();
     event.stopPropagation();
-    for (const other of button.parentElement.children) other.tabIndex = -1;
+    for (const other of eventsIn(button.parentElement)) other.tabIndex = -1;
     next.tabIndex = 0;
     next.focus();
   }
@@ -213,7 +258,7 @@ export class Tiers {
   #beside(button, key) {
     const shown = this.#tiers.filter(({ lane, buttons }) => lane.offsetParent && buttons.size);
     const at = shown.findIndex(({ box }) => box === button.parentElement);
-    const inTime = (box) => [...box.children].sort((a, b) => a.offsetLeft - b.offsetLeft);
+    const inTime = (box) => eventsIn(box).sort((a, b) => a.offsetLeft - b.offsetLeft);
     const own = inTime(shown[at].box);
     const i = own.indexOf(button);
     switch (key) {
@@ -240,6 +285,11 @@ export class Tiers {
 export function legend() {
   const each = Object.entries(ORIGINS).map(([origin, words]) => make("span", { "data-origin": origin }, make("i", { class: "swatch" }), words));
   return make("div", { class: "tier-legend" }, ...each);
+}
+
+/** @returns {HTMLElement[]} */
+function eventsIn(box) {
+  return [...box.querySelectorAll("[data-list]")];
 }
 
 function nearest(buttons, left) {

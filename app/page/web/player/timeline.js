@@ -44,6 +44,14 @@ export class Timeline {
   #planUrl = null;
   /** Called with the row whose tiers are shown, and the event that somebody has chosen of them. */
   onchoose = (_body, _chosen, _event) => {};
+  /**
+   * Called with the row whose tiers are shown and its plan, before they are: what of it is chosen.
+   *
+   * @type {(body: string, plan: import("../told").Plan) => import("../told").Chosen | null}
+   */
+  onplan = () => null;
+  /** Called when they are. */
+  onplanned = () => {};
   #unfollow;
   #view = [0, 0]; // the seconds that are shown
   #fingers = new Map(); // touching the lanes: pointer -> clientX
@@ -175,14 +183,14 @@ export class Timeline {
     if (!response.ok) return; // kept no longer
     /** @type {import("../told").Plan} */
     const plan = await response.json();
-    if (url === this.#planUrl) this.showPlan(plan);
+    if (url === this.#planUrl) this.#showPlan(plan, this.onplan(name, plan));
   }
 
-  /** Show this plan as that of the body whose tiers are shown. */
-  showPlan(plan, chosen = null) {
-    this.why.textContent = chosen ? this.why.textContent : "";
+  #showPlan(plan, chosen) {
     this.tiers.show(plan, this.#said, chosen);
+    this.why.textContent = chosen ? this.tiers.sentence(chosen) : "";
     this.#draw();
+    this.onplanned();
   }
 
   /** What is known of the speech. */

@@ -74,6 +74,24 @@ def test_size_height_speed_and_hold_change_the_gesture(plan):
     assert hold.end_s - hold.start_s == pytest.approx(1.0)
 
 
+def test_the_end_of_a_phase_moves_in_both_hands_with_the_word_that_it_is_on(plan):
+    longer = done(plan, {"do": "end", "side": "left", "ends": 6.3, "at": 7.5}).plan
+    for hand in (longer.left, longer.right):
+        (hold,) = [one for one in hand if one.phase == "hold" and one.start_s == 6.0]
+        assert hold.end_s == pytest.approx(7.5)
+
+    def said(of):
+        return {round(one.end_s, 2): one.word for one in of.right if one.phase == "stroke"}
+
+    on_word = done(plan, {"do": "move", "side": "right", "lands": 2.0, "word": 1}).plan
+    still_on = done(on_word, {"do": "end", "side": "right", "ends": 4.15, "at": 4.06}).plan
+    assert said(still_on) == {4.06: "you", 6.0: ""}
+    slow = done(still_on, {"do": "end", "side": "right", "ends": 3.84, "at": 3.7}).plan
+    assert said(slow) == {4.06: "you", 6.0: ""}
+    off = done(slow, {"do": "end", "side": "right", "ends": 4.06, "at": 3.95}).plan
+    assert said(off) == {3.95: "", 6.0: ""}
+
+
 def test_head_and_eyes_are_edited_alike(plan):
     made = done(
         plan,
@@ -138,6 +156,7 @@ def test_an_impossible_edit_is_a_sentence_and_none_of_its_batch_is_done(plan):
         ({"do": "delete", "side": "left", "lands": -1}, "from 0 to 3600"),
         ({"do": "delete", "side": "left", "lands": 10**400}, "no number"),
         ({"do": "delete", "side": ["left"], "lands": 1}, "none of left, right"),
+        ({"do": "end", "side": "left", "ends": 1.0}, "lacks 'at'"),
         ({"do": "size", "side": "left", "lands": 1, "size": 9}, r"from 0.1 to 4"),
         ({"do": "add", "kind": "x" * 41, "at": 1}, "at most 40 characters"),
         ({"do": "add", "kind": "you", "word": 1.5}, "no number of a word"),

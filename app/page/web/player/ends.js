@@ -1,0 +1,164 @@
+/**
+ * The end of the phase that is chosen: a handle in its tier that is dragged by mouse or finger, or
+ * moved by keys. It shows what will be, and tells where it was let go.
+ */
+
+import { make } from "../dom.js";
+import { FPS } from "./lockstep.js";
+import { hasEnd, stretched } from "./plan.js";
+
+const STEPS_S = { ArrowLeft: -0.1, ArrowRight: 0.1, ",": -1 / FPS, ".": 1 / FPS };
+const PAUSE_MS = 500; // after the last key, until its end is asked for
+const LEAST_MOVE_S = 0.005; // less asks for nothing
+
+export class PhaseEnd {
+  #tiers;
+  #secondsAt;
+  #isBusy;
+  #onMoved;
+  #onShown;
+  /** @type {import("../told").Chosen | null} */
+  #chosen = null;
+  #by = 0; // seconds by which it stands elsewhere than in the plan
+  #asked = 0; // of these, what has been asked for
+  #timer = 0;
+
+  /**
+   * @param {import("./tiers.js").Tiers} tiers
+   * @param {object} told
+   * @param {(clientX: number) => number} told.secondsAt
+   * @param {() => boolean} told.isBusy whether nothing can be asked for now
+   * @param {(chosen: import("../told").Chosen, from: number, to: number) => void} told.onMoved
+   *   called with the end of a phase in the plan and where it is to be
+   * @param {() => void} told.onShown called when it stands elsewhere
+   */
+  constructor(tiers, { secondsAt, isBusy, onMoved, onShown }) {
+    this.#tiers = tiers;
+    this.#secondsAt = secondsAt;
+    this.#isBusy = isBusy;
+    this.#onMoved = onMoved;
+    this.#onShown = onShown;
+    this.element = make("i", {
+      class: "phase-end", role: "slider", tabindex: "0", "aria-valuemin": "0",
+      onpointerdown: (event) => event.button === 0 && this.drag(event),
+      onclick: (event) => event.stopPropagation(),
+      onkeydown: (event) => this.#key(event),
+      onblur: () => this.#tell(),
+    });
+  }
+
+  /**
+   * The phase whose end it is, if it has one that can be moved; null hides it.
+   *
+   * @param {import("../told").Chosen | null} chosen
+   * @param {boolean} goesOn that it is the phase that it was, of another plan
+   */
+  show(chosen, goesOn = false) {
+    if (!goesOn || !chosen) this.#forget();
+    const { plan } = this.#tiers;
+    this.#chosen = chosen && plan && hasEnd(plan, chosen) ? chosen : null;
+    if (!this.#chosen) return this.#tiers.hang(null);
+    const { phase } = this.#phase;
+    this.element.setAttribute("aria-label", `End of the ${phase}`);
+    this.element.setAttribute("aria-valuemax", plan.duration_s.toFixed(2));
+    this.#tiers.hang(this.element, chosen.list, () => this.#place());
+    return undefined;
+  }
+
+  /** What it is the end of, and where it stands; null of nothing. */
+  get told() {
+    return this.#chosen && { list: this.#chosen.list, phase: this.#phase.phase, seconds: this.#now };
+  }
+
+  /** What was asked for has been done, or refused: go on with what has not been. */
+  settled() {
+    this.#by -= this.#asked;
+    this.#asked = 0;
+    if (!this.#chosen) return;
+    this.#place();
+    if (!this.#timer) this.#tell();
+  }
+
+  /** A pointer that is down on it, or on the phase's edge, moves it until it is let go. */
+  drag(event) {
+    event.preventDefault();
+    event.stopPropagation();
+    const { element } = this;
+    const { list, index } = this.#chosen;
+    const before = this.#by;
+    const from = this.#secondsAt(event.clientX);
+    element.setPointerCapture(event.pointerId);
+    element.focus({ preventScroll: true });
+    const stop = new AbortController();
+    const { signal } = stop;
+    const isSame = () => this.#chosen?.list === list && this.#chosen.index === index;
+    element.addEventListener("pointermove", ({ clientX }) => isSame() && this.#move(before + this.#secondsAt(clientX) - from), { signal });
+    element.addEventListener("pointercancel", () => (stop.abort(), isSame() && this.#move(before)), { signal });
+    element.addEventListener("pointerup", () => (stop.abort(), this.#tell()), { signal });
+  }
+
+  get #phase() {
+    return this.#tiers.plan[this.#chosen.list][this.#chosen.index];
+  }
+
+  get #stretched() {
+    const { plan } = this.#tiers;
+    const { list, index } = this.#chosen;
+    return stretched(plan[list], index, plan[list][index].end_s + this.#by, plan.duration_s);
+  }
+
+  get #now() {
+    return this.#by ? this.#stretched[this.#chosen.index].end_s : this.#phase.end_s;
+  }
+
+  #key(event) {
+    const step = STEPS_S[event.key];
+    const isTold = event.key === "Enter" || event.key === " ";
+    if (event.ctrlKey || event.metaKey || event.altKey || (!step && !isTold && event.key !== "Escape")) return;
+    event.preventDefault();
+    event.stopPropagation();
+    if (isTold) this.#tell();
+    else if (step) {
+      this.#move(this.#by + step);
+      clearTimeout(this.#timer);
+      this.#timer = setTimeout(() => this.#tell(), PAUSE_MS);
+    } else {
+      clearTimeout(this.#timer);
+      this.#timer = 0;
+      this.#move(this.#asked);
+    }
+  }
+
+  #move(by) {
+    this.#by = by;
+    if (by) this.#by = this.#now - this.#phase.end_s; // no farther than it can be shown
+    this.#place();
+    this.#onShown();
+  }
+
+  #place() {
+    const { list, index } = this.#chosen;
+    if (!this.#tiers.plan?.[list][index]) return; // of another plan
+    this.#tiers.preview(list, this.#by ? this.#stretched : null);
+    const share = this.#tiers.shareOf(this.#now);
+    this.element.hidden = share < 0 || share > 1;
+    this.element.style.left = `${100 * share}%`;
+    this.element.setAttribute("aria-valuenow", this.#now.toFixed(2));
+    this.element.setAttribute("aria-valuetext", `${this.#phase.phase} ends at ${this.#now.toFixed(2)} s`);
+  }
+
+  #tell() {
+    clearTimeout(this.#timer);
+    this.#timer = 0;
+    if (!this.#chosen || this.#isBusy() || Math.abs(this.#by) < LEAST_MOVE_S) return;
+    this.#asked = this.#by;
+    this.#onMoved(this.#chosen, this.#phase.end_s, this.#now);
+  }
+
+  #forget() {
+    clearTimeout(this.#timer);
+    this.#by = this.#asked = this.#timer = 0;
+    if (this.#chosen && this.#tiers.plan) this.#tiers.preview(this.#chosen.list, null);
+    this.#chosen = null;
+  }
+}
