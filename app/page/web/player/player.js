@@ -263,7 +263,8 @@ class Player {
     if (plays) this.#audio.muted = true;
     const begin = () => {
       this.#hasBegun = true;
-      if (!plays && this.#address?.read()) {
+      const isAddressed = !plays && this.#address?.read();
+      if (isAddressed && !begins) {
         const time = Number(new URLSearchParams(location.hash.slice(1)).get("t"));
         const seek = () => this.#lockstep.seekFrame(Math.round(30 * (time || 0)));
         if (this.#sounds.index) return this.#audio.addEventListener("loadedmetadata", seek, { once: true });
