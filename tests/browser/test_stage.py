@@ -76,10 +76,11 @@ def test_bodies_move_with_the_sound_before_there_is_any_video(
     browser: Browser, fake_address: str, stage: Stage, speech: Path
 ) -> None:
     stage.hold(0)
-    page = open_page(browser, fake_address)
+    page = open_page(browser, f"{fake_address}#stage&x=4&t=1")  # left behind by a run before
     start(page, speech)
     page.wait_for_function(STAGED, arg=3)
     page.wait_for_function("() => document.querySelector('.lockstep').lockstep.time > 0.3")
+    assert page.evaluate(f"{LOOK}.get('factor')") == 4
     page.wait_for_function("() => document.querySelector('.lockstep')?.stage?.pictures > 3")
     assert not page.evaluate("document.querySelector('#player audio').paused")
     expect(page.locator("#player video")).to_have_count(0)
