@@ -1,5 +1,5 @@
 /**
- * The end of the phase that is chosen: a handle in its tier that is dragged by mouse or finger, or
+ * The end of the phase that is chosen: a handle in its tier that is dragged, or
  * moved by keys. It shows what will be, and tells where it was let go.
  */
 
