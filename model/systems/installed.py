@@ -2,7 +2,8 @@
 
 import re
 from collections.abc import Callable
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
+from typing import Any
 
 from model.generation.family import Family, FamilyError
 
@@ -55,7 +56,8 @@ def check_family(family: object) -> None:
             raise FamilyError(f"the card of {name} names no speakers.")
 
 
-def _whose(entry: EntryPoint) -> str:
+def _whose(entry: Any) -> str:
+    # Where the backport importlib_metadata is imported, entries of other folders are of its class.
     package = f" of the package {entry.dist.name}" if entry.dist else ""
     return f"The family {entry.name!r}{package} ({entry.value})"
 
