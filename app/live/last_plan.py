@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from model.motion.timing import FPS
+
 if TYPE_CHECKING:
     from model.generation.base import PlannedAhead
     from model.plan.plan import GesturePlan
 
-FPS = 30
 SHORTEST_S = 0.5 / FPS
 """What is left of a cut event, at the least."""
 LISTS = ("left", "right", "nods", "looks", "brows", "smiles", "blinks", "stands", "planted")

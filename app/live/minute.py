@@ -10,13 +10,13 @@ import numpy as np
 
 from app.errors import RunError
 from app.live.last_plan import LastPlan
+from model.motion.timing import FPS, SAMPLE_RATE
 
 if TYPE_CHECKING:
     from model.generation.base import PlannedAhead
     from model.motion.motion import Motion
     from model.plan.plan import GesturePlan
 
-FPS, SAMPLE_RATE = 30, 16_000
 KEPT_FRAMES = 60 * FPS
 SHORTEST_FRAMES = 2 * FPS
 NOTHING_YET = (

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from app.errors import RunError
-from app.live.minute import FPS, SAMPLE_RATE, LastMinute, Minute
+from app.live.minute import LastMinute, Minute
 from app.live.told_plan import manner_of, told_plan
 from app.live.wire import read_sound
 from app.run.pieces import frames_message
+from model.motion.timing import FPS, SAMPLE_RATE
 
 if TYPE_CHECKING:
     from model.generation.base import System
@@ -235,7 +236,7 @@ class LiveSession:
                 self._due_since = self._clock()
         if not self._live.is_due:
             return
-        behind_s = self._live.waiting / 30
+        behind_s = self._live.waiting / FPS
         if behind_s > BEHIND_S:
             who = "one visitor" if visitors == 1 else f"{visitors} visitors at once"
             raise RunError(TOO_SLOW.format(visitors=who, behind=behind_s))

@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from app.errors import RunError
+from model.motion.timing import FPS
 
 if TYPE_CHECKING:
     from model.generation.base import PlannedAhead
     from model.plan.manner import Manner
-
-FPS = 30
 
 
 def told_plan(ahead: PlannedAhead, first: int) -> dict[str, Any]:

@@ -24,7 +24,7 @@ def register_installed(register: Callable[[Family], None]) -> tuple[str, ...]:
             family = entry.load()
             check_family(family)
             register(family)
-        except (Exception, SystemExit) as error:
+        except (Exception, SystemExit) as error:  # one package must not keep out the others
             sentences.append(f"{_whose(entry)} is left out: {_why(error)}")
     return tuple(sentences)
 

@@ -141,7 +141,7 @@ def load_system(name: str, folder: Path = BUNDLED_WEIGHTS) -> "System":
     family = family_of(name)
     try:
         return family.load(name, folder)
-    except Exception as error:
+    except Exception as error:  # code of somebody else's may raise anything
         if family in _BUNDLED or isinstance(error, CheckpointError):
             raise
         raise FamilyError(

@@ -41,7 +41,9 @@ def sets_html(
         links: to what can be saved, as HTML.
     """
     clips = told["clips"]
-    counted = COUNTED.format(clips=_of(len(clips), "clip"), sets=_of(len(systems), "set"))
+    counted = COUNTED.format(
+        clips=number_of(len(clips), "clip"), sets=number_of(len(systems), "set")
+    )
     return (
         f'<div class="sets" data-sets="{escape(token)}">{markup.heading(HEADING, counted)}'
         f"{_worst(told['worst'])}{_any_clip(clips)}{figure}{_table(told['measures'], systems)}"
@@ -49,7 +51,8 @@ def sets_html(
     )
 
 
-def _of(count: int, what: str) -> str:
+def number_of(count: int, what: str) -> str:
+    """So many of them, in words."""
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 

@@ -19,7 +19,7 @@ from app.page.results.figures_shown import FiguresShown
 from app.page.results.kept_sets import KeptSets
 from app.page.results.player import NOTHING
 from app.page.results.result_parts import ResultParts
-from app.page.results.sets_shown import sets_html
+from app.page.results.sets_shown import number_of, sets_html
 from app.page.serving.follow import last_share
 from app.page.serving.in_turn import Updates
 from app.page.serving.jobs import Job
@@ -148,10 +148,9 @@ class SetsWork:
         bundle = zip_files(result.files, self.job.folder / "own-sets.zip")
         address = escape(self.media.offer(bundle, self.cookie))
         link = f'<a href="{address}" download="{bundle.name}">{SETS_ZIP}</a>'
-        count, sets = len(result.told["clips"]), len(result.clips)
         line = MEASURED_SETS.format(
-            clips=f"{count} clip{'' if count == 1 else 's'}",
-            sets=f"{sets} set{'' if sets == 1 else 's'}",
+            clips=number_of(len(result.told["clips"]), "clip"),
+            sets=number_of(len(result.clips), "set"),
         )
         told = sets_html(kept.token, result.told, list(result.clips), figures.html(), link)
         return {

@@ -5,27 +5,17 @@
  */
 
 import { fetched } from "../body/glb.js";
+import { fetchedOnce } from "../fetched_once.js";
 
 const BUILDS_URL = "stage/builds.bin";
 const FULL = 32767; // of a normal's part
-let fetching = null;
 
 /**
  * By name; a later call asks again where an earlier one failed.
  *
- * @param {import("./mesh.js").Mesh} mesh
- * @param {import("../told").Facts["builds"]} told
- * @returns {Promise<Map<string, { positions: Float32Array, normals: Float32Array }>>}
+ * @type {(mesh: import("./mesh.js").Mesh, told: import("../told").Facts["builds"]) => Promise<Map<string, { positions: Float32Array, normals: Float32Array }>>}
  */
-export function theBuilds(mesh, told) {
-  fetching ??= fetched(BUILDS_URL, new AbortController().signal)
-    .then((content) => readBuilds(content, mesh, told))
-    .catch((error) => {
-      fetching = null;
-      throw error;
-    });
-  return fetching;
-}
+export const theBuilds = fetchedOnce(async (mesh, told) => readBuilds(await fetched(BUILDS_URL, new AbortController().signal), mesh, told));
 
 /** As renderer/files/builds.py writes them; the first of the names is the mesh itself. */
 export function readBuilds(content, { positions, normals }, { names, step }) {

@@ -4,20 +4,12 @@
  */
 
 import { fetched, readGlb } from "../body/glb.js";
+import { fetchedOnce } from "../fetched_once.js";
 
 const BODY_URL = "live/body.glb";
-let fetching = null;
 
 /** The page's one body; a later call asks again where an earlier one failed. */
-export function theBody() {
-  fetching ??= fetched(BODY_URL, new AbortController().signal)
-    .then((content) => new Mesh(readGlb(content)))
-    .catch((error) => {
-      fetching = null;
-      throw error;
-    });
-  return fetching;
-}
+export const theBody = fetchedOnce(async () => new Mesh(readGlb(await fetched(BODY_URL, new AbortController().signal))));
 
 export class Mesh {
   positions; // at rest, (V, 3) one after the other, as all below
