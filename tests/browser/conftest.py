@@ -41,6 +41,9 @@ CHROMIUM = next(
 PATIENCE_MS = 120_000
 """Longest that any one thing may take on a busy machine."""
 expect.set_options(timeout=PATIENCE_MS)
+BUILDS_ARE_THERE = """() => performance.getEntriesByType('resource').some(
+  ({ name, responseEnd }) => name.endsWith('stage/builds.bin') && responseEnd > 0)"""
+"""The one thing that a stage still asks for a while after its first body."""
 GRADIO_CAUGHT = "Error in watch callback"
 """What Gradio writes to the console where a part of the page throws on a new value."""
 

@@ -8,7 +8,7 @@ from playwright.sync_api import BrowserType, Page, expect
 
 from app.page.tabs.live import KEEP, TAB
 from model.speech.audio import write_wav
-from tests.browser.conftest import CHROMIUM, PATIENCE_MS
+from tests.browser.conftest import BUILDS_ARE_THERE, CHROMIUM, PATIENCE_MS
 from tests.model.made import made_waveform
 
 pytestmark = [pytest.mark.browser, pytest.mark.gl]
@@ -56,6 +56,7 @@ def test_one_speaks_and_the_body_moves_and_the_minute_is_kept(speaking: Page) ->
 
     # The stage of any run: displays act while the body moves, and the server is not asked.
     asked: list[str] = []
+    page.wait_for_function(BUILDS_ARE_THERE)
     page.on("request", lambda request: asked.append(request.url))
     bar = live.get_by_role("toolbar", name="Displays")
     canvas = live.locator(".stage canvas")

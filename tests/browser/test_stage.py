@@ -21,7 +21,14 @@ from renderer.draw.probe import choose_backend
 from renderer.stage.camera import frame_points, view_axes
 from renderer.stage.stage import set_stage
 from renderer.video.render import RenderSettings, render_stills
-from tests.browser.conftest import PATIENCE_MS, STAGED, Stage, open_page, start
+from tests.browser.conftest import (
+    BUILDS_ARE_THERE,
+    PATIENCE_MS,
+    STAGED,
+    Stage,
+    open_page,
+    start,
+)
 from tests.helpers import smooth_motion_example
 
 pytestmark = pytest.mark.browser
@@ -92,11 +99,6 @@ def test_bodies_move_with_the_sound_before_there_is_any_video(
     page.locator("#files-fold button").first.click()
     expect(page.locator("#files")).to_contain_text("comparison")
     page.context.close()
-
-
-BUILDS_ARE_THERE = """() => performance.getEntriesByType('resource').some(
-  ({ name, responseEnd }) => name.endsWith('stage/builds.bin') && responseEnd > 0)"""
-"""They come a while after the first body."""
 
 
 def test_displays_are_switched_at_once_and_nothing_is_asked_of_the_server(staged: Page) -> None:

@@ -528,8 +528,8 @@ export class Stage {
         return tag;
       }),
     );
-    this.#handle.hidden = this.mode !== "wipe";
-    if (isPair) this.view.style.setProperty("--side", `${pairPanels([0, 0, width, height], this.closeUp, this.#facts.close_ups).body.rect[0]}px`);
+    this.#handle.hidden = this.mode !== "wipe" || !this.#facts;
+    if (isPair && this.#facts) this.view.style.setProperty("--side", `${pairPanels([0, 0, width, height], this.closeUp, this.#facts.close_ups).body.rect[0]}px`);
     this.#showGhostLegend();
     this.#showNotices();
   }
