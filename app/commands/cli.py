@@ -11,6 +11,7 @@ import logging
 import signal
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from app import text
@@ -18,32 +19,20 @@ from app.commands.hearing import add_hearing
 from app.commands.leaderboard import add_leaderboard
 from app.commands.many import add_crew, crew_of, generate_over_many, told_if_stopped
 from app.commands.mechanism import add_mechanism
-from app.commands.plan import add_plan, add_style
+from app.commands.plan import add_plan
 from app.commands.said import LogLines, Parser, name_file, say
 from app.commands.study import add_study
-from app.config import BUNDLED_WEIGHTS, default_body
+from app.config import BUNDLED_WEIGHTS
 from app.errors import CancelledRun, RunError, sentence_of
 from app.family_files import add_family_files, use_family_files
 from app.findings.ranking import told_findings
 from app.findings.sentences import sentences_of
+from app.flags import WEIGHTS, add_flags, read_flags
+from app.run.diagnose import DiagnoseRequest
 from app.run.display import COLORINGS, Display
-from app.run.pictures.export import BACKGROUNDS, ENDINGS, SHEET_POSES, RenderRequest, render_motion
-from app.run.pictures.followed_point import TIP
+from app.run.pictures.export import ENDINGS, SHEET_POSES, RenderRequest, render_motion
 from app.run.pictures.own_videos import VideoOptions
-from app.run.request import (
-    CLOSE_UPS,
-    FRAMINGS,
-    LOOKS,
-    POST_FILTERS,
-    VIEWS,
-    WORDS_ASKED,
-    CloseUp,
-    Framing,
-    GenerateRequest,
-    View,
-    check_size,
-    parse_steps,
-)
+from app.run.request import BODY, GenerateRequest
 from model.systems.registry import left_out
 
 Command = Callable[[argparse.Namespace], None]
@@ -108,73 +97,8 @@ def _add_generate(commands) -> None:
         "many pieces each gets a folder of its own; started again, it goes on with what is not "
         "done.",
     )
-    parser.add_argument(
-        "speech", type=Path, metavar="SPEECH",
-        help="any sound file; or many: a folder of them, or a .txt with one path a line",
-    )  # fmt: skip
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of results")
-    parser.add_argument(
-        "--systems", type=_names, default=(), metavar="A,B,...|all", help="default: all"
-    )
-    parser.add_argument("--speaker", metavar="NAME", help="default: the first that is known")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="default: %(default)s")
-    parser.add_argument(
-        "--samples", type=int, default=1, metavar="N", help="motions per system (default: 1)"
-    )
-    parser.add_argument(
-        "--steps", type=_steps, metavar="N|A=N,...",
-        help="sampler steps, of all systems or by name (default: what each usually takes)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--face-steps", type=_steps, metavar="N|A=N,...",
-        help="of systems that draw the face by steps of its own (default: the usual share)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--sampler",
-        metavar="NAME",
-        help="of systems that have it (default: each its usual one)",
-    )
-    parser.add_argument(
-        "--guidance", type=float, metavar="N",
-        help="strength of the speech, 0 to 10; 1 is as trained, and as the papers' own code draws\n"
-        "(default: as suits each system)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--plan", type=Path, metavar="FILE",
-        help="what systems that plan are to perform, as a run or `plan` leaves it, or as annotated "
-        "in\nPraat or ELAN: .json, .TextGrid, .eaf; of many pieces a folder of them (default: "
-        "drawn from the speech)",
-    )  # fmt: skip
-    add_style(parser)
-    parser.add_argument(
-        "--post-filter", choices=POST_FILTERS, default="none",
-        help="smooth every system alike; the numbers give both in any case (default: none)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--reference", type=Path, metavar="MOTION.npz", help="recorded motion to compare with"
-    )
-    _add_point(parser)
-    parser.add_argument(
-        "--views", type=_views, default=("front",), metavar="V,...",
-        help=f"of {', '.join(VIEWS)}; the first is compared (default: front)",
-    )  # fmt: skip
-    _add_framing(parser, "knees")
-    _add_close_up(parser, "hands")
+    add_flags(parser, GenerateRequest)
     _add_display(parser)
-    parser.add_argument("--no-video", action="store_true", help="no videos, figure without poses")
-    parser.add_argument("--no-figures", action="store_true", help="neither Figure 6 nor jitter")
-    parser.add_argument(
-        "--size", type=_size, default=512, metavar="PX", help="height of a body (default: 512)"
-    )
-    parser.add_argument(
-        "--max-minutes", type=float, default=10.0, metavar="N",
-        help="longest speech accepted (default: 10)",
-    )  # fmt: skip
-    _add_body(parser)
-    _add_look(parser)
-    parser.add_argument(
-        "--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR", help="default: bundled"
-    )
     add_family_files(parser)
     add_crew(parser)
     parser.set_defaults(command=_generate)
@@ -187,37 +111,7 @@ def _generate(options: argparse.Namespace) -> None:
     from app.run.pipeline import generate_all
 
     use_family_files(options)
-    request = GenerateRequest(
-        speech=options.speech,
-        out=options.out,
-        weights=options.weights,
-        systems=options.systems,
-        speaker=options.speaker,
-        seed=options.seed,
-        samples=options.samples,
-        steps=options.steps,
-        face_steps=options.face_steps,
-        sampler=options.sampler,
-        guidance=options.guidance,
-        plan=options.plan,
-        style=options.style,
-        post_filter=options.post_filter,
-        reference=options.reference,
-        transcript=options.transcript,
-        words=options.words,
-        joint=options.joint,
-        start_frame=options.start,
-        body=options.body,
-        look=options.look,
-        views=options.views,
-        framing=options.framing,
-        close_ups=options.close_up,
-        display=_display(options),
-        size=options.size,
-        has_video=not options.no_video,
-        has_figures=not options.no_figures,
-        max_speech_s=60 * options.max_minutes,
-    )
+    request = read_flags(GenerateRequest, options, display=_display(options))
     if is_many(options.speech):
         generate_over_many(request, crew_of(options))
         return
@@ -234,42 +128,11 @@ def _add_diagnose(commands) -> None:
         description="Measure motion files, whoever made them, raw and filtered; name their faults; "
         "draw Figure 6 and where the jitter sits; show how rotation errors grow along the chain.",
     )
-    parser.add_argument(
-        "motions", type=Path, nargs="+", metavar="MOTION",
-        help=".npz (BEAT2, AMASS, SMPL-X parameters), .npy (rotations, TalkSHOW) or .bvh; or "
-        "folders or zips of them, paired by name, for numbers over many clips",
-    )  # fmt: skip
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of results")
-    parser.add_argument(
-        "--reference", type=Path, metavar="MOTION.npz", help="recorded motion to compare with"
-    )
-    parser.add_argument(
-        "--speech", type=Path, metavar="WAV",
-        help="their sound, for BeatAlign and its chance level; a folder of it for folders",
-    )  # fmt: skip
-    parser.add_argument(
-        "--mean-speeds", type=Path, metavar="NPY",
-        help="EMAGE's mean_vel_smplxflame_30.npy (BEAT2's folder weights): BeatAlign with its "
-        "published speeds of the joints, to be held against papers",
-    )  # fmt: skip
+    add_flags(parser, DiagnoseRequest)
     parser.add_argument(
         "--emage-weights", type=Path, metavar="BIN",
         help="folders beside --reference: EMAGE's AESKConv_240_100.bin, for FGD as papers on BEAT2 "
         "tell it (docs/many-clips.md)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--show", type=_names, default=(), metavar="A,B,...",
-        help="which motions the figures show, by the names of their files (default: the first six)",
-    )  # fmt: skip
-    _add_point(parser)
-    parser.add_argument(
-        "--window", type=int, metavar="N",
-        help="frames of the windows that the motions were made of, if you know it (default: every "
-        "period from 2 to 240 frames is tried)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--overlap", type=int, default=0, metavar="M",
-        help="frames that two such windows share (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
         "--fps", type=float, metavar="N", help="frame rate of files that do not tell theirs, or lie"
@@ -278,12 +141,10 @@ def _add_diagnose(commands) -> None:
         "--rotations", choices=_ROTATIONS, metavar="FORM",
         help=f"of the joints, where their number says too little: {', '.join(_ROTATIONS)}",
     )  # fmt: skip
-    parser.add_argument("--no-pictures", action="store_true", help="a figure without poses")
     parser.add_argument(
         "--videos", action="store_true",
         help="a video of each motion that figures show, with close-ups and trail, in register",
     )  # fmt: skip
-    _add_body(parser)
     add_crew(parser)
     parser.set_defaults(command=_diagnose)
 
@@ -317,25 +178,13 @@ def _diagnose(options: argparse.Namespace) -> None:
     if options.emage_weights is not None:
         raise RunError("FGD is a measure of many clips; --emage-weights goes with folders.")
     from app.commands.terminal import ProgressBar
-    from app.run.diagnose import DiagnoseRequest, diagnose_files
+    from app.run.diagnose import diagnose_files
     from model.formats.numbers import ReadOptions
 
-    request = DiagnoseRequest(
-        motions=tuple(options.motions),
-        out=options.out,
-        reference=options.reference,
-        speech=options.speech,
-        mean_speeds=options.mean_speeds,
-        transcript=options.transcript,
-        words=options.words,
-        shown=options.show,
-        joint=options.joint,
-        start_frame=options.start,
-        body=options.body,
-        has_pictures=not options.no_pictures,
+    request = read_flags(
+        DiagnoseRequest,
+        options,
         videos=VideoOptions() if options.videos else None,
-        window=options.window,
-        overlap=options.overlap,
         read_as=ReadOptions(options.fps, options.rotations),
     )
     with ProgressBar("measure and draw") as bar:
@@ -346,7 +195,7 @@ def _diagnose(options: argparse.Namespace) -> None:
 
 
 def _add_steps(commands) -> None:
-    from app.run.step_curve import COUNTS, MAX_S
+    from app.run.step_curve import MAX_S, StepCurveRequest
 
     parser = commands.add_parser(
         "steps",
@@ -355,20 +204,7 @@ def _add_steps(commands) -> None:
         f"distance to the result of most steps, over milliseconds a frame. Of {MAX_S:g} s of the "
         "speech.",
     )
-    parser.add_argument("speech", type=Path, metavar="SPEECH", help="any sound file")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of results")
-    parser.add_argument(
-        "--systems", type=_names, required=True, metavar="A,B,...", help="at most six"
-    )
-    parser.add_argument(
-        "--steps", type=_counts, default=COUNTS, metavar="N,N,...",
-        help=f"numbers of steps (default: {','.join(map(str, COUNTS))})",
-    )  # fmt: skip
-    parser.add_argument("--speaker", metavar="NAME", help="default: the first that is known")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="default: %(default)s")
-    parser.add_argument(
-        "--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR", help="default: bundled"
-    )
+    add_flags(parser, StepCurveRequest)
     add_family_files(parser)
     parser.set_defaults(command=_steps_command)
 
@@ -378,15 +214,7 @@ def _steps_command(options: argparse.Namespace) -> None:
     from app.run.step_curve import StepCurveRequest, measure_step_curve
 
     use_family_files(options)
-    request = StepCurveRequest(
-        speech=options.speech,
-        out=options.out,
-        systems=options.systems,
-        counts=options.steps,
-        speaker=options.speaker,
-        seed=options.seed,
-        weights=options.weights,
-    )
+    request = read_flags(StepCurveRequest, options)
     with ProgressBar("measure") as bar:
         curve = measure_step_curve(request, bar.show)
     for point in curve.points:
@@ -395,28 +223,6 @@ def _steps_command(options: argparse.Namespace) -> None:
             f"{point.tip_jerk_m_s3:.0f} m/s3, {point.distance_cm:.1f} cm from most steps"
         )
     _finish(curve.files, ())
-
-
-def _add_point(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--transcript", type=Path, metavar="FILE",
-        help="what is said: a TextGrid, or a plain English text (.txt), which is looked for in the "
-        "speech; the words go to the numbers",
-    )  # fmt: skip
-    parser.add_argument(
-        "--words", choices=WORDS_ASKED, default="none",
-        help="recognise English words where there is no transcript; a fifth of the speech's length "
-        "on one core (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--joint", default=TIP, metavar="NAME",
-        help="fingertip or joint to follow, such as left_index or right_wrist "
-        "(default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--start", type=int, default=0, metavar="FRAME",
-        help="first frame of Figure 6 (default: %(default)s)",
-    )  # fmt: skip
 
 
 def _add_render(commands) -> None:
@@ -428,68 +234,24 @@ def _add_render(commands) -> None:
         "and --sheet ask for; beside a .mp4 they are written under its name. A .blender.npz is "
         "for the SMPL-X add-on of Blender.",
     )
-    parser.add_argument("motion", type=Path, metavar="MOTION.npz")
-    parser.add_argument("--out", type=Path, required=True, metavar=f"FILE{'|'.join(ENDINGS)}")
-    parser.add_argument("--speech", type=Path, metavar="WAV", help="sound of the video")
-    parser.add_argument(
-        "--plan", type=Path, metavar="FILE",
-        help="whose events .glb, .bvh (in a .markers.csv beside it) and .blender.npz carry as "
-        "markers (default: the .plan.json beside the motion, if there is one)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--views", type=_views, default=("front",), metavar="V,...",
-        help=f"of {', '.join(VIEWS)}; the files of all but the first have the view in their name "
-        "(default: front)",
-    )  # fmt: skip
-    _add_framing(parser, "whole")
-    _add_close_up(parser, "off")
+    add_flags(parser, RenderRequest)
     _add_display(parser)
-    parser.add_argument(
-        "--joint", default=TIP, metavar="NAME",
-        help="fingertip or joint that a trail follows (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--size", type=_size, default=720, metavar="PX", help="height (default: 720)"
-    )
-    parser.add_argument("--draft", action="store_true", help="faster, with jagged edges")
-    parser.add_argument("--stills", type=int, metavar="N", help="N single pictures as .png")
-    parser.add_argument(
-        "--sheet", type=int, metavar="N",
-        help="one picture with every N-th frame above its time, as .png",
-    )  # fmt: skip
-    parser.add_argument(
-        "--background", choices=BACKGROUNDS, default="studio",
-        help="transparent: the body alone, in a .png (default: studio)",
-    )  # fmt: skip
-    _add_body(parser)
-    _add_look(parser)
     parser.set_defaults(command=_render)
 
 
 def _render(options: argparse.Namespace) -> None:
     from app.commands.terminal import ProgressBar
 
-    request = RenderRequest(
-        motion=options.motion,
-        out=options.out,
-        plan=options.plan,
-        speech=options.speech,
-        body=options.body,
-        look=options.look,
-        views=options.views,
-        framing=options.framing,
-        close_ups=options.close_up,
-        display=_display(options),
-        joint=options.joint,
-        size=options.size,
-        is_draft=options.draft,
-        num_stills=options.stills,
-        sheet_every=options.sheet,
-        background=options.background,
-    )
+    request = read_flags(RenderRequest, options, display=_display(options))
     with ProgressBar(f"draw {options.out.name}") as bar:
         files, notes = render_motion(request, bar.show)
     _finish(files, notes)
+
+
+@dataclass(frozen=True)
+class _Examined:
+    body: Path | None = field(default=None, metadata=BODY)
+    weights: Path = field(default=BUNDLED_WEIGHTS, metadata=WEIGHTS)
 
 
 def _add_doctor(commands) -> None:
@@ -499,10 +261,7 @@ def _add_doctor(commands) -> None:
         description="Try OpenGL, body, weights, ffmpeg, memory and disk. Exit status 1 when "
         "something needed does not work.",
     )
-    _add_body(parser)
-    parser.add_argument(
-        "--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR", help="default: bundled"
-    )
+    add_flags(parser, _Examined)
     add_family_files(parser)
     parser.set_defaults(command=_doctor)
 
@@ -516,28 +275,6 @@ def _doctor(options: argparse.Namespace) -> None:
     broken = [finding.name for finding in findings if finding.is_broken]
     if broken:
         raise RunError(f"not everything works: {', '.join(broken)}; see what to do above.")
-
-
-def _add_body(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--body", type=Path, default=default_body(), metavar="FILE",
-        help="licensed SMPLX_NEUTRAL*.npz (default: $SMPLX_MODEL, else the open body)",
-    )  # fmt: skip
-
-
-def _add_framing(parser: argparse.ArgumentParser, usual: Framing) -> None:
-    parser.add_argument(
-        "--framing", choices=FRAMINGS, default=usual,
-        help="the whole body, or from the knees up and larger (default: %(default)s)",
-    )  # fmt: skip
-
-
-def _add_close_up(parser: argparse.ArgumentParser, usual: str) -> None:
-    parser.add_argument(
-        "--close-up", type=_close_ups, default=usual, metavar="V,...|off",
-        help=f"of {', '.join(CLOSE_UPS)}: beside the body in the first view's video "
-        "(default: %(default)s)",
-    )  # fmt: skip
 
 
 def _add_display(parser: argparse.ArgumentParser) -> None:
@@ -558,63 +295,6 @@ def _add_display(parser: argparse.ArgumentParser) -> None:
 
 def _display(options: argparse.Namespace) -> Display:
     return Display(options.exaggerate, options.trail, options.color)
-
-
-def _add_look(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--look", choices=LOOKS, default=LOOKS[0], metavar="BUILD-TONE",
-        help="of the open body: average, slender or broad, in light, medium, dark or clay "
-        f"(default: {LOOKS[0]})",
-    )  # fmt: skip
-
-
-def _names(value: str) -> tuple[str, ...]:
-    names = tuple(name.strip() for name in value.split(",") if name.strip())
-    if not names:
-        raise argparse.ArgumentTypeError("name at least one")
-    return () if names == ("all",) else names
-
-
-def _counts(value: str) -> tuple[int, ...]:
-    try:
-        return tuple(int(part) for part in value.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{value!r} are no whole numbers") from None
-
-
-def _steps(value: str) -> int | dict[str, int] | None:
-    try:
-        return parse_steps(value)
-    except RunError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
-def _views(value: str) -> tuple[View, ...]:
-    known: dict[str, View] = {view: view for view in VIEWS}
-    unknown = [name for name in _names(value) if name not in known]
-    if unknown:
-        raise argparse.ArgumentTypeError(f"no view {unknown[0]!r}; views are {', '.join(VIEWS)}")
-    return tuple(known[name] for name in dict.fromkeys(_names(value)))
-
-
-def _close_ups(value: str) -> tuple[CloseUp, ...]:
-    known: dict[str, CloseUp] = {close_up: close_up for close_up in CLOSE_UPS}
-    names = () if value == "off" else _names(value)
-    unknown = [name for name in names if name not in known]
-    if unknown:
-        raise argparse.ArgumentTypeError(
-            f"no close-up {unknown[0]!r}; there are {', '.join(CLOSE_UPS)}, or off"
-        )
-    return tuple(known[name] for name in dict.fromkeys(names))
-
-
-def _size(value: str) -> int:
-    size = int(value)
-    try:
-        check_size(size)
-    except RunError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
-    return size
 
 
 def _finish(files: Sequence[Path], notes: Sequence[str]) -> None:

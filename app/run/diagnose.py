@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.errors import RunError
+from app.flags import OUT_FOLDER, flag, names_of
 from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
 from app.run.models import get_body
 from app.run.pictures.comparison import Snapshots, draw_poses
@@ -17,7 +18,17 @@ from app.run.pictures.figures import check_start, draw_error_growth, draw_figure
 from app.run.pictures.followed_point import TIP, TipSource, choose_tip_source
 from app.run.pictures.own_videos import OnFile, VideoOptions, draw_own_videos, picture_motions
 from app.run.pictures.register import SOLE_M
-from app.run.request import MAX_COMPARED, REFERENCE_NAME, WordsAsked
+from app.run.request import (
+    BODY,
+    JOINT,
+    MAX_COMPARED,
+    REFERENCE,
+    REFERENCE_NAME,
+    START,
+    TRANSCRIPT,
+    WORDS,
+    WordsAsked,
+)
 from app.run.result_folder import ResultFolder
 from app.run.words import SpokenWords
 from model.speech.transcript import NOTHING_SAID, Transcript
@@ -49,37 +60,82 @@ LENGTHS_APART_S = 1.0
 class DiagnoseRequest:
     """Which files to measure, beside what, and what to look at."""
 
-    motions: tuple[Path, ...]
-    out: Path
+    motions: tuple[Path, ...] = field(
+        metadata=flag(
+            ".npz (BEAT2, AMASS, SMPL-X parameters), .npy (rotations, TalkSHOW) or .bvh; or "
+            "folders or zips of them, paired by name, for numbers over many clips",
+            "MOTION",
+            Path,
+            is_positional=True,
+            takes_several=True,
+        )
+    )
+    out: Path = field(metadata=OUT_FOLDER)
     names: tuple[str, ...] = ()
     """What to call the motions; by default their files' stems (`unique_names`)."""
-    reference: Path | None = None
-    speech: Path | None = None
+    reference: Path | None = field(default=None, metadata=REFERENCE)
+    speech: Path | None = field(
+        default=None,
+        metadata=flag(
+            "their sound, for BeatAlign and its chance level; a folder of it for folders",
+            "WAV",
+            Path,
+        ),
+    )
     """The sound that all of them belong to, for BeatAlign."""
-    mean_speeds: Path | None = None
+    mean_speeds: Path | None = field(
+        default=None,
+        metadata=flag(
+            "EMAGE's mean_vel_smplxflame_30.npy (BEAT2's folder weights): BeatAlign with its "
+            "published speeds of the joints, to be held against papers",
+            "NPY",
+            Path,
+        ),
+    )
     """EMAGE's published speeds of the joints (``mean_vel_smplxflame_30.npy``), for a BeatAlign that
     can be held against papers."""
-    transcript: Path | None = None
+    transcript: Path | None = field(default=None, metadata=TRANSCRIPT)
     """A TextGrid of that speech, or a plain text (.txt) of it, for numbers and time line."""
-    words: WordsAsked = "none"
+    words: WordsAsked = field(default="none", metadata=WORDS)
     """Whether the words of the speech are recognised where there is no transcript."""
-    shown: tuple[str, ...] = ()
+    shown: tuple[str, ...] = field(
+        default=(),
+        metadata=flag(
+            "which motions the figures show, by the names of their files (default: the first six)",
+            "A,B,...",
+            names_of,
+            "--show",
+        ),
+    )
     """Names of the motions that the figures show, where there are more than `MAX_COMPARED`; by
     default the first. All are measured."""
-    joint: str = TIP
+    joint: str = field(default=TIP, metadata=JOINT)
     """The fingertip or joint that figure and tip measures follow."""
-    start_frame: int = 0
+    start_frame: int = field(default=0, metadata=START)
     """First frame of Figure 6."""
-    body: Path | None = None
-    has_pictures: bool = True
+    body: Path | None = field(default=None, metadata=BODY)
+    has_pictures: bool = field(
+        default=True, metadata=flag("a figure without poses", name="--no-pictures")
+    )
     videos: VideoOptions | None = None
     """How the shown motions are drawn as videos; None draws none."""
     is_played: bool = False
     """Whether the shown motions are told of before they are measured, for a player."""
-    window: int | None = None
+    window: int | None = field(
+        default=None,
+        metadata=flag(
+            "frames of the windows that the motions were made of, if you know it (default: every "
+            "period from 2 to 240 frames is tried)",
+            "N",
+            int,
+        ),
+    )
     """Frames of the windows that all motions but the reference were made of, if that is known;
     otherwise each is searched for a period of its own."""
-    overlap: int = 0
+    overlap: int = field(
+        default=0,
+        metadata=flag("frames that two such windows share (default: %(default)s)", "M", int),
+    )
     """Frames that two windows share."""
     max_frames: int | None = None
     """Of all files together, at 30 a second."""

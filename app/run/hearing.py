@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING
 
 from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
+from app.flags import MANNER, WEIGHTS, flag, names_of
 from app.run.models import get_system
 from app.run.pictures.hearing_videos import draw_hearing_videos
 from app.run.request import file_stem
 from app.run.result_folder import ResultFolder
+from model.systems.registry import usual_systems
 from renderer.figures.style import MAX_SYSTEMS
 
 if TYPE_CHECKING:
@@ -31,25 +33,58 @@ _GENERATED_BEFORE_VIDEOS = 0.3
 _NAMED = re.compile(r"(?:(?P<system>.+?)__)?(?P<speech>.+?)__(?P<seed>\d{1,9})\.npz")
 
 
+def _two_names(written: str) -> tuple[str, str]:
+    calm, comma, lively = written.partition(",")
+    if not (calm and comma and lively) or calm == lively:
+        raise RunError(f"--speakers takes two names, CALM,LIVELY; got {written!r}.")
+    return calm, lively
+
+
 @dataclass(frozen=True)
 class HearingRequest:
     """What is compared: motions that are generated here, or those of a folder."""
 
-    out: Path
+    out: Path = field(metadata=flag(None, "DIR", Path))
     speeches: tuple[Path, ...] = ()
     """Two or more; none where ``motions`` are given."""
-    systems: tuple[str, ...] = ()
-    seeds: int = 2
+    systems: tuple[str, ...] = field(
+        default=(),
+        metadata=flag(
+            "default: %(default)s",
+            "A,B,...",
+            names_of,
+            usual=lambda: ",".join(usual_systems("hearing")),
+        ),
+    )
+    seeds: int = field(default=2, metadata=flag("default: %(default)s", "N", int))
     """Noise seeds, from 0 on."""
-    speaker: str | None = None
-    guidance: float | None = None
-    speakers: tuple[str, str] | None = None
+    speaker: str | None = field(default=None, metadata=MANNER)
+    guidance: float | None = field(
+        default=None,
+        metadata=flag(
+            "strength of the speech; 1 is as trained (default: as suits each system)", "N", float
+        ),
+    )
+    speakers: tuple[str, str] | None = field(
+        default=None,
+        metadata=flag(
+            "two speakers whose manner is compared on the first speech, such as hana,june",
+            "CALM,LIVELY",
+            _two_names,
+        ),
+    )
     """A calm one and a lively one, who are compared on the first speech as well."""
-    has_videos: bool = False
+    has_videos: bool = field(
+        default=False,
+        metadata=flag(
+            "draw the bodies of the first two speeches and seeds, under the sound of either",
+            name="--videos",
+        ),
+    )
     """Whether the bodies of the first two speeches and seeds are drawn."""
     motions: Path | None = None
     """A folder of anyone's motion: ``[SYSTEM__]SPEECH__SEED.npz``."""
-    weights: Path = BUNDLED_WEIGHTS
+    weights: Path = field(default=BUNDLED_WEIGHTS, metadata=WEIGHTS)
     max_speech_s: float = 600.0
 
     def __post_init__(self) -> None:

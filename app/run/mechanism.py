@@ -5,11 +5,12 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.errors import RunError
+from app.flags import SEED, SOUND, flag
 from app.run.display import Display
 from app.run.models import get_body
 from app.run.pictures.export import body_motion, render_settings
@@ -17,7 +18,7 @@ from app.run.pictures.followed_point import TIP, choose_tip_source
 from app.run.pictures.marked import marks_of
 from app.run.pictures.own_videos import OnFile
 from app.run.pictures.videos import draw_videos
-from app.run.request import Artefact, file_stem
+from app.run.request import BODY, JOINT, Artefact, file_stem
 
 if TYPE_CHECKING:
     from model.measures.error_growth import ErrorGrowth
@@ -35,17 +36,28 @@ _DRAWN = 0.85
 class MechanismRequest:
     """Which motion, how much noise, what to follow."""
 
-    motion: Path
-    out: Path
+    motion: Path = field(metadata=flag(None, "MOTION.npz", Path, is_positional=True))
+    out: Path = field(metadata=flag(None, "FILE.mp4", Path))
     """An mp4."""
-    noise_rad: float = 0.02
+    noise_rad: float = field(
+        default=0.02,
+        metadata=flag(
+            f"deviation about each axis, {NOISE_RAD[0]:g} to {NOISE_RAD[1]:g} "
+            "(default: %(default)s)",
+            "RAD",
+            float,
+            "--noise",
+        ),
+    )
     """Deviation of each component of the random turns."""
-    seed: int = 0
-    joint: str = TIP
+    seed: int = field(default=0, metadata=SEED)
+    joint: str = field(default=TIP, metadata=JOINT)
     """The point whose trail and numbers are told."""
-    speech: Path | None = None
-    body: Path | None = None
-    size: int = 640
+    speech: Path | None = field(default=None, metadata=SOUND)
+    body: Path | None = field(default=None, metadata=BODY)
+    size: int = field(
+        default=640, metadata=flag("height of a body (default: %(default)s)", "PX", int)
+    )
     """Height of a body in pixels."""
     is_played: bool = False
     """Whether both motions are left beside ``out`` and told of, for a player."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.errors import RunError
-from app.run.request import MAX_GUIDANCE, WordsAsked
+from app.flags import MANNER, SEED, WEIGHTS, flag
+from app.run.request import MAX_GUIDANCE, STYLE, TRANSCRIPT, WORDS, WordsAsked
 from app.run.words import SpokenWords
 
 if TYPE_CHECKING:
@@ -20,20 +21,34 @@ MAX_SPEECH_S = 3600.0
 class PlanRequest:
     """What is to be planned, and where the plan goes."""
 
-    speech: Path
-    out: Path
-    weights: Path
-    speaker: str | None = None
+    speech: Path = field(
+        metadata=flag("any sound file, or a motion", "SPEECH|MOTION", Path, is_positional=True)
+    )
+    out: Path = field(
+        metadata=flag("ends in .json, or in .TextGrid or .eaf for Praat and ELAN", "FILE", Path)
+    )
+    weights: Path = field(metadata=WEIGHTS)
+    speaker: str | None = field(default=None, metadata=MANNER)
     """None is the first speaker that the system knows."""
-    seed: int = 0
-    guidance: float | None = None
+    seed: int = field(default=0, metadata=SEED)
+    guidance: float | None = field(
+        default=None,
+        metadata=flag(
+            "strength of the speech, 0 to 10; 1 is as trained (default: as suits the planner)",
+            "N",
+            float,
+        ),
+    )
     """Strength of the speech; None as suits the planner."""
-    transcript: Path | None = None
+    transcript: Path | None = field(default=None, metadata=TRANSCRIPT)
     """See `GenerateRequest.transcript`."""
-    words: WordsAsked = "none"
-    is_empty: bool = False
+    words: WordsAsked = field(default="none", metadata=WORDS)
+    is_empty: bool = field(
+        default=False,
+        metadata=flag("draw nothing: leave the tiers to be annotated by hand", name="--empty"),
+    )
     """Of the speech's length with nothing in it, to be filled in by hand."""
-    style: Path | None = None
+    style: Path | None = field(default=None, metadata=STYLE)
     """A style file (`model.plan.wish`), done to the plan."""
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
+from app.flags import OUT_FOLDER, SEED, SPEAKER, SPEECH, WEIGHTS, flag, names_of
 from app.run.models import get_system
 from app.run.result_folder import ResultFolder
 from model.storage.harmless import csv_text
@@ -35,13 +36,21 @@ FINGERTIP = "right_middle"
 class StepCurveRequest:
     """What is measured."""
 
-    speech: Path
-    out: Path
-    systems: tuple[str, ...]
-    counts: tuple[int, ...] = COUNTS
-    speaker: str | None = None
-    seed: int = 0
-    weights: Path = BUNDLED_WEIGHTS
+    speech: Path = field(metadata=SPEECH)
+    out: Path = field(metadata=OUT_FOLDER)
+    systems: tuple[str, ...] = field(metadata=flag("at most six", "A,B,...", names_of))
+    counts: tuple[int, ...] = field(
+        default=COUNTS,
+        metadata=flag(
+            f"numbers of steps (default: {','.join(map(str, COUNTS))})",
+            "N,N,...",
+            lambda written: tuple(map(int, written.split(","))),
+            "--steps",
+        ),
+    )
+    speaker: str | None = field(default=None, metadata=SPEAKER)
+    seed: int = field(default=0, metadata=SEED)
+    weights: Path = field(default=BUNDLED_WEIGHTS, metadata=WEIGHTS)
     max_speech_s: float = 600.0
 
     def __post_init__(self) -> None:

@@ -8,10 +8,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
 from app.errors import RunError
+from app.flags import SOUND, flag
 from app.run.display import Display, check_display
 from app.run.models import get_body
 from app.run.pictures.marked import displayed, marks_of
-from app.run.request import LOOKS, CloseUp, Framing, View, check_size
+from app.run.request import (
+    BODY,
+    FRAMING,
+    LOOK,
+    LOOKS,
+    VIEWS,
+    CloseUp,
+    Framing,
+    View,
+    check_size,
+    close_up_flag,
+    read_size,
+    read_views,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -35,30 +49,63 @@ ENDINGS = (".mp4", ".png", ".glb", ".bvh", ".blender.npz")
 class RenderRequest:
     """What is to be drawn of one motion file."""
 
-    motion: Path
-    out: Path
+    motion: Path = field(metadata=flag(None, "MOTION.npz", Path, is_positional=True))
+    out: Path = field(metadata=flag(None, f"FILE{'|'.join(ENDINGS)}", Path))
     """Its ending, one of `ENDINGS`, says what is made."""
-    speech: Path | None = None
-    body: Path | None = None
-    look: str = LOOKS[0]
-    views: tuple[View, ...] = ("front",)
+    speech: Path | None = field(default=None, metadata=SOUND)
+    body: Path | None = field(default=None, metadata=BODY)
+    look: str = field(default=LOOKS[0], metadata=LOOK)
+    views: tuple[View, ...] = field(
+        default=("front",),
+        metadata=flag(
+            f"of {', '.join(VIEWS)}; the files of all but the first have the view in their name "
+            "(default: front)",
+            "V,...",
+            read_views,
+        ),
+    )
     """The first one's files are called as ``out``; the others' have the view in their name."""
-    close_ups: tuple[CloseUp, ...] = ()
+    close_ups: tuple[CloseUp, ...] = field(default=(), metadata=close_up_flag("off"))
     """Beside the body, in the videos and pictures of the first view."""
-    framing: Framing = "whole"
+    framing: Framing = field(default="whole", metadata=FRAMING)
     display: Display = field(default_factory=Display)
     """What pictures show beyond the body as it moves."""
-    joint: str = "right_middle"
+    joint: str = field(
+        default="right_middle",
+        metadata=flag("fingertip or joint that a trail follows (default: %(default)s)", "NAME"),
+    )
     """The fingertip or joint that a trail follows."""
-    size: int = 720
+    size: int = field(default=720, metadata=flag("height (default: %(default)s)", "PX", read_size))
     """Width and height of the body's picture."""
-    is_draft: bool = False
-    num_stills: int | None = None
+    is_draft: bool = field(
+        default=False, metadata=flag("faster, with jagged edges", name="--draft")
+    )
+    num_stills: int | None = field(
+        default=None, metadata=flag("N single pictures as .png", "N", int, "--stills")
+    )
     """So many pictures, evenly spread over the motion."""
-    sheet_every: int | None = None
+    sheet_every: int | None = field(
+        default=None,
+        metadata=flag(
+            "one picture with every N-th frame above its time, as .png", "N", int, "--sheet"
+        ),
+    )
     """A contact sheet of each so-many-th frame."""
-    background: Background = "studio"
-    plan: Path | None = None
+    background: Background = field(
+        default="studio",
+        metadata=flag(
+            "transparent: the body alone, in a .png (default: %(default)s)", choices=BACKGROUNDS
+        ),
+    )
+    plan: Path | None = field(
+        default=None,
+        metadata=flag(
+            "whose events .glb, .bvh (in a .markers.csv beside it) and .blender.npz carry as "
+            "markers (default: the .plan.json beside the motion, if there is one)",
+            "FILE",
+            Path,
+        ),
+    )
     """Whose events files for 3D software carry as markers; None takes the ``.plan.json`` that a
     run has left beside the motion, if there is one."""
 

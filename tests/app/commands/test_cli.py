@@ -394,15 +394,15 @@ def test_doctor_finds_what_is_missing(
 def test_what_videos_show_is_asked_for_by_flags() -> None:
     parse = make_parser().parse_args
     usual = parse(["generate", "a.wav", "--out", "x"])
-    assert (usual.close_up, usual.framing) == (("hands",), "knees")
+    assert (usual.close_ups, usual.framing) == (("hands",), "knees")
     assert (usual.exaggerate, usual.trail, usual.color) == (1, False, "natural")
     asked = parse(
         "render a.npz --out x.mp4 --close-up hands,face --framing knees "
         "--exaggerate 20 --trail --color jerk".split()
     )
-    assert (asked.close_up, asked.framing) == (("hands", "face"), "knees")
+    assert (asked.close_ups, asked.framing) == (("hands", "face"), "knees")
     assert (asked.exaggerate, asked.trail, asked.color) == (20, True, "jerk")
-    assert parse(["generate", "a.wav", "--out", "x", "--close-up", "off"]).close_up == ()
+    assert parse(["generate", "a.wav", "--out", "x", "--close-up", "off"]).close_ups == ()
 
 
 @pytest.mark.parametrize("flags", [["--close-up", "feet"], ["--exaggerate", "7"]])
