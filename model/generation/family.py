@@ -82,6 +82,8 @@ class Family:
     package: str
     """Its folder as Python imports it: ``package.task.make_task(config, data, workshop)`` makes
     what is trained, ``package.system.load(name, folder)`` reads a generator."""
+    place: int = 100
+    """Where its systems are shown among the families': the least first."""
     helpers: tuple[str, ...] = ()
     """Networks that are trained like systems and serve them."""
     own_samplers: Mapping[str, tuple[Sampler, ...]] = field(default_factory=dict)

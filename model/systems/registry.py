@@ -1,37 +1,27 @@
 """Which families there are, and by them every system by its name. Does not import torch."""
 
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any
 
+import model.systems
 from model.generation.family import Family, FamilyError, UnknownNameError, Use
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
-from model.systems import (
-    asynfusion,
-    autoencoders,
-    face,
-    gan,
-    globaldiff,
-    matching,
-    official,
-    planned,
-    speech_encoder,
-)
 from model.systems.installed import register_installed
 
 if TYPE_CHECKING:
     from model.generation.base import System
 
-_FAMILIES: list[Family] = [
-    planned.FAMILY,
-    globaldiff.FAMILY,
-    asynfusion.FAMILY,
-    gan.FAMILY,
-    official.FAMILY,
-    face.FAMILY,
-    autoencoders.FAMILY,
-    matching.FAMILY,
-    speech_encoder.FAMILY,
-]
+
+def _bundled() -> list[Family]:
+    """Those of the folders beside this file, each of which makes one as its ``FAMILY``."""
+    folders = (each.name for each in iter_modules(model.systems.__path__) if each.ispkg)
+    found = [import_module(f"{model.systems.__name__}.{name}").FAMILY for name in folders]
+    return sorted(found, key=lambda family: (family.place, family.name))
+
+
+_FAMILIES = _bundled()
 
 
 def families() -> tuple[Family, ...]:

@@ -38,6 +38,7 @@ FAMILY = Family(
     presets=PRESETS,
     config=named_config,
     package="model.systems.asynfusion",
+    place=3,
     own_samplers={
         DDIM: (
             Sampler("ddim", 25, 25, SAMPLER_TITLES["ddim"]),

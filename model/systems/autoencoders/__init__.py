@@ -12,5 +12,6 @@ FAMILY = Family(
     presets=PRESETS,
     config=named_config,
     package="model.systems.autoencoders",
+    place=7,
     helpers=(MOTION_VAE, *JUDGES),
 )

@@ -12,5 +12,6 @@ FAMILY = Family(
     presets=PRESETS,
     config=named_config,
     package="model.systems.face",
+    place=6,
     helpers=(EXPRESSION,),
 )

@@ -30,6 +30,7 @@ FAMILY = Family(
     presets=PRESETS,
     config=named_config,
     package="model.systems.gan",
+    place=4,
     own_samplers={
         name: tuple(Sampler(way, steps, title=_TITLES[way]) for way in (SAMPLER, *SOLVERS))
         for name, steps in SYSTEMS.items()

@@ -26,6 +26,7 @@ FAMILY = Family(
     presets=PRESETS,
     config=named_config,
     package="model.systems.globaldiff",
+    place=2,
     guidance=dict.fromkeys(SYSTEMS, 2.5),
     usual={
         "run": (_LOCAL, _GLOBAL, BEST),

@@ -12,5 +12,6 @@ FAMILY = Family(
     presets=PRESETS,
     config=named_config,
     package="model.systems.matching",
+    place=8,
     helpers=(HEARING_JUDGE,),
 )

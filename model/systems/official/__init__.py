@@ -121,6 +121,7 @@ FAMILY = OfficialFamily(
     presets=(),
     config=named_config,
     package="model.systems.official",
+    place=5,
     whole_speech=(FILTERED, UNFILTERED),
     shared_weights={UNFILTERED: FILTERED},
     files_title="GlobalDiff by its authors (docs/official.md)",

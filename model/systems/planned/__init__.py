@@ -17,6 +17,7 @@ FAMILY = Family(
     presets=PRESETS,
     config=named_config,
     package="model.systems.planned",
+    place=1,
     helpers=(PLANNER,),
     guidance={PLANNED: 2.5},
     usual=dict.fromkeys(("run", "hearing", "hearing-tab"), (PLANNED,)),

@@ -13,5 +13,6 @@ FAMILY = Family(
     presets=PRESETS,
     config=named_config,
     package="model.systems.speech_encoder",
+    place=9,
     helpers=(SPEECH_ENCODER,),
 )

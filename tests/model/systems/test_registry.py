@@ -30,6 +30,14 @@ def test_folder_is_listed_without_loading(folder):
     assert file_stem("globaldiff/global") == "globaldiff-global"
 
 
+def test_families_are_those_of_the_folders_in_the_order_of_their_places():
+    beside = [each.parent.name for each in (ROOT / "model" / "systems").glob("*/__init__.py")]
+    found = [family for family in families() if family.package.startswith("model.systems.")]
+    assert sorted(family.package.rsplit(".", 1)[1] for family in found) == sorted(beside)
+    assert [family.place for family in found] == sorted(family.place for family in found)
+    assert [family.name for family in found][:2] == ["planned", "globaldiff"]
+
+
 def test_a_loaded_system_knows_its_speakers(folder):
     system = load_system("globaldiff/local", folder)
     assert system.config.rotation_space == "local" and system.speaker_index("bob") == 2
