@@ -1,6 +1,7 @@
 """How much poses, and windows of motion, differ from each other."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Float32, Int
@@ -16,6 +17,18 @@ BATCH_WINDOWS = 50
 WINDOW_FRAMES, EVERY_FRAMES = 60, 2
 """2 s at 15 frames per second, as the paper has them (34 frames at 15 per second)."""
 GESTURE_DIM = 3 * NUM_JOINTS
+
+
+@dataclass(frozen=True)
+class Diversity:
+    """Of the poses of one motion."""
+
+    l1_diversity_m: float
+
+
+def diversity(positions: Float[np.ndarray, "T J 3"]) -> Diversity:
+    """Of joints about the first of them, in metres."""
+    return Diversity(l1_to_mean(positions - positions[:, :1]))
 
 
 def l1_to_mean(positions: Float[np.ndarray, "T J 3"]) -> float:

@@ -8,10 +8,14 @@ outwards, proximal interphalangeal 100 and 0, distal 80 to 90 and 0; the thumb's
 (palmar abduction), 55 and 80. To each, `TOLERANCE_DEG` is added.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Bool, Float, Float64
 
+from model.measures.shapes import Sides
 from model.motion.skeleton import FINGERTIP_NAMES, HANDS, JOINT_INDEX, JOINT_NAMES, RestSkeleton
+from model.motion.tracks import Tracks
 
 FLEXION_DEG = {1: (-45.0, 90.0), 2: (0.0, 100.0), 3: (0.0, 90.0)}
 """Outwards and inwards, of the first, second and third joint of a finger."""
@@ -87,3 +91,23 @@ def _next_bone(joint: int, skeleton: RestSkeleton) -> Float64[np.ndarray, " 3"]:
         return skeleton.tip_offsets[FINGERTIP_NAMES.index(finger)].double().numpy()
     rest = skeleton.rest_joints.double().numpy()
     return rest[JOINT_INDEX[f"{finger}{segment + 1}"]] - rest[joint]
+
+
+@dataclass(frozen=True)
+class RangeMeasures:
+    """Of joints bent as no human joint is, as shares of all frames."""
+
+    finger_angle_outside_share: float
+    finger_angle_outside_by_joint: dict[str, float]
+    elbow_backwards_share: Sides[float]
+
+
+def range_measures(tracks: Tracks, skeleton: RestSkeleton) -> RangeMeasures:
+    """How often joints are bent as no human joint is."""
+    share = finger_is_outside(tracks.local_rot, skeleton).mean(axis=0)
+    left, right = (elbow_backwards_share(tracks.local_rot, skeleton, s) for s in ("left", "right"))
+    return RangeMeasures(
+        finger_angle_outside_share=float(share.mean()),
+        finger_angle_outside_by_joint=dict(zip(FINGER_JOINT_NAMES, share.tolist(), strict=True)),
+        elbow_backwards_share=Sides(left, right),
+    )

@@ -3,12 +3,16 @@
 Positions are in metres, y up, 30 fps. A measure that a clip cannot have is NaN.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Float
 
+from model.measures.shapes import Sides
 from model.measures.smoothness import derivative_magnitudes
 from model.motion.skeleton import JOINT_INDEX
 from model.motion.timing import FPS
+from model.motion.tracks import Tracks
 
 GROUND_PERCENTILE = 5.0
 CONTACT_HEIGHT_M = 0.05
@@ -79,3 +83,53 @@ def root_drift(pelvis: Float[np.ndarray, "T 3"]) -> float:
         return float("nan")
     apart = pelvis[-FPS:].mean(axis=0) - pelvis[:FPS].mean(axis=0)
     return float(np.hypot(apart[0], apart[2]))
+
+
+@dataclass(frozen=True)
+class HeightRange:
+    """5th and 95th percentile."""
+
+    p5: float
+    p95: float
+
+
+@dataclass(frozen=True)
+class Tilt:
+    """Over all frames."""
+
+    mean: float
+    p95: float
+
+
+@dataclass(frozen=True)
+class PostureMeasures:
+    """Of feet, spine, hands and place."""
+
+    foot_slide_m_s: float
+    foot_height_m: Sides[HeightRange]
+    spine_tilt_deg: Tilt
+    hand_speed_symmetry: float
+    root_drift_m: float
+    foot_contact_share: float
+    foot_floating_share: float
+    foot_sinking_share: float
+
+
+def posture_measures(tracks: Tracks) -> PostureMeasures:
+    """Of feet, spine, hands and place."""
+    feet = tracks.joints[:, list(FEET)]
+    tilt = spine_tilt_deg(tracks.joints)
+    low, high = np.percentile(
+        height_above_ground(feet), (LOW_PERCENTILE, HIGH_PERCENTILE), axis=0
+    ).tolist()
+    contact, floating, sinking = foot_contact(feet)
+    return PostureMeasures(
+        foot_slide_m_s=foot_slide(feet),
+        foot_height_m=Sides(*map(HeightRange, low, high)),
+        spine_tilt_deg=Tilt(float(tilt.mean()), float(np.percentile(tilt, HIGH_PERCENTILE))),
+        hand_speed_symmetry=hand_speed_symmetry(tracks.joints),
+        root_drift_m=root_drift(tracks.joints[:, 0]),
+        foot_contact_share=contact,
+        foot_floating_share=floating,
+        foot_sinking_share=sinking,
+    )

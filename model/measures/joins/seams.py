@@ -1,12 +1,20 @@
 """Do the joins of generated windows show? Jerk folded on the window period."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from model.measures.joins.periods import MIN_PERIODS, by_phase, chance_of_pulses
+from model.measures.joins.periods import (
+    MIN_PERIODS,
+    Period,
+    by_phase,
+    chance_of_pulses,
+    part_jerk_by_phase,
+)
 from model.measures.smoothness import STILL_M_S3, derivative_magnitudes
+from model.motion.tracks import Tracks
 
 
 @dataclass(frozen=True)
@@ -105,3 +113,35 @@ def recurring_jerk(
         return RecurringJerk(None, num_windows, float("nan"))
     phase = int(medians.argmax())
     return RecurringJerk(phase, num_windows, float(medians[phase] / usual), chance)
+
+
+@dataclass(frozen=True)
+class SeamMeasures:
+    """Of the joins of windows, or of the period that was found where no windows are known."""
+
+    seam_jerk_ratio: float
+    jerk_by_window_phase_m_s3: Float[np.ndarray, " window_advance"]
+    """Empty where there are neither windows nor a period."""
+    recurring_jerk: RecurringJerk
+    folded_on_frames: int | None = None
+    """From one window, or period, to the next."""
+    period: Period | None = None
+    """Found in the raw motion, whether or not windows are known."""
+
+
+def seam_measures(tracks: Tracks, windows: Windows | None, period: Period | None) -> SeamMeasures:
+    """Folded on the windows, or else on the period; a period may start anywhere, so that joins are
+    looked for in windows only."""
+    if windows is not None:
+        return SeamMeasures(
+            seam_jerk_ratio(tracks.joints, windows.advance, windows.overlap),
+            jerk_by_window_phase(tracks.joints, windows.advance),
+            recurring_jerk(tracks.joints, windows.advance),
+            windows.advance,
+            period,
+        )
+    unknown = RecurringJerk(None, 0, math.nan)
+    if period is None:
+        return SeamMeasures(math.nan, np.empty(0), unknown)
+    by_phase = part_jerk_by_phase(tracks, period.part, period.frames)
+    return SeamMeasures(math.nan, by_phase, unknown, period.frames, period)

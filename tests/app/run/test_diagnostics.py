@@ -11,7 +11,7 @@ from app.run.pictures.followed_point import choose_tip_source
 from app.run.result_folder import ResultFolder
 from model.measures.beats import speech_onsets
 from model.measures.diagnostics import diagnose
-from model.measures.results import Spectrum
+from model.measures.point import Spectrum
 from model.motion.skeleton import open_body_skeleton
 from model.speech.audio import Speech
 from model.speech.transcript import Interval, Transcript, Word

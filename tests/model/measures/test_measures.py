@@ -10,12 +10,13 @@ import pytest
 import torch
 from scipy.integrate import quad
 
-from model.measures import posture, smoothness
+from model.measures import point, posture, smoothness
 from model.measures.attribution import attribute_jerk
 from model.measures.beats import read_mean_speeds
 from model.measures.diagnostics import diagnose
 from model.measures.joins.seams import recurring_jerk
 from model.measures.joint_range import elbow_backwards_share, finger_is_outside
+from model.measures.joints import rotation_noise
 from model.measures.measures import measures
 from model.measures.spectrum import velocity_spectrum
 from model.motion.filtering import smooth_rotations
@@ -66,10 +67,10 @@ def test_log_dimensionless_jerk_of_a_sine():
     path = np.stack([0.3 * np.sin(2 * np.pi * hertz * t), 0 * t, 0 * t], axis=1)
     rate = 2 * 30 * np.sin(np.pi * hertz / 30)
     expected = -math.log(2.0**4 * rate**4 / 2)
-    assert smoothness.log_dimensionless_jerk(path) == pytest.approx(expected, abs=0.05)
-    assert smoothness.log_dimensionless_jerk(7 * path) == pytest.approx(expected, abs=0.05)
-    assert math.isnan(smoothness.log_dimensionless_jerk(path[:3]))
-    assert math.isnan(smoothness.log_dimensionless_jerk(np.ones((61, 3))))
+    assert point.log_dimensionless_jerk(path) == pytest.approx(expected, abs=0.05)
+    assert point.log_dimensionless_jerk(7 * path) == pytest.approx(expected, abs=0.05)
+    assert math.isnan(point.log_dimensionless_jerk(path[:3]))
+    assert math.isnan(point.log_dimensionless_jerk(np.ones((61, 3))))
 
 
 def test_sparc_of_a_bell_is_the_length_of_its_own_curve():
@@ -85,20 +86,20 @@ def test_sparc_of_a_bell_is_the_length_of_its_own_curve():
 
     expected = -quad(step, 0, end)[0]
     speed = np.exp(-(t**2) / (2 * width_s**2))
-    assert smoothness.sparc(speed) == pytest.approx(expected, abs=0.01)
-    assert smoothness.sparc(speed) == pytest.approx(smoothness.sparc(5 * speed))
-    assert smoothness.sparc(speed + np.roll(speed, 30)) < smoothness.sparc(speed) - 0.3
-    assert math.isnan(smoothness.sparc(np.zeros(60)))
+    assert point.sparc(speed) == pytest.approx(expected, abs=0.01)
+    assert point.sparc(speed) == pytest.approx(point.sparc(5 * speed))
+    assert point.sparc(speed + np.roll(speed, 30)) < point.sparc(speed) - 0.3
+    assert math.isnan(point.sparc(np.zeros(60)))
 
 
 def test_movement_smoothness_does_not_depend_on_the_clip_s_length():
     t = np.arange(601) / 30
     path = np.stack([0.2 * np.sin(2 * np.pi * t), 0 * t, 0 * t], axis=1)
     np.testing.assert_allclose(
-        smoothness.mean_over_movements(path), smoothness.mean_over_movements(path[:61]), rtol=1e-6
+        point.mean_over_movements(path), point.mean_over_movements(path[:61]), rtol=1e-6
     )
-    assert np.isnan(smoothness.mean_over_movements(path[:60])).all()
-    assert np.isfinite(smoothness.mean_over_movements(path[:61])).all()
+    assert np.isnan(point.mean_over_movements(path[:60])).all()
+    assert np.isfinite(point.mean_over_movements(path[:61])).all()
 
 
 def test_spectrum_of_two_tones_has_their_powers_at_their_places():
@@ -137,7 +138,7 @@ def test_rotation_noise_is_recovered_from_a_moving_joint():
     noise = matrix_from_axis_angle(torch.from_numpy(0.02 * rng.standard_normal((900, 3))))
     for rotmat, expected in ((swing @ noise, 0.02), (swing, 0.0)):
         velocity = smoothness.angular_velocity(rotmat[:, None].numpy())
-        found = smoothness.rotation_noise(velocity)[0]
+        found = rotation_noise(velocity)[0]
         assert found == pytest.approx(expected, abs=0.0015)
 
 

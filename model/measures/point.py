@@ -1,0 +1,124 @@
+"""How smoothly the followed point moves, as pure functions and as all that is measured of it.
+
+Positions are in metres, at 30 fps. A measure that a clip is too short to have, or that would be
+0 / 0, is NaN.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from model.measures.attribution import JerkAttribution, attribute_jerk
+from model.measures.smoothness import derivative_magnitudes, mean_over_time
+from model.measures.spectrum import HIGH_FREQUENCY_HZ, velocity_spectrum
+from model.motion.timing import FPS
+from model.motion.tracks import Tracks
+
+STILL_M_S = 1e-4
+"""A point that never gets as fast as 0.1 mm/s stands."""
+MOVEMENT_FRAMES = 60
+"""Stretches that SPARC and the dimensionless jerk are taken over. Both depend on how long a
+movement lasts, so that whole clips of different lengths could not be compared; 2 s hold a gesture.
+"""
+SPARC_CUTOFF_HZ = 10.0
+SPARC_THRESHOLD = 0.05
+SPARC_PADDING = 4
+"""Balasubramanian et al. 2015: cut-off, amplitude threshold and level of zero padding."""
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Bin by bin, summing to 1."""
+
+    frequency_hz: Float[np.ndarray, " bins"]
+    velocity_power: Float[np.ndarray, " bins"]
+
+
+@dataclass(frozen=True)
+class PointMeasures:
+    """Of the followed point."""
+
+    tip_jerk_m_s3: float
+    tip_acceleration_m_s2: float
+    tip_path_m_s: float
+    tip_velocity_power_above_5hz: float
+    tip_spectrum: Spectrum | None
+    tip_sparc: float
+    tip_log_dimensionless_jerk: float
+    tip_jerk_attribution: JerkAttribution
+
+
+def point_measures(
+    point: Float[np.ndarray, "T 3"], tracks: Tracks, chain: tuple[int, ...]
+) -> PointMeasures:
+    """Of a point that moves with the last joint of ``chain``."""
+
+    def mean(order: int) -> float:
+        return float(mean_over_time(derivative_magnitudes(point, order)))
+
+    arc_length, log_jerk = mean_over_movements(point)
+    above_5hz, shares = math.nan, None
+    spectrum = velocity_spectrum(np.diff(point, axis=0) * FPS)
+    if spectrum is not None and spectrum.power.any():
+        above_5hz = float(spectrum.share_above(HIGH_FREQUENCY_HZ))
+        shares = Spectrum(spectrum.frequency_hz, spectrum.share())
+    return PointMeasures(
+        tip_jerk_m_s3=mean(3),
+        tip_acceleration_m_s2=mean(2),
+        tip_path_m_s=mean(1),
+        tip_velocity_power_above_5hz=above_5hz,
+        tip_spectrum=shares,
+        tip_sparc=arc_length,
+        tip_log_dimensionless_jerk=log_jerk,
+        tip_jerk_attribution=attribute_jerk(point, tracks, chain),
+    )
+
+
+def sparc(speed: Float[np.ndarray, " T"]) -> float:
+    """Spectral arc length of a speed profile (Balasubramanian et al. 2015); nearer 0 is smoother.
+
+    Minus the length of the curve of the magnitude spectrum, divided by its value at 0 Hz, over
+    frequencies from 0 to the last one below 10 Hz where it reaches 0.05, scaled to 0 to 1. NaN for
+    a profile that is zero.
+    """
+    if not len(speed) or speed.max() < STILL_M_S:
+        return float("nan")
+    padded = 2 ** (int(np.ceil(np.log2(len(speed)))) + SPARC_PADDING)
+    magnitude = np.abs(np.fft.rfft(speed, padded))
+    frequency = np.fft.rfftfreq(padded, 1 / FPS)
+    magnitude = magnitude[frequency <= SPARC_CUTOFF_HZ] / magnitude.max()
+    end = int(np.flatnonzero(magnitude >= SPARC_THRESHOLD)[-1]) + 1
+    steps = np.diff(magnitude[:end])
+    return float(-np.hypot(1 / max(end - 1, 1), steps).sum())
+
+
+def log_dimensionless_jerk(positions: Float[np.ndarray, "T 3"]) -> float:
+    """``-ln(T^3 / v_peak^2 * integral of |jerk|^2 dt)``; higher is smoother (same source).
+
+    NaN under 4 frames and where nothing moves.
+    """
+    jerk = derivative_magnitudes(positions, 3)
+    peak = derivative_magnitudes(positions, 1).max(initial=0.0)
+    if not len(jerk) or peak < STILL_M_S or not jerk.any():
+        return float("nan")
+    duration_s = (len(positions) - 1) / FPS
+    return float(-np.log(duration_s**4 / peak**2 * np.mean(jerk**2)))
+
+
+def mean_over_movements(positions: Float[np.ndarray, "T 3"]) -> tuple[float, float]:
+    """SPARC and log dimensionless jerk, each the mean over stretches of 2 s from the first frame.
+
+    What is left over at the end is not used. NaN under 61 frames; stretches in which the point
+    stands still do not count.
+    """
+    values = []
+    for start in range(0, len(positions) - MOVEMENT_FRAMES, MOVEMENT_FRAMES):
+        stretch = positions[start : start + MOVEMENT_FRAMES + 1]
+        values.append((sparc(derivative_magnitudes(stretch, 1)), log_dimensionless_jerk(stretch)))
+    moving = np.array([pair for pair in values if np.isfinite(pair).all()])
+    if not len(moving):
+        return float("nan"), float("nan")
+    arc, jerk = moving.mean(axis=0)
+    return float(arc), float(jerk)
