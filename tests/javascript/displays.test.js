@@ -5,7 +5,7 @@ import { test } from "node:test";
 
 import { Shown } from "../../app/page/web/stage/displays.js";
 import { belowCutoff, derivative, savgol } from "../../app/page/web/stage/filters.js";
-import { Look, RANGES } from "../../app/page/web/stage/look.js";
+import { DISPLAYS, Look } from "../../app/page/web/stage/look.js";
 import { NUM_JOINTS, unpacked } from "../../app/page/web/stage/motion.js";
 import { Pace } from "../../app/page/web/stage/pace.js";
 import { trailCorners } from "../../app/page/web/stage/trail.js";
@@ -99,16 +99,21 @@ test("a look that an address tells is the same look", () => {
   for (const name of ["factor", "hasTrail", "hasHeat", "point", "cutoff"]) assert.equal(other.get(name), look.get(name), name);
 });
 
+test("each display has a name of its own in an address", () => {
+  const shorts = Object.values(DISPLAYS).map(({ short }) => short);
+  assert.equal(new Set(shorts).size, shorts.length);
+});
+
 test("sliders stay within their range, and nonsense changes nothing", () => {
   const look = new Look();
   let told = 0;
   look.addEventListener("change", () => (told += 1));
   look.set("factor", 1000);
-  assert.equal(look.get("factor"), RANGES.factor[1]);
+  assert.equal(look.get("factor"), DISPLAYS.factor.range[1]);
   look.set("cutoff", -1);
-  assert.equal(look.get("cutoff"), RANGES.cutoff[0]);
+  assert.equal(look.get("cutoff"), DISPLAYS.cutoff.range[0]);
   look.read(new URLSearchParams("x=no+number"));
-  assert.equal(look.get("factor"), RANGES.factor[1]);
+  assert.equal(look.get("factor"), DISPLAYS.factor.range[1]);
   assert.equal(told, 2);
 });
 

@@ -3,54 +3,47 @@
 import { make } from "../dom.js";
 import { currentFilter, followFilter, setFilter } from "../filter_switch.js";
 import { theFacts } from "./facts.js";
-import { RANGES } from "./look.js";
+import { DISPLAYS } from "./look.js";
 
 const SIDES = { Front: [0, 0], "Three quarters": [0.7, 0], Side: [Math.PI / 2, 0], Above: [0, 0.7] }; // yaw and pitch
-const SLIDERS = {
-  cutoff: { label: "Tremble is faster than", unit: "Hz", step: 0.5 },
-  heatScale: { label: "Jerk colours end at", unit: "m/s³", step: 10 },
-  trailFrames: { label: "Trail", unit: "frames", step: 1 },
-};
-const SWITCHES = { isWhole: "Whole body", isAligned: "Pelvis on pelvis", hasWords: "Words", hasBones: "Skeleton", hasAxes: "Axes of joints" };
 
 export class More {
   #look;
   #inputs = new Map();
-  #points;
-  #tones;
-  #builds;
+  #choices = new Map();
 
   /** `orbit` is the stage's; `views` are buttons of the player's own, from label to what each does;
-   * `without` names switches of the look that would do nothing. */
+   * `without` names displays of the look that would do nothing. */
   constructor(look, orbit, views, without = []) {
     this.#look = look;
-    const sliders = Object.entries(SLIDERS).map(([name, told]) => this.#slider(name, told));
-    const switches = Object.entries(SWITCHES).filter(([name]) => !without.includes(name)).map(([name, label]) => this.#switch(name, label));
-    switches.push(this.#smoothed());
-    this.#points = make("select", { "aria-label": "Point of the trail", onchange: () => look.set("point", this.#points.value) });
-    this.#tones = make("select", { "aria-label": "Tone of the bodies", onchange: () => look.set("tone", this.#tones.value) });
-    this.#builds = make("select", { "aria-label": "Build of the bodies", onchange: () => look.set("build", this.#builds.value) });
+    const declared = Object.entries(DISPLAYS).filter(([name, told]) => (told.slider || told.choice || told.toggle) && !without.includes(name));
+    const controls = declared.map(([name, told]) => this.#control(name, told));
+    // As the switches, behind which it stands, but of the whole page.
+    controls.splice(1 + declared.findLastIndex(([, { toggle }]) => toggle), 0, this.#smoothed());
     const sides = Object.entries(SIDES).map(([label, [yaw, pitch]]) => make("button", { type: "button", onclick: () => orbit.place([yaw, pitch]) }, label));
     const others = Object.entries(views).map(([label, onclick]) => make("button", { type: "button", onclick }, label));
     this.element = make("div", { class: "more-box", hidden: true, role: "group", "aria-label": "More displays and views" },
-      ...sliders, make("label", {}, make("span", {}, "of"), this.#points), ...switches, make("label", {}, make("span", {}, "Build"), this.#builds), make("label", {}, make("span", {}, "Tone"), this.#tones),
-      make("span", { class: "switch", role: "group", "aria-label": "Camera" }, ...sides), ...others);
+      ...controls, make("span", { class: "switch", role: "group", "aria-label": "Camera" }, ...sides), ...others);
     look.addEventListener("change", () => this.update());
-    this.#knowPoints().catch(() => {}); // the stage says why
+    this.#knowOptions().catch(() => {}); // the stage says why
     this.update();
   }
 
-  async #knowPoints() {
-    const { points, tones, builds } = await theFacts();
-    const named = (name) => make("option", { value: name }, name[0].toUpperCase() + name.slice(1));
-    this.#tones.replaceChildren(...Object.keys(tones).map(named));
-    this.#builds.replaceChildren(...builds.names.map(named));
-    this.#points.replaceChildren(...Object.entries(points).map(([value, label]) => make("option", { value }, label)));
+  async #knowOptions() {
+    const facts = await theFacts();
+    for (const [name, select] of this.#choices) {
+      select.replaceChildren(...DISPLAYS[name].choice.options(facts).map(([value, label]) => make("option", { value }, label)));
+    }
     this.update();
   }
 
-  #slider(name, { label, unit, step }) {
-    const [min, max] = RANGES[name];
+  /** @type {(name: string, told: import("./look.js").Display) => HTMLElement} */
+  #control(name, { range, slider, choice, toggle }) {
+    if (slider) return this.#slider(name, range, slider);
+    return choice ? this.#choice(name, choice) : this.#toggle(name, toggle);
+  }
+
+  #slider(name, [min, max], { label, unit, step }) {
     const input = make("input", { type: "range", min, max, step, "aria-label": label, oninput: () => this.#look.set(name, Number(input.value)) });
     const value = make("output", {});
     this.#inputs.set(name, () => {
@@ -60,7 +53,14 @@ export class More {
     return make("label", {}, make("span", {}, label), input, value);
   }
 
-  #switch(name, label) {
+  #choice(name, { word, label }) {
+    const select = make("select", { "aria-label": label, onchange: () => this.#look.set(name, select.value) });
+    this.#choices.set(name, select);
+    this.#inputs.set(name, () => (select.value = this.#look.get(name)));
+    return make("label", {}, make("span", {}, word), select);
+  }
+
+  #toggle(name, label) {
     const input = make("input", { type: "checkbox", onchange: () => this.#look.set(name, input.checked) });
     this.#inputs.set(name, () => (input.checked = this.#look.get(name)));
     return make("label", {}, input, make("span", {}, label));
@@ -76,8 +76,5 @@ export class More {
 
   update() {
     for (const show of this.#inputs.values()) show();
-    this.#points.value = this.#look.get("point");
-    this.#tones.value = this.#look.get("tone");
-    this.#builds.value = this.#look.get("build");
   }
 }
