@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from app.config import BUNDLED_WEIGHTS, EXAMPLES, PROJECT
+from app.run.body_motion import body_motion
 from app.run.models import get_body, get_system, warm_up
-from app.run.pictures.export import body_motion
 from app.run.pipeline import generate_all
 from app.run.provenance import versions
 from app.run.request import (

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from app.errors import RunError
 from app.flags import OUT_FOLDER, flag, names_of
+from app.run.body_motion import body_motion
 from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
 from app.run.models import get_body
 from app.run.pictures.comparison import Snapshots, draw_poses
-from app.run.pictures.export import body_motion
 from app.run.pictures.figures import check_start, draw_error_growth, draw_figure6, draw_jitter
 from app.run.pictures.followed_point import TIP, TipSource, choose_tip_source
 from app.run.pictures.own_videos import OnFile, VideoOptions, draw_own_videos, picture_motions

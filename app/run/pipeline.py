@@ -12,6 +12,7 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
 from app.errors import CancelledRun
+from app.run.body_motion import body_motion
 from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
 from app.run.inputs import Inputs, read_inputs
 from app.run.pictures.comparison import (
@@ -22,7 +23,6 @@ from app.run.pictures.comparison import (
     joined_side_by_side,
     rows_that_fit,
 )
-from app.run.pictures.export import body_motion
 from app.run.pictures.figures import check_start, draw_figure6, draw_jitter
 from app.run.pictures.followed_point import TipSource, choose_tip_source
 from app.run.pictures.register import in_register

@@ -11,7 +11,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from app import text
-from app.run.pictures.export import body_motion
+from app.run.body_motion import body_motion
 from app.run.pieces import frames_message
 from model.motion.exaggeration import exaggerate
 from model.motion.filtering import smooth_motion

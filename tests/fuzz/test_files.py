@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.errors import visitor_sentence
-from app.run.pictures.export import body_motion
+from app.run.body_motion import body_motion
 from app.study.design.key import Key, read_key, write_key
 from app.study.design.plan import read_plan
 from app.study.statistics.answers import collect

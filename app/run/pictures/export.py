@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 from app.errors import RunError
 from app.flags import SOUND, flag
+from app.run.body_motion import body_motion
 from app.run.display import Display, check_display
 from app.run.models import get_body
 from app.run.pictures.marked import displayed, marks_of
@@ -173,19 +174,6 @@ def _check(request: RenderRequest) -> None:
         raise RunError("Close-ups are shown in the studio only; leave the background out.")
     if request.speech is not None and not request.speech.is_file():
         raise RunError(f"There is no speech file at {request.speech}.")
-
-
-def body_motion(motion) -> BodyMotion:
-    """A `model.motion.motion.Motion` for the renderer, which does not know the model's types."""
-    from renderer.body.body import BodyMotion
-
-    return BodyMotion(
-        poses=motion.poses,
-        trans=motion.trans,
-        expressions=motion.expressions,
-        expression_basis=motion.expression_basis,
-        betas=motion.betas,
-    )
 
 
 def render_settings(

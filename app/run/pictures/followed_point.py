@@ -12,7 +12,7 @@ import numpy as np
 
 from app.errors import RunError
 from app.findings.points import point_title
-from app.run.pictures.export import body_motion
+from app.run.body_motion import body_motion
 from renderer.body.joints import TIP_VERTICES
 
 if TYPE_CHECKING:

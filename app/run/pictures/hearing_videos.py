@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
+from app.run.body_motion import body_motion
 from app.run.models import get_body
-from app.run.pictures.export import body_motion, render_settings
+from app.run.pictures.export import render_settings
 from app.run.pictures.register import in_register
 from app.run.pictures.videos import draw_videos
 from app.run.request import file_stem

@@ -71,7 +71,7 @@ def _trail(motion: Motion, display: Display, tip: TipSource) -> Trail:
 def _heat(motion: Motion, display: Display, body: Body) -> Heat:
     from scipy import ndimage  # only where something is smoothed: the page starts without
 
-    from app.run.pictures.export import body_motion
+    from app.run.body_motion import body_motion
     from model.measures.smoothness import derivative_magnitudes
     from renderer.video.marks import Heat
 

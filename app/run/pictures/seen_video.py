@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from app.errors import RunError
+from app.run.body_motion import body_motion
 from app.run.models import get_body
-from app.run.pictures.export import body_motion
 from app.run.pictures.followed_point import TipSource, choose_tip_source
 from app.run.pictures.marked import displayed, marks_of
 from app.run.pictures.own_videos import MAX_FRAMES

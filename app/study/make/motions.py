@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from app.errors import CancelledRun, RunError
+from app.run.body_motion import body_motion
 from app.run.models import get_body, get_system
-from app.run.pictures.export import body_motion
 from app.study.design.plan import Clip, Generator, Plan, PlannedSystem
 from app.study.make.workspace import sha256
 from model.motion.timing import FPS, SAMPLE_RATE

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from app.commands import cli
-from app.run.pictures.export import body_motion
+from app.run.body_motion import body_motion
 from model.formats.numbers import ROTATIONS, ReadOptions
 from model.formats.read import CONVERT, read_any_motion
 from model.measures.smoothness import derivative_magnitudes

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.run.pictures.export import body_motion
+from app.run.body_motion import body_motion
 from app.run.pictures.followed_point import choose_tip_source
 from model.measures.diagnostics import track_points
 from model.motion.motion import Motion

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from app.run.pictures.export import body_motion
+from app.run.body_motion import body_motion
 from app.run.pictures.jerk_marks import AROUND_FRAMES, LEAST_FULL_SCALE, jerk_marks
 from model.motion.skeleton import JOINT_INDEX
 from renderer.body.body import load_body
