@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING
 from app.errors import RunError
 from app.flags import SEED, SOUND, flag
 from app.run.body_motion import body_motion
-from app.run.display import Display
+from app.run.display import Display, marks_of
 from app.run.models import get_body
 from app.run.pictures.export import render_settings
 from app.run.pictures.followed_point import TIP, choose_tip_source
-from app.run.pictures.marked import marks_of
 from app.run.pictures.own_videos import OnFile
 from app.run.pictures.videos import draw_videos
 from app.run.request import BODY, JOINT, Artefact, file_stem

@@ -45,8 +45,8 @@ def prepare() -> None:
 @functools.cache
 def stage_facts() -> bytes:
     """The numbers as JSON, as `Facts` of app/page/web/told.d.ts declares them."""
+    from app.run.display import FULL_SPEED_M_S
     from app.run.pictures.followed_point import TIP
-    from app.run.pictures.marked import FULL_SPEED_M_S
     from model.motion.exaggeration import CUTOFF_HZ, MAX_TURN_RAD
     from renderer.body.look import BUILDS, TONES
     from renderer.files.builds import STEP_M

@@ -21,8 +21,9 @@ from app.page.serving.in_turn import Updates
 from app.page.serving.jobs import Job, JobBook
 from app.page.serving.media import MEDIA_ROUTE, MediaDesk
 from app.page.serving.runner import TabRunner
+from app.run.client_numbers import finite, whole
 from app.run.display import Display
-from app.run.pictures.seen import BODY, MAX_BODIES, Seen, SeenPanel, finite
+from app.run.pictures.seen import BODY, MAX_BODIES, Seen, SeenPanel
 from app.run.pictures.seen_video import SeenBody, SeenRequest, SeenVideo
 from app.run.request import Event, OnEvent, ShouldCancel
 from model.storage.harmless import printable
@@ -71,24 +72,17 @@ class Asked:
         yaw, pitch, zoom, right, up = map(finite, _list(told["camera"], 5))
         width, height = map(finite, _list(told["size"], 2))
         seen = Seen(
-            shown=tuple(_whole(number) for number in _list(told["shown"], MAX_BODIES)),
+            shown=tuple(whole(number) for number in _list(told["shown"], MAX_BODIES)),
             size=(width, height),
             panels=tuple(
                 tuple(_panel(panel) for panel in _list(picture, 4))
                 for picture in _list(told["panels"], 2)
             ),
-            columns=_whole(told["columns"]),
+            columns=whole(told["columns"]),
             mode=_words(told["mode"]),  # type: ignore[arg-type]  # checked with the rest
             is_aligned=look["isAligned"] is True,
             wipe=finite(told["wipe"]),
-            display=Display(
-                exaggeration=finite(look["factor"]),
-                has_trail=look["hasTrail"] is True,
-                coloring="jerk" if look["hasHeat"] is True else "natural",
-                cutoff_hz=finite(look["cutoff"]),
-                trail_frames=_whole(look["trailFrames"]),
-                jerk_m_s3=finite(look["heatScale"]),
-            ),
+            display=Display.of_look(look),
             point=_words(look["point"]),
             is_smoothed=told["isSmoothed"] is True,
             is_whole=look["isWhole"] is True,
@@ -106,13 +100,6 @@ def _list(value: object, most: int) -> Sequence[Any]:
     if not isinstance(value, list) or len(value) > most:
         raise ValueError(f"a list of at most {most} is missing.")
     return value
-
-
-def _whole(value: object) -> int:
-    number = finite(value)
-    if number != int(number):
-        raise ValueError(f"{number:g} is no whole number.")
-    return int(number)
 
 
 def _words(value: object) -> str:

@@ -11,10 +11,10 @@ from threading import Event
 from typing import TYPE_CHECKING
 
 from app.run.body_motion import body_motion
+from app.run.display import displayed, marks_of
 from app.run.models import get_body
 from app.run.pictures.export import render_settings
 from app.run.pictures.jerk_marks import jerk_marks
-from app.run.pictures.marked import displayed, marks_of
 from app.run.pictures.posters import POSTER_SUFFIX, write_poster
 from app.run.pictures.register import in_register
 from app.run.pictures.videos import draw_videos

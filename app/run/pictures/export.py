@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Literal, get_args
 from app.errors import RunError
 from app.flags import SOUND, flag
 from app.run.body_motion import body_motion
-from app.run.display import Display, check_display
+from app.run.display import Display, check_display, displayed, marks_of
 from app.run.models import get_body
-from app.run.pictures.marked import displayed, marks_of
 from app.run.request import (
     BODY,
     FRAMING,

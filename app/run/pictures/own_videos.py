@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.run.body_motion import body_motion
-from app.run.display import Display
+from app.run.display import Display, displayed, marks_of
 from app.run.pictures.export import render_settings
-from app.run.pictures.marked import displayed, marks_of
 from app.run.pictures.posters import POSTER_SUFFIX, write_poster
 from app.run.pictures.register import in_register
 from app.run.pictures.videos import draw_videos

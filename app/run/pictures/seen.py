@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
@@ -139,14 +138,3 @@ class Seen:
                         f"The {panel.view.replace('_', ' ')} has no room on the stage; make its "
                         "window larger, or leave out close-ups."
                     )
-
-
-def finite(value: object) -> float:
-    """A number of a client's.
-
-    Raises:
-        ValueError: if it is none.
-    """
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"{value!r} is no number.")
-    return float(value)

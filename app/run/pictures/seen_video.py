@@ -11,9 +11,9 @@ import numpy as np
 
 from app.errors import RunError
 from app.run.body_motion import body_motion
+from app.run.display import displayed, marks_of
 from app.run.models import get_body
 from app.run.pictures.followed_point import TipSource, choose_tip_source
-from app.run.pictures.marked import displayed, marks_of
 from app.run.pictures.own_videos import MAX_FRAMES
 from app.run.pictures.register import in_register
 from app.run.pictures.seen import BODY, Seen, SeenPanel

@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.run.display import Display, check_display
+from app.run.display import TOLD, Display, check_display, displayed, marks_of
 from app.run.pictures.followed_point import choose_tip_source
-from app.run.pictures.marked import displayed, marks_of
 from renderer.body.body import load_body
 from renderer.body.joints import JOINT_INDEX
 from tests.app.fakes import made_motion
@@ -84,6 +83,43 @@ def test_clips_too_short_for_jerk_have_none():
     marks = marks_of(made_motion(2), Display(has_trail=True, coloring="jerk"), TIP, BODY)
     assert marks is not None and marks.trail is not None and marks.heat is not None
     assert not marks.trail.is_spike.any() and not marks.heat.shares.any()
+
+
+LOOK = {
+    "factor": 6.5, "hasTrail": True, "hasHeat": True, "cutoff": 4, "trailFrames": 60,
+    "heatScale": 300, "tone": "dark",
+}  # fmt: skip
+
+
+def test_a_display_is_what_the_stage_tells():
+    display = Display.of_look(LOOK)
+    assert display == Display(6.5, True, "jerk", 4.0, 60, 300.0)
+    assert type(display.trail_frames) is int and type(display.cutoff_hz) is float
+    plain = Display.of_look({**LOOK, "factor": 1, "hasTrail": 1, "hasHeat": "true"})
+    assert plain.is_plain, "only true is true"
+    beyond = Display.of_look({**LOOK, "trailFrames": 91.0})
+    with pytest.raises(RunError, match="5 to 90 frames long; got 91"):
+        check_display(beyond)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *(("factor", value) for value in ("2", True, None, [2], float("nan"), float("inf"))),
+        ("cutoff", False),
+        ("heatScale", {}),
+        *(("trailFrames", value) for value in (30.5, True, "30", float("-inf"))),
+    ],
+)
+def test_what_the_stage_does_not_tell_is_refused(name, value):
+    with pytest.raises(ValueError, match=r"is no (whole )?number\."):
+        Display.of_look({**LOOK, name: value})
+
+
+@pytest.mark.parametrize("told", TOLD.values(), ids=TOLD)
+def test_what_the_stage_leaves_out_is_missed(told):
+    with pytest.raises(KeyError, match=told.name):
+        Display.of_look({name: value for name, value in LOOK.items() if name != told.name})
 
 
 @pytest.mark.parametrize(
