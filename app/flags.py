@@ -7,7 +7,7 @@ request back from what was written. Fields without a flag are of the page alone.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,7 +16,7 @@ from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
 
 T = TypeVar("T")
-_KEY = "flag"
+_KEY, _INNER = "flag", "flags"
 
 
 @dataclass(frozen=True)
@@ -83,31 +83,35 @@ def flag(
     return {_KEY: Flag(help, metavar, read, name, **more)}
 
 
+def flags_of(request: type) -> Mapping[str, type]:
+    """Metadata of a field that is a request of its own, whose flags stand among the others."""
+    return {_INNER: request}
+
+
 def _default(of: Field[Any]) -> Any:
     return of.default if of.default_factory is MISSING else of.default_factory()
 
 
-def _flags(request: type) -> Iterator[tuple[Field[Any], Flag]]:
-    for each in fields(request):
-        if (flag := each.metadata.get(_KEY)) is not None:
-            yield each, flag
-
-
 def add_flags(parser: argparse.ArgumentParser, request: type) -> None:
     """The flags of all fields of a request, in their order."""
-    for of, flag in _flags(request):
-        flag.add(parser, of)
+    for of in fields(request):
+        if (flag := of.metadata.get(_KEY)) is not None:
+            flag.add(parser, of)
+        elif (inner := of.metadata.get(_INNER)) is not None:
+            add_flags(parser, inner)
 
 
 def read_flags(request: Callable[..., T], options: argparse.Namespace, **others: Any) -> T:
     """The request that was written; ``others`` are its fields that have no flags, or other values
     than were written."""
     assert isinstance(request, type)
-    asked = {
-        of.name: tuple(value) if flag.takes_several else value
-        for of, flag in _flags(request)
-        for value in [getattr(options, of.name)]
-    }
+    asked: dict[str, Any] = {}
+    for of in fields(request):
+        if (flag := of.metadata.get(_KEY)) is not None:
+            value = getattr(options, of.name)
+            asked[of.name] = tuple(value) if flag.takes_several else value
+        elif (inner := of.metadata.get(_INNER)) is not None:
+            asked[of.name] = read_flags(inner, options)
     return request(**{**asked, **others})
 
 

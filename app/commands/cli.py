@@ -29,7 +29,6 @@ from app.findings.ranking import told_findings
 from app.findings.sentences import sentences_of
 from app.flags import WEIGHTS, add_flags, read_flags
 from app.run.diagnose import DiagnoseRequest
-from app.run.display import COLORINGS, Display
 from app.run.pictures.export import ENDINGS, SHEET_POSES, RenderRequest, render_motion
 from app.run.pictures.own_videos import VideoOptions
 from app.run.request import BODY, GenerateRequest
@@ -39,9 +38,6 @@ Command = Callable[[argparse.Namespace], None]
 log = logging.getLogger(__name__)
 _ROTATIONS = ("axis-angle", "6d", "quaternion-wxyz", "quaternion-xyzw", "matrix")
 """As `model.formats.numbers.ROTATIONS`, which brings torch; a test holds them equal."""
-
-EXAGGERATIONS = (1, 5, 20)
-"""What can be asked for here; the page's stage has a slider."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -98,7 +94,6 @@ def _add_generate(commands) -> None:
         "done.",
     )
     add_flags(parser, GenerateRequest)
-    _add_display(parser)
     add_family_files(parser)
     add_crew(parser)
     parser.set_defaults(command=_generate)
@@ -111,7 +106,7 @@ def _generate(options: argparse.Namespace) -> None:
     from app.run.pipeline import generate_all
 
     use_family_files(options)
-    request = read_flags(GenerateRequest, options, display=_display(options))
+    request = read_flags(GenerateRequest, options)
     if is_many(options.speech):
         generate_over_many(request, crew_of(options))
         return
@@ -235,14 +230,13 @@ def _add_render(commands) -> None:
         "for the SMPL-X add-on of Blender.",
     )
     add_flags(parser, RenderRequest)
-    _add_display(parser)
     parser.set_defaults(command=_render)
 
 
 def _render(options: argparse.Namespace) -> None:
     from app.commands.terminal import ProgressBar
 
-    request = read_flags(RenderRequest, options, display=_display(options))
+    request = read_flags(RenderRequest, options)
     with ProgressBar(f"draw {options.out.name}") as bar:
         files, notes = render_motion(request, bar.show)
     _finish(files, notes)
@@ -275,26 +269,6 @@ def _doctor(options: argparse.Namespace) -> None:
     broken = [finding.name for finding in findings if finding.is_broken]
     if broken:
         raise RunError(f"not everything works: {', '.join(broken)}; see what to do above.")
-
-
-def _add_display(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--exaggerate", type=int, choices=EXAGGERATIONS, default=1, metavar="N",
-        help="draw tremble, all above 5 Hz, N times as large, and say so in the picture: "
-        f"{', '.join(str(factor) for factor in EXAGGERATIONS)} (default: 1)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--trail", action="store_true",
-        help="the way of the followed point through the last second, coloured by its speed",
-    )  # fmt: skip
-    parser.add_argument(
-        "--color", choices=COLORINGS, default=COLORINGS[0],
-        help="jerk: each region of the body by how much it jerks (default: %(default)s)",
-    )  # fmt: skip
-
-
-def _display(options: argparse.Namespace) -> Display:
-    return Display(options.exaggerate, options.trail, options.color)
 
 
 def _finish(files: Sequence[Path], notes: Sequence[str]) -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 
 from app.errors import RunError
+from app.flags import flag
 from app.run.body_motion import body_motion
 from app.run.client_numbers import finite, whole
 
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 Coloring = Literal["natural", "jerk"]
 COLORINGS: tuple[Coloring, ...] = get_args(Coloring)
+EXAGGERATIONS = (1, 5, 20)
+"""What can be asked for on a command line; a stage has a slider."""
 FULL_SPEED_M_S = 1.5
 """Recorded speakers' fingertips are faster in one frame of fifty."""
 _HEAT_SIGMA_FRAMES = 3.0
@@ -58,13 +61,40 @@ class Display:
     exaggeration: float = field(
         default=1.0,
         metadata={
-            "told": Told("factor", finite, (1.0, 20.0), "Tremble can be shown {} times as large")
+            "told": Told("factor", finite, (1.0, 20.0), "Tremble can be shown {} times as large"),
+            **flag(
+                "draw tremble, all above 5 Hz, N times as large, and say so in the picture: "
+                f"{', '.join(map(str, EXAGGERATIONS))} (default: 1)",
+                "N",
+                int,
+                "--exaggerate",
+                choices=EXAGGERATIONS,
+            ),
         },
     )
     """By what everything faster than the cut-off is multiplied."""
-    has_trail: bool = field(default=False, metadata={"told": Told("hasTrail", _is_true)})
+    has_trail: bool = field(
+        default=False,
+        metadata={
+            "told": Told("hasTrail", _is_true),
+            **flag(
+                "the way of the followed point through the last second, coloured by its speed",
+                name="--trail",
+            ),
+        },
+    )
     """Of the followed point, over the last moments."""
-    coloring: Coloring = field(default="natural", metadata={"told": Told("hasHeat", _coloring)})
+    coloring: Coloring = field(
+        default="natural",
+        metadata={
+            "told": Told("hasHeat", _coloring),
+            **flag(
+                "jerk: each region of the body by how much it jerks (default: %(default)s)",
+                name="--color",
+                choices=COLORINGS,
+            ),
+        },
+    )
     """``jerk``: each region of the body by how it jerks."""
     cutoff_hz: float = field(
         default=5.0,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 
 from app.config import default_body
 from app.errors import RunError
-from app.flags import OUT_FOLDER, SEED, SPEAKER, WEIGHTS, flag, names_of
+from app.flags import OUT_FOLDER, SEED, SPEAKER, WEIGHTS, flag, flags_of, names_of
 from app.run.display import Display, check_display
 from model.motion.versions import REFERENCE_NAME as REFERENCE_NAME
 from model.speech.transcript import NOTHING_SAID, Transcript
@@ -300,7 +300,7 @@ class GenerateRequest:
     )
     """Height of the body in one video in pixels; it is as wide where all of it is shown, and three
     quarters as wide from the knees up. A close-up adds half the width."""
-    display: Display = field(default_factory=Display)
+    display: Display = field(default_factory=Display, metadata=flags_of(Display))
     """What the videos show beyond the body as it moves."""
     has_video: bool = field(
         default=True, metadata=flag("no videos, figure without poses", name="--no-video")

@@ -7,13 +7,18 @@ from pathlib import Path
 import pytest
 
 from app.errors import RunError
-from app.flags import SEED, add_flags, flag, names_of, read_flags
+from app.flags import SEED, add_flags, flag, flags_of, names_of, read_flags
 
 
 def _even(written: str) -> int:
     if int(written) % 2:
         raise RunError(f"{written} is odd.")
     return int(written)
+
+
+@dataclass(frozen=True)
+class _Inner:
+    color: str = field(default="red", metadata=flag("which"))
 
 
 @dataclass(frozen=True)
@@ -31,6 +36,7 @@ class _Request:
     is_draft: bool = field(default=False, metadata=flag("faster", name="--draft"))
     body: str | None = field(default=None, metadata=flag("which", usual=lambda: "from outside"))
     names: tuple[str, ...] = field(default_factory=tuple, metadata=flag("which", read=names_of))
+    inner: _Inner = field(default_factory=_Inner, metadata=flags_of(_Inner))
 
 
 def _read(written: str, **others: object) -> _Request:
@@ -45,10 +51,22 @@ def test_what_is_not_written_is_as_the_field_says() -> None:
 
 def test_every_field_is_read_as_it_says() -> None:
     written = (
-        "a --out x --seed 3 --max-s 2 --width 4 --way b --no-video --draft --body c --names d,e"
+        "a --out x --seed 3 --max-s 2 --width 4 --way b --no-video --draft --body c --names d,e "
+        "--color blue"
     )
     assert _read(written, kept="here") == _Request(
-        (Path("a"),), Path("x"), "here", 3, 120.0, 4, "b", False, True, "c", ("d", "e")
+        (Path("a"),),
+        Path("x"),
+        "here",
+        3,
+        120.0,
+        4,
+        "b",
+        False,
+        True,
+        "c",
+        ("d", "e"),
+        _Inner("blue"),
     )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
 from app.errors import RunError
-from app.flags import SOUND, flag
+from app.flags import SOUND, flag, flags_of
 from app.run.body_motion import body_motion
 from app.run.display import Display, check_display, displayed, marks_of
 from app.run.models import get_body
@@ -68,7 +68,7 @@ class RenderRequest:
     close_ups: tuple[CloseUp, ...] = field(default=(), metadata=close_up_flag("off"))
     """Beside the body, in the videos and pictures of the first view."""
     framing: Framing = field(default="whole", metadata=FRAMING)
-    display: Display = field(default_factory=Display)
+    display: Display = field(default_factory=Display, metadata=flags_of(Display))
     """What pictures show beyond the body as it moves."""
     joint: str = field(
         default="right_middle",

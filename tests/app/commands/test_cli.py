@@ -15,7 +15,10 @@ from PIL import Image
 
 import renderer.body.look
 from app.commands.cli import main, make_parser
-from app.run.request import LOOKS
+from app.flags import read_flags
+from app.run.display import Display
+from app.run.pictures.export import RenderRequest
+from app.run.request import LOOKS, GenerateRequest
 from model.motion.motion import save_motion
 from renderer.video.compose import band_height
 from tests.helpers import ROOT, smooth_motion_example
@@ -395,13 +398,13 @@ def test_what_videos_show_is_asked_for_by_flags() -> None:
     parse = make_parser().parse_args
     usual = parse(["generate", "a.wav", "--out", "x"])
     assert (usual.close_ups, usual.framing) == (("hands",), "knees")
-    assert (usual.exaggerate, usual.trail, usual.color) == (1, False, "natural")
+    assert read_flags(GenerateRequest, usual).display == Display()
     asked = parse(
         "render a.npz --out x.mp4 --close-up hands,face --framing knees "
         "--exaggerate 20 --trail --color jerk".split()
     )
     assert (asked.close_ups, asked.framing) == (("hands", "face"), "knees")
-    assert (asked.exaggerate, asked.trail, asked.color) == (20, True, "jerk")
+    assert read_flags(RenderRequest, asked).display == Display(20, True, "jerk")
     assert parse(["generate", "a.wav", "--out", "x", "--close-up", "off"]).close_ups == ()
 
 
