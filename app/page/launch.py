@@ -261,6 +261,8 @@ def launch(
         css_paths=[CSS],
         head=head_style(),
         quiet=True,
+        # It would ask the page itself, and take more than 3 s of a busy machine for no page at all.
+        _frontend=False,
         # Before Gradio's own routes, and there as soon as anyone can ask.
         app_kwargs={
             "routes": routes,

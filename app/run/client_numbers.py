@@ -11,9 +11,12 @@ def finite(value: object) -> float:
     Raises:
         ValueError: if it is none.
     """
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"{value!r} is no number.")
-    return float(value)
+    try:
+        if not isinstance(value, bool) and isinstance(value, int | float) and math.isfinite(value):
+            return float(value)
+    except OverflowError:  # JSON has whole numbers of any length
+        raise ValueError("A whole number of hundreds of digits is no number.") from None
+    raise ValueError(f"{value!r} is no number.")
 
 
 def whole(value: object) -> int:

@@ -86,6 +86,15 @@ def test_every_route_is_there_as_soon_as_the_server_listens(
     assert answers == [200, 204, 404]
 
 
+def test_the_page_opens_on_a_machine_too_busy_to_answer_itself_at_once(
+    weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gradio.networking.url_ok", lambda url: False)
+    page = launch(AppConfig(port=0, weights=weights, temp=tmp_path), is_warmed_up=False)
+    assert httpx.get(str(page.local_url)).status_code == 200
+    page.close()
+
+
 @pytest.fixture
 def client(address: str, tmp_path: Path) -> Client:
     return Client(address, verbose=False, download_files=str(tmp_path), analytics_enabled=False)

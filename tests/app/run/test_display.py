@@ -106,6 +106,7 @@ def test_a_display_is_what_the_stage_tells():
     ("name", "value"),
     [
         *(("factor", value) for value in ("2", True, None, [2], float("nan"), float("inf"))),
+        pytest.param("factor", 10**400, id="factor-of 400 digits"),
         ("cutoff", False),
         ("heatScale", {}),
         *(("trailFrames", value) for value in (30.5, True, "30", float("-inf"))),
