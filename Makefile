@@ -1,6 +1,7 @@
 # make demo    set everything up and open the page on http://127.0.0.1:7860
 # make test    set everything up and pass the checks and tests
 # make check   the quick part of it: style, types, import rules, the page's JavaScript
+# make slow    tests that take minutes each and decide little
 # make bench   milliseconds per frame by stage, against the naive loops: a table and bench.json
 # make fuzz    an hour of damaged files and wild requests (make test gives it a minute)
 # make soak    half an hour of four visitors at once: memory and files; then twenty and an attacker;
@@ -14,7 +15,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 export PYTHON
 BIN := .venv/bin
 
-.PHONY: demo test check fuzz soak bench golden lock audit sbom clean
+.PHONY: demo test check fuzz soak slow bench golden lock audit sbom clean
 .DEFAULT_GOAL := demo
 
 .venv/.run-ready: locks/run.txt .ci/venv .ci/system-packages
@@ -46,6 +47,9 @@ fuzz: .venv/.test-ready
 soak: .venv/.test-ready
 	SOAK_SECONDS=1800 ATTACKED_VISITORS=20 COLD_STARTS=20 ATTACK_BODIES=34 $(BIN)/python -m pytest \
 		tests/soak tests/renderer/draw/test_compiled.py
+
+slow: .venv/.test-ready
+	$(BIN)/python -m pytest -m slow
 
 bench: .venv/.run-ready
 	$(BIN)/python -m app.commands.bench

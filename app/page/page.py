@@ -135,20 +135,22 @@ def _await_example(
 ) -> None:
     """An example that is still being made plays as soon as it is there, unless the visitor shows
     or begins a run meanwhile."""
-    timer = gr.Timer(EXAMPLE_EVERY_S, active=False)
+    timer, seen = gr.Timer(EXAMPLE_EVERY_S, active=False), gr.State(0)
 
     def wait(request: gr.Request) -> gr.Timer:
         return gr.Timer(active=first_look.is_coming and PARAMETER not in request.query_params)
 
-    def look() -> Updates:
-        if first_look.is_coming:
+    def look(before: int) -> Updates:
+        is_over, version = not first_look.is_coming, first_look.version
+        if version == before and not is_over:
             return {timer: gr.skip()}
         player, empty = first_look.updates()
-        return {results.player: player, results.empty: empty, timer: gr.Timer(active=False)}
+        going = gr.Timer(active=False) if is_over else gr.skip()
+        return {results.player: player, results.empty: empty, seen: version, timer: going}
 
     page.load(wait, outputs=timer, queue=False, api_visibility="private", show_progress="hidden")
     timer.tick(
-        look, outputs=[results.player, results.empty, timer], queue=False,
+        look, inputs=seen, outputs=[results.player, results.empty, seen, timer], queue=False,
         api_visibility="private", show_progress="hidden",
     )  # fmt: skip
     # Listeners of a click are served in turn: before the run, which would come first otherwise.

@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     from model.motion.motion import Motion
 
 STEADY, TREMBLING = "A", "B"
-FORMAT = 2
+LOOK_S = 6.7
+"""Of the speech, to a pause: whoever opens the page first waits for each second of it."""
+FORMAT = 3
 """Of what is kept; another number makes it anew."""
 FACTS = "first_look.json"
 
@@ -34,6 +36,11 @@ class FirstLook:
     folder: Path
     speech: Path
     system: str
+
+    @property
+    def beginning(self) -> Path:
+        """What is played: the first `LOOK_S` of the speech."""
+        return self.folder / "beginning.wav"
 
     @property
     def is_made(self) -> bool:
@@ -66,12 +73,16 @@ def make_first_look(
     from app.run.pipeline import generate_all
     from model.measures.smoothness import derivative_magnitudes
     from model.motion.motion import load_motion, save_motion
+    from model.speech.audio import SAMPLE_RATE, load_speech, write_wav
 
     tip = choose_tip_source(get_body(None), None)
     look.folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as temporary:
+        beginning = Path(temporary, look.beginning.name)
+        waveform = load_speech(look.speech).waveform
+        write_wav(beginning, waveform[: round(SAMPLE_RATE * LOOK_S)])
         request = GenerateRequest(
-            *(look.speech, Path(temporary, "run"), weights),
+            *(beginning, Path(temporary, "run"), weights),
             systems=(look.system,),
             has_video=False,
             has_figures=False,
@@ -79,6 +90,7 @@ def make_first_look(
         result = generate_all(request, lambda event: on_share(0.0))
         motion = load_motion(result.out / f"{file_stem(look.system)}.npz")
         provenance = json.loads((result.out / "provenance.json").read_text())
+        sound = beginning.read_bytes()
     motions: dict[str, Motion] = {STEADY: motion, TREMBLING: tremble(motion)}
     with ResultFolder(look.folder) as folder:
         jerk = {
@@ -87,6 +99,7 @@ def make_first_look(
         }
         for name, each in picture_motions(motions).motions.items():
             save_motion(each, folder.path(f"{name}.npz"))
+        folder.path(look.beginning.name).write_bytes(sound)
         facts = {"jerk_m_s3": jerk, "noise_rad": NOISE_RAD, "provenance": provenance}
         folder.path(FACTS).write_text(json.dumps(facts, indent=1) + "\n")
         folder.publish()

@@ -245,15 +245,27 @@ def stage() -> Stage:
     return Stage()
 
 
-@pytest.fixture(scope="module")
-def fake_address(stage: Stage, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+@contextmanager
+def faked(
+    stage: Stage,
+    tmp_path_factory: pytest.TempPathFactory,
+    seconds: float,
+    plan: GesturePlan | None = None,
+) -> Iterator[str]:
+    """The address of a page over a pipeline that draws at once, of speech of so many seconds."""
     weights = make_weights(tmp_path_factory.mktemp("weights"))
     for ending in ("json", "safetensors"):
         shutil.copy(weights / f"globaldiff-global.{ending}", weights / f"globaldiff-full.{ending}")
     config = AppConfig(port=0, weights=weights, temp=tmp_path_factory.mktemp("page"))
-    draw = fakes.make_draw(before_video=stage.may_draw.__getitem__, seconds=SECONDS)
-    generate = fakes.make_generate(seconds=SECONDS, plan=PLAN)
+    draw = fakes.make_draw(before_video=stage.may_draw.__getitem__, seconds=seconds)
+    generate = fakes.make_generate(seconds=seconds, plan=plan)
     with served(config, generate=generate, draw=draw) as url:
+        yield url
+
+
+@pytest.fixture(scope="module")
+def fake_address(stage: Stage, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with faked(stage, tmp_path_factory, SECONDS, PLAN) as url:
         yield url
 
 

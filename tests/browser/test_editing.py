@@ -61,6 +61,7 @@ def run(page: Page, files: dict[str, Path]) -> None:
     for field, ending in (("#transcript", ".TextGrid"), ("#plan", ".json")):
         page.set_input_files(f"{field} input[type=file]", str(files[ending]))
         page.locator(field).get_by_text(files[ending].stem).first.wait_for()
+    page.get_by_label(text.VIDEOS_LABEL).uncheck()  # drawing them takes longer than all the rest
     page.get_by_role("button", name=text.GENERATE).click()
     editor(page).get_by_role("button", name="Edit the gestures").click()
     said(page, text.EDITOR_READY)

@@ -2,6 +2,7 @@
 
 import io
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import av
@@ -13,16 +14,20 @@ from playwright.sync_api import Browser, Page, expect
 from app.page.tabs.seen_run import Asked
 from app.run import display
 from model.motion.motion import Motion, save_motion
+from model.speech.audio import write_wav
 from renderer.stage import orbit
 from renderer.stage.camera import Camera, view_axes
 from renderer.stage.orbit import Orbit
 from renderer.video.compose import band_height
 from tests.app.fakes import made_motion
-from tests.browser.conftest import PATIENCE_MS, STAGED, Stage, open_page, start
+from tests.browser.conftest import PATIENCE_MS, STAGED, Stage, faked, open_page, start
+from tests.model.made import made_waveform
 
 pytestmark = [pytest.mark.browser, pytest.mark.gl]
 
 FRAME = 45
+SHORT_S = 2.0
+"""Each picture of a video takes its time."""
 SMALL = (96, 72)
 """Pictures are compared so coarsely that edges and an encoder's noise do not count."""
 SETTLED = """() => {
@@ -32,6 +37,19 @@ SETTLED = """() => {
     window.drawnBefore = now;
     return now === been;
 }"""
+
+
+@pytest.fixture(scope="module")
+def fake_address(stage: Stage, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with faked(stage, tmp_path_factory, SHORT_S) as url:
+        yield url
+
+
+@pytest.fixture(scope="module")
+def speech(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("speech") / "speech.wav"
+    write_wav(path, made_waveform(round(16_000 * SHORT_S)))
+    return path
 
 
 def opened(browser: Browser, address: str, stage: Stage, speech: Path) -> Page:
@@ -80,7 +98,7 @@ def made(page: Page, tmp_path: Path, prefix: str = "") -> np.ndarray:
     with av.open(str(path)) as file:
         assert file.streams.audio
         frames = [frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)]
-    assert len(frames) == 180
+    assert len(frames) == round(30 * SHORT_S)
     return frames[FRAME]
 
 
@@ -118,7 +136,7 @@ def test_a_video_shows_what_the_stage_does(
     video = made(page, tmp_path)
     found, other = away(canvas, video, page), away(plain, video, page)
     assert found < 10 and found < 0.4 * other, (found, other)
-    expect(page.locator("#seen")).to_contain_text("3 bodies, 6.0 s")
+    expect(page.locator("#seen")).to_contain_text(f"3 bodies, {SHORT_S} s")
     page.evaluate(
         """() => {
             const { look, stage } = document.querySelector('.lockstep');
@@ -137,7 +155,7 @@ def test_own_motion_is_made_a_video_of_too(
 ) -> None:
     page = open_page(browser, fake_address)
     page.get_by_role("tab", name="Your motion").click()
-    motion: Motion = made_motion(180, 0.01)
+    motion: Motion = made_motion(round(30 * SHORT_S), 0.01)
     save_motion(motion, tmp_path / "own.npz")
     page.set_input_files("#own-motions input[type=file]", str(tmp_path / "own.npz"))
     page.locator("#own-videos input").uncheck()

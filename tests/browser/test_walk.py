@@ -42,6 +42,7 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Walk]:
     config = AppConfig(port=0, weights=weights, temp=folder / "page", kept=folder / "kept")
     look = first_look(config.kept, weights, BEST, EXAMPLES / f"{EXAMPLE}.wav")
     look.folder.mkdir(parents=True)
+    shutil.copyfile(look.speech, look.beginning)
     motion = load_motion(CLEAN).part(slice(round(30 * LOOK_S)))
     for name in (STEADY, TREMBLING):
         save_motion(motion, look.folder / f"{name}.npz")
@@ -67,10 +68,7 @@ def within(page: Page, selector: str, height: int) -> bool:
     return box is not None and box["y"] >= 0 and box["y"] + box["height"] <= height
 
 
-@pytest.mark.parametrize(
-    ("width", "height", "scheme"),
-    LOOKS,
-)
+@pytest.mark.parametrize(("width", "height", "scheme"), LOOKS[::3] + LOOKS[4:5])
 def test_a_visitor_walks_from_the_example_to_a_link_for_somebody_else(
     browser: Browser,
     walk: Walk,

@@ -52,7 +52,9 @@ class FirstLookDesk:
             self._look = first_look(config.kept, config.weights, systems[0], paths[EXAMPLE])
         self._shown: tuple[dict[str, Any], str] | None = None
         self.is_coming = self._look is not None
-        """Whether it will be there in a while; false where it is, or could not be made."""
+        """Whether more of it will be there in a while; false where all is, or nothing can be."""
+        self.version = 0
+        """Counts what has been shown: 1 bodies and sound, 2 all of it."""
 
     @property
     def is_made(self) -> bool:
@@ -73,7 +75,10 @@ class FirstLookDesk:
                         self._make(self._look, self._config.weights)
                 finally:
                     self._jobs.close(job)
-            self._shown = self._offered(self._look)
+            showing = self._showing(self._look)
+            showing.sound()
+            self._show(showing.value(), self._look)
+            self._show(showing.value(is_over=True), self._look)
         except Exception:
             log.exception("the example of the page could not be made")
         finally:
@@ -85,12 +90,17 @@ class FirstLookDesk:
             return self._shown
         return gr.skip(), markup.empty_state(text.LOOK_COMING) if self.is_coming else gr.skip()
 
-    def _offered(self, look: FirstLook) -> tuple[dict[str, Any], str]:
+    def _show(self, value: dict[str, Any], look: FirstLook) -> None:
+        plays = {**value, "plays": True, "running": False, "begins": False}
+        self._shown = plays, question(look.facts(), look.system)
+        self.version += 1
+
+    def _showing(self, look: FirstLook) -> Showing:
         from app.run.diagnose import DiagnoseRequest
 
         names = (STEADY, TREMBLING)
         files = {name: look.folder / f"{name}.npz" for name in names}
-        asked = DiagnoseRequest(tuple(files.values()), look.folder, speech=look.speech)
+        asked = DiagnoseRequest(tuple(files.values()), look.folder, speech=look.beginning)
         showing = Showing(
             *(names, names, picture_layout("front", LAYOUT_PX, ("hands",), "knees")),
             own_writers(asked, look.folder, self._config.weights),
@@ -99,8 +109,7 @@ class FirstLookDesk:
         showing.is_drawn = False
         for name, path in files.items():
             showing.take(Artefact("motion", name, path))
-        value = {**showing.value(is_over=True), "plays": True}
-        return value, question(look.facts(), look.system)
+        return showing
 
 
 def question(facts: dict[str, Any], system: str) -> str:

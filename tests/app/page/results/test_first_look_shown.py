@@ -42,6 +42,7 @@ def test_what_has_been_made_is_shown_to_every_visitor_without_a_cookie(tmp_path:
     config = AppConfig(weights=weights, kept=tmp_path / "kept")
     look = first_look(config.kept, weights, BEST, speech)
     look.folder.mkdir(parents=True)
+    shutil.copyfile(speech, look.beginning)
     clean = load_motion(CLEAN).part(slice(40))
     for name in (STEADY, TREMBLING):
         save_motion(clean, look.folder / f"{name}.npz")
@@ -54,7 +55,7 @@ def test_what_has_been_made_is_shown_to_every_visitor_without_a_cookie(tmp_path:
     assert not isinstance(desk.updates()[0].get("rows"), list)
     assert desk.is_coming and text.LOOK_COMING in desk.updates()[1]
     desk.make()
-    assert not desk.is_coming
+    assert not desk.is_coming and desk.version == 2
     value, told = desk.updates()
     assert value["plays"] and [row["name"] for row in value["rows"]] == [STEADY, TREMBLING]
     for row in value["rows"]:
