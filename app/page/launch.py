@@ -33,10 +33,13 @@ if TYPE_CHECKING:
     from gradio import Blocks
 
     from app.page.results.first_look_shown import FirstLookDesk
+    from app.page.serving.workshop import Workshop
     from app.page.tabs.generate_run import Generate
     from app.page.tabs.videos_behind import Draw
 
 log = logging.getLogger(__name__)
+FIRST_S = 6.0
+"""In which a browser that was opened at once is left both cores for what it shows first."""
 
 _ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 CHECK_BYTES, CHECK_S = 2 * 10**9, 30.0
@@ -277,8 +280,7 @@ def launch(
     )
     # Only now: reading models beside it would hold up the page's own start.
     if is_warmed_up:
-        workshop.start()
-        arguments = (config, first_look)
+        arguments = (config, workshop, first_look)
         threading.Thread(target=_warm_up, args=arguments, name="warm-up", daemon=True).start()
     return page
 
@@ -329,7 +331,7 @@ def _remove(folder: Path) -> None:
         time.sleep(0.1)
 
 
-def _warm_up(config: AppConfig, first_look: FirstLookDesk | None) -> None:
+def _warm_up(config: AppConfig, workshop: Workshop, first_look: FirstLookDesk | None) -> None:
     """Load in this process what the stage and live speech need; a failure shows where they are
     wanted. First of all what a visitor sees first: the stage, and the example that plays before the
     first run."""
@@ -340,6 +342,8 @@ def _warm_up(config: AppConfig, first_look: FirstLookDesk | None) -> None:
         prepare()
         if first_look is not None:
             first_look.make()
+        time.sleep(FIRST_S)
+        workshop.start()
         warm_up(config.weights, config.body)
     except Exception:
         log.exception("the warm-up failed; the first run will say why")

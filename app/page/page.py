@@ -41,7 +41,7 @@ from app.page.tabs.takes_run import MakeTake, TakesRunner
 from app.page.tabs.upload_check import UploadCheck
 from app.page.tabs.videos_behind import Draw, VideosBehind
 
-EXAMPLE_EVERY_S = 1.0
+EXAMPLE_EVERY_S = 0.5
 """How often a page asks for an example that is being made."""
 
 

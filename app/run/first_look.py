@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from app.config import EXAMPLES
 from app.run.models import get_body
 from app.run.pictures.followed_point import choose_tip_source
 from app.run.pictures.own_videos import picture_motions
@@ -27,6 +29,9 @@ LOOK_S = 6.7
 FORMAT = 3
 """Of what is kept; another number makes it anew."""
 FACTS = "first_look.json"
+STORED = EXAMPLES / "first_look"
+"""What `python -m tests.app.run.made_first_look` has made with the bundled weights, so that a fresh
+page need not wait for a model to be read; a test holds it against what they make."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +62,20 @@ def first_look(kept: Path, weights: Path, system: str, speech: Path) -> FirstLoo
     key.update((weights / f"{file_stem(system)}.json").read_bytes())
     key.update(speech.read_bytes())
     return FirstLook(kept / "first-look" / key.hexdigest()[:16], speech, system)
+
+
+def take_stored(look: FirstLook, stored: Path = STORED) -> bool:
+    """Copy it from where it lies made by these very weights, of this very speech; whether it
+    does."""
+    beside = stored / look.folder.name
+    if not (beside / FACTS).is_file():
+        return False
+    look.folder.parent.mkdir(parents=True, exist_ok=True)
+    with ResultFolder(look.folder) as folder:
+        for path in sorted(beside.iterdir()):
+            shutil.copyfile(path, folder.path(path.name))
+        folder.publish()
+    return True
 
 
 def make_first_look(

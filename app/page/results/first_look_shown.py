@@ -17,7 +17,7 @@ from app.page.parts.catalogue import Catalogue
 from app.page.results.player import Showing, own_writers, picture_layout
 from app.page.serving.jobs import JobBook
 from app.page.serving.media import MediaDesk
-from app.run.first_look import STEADY, TREMBLING, FirstLook, first_look
+from app.run.first_look import STEADY, TREMBLING, FirstLook, first_look, take_stored
 from app.run.request import Artefact
 from model.systems.registry import usual_systems
 
@@ -66,7 +66,7 @@ class FirstLookDesk:
         if self._look is None:
             return
         try:
-            if not self._look.is_made:
+            if not self._look.is_made and not take_stored(self._look):
                 job = self._jobs.open("", "generate")
                 try:
                     with self._jobs.slot(job) as turn:
