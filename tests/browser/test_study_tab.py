@@ -7,12 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
 
 from app import text
 from app.page.tabs.study_run import PREVIEW
 from app.study.leaks.check import check_study
-from tests.browser.conftest import PATIENCE_MS, in_every_look
+from tests.browser.conftest import PATIENCE_MS, in_every_look, open_page
 from tests.browser.test_study import agree, answer_pairs, practise, saved_answers
 
 pytestmark = [pytest.mark.browser, pytest.mark.gl]
@@ -91,6 +91,31 @@ def test_a_study_is_made_on_the_page(
 
     page.locator("#study-researcher button").click()
     expect(page.get_by_text("There is nothing to fetch here")).to_be_visible()
+
+
+def test_a_study_that_is_ready_is_filled_in_by_the_click_itself(
+    browser: Browser, planned_address: str, tmp_path: Path
+) -> None:
+    page = open_page(browser, planned_address)
+    page.get_by_role("tab", name=text.STUDY_TAB).click()
+    page.route("**/queue/join*", lambda route: None)  # a server too busy to answer
+    page.get_by_role("button", name="Do words matter?").click()
+    expect(page.get_by_label("Rank all systems on three questions")).to_be_checked()
+    expect(page.get_by_label("on wrong words")).to_be_checked()
+    expect(page.get_by_label("half as many")).not_to_be_checked()
+    page.unroute("**/queue/join*")
+    page.get_by_role("button", name="How large?").click()
+    expect(page.get_by_label("Rate all systems with sliders")).to_be_checked()
+    for name, is_checked in (("smaller", True), ("larger", True), ("on wrong words", False)):
+        expect(page.get_by_label(name, exact=True)).to_be_checked(checked=is_checked)
+    expect(page.locator("#study-speech")).to_contain_text("three_reasons")
+    page.locator("#study-write").click()
+    plan = tomllib.loads(download(page, "#study-plan", tmp_path).read_text())
+    assert plan["protocol"] == "rating"
+    assert [each["name"].split()[-1] for each in plan["systems"]] == [
+        "workbench/planned", "smaller", "larger"
+    ]  # fmt: skip
+    page.context.close()
 
 
 def test_without_speech_the_tab_says_so(visit: Callable[..., Page]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -63,11 +64,20 @@ def build_study_tab(
     fields = [*materials, *settings, changed]
     _, protocol, speeches, systems, _ = materials
     for button in ready:
+        asked, changes = QUESTIONS[button.value]
+        filled = json.dumps([asked, [usual_planner()], changes])
+        # By the browser itself: who makes the study right after the click means this one.
         button.click(
-            _Ready(button.value, catalogue, config.cache_folder / "examples").asked,
-            speeches, [protocol, speeches, systems, changed],
-            api_visibility="private", show_progress="hidden",
+            None, outputs=[protocol, systems, changed], js=f"() => {filled}",
+            api_visibility="private",
         )  # fmt: skip
+        button.click(
+            _SpeechOrExamples(catalogue, config.cache_folder / "examples").given,
+            speeches,
+            speeches,
+            api_visibility="private",
+            show_progress="hidden",
+        )
     runner = StudyRunner(export, config, jobs, handover, previews, results)
     optional = ("speeches", "motions")
     write.click(
@@ -93,19 +103,17 @@ def build_study_tab(
 
 
 @dataclass(frozen=True)
-class _Ready:
-    """A study that is ready to be made."""
+class _SpeechOrExamples:
+    """Speech of a study that is ready to be made."""
 
-    question: str
     catalogue: Catalogue
     folder: Path
     """Of copies of the examples."""
 
-    def asked(self, speeches: list[str] | None) -> tuple[Any, ...]:
-        """Protocol, speech, systems and changes; the examples where no speech is there yet."""
-        protocol, changed = QUESTIONS[self.question]
-        examples = [str(fresh_copy(each.path, self.folder)) for each in self.catalogue.examples]
-        return protocol, speeches or examples or None, [usual_planner()], changed
+    def given(self, speeches: list[str] | None) -> list[str] | None:
+        """The examples where none is there yet."""
+        examples = self.catalogue.examples
+        return speeches or [str(fresh_copy(each.path, self.folder)) for each in examples] or None
 
 
 def _build_questions(catalogue: Catalogue) -> list[gr.Button]:
