@@ -36,7 +36,7 @@ _NAMED = re.compile(r"(?:(?P<system>.+?)__)?(?P<speech>.+?)__(?P<seed>\d{1,9})\.
 def _two_names(written: str) -> tuple[str, str]:
     calm, comma, lively = written.partition(",")
     if not (calm and comma and lively) or calm == lively:
-        raise RunError(f"--speakers takes two names, CALM,LIVELY; got {written!r}.")
+        raise RunError(f"it takes two names, CALM,LIVELY; got {written!r}.")
     return calm, lively
 
 

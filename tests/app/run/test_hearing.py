@@ -120,7 +120,9 @@ def test_speakers_are_compared_on_the_first_speech(
     assert told["manner"]["by_speaker"] == heard.compared.manner.by_speaker
     assert "bob's wrists move" in heard.sentence()
     command = ["hearing", *map(str, speeches), "--out", str(tmp_path / "no"), "--speakers", "bob"]
-    assert main(command) == 1 and "CALM,LIVELY" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(command)
+    assert "two names, CALM,LIVELY; got 'bob'" in capsys.readouterr().err
 
 
 @pytest.mark.gl
