@@ -1,12 +1,11 @@
 """Anything compared with anything: other speech, other runs, one's own files, and eight seeds."""
 
 import re
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, Route, expect
+from playwright.sync_api import Browser, Page, expect
 
 from app import text
 from app.page.tabs.own_motion import TAB
@@ -43,12 +42,6 @@ def followed(page: Page, link: str) -> Page:
     return both
 
 
-def _late(route: Route) -> None:
-    """What the stage is drawn by comes after the sound, as from a busy machine."""
-    time.sleep(2)
-    route.continue_()
-
-
 def test_of_two_speeches_either_sounds_under_all_bodies(
     first: Page, browser: Browser, tmp_path: Path
 ) -> None:
@@ -82,7 +75,6 @@ def test_of_two_speeches_either_sounds_under_all_bodies(
     # The address follows once all is still: with the sound first, with its moment a little later.
     both.wait_for_function("/&t=1&.*sound=1/.test(location.hash)")
     again = watched(browser.new_context(viewport={"width": 1280, "height": 900}).new_page())
-    again.route("**/stage/facts.json", _late)
     again.goto(both.url)
     expect(again.locator("#player .sounds button").last).to_have_attribute(
         "aria-pressed", "true", timeout=PATIENCE_MS
