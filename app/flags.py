@@ -10,12 +10,15 @@ import argparse
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
 
-T = TypeVar("T")
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+T = TypeVar("T", bound="DataclassInstance")
 _KEY, _INNER = "flag", "flags"
 
 
@@ -101,10 +104,9 @@ def add_flags(parser: argparse.ArgumentParser, request: type) -> None:
             add_flags(parser, inner)
 
 
-def read_flags(request: Callable[..., T], options: argparse.Namespace, **others: Any) -> T:
+def read_flags(request: type[T], options: argparse.Namespace, **others: Any) -> T:
     """The request that was written; ``others`` are its fields that have no flags, or other values
     than were written."""
-    assert isinstance(request, type)
     asked: dict[str, Any] = {}
     for of in fields(request):
         if (flag := of.metadata.get(_KEY)) is not None:

@@ -27,8 +27,14 @@ def add_plan(commands) -> None:
 
 def _plan(options: argparse.Namespace) -> None:
     if is_motion(options.speech):
-        given = [f"--{name}" for name in ("speaker", "guidance", "transcript", "style")
-                 if getattr(options, name)]  # fmt: skip
+        of_speech = {
+            "--speaker": options.speaker,
+            "--guidance": options.guidance,
+            "--transcript": options.transcript,
+            "--empty": options.is_empty,
+            "--style": options.style,
+        }
+        given = [name for name, value in of_speech.items() if value]
         if given:
             raise RunError(f"In a motion the plan is found; {given[0]} is for speech.")
         for note in find_plan(options.speech, options.out):

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Page, Route, expect
 
 from app import text
 from app.page.tabs.own_motion import TAB
@@ -75,10 +75,15 @@ def test_of_two_speeches_either_sounds_under_all_bodies(
     # The address follows once all is still: with the sound first, with its moment a little later.
     both.wait_for_function("/&t=1&.*sound=1/.test(location.hash)")
     again = watched(browser.new_context(viewport={"width": 1280, "height": 900}).new_page())
+    held: list[Route] = []  # what the stage is drawn by comes after the sound, on a busy machine
+    again.route("**/stage/facts.json", held.append)
     again.goto(both.url)
     expect(again.locator("#player .sounds button").last).to_have_attribute(
         "aria-pressed", "true", timeout=PATIENCE_MS
     )
+    again.unroute("**/stage/facts.json")
+    for route in held:
+        route.continue_()
     again.wait_for_function(f"{frame} === 30 && Math.abs({SECONDS} - 1.5) < 0.05")
     again.locator("#player .apart li").first.wait_for()
     again.context.close()

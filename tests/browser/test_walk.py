@@ -68,7 +68,7 @@ def within(page: Page, selector: str, height: int) -> bool:
     return box is not None and box["y"] >= 0 and box["y"] + box["height"] <= height
 
 
-@pytest.mark.parametrize(("width", "height", "scheme"), LOOKS[::3] + LOOKS[4:5])
+@pytest.mark.parametrize(("width", "height", "scheme"), LOOKS)
 def test_a_visitor_walks_from_the_example_to_a_link_for_somebody_else(
     browser: Browser,
     walk: Walk,

@@ -170,8 +170,10 @@ def test_the_command_finds_the_plan_of_a_motion(
     assert capsys.readouterr().out.strip() == str(out)
     found = read_plan_file(out).plan
     assert found.duration_s == 2.0 and found.left and found.right
-    assert main(["plan", str(motion), "--out", str(out), "--speaker", "bob"]) == 1
-    assert "In a motion the plan is found; --speaker is for speech." in capsys.readouterr().err
+    for name, *value in (["--speaker", "bob"], ["--empty"]):
+        assert main(["plan", str(motion), "--out", str(out), name, *value]) == 1
+        refusal = f"In a motion the plan is found; {name} is for speech."
+        assert refusal in capsys.readouterr().err
     motion.write_bytes(b"no")
     assert main(["plan", str(motion), "--out", str(out)]) == 1
     assert "still.npz" in capsys.readouterr().err
