@@ -98,8 +98,8 @@ def _default(of: Field[Any]) -> Any:
 def add_flags(parser: argparse.ArgumentParser, request: type) -> None:
     """The flags of all fields of a request, in their order."""
     for of in fields(request):
-        if (flag := of.metadata.get(_KEY)) is not None:
-            flag.add(parser, of)
+        if (own := of.metadata.get(_KEY)) is not None:
+            own.add(parser, of)
         elif (inner := of.metadata.get(_INNER)) is not None:
             add_flags(parser, inner)
 
@@ -109,9 +109,9 @@ def read_flags(request: type[T], options: argparse.Namespace, **others: Any) -> 
     than were written."""
     asked: dict[str, Any] = {}
     for of in fields(request):
-        if (flag := of.metadata.get(_KEY)) is not None:
+        if (own := of.metadata.get(_KEY)) is not None:
             value = getattr(options, of.name)
-            asked[of.name] = tuple(value) if flag.takes_several else value
+            asked[of.name] = tuple(value) if own.takes_several else value
         elif (inner := of.metadata.get(_INNER)) is not None:
             asked[of.name] = read_flags(inner, options)
     return request(**{**asked, **others})

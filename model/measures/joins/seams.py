@@ -143,5 +143,5 @@ def seam_measures(tracks: Tracks, windows: Windows | None, period: Period | None
     unknown = RecurringJerk(None, 0, math.nan)
     if period is None:
         return SeamMeasures(math.nan, np.empty(0), unknown)
-    by_phase = part_jerk_by_phase(tracks, period.part, period.frames)
-    return SeamMeasures(math.nan, by_phase, unknown, period.frames, period)
+    folded = part_jerk_by_phase(tracks, period.part, period.frames)
+    return SeamMeasures(math.nan, folded, unknown, period.frames, period)
