@@ -76,12 +76,15 @@ def test_of_two_speeches_either_sounds_under_all_bodies(
     both.wait_for_function("/&t=1&.*sound=1/.test(location.hash)")
     again = watched(browser.new_context(viewport={"width": 1280, "height": 900}).new_page())
     held: list[Route] = []  # what the stage is drawn by comes after the sound, on a busy machine
-    again.route("**/stage/facts.json", held.append)
+
+    def hold(route: Route) -> None:
+        held.append(route)
+
+    again.route("**/stage/facts.json", hold)
     again.goto(both.url)
     expect(again.locator("#player .sounds button").last).to_have_attribute(
         "aria-pressed", "true", timeout=PATIENCE_MS
     )
-    again.unroute("**/stage/facts.json")
     for route in held:
         route.continue_()
     again.wait_for_function(f"{frame} === 30 && Math.abs({SECONDS} - 1.5) < 0.05")
