@@ -52,7 +52,7 @@ slow: .venv/.test-ready
 	$(BIN)/python -m pytest -m slow
 
 bench: .venv/.run-ready
-	$(BIN)/python -m app.commands.bench
+	$(BIN)/python -m app.bench
 
 golden: .venv/.test-ready
 	$(BIN)/python -m tests.golden.regenerate

@@ -12,7 +12,7 @@ from pathlib import Path
 
 PROGRAM = "co-speech-motion"
 MODULES = {
-    "bench": "app.commands.bench",
+    "bench": "app.bench",
     "corpus": "model.corpus",
     "train": "model.train",
     "evaluate": "model.evaluate",

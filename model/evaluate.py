@@ -36,7 +36,7 @@ from model.evaluation.speakers import SpeakerJudge, judge_of
 from model.evaluation.speakers import left_out as speakers_left_out
 from model.generation.base import System
 from model.generation.family import UnknownNameError
-from model.jobs.crew import Crew, Job, JobsError
+from model.jobs.pool import Job, JobPool, JobsError
 from model.measures import beats
 from model.motion.motion import Motion, MotionError
 from model.networks.autoencoder import FrozenEncoder, load_encoder
@@ -51,7 +51,7 @@ from model.systems.registry import list_systems, load_system
 log = logging.getLogger(__name__)
 
 BATCH_WINDOWS = 64
-ALONE = Crew(1)
+ALONE = JobPool(1)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -88,7 +88,7 @@ def main(arguments: list[str] | None = None) -> int:
             matching=cast.matching,
             guidance=args.guidance,
             speakers=speakers,
-            crew=Crew(args.processes, args.scheduler),
+            pool=JobPool(args.processes, args.scheduler),
             kept=args.out / "clips",
             again=partial(_load, tuple(names), args.weights.absolute()),
         )
@@ -138,7 +138,7 @@ def evaluate(
     matching: MatchingJudge | None = None,
     guidance: float | None = None,
     speakers: tuple[str, str] = CALM_AND_LIVELY,
-    crew: Crew = ALONE,
+    pool: JobPool = ALONE,
     kept: Path | None = None,
     again: Callable[[], Cast] | None = None,
     batch_windows: int = BATCH_WINDOWS,
@@ -151,7 +151,7 @@ def evaluate(
             and ``left_out`` of the table says so.
         matching: who tells matched from mismatched speech; the same holds for it.
         speakers: a calm one and a lively one, who are compared on a few clips.
-        crew: who measures the clips.
+        pool: who measures the clips.
         kept: where the numbers of each clip stay; those of the same recordings, weights and
             options are taken from there. None keeps nothing.
         again: gives systems and judges once more, in another process; None sends them there.
@@ -194,7 +194,7 @@ def evaluate(
             def on_done(name: str) -> None:
                 bar.update()
 
-            for error in crew.do_all(jobs, on_done).values():
+            for error in pool.do_all(jobs, on_done).values():
                 raise error
         rows = [load_rows(files[name]) for name in names]
     table = as_table(rows, [speaker_in(name) for name in names])

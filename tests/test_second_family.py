@@ -11,9 +11,9 @@ import torch
 from frame_regression import DRAWN, FAMILY, MEAN
 
 from app.page.parts.catalogue import read_catalogue
-from app.page.tabs.systems import ladder
+from app.page.tabs.systems.systems import ladder
 from app.run.pipeline import generate_all
-from app.run.request import GenerateRequest
+from app.run.requests.request import GenerateRequest
 from model import evaluate as measuring
 from model.generation.family import UnknownNameError
 from model.generation.windows import GenerateOptions, generate_motion

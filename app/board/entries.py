@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import RunError
-from app.run.request import REFERENCE_NAME
+from app.run.requests.request import REFERENCE_NAME
 from model.storage.files import written_atomically
 from model.storage.harmless import printable
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from app import text
 from app.commands.hearing import add_hearing
 from app.commands.leaderboard import add_leaderboard
-from app.commands.many import add_crew, crew_of, generate_over_many, told_if_stopped
+from app.commands.many import add_pool, generate_over_many, pool_of, told_if_stopped
 from app.commands.mechanism import add_mechanism
 from app.commands.plan import add_plan
 from app.commands.said import LogLines, Parser, name_file, say
@@ -29,9 +29,9 @@ from app.findings.ranking import told_findings
 from app.findings.sentences import sentences_of
 from app.flags import WEIGHTS, add_flags, read_flags
 from app.run.diagnose import DiagnoseRequest
-from app.run.pictures.export import ENDINGS, SHEET_POSES, RenderRequest, render_motion
-from app.run.pictures.own_videos import VideoOptions
-from app.run.request import BODY, GenerateRequest
+from app.run.requests.request import BODY, GenerateRequest
+from app.run.videos.export import ENDINGS, SHEET_POSES, RenderRequest, render_motion
+from app.run.videos.own_videos import VideoOptions
 from model.systems.registry import left_out
 
 Command = Callable[[argparse.Namespace], None]
@@ -95,7 +95,7 @@ def _add_generate(commands) -> None:
     )
     add_flags(parser, GenerateRequest)
     add_family_files(parser)
-    add_crew(parser)
+    add_pool(parser)
     parser.set_defaults(command=_generate)
 
 
@@ -108,7 +108,7 @@ def _generate(options: argparse.Namespace) -> None:
     use_family_files(options)
     request = read_flags(GenerateRequest, options)
     if is_many(options.speech):
-        generate_over_many(request, crew_of(options))
+        generate_over_many(request, pool_of(options))
         return
     with ProgressBars() as bars:
         result = generate_all(request, bars.take)
@@ -140,7 +140,7 @@ def _add_diagnose(commands) -> None:
         "--videos", action="store_true",
         help="a video of each motion that figures show, with close-ups and trail, in register",
     )  # fmt: skip
-    add_crew(parser)
+    add_pool(parser)
     parser.set_defaults(command=_diagnose)
 
 
@@ -157,7 +157,7 @@ def _diagnose_folders(options: argparse.Namespace) -> None:
         emage_weights=options.emage_weights,
         fps=options.fps,
         rotations=options.rotations,
-        crew=crew_of(options),
+        pool=pool_of(options),
     )
     with ProgressBar("measure clips") as bar, told_if_stopped():
         result = diagnose_folders(request, bar.show)
@@ -190,7 +190,7 @@ def _diagnose(options: argparse.Namespace) -> None:
 
 
 def _add_steps(commands) -> None:
-    from app.run.step_curve import MAX_S, StepCurveRequest
+    from app.run.experiments.step_curve import MAX_S, StepCurveRequest
 
     parser = commands.add_parser(
         "steps",
@@ -206,7 +206,7 @@ def _add_steps(commands) -> None:
 
 def _steps_command(options: argparse.Namespace) -> None:
     from app.commands.terminal import ProgressBar
-    from app.run.step_curve import StepCurveRequest, measure_step_curve
+    from app.run.experiments.step_curve import StepCurveRequest, measure_step_curve
 
     use_family_files(options)
     request = read_flags(StepCurveRequest, options)

@@ -8,7 +8,7 @@ from pathlib import Path
 from app.commands.said import name_file, say
 from app.family_files import add_family_files, use_family_files
 from app.flags import add_flags, read_flags
-from app.run.hearing import HearingRequest, measure_hearing
+from app.run.experiments.hearing import HearingRequest, measure_hearing
 
 
 def add_hearing(commands) -> None:

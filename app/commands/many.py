@@ -9,11 +9,11 @@ from pathlib import Path
 
 from app.commands.said import name_file, say
 from app.errors import RunError
-from app.run.request import GenerateRequest
-from model.jobs.crew import Crew
+from app.run.requests.request import GenerateRequest
+from model.jobs.pool import JobPool
 
 
-def add_crew(parser: argparse.ArgumentParser) -> None:
+def add_pool(parser: argparse.ArgumentParser) -> None:
     """Flags that say who works on many clips."""
     parser.add_argument(
         "--processes", type=_count, metavar="N",
@@ -26,14 +26,14 @@ def add_crew(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def crew_of(options: argparse.Namespace) -> Crew:
+def pool_of(options: argparse.Namespace) -> JobPool:
     """As the flags say."""
     if options.processes is not None and options.scheduler is not None:
         raise RunError("Give --processes or --scheduler; a cluster has workers of its own.")
-    return Crew(options.processes, options.scheduler)
+    return JobPool(options.processes, options.scheduler)
 
 
-def generate_over_many(request: GenerateRequest, crew: Crew) -> None:
+def generate_over_many(request: GenerateRequest, pool: JobPool) -> None:
     """Do all runs, name each folder on standard output as it is there, and say what failed.
 
     Raises:
@@ -49,7 +49,7 @@ def generate_over_many(request: GenerateRequest, crew: Crew) -> None:
             name_file(folder)
 
         with told_if_stopped():
-            runs = generate_many(request, crew, on_done)
+            runs = generate_many(request, pool, on_done)
     for path in runs.files:
         name_file(path)
     for clip, sentence in runs.failed.items():

@@ -6,7 +6,7 @@ import argparse
 
 from app.commands.said import name_file, say
 from app.flags import add_flags, read_flags
-from app.run.mechanism import MechanismRequest, show_mechanism
+from app.run.experiments.mechanism import MechanismRequest, show_mechanism
 
 
 def add_mechanism(commands) -> None:

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from app.commands.many import add_crew, crew_of
+from app.commands.many import add_pool, pool_of
 from app.commands.said import name_file, say
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import RunError
@@ -49,7 +49,7 @@ def _add_export(parts) -> None:
     parser.add_argument(
         "--workers", type=int, default=2, metavar="N", help="videos drawn at once (default: 2)"
     )
-    add_crew(parser)
+    add_pool(parser)
     parser.set_defaults(command=_export)
 
 
@@ -71,7 +71,7 @@ def _export(options: argparse.Namespace) -> None:
                     options.weights.absolute(),
                     options.body and options.body.absolute(),
                     options.workers,
-                    crew_of(options) if is_shared else None,
+                    pool_of(options) if is_shared else None,
                 ),
                 on_progress=bar.show,
             )

@@ -8,7 +8,7 @@ from typing import Any
 from tqdm import tqdm
 
 from app import text
-from app.run.request import Event, Progress, Stage
+from app.run.requests.request import Event, Progress, Stage
 from model.storage.harmless import printable
 
 

@@ -9,7 +9,7 @@ from math import isfinite, log
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from model.measures.diagnostics import Diagnostics, Versions
+    from model.diagnostics.diagnostics import Diagnostics, Versions
     from model.measures.results import Measures
     from model.motion.versions import Kind
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from app.errors import RunError
 from app.live.minute import LastMinute, Minute
+from app.live.sound_bytes import read_sound
 from app.live.told_plan import manner_of, told_plan
-from app.live.wire import read_sound
 from app.run.pieces import frames_message
 from model.motion.timing import FPS, SAMPLE_RATE
 

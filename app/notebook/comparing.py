@@ -10,9 +10,9 @@ from itertools import combinations
 from app.findings.measure_rows import MEASURES, Measure, nearest, written
 from app.notebook.inputs import MotionLike, SpeechLike, named_motions
 from app.notebook.measuring import diagnose
-from app.run.request import REFERENCE_NAME
+from app.run.requests.request import REFERENCE_NAME
+from model.diagnostics.diagnostics import Diagnostics
 from model.measures.apart import degrees_by_part
-from model.measures.diagnostics import Diagnostics
 from model.motion.versions import Kind
 
 

@@ -13,11 +13,11 @@ from app.notebook.inputs import (
 )
 from app.notebook.progress import Bar
 from app.run.diagnostics import measure_motions, onsets_of
+from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
-from app.run.pictures.followed_point import TIP, choose_tip_source
-from app.run.request import REFERENCE_NAME
-from model.measures.diagnostics import Diagnostics
-from model.measures.faults.timing import loudness_of
+from app.run.requests.request import REFERENCE_NAME
+from model.diagnostics.diagnostics import Diagnostics
+from model.faults.timing import loudness_of
 from model.motion.skeleton import open_body_skeleton
 from model.plan.found import found_plan
 from model.plan.plan import GesturePlan

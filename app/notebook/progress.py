@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from app import text
-from app.run.request import Event, Progress
+from app.run.requests.request import Event, Progress
 
 
 class Bar:

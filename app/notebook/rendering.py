@@ -8,7 +8,7 @@ from typing import Any
 
 from app.notebook.inputs import MotionLike, SpeechLike, motion_file, speech_file
 from app.notebook.progress import Bar
-from app.run.pictures.export import RenderRequest, render_motion
+from app.run.videos.export import RenderRequest, render_motion
 
 
 def render(
@@ -23,7 +23,7 @@ def render(
 
     Args:
         speech: sound of the video.
-        asked: further fields of `app.run.pictures.export.RenderRequest`, such as ``size``,
+        asked: further fields of `app.run.videos.export.RenderRequest`, such as ``size``,
             ``views``, ``close_ups``, ``framing``, ``num_stills`` or ``sheet_every``.
 
     Returns:

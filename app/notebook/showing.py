@@ -16,11 +16,11 @@ from app.notebook.inputs import (
     speech_file,
 )
 from app.page.alone import Scene, player_alone
-from app.page.results.timeline import make_timeline, tiers_of
+from app.page.player.timeline import make_timeline, tiers_of
+from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
-from app.run.pictures.followed_point import TIP, choose_tip_source
-from app.run.request import REFERENCE_NAME
-from model.measures.faults.finding import Finding
+from app.run.requests.request import REFERENCE_NAME
+from model.faults.finding import Finding
 from model.plan.plan import GesturePlan
 from model.speech.audio import Speech
 from model.speech.transcript import NOTHING_SAID, Transcript

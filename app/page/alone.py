@@ -18,17 +18,17 @@ from typing import TYPE_CHECKING, Any
 
 from app.errors import RunError
 from app.findings.verdict import short_names
-from app.live.stage import body_glb, builds
-from app.page.results.player import gravest_of, noise_of
-from app.page.results.timeline import series_looks
-from app.page.serving.stage_route import stage_facts
+from app.live.live_body import body_glb, builds
+from app.page.player.player import gravest_of, noise_of
+from app.page.player.timeline import series_looks
+from app.page.routes.stage_route import stage_facts
 from app.page.theme import PLAYER_CSS, make_theme, theme_variables
-from app.run.pictures.register import register_of
 from app.run.pieces import MAX_FRAMES, frames_message
-from app.run.request import REFERENCE_NAME
+from app.run.requests.request import REFERENCE_NAME
+from app.run.videos.register import register_of
 
 if TYPE_CHECKING:
-    from model.measures.faults.finding import Finding
+    from model.faults.finding import Finding
     from model.motion.motion import Motion
     from model.plan.plan import GesturePlan
 
@@ -71,7 +71,7 @@ class Scene:
     motions: Mapping[str, Motion]
     """By name; the recorded one, if there is one, as `REFERENCE_NAME`. At most 2184 s each."""
     timeline: Mapping[str, Any]
-    """As `app.page.results.timeline.make_timeline` and `tiers_of` give it."""
+    """As `app.page.player.timeline.make_timeline` and `tiers_of` give it."""
     sound: bytes | None = None
     """A wav file."""
     plans: Mapping[str, GesturePlan] = field(default_factory=dict)
@@ -142,7 +142,7 @@ def _files(scene: Scene) -> dict[str, bytes]:
 
 
 def _value(scene: Scene, files: Mapping[str, bytes]) -> dict[str, Any]:
-    """As `app.page.results.player.Showing.value` tells a finished run."""
+    """As `app.page.player.player.Showing.value` tells a finished run."""
     looks, labels = series_looks(tuple(scene.motions)), short_names(scene.motions)
     rows = []
     for name, motion in scene.motions.items():

@@ -32,9 +32,9 @@ from model.systems.registry import families, left_out
 if TYPE_CHECKING:
     from gradio import Blocks
 
-    from app.page.results.first_look_shown import FirstLookDesk
-    from app.page.serving.workshop import Workshop
-    from app.page.tabs.generate_run import Generate
+    from app.page.player.first_look_shown import FirstLooks
+    from app.page.queue.run_processes import RunProcesses
+    from app.page.tabs.generate.generate_run import Generate
     from app.page.tabs.videos_behind import Draw
 
 log = logging.getLogger(__name__)
@@ -151,27 +151,27 @@ def launch(
     os.environ["GRADIO_ANALYTICS_MAX_EVENTS"] = "1"
     os.environ["GRADIO_ANALYTICS_CACHE_FREQUENCY"] = str(2**31)
 
-    from app.live.desk import LiveDesk
+    from app.live.sessions import LiveSessions
     from app.page.page import build_app
     from app.page.parts.catalogue import find_examples, read_catalogue
-    from app.page.results.first_look_shown import FirstLookDesk
+    from app.page.player.first_look_shown import FirstLooks
+    from app.page.queue.jobs import NUM_ASIDE, JobBook
+    from app.page.queue.run_processes import Limits, RunProcesses
     from app.page.results.kept_runs import KeptRuns
     from app.page.results.run_file import run_file_routes
-    from app.page.results.study_preview import PreviewDesk, preview_routes
+    from app.page.results.study_preview import StudyPreviews, preview_routes
+    from app.page.routes.guard import Framing, HostNames, guarded
+    from app.page.routes.live_route import live_routes
+    from app.page.routes.media import MediaAddresses, media_routes
+    from app.page.routes.motion_files import motion_file_routes
+    from app.page.routes.refusals import quieten_sockets, refuse_unknown_functions
+    from app.page.routes.stage_route import stage_routes
     from app.page.run_page import run_page_routes
-    from app.page.serving.guard import Framing, HostNames, guarded
-    from app.page.serving.jobs import NUM_ASIDE, JobBook
-    from app.page.serving.live_route import live_routes
-    from app.page.serving.lodging import Lodging
-    from app.page.serving.media import MediaDesk, media_routes
-    from app.page.serving.motion_files import motion_file_routes
-    from app.page.serving.refusals import quieten_sockets, refuse_unknown_functions
-    from app.page.serving.researcher_part import Handover, study_routes
-    from app.page.serving.stage_route import stage_routes
-    from app.page.serving.uploads import keep_uploads_tidy
-    from app.page.serving.workshop import Limits, Workshop
     from app.page.tabs.upload_check import UploadCheck
     from app.page.theme import CSS, head_style, make_theme
+    from app.page.visitors.researcher_part import Handover, study_routes
+    from app.page.visitors.uploads import keep_uploads_tidy
+    from app.page.visitors.visitor_files import VisitorFiles
 
     for sentence in left_out():
         log.warning("%s", sentence)
@@ -182,43 +182,43 @@ def launch(
     keep_uploads_tidy()
     refuse_unknown_functions()
     quieten_sockets()
-    lodging = Lodging(config)
-    atexit.register(lodging.close)
-    jobs = JobBook(config.jobs_folder, config.num_slots, config.max_waiting, lodging)
-    lodging.keep_swept(jobs.in_use)
+    visitor_files = VisitorFiles(config)
+    atexit.register(visitor_files.close)
+    jobs = JobBook(config.jobs_folder, config.num_slots, config.max_waiting, visitor_files)
+    visitor_files.keep_swept(jobs.in_use)
     atexit.register(jobs.cancel_all)
 
     handover = Handover(config.private_folder, config.keep_results_s)
-    previews = PreviewDesk()
-    desk = MediaDesk()
-    live = LiveDesk(config.weights)
+    previews = StudyPreviews()
+    addresses = MediaAddresses()
+    live = LiveSessions(config.weights)
     examples = [example.path for example in catalogue.examples]
-    workshop = Workshop(
+    processes = RunProcesses(
         config.num_slots,
         Limits(config.max_run_bytes, config.max_run_s),
         warm=(config.weights, config.body) if is_warmed_up else None,
         num_aside=NUM_ASIDE,
     )
-    atexit.register(workshop.close)
+    atexit.register(processes.close)
     # Apart from the runs: nobody should wait for another's run to hear that a file is silent.
-    gate = Workshop(1, Limits(CHECK_BYTES, CHECK_S, CHECK_S))
+    gate = RunProcesses(1, Limits(CHECK_BYTES, CHECK_S, CHECK_S))
     atexit.register(gate.close)
-    does = generate or workshop.generate
+    does = generate or processes.generate
     first_look = None
     if is_warmed_up:
-        first_look = FirstLookDesk(config, catalogue, jobs, desk, workshop.make_first_look)
+        first_look = FirstLooks(config, catalogue, jobs, addresses, processes.make_first_look)
     check = UploadCheck(gate.refuse, config.max_speech_s)
     kept = KeptRuns(config.keep_results_s)
     page = build_app(
         does,
-        workshop,
+        processes,
         check,
         catalogue,
         config,
         jobs,
         handover,
         previews,
-        desk,
+        addresses,
         live,
         first_look,
         draw,
@@ -228,11 +228,11 @@ def launch(
     routes = [
         *run_file_routes(kept),
         *run_page_routes(kept),
-        *media_routes(desk),
+        *media_routes(addresses),
         *study_routes(handover),
         *preview_routes(previews),
     ]
-    routes += [*stage_routes(), *motion_file_routes(desk, config.temp)]
+    routes += [*stage_routes(), *motion_file_routes(addresses, config.temp)]
     routes += live_routes(live, examples)
     page.launch(
         server_name=config.host,
@@ -271,7 +271,7 @@ def launch(
             "routes": routes,
             "lifespan": guarded(
                 HostNames(config.host, config.host_names),
-                lodging,
+                visitor_files,
                 Framing(config.embedders),
                 has_proxy=bool(config.proxies),
             ),
@@ -280,7 +280,7 @@ def launch(
     )
     # Only now: reading models beside it would hold up the page's own start.
     if is_warmed_up:
-        arguments = (config, workshop, first_look)
+        arguments = (config, processes, first_look)
         threading.Thread(target=_warm_up, args=arguments, name="warm-up", daemon=True).start()
     return page
 
@@ -302,7 +302,7 @@ def main(argv: list[str] | None = None) -> None:
 
 def own_folders(config: AppConfig) -> AppConfig:
     """The configuration with a folder of this process alone, which is removed when it ends."""
-    from app.page.serving.lodging import claim_folder
+    from app.page.visitors.visitor_files import claim_folder
 
     temp = claim_folder(config.temp)
     scratch = temp / "scratch"
@@ -331,19 +331,19 @@ def _remove(folder: Path) -> None:
         time.sleep(0.1)
 
 
-def _warm_up(config: AppConfig, workshop: Workshop, first_look: FirstLookDesk | None) -> None:
+def _warm_up(config: AppConfig, processes: RunProcesses, first_look: FirstLooks | None) -> None:
     """Load in this process what the stage and live speech need; a failure shows where they are
     wanted. First of all what a visitor sees first: the stage, and the example that plays before the
     first run."""
     try:
-        from app.page.serving.stage_route import prepare
+        from app.page.routes.stage_route import prepare
         from app.run.models import warm_up
 
         prepare()
         if first_look is not None:
             first_look.make()
         time.sleep(FIRST_S)
-        workshop.start()
+        processes.start()
         warm_up(config.weights, config.body)
     except Exception:
         log.exception("the warm-up failed; the first run will say why")

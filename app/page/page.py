@@ -9,37 +9,37 @@ import gradio as gr
 
 from app import text
 from app.config import AppConfig
-from app.live.desk import LiveDesk
+from app.live.sessions import LiveSessions
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import mount, reveal_on_click
 from app.page.parts.named_fields import named_fields
-from app.page.results.edited_runs import EditedRuns
-from app.page.results.first_look_shown import FirstLookDesk
+from app.page.player.edited_runs import EditedRuns
+from app.page.player.first_look_shown import FirstLooks
+from app.page.queue.in_turn import Updates
+from app.page.queue.jobs import JobBook
+from app.page.queue.run_processes import RunProcesses
 from app.page.results.kept_runs import PARAMETER, KeptRuns
 from app.page.results.result_parts import ResultParts, build_results
-from app.page.results.study_preview import PreviewDesk
-from app.page.serving.in_turn import Updates
-from app.page.serving.jobs import JobBook
-from app.page.serving.media import MediaDesk
-from app.page.serving.researcher_part import Handover
-from app.page.serving.workshop import Workshop
-from app.page.tabs import live as live_tab
-from app.page.tabs import own_motion as own_motion_tab
-from app.page.tabs.generate import FormParts, build_form
-from app.page.tabs.generate_form import Form
-from app.page.tabs.generate_run import Generate, GenerateRunner
-from app.page.tabs.hearing import build_hearing
-from app.page.tabs.mechanism import build_mechanism
-from app.page.tabs.opening import Opening
+from app.page.results.study_preview import StudyPreviews
+from app.page.routes.media import MediaAddresses
+from app.page.tabs.generate.generate import FormParts, build_form
+from app.page.tabs.generate.generate_form import Form
+from app.page.tabs.generate.generate_run import Generate, GenerateRunner
+from app.page.tabs.generate.opening import Opening
+from app.page.tabs.generate.takes_run import MakeTake, TakesRunner
+from app.page.tabs.live import live as live_tab
+from app.page.tabs.own_motion import own_motion as own_motion_tab
 from app.page.tabs.seen_run import SeenRunner
-from app.page.tabs.step_curve import build_step_curve
-from app.page.tabs.study import build_study_tab
-from app.page.tabs.study_analysis import build_analysis
-from app.page.tabs.systems import build_systems_tab
-from app.page.tabs.takes_run import MakeTake, TakesRunner
+from app.page.tabs.study.study import build_study_tab
+from app.page.tabs.study.study_analysis import build_analysis
+from app.page.tabs.systems.hearing import build_hearing
+from app.page.tabs.systems.mechanism import build_mechanism
+from app.page.tabs.systems.step_curve import build_step_curve
+from app.page.tabs.systems.systems import build_systems_tab
 from app.page.tabs.upload_check import UploadCheck
 from app.page.tabs.videos_behind import Draw, VideosBehind
+from app.page.visitors.researcher_part import Handover
 
 EXAMPLE_EVERY_S = 0.5
 """How often a page asks for an example that is being made."""
@@ -47,16 +47,16 @@ EXAMPLE_EVERY_S = 0.5
 
 def build_app(
     generate: Generate,
-    workshop: Workshop,
+    processes: RunProcesses,
     check: UploadCheck,
     catalogue: Catalogue,
     config: AppConfig,
     jobs: JobBook,
     handover: Handover,
-    previews: PreviewDesk,
-    desk: MediaDesk,
-    live: LiveDesk,
-    first_look: FirstLookDesk | None = None,
+    previews: StudyPreviews,
+    addresses: MediaAddresses,
+    live: LiveSessions,
+    first_look: FirstLooks | None = None,
     draw: Draw | None = None,
     take: MakeTake | None = None,
     kept: KeptRuns | None = None,
@@ -65,14 +65,14 @@ def build_app(
 
     Args:
         generate: what a test may replace by a function of its own.
-        workshop: does all other runs.
+        processes: does all other runs.
         check: of uploads, before there is a run.
         first_look: what plays before the first run.
-        draw: the same of the videos of a run; None is the workshop.
+        draw: the same of the videos of a run; None is the processes.
         take: the same of a take of it.
         kept: where runs are kept; None is a place of its own.
     """
-    draws = draw or workshop.draw_behind
+    draws = draw or processes.draw_behind
     kept = kept or KeptRuns(config.keep_results_s)
     with gr.Blocks(
         title=text.TITLE,
@@ -92,31 +92,33 @@ def build_app(
                     results = build_results(empty=markup.empty_state())
             with gr.Tab(live_tab.TAB):
                 live_results = live_tab.build_live_tab(
-                    page, generate, catalogue, config, jobs, desk, live, kept, draws
+                    page, generate, catalogue, config, jobs, addresses, live, kept, draws
                 )
             with gr.Tab(own_motion_tab.TAB, id="own_motion"):
                 own_results = own_motion_tab.build_own_motion_tab(
-                    *(page, config, jobs, desk, workshop.diagnose, check, kept, draws),
-                    workshop.measure_sets,
+                    *(page, config, jobs, addresses, processes.diagnose, check, kept, draws),
+                    processes.measure_sets,
                 )
             with gr.Tab(text.LADDER_TAB) as systems_tab:
-                build_mechanism(page, systems_tab, config, jobs, desk, workshop.show_mechanism)
+                build_mechanism(
+                    page, systems_tab, config, jobs, addresses, processes.show_mechanism
+                )
                 build_systems_tab(catalogue.systems)
-                build_hearing(page, catalogue, config, jobs, desk, workshop.measure_hearing)
-                build_step_curve(page, catalogue, config, jobs, desk, workshop.measure_steps)
+                build_hearing(page, catalogue, config, jobs, addresses, processes.measure_hearing)
+                build_step_curve(page, catalogue, config, jobs, addresses, processes.measure_steps)
             with gr.Tab(text.STUDY_TAB):
                 build_study_tab(
-                    page, catalogue, config, jobs, handover, previews, workshop.export_study, check
+                    page, catalogue, config, jobs, handover, previews, processes.export_study, check
                 )
-                build_analysis(page, jobs, workshop.analyse_study)
+                build_analysis(page, jobs, processes.analyse_study)
         for parts, prefix in ((results, ""), (live_results, "live-"), (own_results, "own-")):
-            SeenRunner(workshop.draw_seen, config, jobs, desk, parts).wire(page, prefix)
+            SeenRunner(processes.draw_seen, config, jobs, addresses, parts).wire(page, prefix)
         videos = VideosBehind(draws, jobs, results, kept, "videos")
         edited = EditedRuns()
         runner = GenerateRunner(
-            generate, catalogue, config, jobs, desk, form, results, kept, videos, edited
+            generate, catalogue, config, jobs, addresses, form, results, kept, videos, edited
         )
-        TakesRunner(take or workshop.make_take, edited, jobs, results).wire(page)
+        TakesRunner(take or processes.make_take, edited, jobs, results).wire(page)
         if first_look is not None:
             _await_example(page, form, results, first_look)
         _wire(page, form, results, runner, videos)
@@ -131,7 +133,7 @@ def build_app(
 
 
 def _await_example(
-    page: gr.Blocks, form: FormParts, results: ResultParts, first_look: FirstLookDesk
+    page: gr.Blocks, form: FormParts, results: ResultParts, first_look: FirstLooks
 ) -> None:
     """An example that is still being made plays as soon as it is there, unless the visitor shows
     or begins a run meanwhile."""

@@ -12,13 +12,11 @@ from app.errors import RunError
 from app.flags import OUT_FOLDER, flag, names_of
 from app.run.body_motion import body_motion
 from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
+from app.run.figures import check_start, draw_error_growth, draw_figure6, draw_jitter
+from app.run.followed_point import TIP, TipSource, choose_tip_source
 from app.run.models import get_body
-from app.run.pictures.comparison import Snapshots, draw_poses
-from app.run.pictures.figures import check_start, draw_error_growth, draw_figure6, draw_jitter
-from app.run.pictures.followed_point import TIP, TipSource, choose_tip_source
-from app.run.pictures.own_videos import OnFile, VideoOptions, draw_own_videos, picture_motions
-from app.run.pictures.register import SOLE_M
-from app.run.request import (
+from app.run.output.result_folder import ResultFolder
+from app.run.requests.request import (
     BODY,
     JOINT,
     MAX_COMPARED,
@@ -29,7 +27,9 @@ from app.run.request import (
     WORDS,
     WordsAsked,
 )
-from app.run.result_folder import ResultFolder
+from app.run.videos.comparison import Snapshots, draw_poses
+from app.run.videos.own_videos import OnFile, VideoOptions, draw_own_videos, picture_motions
+from app.run.videos.register import SOLE_M
 from app.run.words import SpokenWords
 from model.speech.transcript import NOTHING_SAID, Transcript
 from model.storage.harmless import printable
@@ -37,9 +37,9 @@ from model.storage.harmless import printable
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
+    from model.diagnostics.diagnostics import Diagnostics
     from model.formats.numbers import ReadOptions
-    from model.measures.diagnostics import Diagnostics
-    from model.measures.joins.seams import Windows
+    from model.measures.seams.seams import Windows
     from model.motion.motion import Motion
 
 OnShare = Callable[[float], None]
@@ -350,8 +350,8 @@ def _measure(
     words: SpokenWords,
     on_progress: OnShare,
 ) -> Diagnostics:
+    from model.faults.timing import loudness_of
     from model.measures.beats import read_mean_speeds
-    from model.measures.faults.timing import loudness_of
     from model.speech.audio import load_speech
 
     if request.mean_speeds is not None and request.speech is None:
@@ -383,7 +383,7 @@ def _windows(request: DiagnoseRequest, read: _Read) -> dict[str, Windows]:
     Raises:
         RunError: for windows that cannot be.
     """
-    from model.measures.joins.seams import Windows
+    from model.measures.seams.seams import Windows
 
     if request.window is None:
         if request.overlap:

@@ -12,17 +12,17 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from app.run.pictures.followed_point import TipSource
-from app.run.request import REFERENCE_NAME
-from app.run.result_folder import ResultFolder
+from app.run.followed_point import TipSource
+from app.run.output.result_folder import ResultFolder
+from app.run.requests.request import REFERENCE_NAME
 from model.speech.transcript import NOTHING_SAID
 from model.storage.harmless import csv_text
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from model.measures.diagnostics import Diagnostics
-    from model.measures.joins.seams import Windows
+    from model.diagnostics.diagnostics import Diagnostics
+    from model.measures.seams.seams import Windows
     from model.motion.motion import Motion
     from model.motion.tracks import Tracks
     from model.speech.audio import Speech
@@ -56,7 +56,7 @@ def measure_motions(
         loudness: of the speech frame by frame, for time shifts.
         mean_speeds: published ones of the joints, for BeatAlign.
     """
-    from model.measures.diagnostics import diagnose
+    from model.diagnostics.diagnostics import diagnose
     from model.motion.skeleton import open_body_skeleton
 
     done, count = 0, 2 * len(motions)

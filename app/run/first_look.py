@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.config import EXAMPLES
+from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
-from app.run.pictures.followed_point import choose_tip_source
-from app.run.pictures.own_videos import picture_motions
+from app.run.output.result_folder import ResultFolder
 from app.run.planted import NOISE_RAD, tremble
-from app.run.request import GenerateRequest, file_stem
-from app.run.result_folder import ResultFolder
+from app.run.requests.request import GenerateRequest, file_stem
+from app.run.videos.own_videos import picture_motions
 
 if TYPE_CHECKING:
     from collections.abc import Callable

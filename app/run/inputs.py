@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 from app.errors import RunError
 from app.run.models import get_body, get_system
-from app.run.request import GenerateRequest, steps_of
-from app.run.result_folder import require_free_space
-from app.run.telling import Reporter
+from app.run.output.result_folder import require_free_space
+from app.run.output.telling import Reporter
+from app.run.requests.request import GenerateRequest, steps_of
 
 if TYPE_CHECKING:
     from model.generation.base import System
@@ -187,7 +187,7 @@ def _read_reference(request: GenerateRequest, speech: Speech, reporter: Reporter
     """The recorded motion, no longer than the speech."""
     if request.reference is None:
         return None
-    from model.measures.diagnostics import first_frames
+    from model.diagnostics.diagnostics import first_frames
     from model.motion.motion import load_motion
 
     motion = load_motion(request.reference)

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from app.run.pictures.register import Register, register_of
-from app.run.request import Piece
-from app.run.telling import Reporter
+from app.run.output.telling import Reporter
+from app.run.requests.request import Piece
+from app.run.videos.register import Register, register_of
 
 if TYPE_CHECKING:
     from model.motion.motion import Motion

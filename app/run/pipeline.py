@@ -14,21 +14,14 @@ from typing import TYPE_CHECKING
 from app.errors import CancelledRun
 from app.run.body_motion import body_motion
 from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
+from app.run.figures import check_start, draw_figure6, draw_jitter
+from app.run.followed_point import TipSource, choose_tip_source
 from app.run.inputs import Inputs, read_inputs
-from app.run.pictures.comparison import (
-    Row,
-    Snapshots,
-    draw_all,
-    draw_poses,
-    joined_side_by_side,
-    rows_that_fit,
-)
-from app.run.pictures.figures import check_start, draw_figure6, draw_jitter
-from app.run.pictures.followed_point import TipSource, choose_tip_source
-from app.run.pictures.register import in_register
+from app.run.output.provenance import make_provenance
+from app.run.output.result_folder import ResultFolder
+from app.run.output.telling import Reporter
 from app.run.pieces import PieceTeller
-from app.run.provenance import make_provenance
-from app.run.request import (
+from app.run.requests.request import (
     REFERENCE_NAME,
     GenerateRequest,
     GenerateResult,
@@ -38,18 +31,25 @@ from app.run.request import (
     file_stem,
     sample_name,
 )
-from app.run.result_folder import ResultFolder
-from app.run.telling import Reporter
+from app.run.videos.comparison import (
+    Row,
+    Snapshots,
+    draw_all,
+    draw_poses,
+    joined_side_by_side,
+    rows_that_fit,
+)
+from app.run.videos.register import in_register
 from app.run.words import SpokenWords
 from model.storage.harmless import printable
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from model.diagnostics.diagnostics import Diagnostics
     from model.generation.base import System
     from model.generation.windows import GenerateOptions, MotionPiece
-    from model.measures.diagnostics import Diagnostics
-    from model.measures.joins.seams import Windows
+    from model.measures.seams.seams import Windows
     from model.motion.motion import Motion
     from model.plan.plan import GesturePlan
     from model.plan.wish import StyleWish
@@ -152,7 +152,7 @@ def _generate(
     reporter: Reporter,
 ) -> list[Row]:
     """Motion of all systems from the same noise; the reference is the last row."""
-    from model.measures.diagnostics import smooth_motion
+    from model.diagnostics.diagnostics import smooth_motion
     from model.motion.motion import load_motion, save_motion
     from model.plan.plan import read_plan
 
@@ -306,7 +306,7 @@ def _measure(
 
 def _windows(rows: Sequence[Row], inputs: Inputs) -> dict[str, Windows]:
     """How each row was cut. The recorded one was not; it is folded beside systems that agree."""
-    from model.measures.joins.seams import Windows
+    from model.measures.seams.seams import Windows
 
     found = {}
     for system in inputs.systems:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from app.errors import RunError
 from app.flags import MANNER, SEED, WEIGHTS, flag
-from app.run.request import MAX_GUIDANCE, STYLE, TRANSCRIPT, WORDS, WordsAsked
+from app.run.requests.request import MAX_GUIDANCE, STYLE, TRANSCRIPT, WORDS, WordsAsked
 from app.run.words import SpokenWords
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from app.errors import RunError
-from app.run.held_folder import held_folder
+from app.run.output.held_folder import held_folder
 from app.study.design.key import read_key
 from app.study.report.figures import preference_bars, write_pdf
 from app.study.report.html import Findings, page_of

@@ -9,9 +9,9 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from app.errors import RunError
-from app.run.held_folder import held_folder
 from app.run.models import get_system
-from app.run.pictures.videos import draw_videos
+from app.run.output.held_folder import held_folder
+from app.run.videos.videos import draw_videos
 from app.study.design.blinding import Blinding, blinding_of, draw_blinding, make_key
 from app.study.design.key import read_key, write_key
 from app.study.design.plan import Plan
@@ -51,7 +51,7 @@ def export_study(
     options = options or ExportOptions()
     design = make_design(plan)
     sources = read_sources(plan)
-    workspace = Workspace(out.absolute() if options.crew else out)
+    workspace = Workspace(out.absolute() if options.pool else out)
     fingerprint = _fingerprint(plan, sources, options)
     with held_folder(out):
         workspace.open(fingerprint)
@@ -77,10 +77,10 @@ def _make(
         *(plan, workspace, blinding.videos, options.weights, options.body, should_cancel),
         *(draw, options.parallel),
     )
-    if options.crew is None:
+    if options.pool is None:
         maker.make_all(sources, on_progress)
     else:
-        maker.make_shared(sources, options.crew, on_progress)
+        maker.make_shared(sources, options.pool, on_progress)
     secret = read_key(workspace.key).link_secret
     key = replace(make_key(plan, design, blinding, workspace.digests), link_secret=secret)
     write_page(plan, design, blinding, workspace)

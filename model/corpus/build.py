@@ -181,7 +181,7 @@ def _make_clips(
         ) as pool,
     ):
         futures = [pool.submit(make_job, job) for job in missing]
-        crew = [each for each in multiprocessing.active_children() if each not in others]
+        started = [each for each in multiprocessing.active_children() if each not in others]
         try:
             for future in as_completed(futures):
                 future.result()
@@ -190,7 +190,7 @@ def _make_clips(
         except BrokenProcessPool as error:
             pool.shutdown(cancel_futures=True)
             again = "the same command continues"
-            told = log.ended(crew).sentences(
+            told = log.ended(started).sentences(
                 "A worker process", f"{again} with fewer --workers", again
             )
             raise CorpusError(told) from error

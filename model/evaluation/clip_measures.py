@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from model.diagnostics.diagnostics import measures, track_points
 from model.measures import hearing
-from model.measures.diagnostics import measures, track_points
 from model.measures.diversity import l1_to_mean
 from model.motion.motion import Motion
 from model.motion.skeleton import JOINT_INDEX, RestSkeleton, open_body_skeleton

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from model.data.recordings import DataError, read_files, read_split, speaker_of
+from model.diagnostics.diagnostics import track_points
 from model.evaluation.matching import PIECE_FRAMES, cut
-from model.measures.diagnostics import track_points
 from model.motion.motion import Motion, MotionError
 from model.motion.skeleton import JOINT_INDEX, open_body_skeleton
 from model.motion.timing import FPS

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from model.data.prepared import PreparedData
     from model.generation.base import System
     from model.training.config import TrainConfig
-    from model.training.task import Task, Workshop
+    from model.training.task import Task, TaskSetup
 
 
 Use = Literal[
@@ -80,7 +80,7 @@ class Family:
     config: "Callable[[str, str], TrainConfig]"
     """Preset and name of what is trained -> settings. Raises ValueError for an unknown preset."""
     package: str
-    """Its folder as Python imports it: ``package.task.make_task(config, data, workshop)`` makes
+    """Its folder as Python imports it: ``package.task.make_task(config, data, setup)`` makes
     what is trained, ``package.system.load(name, folder)`` reads a generator."""
     place: int = 100
     """Where its systems are shown among the families': the least first."""
@@ -179,16 +179,14 @@ class Family:
         """
         return load_card(self.home_of(name, folder), self.weights_of(name))
 
-    def make_task(
-        self, config: "TrainConfig", data: "PreparedData", workshop: "Workshop"
-    ) -> "Task":
+    def make_task(self, config: "TrainConfig", data: "PreparedData", setup: "TaskSetup") -> "Task":
         """What there is to train under ``config``.
 
         Raises:
             CheckpointError: if weights that it needs are missing, damaged or of another shape.
             DataError: if the data does not suit its networks.
         """
-        return import_module(f"{self.package}.task").make_task(config, data, workshop)
+        return import_module(f"{self.package}.task").make_task(config, data, setup)
 
     def load(self, name: str, folder: Path) -> "System":
         """Read a generator.

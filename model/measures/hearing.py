@@ -30,8 +30,8 @@ LEAST_FRAMES = 3 * FPS
 ARMS = [JOINT_INDEX[f"{side}_{j}"] for side in ("left", "right") for j in ("shoulder", "elbow")]
 
 Grid = Mapping[tuple[str, int], Motion]
-"""Motions of one system by speech and noise seed; in `model.measures.manner` the speaker stands in
-the place of the speech."""
+"""Motions of one system by speech and noise seed; in `model.evaluation.manner` the speaker stands
+in the place of the speech."""
 
 
 @dataclass(frozen=True)

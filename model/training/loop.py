@@ -26,11 +26,11 @@ from model.training.run_folder import (
     restore_state,
     save_state,
 )
-from model.training.task import Start, Task, Workshop
+from model.training.task import Start, Task, TaskSetup
 
 VALIDATION_BATCHES = 8
 
-MakeTask = Callable[[TrainConfig, PreparedData, Workshop], Task]
+MakeTask = Callable[[TrainConfig, PreparedData, TaskSetup], Task]
 
 
 def train(
@@ -79,7 +79,7 @@ def train(
         start = Start(out / "weights", config.system)
         origin = load_card(start.folder, start.system)["started_from"]
     with shard.first_alone():
-        task = make_task(config, data, Workshop(helpers, start, shard, may_compile))
+        task = make_task(config, data, TaskSetup(helpers, start, shard, may_compile))
     first = restore_state(out, task) if resume else 0
     history = History(out / "log.csv", keep_below=first)
     progress = tqdm(range(first, config.steps), initial=first, total=config.steps, unit="step",

@@ -92,7 +92,7 @@ def with_more_inputs(weight: Tensor, wanted: Tensor) -> Tensor:
 
 
 @dataclass(frozen=True)
-class Workshop:
+class TaskSetup:
     """Where a task is made: what it may lean on, on which device, how fast."""
 
     helpers: Path

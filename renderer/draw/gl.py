@@ -10,7 +10,7 @@ from pyrender.constants import RenderFlags
 from pyrender.shader_program import ShaderProgramCache
 
 from renderer.draw.antialias import SUPERSAMPLE, Antialias
-from renderer.stage.studio import ROUGHNESS
+from renderer.scene.studio import ROUGHNESS
 
 _SHADERS = Path(__file__).with_name("shaders")
 

@@ -3,8 +3,8 @@
 import pyrender
 
 from renderer.draw.gl import DynamicMesh, TexturedQuad
-from renderer.stage.camera import Z_NEAR_M, Camera
-from renderer.stage.studio import Light, PosedFrame, Subject
+from renderer.scene.camera import Z_NEAR_M, Camera
+from renderer.scene.studio import Light, PosedFrame, Subject
 
 
 class BodyScene:

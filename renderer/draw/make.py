@@ -3,7 +3,7 @@
 from renderer.draw.antialias import Antialias
 from renderer.draw.offscreen import Backend, OffscreenRenderer
 from renderer.draw.software import SoftwareRenderer
-from renderer.stage.studio import Subject
+from renderer.scene.studio import Subject
 
 PictureRenderer = OffscreenRenderer | SoftwareRenderer
 

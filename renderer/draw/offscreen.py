@@ -22,8 +22,8 @@ import numpy as np
 from jaxtyping import UInt8
 
 from renderer.draw.antialias import Antialias, check_picture_size
-from renderer.stage.camera import Camera
-from renderer.stage.studio import PosedFrame, Subject
+from renderer.scene.camera import Camera
+from renderer.scene.studio import PosedFrame, Subject
 
 if TYPE_CHECKING:
     from renderer.draw.gl_scene import BodyScene

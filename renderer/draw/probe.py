@@ -131,9 +131,9 @@ def try_backend(name: Backend, shown: Shown = "ball") -> BackendReport:
     """Draw through a backend in this process, and look whether there is something."""
     from renderer.body.body import load_body
     from renderer.draw.make import make_renderer
-    from renderer.stage.camera import frame_points
-    from renderer.stage.stage import Stage
-    from renderer.stage.studio import FramePreparer, Studio, Subject
+    from renderer.scene.camera import frame_points
+    from renderer.scene.stage import Stage
+    from renderer.scene.studio import FramePreparer, Studio, Subject
 
     if shown == "body":
         body = load_body()

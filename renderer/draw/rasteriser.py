@@ -33,7 +33,7 @@ def project(vertices, eye, axes, focal, middle, corners):
     """Fill ``corners`` (V, 3): column and row in samples, and inverse depth, of each vertex.
 
     Args:
-        eye, axes: of the camera, as `renderer.stage.camera.Camera` has them.
+        eye, axes: of the camera, as `renderer.scene.camera.Camera` has them.
         focal: length in samples.
         middle: column and row of the picture's middle.
     """

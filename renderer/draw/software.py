@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt8
 
 from renderer.draw.antialias import SUPERSAMPLE, Antialias, check_picture_size
-from renderer.stage.camera import Z_NEAR_M, Camera
-from renderer.stage.studio import PosedFrame, Subject
+from renderer.scene.camera import Z_NEAR_M, Camera
+from renderer.scene.studio import PosedFrame, Subject
 
 OPENING_EDGES = 4
 """How far from an opening backs are drawn."""

@@ -1,6 +1,6 @@
 """Quality against time as a small figure: a curve for each system, a mark for each number of steps.
 
-Drawn from plain numbers, as those of ``app.run.step_curve.StepPoint``.
+Drawn from plain numbers, as those of ``app.run.experiments.step_curve.StepPoint``.
 """
 
 from collections.abc import Mapping, Sequence

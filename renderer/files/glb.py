@@ -22,8 +22,8 @@ from renderer.body.joints import JOINT_NAMES, NUM_JOINTS, PARENTS
 from renderer.body.look import CLAY
 from renderer.body.normals import VertexNormals
 from renderer.files.written import written_whole
-from renderer.stage.camera import Z_NEAR_M, Camera
-from renderer.stage.stage import Framing, camera_track, set_stage
+from renderer.scene.camera import Z_NEAR_M, Camera
+from renderer.scene.stage import Framing, camera_track, set_stage
 from renderer.timing import FPS
 
 INFLUENCES = 4

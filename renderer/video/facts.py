@@ -5,9 +5,9 @@ from pathlib import Path
 
 import renderer.draw
 from renderer.body.joints import JOINT_INDEX, JOINT_NAMES, TIP_VERTICES
-from renderer.stage import camera, ground, stage
-from renderer.stage.panels import CLOSE_UPS, drawn_joints
-from renderer.stage.studio import ROUGHNESS, Studio
+from renderer.scene import camera, ground, stage
+from renderer.scene.panels import CLOSE_UPS, drawn_joints
+from renderer.scene.studio import ROUGHNESS, Studio
 from renderer.video.marks import HEAT_COLORS, SPEED_COLORS, SPIKE_COLOR, TRAIL_FRAMES
 
 _BEGIN, _END = "// Browsers light bodies by the same lines", "// As far as here."

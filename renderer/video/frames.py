@@ -10,10 +10,10 @@ from jaxtyping import Float, UInt8
 from renderer.body.body import Body, BodyMotion
 from renderer.draw.make import make_renderer
 from renderer.draw.probe import choose_backend
-from renderer.stage.camera import Camera
-from renderer.stage.panels import Cutout, Panel, cut_out
-from renderer.stage.stage import Stage, camera_track, close_up_tracks, frames_of, set_stage
-from renderer.stage.studio import FramePreparer, Subject
+from renderer.scene.camera import Camera
+from renderer.scene.panels import Cutout, Panel, cut_out
+from renderer.scene.stage import Stage, camera_track, close_up_tracks, frames_of, set_stage
+from renderer.scene.studio import FramePreparer, Subject
 from renderer.video.marks import MarkPainter, Marks, heat_colors
 from renderer.video.settings import RenderSettings
 

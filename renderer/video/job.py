@@ -9,7 +9,7 @@ from jaxtyping import UInt8
 from renderer.body.body import BodyError, BodyMotion
 from renderer.body.look import DEFAULT_LOOK
 from renderer.draw.offscreen import GLError
-from renderer.stage.stage import Stage
+from renderer.scene.stage import Stage
 from renderer.video.encoder import VideoError
 from renderer.video.marks import Marks
 from renderer.video.render import Cancelled, RenderSettings

@@ -15,8 +15,8 @@ from jaxtyping import Bool, Float, Float32, UInt8
 from PIL import Image, ImageDraw, ImageFont
 
 from renderer.body.body import Body
-from renderer.stage.camera import Camera
-from renderer.stage.panels import Panel
+from renderer.scene.camera import Camera
+from renderer.scene.panels import Panel
 
 TRAIL_FRAMES = 30
 """A trail is the last second, where nothing else is asked for."""

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 
 from PIL import Image
 
-from renderer.stage.panels import Panel
+from renderer.scene.panels import Panel
 from renderer.timing import FPS
 from renderer.video.compose import band_height, label_band, run_encoder
 from renderer.video.encoder import (

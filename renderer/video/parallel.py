@@ -29,7 +29,7 @@ from jaxtyping import UInt8
 from renderer.body.body import Body, BodyMotion
 from renderer.draw.offscreen import GLError
 from renderer.draw.probe import choose_backend
-from renderer.stage.stage import Stage
+from renderer.scene.stage import Stage
 from renderer.video.ended import memory_kills, obituary
 from renderer.video.frames import PIECE_FRAMES, draw_frames, stage_for
 from renderer.video.marks import Marks

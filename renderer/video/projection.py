@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from renderer.body.body import Body, BodyMotion
-from renderer.stage.stage import Stage, camera_track, frames_of
+from renderer.scene.stage import Stage, camera_track, frames_of
 from renderer.video.render import RenderSettings
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from renderer.body.body import Body, BodyMotion
-from renderer.stage.stage import Stage
+from renderer.scene.stage import Stage
 from renderer.video.encoder import Cancelled, VideoWriter
 from renderer.video.frames import draw_frames, draw_motion, stage_for
 from renderer.video.marks import Marks

@@ -3,10 +3,10 @@
 from dataclasses import dataclass, field
 
 from renderer.draw.offscreen import Backend
-from renderer.stage.camera import VIEWS
-from renderer.stage.panels import Panel, lay_out
-from renderer.stage.stage import Framing
-from renderer.stage.studio import Studio
+from renderer.scene.camera import VIEWS
+from renderer.scene.panels import Panel, lay_out
+from renderer.scene.stage import Framing
+from renderer.scene.studio import Studio
 from renderer.video.encoder import DEFAULT_CRF, check_size
 
 MIN_SIZE_PX = 64

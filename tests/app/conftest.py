@@ -9,7 +9,7 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
-from app.run.request import GenerateRequest
+from app.run.requests.request import GenerateRequest
 from model.speech.audio import write_wav
 from tests.model.made import made_waveform, make_weights
 

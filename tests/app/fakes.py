@@ -11,10 +11,11 @@ from PIL import Image
 
 from app.errors import CancelledRun
 from app.page.parts.catalogue import Catalogue
-from app.page.tabs.generate_form import row_names
-from app.run.pictures.behind import VideosRequest
+from app.page.tabs.generate.generate_form import row_names
+from app.run.output.result_folder import ResultFolder
+from app.run.output.telling import Reporter
 from app.run.pieces import PieceTeller
-from app.run.request import (
+from app.run.requests.request import (
     REFERENCE_NAME,
     Artefact,
     GenerateRequest,
@@ -25,9 +26,8 @@ from app.run.request import (
     ShouldCancel,
     file_stem,
 )
-from app.run.result_folder import ResultFolder
-from app.run.telling import Reporter
-from model.measures.diagnostics import Versions
+from app.run.videos.behind import VideosRequest
+from model.diagnostics.diagnostics import Versions
 from model.motion.motion import Motion, save_motion
 from model.motion.skeleton import JOINT_INDEX
 from model.plan.plan import GesturePlan

@@ -3,8 +3,8 @@
 from dataclasses import replace
 from typing import Any
 
-from model.measures.diagnostics import Diagnostics, Versions, diagnose
-from model.measures.measures import OWN_WINDOWS
+from model.diagnostics.diagnostics import Diagnostics, Versions, diagnose
+from model.diagnostics.measures import OWN_WINDOWS
 from model.measures.results import Measures
 from model.motion.skeleton import open_body_skeleton
 from tests.helpers import smooth_motion_example

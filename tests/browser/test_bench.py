@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser
 
-from app.commands import bench_browser
+from app.bench import browser as bench_browser
 from tests.browser.conftest import FAKED_SYSTEMS, Windows, watched
 
 pytestmark = pytest.mark.browser

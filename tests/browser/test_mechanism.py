@@ -4,7 +4,7 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 from app import text
-from app.run.mechanism import NAMES
+from app.run.experiments.mechanism import NAMES
 from tests.browser.conftest import PATIENCE_MS, open_page
 
 pytestmark = pytest.mark.browser

@@ -12,12 +12,12 @@ from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
 from app.page.tabs.seen_run import Asked
-from app.run import display
+from app.run.requests import display
 from model.motion.motion import Motion, save_motion
 from model.speech.audio import write_wav
-from renderer.stage import orbit
-from renderer.stage.camera import Camera, view_axes
-from renderer.stage.orbit import Orbit
+from renderer.scene import orbit
+from renderer.scene.camera import Camera, view_axes
+from renderer.scene.orbit import Orbit
 from renderer.video.compose import band_height
 from tests.app.fakes import made_motion
 from tests.browser.conftest import PATIENCE_MS, STAGED, Stage, faked, open_page, start

@@ -18,8 +18,8 @@ from model.motion.filtering import smooth_motion
 from model.motion.motion import Motion
 from renderer.body.body import load_body
 from renderer.draw.probe import choose_backend
-from renderer.stage.camera import frame_points, view_axes
-from renderer.stage.stage import set_stage
+from renderer.scene.camera import frame_points, view_axes
+from renderer.scene.stage import set_stage
 from renderer.video.render import RenderSettings, render_stills
 from tests.browser.conftest import (
     BUILDS_ARE_THERE,

@@ -16,7 +16,7 @@ from model.evaluation.frechet import ENCODERS
 from model.evaluation.intervals import bootstrap, bootstrap_difference, bootstrap_ratio
 from model.evaluation.matching import left_out
 from model.evaluation.tables import as_csv, as_markdown
-from model.jobs.crew import Crew
+from model.jobs.pool import JobPool
 from model.motion.motion import first_frames, load_motion, save_motion
 from model.motion.packing import Normaliser
 from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
@@ -158,7 +158,7 @@ def test_numbers_do_not_depend_on_batches_nor_on_processes(folders, system):
     whole = evaluate(data, CLIPS, [system], 1)
     assert_close(whole, evaluate(data, CLIPS, [system], 1, batch_windows=1))
 
-    shared = evaluate(data, CLIPS, [system], 1, crew=Crew(2), judges=untrained_judges())
+    shared = evaluate(data, CLIPS, [system], 1, pool=JobPool(2), judges=untrained_judges())
     assert shared == evaluate(data, CLIPS, [system], 1, judges=untrained_judges())
 
 

@@ -22,7 +22,7 @@ from model.training.config import TrainConfig
 from model.training.loop import train as train_task
 from model.training.parallel import WHOLE
 from model.training.run_folder import TrainingError
-from model.training.task import Start, Workshop, learning_rate_factor
+from model.training.task import Start, TaskSetup, learning_rate_factor
 from tests.model.made import make_data_folder
 
 QUICK = {"steps": 6, "save_every": 3, "validate_every": 6, "warmup_steps": 2, "batch_size": 2}
@@ -147,7 +147,7 @@ def test_flow_times_are_early_as_often_as_the_config_says(root, power, median):
     config = quick("globaldiff/global", flow_time_power=power)
     data = prepare(root / "data", root / "prepared-mel64", MelEncoder())
     make_task = family_of(config.system).make_task
-    task = make_task(config, data, Workshop(root / "expression" / "weights"))
+    task = make_task(config, data, TaskSetup(root / "expression" / "weights"))
     batch = data.window_batch(data.of_split("train"), 60, 8, np.random.default_rng(0))
     times = []
     task.network.register_forward_pre_hook(lambda module, args: times.append(args[1]))
@@ -221,7 +221,7 @@ def test_an_encoder_of_faces_refuses_data_without_them(root):
     faceless = replace(data, expression=np.zeros_like(data.expression))
     for system in ("fmd-encoder", "fed-encoder"):
         with pytest.raises(DataError, match=f"{system} learns from faces in ARKit's units"):
-            family_of(system).make_task(quick(system), faceless, Workshop(BUNDLED_WEIGHTS))
+            family_of(system).make_task(quick(system), faceless, TaskSetup(BUNDLED_WEIGHTS))
 
 
 def test_the_missing_encoder_is_named(root, tmp_path):

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.page.serving.lodging import size_of
+from app.page.visitors.visitor_files import size_of
 from tests.helpers import ROOT
 
 AHEAD_S = 3700

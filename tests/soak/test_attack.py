@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from model.speech.audio import write_wav
-from tests.app.page.serving.test_workshop import LONGEST, zeros
+from tests.app.page.queue.test_run_processes import LONGEST, zeros
 from tests.model.made import made_waveform
 from tests.soak.server import Server, server
 from tests.soak.visitor import Refused, Visitor

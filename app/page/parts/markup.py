@@ -7,7 +7,7 @@ from html import escape
 
 from app import text
 from app.page.parts.glossary import explained
-from app.run.request import STAGES, Stage
+from app.run.requests.request import STAGES, Stage
 
 
 def header(trained_on: str) -> str:

@@ -1,1 +1,1 @@
-"""How a run looks on the page: player, time line, figures, table; may import serving and parts."""
+"""How a run looks on the page around its player: tables, figures, files; may import the player."""

@@ -13,14 +13,14 @@ import gradio as gr
 from app.errors import page_sentence
 from app.page.parts import markup
 from app.page.parts.html_parts import shown
+from app.page.player.player import NOTHING, Showing
+from app.page.queue.in_turn import Updates
 from app.page.results.figures_shown import FiguresShown
 from app.page.results.measures_table import measures_table
-from app.page.results.player import NOTHING, Showing
 from app.page.results.result_parts import ResultParts
-from app.page.serving.in_turn import Updates
 
 if TYPE_CHECKING:
-    from model.measures.diagnostics import Diagnostics
+    from model.diagnostics.diagnostics import Diagnostics
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,11 @@ from app import text
 from app.findings.sentences import sentences_of
 from app.page.parts import markup
 from app.page.parts.glossary import explained
-from app.page.serving.media import MediaDesk
-from app.run.request import Artefact
+from app.page.routes.media import MediaAddresses
+from app.run.requests.request import Artefact
 
 if TYPE_CHECKING:
-    from model.measures.diagnostics import Diagnostics
+    from model.diagnostics.diagnostics import Diagnostics
 
 _DOWNLOADS = ("png", "svg", "pdf")
 
@@ -24,8 +24,8 @@ _DOWNLOADS = ("png", "svg", "pdf")
 class FiguresShown:
     """Collects the figures of one run as they become whole."""
 
-    def __init__(self, desk: MediaDesk, visitor: str) -> None:
-        self._desk = desk
+    def __init__(self, addresses: MediaAddresses, visitor: str) -> None:
+        self._addresses = addresses
         self._visitor = visitor
         self._paths: dict[str, dict[str, Path]] = {}
         self._urls: dict[Path, str] = {}
@@ -61,7 +61,7 @@ class FiguresShown:
 
     def _url(self, path: Path) -> str:
         if path not in self._urls:
-            self._urls[path] = self._desk.offer(path, self._visitor)
+            self._urls[path] = self._addresses.address(path, self._visitor)
         return self._urls[path]
 
 

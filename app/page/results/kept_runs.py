@@ -14,10 +14,10 @@ from html import escape
 from pathlib import Path
 
 from app import text
+from app.page.queue.jobs import Job
 from app.page.results.ended_run import EndedRun
 from app.page.results.run_file import ROUTE as SAVED_ROUTE
-from app.page.serving.jobs import Job
-from app.page.serving.visitors import is_same
+from app.page.visitors.visitors import is_same
 
 PARAMETER = "run"
 """Of the page's address."""

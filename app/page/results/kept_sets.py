@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.page.serving.visitors import is_same
+from app.page.visitors.visitors import is_same
 
 if TYPE_CHECKING:
     from app.run.many.sets import Sets

@@ -24,7 +24,7 @@ from starlette.concurrency import run_in_threadpool
 
 from app.errors import RunError
 from app.run.many.unpacked import Limits, unpacked
-from app.run.request import MAX_COMPARED, REFERENCE_NAME
+from app.run.requests.request import MAX_COMPARED, REFERENCE_NAME
 from model.speech.transcript import Accent, GestureTier, Interval, Transcript, Word
 from model.storage.files import written_atomically
 from model.storage.harmless import printable

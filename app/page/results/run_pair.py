@@ -19,19 +19,19 @@ from app.findings.sentences import jerk_of
 from app.findings.verdict import short_names
 from app.page.parts import markup
 from app.page.parts.html_parts import shown
+from app.page.player.player import NOTHING
+from app.page.player.timeline import series_looks
+from app.page.player.worst import worst_of_both
+from app.page.queue.in_turn import Updates
 from app.page.results.ended_run import EndedRun
 from app.page.results.kept_runs import KeptRun, address_of
 from app.page.results.measures_table import Column, table_of
-from app.page.results.player import NOTHING
 from app.page.results.result_parts import ResultParts
 from app.page.results.settings import NONE, SEED, SPEECH, differing
-from app.page.results.timeline import series_looks
-from app.page.results.worst import worst_of_both
-from app.page.serving.in_turn import Updates
-from app.run.request import REFERENCE_NAME
+from app.run.requests.request import REFERENCE_NAME
 
 if TYPE_CHECKING:
-    from model.measures.diagnostics import Versions
+    from model.diagnostics.diagnostics import Versions
 
 MAX_VIDEOS = 12
 

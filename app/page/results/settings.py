@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from app.findings.points import point_title
 from app.findings.verdict import short_names
-from app.run.request import GenerateRequest, Steps
+from app.run.requests.request import GenerateRequest, Steps
 from model.systems.registry import sampler_title
 
 if TYPE_CHECKING:

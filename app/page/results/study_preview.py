@@ -14,7 +14,7 @@ from fastapi import Request, Response
 from fastapi.responses import FileResponse, PlainTextResponse
 from fastapi.routing import APIRoute
 
-from app.page.serving.visitors import cookie_of, is_same
+from app.page.visitors.visitors import cookie_of, is_same
 
 PREVIEW_ROUTE = "/study/preview"
 START = "index.html?preview"
@@ -28,14 +28,14 @@ _TYPES = {
 }
 
 
-class PreviewDesk:
+class StudyPreviews:
     """Bundles that can be looked at. Safe to use from several threads."""
 
     def __init__(self) -> None:
         self._bundles: dict[str, tuple[Path, dict[str, Path], str]] = {}
         self._lock = threading.Lock()
 
-    def offer(self, bundle: Path, cookie: str) -> str:
+    def address(self, bundle: Path, cookie: str) -> str:
         """The address of its first page, relative to the app's page, for one browser."""
         files = {
             path.relative_to(bundle).as_posix(): path
@@ -58,11 +58,11 @@ class PreviewDesk:
         return path if path is not None and is_same(owner, cookie) and path.is_file() else None
 
 
-def preview_routes(desk: PreviewDesk) -> list[APIRoute]:
+def preview_routes(previews: StudyPreviews) -> list[APIRoute]:
     """Serve them."""
 
     def preview(token: str, name: str, request: Request) -> Response:
-        path = desk.find(token, name, cookie_of(request))
+        path = previews.find(token, name, cookie_of(request))
         if path is None:
             return PlainTextResponse(GONE, status_code=404)
         headers = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}

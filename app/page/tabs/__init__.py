@@ -1,1 +1,1 @@
-"""The tabs, each with its form and its runs; may import results, serving and parts."""
+"""The tabs, a folder for each; may import results and what lies below."""

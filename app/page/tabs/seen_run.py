@@ -15,19 +15,19 @@ import gradio as gr
 from app import text
 from app.errors import RunError
 from app.page.parts.html_parts import shown
+from app.page.queue.follow import last_share
+from app.page.queue.in_turn import Updates
+from app.page.queue.jobs import Job, JobBook
+from app.page.queue.runner import TabRunner
 from app.page.results.result_parts import ResultParts
-from app.page.serving.follow import last_share
-from app.page.serving.in_turn import Updates
-from app.page.serving.jobs import Job, JobBook
-from app.page.serving.media import MEDIA_ROUTE, MediaDesk
-from app.page.serving.runner import TabRunner
-from app.run.client_numbers import finite, whole
-from app.run.display import Display
-from app.run.pictures.seen import BODY, MAX_BODIES, Seen, SeenPanel
-from app.run.pictures.seen_video import SeenBody, SeenRequest, SeenVideo
-from app.run.request import Event, OnEvent, ShouldCancel
+from app.page.routes.media import MEDIA_ROUTE, MediaAddresses
+from app.run.requests.client_numbers import finite, whole
+from app.run.requests.display import Display
+from app.run.requests.request import Event, OnEvent, ShouldCancel
+from app.run.videos.seen import BODY, MAX_BODIES, Seen, SeenPanel
+from app.run.videos.seen_video import SeenBody, SeenRequest, SeenVideo
 from model.storage.harmless import printable
-from renderer.stage.orbit import Orbit
+from renderer.scene.orbit import Orbit
 
 if TYPE_CHECKING:
     from app.config import AppConfig
@@ -36,7 +36,7 @@ MAX_ASKED = 60_000
 """Characters."""
 MAX_LABEL = 60
 DrawSeen = Callable[[SeenRequest, OnEvent, ShouldCancel], SeenVideo]
-"""As `app.run.pictures.seen_video.draw_seen`."""
+"""As `app.run.videos.seen_video.draw_seen`."""
 
 
 @dataclass(frozen=True)
@@ -120,12 +120,17 @@ class SeenRunner(TabRunner[SeenVideo]):
     tab = "seen"
 
     def __init__(
-        self, draw: DrawSeen, config: AppConfig, jobs: JobBook, desk: MediaDesk, parts: ResultParts
+        self,
+        draw: DrawSeen,
+        config: AppConfig,
+        jobs: JobBook,
+        addresses: MediaAddresses,
+        parts: ResultParts,
     ) -> None:
         super().__init__(jobs, parts.seen)
         self._draw = draw
         self._config = config
-        self._desk = desk
+        self._addresses = addresses
         self._parts = parts
 
     def wire(self, page: gr.Blocks, prefix: str = "") -> None:
@@ -164,7 +169,7 @@ class SeenRunner(TabRunner[SeenVideo]):
             speech=None if asked.sound is None else self._file(asked.sound, cookie, ".wav"),
             body=self._config.body,
         )
-        yield _Work(self._draw, request, self._parts, self._desk, cookie)
+        yield _Work(self._draw, request, self._parts, self._addresses, cookie)
 
     def _file(self, address: str, cookie: str, suffix: str) -> Path:
         """What the page has given an address.
@@ -173,7 +178,7 @@ class SeenRunner(TabRunner[SeenVideo]):
             RunError: if it has not, or it is kept no longer.
         """
         route, _, token = address.partition("/")
-        path = self._desk.find(token, cookie) if route == MEDIA_ROUTE.strip("/") else None
+        path = self._addresses.find(token, cookie) if route == MEDIA_ROUTE.strip("/") else None
         if path is None or path.suffix != suffix:
             raise RunError(text.SEEN_GONE)
         return path
@@ -201,7 +206,7 @@ class _Work:
     draw: DrawSeen
     asked: SeenRequest
     parts: ResultParts
-    desk: MediaDesk
+    addresses: MediaAddresses
     cookie: str
     share: float = field(default=0.0)
 
@@ -224,7 +229,7 @@ class _Work:
             seconds=result.num_frames / FPS,
             megabytes=result.path.stat().st_size / 1e6,
         )
-        address = escape(self.desk.offer(result.path, self.cookie))
+        address = escape(self.addresses.address(result.path, self.cookie))
         link = f'<a href="{address}" download="{escape(result.path.name)}">{text.SEEN_SAVE}</a>'
         return {
             self.parts.seen: shown(told(" ".join((line, *result.notes)), more=link)),

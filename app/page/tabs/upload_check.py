@@ -13,11 +13,11 @@ from app import text
 from app.errors import RunError, visitor_sentence
 from app.page.parts import markup
 from app.page.parts.html_parts import shown
-from app.run.upload_check import UploadKind
+from app.run.requests.upload_check import UploadKind
 
 log = logging.getLogger(__name__)
 Refuse = Callable[[UploadKind, Sequence[Path], float], str]
-"""As `app.run.upload_check.refusal_of`, in a process of its own."""
+"""As `app.run.requests.upload_check.refusal_of`, in a process of its own."""
 
 
 class UploadCheck:

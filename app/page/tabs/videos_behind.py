@@ -14,18 +14,18 @@ import gradio as gr
 from app import text
 from app.errors import CancelledRun, visitor_sentence
 from app.page.parts import markup
+from app.page.queue.follow import last_share
+from app.page.queue.in_turn import InTurn, Updates
+from app.page.queue.jobs import Job, JobBook, Tab
 from app.page.results.kept_runs import KeptRun, KeptRuns
 from app.page.results.result_parts import ResultParts
-from app.page.serving.follow import last_share
-from app.page.serving.in_turn import InTurn, Updates
-from app.page.serving.jobs import Job, JobBook, Tab
-from app.page.serving.visitors import address_of, visitor_of
-from app.run.pictures.behind import VideosRequest
-from app.run.request import Artefact, Event, OnEvent, ShouldCancel
-from app.run.result_folder import zip_files
+from app.page.visitors.visitors import address_of, visitor_of
+from app.run.output.result_folder import zip_files
+from app.run.requests.request import Artefact, Event, OnEvent, ShouldCancel
+from app.run.videos.behind import VideosRequest
 
 Draw = Callable[[VideosRequest, OnEvent, ShouldCancel], tuple[Path, ...]]
-"""As `app.run.pictures.behind.draw_behind`."""
+"""As `app.run.videos.behind.draw_behind`."""
 
 
 @dataclass(frozen=True)

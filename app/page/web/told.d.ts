@@ -3,7 +3,7 @@
 /** Start and end in seconds, and what is said or done. */
 export type Interval = [number, number, string];
 
-/** Of one motion: app/page/results/player.py. Addresses are relative to the page. */
+/** Of one motion: app/page/player/player.py. Addresses are relative to the page. */
 export interface Row {
   name: string;
   label?: string;
@@ -30,7 +30,7 @@ export interface Row {
   of?: string;
 }
 
-/** app/page/results/edited_runs.py */
+/** app/page/player/edited_runs.py */
 export interface Editing {
   /** The run's own rows that can be edited. */
   rows: string[];
@@ -66,7 +66,7 @@ export interface HandPhase {
   word: string;
 }
 
-/** app/page/results/shown_plans.py: what model/plan/plan.py writes, and where it comes from. */
+/** app/page/player/shown_plans.py: what model/plan/plan.py writes, and where it comes from. */
 export interface Plan {
   origin: "planned" | "found";
   format: number;
@@ -141,7 +141,7 @@ export interface Curve {
   values: number[];
 }
 
-/** app/page/results/timeline.py */
+/** app/page/player/timeline.py */
 export interface TimelineData {
   duration_s: number;
   fps: number;
@@ -175,7 +175,7 @@ export interface Light {
 
 export type Vector = [number, number, number];
 
-/** By which numbers videos are drawn: renderer/video/facts.py and app/page/serving/stage_route.py. */
+/** By which numbers videos are drawn: renderer/video/facts.py and app/page/routes/stage_route.py. */
 export interface Facts {
   lighting: string;
   studio: { key: Light; fill: Light; rim: Light; ambient: number; background: Vector; shadow_from: Vector };

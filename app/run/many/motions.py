@@ -15,7 +15,6 @@ from typing import Any
 
 from app.errors import RunError, sentence_of
 from app.run.diagnostics import onsets_of
-from app.run.held_folder import held_folder
 from app.run.many.distances import moments_of, why_left_out
 from app.run.many.emage_distance import (
     EmageDistances,
@@ -30,9 +29,10 @@ from app.run.many.speeches import ENDINGS as SOUND_ENDINGS
 from app.run.many.spread import draw_spread
 from app.run.many.table import numbers_of, write_tables
 from app.run.many.unpacked import unpacked_sets
-from app.run.request import REFERENCE_NAME
-from app.run.result_folder import remove_unfinished
-from model.jobs.crew import Crew, Job
+from app.run.output.held_folder import held_folder
+from app.run.output.result_folder import remove_unfinished
+from app.run.requests.request import REFERENCE_NAME
+from model.jobs.pool import Job, JobPool
 from model.storage.harmless import printable
 
 FORMAT = 3
@@ -63,7 +63,7 @@ class ManyRequest:
     """What to call the folders; by default as they are called."""
     leaves_out: bool = False
     """Whether a clip that cannot be read is left out and told of, rather than an error."""
-    crew: Crew = field(default_factory=Crew)
+    pool: JobPool = field(default_factory=JobPool)
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ def _diagnose_clips(
         done += 1
         on_progress(done / len(jobs))
 
-    failed = request.crew.do_all(jobs, on_done)
+    failed = request.pool.do_all(jobs, on_done)
     for error in failed.values():
         if not request.leaves_out or len(failed) == len(jobs) or sentence_of(error) is None:
             raise error
@@ -267,8 +267,8 @@ class _Beside:
 
     def heard(self) -> dict[str, Any]:
         """What `raw_evidence` is told of it."""
+        from model.faults.timing import loudness_of
         from model.measures.beats import read_mean_speeds
-        from model.measures.faults.timing import loudness_of
         from model.speech.audio import load_speech
 
         if self.speech is None:
@@ -295,10 +295,10 @@ def _measure_clip(
     stamp: dict[str, Any],
 ) -> None:
     """All systems of one clip beside its reference, over the frames that all have."""
+    from model.diagnostics.diagnostics import raw_evidence
+    from model.faults.table import find_faults
     from model.formats.numbers import ReadOptions
     from model.formats.read import read_any_motion
-    from model.measures.diagnostics import raw_evidence
-    from model.measures.faults.table import find_faults
     from model.motion.motion import first_frames
     from model.motion.skeleton import open_body_skeleton
 

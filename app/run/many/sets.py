@@ -11,8 +11,8 @@ from typing import Any
 from app.run.many.motions import ENDINGS, ManyRequest, diagnose_folders
 from app.run.many.speeches import ENDINGS as SOUND_ENDINGS
 from app.run.many.unpacked import Limits, unpacked
-from app.run.request import REFERENCE_NAME
-from model.jobs.crew import Crew
+from app.run.requests.request import REFERENCE_NAME
+from model.jobs.pool import JobPool
 from model.storage.harmless import printable
 
 MAX_BYTES = 10**9
@@ -85,7 +85,7 @@ def measure_sets(
         *(folders, request.out, reference, speech),
         names=request.names,
         leaves_out=True,
-        crew=Crew(1),
+        pool=JobPool(1),
     )
     found = diagnose_folders(asked, lambda share: on_progress(_UNPACKED + (1 - _UNPACKED) * share))
     told = json.loads((request.out / "many.json").read_text())

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import RunError, sentence_of
-from app.run.held_folder import held_folder
 from app.run.many.record import is_kept, keep, read_records, stamp_of
 from app.run.many.table import numbers_of, write_tables
-from app.run.request import REFERENCE_NAME, GenerateRequest, check_request
-from app.run.result_folder import remove_unfinished
+from app.run.output.held_folder import held_folder
+from app.run.output.result_folder import remove_unfinished
+from app.run.requests.request import REFERENCE_NAME, GenerateRequest, check_request
 from model.generation.clip_noise import clip_seed
-from model.jobs.crew import Crew, Job
+from model.jobs.pool import Job, JobPool
 from model.storage.harmless import printable
 
 LIST_ENDING = ".txt"
@@ -48,7 +48,7 @@ def is_many(speech: Path) -> bool:
 
 def generate_many(
     request: GenerateRequest,
-    crew: Crew,
+    pool: JobPool,
     on_done: Callable[[Path, float], None] = lambda folder, share: None,
 ) -> ManyRuns:
     """Do ``request`` for each piece of speech, into ``request.out`` by the name of its file, and
@@ -91,7 +91,7 @@ def generate_many(
         on_done(folders[clip], num_done / len(jobs))
 
     with held_folder(request.out):
-        failed = {clip: _sentence(error) for clip, error in crew.do_all(jobs, tell).items()}
+        failed = {clip: _sentence(error) for clip, error in pool.do_all(jobs, tell).items()}
         clips = [clip for clip in speeches if clip not in failed]
         files: tuple[Path, ...] = ()
         if clips:

@@ -17,11 +17,11 @@ import numpy as np
 
 from app.findings.measure_rows import MEASURES, written
 from app.run.many.distances import distance_rows
-from app.run.request import REFERENCE_NAME
+from app.run.requests.request import REFERENCE_NAME
 from model.storage.harmless import csv_text, markdown, tex
 
 if TYPE_CHECKING:
-    from model.measures.faults.finding import Finding
+    from model.faults.finding import Finding
     from model.measures.results import Measures
 
 JERK, NUM_WORST = ("Followed point", "Jerk"), 10

@@ -21,7 +21,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO
 
 from app.errors import RunError, disk_full_sentence, is_disk_full
-from app.run.result_folder import UNFINISHED, require_free_space
+from app.run.output.result_folder import UNFINISHED, require_free_space
 from model.storage.files import write_error
 from model.storage.harmless import printable
 from model.storage.npz import MAX_FILE_BYTES

@@ -9,11 +9,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.errors import CancelledRun, RunError
+from app.run.output.result_folder import ResultFolder, require_free_space
+from app.run.output.telling import Reporter
 from app.run.pieces import PieceTeller
-from app.run.request import GenerateRequest, OnEvent, ShouldCancel, file_stem, sample_name, steps_of
-from app.run.result_folder import ResultFolder, require_free_space
+from app.run.requests.request import (
+    GenerateRequest,
+    OnEvent,
+    ShouldCancel,
+    file_stem,
+    sample_name,
+    steps_of,
+)
 from app.run.takes.edits import Edit, Locked
-from app.run.telling import Reporter
 from model.speech.transcript import Word
 
 if TYPE_CHECKING:
@@ -115,10 +122,10 @@ def _performed(
     reporter: Reporter,
 ) -> Take:
     from app.run.models import get_system
+    from model.diagnostics.diagnostics import smooth_motion
     from model.generation.again import perform, perform_again
     from model.generation.kept import ENDING, load_performance, save_performance
     from model.generation.windows import Cancelled
-    from model.measures.diagnostics import smooth_motion
     from model.motion.motion import load_motion, save_motion
     from model.motion.timing import FPS
     from model.plan.plan import read_plan

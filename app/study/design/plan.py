@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from app.errors import RunError
-from app.run.request import POST_FILTERS, VIEWS, PostFilter, View
+from app.run.requests.request import POST_FILTERS, VIEWS, PostFilter, View
 from app.study.design.fields import FieldError, Fields, is_number
 from app.study.design.key import MAX_SYSTEMS, PROTOCOLS
 from model.systems.registry import families, planning_systems

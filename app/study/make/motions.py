@@ -222,9 +222,9 @@ def _generate(
     Args:
         given: what is performed; None draws it from the speech.
     """
+    from model.diagnostics.diagnostics import smooth_motion
     from model.generation.clip_noise import clip_seed
     from model.generation.windows import Cancelled, GenerateOptions, draw_plans, generate_motion
-    from model.measures.diagnostics import smooth_motion
 
     assert source.speech is not None
     system = get_system(generator.system, weights)
@@ -263,7 +263,7 @@ def _refuse_same_motions(clip: Clip, motions: Mapping[str, Motion]) -> None:
 
 def _alike(motion: Motion, face: str, body: Body) -> BodyMotion:
     """The mean body, standing on the floor in the middle of the picture."""
-    from renderer.stage.stage import set_stage
+    from renderer.scene.stage import set_stage
 
     poses, expressions = motion.poses.copy(), motion.expressions
     if face == "still":

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.config import BUNDLED_WEIGHTS
-from app.run.pictures.videos import PARALLEL_VIDEOS
-from model.jobs.crew import Crew
+from app.run.videos.videos import PARALLEL_VIDEOS
+from model.jobs.pool import JobPool
 
 
 @dataclass(frozen=True)
@@ -19,5 +19,5 @@ class ExportOptions:
     """A licensed SMPL-X npz; None is the open body."""
     parallel: int = PARALLEL_VIDEOS
     """Videos drawn at once."""
-    crew: Crew | None = None
+    pool: JobPool | None = None
     """Who makes the clips, several at once; None makes one after the other, here."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from app.run.models import get_body, get_system
-from app.run.provenance import describe_systems, versions
+from app.run.output.provenance import describe_systems, versions
 from app.study.design.balance import Balance, measure_balance
 from app.study.design.blinding import Blinding
 from app.study.design.plan import Plan

@@ -10,22 +10,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.run.models import get_body
-from app.run.pictures.export import render_settings
-from app.run.pictures.videos import draw_videos
+from app.run.videos.export import render_settings
+from app.run.videos.videos import draw_videos
 from app.study.design.plan import Clip, Plan
 from app.study.design.trials import Stimulus
 from app.study.make import media
 from app.study.make.h264 import fill_alike
 from app.study.make.motions import Source, read_source, shown_motions
 from app.study.make.workspace import Workspace
-from model.jobs.crew import Crew, Job
+from model.jobs.pool import Job, JobPool
 
 if TYPE_CHECKING:
-    from app.run.request import View
+    from app.run.requests.request import View
     from renderer.body.body import BodyMotion
 
 Draw = Callable[..., object]
-"""`app.run.pictures.videos.draw_videos`, or what a test puts in its place."""
+"""`app.run.videos.videos.draw_videos`, or what a test puts in its place."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Maker:
         on_progress(1.0)
 
     def make_shared(
-        self, sources: Sequence[Source], crew: Crew, on_progress: Callable[[float], None]
+        self, sources: Sequence[Source], pool: JobPool, on_progress: Callable[[float], None]
     ) -> None:
         """As `make_all`, with the clips shared out among those who work.
 
@@ -94,7 +94,7 @@ class Maker:
             done += 1
             on_progress(done / len(jobs))
 
-        for error in crew.do_all(jobs, on_done).values():
+        for error in pool.do_all(jobs, on_done).values():
             raise error
 
     def _unfinished_views(self, clip: str) -> list[View]:
@@ -193,7 +193,7 @@ class Maker:
         on_progress: Callable[[float], None],
     ) -> dict[str, Path]:
         """The picture of each system as a stream; the n-th pictures have equally many bytes."""
-        from renderer.stage.stage import set_stage
+        from renderer.scene.stage import set_stage
         from renderer.video.pool import RenderJob
 
         settings = replace(render_settings(view, self.plan.size), crf=0)  # encoded once more

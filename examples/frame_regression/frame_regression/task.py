@@ -9,7 +9,7 @@ from torch import Tensor
 from frame_regression import RegressionConfig
 from frame_regression.network import CONTEXT, Regression
 from model.data.prepared import Batch, PreparedData
-from model.training.task import Workshop
+from model.training.task import TaskSetup
 
 
 class RegressionTask:
@@ -66,6 +66,6 @@ class RegressionTask:
             optimizer.load_state_dict(saved)
 
 
-def make_task(config: RegressionConfig, data: PreparedData, workshop: Workshop) -> RegressionTask:
+def make_task(config: RegressionConfig, data: PreparedData, setup: TaskSetup) -> RegressionTask:
     """See `Family.make_task`."""
     return RegressionTask(config, data.speech.shape[1])

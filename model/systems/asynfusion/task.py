@@ -24,27 +24,27 @@ from model.training.hearing import heard
 from model.training.parallel import WHOLE, Shard
 from model.training.rate import can_compile
 from model.training.targets import Targets, prepare_targets
-from model.training.task import DescentTask, StepFunction, StepLoss, Workshop, check_speakers
+from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup, check_speakers
 
 NAMES = "expression", "gesture"
 HUBER_C = 0.03
 
 
-def make_task(config: AsynFusionConfig, data: PreparedData, workshop: Workshop) -> DescentTask:
+def make_task(config: AsynFusionConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
     """The task of ``config.system``. A student begins as its teacher, `DDIM` among the helpers.
 
     Raises:
         CheckpointError: if weights are missing, damaged or of another shape.
         DataError: if a speaker's number does not fit the network's table.
     """
-    shape, device = config.network, workshop.shard.device
+    shape, device = config.network, setup.shard.device
     check_speakers(data, shape.num_speakers)
     torch.manual_seed(config.random_seed)
-    given = workshop.given()
+    given = setup.given()
     targets = prepare_targets(data, "axis-angle", "place", open_body_skeleton())
     teacher = None
     if config.aim == "teacher":
-        taught, _ = load_weights(workshop.helpers, DDIM)
+        taught, _ = load_weights(setup.helpers, DDIM)
         streams = read_streams(taught, shape.seed_frames)
         teacher = make_network(config, streams, consistent=False)
         load_into(teacher, taught, "network.", DDIM)
@@ -55,18 +55,18 @@ def make_task(config: AsynFusionConfig, data: PreparedData, workshop: Workshop) 
         streams = fit_streams(shape, data, targets)
     network = make_network(config, streams, consistent=teacher is not None)
     if given is not None or teacher is None:
-        workshop.put_weights_into(network, given)
+        setup.put_weights_into(network, given)
     else:
         network.load_state_dict(teacher.state_dict())
     face, body = streams
     normalisers = face.normaliser.to(device), body.normaliser.to(device)
     statistics = face_tensors(face) | {"prior.covariance": body.prior.covariance}
-    compiles = workshop.may_compile and can_compile()
+    compiles = setup.may_compile and can_compile()
     if teacher is not None and compiles:
         teacher.compile(dynamic=False)
     return DescentTask(
         config, network, branches_step(config, normalisers, targets, teacher), normalisers[1],
-        shape.window_frames, shape.speech_context, workshop.shard, compiles, statistics,
+        shape.window_frames, shape.speech_context, setup.shard, compiles, statistics,
     )  # fmt: skip
 
 

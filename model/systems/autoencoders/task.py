@@ -13,12 +13,10 @@ from model.training import losses
 from model.training.geometric import geometric_terms
 from model.training.parallel import WHOLE, Shard
 from model.training.statistics import statistics_batch
-from model.training.task import DescentTask, StepFunction, StepLoss, Workshop
+from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup
 
 
-def make_task(
-    config: AutoencoderTrainConfig, data: PreparedData, workshop: Workshop
-) -> DescentTask:
+def make_task(config: AutoencoderTrainConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
     """The task of one autoencoder.
 
     Raises:
@@ -26,18 +24,18 @@ def make_task(
         DataError: if it is to see faces and they never move.
     """
     torch.manual_seed(config.random_seed)
-    given = workshop.given()
+    given = setup.given()
     if given is None:
         statistics = fit_input(config, statistics_batch(data, config.window_frames, config.mirror))
     else:
         statistics = given.normaliser
-    normaliser = statistics.to(workshop.shard.device)
+    normaliser = statistics.to(setup.shard.device)
     network = MotionAutoencoder(config.autoencoder)
     if given is not None:
         given.load_into(network)
     return DescentTask(
         config, network, autoencoder_step(config, normaliser), normaliser, config.window_frames,
-        shard=workshop.shard,
+        shard=setup.shard,
     )  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from model.training.task import (
     DescentTask,
     StepFunction,
     StepLoss,
-    Workshop,
+    TaskSetup,
     check_speakers,
 )
 
@@ -28,7 +28,7 @@ STD_FLOOR = 0.02
 """Face units that hardly ever move are not blown up to unit variance."""
 
 
-def make_task(config: FaceTrainConfig, data: PreparedData, workshop: Workshop) -> DescentTask:
+def make_task(config: FaceTrainConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
     """The task of the expression network.
 
     Raises:
@@ -39,18 +39,18 @@ def make_task(config: FaceTrainConfig, data: PreparedData, workshop: Workshop) -
     shape = config.expression
     check_speakers(data, shape.num_speakers)
     torch.manual_seed(config.random_seed)
-    given = workshop.given()
+    given = setup.given()
     if given is None:
         statistics, prior = fit_face(config, data)
     else:
         statistics, prior = given.normaliser, given.prior(shape.seed_frames)
-    normaliser = statistics.to(workshop.shard.device)
+    normaliser = statistics.to(setup.shard.device)
     network = FaceNetwork(shape, prior)
-    workshop.put_weights_into(network, given, may_lack=True)
+    setup.put_weights_into(network, given, may_lack=True)
     plans = prepare_plans(data, shape.num_speakers) if config.plan_dropout < 1 else None
     return DescentTask(
         config, network, expression_step(config, normaliser, plans), normaliser,
-        shape.window_frames, shape.speech_context, workshop.shard,
+        shape.window_frames, shape.speech_context, setup.shard,
         statistics={"prior.covariance": prior.covariance},
     )  # fmt: skip
 

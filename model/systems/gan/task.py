@@ -34,10 +34,10 @@ from model.training.parallel import Shard
 from model.training.rate import can_compile, compiled
 from model.training.statistics import fit_motion_prior
 from model.training.targets import Targets, prepare_targets
-from model.training.task import Workshop, check_speakers, learning_rate_factor
+from model.training.task import TaskSetup, check_speakers, learning_rate_factor
 
 
-def make_task(config: GanConfig, data: PreparedData, workshop: Workshop) -> "GanTask":
+def make_task(config: GanConfig, data: PreparedData, setup: TaskSetup) -> "GanTask":
     """The task of the family's one network.
 
     Raises:
@@ -47,7 +47,7 @@ def make_task(config: GanConfig, data: PreparedData, workshop: Workshop) -> "Gan
     shape = config.generator
     check_speakers(data, shape.num_speakers)
     torch.manual_seed(config.random_seed)
-    given = workshop.given()
+    given = setup.given()
     targets = prepare_targets(data, "axis-angle", "place", open_body_skeleton())
     if given is None:
         normaliser, prior = fit_motion_prior(data, targets, shape, config.mirror)
@@ -55,9 +55,9 @@ def make_task(config: GanConfig, data: PreparedData, workshop: Workshop) -> "Gan
         normaliser, prior = given.normaliser, given.prior(shape.seed_frames)
     generator = Generator(shape, prior, normaliser)
     discriminator = Discriminator(config.discriminator, shape)
-    workshop.put_weights_into(generator, given)
-    compiles = workshop.may_compile and can_compile()
-    return GanTask(config, generator, discriminator, normaliser, targets, workshop.shard, compiles)
+    setup.put_weights_into(generator, given)
+    compiles = setup.may_compile and can_compile()
+    return GanTask(config, generator, discriminator, normaliser, targets, setup.shard, compiles)
 
 
 @dataclass(frozen=True)

@@ -29,27 +29,27 @@ from model.training.task import (
     DescentTask,
     StepFunction,
     StepLoss,
-    Workshop,
+    TaskSetup,
     check_speakers,
 )
 
 ENCODER = "motion-vae"
 
 
-def make_task(config: GlobalDiffConfig, data: PreparedData, workshop: Workshop) -> DescentTask:
+def make_task(config: GlobalDiffConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
     """The task of ``config.system``.
 
     Raises:
         CheckpointError: if weights are missing, damaged or of another shape.
         DataError: if a speaker's number does not fit the network's table.
     """
-    shape, device = config.network, workshop.shard.device
+    shape, device = config.network, setup.shard.device
     check_speakers(data, shape.num_speakers)
     torch.manual_seed(config.random_seed)
-    given = workshop.given()
+    given = setup.given()
     encoder = None
     if config.loss.motion > 0:
-        encoder = load_encoder(workshop.helpers, ENCODER, device)
+        encoder = load_encoder(setup.helpers, ENCODER, device)
     targets = prepare_targets(data, shape.rotation_space, shape.root, open_body_skeleton())
     statistics: dict[str, Tensor] = {}
     if shape.prior:
@@ -72,11 +72,11 @@ def make_task(config: GlobalDiffConfig, data: PreparedData, workshop: Workshop) 
         network = MotionNetwork(shape)
         network.start_at(mean_vector(known, targets))
     normaliser = known.to(device)
-    compiles = workshop.may_compile and can_compile()
-    workshop.put_weights_into(network, given)
+    compiles = setup.may_compile and can_compile()
+    setup.put_weights_into(network, given)
     return DescentTask(
         config, network, motion_step(config, normaliser, targets, encoder, compiles), normaliser,
-        shape.window_frames, shape.speech_context, workshop.shard, compiles, statistics,
+        shape.window_frames, shape.speech_context, setup.shard, compiles, statistics,
     )  # fmt: skip
 
 

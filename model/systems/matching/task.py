@@ -19,32 +19,32 @@ from model.systems.matching.config import MatchingTrainConfig
 from model.training.hearing import heard
 from model.training.parallel import WHOLE, Shard
 from model.training.statistics import statistics_batch
-from model.training.task import DescentTask, StepFunction, StepLoss, Workshop
+from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup
 
 STD_FLOOR = 0.01
 """Of a track: a jaw that never moves is not blown up."""
 
 
-def make_task(config: MatchingTrainConfig, data: PreparedData, workshop: Workshop) -> DescentTask:
+def make_task(config: MatchingTrainConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
     """The task of the judge.
 
     Raises:
         CheckpointError: if the weights to start from are missing, damaged or of another shape.
     """
     torch.manual_seed(config.random_seed)
-    given = workshop.given()
+    given = setup.given()
     if given is None:
         batch = statistics_batch(data, config.piece_frames, config.mirror)
         statistics = fit_tracks(motion_tracks(batch.poses))
     else:
         statistics = given.normaliser
-    normaliser = statistics.to(workshop.shard.device)
+    normaliser = statistics.to(setup.shard.device)
     network = MatchingNetwork(config.matching)
     if given is not None:
         given.load_into(network)
     return DescentTask(
         config, network, matching_step(config, normaliser), normaliser,
-        config.pieces * config.piece_frames, shard=workshop.shard,
+        config.pieces * config.piece_frames, shard=setup.shard,
     )  # fmt: skip
 
 

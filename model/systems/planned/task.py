@@ -28,10 +28,10 @@ from model.training.parallel import WHOLE, Shard
 from model.training.rate import can_compile
 from model.training.statistics import fit_features, fit_motion_prior
 from model.training.targets import prepare_targets
-from model.training.task import DescentTask, StepFunction, StepLoss, Workshop, check_speakers
+from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup, check_speakers
 
 
-def make_task(config: TrainConfig, data: PreparedData, workshop: Workshop) -> DescentTask:
+def make_task(config: TrainConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
     """The task of the planner or of the motion network.
 
     Raises:
@@ -40,24 +40,22 @@ def make_task(config: TrainConfig, data: PreparedData, workshop: Workshop) -> De
     """
     torch.manual_seed(config.random_seed)
     if isinstance(config, PlannerTrainConfig):
-        return _planner_task(config, data, workshop)
-    return _motion_task(cast(PlannedConfig, config), data, workshop)
+        return _planner_task(config, data, setup)
+    return _motion_task(cast(PlannedConfig, config), data, setup)
 
 
-def _planner_task(
-    config: PlannerTrainConfig, data: PreparedData, workshop: Workshop
-) -> DescentTask:
-    shape, given = config.planner, workshop.given()
+def _planner_task(config: PlannerTrainConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
+    shape, given = config.planner, setup.given()
     check_speakers(data, shape.num_speakers)
     plans = prepare_plans(data, shape.num_speakers)
     network = PlannerNetwork(shape)
     if given is not None:  # which may know of fewer tiers and hear no codes
         given.load_known_into(network)
     normaliser = given.normaliser if given else fit_features(data)
-    codes = load_codes(workshop.helpers) if shape.codes else None
+    codes = load_codes(setup.helpers) if shape.codes else None
     return DescentTask(
         config, network, planner_step(config, normaliser, codes, plans), normaliser,
-        shape.window_frames, shape.context, workshop.shard,
+        shape.window_frames, shape.context, setup.shard,
         statistics={**plans.table.tensors(), "begins.goals": first_goals(data, plans, shape)},
     )  # fmt: skip
 
@@ -103,8 +101,8 @@ def planner_step(
     return step
 
 
-def _motion_task(config: PlannedConfig, data: PreparedData, workshop: Workshop) -> DescentTask:
-    shape, given = config.network, workshop.given()
+def _motion_task(config: PlannedConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
+    shape, given = config.network, setup.given()
     assert isinstance(shape, PlannedNetworkConfig)
     check_speakers(data, shape.num_speakers)
     plans = prepare_plans(data, shape.num_speakers)
@@ -114,8 +112,8 @@ def _motion_task(config: PlannedConfig, data: PreparedData, workshop: Workshop) 
     else:
         known, prior = given.normaliser, given.prior(shape.seed_frames)
     network = PlannedNetwork(shape, prior)
-    workshop.put_weights_into(network, given, may_lack=True)  # they may know of no plans
-    normaliser = known.to(workshop.shard.device)
+    setup.put_weights_into(network, given, may_lack=True)  # they may know of no plans
+    normaliser = known.to(setup.shard.device)
 
     def told(batch: Batch, draws: Draws, shard: Shard) -> dict[str, Tensor]:
         tracks, kinds = plans.of(batch, shape.speech_context)
@@ -125,10 +123,10 @@ def _motion_task(config: PlannedConfig, data: PreparedData, workshop: Workshop) 
             "has_plan": draws.keep(config.plan_dropout),
         }
 
-    compiles = workshop.may_compile and can_compile()
+    compiles = setup.may_compile and can_compile()
     step = motion_step(config, normaliser, targets, compile_step=compiles, told=told)
     names = {"kinds.names": plans.table.tensors()["kinds.names"]}
     return DescentTask(
         config, network, step, normaliser, shape.window_frames, shape.speech_context,
-        workshop.shard, compiles, {"prior.covariance": prior.covariance, **names},
+        setup.shard, compiles, {"prior.covariance": prior.covariance, **names},
     )  # fmt: skip

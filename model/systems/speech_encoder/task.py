@@ -15,13 +15,13 @@ from model.systems.speech_encoder.config import SpeechEncoderConfig
 from model.training.hearing import heard
 from model.training.parallel import WHOLE, Shard
 from model.training.statistics import fit_features
-from model.training.task import DescentTask, StepFunction, StepLoss, Workshop
+from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup
 
 _NUMBERS = ("strength", "speed")
 """Of `TOLD` those that are no logits."""
 
 
-def make_task(config: SpeechEncoderConfig, data: PreparedData, workshop: Workshop) -> DescentTask:
+def make_task(config: SpeechEncoderConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
     """The task of the speech encoder.
 
     Raises:
@@ -29,16 +29,16 @@ def make_task(config: SpeechEncoderConfig, data: PreparedData, workshop: Worksho
         DataError: if a clip has no annotated words and plan.
     """
     torch.manual_seed(config.random_seed)
-    given, shape = workshop.given(), config.codes
+    given, shape = setup.given(), config.codes
     spoken = annotated_speech(data, prepare_plans(data, 1 + max(data.speakers)))
     network = CodesNetwork(shape)
     if given is not None:
         given.load_into(network)
     fitted = given.normaliser if given else fit_features(data)
-    normaliser = fitted.to(workshop.shard.device)
+    normaliser = fitted.to(setup.shard.device)
     return DescentTask(
         config, network, codes_step(config, normaliser, spoken), normaliser,
-        config.window_frames, shape.context, workshop.shard,
+        config.window_frames, shape.context, setup.shard,
     )  # fmt: skip
 
 

@@ -16,9 +16,9 @@ from PIL import Image
 import renderer.body.look
 from app.commands.cli import main, make_parser
 from app.flags import read_flags
-from app.run.display import Display
-from app.run.pictures.export import RenderRequest
-from app.run.request import LOOKS, GenerateRequest
+from app.run.requests.display import Display
+from app.run.requests.request import LOOKS, GenerateRequest
+from app.run.videos.export import RenderRequest
 from model.motion.motion import save_motion
 from renderer.video.compose import band_height
 from tests.helpers import ROOT, smooth_motion_example

@@ -18,7 +18,7 @@ from app import text
 from app.config import AppConfig
 from app.errors import RunError
 from app.page.launch import launch, parse_config
-from app.page.serving.media import GONE
+from app.page.routes.media import GONE
 from tests.helpers import ROOT
 
 FORM = {

@@ -7,10 +7,10 @@ import pytest
 
 from app.errors import CancelledRun
 from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
-from app.run.pictures.followed_point import choose_tip_source
-from app.run.result_folder import ResultFolder
+from app.run.followed_point import choose_tip_source
+from app.run.output.result_folder import ResultFolder
+from model.diagnostics.diagnostics import diagnose
 from model.measures.beats import speech_onsets
-from model.measures.diagnostics import diagnose
 from model.measures.point import Spectrum
 from model.motion.skeleton import open_body_skeleton
 from model.speech.audio import Speech

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from app.errors import CancelledRun
-from app.run.pictures.register import in_register, register_of
 from app.run.pieces import HEADER, frames_message
 from app.run.pipeline import generate_all
-from app.run.request import Artefact, Event, GenerateRequest, Piece
+from app.run.requests.request import Artefact, Event, GenerateRequest, Piece
+from app.run.videos.register import in_register, register_of
 from model.motion.motion import Motion, load_motion
 from model.speech.audio import write_wav
 from tests.helpers import smooth_motion_example

@@ -15,7 +15,7 @@ from PIL import Image
 from app.errors import CancelledRun, RunError, sentence_of
 from app.run import inputs
 from app.run.pipeline import generate_all
-from app.run.request import Artefact, GenerateRequest, Measured, Progress, Take
+from app.run.requests.request import Artefact, GenerateRequest, Measured, Progress, Take
 from model.motion.motion import load_motion, save_motion
 from model.plan.plan import GesturePlan, read_plan
 from renderer.draw import probe

@@ -11,7 +11,7 @@ from app.commands.cli import main
 from app.errors import RunError
 from app.run.pipeline import generate_all
 from app.run.planning import PlanRequest, make_plan
-from app.run.request import GenerateRequest
+from app.run.requests.request import GenerateRequest
 from model.motion.motion import load_motion, save_motion
 from model.plan.editing import added, gestures
 from model.plan.files import read_plan_file

@@ -19,7 +19,7 @@ from app.study.make import media
 from app.study.make.mp4 import read_mp4
 from app.study.make.options import ExportOptions
 from app.study.make.workspace import Workspace, sha256
-from model.jobs.crew import Crew
+from model.jobs.pool import JobPool
 from model.motion.motion import load_motion, save_motion
 from model.speech.audio import write_wav
 from tests.app.study.made_study import FRAMES, draw_noise, tree, write_inputs, write_plan
@@ -117,7 +117,7 @@ def test_clips_shared_out_give_the_same_study_also_after_a_stop(
     key = tmp_path / "b" / "researcher_only" / "key.json"
     key.parent.mkdir(parents=True)
     shutil.copy(tmp_path / "a" / "researcher_only" / "key.json", key)
-    options = ExportOptions(crew=Crew(2))
+    options = ExportOptions(pool=JobPool(2))
     with pytest.raises(ValueError, match="not today"):
         export_study(plan, tmp_path / "b", options, draw=draw_but_the_garden)
     (made,) = (len(json.loads(f.read_text())["videos"]) for f in key.parent.glob("state.json"))

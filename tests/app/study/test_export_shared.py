@@ -8,7 +8,7 @@ import pytest
 from app.study.design.plan import read_plan
 from app.study.export import export_study
 from app.study.make.options import ExportOptions
-from model.jobs.crew import Crew
+from model.jobs.pool import JobPool
 from tests.app.study.made_study import draw_noise, tree, write_inputs, write_plan
 
 pytest.importorskip("distributed", reason="Dask is not installed (requirements-cluster.txt)")
@@ -27,7 +27,7 @@ def test_two_workers_make_the_study_that_one_process_makes(tmp_path: Path) -> No
     key.parent.mkdir(parents=True)
     shutil.copy(here.key, key)
     with scheduler(tmp_path) as (_, file), workers(file, 2):
-        options = ExportOptions(crew=Crew(scheduler=file))
+        options = ExportOptions(pool=JobPool(scheduler=file))
         apart = export_study(plan, tmp_path / "apart", options, draw=draw_noise)
     assert tree(apart.bundle) == tree(here.bundle)
     assert apart.key.read_bytes() == here.key.read_bytes()

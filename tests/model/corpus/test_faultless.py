@@ -3,8 +3,8 @@
 import numpy as np
 
 from model.corpus.clip import Clip
-from model.measures.diagnostics import diagnose
-from model.measures.joins.seams import Windows
+from model.diagnostics.diagnostics import diagnose
+from model.measures.seams.seams import Windows
 from model.motion.motion import Motion
 from model.motion.skeleton import open_body_skeleton
 

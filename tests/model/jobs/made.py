@@ -7,7 +7,7 @@ import time
 from functools import partial
 from pathlib import Path
 
-from model.jobs.crew import Crew, Job, JobsError
+from model.jobs.pool import Job, JobPool, JobsError
 
 
 def make_jobs(folder: Path, count: int, seconds: float = 0.0) -> list[Job]:
@@ -81,8 +81,8 @@ def wait_for(condition, seconds: float = 60.0) -> None:
 
 if __name__ == "__main__":
     place, who = Path(sys.argv[1]), sys.argv[2]
-    crew = Crew(int(who)) if who.isdigit() else Crew(scheduler=who)
+    pool = JobPool(int(who)) if who.isdigit() else JobPool(scheduler=who)
     try:
-        crew.do_all(make_jobs(place, 6, 0.5))
+        pool.do_all(make_jobs(place, 6, 0.5))
     except JobsError as error:
         sys.exit(str(error))

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from model.jobs import cluster
-from model.jobs.crew import Crew, JobsError
+from model.jobs.pool import JobPool, JobsError
 from tests.helpers import ROOT
 from tests.model.jobs.made import done, fail, made_job, make_jobs, wait_for
 
@@ -60,7 +60,7 @@ def test_a_killed_worker_costs_no_job_and_none_is_done_twice(tmp_path: Path) -> 
             os.kill(struck.pid, signal.SIGKILL)
 
         threading.Thread(target=strike, daemon=True).start()
-        failed = Crew(scheduler=file).do_all(jobs, told.append)
+        failed = JobPool(scheduler=file).do_all(jobs, told.append)
         assert struck.wait() == -signal.SIGKILL
     assert list(failed) == ["bad"] and "bad cannot be done" in str(failed["bad"]), failed
     assert sorted(told) == sorted(done(tmp_path)) == [f"job{n}" for n in range(8)]
@@ -76,11 +76,11 @@ def test_after_a_kill_of_the_scheduler_the_same_call_goes_on(tmp_path: Path) -> 
 
         threading.Thread(target=strike, daemon=True).start()
         with pytest.raises(JobsError, match="is gone; start one again"):
-            Crew(scheduler=file).do_all(jobs)
+            JobPool(scheduler=file).do_all(jobs)
     before = done(tmp_path)
     assert 2 <= len(before) < 6
     with scheduler(tmp_path) as (_, file), workers(file, 1):
-        assert Crew(scheduler=file).do_all(jobs) == {}
+        assert JobPool(scheduler=file).do_all(jobs) == {}
     assert done(tmp_path)[: len(before)] == before
     assert sorted(done(tmp_path)) == [f"job{n}" for n in range(6)]
 
@@ -103,4 +103,4 @@ def test_without_a_scheduler_a_sentence_says_so(
 ) -> None:
     monkeypatch.setattr(cluster, "CONNECT_S", 1)
     with pytest.raises(JobsError, match=r"No Dask scheduler answers at tcp://127\.0\.0\.1:9"):
-        Crew(scheduler="tcp://127.0.0.1:9").do_all(make_jobs(tmp_path, 1))
+        JobPool(scheduler="tcp://127.0.0.1:9").do_all(make_jobs(tmp_path, 1))

@@ -15,7 +15,7 @@ from model.systems.globaldiff.config import NetworkConfig
 from model.systems.globaldiff.network import MotionNetwork
 from model.systems.registry import family_of
 from model.training.loop import train
-from model.training.task import Start, Workshop
+from model.training.task import Start, TaskSetup
 from tests.model.made import made_speech, make_data_folder
 
 CODES = 48
@@ -43,7 +43,7 @@ def conditions(speech: torch.Tensor, has_speech: bool = True) -> dict[str, torch
 def started(codes: int) -> MotionNetwork:
     network = MotionNetwork(replace(SHAPE, codes=codes))
     given = Start(BUNDLED_WEIGHTS, "globaldiff/global").read()
-    Workshop(BUNDLED_WEIGHTS).put_weights_into(network, given)
+    TaskSetup(BUNDLED_WEIGHTS).put_weights_into(network, given)
     return network.eval()
 
 
@@ -107,8 +107,8 @@ def test_every_family_trains_with_codes_and_keeps_the_encoder(tmp_path, system, 
 def test_what_cannot_be_heard_with_is_told(tmp_path: Path):
     network = MotionNetwork(replace(SHAPE, codes=CODES // 2))
     with pytest.raises(CheckpointError, match="speech-encoder do not fit"):
-        Workshop(BUNDLED_WEIGHTS).put_weights_into(network, None)
+        TaskSetup(BUNDLED_WEIGHTS).put_weights_into(network, None)
     with pytest.raises(CheckpointError, match="speech-encoder"):
-        Workshop(tmp_path).put_weights_into(MotionNetwork(replace(SHAPE, codes=CODES)), None)
+        TaskSetup(tmp_path).put_weights_into(MotionNetwork(replace(SHAPE, codes=CODES)), None)
     with pytest.raises(ValueError, match="cepstra is 13 and codes 48"):
         GeneratorConfig(cepstra=13, codes=CODES)

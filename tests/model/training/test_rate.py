@@ -16,7 +16,7 @@ from model.systems.globaldiff.config import named_config
 from model.systems.globaldiff.task import make_task
 from model.training import rate
 from model.training.parallel import WHOLE
-from model.training.task import Workshop
+from model.training.task import TaskSetup
 from tests.helpers import ROOT
 from tests.model.made import make_data_folder
 
@@ -38,7 +38,7 @@ def test_attention_written_out_is_torchs_own():
 def losses_of(data, folder, steps: int, shard) -> list[float]:
     config = named_config("smoke", "globaldiff/global")
     config = replace(config, batch_size=8, learning_rate=1e-3, warmup_steps=0, steps=10**6)
-    task = make_task(config, data, Workshop(folder, shard=shard))
+    task = make_task(config, data, TaskSetup(folder, shard=shard))
     clips, found = data.of_split("train"), []
     for step in range(steps):
         batch = data.window_batch(clips, 60, 8, np.random.default_rng(step))

@@ -12,10 +12,10 @@ from renderer.body.normals import VertexNormals
 from renderer.draw.offscreen import GLBackend, GLError, OffscreenRenderer, open_gl
 from renderer.draw.probe import choose_gl
 from renderer.draw.software import SoftwareRenderer
-from renderer.stage.camera import Camera
-from renderer.stage.ground import ShadowGround
-from renderer.stage.stage import Stage
-from renderer.stage.studio import FramePreparer, PosedFrame, Studio, Subject
+from renderer.scene.camera import Camera
+from renderer.scene.ground import ShadowGround
+from renderer.scene.stage import Stage
+from renderer.scene.studio import FramePreparer, PosedFrame, Studio, Subject
 from renderer.video.frames import draw_vertices
 from renderer.video.render import RenderSettings
 from tests.helpers import ROOT

@@ -14,9 +14,9 @@ from renderer.draw import software
 from renderer.draw.offscreen import Backend
 from renderer.draw.probe import probe_backend
 from renderer.draw.software import OPENING_EDGES, SoftwareRenderer, near_openings
-from renderer.stage.camera import Z_NEAR_M, Camera
-from renderer.stage.stage import Stage
-from renderer.stage.studio import PosedFrame, Subject
+from renderer.scene.camera import Z_NEAR_M, Camera
+from renderer.scene.stage import Stage
+from renderer.scene.studio import PosedFrame, Subject
 from renderer.video.frames import draw_vertices
 from renderer.video.render import RenderSettings, render_stills
 from tests.golden.regenerate import PICTURES, posed

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from renderer.stage.panels import Panel
+from renderer.scene.panels import Panel
 from renderer.video.compose import band_height
 from renderer.video.encoder import VideoError
 from renderer.video.pair import FLICKER_FRAMES, OVERLAYS, Overlay, PairLayout, compose_pair

@@ -14,14 +14,14 @@ import pytest
 from renderer.body.body import BodyError, load_body
 from renderer.draw.offscreen import GLError
 from renderer.draw.probe import choose_backend
-from renderer.stage.stage import set_stage
+from renderer.scene.stage import set_stage
 from renderer.video import ended, worker_process
 from renderer.video.encoder import Cancelled, VideoError, read_facts
 from renderer.video.frames import PIECE_FRAMES
 from renderer.video.parallel import processes_worth
 from renderer.video.pool import RenderJob, RenderPool, RenderResult
 from renderer.video.render import RenderSettings, render_stills
-from tests.renderer.stage.test_camera import waving_motion
+from tests.renderer.scene.test_camera import waving_motion
 from tests.renderer.video.test_encoder import processes_that_mention, tone, write_wav
 
 pytestmark = pytest.mark.gl

@@ -8,8 +8,8 @@ import pytest
 
 from renderer.body.body import BodyMotion, load_body
 from renderer.draw.probe import choose_backend
-from renderer.stage.camera import frame_points
-from renderer.stage.stage import Stage, set_stage
+from renderer.scene.camera import frame_points
+from renderer.scene.stage import Stage, set_stage
 from renderer.video.frames import draw_vertices, stage_for
 from renderer.video.parallel import draw_in_processes
 from renderer.video.render import (
@@ -19,7 +19,7 @@ from renderer.video.render import (
     render_stills,
     render_video,
 )
-from tests.renderer.stage.test_camera import waving_motion
+from tests.renderer.scene.test_camera import waving_motion
 from tests.renderer.video.test_encoder import (
     SAMPLE_RATE,
     decoded_sound,

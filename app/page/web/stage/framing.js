@@ -1,4 +1,4 @@
-/** Where cameras stand so that nothing that moves leaves a picture; as renderer/stage has it. */
+/** Where cameras stand so that nothing that moves leaves a picture; as renderer/scene has it. */
 
 import { gaussian } from "./filters.js";
 import { NUM_JOINTS } from "./motion.js";

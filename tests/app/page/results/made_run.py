@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
+from app.page.queue.jobs import Job, Tab
 from app.page.results.ended_run import EndedRun
 from app.page.results.figures_shown import FiguresShown
 from app.page.results.kept_runs import KeptRun, KeptRuns
-from app.page.serving.jobs import Job, Tab
-from app.page.serving.media import MediaDesk
-from model.measures.diagnostics import Diagnostics
+from app.page.routes.media import MediaAddresses
+from model.diagnostics.diagnostics import Diagnostics
 from tests.app.fakes import measures
 from tests.app.measured import diagnostics_of
 
@@ -22,7 +22,7 @@ def ended_run(folder: Path, title: str = "speech: local; seed 0", **changes) -> 
         "verdict": "",
         "diagnostics": numbers(local=100.0),
         "showing": None,
-        "figures": FiguresShown(MediaDesk(), ""),
+        "figures": FiguresShown(MediaAddresses(), ""),
         "bundle": folder / "bundle.zip",
         "files": (),
     }

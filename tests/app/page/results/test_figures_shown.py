@@ -1,15 +1,15 @@
 from pathlib import Path
 
 from app.page.results.figures_shown import FiguresShown
-from app.page.serving.media import MediaDesk
-from app.run.request import Artefact
+from app.page.routes.media import MediaAddresses
+from app.run.requests.request import Artefact
 from app.text import FIGURES
 from tests.app.fakes import measures
 from tests.app.measured import diagnostics_of
 
 
 def shown(tmp_path: Path, *files: str) -> FiguresShown:
-    figures = FiguresShown(MediaDesk(), "")
+    figures = FiguresShown(MediaAddresses(), "")
     for file in files:
         path = tmp_path / file
         path.touch()
@@ -38,6 +38,6 @@ def test_sentences_come_with_the_numbers_and_are_theirs(tmp_path: Path) -> None:
 
 
 def test_other_files_are_no_figures(tmp_path: Path) -> None:
-    figures = FiguresShown(MediaDesk(), "")
+    figures = FiguresShown(MediaAddresses(), "")
     figures.take(Artefact("diagnostics", "diagnostics", tmp_path / "diagnostics.png"))
     assert figures.html() == ""

@@ -11,8 +11,8 @@ from fastapi import FastAPI
 from starlette.testclient import TestClient
 
 from app.errors import RunError
+from app.page.player.player import Showing, own_writers, picture_layout
 from app.page.results.kept_runs import KeptRuns
-from app.page.results.player import Showing, own_writers, picture_layout
 from app.page.results.run_file import (
     TOLD,
     file_name,
@@ -21,10 +21,10 @@ from app.page.results.run_file import (
     run_file_routes,
     save_run,
 )
+from app.page.routes.media import MediaAddresses
 from app.page.run_page import run_page_routes
-from app.page.serving.media import MediaDesk
 from app.run.diagnose import DiagnoseRequest
-from app.run.request import REFERENCE_NAME, Artefact
+from app.run.requests.request import REFERENCE_NAME, Artefact
 from model.motion.motion import load_motion, save_motion
 from model.plan.plan import GesturePlan, HandPhase
 from model.speech.audio import load_speech, write_wav
@@ -54,7 +54,7 @@ def showing(tmp_path: Path) -> Showing:
     made = Showing(
         *(NAMES, NAMES, picture_layout("front", 512, ("hands",), "knees")),
         own_writers(DiagnoseRequest((), folder, speech=speech), folder),
-        *(folder, MediaDesk(), ""),
+        *(folder, MediaAddresses(), ""),
     )
     plan = folder / "local.plan.json"
     GesturePlan(2.0, (REST,), (REST,)).write(plan)

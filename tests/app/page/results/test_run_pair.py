@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from app import text
+from app.page.player.player import NOTHING, Showing, Writers
 from app.page.results.ended_run import EndedRun
 from app.page.results.kept_runs import KeptRuns, address_of
-from app.page.results.player import NOTHING, Showing, Writers
 from app.page.results.run_pair import (
     RunPair,
     jerk_line,
@@ -22,8 +22,8 @@ from app.page.results.run_pair import (
     told_speech,
 )
 from app.page.results.settings import NONE
-from app.page.serving.media import MediaDesk
-from app.run.request import Artefact
+from app.page.routes.media import MediaAddresses
+from app.run.requests.request import Artefact
 from model.motion.motion import save_motion
 from tests.app.fakes import made_motion
 from tests.app.page.results.made_run import ended_run, keep, numbers
@@ -68,7 +68,7 @@ def showing(
         return path
 
     write = Writers(lambda paths: folder / "speech.wav", write_timeline)
-    made = Showing(list(jerk), list(jerk), LAYOUT, write, folder, MediaDesk(), "")
+    made = Showing(list(jerk), list(jerk), LAYOUT, write, folder, MediaAddresses(), "")
     save_motion(made_motion(8), folder / "a.npz")
     for name in jerk:
         made.take(Artefact("motion", name, folder / "a.npz"))

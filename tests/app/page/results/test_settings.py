@@ -4,7 +4,7 @@ from pathlib import Path
 
 from app.page.results.settings import differing, settings_of_own, settings_of_run
 from app.run.diagnose import DiagnoseRequest
-from app.run.request import GenerateRequest
+from app.run.requests.request import GenerateRequest
 
 
 def asked(**changes) -> GenerateRequest:

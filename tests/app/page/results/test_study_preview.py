@@ -6,8 +6,8 @@ import pytest
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
-from app.page.results.study_preview import GONE, PreviewDesk, preview_routes
-from app.page.serving.visitors import COOKIE
+from app.page.results.study_preview import GONE, StudyPreviews, preview_routes
+from app.page.visitors.visitors import COOKIE
 
 
 @pytest.fixture
@@ -22,9 +22,9 @@ def bundle(tmp_path: Path) -> Path:
 
 
 def test_only_the_maker_sees_the_bundle_and_only_its_files(bundle: Path, tmp_path: Path) -> None:
-    desk = PreviewDesk()
-    address = desk.offer(bundle, "mine")
-    client = TestClient(FastAPI(routes=preview_routes(desk)))
+    previews = StudyPreviews()
+    address = previews.address(bundle, "mine")
+    client = TestClient(FastAPI(routes=preview_routes(previews)))
     base = "/" + address.partition("index.html")[0]
     client.cookies.set(COOKIE, "mine")
     page = client.get(f"/{address}")
@@ -42,6 +42,6 @@ def test_only_the_maker_sees_the_bundle_and_only_its_files(bundle: Path, tmp_pat
 
 
 def test_a_bundle_without_an_owner_is_nobodys(bundle: Path) -> None:
-    desk = PreviewDesk()
-    token = desk.offer(bundle, "").split("/")[2]
-    assert desk.find(token, "index.html", "") is None
+    previews = StudyPreviews()
+    token = previews.address(bundle, "").split("/")[2]
+    assert previews.find(token, "index.html", "") is None

@@ -11,12 +11,12 @@ import pytest
 from app import text
 from app.config import AppConfig
 from app.errors import RunError
+from app.page.queue.jobs import JobBook
 from app.page.results.result_parts import build_results
-from app.page.serving.jobs import JobBook
-from app.page.serving.media import MediaDesk
+from app.page.routes.media import MediaAddresses
 from app.page.tabs.seen_run import Asked, DrawSeen, SeenRunner
-from app.run.pictures.seen_video import SeenRequest, SeenVideo
-from app.run.request import OnEvent, Progress, ShouldCancel
+from app.run.requests.request import OnEvent, Progress, ShouldCancel
+from app.run.videos.seen_video import SeenRequest, SeenVideo
 
 COOKIE = "a browser"
 LOOK = {
@@ -84,17 +84,19 @@ class Page:
     def __init__(self, folder: Path, draw: DrawSeen) -> None:
         with gr.Blocks():
             self.parts = build_results()
-        self.desk, self.jobs = MediaDesk(), JobBook(folder / "jobs")
-        self.runner = SeenRunner(draw, AppConfig(temp=folder), self.jobs, self.desk, self.parts)
+        self.addresses, self.jobs = MediaAddresses(), JobBook(folder / "jobs")
+        self.runner = SeenRunner(
+            draw, AppConfig(temp=folder), self.jobs, self.addresses, self.parts
+        )
         self.files = {name: folder / name for name in ("a.npz", "b.npz", "c.wav")}
         for path in self.files.values():
             path.write_bytes(b"")
         self.asked = told(
             bodies=[
-                {"label": "local", "motion": self.desk.offer(self.files["a.npz"], COOKIE)},
-                {"label": "full", "motion": self.desk.offer(self.files["b.npz"], COOKIE)},
+                {"label": "local", "motion": self.addresses.address(self.files["a.npz"], COOKIE)},
+                {"label": "full", "motion": self.addresses.address(self.files["b.npz"], COOKIE)},
             ],
-            sound=self.desk.offer(self.files["c.wav"], COOKIE),
+            sound=self.addresses.address(self.files["c.wav"], COOKIE),
         )
 
     def press(self, cookie: str = COOKIE) -> list[dict[Any, Any]]:
@@ -127,9 +129,9 @@ def test_a_video_comes_with_its_progress_and_a_way_to_save_it(tmp_path: Path) ->
         "one body, 10.0 s, 2.1 MB. It is cut." in lines[-1] and 'download="stage.mp4"' in lines[-1]
     )
     token = lines[-1].split('href="media/')[1].split('"')[0]
-    video = page.desk.find(token, COOKIE)
+    video = page.addresses.find(token, COOKIE)
     assert video is not None and video.name == "stage.mp4"
-    assert page.desk.find(token, "another browser") is None
+    assert page.addresses.find(token, "another browser") is None
     (request,) = got
     assert [each.motion for each in request.bodies] == [page.files["a.npz"], page.files["b.npz"]]
     assert request.speech == page.files["c.wav"] and not page.jobs._jobs

@@ -11,15 +11,15 @@ import pytest
 
 from app import text
 from app.errors import RunError
+from app.page.player.player import Showing, Writers
+from app.page.queue.jobs import JobBook
 from app.page.results.kept_runs import KeptRuns
-from app.page.results.player import Showing, Writers
 from app.page.results.result_parts import build_results
-from app.page.serving.jobs import JobBook
-from app.page.serving.media import MediaDesk
+from app.page.routes.media import MediaAddresses
 from app.page.tabs.videos_behind import Draw, VideosBehind, Wanted
-from app.run.pictures.behind import VideosRequest
-from app.run.request import Artefact
-from app.run.result_folder import zip_files
+from app.run.output.result_folder import zip_files
+from app.run.requests.request import Artefact
+from app.run.videos.behind import VideosRequest
 from model.motion.motion import save_motion
 from tests.app import fakes
 from tests.app.page.results.made_run import ended_run, keep
@@ -39,7 +39,7 @@ class Tab:
         run_folder = folder / "run"
         run_folder.mkdir()
         writers = Writers(lambda paths: run_folder, lambda paths: run_folder)
-        self.showing = Showing(NAMES, NAMES, {}, writers, run_folder, MediaDesk(), "")
+        self.showing = Showing(NAMES, NAMES, {}, writers, run_folder, MediaAddresses(), "")
         for name in NAMES:
             path = run_folder / f"{name.rsplit('/', 1)[-1]}.npz"
             save_motion(fakes.made_motion(30), path)
@@ -94,7 +94,7 @@ def test_a_failure_is_told_beside_how_the_run_went_and_leaves_that_as_it_was(
 
 @pytest.mark.parametrize("number", [1, 8])
 def test_no_more_stand_side_by_side_than_fit_and_the_reference_does(number: int) -> None:
-    from app.run.pictures.behind import names_that_fit
+    from app.run.videos.behind import names_that_fit
 
     names = [f"system{i}" for i in range(number)]
     fitting = names_that_fit([*names, "reference"])

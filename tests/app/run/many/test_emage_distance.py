@@ -12,7 +12,7 @@ from scipy.linalg import sqrtm
 from app.errors import RunError
 from app.run.many.emage_distance import LEAST_CODES, TITLE, emage_distances, keep_codes
 from app.run.many.motions import ManyRequest, diagnose_folders
-from model.jobs.crew import Crew
+from model.jobs.pool import JobPool
 from model.motion.motion import Motion, save_motion
 from model.storage.cards import CheckpointError
 from model.systems.autoencoders.emage import CODE_DIM, emage_codes, load_emage_encoder
@@ -86,7 +86,7 @@ def _save_sets(top: Path) -> None:
 def _asked(top: Path, weights: Path) -> ManyRequest:
     folders = (top / "lively", top / "calm")
     reference = top / "reference"
-    return ManyRequest(folders, top / "out", reference, emage_weights=weights, crew=Crew(1))
+    return ManyRequest(folders, top / "out", reference, emage_weights=weights, pool=JobPool(1))
 
 
 @pytest.mark.usefixtures("few_draws")

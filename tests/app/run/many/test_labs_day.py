@@ -12,8 +12,8 @@ import pytest
 
 from app.config import BUNDLED_WEIGHTS
 from app.run.many.speeches import RECORD, generate_many
-from app.run.request import GenerateRequest
-from model.jobs.crew import Crew
+from app.run.requests.request import GenerateRequest
+from model.jobs.pool import JobPool
 from model.speech.audio import write_wav
 from tests.model.jobs.made import wait_for
 from tests.model.made import made_waveform
@@ -49,12 +49,12 @@ def test_a_labs_day(tmp_path: Path) -> None:
 
         threading.Thread(target=strike, daemon=True).start()
         runs = generate_many(
-            asked(apart), Crew(scheduler=file), lambda path, share: told.append(path.name)
+            asked(apart), JobPool(scheduler=file), lambda path, share: told.append(path.name)
         )
         assert struck.wait(10) == -signal.SIGKILL
     clips = [f"clip{number:03}" for number in range(CLIPS)]
     assert list(runs.clips) == sorted(told) == clips and runs.failed == {}
-    generate_many(asked(here), Crew(2 if CLIPS > 20 else 1))
+    generate_many(asked(here), JobPool(2 if CLIPS > 20 else 1))
     for clip in clips:
         assert names_in(apart / clip) == names_in(here / clip)
         for system in ("gan-5", "asynfusion-lcm-async"):

@@ -13,7 +13,7 @@ from app.run.diagnose import DiagnoseRequest, diagnose_files
 from app.run.many.motions import ManyRequest, diagnose_folders
 from app.run.many.table import interval
 from model.evaluation.frechet import Features, distance, motion_features
-from model.jobs.crew import Crew
+from model.jobs.pool import JobPool
 from model.motion.motion import load_motion, save_motion
 from model.networks.autoencoder import load_encoder
 from model.speech.audio import SAMPLE_RATE, write_wav
@@ -40,7 +40,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def asked(folders: Path, out: Path) -> ManyRequest:
-    return ManyRequest((folders / "lively", folders / "same"), out, folders / "gt", crew=Crew(1))
+    return ManyRequest((folders / "lively", folders / "same"), out, folders / "gt", pool=JobPool(1))
 
 
 def test_clips_are_paired_told_and_kept(folders: Path, tmp_path: Path):
@@ -120,7 +120,7 @@ def test_beats_are_those_of_a_single_clip_beside_its_sound(folders: Path, tmp_pa
             motion = smooth_motion_example(180, seed + (50 if name == "gt" else 0))
             save_motion(motion, folder / f"{clip}.npz")
     request = ManyRequest(
-        (long["lively"],), tmp_path / "out", long["gt"], tmp_path / "sound", crew=Crew(1)
+        (long["lively"],), tmp_path / "out", long["gt"], tmp_path / "sound", pool=JobPool(1)
     )
     result = diagnose_folders(request)
     assert "1 of 3 clips have no sound of their name." in result.notes
@@ -179,12 +179,12 @@ def test_results_as_others_name_them_are_paired_at_any_depth(folders: Path, tmp_
         (theirs / f"gt_{clip}.npz").write_bytes((folders / "gt" / f"{clip}.npz").read_bytes())
     (theirs / ".cache" / "res_c.npz").write_bytes(b"no motion")
     top, out = tmp_path / "emage", tmp_path / "out"
-    result = diagnose_folders(ManyRequest((top,), out, top, crew=Crew(1)))
+    result = diagnose_folders(ManyRequest((top,), out, top, pool=JobPool(1)))
     assert result.clips == CLIPS[:2]
     deep = json.loads((out / "many.json").read_text())["measures"]
     flat_out = tmp_path / "flat"
     flat = (folders / "lively",)
-    diagnose_folders(ManyRequest(flat, flat_out, folders / "gt", crew=Crew(1)))
+    diagnose_folders(ManyRequest(flat, flat_out, folders / "gt", pool=JobPool(1)))
     of_clips = {}
     for name in (out, flat_out):
         for clip in CLIPS[:2]:
@@ -195,7 +195,7 @@ def test_results_as_others_name_them_are_paired_at_any_depth(folders: Path, tmp_
     (theirs / "again").mkdir()
     (theirs / "again" / "res_a.npz").write_bytes((theirs / "res_a.npz").read_bytes())
     with pytest.raises(RunError, match="would both be called 'a'"):
-        diagnose_folders(ManyRequest((top,), tmp_path / "none", top, crew=Crew(1)))
+        diagnose_folders(ManyRequest((top,), tmp_path / "none", top, pool=JobPool(1)))
 
 
 def test_an_interval_holds_the_mean():

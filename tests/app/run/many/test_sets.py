@@ -11,7 +11,7 @@ import pytest
 from app.errors import RunError
 from app.run.many.motions import ManyRequest, diagnose_folders
 from app.run.many.sets import SetsRequest, measure_sets
-from model.jobs.crew import Crew
+from model.jobs.pool import JobPool
 from model.motion.motion import save_motion
 from model.speech.audio import SAMPLE_RATE, write_wav
 from tests.helpers import smooth_motion_example
@@ -74,7 +74,8 @@ def test_a_zip_is_measured_as_its_folder(folders: Path, tmp_path: Path) -> None:
             assert path.read_bytes() == source.read_bytes()
 
     asked = ManyRequest(
-        *((folders / "mine",), tmp_path / "plain", folders / "gt", folders / "sound"), crew=Crew(1)
+        *((folders / "mine",), tmp_path / "plain", folders / "gt", folders / "sound"),
+        pool=JobPool(1),
     )
     diagnose_folders(asked)
     plain = json.loads((tmp_path / "plain" / "many.json").read_text())

@@ -12,9 +12,9 @@ from app.commands.cli import main
 from app.commands.terminal import ProgressBar
 from app.errors import RunError
 from app.run.many.speeches import RECORD, find_speeches, generate_many, is_many
-from app.run.request import GenerateRequest
+from app.run.requests.request import GenerateRequest
 from model.generation.clip_noise import clip_seed
-from model.jobs.crew import Crew
+from model.jobs.pool import JobPool
 from model.plan.editing import added, gestures
 from model.plan.files import write_plan_file
 from model.plan.plan import GesturePlan, Nod, read_plan
@@ -23,7 +23,7 @@ from model.systems.planned.config import PLANNED
 from tests.model.made import TINY_SYSTEMS, made_waveform, make_weights
 from tests.model.systems.planned.made import make_planned_weights
 
-HERE = Crew(1)
+HERE = JobPool(1)
 
 
 @pytest.fixture

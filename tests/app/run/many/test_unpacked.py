@@ -12,7 +12,7 @@ import pytest
 from app.errors import RunError
 from app.run.many.motions import ManyRequest, diagnose_folders
 from app.run.many.unpacked import Limits, unpacked
-from model.jobs.crew import Crew
+from model.jobs.pool import JobPool
 from model.motion.motion import save_motion
 from tests.helpers import smooth_motion_example
 
@@ -170,7 +170,7 @@ def test_sets_in_zips_are_measured_as_folders_are_and_kept(tmp_path: Path):
         poses = (1.5 * motion.poses).astype(np.float32)
         save_motion(replace(motion, poses=poses), tmp_path / "lively" / f"{clip}.npz")
     out, zipped = tmp_path / "out", tmp_path / "zipped"
-    folders = ManyRequest((tmp_path / "lively",), out, tmp_path / "gt", crew=Crew(1))
+    folders = ManyRequest((tmp_path / "lively",), out, tmp_path / "gt", pool=JobPool(1))
     diagnose_folders(folders)
     sets = [
         _zip(
@@ -179,7 +179,7 @@ def test_sets_in_zips_are_measured_as_folders_are_and_kept(tmp_path: Path):
         )
         for name in ("lively", "gt")
     ]
-    zips = ManyRequest((sets[0],), zipped, sets[1], crew=Crew(1))
+    zips = ManyRequest((sets[0],), zipped, sets[1], pool=JobPool(1))
     result = diagnose_folders(zips)
     assert result.clips == ("a", "b")
     assert (zipped / "many.csv").read_bytes() == (out / "many.csv").read_bytes()

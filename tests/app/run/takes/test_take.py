@@ -9,7 +9,7 @@ import pytest
 
 from app.errors import CancelledRun, RunError
 from app.run.pipeline import generate_all
-from app.run.request import Artefact, Event, GenerateRequest, Piece
+from app.run.requests.request import Artefact, Event, GenerateRequest, Piece
 from app.run.takes.edits import Edit
 from app.run.takes.take import TakeRequest, make_take, row_of
 from model.motion.motion import load_motion

@@ -22,7 +22,7 @@ from model.training.config import TrainConfig
 from model.training.loop import train
 from model.training.parallel import WHOLE
 from model.training.run_folder import TrainingError
-from model.training.task import Start, Task, Workshop
+from model.training.task import Start, Task, TaskSetup
 from tests.helpers import ROOT
 from tests.model.made import make_data_folder
 from tests.model.systems.gan.made_generator import make_gan_weights
@@ -48,7 +48,7 @@ def run(root, name: str, config: TrainConfig, **options) -> dict:
 
 def task_of(root, config: GanConfig) -> tuple[GanTask, Batch]:
     data = prepare(root / "data", root / "prepared-mel64", MelEncoder())
-    task = make_task(config, data, Workshop(BUNDLED_WEIGHTS))
+    task = make_task(config, data, TaskSetup(BUNDLED_WEIGHTS))
     batch = data.window_batch(
         data.of_split("train"), 60, 8, np.random.default_rng(0), context=task.context
     )

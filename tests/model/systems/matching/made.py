@@ -15,7 +15,7 @@ from model.networks.matching import MatchingJudge
 from model.storage.checkpoint import save_weights
 from model.systems.matching.config import HEARING_JUDGE, MatchingTrainConfig, named_config
 from model.systems.matching.task import make_task
-from model.training.task import DescentTask, Workshop
+from model.training.task import DescentTask, TaskSetup
 from tests.helpers import smooth_motion_example
 
 SHAPE = MatchingConfig(speech_width=16, motion_width=16, dilations=(1, 2), track_dim=4)
@@ -79,7 +79,7 @@ def trained(folder: Path, steps: int = 60) -> tuple[DescentTask, PreparedData]:
     """A task after some steps on such data."""
     config = tiny_config(steps=steps, learning_rate=1e-2, batch_size=8, ema_decay=0.9)
     data = made_data(folder)
-    task = make_task(config, data, Workshop(folder))
+    task = make_task(config, data, TaskSetup(folder))
     for step in range(steps):
         rng = np.random.default_rng(step)
         batch = data.window_batch(data.of_split("train"), task.window_frames, 8, rng)

@@ -8,7 +8,7 @@ from model.networks.matching import TRACKS
 from model.systems.matching.config import HEARING_JUDGE
 from model.systems.matching.task import contrastive_loss, make_task, share_right
 from model.systems.registry import family_of
-from model.training.task import Workshop
+from model.training.task import TaskSetup
 from tests.model.systems.matching.made import made_data, tiny_config, trained
 
 
@@ -49,7 +49,7 @@ def test_the_registry_knows_the_judge_and_its_windows_hold_all_pieces(tmp_path):
     assert config.piece_frames == 300 and config.augment_speech and config.augmented_copies == 1
     with pytest.raises(ValueError, match="no config 'huge'"):
         family.config("huge", HEARING_JUDGE)
-    task = family.make_task(tiny_config(pieces=3), made_data(tmp_path), Workshop(tmp_path))
+    task = family.make_task(tiny_config(pieces=3), made_data(tmp_path), TaskSetup(tmp_path))
     assert task.window_frames == 180
     assert task.normaliser.mean.shape == (len(TRACKS),)
 
@@ -57,7 +57,7 @@ def test_the_registry_knows_the_judge_and_its_windows_hold_all_pieces(tmp_path):
 def test_speech_is_heard_through_other_microphones_in_training_only(tmp_path):
     data = made_data(tmp_path, num_frames=300, count=2)
     config = replace(tiny_config(), augment_speech=True, learning_rate=0.0)
-    task = make_task(config, data, Workshop(tmp_path))
+    task = make_task(config, data, TaskSetup(tmp_path))
     batch = windows(data, "train", task, 4)
     generators = [torch.Generator().manual_seed(seed) for seed in (0, 1)]
     heard = [task.step(0, batch, generator)["arms"] for generator in generators]

@@ -6,7 +6,7 @@ import pytest
 from renderer.body.body import BodyMotion, load_body
 from renderer.body.joints import JOINT_INDEX, JOINT_NAMES
 from renderer.figures.figure6.marks import CORE_RGB, mark_joints
-from renderer.stage.stage import set_stage
+from renderer.scene.stage import set_stage
 from renderer.video.projection import projected_joints
 from renderer.video.render import RenderSettings, render_stills
 

@@ -1,0 +1,175 @@
+"""What a visitor waits for and sees, measured in a real Chromium: for `app.bench`."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+WINDOW = {"width": 1280, "height": 800}
+AIM_ON_GPU = 60
+"""Pictures a second."""
+WITHOUT = (
+    "The browser's rows are left out: they need playwright (requirements-dev.txt) and Chromium "
+    "(apt-get install chromium)."
+)
+_FIRST_S, _LATER_S = 4.0, 6.0
+"""To settle on how coarsely to draw, and to count pictures."""
+_PATIENCE_MS = 300_000
+_NOTE = """() => {
+    const times = (window.benchTimes = {});
+    let asked = 0; // bodies; an example plays on until the run has begun
+    const note = (name) => (times[name] ??= performance.now());
+    document.addEventListener("click", ({ target }) => {
+        if (!target.closest("button")?.matches("#generate, #generate *")) return;
+        for (const name of Object.keys(times)) delete times[name];
+        asked = document.querySelectorAll("#systems input:checked").length;
+        note("click");
+    }, true);
+    let drawn = 0;
+    setInterval(() => {
+        const root = document.querySelector("#player .lockstep");
+        const { lockstep, stage } = root ?? {};
+        const isOther = asked > 0 && root?.classList.contains("opening");
+        if (!stage || root.hidden || !stage.hasBodies || isOther) return;
+        if (lockstep.isPlaying && lockstep.frame > 0 && stage.pictures > drawn) note("moves");
+        drawn = stage.pictures;
+        if (stage.names.some((name) => stage.isWhole(name))) note("whole");
+        if (stage.names.filter((name) => stage.isWhole(name)).length === asked) note("all");
+        if (document.querySelector("#numbers tr")?.offsetParent) note("measured");
+        if (document.querySelector("#bundle")?.offsetParent) note("done");
+    }, 10);
+}"""
+"""Notes in the page when what a visitor waits for is there, in milliseconds."""
+
+
+@dataclass(frozen=True)
+class Waits:
+    """Seconds from the click on the button."""
+
+    moves: float
+    """Until bodies are seen to move."""
+    whole: float
+    """Until all of one body's motion is on the stage, as a page without windows begins with."""
+    all: float
+    """Until all motion of all bodies is."""
+    measured: float
+    done: float
+    """With figures."""
+
+
+def chromium_path() -> str | None:
+    """The browser of this machine."""
+    names = ("chromium", "chromium-browser", "google-chrome")
+    return next((path for name in names if (path := shutil.which(name))), None)
+
+
+@contextmanager
+def browser() -> Iterator[Browser | None]:
+    """Chromium, or None where it or what steers it is missing."""
+    path = chromium_path()
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        path = None
+    if path is None:
+        yield None
+        return
+    flags = ["--no-sandbox", "--autoplay-policy=no-user-gesture-required"]
+    with sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=path, args=flags)
+        yield opened
+        opened.close()
+
+
+def opened_page(browser: Browser, address: str) -> Page:
+    """The page as a new visitor sees it; it notes its times."""
+    page = browser.new_context(viewport=WINDOW).new_page()  # type: ignore[arg-type]
+    page.set_default_timeout(_PATIENCE_MS)
+    page.add_init_script(f"window.addEventListener('DOMContentLoaded', {_NOTE})")
+    page.goto(address)
+    page.locator("#generate").wait_for()
+    return page
+
+
+def opening_s(browser: Browser, address: str) -> float:
+    """From the address to a body that moves, with nothing clicked."""
+    started = time.monotonic()
+    page = opened_page(browser, address)
+    page.wait_for_function("() => window.benchTimes?.moves")
+    seconds = time.monotonic() - started
+    page.context.close()
+    return seconds
+
+
+def run_waits(page: Page, clip: Path, systems: Sequence[str]) -> Waits:
+    """A run of some systems, from the click to its end, in a page that is loaded anew."""
+    page.reload()
+    page.locator("#generate").wait_for()
+    page.set_input_files("#speech input[type=file]", str(clip))
+    page.locator("#speech").get_by_label("Play", exact=True).first.wait_for()
+    for box in page.locator("#systems input[type=checkbox]").all():
+        if box.is_checked() != (box.get_attribute("name") in systems):
+            box.click()
+    page.wait_for_timeout(1_000)
+    page.locator("#generate").click()
+    names = tuple(field.name for field in fields(Waits))
+    page.wait_for_function("names => names.every(name => name in window.benchTimes)", arg=names)
+    times = page.evaluate("window.benchTimes")
+    return Waits(*((times[name] - times["click"]) / 1000 for name in names))
+
+
+def gpu_sentence(page: Page, bodies: int) -> str:
+    """What a machine with a GPU would have to do for whole meshes, told from those of the page."""
+    vertices, faces, width, height = page.evaluate(
+        """async () => {
+            const { theBody } = await import(new URL("web/stage/mesh.js", document.baseURI));
+            const { vertices, faces } = (await theBody()).level(0);
+            const { clientWidth, clientHeight } = document.querySelector("#player .stage-view");
+            return [vertices.length, faces.length / 3, clientWidth, clientHeight];
+        }"""
+    )
+    each = AIM_ON_GPU * bodies * 2 / 1e6  # picture and shadow
+    return (
+        f"Not measured here: {AIM_ON_GPU} pictures/s of {bodies} whole bodies and their shadows "
+        f"ask of a GPU about {vertices * each:.0f} million vertices, {faces * each:.0f} million "
+        f"triangles and {width * height * AIM_ON_GPU / 1e6:.0f} million pixels a second, without "
+        "close-ups."
+    )
+
+
+def pictures_per_second(page: Page, level: int | None = None) -> tuple[float, dict[str, Any]]:
+    """Of the stage while it plays, and how coarsely it is drawn then.
+
+    Args:
+        level: of coarseness, held; None lets the page find out.
+    """
+    page.evaluate(
+        """level => {
+            const { lockstep, stage } = document.querySelector("#player .lockstep");
+            stage.pace.hold(level);
+            lockstep.setLoop([0, lockstep.duration]);
+            lockstep.seekFrame(0);
+            return lockstep.isPlaying || lockstep.play();
+        }""",
+        level,
+    )
+    page.wait_for_timeout(1000 * _FIRST_S)
+    counts = []
+    for wait_s in (_LATER_S, 0.0):
+        counts.append(
+            page.evaluate(
+                "[performance.now(), document.querySelector('#player .lockstep').stage.pictures]"
+            )
+        )
+        page.wait_for_timeout(1000 * wait_s)
+    (begun, first), (ended, last) = counts
+    found = page.evaluate("document.querySelector('#player .lockstep').stage.pace.level")
+    return 1000 * (last - first) / (ended - begun), found

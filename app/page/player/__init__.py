@@ -1,0 +1,1 @@
+"""The player of a run: stage, time line and worst seconds, as the page is told of them."""

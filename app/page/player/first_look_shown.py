@@ -1,0 +1,130 @@
+"""The finished example that plays when the page opens, as soon as it has been made once."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import gradio as gr
+
+from app import text
+from app.config import AppConfig
+from app.page.parts import markup
+from app.page.parts.catalogue import Catalogue
+from app.page.player.player import Showing, own_writers, picture_layout
+from app.page.queue.jobs import JobBook
+from app.page.routes.media import MediaAddresses
+from app.run.first_look import STEADY, TREMBLING, FirstLook, first_look, take_stored
+from app.run.requests.request import Artefact
+from model.systems.registry import usual_systems
+
+log = logging.getLogger(__name__)
+EXAMPLE = "three_reasons"
+LAYOUT_PX = 512
+
+
+class FirstLooks:
+    """Makes the example in its turn among all runs, and offers it to every visitor."""
+
+    def __init__(
+        self,
+        config: AppConfig,
+        catalogue: Catalogue,
+        jobs: JobBook,
+        addresses: MediaAddresses,
+        make: Callable[[FirstLook, Path], None],
+    ) -> None:
+        """
+        Args:
+            make: as `app.run.first_look.make_first_look`.
+        """
+        self._config = config
+        self._jobs = jobs
+        self._addresses = addresses
+        self._make = make
+        paths = {example.path.stem: example.path for example in catalogue.examples}
+        self._look: FirstLook | None = None
+        systems = [name for name in usual_systems("first-look") if name in catalogue.systems]
+        if systems and EXAMPLE in paths:
+            self._look = first_look(config.kept, config.weights, systems[0], paths[EXAMPLE])
+        self._shown: tuple[dict[str, Any], str] | None = None
+        self.is_coming = self._look is not None
+        """Whether more of it will be there in a while; false where all is, or nothing can be."""
+        self.version = 0
+        """Counts what has been shown: 1 bodies and sound, 2 all of it."""
+
+    @property
+    def is_made(self) -> bool:
+        """Whether it only needs to be offered."""
+        return self._look is not None and self._look.is_made
+
+    def make(self) -> None:
+        """Make it where it has not been made; a failure leaves the page as it was."""
+        if self._look is None:
+            return
+        try:
+            if not self._look.is_made and not take_stored(self._look):
+                job = self._jobs.open("", "generate")
+                try:
+                    with self._jobs.slot(job) as turn:
+                        for _ in turn:
+                            pass
+                        self._make(self._look, self._config.weights)
+                finally:
+                    self._jobs.close(job)
+            showing = self._showing(self._look)
+            showing.sound()
+            self._show(showing.value(), self._look)
+            self._show(showing.value(is_over=True), self._look)
+        except Exception:
+            log.exception("the example of the page could not be made")
+        finally:
+            self.is_coming = False
+
+    def updates(self) -> tuple[Any, Any]:
+        """Of the player and of what stands in the place of results, for a page that opens."""
+        if self._shown is not None:
+            return self._shown
+        return gr.skip(), markup.empty_state(text.LOOK_COMING) if self.is_coming else gr.skip()
+
+    def _show(self, value: dict[str, Any], look: FirstLook) -> None:
+        plays = {**value, "plays": True, "running": False, "begins": False}
+        self._shown = plays, question(look.facts(), look.system)
+        self.version += 1
+
+    def _showing(self, look: FirstLook) -> Showing:
+        from app.run.diagnose import DiagnoseRequest
+
+        names = (STEADY, TREMBLING)
+        files = {name: look.folder / f"{name}.npz" for name in names}
+        asked = DiagnoseRequest(tuple(files.values()), look.folder, speech=look.beginning)
+        showing = Showing(
+            *(names, names, picture_layout("front", LAYOUT_PX, ("hands",), "knees")),
+            own_writers(asked, look.folder, self._config.weights),
+            *(look.folder, self._addresses, ""),
+        )
+        showing.is_drawn = False
+        for name, path in files.items():
+            showing.take(Artefact("motion", name, path))
+        return showing
+
+
+def question(facts: dict[str, Any], system: str) -> str:
+    """What to look for, with the answer folded away, and the way to something of one's own."""
+    jerk = facts["jerk_m_s3"]
+    answer = text.LOOK_ANSWER.format(
+        row=TREMBLING,
+        noise=facts["noise_rad"],
+        trembling=jerk[TREMBLING],
+        steady=jerk[STEADY],
+    )
+    about = text.LOOK_ABOUT.format(system=system)
+    return (
+        f'<div class="first-look"><h2>{escape(text.LOOK_QUESTION)}</h2>'
+        f"<p>{escape(about)}</p>"
+        f"<details><summary>{escape(text.LOOK_SHOW)}</summary><p>{escape(answer)}</p></details>"
+        f'<a class="own" href="#speech">{escape(text.LOOK_OWN)}</a></div>'
+    )

@@ -1,0 +1,174 @@
+"""What the page draws under the videos: the speech, its onsets, and each motion's followed point
+over time. Pure functions of sound and motion; the result is small and goes to the browser as JSON.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from app.page.player.worst import worst_seconds
+from app.run.diagnostics import onsets_of
+from app.run.followed_point import TipSource
+from app.run.requests.request import REFERENCE_NAME
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from model.motion.motion import Motion
+    from model.motion.versions import Kind
+    from model.speech.audio import Speech
+    from model.speech.transcript import Interval, Transcript
+
+MAX_POINTS = 1800
+"""Of one curve: every frame of a minute; longer clips keep the highest of neighbouring frames."""
+NUM_PEAKS = 1200
+"""Bars of the waveform."""
+CURVES: dict[str, tuple[int, int]] = {"jerk_m_s3": (3, 1), "speed_m_s": (1, 3)}
+"""By name of a curve the order of the derivative and the decimals kept."""
+
+Curve = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class SeriesLook:
+    """How the curve and the label of one motion look, here and in the figures."""
+
+    color: str
+    dashes: tuple[float, ...]
+    """On and off lengths in line widths; empty means solid."""
+
+
+def series_looks(names: tuple[str, ...]) -> dict[str, SeriesLook]:
+    """The figures' own styles: the reference black, the others by their order."""
+    from renderer.figures.style import REFERENCE_STYLE, SYSTEM_STYLES
+
+    systems = [name for name in names if name != REFERENCE_NAME]
+    styles = {name: SYSTEM_STYLES[i % len(SYSTEM_STYLES)] for i, name in enumerate(systems)}
+    if REFERENCE_NAME in names:
+        styles[REFERENCE_NAME] = REFERENCE_STYLE
+    return {name: SeriesLook(style.color, style.dashes) for name, style in styles.items()}
+
+
+def make_timeline(
+    speech: Speech | None, motions: Mapping[str, Motion], shown: Kind, tip: TipSource
+) -> dict[str, Any]:
+    """Everything that the time line shows.
+
+    Args:
+        speech: what is heard; None for motion without sound.
+        motions: as shown in the videos.
+        shown: what they are: as generated, or filtered already.
+        tip: the point whose curves are drawn, the same that Figure 6 and the numbers follow.
+
+    Returns:
+        ``duration_s``, ``fps``, ``peaks`` (0 to 100), ``onsets_s``, ``point`` (its name for a
+        person), and by the name of a motion ``curves``: for ``raw`` and ``savgol`` each of
+        `CURVES`; of filtered motion nothing raw is known. ``worst`` is as `worst_seconds` has it.
+        No accents are heard here (`heard_accents`).
+    """
+    from model.diagnostics.diagnostics import smooth_motion
+    from model.motion.timing import FPS
+
+    num_frames = max((motion.num_frames for motion in motions.values()), default=0)
+    duration_s = num_frames / FPS if speech is None else speech.duration_s
+    tracks = {name: tip.track(motion) for name, motion in motions.items()}
+    curves = {}
+    for name, motion in motions.items():
+        versions: dict[Kind, Motion] = {shown: motion}
+        if shown == "raw":
+            versions["savgol"] = smooth_motion(motion)
+        curves[name] = {
+            version: point_curves(tip.track(each)) for version, each in versions.items()
+        }
+    return {
+        "duration_s": round(duration_s, 4),
+        "fps": FPS,
+        "peaks": [] if speech is None else waveform_peaks(speech.waveform),
+        "onsets_s": [] if speech is None else onset_times(speech),
+        "heard_accents": [],
+        "point": tip.title,
+        "curves": curves,
+        "worst": worst_seconds(tracks),
+    }
+
+
+def tiers_of(said: Transcript) -> dict[str, Any]:
+    """``words``, where they come from as ``words_origin``, their ``phones``, and, by the name of a
+    tier, ``gestures``: of each (start_s, end_s, text). Of ``accents`` time and strength."""
+    return {
+        "words": [_times(word) for word in said.words],
+        "words_origin": said.origin,
+        "phones": [_times(phone) for phone in said.phones],
+        "accents": [(accent.time_s, accent.strength) for accent in said.accents],
+        "gestures": {tier.name: [_times(phase) for phase in tier.phases] for tier in said.gestures},
+    }
+
+
+def _times(interval: Interval) -> tuple[float, float, str]:
+    return interval.start_s, interval.end_s, interval.text
+
+
+def heard_accents(speech: Speech, weights: Path) -> list[tuple[float, float]]:
+    """Time and strength of accents, as our speech encoder hears them, if its weights are there."""
+    from model.networks.accents import heard_accents as heard
+
+    return [(accent.time_s, accent.strength) for accent in heard(speech, weights)]
+
+
+def waveform_peaks(waveform: np.ndarray, num_peaks: int = NUM_PEAKS) -> list[int]:
+    """The largest magnitude in each of at most ``num_peaks`` equal stretches, 0 to 100.
+
+    100 is the loudest sample of the clip; silence is all zeros.
+    """
+    count = min(num_peaks, len(waveform))
+    if count == 0:
+        return []
+    starts = np.arange(count) * len(waveform) // count
+    peaks = np.maximum.reduceat(np.abs(waveform.astype(np.float64)), starts)
+    loudest = peaks.max()
+    return np.rint(100 * peaks / (loudest if loudest > 0 else 1.0)).astype(int).tolist()
+
+
+def onset_times(speech: Speech) -> list[float]:
+    """Seconds at which sounds begin, as BeatAlign counts them."""
+    return np.round(onsets_of(speech), 3).tolist()
+
+
+def point_curves(track: np.ndarray) -> dict[str, Curve]:
+    """Jerk and speed over time of a point (T, 3), metres."""
+    return {
+        name: derivative_curve(track, order, decimals) for name, (order, decimals) in CURVES.items()
+    }
+
+
+def derivative_curve(
+    track: np.ndarray, order: int, decimals: int, max_points: int = MAX_POINTS
+) -> Curve:
+    """Magnitude of a point's derivative, each value at the middle of the frames it comes from.
+
+    Args:
+        track: (T, 3) metres, 30 per second.
+
+    Returns:
+        ``start_s`` and ``step_s`` of the ``values``; empty for clips too short to have one. A
+        longer curve than ``max_points`` keeps the highest value of each stretch, so that no peak is
+        lost.
+    """
+    from model.measures.smoothness import derivative_magnitudes
+    from model.motion.timing import FPS
+
+    values = derivative_magnitudes(track, order)
+    stride = max(1, -(-len(values) // max_points))
+    if len(values):
+        values = np.maximum.reduceat(values, np.arange(0, len(values), stride))
+    # Entry i comes from frames i to i + order; a frame is seen from its time to the next one's.
+    middle = (order + 1) / 2 + (stride - 1) / 2
+    return {
+        "start_s": round(middle / FPS, 5),
+        "step_s": round(stride / FPS, 5),
+        "values": np.round(values, decimals).tolist(),
+    }

@@ -1,0 +1,1 @@
+"""Whose run is next, and the processes that runs are worked off in; may import visitors."""

@@ -1,0 +1,3 @@
+"""What a browser may ask the server for beside Gradio: guard, media, live sound;
+may import visitors.
+"""

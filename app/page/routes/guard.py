@@ -1,0 +1,306 @@
+"""What stands before every route: who may ask, from which page, and how much may be sent.
+
+Requests for another host name are refused, since a name that an attacker owns can be made to point
+here; so are requests that another site's page makes, whatever they ask for.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ipaddress
+import os
+from collections.abc import AsyncIterator, Callable, Collection, MutableMapping
+from typing import Any
+from urllib.parse import urlsplit
+
+from fastapi import FastAPI
+from starlette.datastructures import Headers
+from starlette.requests import ClientDisconnect, HTTPConnection
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocketClose
+
+from app.errors import RunError, printable
+from app.page.visitors.uploads import MAX_FILES, NO_ROOM, TOO_MANY_AT_ONCE
+from app.page.visitors.visitor_files import VisitorFiles
+from app.page.visitors.visitors import address_of
+
+OWN_ROUTES = ("/media/", "/live/", "/study/")
+"""Gradio asks for a login before its own routes; these stand beside them."""
+UPLOAD_ROUTE = "/gradio_api/upload"
+UNUSED_ROUTES = ("/gradio_api/component_server", "/gradio_api/process_recording")
+"""Gradio has them for parts that this page has not; they take files that nobody counts."""
+PROXY_ROUTE = "/gradio_api/proxy="
+"""Of Gradio, for pages of others within this one, which has none."""
+_SPACES = ("https://huggingface.co", "https://*.hf.space")
+"""Where a hosted space is shown in a frame."""
+SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
+_CHECK_BYTES = 1 << 24
+"""Of an upload between two looks at the room there is."""
+_LOCAL = ("localhost", "127.0.0.1", "::1")
+_ANYWHERE = ("0.0.0.0", "::")
+FOREIGN = "This request comes from the page of another site, which may not use this one."
+UNKNOWN_HOST = (
+    "This page does not answer to the name {name}; who runs it can allow it: --host-name {name}."
+)
+LOG_IN = "Log in first."
+UNUSED = "This page takes nothing there; upload files by the fields of its forms."
+NO_PROXY = "This page fetches no pages of others; ask for them at their own address."
+
+
+class Refusal(Exception):
+    """A request that goes no further, with its sentence and status."""
+
+    def __init__(self, sentence: str, status: int) -> None:
+        super().__init__(sentence)
+        self.status = status
+        self.is_heard_out = False
+        """All of the request has come already."""
+
+
+class HostNames:
+    """The names under which the page answers."""
+
+    def __init__(self, bound: str, more: Collection[str] = ()) -> None:
+        """
+        Args:
+            bound: address that the server listens on.
+            more: other names, as people type them.
+        """
+        self._names = {name.lower() for name in (*_LOCAL, bound, *more, _space())}
+        self._any_address = bound in _ANYWHERE
+
+    def __contains__(self, host: str) -> bool:
+        """Whether a Host header names this page; a port is not looked at."""
+        name = _name_of(host)
+        if name in self._names:
+            return True
+        try:
+            ipaddress.ip_address(name)
+        except ValueError:
+            return False
+        return self._any_address  # nobody can make an address point elsewhere
+
+
+def _space() -> str:
+    """The name of a hosted Gradio space."""
+    return os.environ.get("SPACE_HOST") or "localhost"
+
+
+class Framing:
+    """Which sites may show the page in a frame: clicks in a frame can be led astray."""
+
+    def __init__(self, embedders: Collection[str] = ()) -> None:
+        """
+        Args:
+            embedders: origins, besides the page's own.
+        """
+        hosts = _SPACES if os.environ.get("SPACE_HOST") else ()
+        policy = " ".join(("frame-ancestors 'self'", *hosts, *embedders))
+        self.headers = [(b"content-security-policy", policy.encode("ascii"))]
+        if not hosts and not embedders:  # it can name no others
+            self.headers.append((b"x-frame-options", b"SAMEORIGIN"))
+
+    def framed(self, send: Send) -> Send:
+        """Sends every response with it."""
+
+        async def told(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message.get("headers", ()), *self.headers]
+            await send(message)
+
+        return told
+
+
+def _name_of(host: str) -> str:
+    try:
+        return (urlsplit(f"//{host}").hostname or "").lower()
+    except ValueError:
+        return ""
+
+
+def guarded(
+    names: HostNames, visitor_files: VisitorFiles, framing: Framing, *, has_proxy: bool = False
+) -> Callable[[FastAPI], contextlib.AbstractAsyncContextManager[None]]:
+    """A lifespan that puts the guard before all of an app, its CORS headers among it.
+
+    Args:
+        has_proxy: whether who runs the page has named one; see `_forget_forwarded`.
+    """
+    is_believed = has_proxy or bool(os.environ.get("SPACE_HOST"))
+
+    @contextlib.asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        inner = app.middleware_stack or app.build_middleware_stack()
+        app.middleware_stack = Guard(inner, app, names, visitor_files, framing, is_believed)
+        yield
+
+    return lifespan
+
+
+class Guard:
+    """Refuses what must not come in; everything else goes on to the app."""
+
+    def __init__(
+        self,
+        inner: ASGIApp,
+        app: Any,
+        names: HostNames,
+        visitor_files: VisitorFiles,
+        framing: Framing,
+        is_believed: bool = False,
+    ) -> None:
+        """
+        Args:
+            is_believed: whether a proxy says under which of the page's names it was asked.
+        """
+        self._inner, self._app, self._names, self._visitor_files = inner, app, names, visitor_files
+        self._framing, self._is_believed = framing, is_believed
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self._inner(scope, receive, send)
+            return
+        send = self._framing.framed(send)
+        try:
+            self._check(scope)
+            self._forget_forwarded(scope)
+            if scope["type"] == "http" and _is_upload(scope):
+                await self._take_upload(scope, receive, send)
+                return
+        except Refusal as refusal:
+            await _refuse(refusal, scope, receive, send)
+            return
+        await self._inner(scope, receive, send)
+
+    def _check(self, scope: Scope) -> None:
+        """
+        Raises:
+            Refusal: of a foreign host or page, or of a visitor who must log in.
+        """
+        headers = Headers(scope=scope)
+        host = headers.get("host", "")
+        if host not in self._names:
+            name = printable(_name_of(host))[:100] or "without a name"
+            raise Refusal(UNKNOWN_HOST.format(name=name), 421)
+        origin = headers.get("origin")
+        is_foreign = origin is not None and not is_from_page(origin, host)
+        changes = scope.get("method", "GET") not in SAFE_METHODS
+        if is_foreign or (changes and headers.get("sec-fetch-site") == "cross-site"):
+            raise Refusal(FOREIGN, 403)
+        if scope["path"].rstrip("/").endswith(UNUSED_ROUTES):
+            raise Refusal(UNUSED, 404)
+        if PROXY_ROUTE in scope["path"]:
+            raise Refusal(NO_PROXY, 404)
+        if self._app.auth is not None and scope["path"].startswith(OWN_ROUTES):
+            if not self._is_logged_in(HTTPConnection(scope)):
+                raise Refusal(LOG_IN, 401)
+
+    def _forget_forwarded(self, scope: Scope) -> None:
+        """Take out what anyone may claim of the page's address: Gradio makes links of it."""
+        is_https = scope["scheme"] in ("https", "wss")  # as a proxy has said that is trusted
+
+        def is_good(name: bytes, value: bytes) -> bool:
+            if name == b"x-forwarded-host":
+                host = value.decode("latin-1").split(",")[0].strip()
+                return self._is_believed and host in self._names
+            if name == b"x-forwarded-proto":
+                return self._is_believed or is_https
+            return name != b"x-gradio-server"
+
+        scope["headers"] = [
+            (name, value) for name, value in scope["headers"] if is_good(name, value)
+        ]
+
+    def _is_logged_in(self, asked: HTTPConnection) -> bool:
+        names = (f"access-token-{self._app.cookie_id}",)
+        names += (f"access-token-unsecure-{self._app.cookie_id}",)
+        return any(self._app.tokens.get(asked.cookies.get(name)) is not None for name in names)
+
+    async def _take_upload(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let an upload through for as long as there is room for it.
+
+        Raises:
+            Refusal: if there is no room from the start.
+        """
+        address = address_of(HTTPConnection(scope))
+        stated = Headers(scope=scope).get("content-length", "0")
+        uncharged = num_files = 0
+        has_more = True
+        refusal: Refusal | None = None
+
+        def admit(size: int, num_files: int = 0) -> None:
+            try:
+                self._visitor_files.admit(address, size, num_files)
+            except RunError as error:
+                raise Refusal(str(error), 507) from error
+
+        def no_room_for_a_file() -> str:
+            nonlocal num_files, refusal
+            try:
+                if num_files == MAX_FILES:
+                    raise Refusal(TOO_MANY_AT_ONCE.format(limit=MAX_FILES), 413)
+                admit(0, num_files=1)
+            except Refusal as error:
+                refusal = error
+                return str(error)
+            num_files += 1
+            self._visitor_files.charge(address, 0, num_files=1)
+            return ""
+
+        async def counted() -> Message:
+            nonlocal uncharged, refusal, has_more
+            message = await receive()
+            has_more = message.get("more_body", False)
+            uncharged += len(message.get("body", b""))
+            if uncharged < _CHECK_BYTES:
+                return message
+            self._visitor_files.charge(address, uncharged)
+            uncharged = 0
+            try:
+                admit(0)
+            except Refusal as error:
+                refusal = error
+                return {"type": "http.disconnect"}
+            return message
+
+        async def told(message: Message) -> None:
+            if refusal is None:
+                await send(message)
+
+        NO_ROOM.set(no_room_for_a_file)
+        admit(int(stated) if stated.isdecimal() else 0)
+        try:
+            await self._inner(scope, counted, told)
+        except ClientDisconnect:
+            pass  # what had come is gone; see `app.page.visitors.uploads.TidyParser`
+        finally:
+            self._visitor_files.charge(address, uncharged)
+        if refusal is not None:
+            refusal.is_heard_out = not has_more
+            raise refusal
+
+
+def is_from_page(origin: str | None, host: str | None) -> bool:
+    """Whether a browser says that a page of this very server asks."""
+    try:
+        netloc = urlsplit(origin or "").netloc
+    except ValueError:
+        return False
+    return bool(origin and host) and netloc.lower() == (host or "").lower()
+
+
+def _is_upload(scope: MutableMapping[str, Any]) -> bool:
+    return scope["method"] == "POST" and scope["path"].rstrip("/").endswith(UPLOAD_ROUTE)
+
+
+async def _refuse(refusal: Refusal, scope: Scope, receive: Receive, send: Send) -> None:
+    if scope["type"] == "websocket":
+        await WebSocketClose(code=4000 + refusal.status)(scope, receive, send)
+        return
+    message: Message = {"more_body": _is_upload(scope) and not refusal.is_heard_out}
+    while message.get("more_body"):  # a browser that still sends would not hear the sentence
+        message = await receive()
+    headers = {"Connection": "close", "X-Content-Type-Options": "nosniff"}
+    response = PlainTextResponse(str(refusal), status_code=refusal.status, headers=headers)
+    await response(scope, receive, send)

@@ -1,0 +1,166 @@
+"""The way of a live session between browser and server: a WebSocket beside Gradio's own routes.
+
+The first message of the browser is what it asks for, as JSON; then it sends sound. The server sends
+the session's token and pace, then frames, and at the end one sentence. A page of another origin is
+not let in: browsers send a WebSocket's cookies whatever page opens it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from fastapi import Response
+from fastapi.responses import FileResponse, PlainTextResponse
+from fastapi.routing import APIRoute
+from starlette.concurrency import run_in_threadpool
+from starlette.routing import BaseRoute, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from app.errors import RunError, visitor_sentence
+from app.live.live_body import body_glb, face_names
+from app.live.session import LiveAsk, LiveSession
+from app.live.sessions import LiveSessions
+from app.page.routes.guard import is_from_page
+from app.page.visitors.visitors import COOKIE, address_of
+
+SPEAK_ROUTE = "/live/speak"
+BODY_ROUTE = "/live/body.glb"
+EXAMPLE_ROUTE = "/live/example"
+MAX_ASK_BYTES = 1000
+SILENT_S = 20.0
+"""Without any message for so long, the browser has gone."""
+GONE = "Nothing was heard from the browser for {seconds:.0f} s; start again."
+FOREIGN = 4403
+"""Closes a WebSocket that another site's page has opened."""
+Message = bytes | str | dict[str, Any]
+_MOST_UNSENT = 600
+"""Messages to a browser that takes none; about a minute."""
+
+
+def live_routes(sessions: LiveSessions, examples: Sequence[Path] = ()) -> list[BaseRoute]:
+    """Serve the sessions, the body that browsers move, and sound to try it with."""
+
+    async def speak(socket: WebSocket) -> None:
+        if not is_from_page(socket.headers.get("origin"), socket.headers.get("host")):
+            await socket.close(FOREIGN)
+            return
+        await socket.accept()
+        try:
+            await _serve(socket, sessions)
+        except WebSocketDisconnect:
+            pass
+
+    async def body() -> Response:
+        content = await run_in_threadpool(body_glb)
+        headers = {"Cache-Control": "private, max-age=3600", "X-Content-Type-Options": "nosniff"}
+        return Response(content, media_type="model/gltf-binary", headers=headers)
+
+    async def example(number: int) -> Response:
+        if not 0 <= number < len(examples):
+            return PlainTextResponse("There is no such example.", status_code=404)
+        return FileResponse(examples[number], media_type="audio/wav")
+
+    return [
+        WebSocketRoute(SPEAK_ROUTE, speak),
+        APIRoute(BODY_ROUTE, body, methods=["GET"], include_in_schema=False),
+        APIRoute(EXAMPLE_ROUTE + "/{number}", example, methods=["GET"], include_in_schema=False),
+    ]
+
+
+async def _serve(socket: WebSocket, sessions: LiveSessions) -> None:
+    loop = asyncio.get_running_loop()
+    unsent: asyncio.Queue[Message] = asyncio.Queue(_MOST_UNSENT)
+
+    def put(message: Message) -> None:
+        if unsent.full():  # the browser takes nothing; what is old helps it least
+            unsent.get_nowait()
+        unsent.put_nowait(message)
+
+    def tell(message: Message) -> None:  # from the worker's thread
+        if not loop.is_closed():
+            loop.call_soon_threadsafe(put, message)
+
+    session: LiveSession | None = None
+    try:
+        ask = LiveAsk.of(await _ask(socket))
+        cookie = socket.cookies.get(COOKIE, "")
+        session = await run_in_threadpool(sessions.open, ask, cookie, tell, address_of(socket))
+        told = {
+            "token": session.token,
+            "hop": session.pace.hop,
+            "ahead": session.pace.heard_ahead,
+            "faces": await run_in_threadpool(face_names),
+            "plans": session.plans,
+        }
+        await socket.send_text(json.dumps(told))
+        hearing = asyncio.create_task(_hear(socket, sessions, session))
+        sending = asyncio.create_task(_send(socket, unsent))
+        try:
+            await asyncio.wait({hearing, sending}, return_when="FIRST_COMPLETED")
+        finally:
+            hearing.cancel()
+            sending.cancel()
+        await asyncio.wait({hearing, sending})  # not gather: it forgets who cancelled this task
+        for way in (hearing, sending):
+            if not way.cancelled() and (error := way.exception()):
+                raise error
+    except WebSocketDisconnect:
+        raise
+    except Exception as error:
+        await _end(socket, visitor_sentence(error))
+    finally:
+        if session is not None:
+            sessions.close(session)
+
+
+async def _ask(socket: WebSocket) -> object:
+    try:
+        return _object(await asyncio.wait_for(socket.receive_text(), SILENT_S))
+    except (KeyError, TimeoutError):
+        return None
+
+
+async def _hear(socket: WebSocket, sessions: LiveSessions, session: LiveSession) -> None:
+    """Sound, until the visitor goes or stops."""
+    while True:
+        try:
+            message = await asyncio.wait_for(socket.receive(), SILENT_S)
+        except TimeoutError:
+            raise RunError(GONE.format(seconds=SILENT_S)) from None
+        if message["type"] == "websocket.disconnect":
+            raise WebSocketDisconnect(message.get("code", 1000))
+        told = _object(message.get("text") or "")
+        if isinstance(told, dict) and "manner" in told:
+            session.lead(told)
+        else:
+            sessions.put(session, message.get("bytes") or b"")
+
+
+def _object(told: str) -> object:
+    """JSON from a browser; None of anything else."""
+    try:
+        return json.loads(told) if len(told) <= MAX_ASK_BYTES else None
+    except (ValueError, RecursionError):
+        return None
+
+
+async def _send(socket: WebSocket, unsent: asyncio.Queue[Message]) -> None:
+    """Frames and what is told of them, until a sentence ends it."""
+    while True:
+        message = await unsent.get()
+        if isinstance(message, str):
+            await _end(socket, message)
+            return
+        if isinstance(message, bytes):
+            await socket.send_bytes(message)
+        else:
+            await socket.send_text(json.dumps(message))
+
+
+async def _end(socket: WebSocket, sentence: str) -> None:
+    await socket.send_text(json.dumps({"end": sentence}))
+    await socket.close()

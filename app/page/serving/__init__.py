@@ -1,1 +1,0 @@
-"""Visitors, their runs and files for them alone; of the page it may import parts."""

@@ -1,0 +1,1 @@
+"""The tab of generated motion: form, run, opening example, takes."""

@@ -1,0 +1,291 @@
+"""The runs of the tab "Motion": their events and results as updates of the page."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import gradio as gr
+
+from app import text
+from app.config import AppConfig
+from app.findings.verdict import short_names, verdict_of
+from app.page.parts import markup
+from app.page.parts.asked import form_of
+from app.page.parts.catalogue import Catalogue
+from app.page.parts.html_parts import shown
+from app.page.player.edited_runs import EditedRuns, own_speech
+from app.page.player.player import NOTHING, Showing
+from app.page.queue.in_turn import Updates
+from app.page.queue.jobs import Job, JobBook
+from app.page.queue.runner import TabRunner
+from app.page.results.ended_run import EndedRun, sha256_of
+from app.page.results.figures_shown import FiguresShown
+from app.page.results.kept_runs import KeptRuns
+from app.page.results.measures_table import measures_table
+from app.page.results.result_parts import ResultParts
+from app.page.results.settings import settings_of_run
+from app.page.routes.media import MediaAddresses
+from app.page.tabs.generate.generate import FormParts
+from app.page.tabs.generate.generate_form import Form, kept_values, request_from_form, row_names
+from app.page.tabs.videos_behind import VideosBehind, Wanted
+from app.run.output.result_folder import zip_files
+from app.run.requests.request import (
+    Artefact,
+    Event,
+    GenerateRequest,
+    GenerateResult,
+    Measured,
+    OnEvent,
+    Piece,
+    Progress,
+    ShouldCancel,
+    Stage,
+)
+from app.run.videos.behind import VideosRequest
+from app.run.videos.own_videos import VideoOptions
+from app.run.words import given_words
+from model.speech.transcript import Transcript
+
+if TYPE_CHECKING:
+    from model.diagnostics.diagnostics import Diagnostics
+
+STAGES_OF_STAGE: tuple[Stage, ...] = ("speech", "motion", "numbers", "figure")
+"""Videos are drawn behind it."""
+Generate = Callable[[GenerateRequest, OnEvent, ShouldCancel], GenerateResult]
+
+
+@dataclass
+class RunView:
+    """What the page knows of a run so far."""
+
+    started: float = field(default_factory=time.monotonic)
+    fractions: dict[Stage, float] = field(default_factory=dict)
+    details: dict[Stage, str] = field(default_factory=dict)
+    artefacts: list[Artefact] = field(default_factory=list)
+    has_motion: bool = False
+    """Whether some of it has come."""
+
+    def take(self, event: Event) -> None:
+        if isinstance(event, Artefact):
+            self.artefacts.append(event)
+        elif isinstance(event, Piece):
+            self.has_motion = True
+        elif isinstance(event, Progress):
+            self.fractions[event.stage] = event.fraction
+            self.details[event.stage] = event.detail
+
+    @property
+    def seconds(self) -> float:
+        return time.monotonic() - self.started
+
+    @property
+    def line(self) -> str:
+        doing = [stage for stage, fraction in self.fractions.items() if fraction < 1]
+        if not doing:
+            return text.STARTING
+        return f"{text.STAGE_NAMES[doing[-1]]} ({self.seconds:.0f} s so far)"
+
+
+class GenerateRunner(TabRunner[GenerateResult]):
+    """Generates motion for a visitor's speech."""
+
+    tab = "generate"
+
+    def __init__(
+        self,
+        generate: Generate,
+        catalogue: Catalogue,
+        config: AppConfig,
+        jobs: JobBook,
+        addresses: MediaAddresses,
+        form: FormParts,
+        results: ResultParts,
+        kept: KeptRuns,
+        videos: VideosBehind,
+        edited: EditedRuns | None = None,
+    ) -> None:
+        """
+        Args:
+            videos: draws a run's videos once it has ended.
+            edited: where runs go whose gestures can be edited; None where none can.
+        """
+        super().__init__(jobs, results.status)
+        self._videos = videos
+        self._edited = edited
+        self._kept = kept
+        self._generate = generate
+        self._catalogue = catalogue
+        self._config = config
+        self._addresses = addresses
+        self._form = form
+        self._results = results
+
+    @contextmanager
+    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
+        asked = self.asked(job, cookie, values)
+        self._videos.give_up(job.visitor)
+        yield _Work(
+            generate=self._generate,
+            asked=asked,
+            job=job,
+            showing=self._showing(asked, job, cookie, given_words(asked.transcript)),
+            figures=FiguresShown(self._addresses, cookie),
+            parts=self._results,
+            kept=self._kept,
+            cookie=cookie,
+            at_the_end=self._buttons(is_running=False),
+            videos=self._videos,
+            edited=self._edited,
+            form=self._kept_values(job, values),
+        )
+
+    def _kept_values(self, job: Job, values: tuple[Any, ...]) -> dict[str, Any]:
+        """Of the form, for whoever opens the run by its link."""
+        return kept_values(form_of(Form, values), job.folder)
+
+    def _showing(self, asked: GenerateRequest, job: Job, cookie: str, said: Transcript) -> Showing:
+        showing = Showing.of_run(asked, row_names(asked), job.folder, self._addresses, cookie, said)
+        showing.is_drawn = asked.has_video
+        return showing
+
+    def asked(self, job: Job, cookie: str, values: tuple[Any, ...]) -> GenerateRequest:
+        """The run that the form asks for; arguments and errors as of `begin`."""
+        return request_from_form(form_of(Form, values), job.folder, self._catalogue, self._config)
+
+    def blank(self) -> Updates:
+        parts = self._results
+        return {
+            parts.message: shown(""),
+            parts.status: markup.status(text.STARTING, {}, {}),
+            parts.empty: gr.update(visible=False),
+            parts.runs: shown(""),
+            **self._without_results(),
+            parts.files: None,
+            **self._buttons(is_running=True),
+        }
+
+    def stopped(self, status: str, message: str) -> Updates:
+        parts = self._results
+        return {
+            parts.message: shown(message),
+            parts.status: status,
+            parts.empty: shown(parts.empty.value),  # an example that played went with its player
+            **self._without_results(),
+            **self._buttons(is_running=False),
+        }
+
+    def _without_results(self) -> Updates:
+        parts = self._results
+        return {
+            parts.verdict: shown(""),
+            parts.player: NOTHING,
+            parts.seen: shown(""),
+            parts.figures: shown(""),
+            parts.numbers: shown(""),
+            parts.downloads_part: gr.update(visible=False),
+        }
+
+    def _buttons(self, is_running: bool) -> Updates:
+        return {
+            self._form.generate: gr.update(interactive=not is_running),
+            self._form.cancel: gr.update(visible=is_running),
+        }
+
+
+@dataclass
+class _Work:
+    """One run, and what the page has been shown of it."""
+
+    generate: Generate
+    asked: GenerateRequest
+    job: Job
+    showing: Showing
+    figures: FiguresShown
+    parts: ResultParts
+    kept: KeptRuns
+    cookie: str
+    at_the_end: Updates
+    videos: VideosBehind
+    edited: EditedRuns | None
+    form: dict[str, Any]
+    view: RunView = field(default_factory=RunView)
+
+    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> GenerateResult:
+        self.view.started = time.monotonic()  # now, after the waiting
+        self.showing.begin()
+        return self.generate(replace(self.asked, has_video=False), on_event, should_cancel)
+
+    def progress(self, events: list[Event]) -> Updates:
+        parts, run = self.parts, self.view
+        measured: Updates = {}
+        for event in events:
+            run.take(event)
+            if isinstance(event, Artefact):
+                self.showing.take(event)
+                self.figures.take(event)
+            elif isinstance(event, Piece):
+                self.showing.take_piece(event)
+            elif isinstance(event, Measured):
+                measured[parts.verdict] = shown(_verdict(event.diagnostics))
+                measured[parts.numbers] = shown(measures_table(event.diagnostics))
+        line = markup.status(run.line, run.fractions, run.details, STAGES_OF_STAGE)
+        updates: Updates = {parts.status: line, **measured}
+        if run.artefacts or run.has_motion:
+            updates[parts.player] = self.showing.value()
+            updates[parts.figures] = shown(self.figures.html())
+        return updates
+
+    def finished(self, result: GenerateResult) -> Updates:
+        ended = self._ended(result)
+        lasting = replace(self.asked, speech=own_speech(self.asked, self.form))
+        words = result.said.words
+        if self.edited is not None:
+            self.edited.keep(self.cookie, self.job.folder, lasting, self.showing, words)
+        kept = self.kept.keep(self.job, self.cookie, ended)
+        runs = {self.parts.runs: shown(self.kept.html(self.cookie, kept))}
+        if self.asked.has_video:
+            self.videos.want(self.job.visitor, Wanted(kept, self._videos_asked()))
+        return {**ended.updates(self.parts, begins=True), **runs, **self.at_the_end}
+
+    def _videos_asked(self) -> VideosRequest:
+        asked = self.asked
+        looks = (asked.display, asked.size, asked.framing, asked.close_ups, asked.has_posters)
+        return VideosRequest(
+            *(self.showing.drawn(), self.job.folder, self.showing.sound(), asked.joint, asked.body),
+            VideoOptions(*looks),
+        )
+
+    def _ended(self, result: GenerateResult) -> EndedRun:
+        self.showing.add_words(result.said)
+        rows = f"{len(result.names)} {'motion' if len(result.names) == 1 else 'motions'}"
+        line = text.DONE.format(seconds=self.view.seconds, rows=rows, frames=result.num_frames)
+        if self.asked.take is not None and self.asked.take.why_less:
+            line = f"{line} {self.asked.take.why_less}"
+        return EndedRun(
+            title=_title(self.asked),
+            settings=settings_of_run(self.asked),
+            speech_sha256=sha256_of(self.asked.speech),
+            line=line,
+            notes=result.notes,
+            verdict=_verdict(result.diagnostics),
+            diagnostics=result.diagnostics,
+            showing=self.showing,
+            figures=self.figures,
+            bundle=zip_files(result.files, self.job.folder / "co-speech-motion.zip"),
+            files=result.files,
+            form=self.form,
+        )
+
+
+def _title(asked: GenerateRequest) -> str:
+    systems = ", ".join(short_names(asked.systems).values())
+    return f"{asked.speech.stem}: {systems}; seed {asked.seed}"
+
+
+def _verdict(diagnostics: Diagnostics) -> str:
+    verdict = verdict_of(diagnostics)
+    return "" if verdict is None else markup.verdict(verdict.numbers, verdict.judgement)

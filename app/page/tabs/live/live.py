@@ -1,0 +1,106 @@
+"""The tab "Live": speak, and a body moves; and a run is made of the last minute."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gradio as gr
+
+from app import text
+from app.config import AppConfig
+from app.live.sessions import LiveSessions
+from app.page.parts.catalogue import Catalogue
+from app.page.parts.html_parts import mount, reveal_on_click
+from app.page.queue.jobs import JobBook
+from app.page.results.kept_runs import KeptRuns
+from app.page.results.result_parts import ResultParts, build_results
+from app.page.routes.live_route import EXAMPLE_ROUTE
+from app.page.routes.media import MediaAddresses
+from app.page.tabs.generate.generate import FormParts
+from app.page.tabs.generate.generate_run import Generate
+from app.page.tabs.live.live_run import LiveRunner
+from app.page.tabs.videos_behind import Draw, VideosBehind
+from model.systems.registry import family_of, usual_systems
+
+TAB = "Live"
+INTRODUCTION = (
+    "Speak, and a body moves to it about a second later. Sound goes to the machine that serves "
+    "this page and to no other; only the last minute is held, in memory, until ten minutes after "
+    "you stop."
+)
+KEEP = "Keep the last minute"
+NOTHING_KEPT = "Keep makes a run of the last minute: sound, video, figures, measures, downloads."
+_TOKEN_OF_PAGE = "() => [document.querySelector('.live')?.live?.kept() ?? '']"
+
+
+def build_live_tab(
+    page: gr.Blocks,
+    generate: Generate,
+    catalogue: Catalogue,
+    config: AppConfig,
+    jobs: JobBook,
+    addresses: MediaAddresses,
+    live: LiveSessions,
+    kept: KeptRuns,
+    draw: Draw,
+) -> ResultParts:
+    """Lay out the tab inside the current context and wire it.
+
+    Args:
+        generate: does the run that keeps a minute.
+        draw: draws its videos behind it.
+
+    Returns:
+        Where it shows the minute.
+    """
+    gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
+    gr.HTML(
+        offered(catalogue),
+        html_template='<div class="live"></div>',
+        js_on_load=mount("live/live.js", "mountLive"),
+        apply_default_css=False,
+        elem_id="live",
+    )
+    token = gr.Textbox(visible=False)
+    with gr.Row():
+        keep = gr.Button(KEEP, variant="primary", elem_id="live-keep", scale=0, min_width=220)
+        cancel = gr.Button(
+            text.CANCEL, visible=False, elem_id="live-cancel", scale=0, min_width=110
+        )
+    results = build_results("live-", NOTHING_KEPT)
+    form = FormParts((token,), keep, cancel)
+    videos = VideosBehind(draw, jobs, results, kept, "live_videos")
+    runner = LiveRunner(
+        generate, catalogue, config, jobs, addresses, form, results, kept, videos, live
+    )
+    reveal_on_click(keep, results.status)
+    run = keep.click(
+        runner.run,
+        inputs=[token],
+        outputs=[*results.all, keep, cancel],
+        js=_TOKEN_OF_PAGE,
+        api_visibility="private",
+        show_progress="hidden",
+        trigger_mode="once",
+        concurrency_limit=None,  # JobBook lets them in one by one
+    )
+    videos.follow(run)
+    page.unload(videos.left)
+    cancel.click(runner.cancel, queue=False, api_visibility="private", show_progress="hidden")
+    page.unload(runner.cancel)
+    return results
+
+
+def offered(catalogue: Catalogue) -> dict[str, Any]:
+    """What the browser lets a visitor choose; what is usual stands first."""
+    live = [name for name in catalogue.systems if name not in family_of(name).whole_speech]
+    usual = usual_systems("live")
+    systems = sorted(live, key=lambda name: name not in usual)
+    return {
+        "systems": systems,
+        "speakers": list(catalogue.speakers),
+        "examples": [
+            {"label": example.label, "url": f"{EXAMPLE_ROUTE.lstrip('/')}/{number}"}
+            for number, example in enumerate(catalogue.examples)
+        ],
+    }

@@ -1,0 +1,1 @@
+"""The tab of own motion: files of anyone, one by one or as a set."""

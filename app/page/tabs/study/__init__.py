@@ -1,0 +1,1 @@
+"""The tab of user studies: made and evaluated."""

@@ -1,0 +1,1 @@
+"""The tab of the systems: how constraints work, steps, and whether they hear."""

@@ -1,0 +1,201 @@
+"""What parts of a tab share that measure something in a run and show it as a figure."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+import gradio as gr
+
+from app import text
+from app.config import AppConfig
+from app.page.parts import markup
+from app.page.parts.catalogue import Catalogue
+from app.page.parts.html_parts import mount, reveal_on_click, shown
+from app.page.parts.named_fields import named_fields
+from app.page.queue.follow import last_share
+from app.page.queue.in_turn import Updates
+from app.page.queue.jobs import Job, JobBook
+from app.page.queue.runner import TabRunner
+from app.page.results.figures_shown import FiguresShown
+from app.page.routes.media import MediaAddresses
+from app.run.output.telling import share_teller
+from app.run.requests.request import Event, OnEvent, ShouldCancel
+
+MEASURING = "Measuring: {share:.0%}"
+
+
+class Measured(Protocol):
+    """What a measurement leaves."""
+
+    @property
+    def files(self) -> tuple[Path, ...]: ...
+
+
+Asked = TypeVar("Asked")
+Found = TypeVar("Found", bound=Measured)
+
+
+@dataclass(frozen=True)
+class FigureParts:
+    """Where the figure and what is said of it are shown."""
+
+    status: gr.HTML
+    message: gr.HTML
+    figure: gr.HTML
+
+
+@dataclass(frozen=True)
+class MeasuringSheet:
+    """The fields and buttons of such a part, and where its figure is shown."""
+
+    fields: list[Any]
+    """The systems first."""
+    start: gr.Button
+    cancel: gr.Button
+    parts: FigureParts
+
+
+def build_measuring_sheet(
+    name: str,
+    catalogue: Catalogue,
+    at_first: tuple[str, ...],
+    build_fields: Callable[[], list[Any]],
+    verb: str,
+) -> MeasuringSheet:
+    """Lay out systems to tick, the part's own fields and its buttons beside the figure.
+
+    Args:
+        name: begins the ids.
+        at_first: systems that are ticked where they are installed.
+        verb: on the button that begins.
+    """
+    with gr.Row(elem_classes="columns"):
+        with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
+            systems = gr.CheckboxGroup(
+                choices=list(catalogue.systems),
+                value=[system for system in at_first if system in catalogue.systems],
+                label="Systems",
+                elem_id=f"{name}-systems",
+            )
+            fields = build_fields()
+            with gr.Row(elem_classes="actions"):
+                start = gr.Button(verb, variant="primary", elem_id=f"{name}-start")
+                cancel = gr.Button(text.CANCEL, elem_id=f"{name}-cancel", min_width=110)
+        with gr.Column(scale=9, min_width=320, elem_classes="results"):
+            parts = _build_figure_parts(name)
+    return MeasuringSheet([systems, *fields], start, cancel, parts)
+
+
+def _build_figure_parts(name: str) -> FigureParts:
+    return FigureParts(
+        gr.HTML(markup.idle_status(text.READY), elem_id=f"{name}-status"),
+        gr.HTML("", visible=False),
+        gr.HTML(
+            "", visible=False, js_on_load=mount("figures.js", "mountFigures"),
+            apply_default_css=False, elem_id=f"{name}-figures",
+        ),
+    )  # fmt: skip
+
+
+class FigureRunner(TabRunner[Found], Generic[Asked, Found]):
+    """Asks for a measurement, follows it, and shows its figure."""
+
+    form: ClassVar[type]
+    """The dataclass of the fields of its sheet, in their order."""
+    optional: ClassVar[tuple[str, ...]]
+    """Those that a program may leave out."""
+
+    def __init__(
+        self,
+        measure: Callable[[Asked, Callable[[float], None]], Found],
+        examples: tuple[Path, ...],
+        config: AppConfig,
+        jobs: JobBook,
+        addresses: MediaAddresses,
+        parts: FigureParts,
+    ) -> None:
+        super().__init__(jobs, parts.status)
+        self.examples = examples
+        self.config = config
+        self.measure = measure
+        self.parts = parts
+        self._addresses = addresses
+
+    @abstractmethod
+    def request(self, values: tuple[Any, ...], out: Path) -> Asked:
+        """What the fields ask for.
+
+        Raises:
+            RunError: a sentence for the visitor.
+        """
+
+    @abstractmethod
+    def told(self, found: Found) -> str:
+        """A line of what was measured."""
+
+    def details(self, found: Found) -> str:
+        """What is to be said beyond that, as HTML."""
+        return ""
+
+    @contextmanager
+    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
+        asked = self.request(values, job.folder / "results")
+        yield _Work(self, asked, FiguresShown(self._addresses, cookie))
+
+    def blank(self) -> Updates:
+        return self.stopped(markup.sentence_status(text.STARTING), "")
+
+    def stopped(self, status: str, message: str) -> Updates:
+        return {
+            self.parts.status: status,
+            self.parts.message: shown(message),
+            self.parts.figure: shown(""),
+        }
+
+    def wire(self, page: gr.Blocks, sheet: MeasuringSheet) -> None:
+        """Let the buttons begin and end it; the tab's name is that of the API."""
+        reveal_on_click(sheet.start, self.parts.status)
+        sheet.start.click(
+            named_fields(self.run, self.form, self.optional),
+            inputs=sheet.fields,
+            outputs=[self.parts.status, self.parts.message, self.parts.figure],
+            api_name=self.tab,
+            show_progress="hidden",
+            trigger_mode="once",
+            concurrency_limit=None,  # JobBook lets them in one by one
+        )
+        sheet.cancel.click(
+            self.cancel, queue=False, api_visibility="private", show_progress="hidden"
+        )
+        page.unload(self.cancel)
+
+
+@dataclass(frozen=True)
+class _Work(Generic[Asked, Found]):
+    """One measurement."""
+
+    runner: FigureRunner[Asked, Found]
+    asked: Asked
+    figures: FiguresShown
+
+    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Found:
+        return self.runner.measure(self.asked, share_teller("numbers", on_event, should_cancel))
+
+    def progress(self, events: list[Event]) -> Updates:
+        share = last_share(events)
+        if share is None:
+            return {}
+        return {self.runner.parts.status: markup.sentence_status(MEASURING.format(share=share))}
+
+    def finished(self, result: Found) -> Updates:
+        self.figures.take_files(result.files)
+        return {
+            self.runner.parts.status: markup.sentence_status(self.runner.told(result)),
+            self.runner.parts.message: shown(self.runner.details(result)),
+            self.runner.parts.figure: shown(self.figures.html()),
+        }

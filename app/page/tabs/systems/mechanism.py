@@ -1,0 +1,222 @@
+"""The part that opens the tab "Systems": the paper's argument on two bodies, without a network."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import gradio as gr
+
+from app import text
+from app.config import AppConfig
+from app.page.parts import markup
+from app.page.parts.html_parts import player_part, reveal_on_click, shown
+from app.page.player.player import NOTHING, Showing, own_writers, picture_layout
+from app.page.queue.follow import last_share
+from app.page.queue.in_turn import Updates
+from app.page.queue.jobs import Job, JobBook
+from app.page.queue.runner import TabRunner
+from app.page.routes.media import MediaAddresses
+from app.run.experiments.mechanism import NAMES, NOISE_RAD, MechanismRequest
+from app.run.output.telling import share_teller
+from app.run.planted import CLEAN
+from app.run.requests.request import Artefact, Event, OnEvent, ShouldCancel
+from app.run.videos.own_videos import OnFile
+
+TITLE = "The argument in ten seconds: equal noise on local and on global rotations"
+INTRODUCTION = (
+    "One motion, two bodies. Every joint is turned at random by the same amount, once against its "
+    "parent and once in the world. No network takes part. Look at the fingertips, then move the "
+    "slider."
+)
+NOISE_LABEL = "Noise on every joint, radians about each axis"
+MOTION_LABEL = "Motion of your own (optional)"
+SHOW = "Show both bodies"
+DRAWING = "Drawing: {share:.0%}"
+DRAWN = "Noise of {noise:g} rad: left on local rotations, right on global ones."
+SIZE_PX = 512
+_WITH_GL = (
+    "(noise, motion) => [noise, motion, !document.createElement('canvas').getContext('webgl2')]"
+)
+"""Values of the form, and whether this browser needs a video: one that draws no bodies does."""
+_ON_OPENING = (
+    '() => { import(new URL("web/once.js", document.baseURI))'
+    '.then(({ pressOnce }) => pressOnce("mechanism-first")); }'
+)
+
+Shown = tuple[Path | None, tuple[str, ...]]
+"""A video, where one was drawn, and what the bodies show in sentences."""
+Show = Callable[[MechanismRequest, Callable[[float], None], OnFile], Shown]
+
+
+@dataclass(frozen=True)
+class MechanismParts:
+    """Where bodies and sentences are shown."""
+
+    status: gr.HTML
+    message: gr.HTML
+    player: gr.HTML
+    says: gr.HTML
+    """What the bodies show, and a video where the browser draws none."""
+
+
+def build_mechanism(
+    page: gr.Blocks,
+    tab: gr.Tab,
+    config: AppConfig,
+    jobs: JobBook,
+    addresses: MediaAddresses,
+    show: Show,
+) -> None:
+    """Lay out the part inside the current context and wire it.
+
+    Args:
+        tab: that it opens; both bodies move as soon as that is looked at.
+        show: does the drawing, as `app.run.experiments.mechanism.show_mechanism`.
+    """
+    gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{INTRODUCTION}</p>')
+    least, most = NOISE_RAD
+    with gr.Row(elem_classes="columns"):
+        with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
+            noise = gr.Slider(
+                *(least, most), value=MechanismRequest.noise_rad, step=0.005, label=NOISE_LABEL,
+                buttons=[], elem_id="mechanism-noise",
+            )  # fmt: skip
+            motion = gr.File(
+                label=MOTION_LABEL,
+                file_types=[".npz", ".npy", ".bvh"],
+                type="filepath",
+                height=110,
+            )
+            with gr.Row(elem_classes="actions"):
+                start = gr.Button(SHOW, variant="primary", elem_id="mechanism-start")
+                cancel = gr.Button(text.CANCEL, elem_id="mechanism-cancel", min_width=110)
+        with gr.Column(scale=9, min_width=320, elem_classes="results"):
+            parts = MechanismParts(
+                gr.HTML(markup.idle_status(text.READY), elem_id="mechanism-status"),
+                gr.HTML("", visible=False),
+                player_part("mechanism-"),
+                gr.HTML("", visible=False, elem_id="mechanism-says"),
+            )
+    needs_video = gr.Checkbox(False, visible=False)
+    first = gr.Button(elem_id="mechanism-first", elem_classes="told-elsewhere")
+    runner = MechanismRunner(show, config, jobs, addresses, parts)
+    reveal_on_click(start, parts.status)
+    asks: dict[str, Any] = {
+        "inputs": [noise, motion, needs_video],
+        "outputs": [parts.status, parts.message, parts.player, parts.says],
+        "js": _WITH_GL,
+        "show_progress": "hidden",
+        "trigger_mode": "once",
+        "concurrency_limit": None,  # JobBook lets them in one by one
+    }
+    start.click(runner.run, **asks, api_name="mechanism")
+    first.click(runner.run, **asks, api_visibility="private")
+    tab.select(None, js=_ON_OPENING, api_visibility="private")
+    cancel.click(runner.cancel, queue=False, api_visibility="private", show_progress="hidden")
+    page.unload(runner.cancel)
+
+
+class MechanismRunner(TabRunner[Shown]):
+    """Moves both bodies for a visitor."""
+
+    tab = "mechanism"
+
+    def __init__(
+        self,
+        show: Show,
+        config: AppConfig,
+        jobs: JobBook,
+        addresses: MediaAddresses,
+        parts: MechanismParts,
+    ) -> None:
+        super().__init__(jobs, parts.status)
+        self._show = show
+        self._config = config
+        self._addresses = addresses
+        self._parts = parts
+
+    @contextmanager
+    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
+        from app.run.diagnose import DiagnoseRequest
+
+        noise, motion, needs_video = values
+        asked = MechanismRequest(
+            motion=Path(motion) if motion else CLEAN,
+            out=job.folder / "mechanism.mp4",
+            noise_rad=float(noise),
+            body=self._config.body,
+            size=SIZE_PX,
+            is_played=True,
+            has_video=needs_video is True,
+        )
+        showing = Showing(
+            *(NAMES, NAMES, picture_layout("front", SIZE_PX, ("hands",), "knees")),
+            own_writers(DiagnoseRequest((), job.folder), job.folder),
+            *(job.folder, self._addresses, cookie),
+        )
+        showing.is_drawn = False
+        yield _Work(self._show, asked, self._addresses, cookie, self._parts, showing)
+
+    def blank(self) -> Updates:
+        return self.stopped(markup.sentence_status(text.STARTING), "")
+
+    def stopped(self, status: str, message: str) -> Updates:
+        return {
+            self._parts.status: status,
+            self._parts.message: shown(message),
+            self._parts.player: NOTHING,
+            self._parts.says: shown(""),
+        }
+
+
+@dataclass(frozen=True)
+class _Work:
+    """One run."""
+
+    show: Show
+    asked: MechanismRequest
+    addresses: MediaAddresses
+    cookie: str
+    parts: MechanismParts
+    showing: Showing
+
+    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Shown:
+        on_progress = share_teller("video", on_event, should_cancel)
+        return self.show(self.asked, on_progress, on_event)
+
+    def progress(self, events: list[Event]) -> Updates:
+        updates: Updates = {}
+        for event in events:
+            if isinstance(event, Artefact):
+                self.showing.take(event)
+                updates[self.parts.player] = self._played()
+        share = last_share(events)
+        if share is not None and self.asked.has_video:
+            line = DRAWING.format(share=share)
+            updates[self.parts.status] = markup.sentence_status(line)
+        return updates
+
+    def _played(self, is_over: bool = False) -> dict[str, Any]:
+        return self.showing.value(is_over) | {"plays": True}
+
+    def finished(self, result: Shown) -> Updates:
+        path, sentences = result
+        told = "".join(f"<p>{escape(sentence)}</p>" for sentence in sentences)
+        line = DRAWN.format(noise=self.asked.noise_rad)
+        video = ""
+        if path is not None:
+            source = self.addresses.address(path, self.cookie)
+            video = (
+                f'<video class="mechanism" src="{source}" controls'
+                f' autoplay loop muted playsinline aria-label="{escape(line)}"></video>'
+            )
+        return {
+            self.parts.status: markup.sentence_status(line),
+            self.parts.player: self._played(is_over=True),
+            self.parts.says: shown(f'{video}<div class="says">{told}</div>'),
+        }

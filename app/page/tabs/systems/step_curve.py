@@ -1,0 +1,105 @@
+"""The part of the tab "Systems" that measures quality against time on this machine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import gradio as gr
+
+from app.config import AppConfig
+from app.errors import RunError
+from app.page.parts import markup
+from app.page.parts.asked import form_of
+from app.page.parts.catalogue import Catalogue
+from app.page.queue.jobs import JobBook
+from app.page.routes.media import MediaAddresses
+from app.page.tabs.systems.measured_figure import FigureRunner, build_measuring_sheet
+from model.systems.registry import usual_systems
+
+if TYPE_CHECKING:
+    from app.run.experiments.step_curve import StepCurve, StepCurveRequest
+
+TITLE = "What steps buy, measured here"
+INTRODUCTION = (
+    "The same speech with 1, 2, 4, 8 and 25 steps: how the fingertip jerks, how far the motion is "
+    "from that of 25 steps, and what a frame costs on the machine that serves this page. The same "
+    "as <code>python -m app steps</code>."
+)
+NO_SYSTEM = "Tick at least one system to measure."
+NO_SPEECH = "Upload speech to measure with; this installation has no examples."
+MEASURED = "Measured {count} motions."
+
+Measure = Callable[["StepCurveRequest", Callable[[float], None]], "StepCurve"]
+
+
+def build_step_curve(
+    page: gr.Blocks,
+    catalogue: Catalogue,
+    config: AppConfig,
+    jobs: JobBook,
+    addresses: MediaAddresses,
+    measure: Measure,
+) -> None:
+    """Lay out the part inside the current context and wire it.
+
+    Args:
+        measure: does the measuring, as `app.run.experiments.step_curve.measure_step_curve`.
+    """
+    gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{INTRODUCTION}</p>')
+    sheet = build_measuring_sheet(
+        "steps", catalogue, usual_systems("steps"), _build_fields, "Measure"
+    )
+    examples = tuple(example.path for example in catalogue.examples)
+    runner = StepCurveRunner(measure, examples, config, jobs, addresses, sheet.parts)
+    runner.wire(page, sheet)
+
+
+def _build_fields() -> list[Any]:
+    speech = gr.File(
+        label="Speech (optional: an example otherwise; ten seconds are used)",
+        file_types=["audio"],
+        type="filepath",
+        height=110,
+    )
+    return [speech]
+
+
+@dataclass(frozen=True)
+class StepCurveForm:
+    """What the visitor has filled in, as Gradio hands it over."""
+
+    systems: list[str]
+    speech: str | None
+
+
+class StepCurveRunner(FigureRunner["StepCurveRequest", "StepCurve"]):
+    """Measures ticked systems with few and with many steps."""
+
+    tab = "steps"
+    form = StepCurveForm
+    optional = ("speech",)
+
+    def request(self, values: tuple[Any, ...], out: Path) -> StepCurveRequest:
+        """See `FigureRunner.request`."""
+        from app.run.experiments.step_curve import StepCurveRequest
+
+        form = form_of(StepCurveForm, values)
+        path = Path(form.speech) if form.speech else next(iter(self.examples), None)
+        if not form.systems:
+            raise RunError(NO_SYSTEM)
+        if path is None:
+            raise RunError(NO_SPEECH)
+        return StepCurveRequest(
+            speech=path,
+            out=out,
+            systems=tuple(form.systems),
+            weights=self.config.weights,
+            max_speech_s=self.config.max_speech_s,
+        )
+
+    def told(self, found: StepCurve) -> str:
+        """See `FigureRunner.told`."""
+        return MEASURED.format(count=len(found.points))

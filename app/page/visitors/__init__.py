@@ -1,0 +1,1 @@
+"""Who is asking, and the files of each visitor for that visitor alone."""

@@ -1,0 +1,347 @@
+"""Does it hear? Several speeches with several noise seeds, and what each of the two decides."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app.config import BUNDLED_WEIGHTS
+from app.errors import RunError
+from app.flags import MANNER, WEIGHTS, flag, names_of
+from app.run.experiments.hearing_videos import draw_hearing_videos
+from app.run.models import get_system
+from app.run.output.result_folder import ResultFolder
+from app.run.requests.request import file_stem
+from model.systems.registry import usual_systems
+from renderer.figures.style import MAX_SYSTEMS
+
+if TYPE_CHECKING:
+    from model.evaluation.manner import Manner
+    from model.measures.hearing import Decided, Grid
+    from model.motion.motion import Motion
+    from model.speech.audio import Speech
+
+MAX_SPEECHES, MAX_SEEDS = 8, 8
+MAX_S = 60.0
+"""Of each speech; the rest is not heard."""
+_GENERATED_BEFORE_VIDEOS = 0.3
+"""Share of the work."""
+_NAMED = re.compile(r"(?:(?P<system>.+?)__)?(?P<speech>.+?)__(?P<seed>\d{1,9})\.npz")
+
+
+def _two_names(written: str) -> tuple[str, str]:
+    calm, comma, lively = written.partition(",")
+    if not (calm and comma and lively) or calm == lively:
+        raise RunError(f"it takes two names, CALM,LIVELY; got {written!r}.")
+    return calm, lively
+
+
+@dataclass(frozen=True)
+class HearingRequest:
+    """What is compared: motions that are generated here, or those of a folder."""
+
+    out: Path = field(metadata=flag(None, "DIR", Path))
+    speeches: tuple[Path, ...] = ()
+    """Two or more; none where ``motions`` are given."""
+    systems: tuple[str, ...] = field(
+        default=(),
+        metadata=flag(
+            "default: %(default)s",
+            "A,B,...",
+            names_of,
+            usual=lambda: ",".join(usual_systems("hearing")),
+        ),
+    )
+    seeds: int = field(default=2, metadata=flag("default: %(default)s", "N", int))
+    """Noise seeds, from 0 on."""
+    speaker: str | None = field(default=None, metadata=MANNER)
+    guidance: float | None = field(
+        default=None,
+        metadata=flag(
+            "strength of the speech; 1 is as trained (default: as suits each system)", "N", float
+        ),
+    )
+    speakers: tuple[str, str] | None = field(
+        default=None,
+        metadata=flag(
+            "two speakers whose manner is compared on the first speech, such as hana,june",
+            "CALM,LIVELY",
+            _two_names,
+        ),
+    )
+    """A calm one and a lively one, who are compared on the first speech as well."""
+    has_videos: bool = field(
+        default=False,
+        metadata=flag(
+            "draw the bodies of the first two speeches and seeds, under the sound of either",
+            name="--videos",
+        ),
+    )
+    """Whether the bodies of the first two speeches and seeds are drawn."""
+    motions: Path | None = None
+    """A folder of anyone's motion: ``[SYSTEM__]SPEECH__SEED.npz``."""
+    weights: Path = field(default=BUNDLED_WEIGHTS, metadata=WEIGHTS)
+    max_speech_s: float = 600.0
+
+    def __post_init__(self) -> None:
+        if self.motions is not None:
+            if self.speeches or self.systems:
+                raise RunError("Give speeches and systems, or a folder of motions; not both.")
+            if self.speakers or self.has_videos:
+                raise RunError("A folder of motions tells no speakers and no sound to draw with.")
+            return
+        if not 2 <= len(self.speeches) <= MAX_SPEECHES:
+            raise RunError(
+                f"Two to {MAX_SPEECHES} speeches are compared; got {len(self.speeches)}."
+            )
+        stems = [path.stem for path in self.speeches]
+        if len(set(stems)) < len(stems):
+            raise RunError("Two of the speeches have one name; rename one of the files.")
+        if not 2 <= self.seeds <= MAX_SEEDS:
+            raise RunError(f"Noise seeds must be 2 to {MAX_SEEDS}; got {self.seeds}.")
+        if not 1 <= len(self.systems) <= MAX_SYSTEMS:
+            raise RunError(
+                f"One to {MAX_SYSTEMS} systems are compared at once; got {len(self.systems)}."
+            )
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What was found of two speakers under one speech."""
+
+    calm: str
+    lively: str
+    manner: Manner
+    calm_over_lively: float
+    """Speed of the wrists."""
+
+    def sentence(self) -> str:
+        """For a person."""
+        return (
+            f"Of {self.calm} and {self.lively}, the speaker decides"
+            f" {_percent(self.manner.by_speaker)} of the arms' speed; with the same noise and"
+            f" speech their rotations correlate {self.manner.arm_rotations_same_noise:.2f}, and"
+            f" {self.calm}'s wrists move {self.calm_over_lively:.2f} times as fast."
+        )
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What was found of one system."""
+
+    system: str
+    guidance: float | None
+    """With which it heard its speech; None where that is not known."""
+    parts: Mapping[str, Decided]
+    """By part of the body."""
+    arm_rotations_same_noise: float
+    """Correlation of arm rotations between other speeches with the same noise."""
+    compared: Compared | None = None
+    """None where no speakers were asked for."""
+
+    def sentence(self) -> str:
+        """What the numbers say of the arms, for a person."""
+        arms = self.parts["arms"]
+        told = (
+            f"{self.system}: speech decides {_percent(arms.by_speech)} of the arms' speed and"
+            f" chance {_percent(arms.by_noise)}; with the same noise and other speech their"
+            f" rotations correlate {self.arm_rotations_same_noise:.2f}."
+        )
+        return told if self.compared is None else f"{told} {self.compared.sentence()}"
+
+
+@dataclass(frozen=True)
+class Hearing:
+    """What was measured, and its files."""
+
+    systems: tuple[Heard, ...]
+    files: tuple[Path, ...]
+
+    def sentences(self) -> tuple[str, ...]:
+        """What the numbers say of each system, for a person."""
+        return tuple(heard.sentence() for heard in self.systems)
+
+
+def measure_hearing(
+    request: HearingRequest, on_progress: Callable[[float], None] = lambda share: None
+) -> Hearing:
+    """Generate each speech with each seed, or read what is in the folder; write numbers, the
+    figure, and what was generated.
+
+    Args:
+        on_progress: told the share done before each motion; what it raises ends the work.
+
+    Raises:
+        RunError, SpeechError, MotionError, UnknownNameError, CheckpointError, WriteError: with a
+            sentence.
+    """
+    from model.motion.motion import save_motion
+
+    generated = _GENERATED_BEFORE_VIDEOS if request.has_videos else 1.0
+    with ResultFolder(request.out) as folder:
+        if request.motions is not None:
+            of_system = {name: _Made(grid) for name, grid in _read(request.motions).items()}
+        else:
+            speeches = _speeches(request)
+            of_system = _generated(request, speeches, lambda share: on_progress(generated * share))
+            for system, made in of_system.items():
+                for (speech, seed), motion in made.grid.items():
+                    name = f"{file_stem(system)}__{speech}__{seed}.npz"
+                    save_motion(motion, folder.path(name))
+            if request.has_videos:
+                draw_hearing_videos(
+                    {system: made.grid for system, made in of_system.items()},
+                    speeches,
+                    folder,
+                    lambda share: on_progress(generated + (1 - generated) * share),
+                )
+        on_progress(1.0)
+        heard = tuple(_heard(system, made, request.speakers) for system, made in of_system.items())
+        _write_numbers(heard, folder)
+        _draw(heard, {system: made.grid for system, made in of_system.items()}, folder)
+        return Hearing(heard, folder.publish())
+
+
+@dataclass(frozen=True)
+class _Made:
+    """Motions of one system."""
+
+    grid: Grid
+    guidance: float | None = None
+    by_speaker: Grid = field(default_factory=dict)
+    """Of the first speech, by speaker and seed."""
+
+
+def _speeches(request: HearingRequest) -> dict[str, Speech]:
+    """By name; no more of each than is heard."""
+    from model.speech.audio import SAMPLE_RATE, SpeechLimits, load_speech
+
+    limits = SpeechLimits(max_s=request.max_speech_s)
+    whole = {path.stem: load_speech(path, limits) for path in request.speeches}
+    heard = int(MAX_S * SAMPLE_RATE)
+    return {
+        name: replace(speech, waveform=speech.waveform[:heard]) for name, speech in whole.items()
+    }
+
+
+def _generated(
+    request: HearingRequest,
+    speeches: Mapping[str, Speech],
+    on_progress: Callable[[float], None],
+) -> dict[str, _Made]:
+    from model.generation.windows import GenerateOptions, generate_motion
+
+    systems = [get_system(name, request.weights) for name in dict.fromkeys(request.systems)]
+    seeds = range(request.seeds)
+    of_system: dict[str, _Made] = {}
+    first = next(iter(speeches))
+    grid_keys = [(name, seed) for name in speeches for seed in seeds]
+    speaker_keys = [(speaker, seed) for speaker in request.speakers or () for seed in seeds]
+    wanted = len(systems) * (len(grid_keys) + len(speaker_keys))
+    done = 0
+    for system in systems:
+        own = request.speaker or next(iter(system.speakers))
+        strength = None if system.guidance is None else request.guidance
+        asked = [(name, own, seed) for name, seed in grid_keys]
+        asked += [(first, speaker, seed) for speaker, seed in speaker_keys]
+        moved: list[Motion] = []
+        for name, speaker, seed in asked:
+            on_progress(done / wanted)
+            done += 1
+            options = GenerateOptions(speaker, seed=seed, guidance=strength)
+            moved += generate_motion(system, speeches[name], options)
+        of_system[system.name] = _Made(
+            dict(zip(grid_keys, moved, strict=False)),
+            system.strength(strength),
+            dict(zip(speaker_keys, moved[len(grid_keys) :], strict=True)),
+        )
+    return of_system
+
+
+def _read(folder: Path) -> dict[str, Grid]:
+    """Motions of a folder, by what their names say."""
+    from model.motion.motion import load_motion
+
+    if not folder.is_dir():
+        raise RunError(f"{folder} is no folder; name one with files SYSTEM__SPEECH__SEED.npz.")
+    grids: dict[str, dict[tuple[str, int], Motion]] = {}
+    for path in sorted(folder.glob("*.npz")):
+        named = _NAMED.fullmatch(path.name)
+        if named is None:
+            raise RunError(
+                f"{path.name} must be called SYSTEM__SPEECH__SEED.npz or SPEECH__SEED.npz, with two"
+                " underscores between, so that it is known what it was made of."
+            )
+        grid = grids.setdefault(named["system"] or folder.name, {})
+        grid[named["speech"], int(named["seed"])] = load_motion(path)
+    if not 1 <= len(grids) <= MAX_SYSTEMS:
+        raise RunError(f"{folder} must hold 1 to {MAX_SYSTEMS} systems; found {len(grids)}.")
+    return dict(grids)
+
+
+def _heard(system: str, made: _Made, speakers: tuple[str, str] | None) -> Heard:
+    from model.measures.hearing import arm_rotations_same_noise, decided
+
+    try:
+        parts = decided(made.grid)
+        compared = None if speakers is None else _compared(made.by_speaker, *speakers)
+    except ValueError as error:
+        raise RunError(f"{system}: {error}") from error
+    return Heard(system, made.guidance, parts, arm_rotations_same_noise(made.grid), compared)
+
+
+def _compared(motions: Grid, calm: str, lively: str) -> Compared:
+    from model.evaluation.manner import calm_over_lively, manner_of
+
+    own = ([motion for (who, _), motion in motions.items() if who == s] for s in (calm, lively))
+    return Compared(calm, lively, manner_of(motions), calm_over_lively(*own))
+
+
+def _write_numbers(heard: tuple[Heard, ...], folder: ResultFolder) -> None:
+    from model.storage.harmless import csv_text
+
+    told = {
+        each.system: {
+            "guidance": each.guidance,
+            "arm_rotations_same_noise": each.arm_rotations_same_noise,
+            "parts": {
+                part: asdict(found) | {"by_speech": found.by_speech, "by_noise": found.by_noise}
+                for part, found in each.parts.items()
+            },
+        }
+        | ({} if each.compared is None else {"speakers": asdict(each.compared)})
+        for each in heard
+    }
+    folder.path("hearing.json").write_text(json.dumps(told, indent=1) + "\n")
+    columns = ("same_speech", "same_noise", "neither", "by_speech", "by_noise")
+    rows: list[list[object]] = [["system", "part", *columns]]
+    rows += [
+        [each.system, part, *(getattr(found, column) for column in columns)]
+        for each in heard
+        for part, found in each.parts.items()
+    ]
+    folder.path("hearing.csv").write_text(csv_text(rows), newline="")
+
+
+def _draw(heard: tuple[Heard, ...], grids: Mapping[str, Grid], folder: ResultFolder) -> None:
+    from model.measures.hearing import arm_speed
+    from renderer.figures.hearing import HearingRow, hearing_figure
+
+    rows = [
+        HearingRow(
+            each.system,
+            {key: arm_speed(motion) for key, motion in grids[each.system].items()},
+            {part: (found.by_speech, found.by_noise) for part, found in each.parts.items()},
+        )
+        for each in heard
+    ]
+    for file in hearing_figure(rows, folder.path("hearing.png").with_suffix("")):
+        folder.path(file.name)
+
+
+def _percent(share: float) -> str:
+    return f"{min(max(share, 0.0), 1.0):.0%}"

@@ -1,0 +1,174 @@
+"""The paper's argument on a body, apart from any training: equal noise on local and on global
+rotations of one motion, two bodies in lock-step."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app.errors import RunError
+from app.flags import SEED, SOUND, flag
+from app.run.body_motion import body_motion
+from app.run.followed_point import TIP, choose_tip_source
+from app.run.models import get_body
+from app.run.requests.display import Display, marks_of
+from app.run.requests.request import BODY, JOINT, Artefact, file_stem
+from app.run.videos.export import render_settings
+from app.run.videos.own_videos import OnFile
+from app.run.videos.videos import draw_videos
+
+if TYPE_CHECKING:
+    from model.measures.error_growth import ErrorGrowth
+    from model.motion.motion import Motion
+
+NAMES: tuple[str, str] = ("local rotations", "global rotations")
+"""Of the two bodies: where the noise is."""
+NOISE_RAD = (0.005, 0.1)
+"""Least and most noise that may be asked for."""
+_DRAWN = 0.85
+"""Share of the work that is done when both bodies are drawn."""
+
+
+@dataclass(frozen=True)
+class MechanismRequest:
+    """Which motion, how much noise, what to follow."""
+
+    motion: Path = field(metadata=flag(None, "MOTION.npz", Path, is_positional=True))
+    out: Path = field(metadata=flag(None, "FILE.mp4", Path))
+    """An mp4."""
+    noise_rad: float = field(
+        default=0.02,
+        metadata=flag(
+            f"deviation about each axis, {NOISE_RAD[0]:g} to {NOISE_RAD[1]:g} "
+            "(default: %(default)s)",
+            "RAD",
+            float,
+            "--noise",
+        ),
+    )
+    """Deviation of each component of the random turns."""
+    seed: int = field(default=0, metadata=SEED)
+    joint: str = field(default=TIP, metadata=JOINT)
+    """The point whose trail and numbers are told."""
+    speech: Path | None = field(default=None, metadata=SOUND)
+    body: Path | None = field(default=None, metadata=BODY)
+    size: int = field(
+        default=640, metadata=flag("height of a body (default: %(default)s)", "PX", int)
+    )
+    """Height of a body in pixels."""
+    is_played: bool = False
+    """Whether both motions are left beside ``out`` and told of, for a player."""
+    has_video: bool = True
+
+
+def show_mechanism(
+    request: MechanismRequest,
+    on_progress: Callable[[float], None] = lambda fraction: None,
+    on_file: OnFile = lambda artefact: None,
+) -> tuple[Path | None, tuple[str, ...]]:
+    """Move two bodies, measure what the noise does, and draw them beside each other.
+
+    Args:
+        on_progress: told of the share done, 0 to 1; what it raises ends the work.
+
+    Returns:
+        The video, where one was asked for, and what the bodies show in sentences.
+
+    Raises:
+        RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
+    """
+    from model.formats.read import read_any_motion
+    from model.measures.error_growth import measure_error_growth
+    from model.motion.motion import save_motion
+    from model.motion.noise import noisy_motions
+    from model.motion.skeleton import open_body_skeleton
+    from model.motion.tracks import moving_chain
+
+    _check(request)
+    if not moving_chain(request.joint):
+        raise RunError(f"No rotation moves the {request.joint}; follow a joint further from it.")
+    found = read_any_motion(request.motion)
+    growth = measure_error_growth(
+        found.motion, open_body_skeleton(), request.joint, request.noise_rad, seed=request.seed
+    )
+    on_local, on_global = noisy_motions(found.motion, request.noise_rad, request.seed)
+    noisy: dict[str, Motion] = dict(zip(NAMES, (on_local, on_global), strict=True))
+    if request.is_played:
+        for name, motion in noisy.items():
+            path = request.out.with_name(f"{file_stem(name)}.npz")
+            save_motion(motion, path)
+            on_file(Artefact("motion", name, path))
+    if request.has_video:
+        _draw(request, found.motion, noisy, on_progress)
+    sentences = (*found.notes, *_told(growth, request.noise_rad))
+    return request.out if request.has_video else None, sentences
+
+
+def _draw(
+    request: MechanismRequest,
+    clean: Motion,
+    noisy: Mapping[str, Motion],
+    on_progress: Callable[[float], None],
+) -> None:
+    from renderer.video.compose import compose_videos
+    from renderer.video.frames import stage_for
+    from renderer.video.pool import RenderJob
+
+    body = get_body(request.body)
+    tip = choose_tip_source(body, request.body, request.joint)
+    settings = render_settings("front", request.size, close_ups=("hands",), framing="knees")
+    stage = stage_for(body, [body_motion(clean)], settings)  # the noise moves no camera
+    with tempfile.TemporaryDirectory() as folder:
+        jobs = {
+            name: RenderJob(
+                motion=body_motion(motion),
+                out=Path(folder, f"{number}.mp4"),
+                settings=settings,
+                body_path=request.body,
+                stage=stage,
+                marks=marks_of(motion, Display(has_trail=True), tip, body),
+            )
+            for number, (name, motion) in enumerate(noisy.items())
+        }
+        draw_videos(
+            jobs,
+            on_progress=lambda part: on_progress(_DRAWN * part),
+            on_done=lambda name: None,
+            should_cancel=lambda: False,  # on_progress ends it
+        )
+        compose_videos(
+            [Path(folder, f"{number}.mp4") for number in range(len(jobs))],
+            [f"{request.noise_rad:g} rad of noise on {name}" for name in noisy],
+            request.out,
+            request.speech,
+            on_progress=lambda part: on_progress(_DRAWN + (1.0 - _DRAWN) * part),
+        )
+
+
+def _check(request: MechanismRequest) -> None:
+    least, most = NOISE_RAD
+    if not least <= request.noise_rad <= most:
+        raise RunError(f"Noise must be {least:g} to {most:g} rad; got {request.noise_rad:g}.")
+    if request.seed < 0:
+        raise RunError(f"The seed must not be negative; got {request.seed}.")
+    if request.out.suffix.lower() != ".mp4":
+        raise RunError(f"{request.out.name} must end in .mp4.")
+    if not request.out.parent.is_dir():
+        raise RunError(f"The folder {request.out.parent} does not exist; create it first.")
+
+
+def _told(growth: ErrorGrowth, noise_rad: float) -> list[str]:
+    """What the experiment shows, and what it does not."""
+    from model.measures.error_growth import growth_sentence
+
+    jerk = growth.jerk_m_s3
+    return [
+        growth_sentence(growth, noise_rad),
+        f"Its jerk is {jerk['local']:.0f} m/s³ with noise on local rotations, {jerk['global']:.0f} "
+        f"on global ones and {jerk['clean']:.0f} without noise.",
+        "Equal noise is an assumption: how much a trained network errs in either form has to be "
+        "measured.",
+    ]

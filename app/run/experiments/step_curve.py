@@ -1,0 +1,177 @@
+"""Quality against time: what steps of a sampler buy, and what they cost on this machine."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app.config import BUNDLED_WEIGHTS
+from app.errors import RunError
+from app.flags import OUT_FOLDER, SEED, SPEAKER, SPEECH, WEIGHTS, flag, names_of
+from app.run.models import get_system
+from app.run.output.result_folder import ResultFolder
+from model.storage.harmless import csv_text
+from renderer.figures.style import MAX_SYSTEMS
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from model.generation.base import System
+    from model.motion.motion import Motion
+    from model.speech.audio import Speech
+
+COUNTS = (1, 2, 4, 8, 25)
+"""Steps that are tried; motion with the most of them is what the others are held against."""
+MAX_S = 10.0
+"""Of the speech: time a frame does not depend on its length."""
+MAX_COUNT = 1000
+FINGERTIP = "right_middle"
+
+
+@dataclass(frozen=True)
+class StepCurveRequest:
+    """What is measured."""
+
+    speech: Path = field(metadata=SPEECH)
+    out: Path = field(metadata=OUT_FOLDER)
+    systems: tuple[str, ...] = field(metadata=flag("at most six", "A,B,...", names_of))
+    counts: tuple[int, ...] = field(
+        default=COUNTS,
+        metadata=flag(
+            f"numbers of steps (default: {','.join(map(str, COUNTS))})",
+            "N,N,...",
+            lambda written: tuple(map(int, written.split(","))),
+            "--steps",
+        ),
+    )
+    speaker: str | None = field(default=None, metadata=SPEAKER)
+    seed: int = field(default=0, metadata=SEED)
+    weights: Path = field(default=BUNDLED_WEIGHTS, metadata=WEIGHTS)
+    max_speech_s: float = 600.0
+
+    def __post_init__(self) -> None:
+        if not self.counts or not all(1 <= count <= MAX_COUNT for count in self.counts):
+            raise RunError(
+                f"Steps must be whole numbers from 1 to {MAX_COUNT}; got "
+                f"{', '.join(map(str, self.counts)) or 'none'}."
+            )
+        if not 1 <= len(self.systems) <= MAX_SYSTEMS:
+            raise RunError(
+                f"One to {MAX_SYSTEMS} systems are measured at once; got {len(self.systems)}."
+            )
+
+
+@dataclass(frozen=True)
+class StepPoint:
+    """One system with one number of steps."""
+
+    system: str
+    steps: int
+    face_steps: int | None
+    """Of systems that draw the face by steps of its own."""
+    ms_per_frame: float
+    """By the clock, one motion at a time, with the features of the speech."""
+    tip_jerk_m_s3: float
+    distance_cm: float
+    """Mean distance of all joints to where the same system, with the same noise, has them with the
+    most steps that were tried."""
+
+
+@dataclass(frozen=True)
+class StepCurve:
+    """What was measured, and its files."""
+
+    points: tuple[StepPoint, ...]
+    files: tuple[Path, ...]
+
+
+def measure_step_curve(
+    request: StepCurveRequest, on_progress: Callable[[float], None] = lambda share: None
+) -> StepCurve:
+    """Generate with each system and number of steps, and write the table and the plot.
+
+    Args:
+        on_progress: told the share done before each generation; what it raises ends the work.
+
+    Raises:
+        RunError, SpeechError, UnknownNameError, CheckpointError, WriteError: with a sentence.
+    """
+    from model.speech.audio import SAMPLE_RATE, SpeechLimits, load_speech
+    from renderer.figures.step_curve import step_curve_figure
+
+    whole = load_speech(request.speech, SpeechLimits(max_s=request.max_speech_s))
+    speech = replace(whole, waveform=whole.waveform[: int(MAX_S * SAMPLE_RATE)])
+    systems = [get_system(name, request.weights) for name in request.systems]
+    counts = sorted(set(request.counts), reverse=True)  # the most first: others are compared to it
+    points: list[StepPoint] = []
+    with ResultFolder(request.out) as folder:
+        for number, system in enumerate(systems):
+            points += _points_of(
+                system, speech, counts, request,
+                lambda part, number=number: on_progress((number + part) / len(systems)),
+            )  # fmt: skip
+        on_progress(1.0)
+        path = folder.path("steps.json")
+        path.write_text(json.dumps([asdict(point) for point in points], indent=1) + "\n")
+        _write_csv(points, folder.path("steps.csv"))
+        for file in step_curve_figure(
+            [asdict(point) for point in points], folder.path("steps.png").with_suffix("")
+        ):
+            folder.path(file.name)
+        return StepCurve(tuple(points), folder.publish())
+
+
+def _points_of(
+    system: System,
+    speech: Speech,
+    counts: list[int],
+    request: StepCurveRequest,
+    on_progress: Callable[[float], None],
+) -> list[StepPoint]:
+    """From few steps to many."""
+    from model.generation.windows import GenerateOptions, generate_motion
+
+    speaker = request.speaker or next(iter(system.speakers))
+    generate_motion(system, speech, GenerateOptions(speaker, steps=1))  # what is only done once
+    found: list[StepPoint] = []
+    most: np.ndarray | None = None
+    for done, count in enumerate(counts):
+        on_progress(done / len(counts))
+        options = GenerateOptions(speaker, seed=request.seed, steps=count)
+        started = time.perf_counter()
+        (motion,) = generate_motion(system, speech, options)
+        seconds = time.perf_counter() - started
+        positions, jerk = _places_and_jerk(motion)
+        most = positions if most is None else most
+        apart = ((positions - most) ** 2).sum(-1) ** 0.5
+        found.append(
+            StepPoint(
+                system=system.name,
+                steps=count,
+                face_steps=system.samplers[0].counts(count, None)[1],
+                ms_per_frame=1e3 * seconds / motion.num_frames,
+                tip_jerk_m_s3=jerk,
+                distance_cm=100 * float(apart.mean()),
+            )
+        )
+    return found[::-1]
+
+
+def _places_and_jerk(motion: Motion) -> tuple[np.ndarray, float]:
+    from model.diagnostics.diagnostics import track_points
+    from model.measures.smoothness import derivative_magnitudes, mean_over_time
+    from model.motion.skeleton import open_body_skeleton
+
+    tracks = track_points(motion, open_body_skeleton())
+    tip = tracks.point(FINGERTIP)
+    return tracks.joints, float(mean_over_time(derivative_magnitudes(tip, 3)))
+
+
+def _write_csv(points: list[StepPoint], path: Path) -> None:
+    names = [field.name for field in fields(StepPoint)]
+    rows = [names, *(asdict(point).values() for point in points)]
+    path.write_text(csv_text(rows), "utf-8", newline="")

@@ -1,0 +1,170 @@
+"""A folder of results, or a zip of them, that appears whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+import time
+import zipfile
+from collections.abc import Iterable
+from pathlib import Path
+from types import TracebackType
+
+from app.errors import RunError, disk_full_sentence, is_disk_full
+from app.run.output.held_folder import held_folder
+
+UNFINISHED = ".unfinished-"
+"""How names of folders begin that are removed with what a killed run left."""
+_ABANDONED_S = 24 * 3600.0
+_ALREADY_SMALL = {".mp4", ".png", ".npz", ".pdf", ".glb"}
+_NO_TIME = (2000, 1, 1, 0, 0, 0)
+
+
+class ResultFolder:
+    """Collects files beside their final place and moves them there when all are done.
+
+    Files of an earlier run with the same names are replaced only then; an interrupted run
+    removes what it had made, and the folder too if it made that. Others are kept out of the folder
+    meanwhile. A disk that fills up in between
+    is told as a `RunError`.
+    """
+
+    def __init__(self, out: Path) -> None:
+        self.out = out
+        self._names: list[str] = []
+        self._held = held_folder(out)
+        self._staging = out / f"{UNFINISHED}{os.getpid()}-{secrets.token_hex(4)}"
+
+    def __enter__(self) -> ResultFolder:
+        self._held.__enter__()
+        try:
+            _remove_abandoned(self.out)
+            self._staging.mkdir(mode=0o700)
+        except OSError as error:
+            self._held.__exit__(None, None, None)
+            raise RunError(
+                f"The folder {self.out} cannot be written to ({_reason(error)}); choose another."
+            ) from error
+        return self
+
+    def path(self, name: str) -> Path:
+        """Where to write the file that will be called ``name``."""
+        if name not in self._names:
+            self._names.append(name)
+        return self._staging / name
+
+    def scratch(self, name: str) -> Path:
+        """Where to write a file that only the run itself needs."""
+        return self._staging / f".{name}"
+
+    def publish(self) -> tuple[Path, ...]:
+        """Move every file to its final name and return those names."""
+        for name in self._names:
+            os.replace(self._staging / name, self.out / name)
+        return tuple(self.out / name for name in self._names)
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        shutil.rmtree(self._staging, ignore_errors=True)
+        self._held.__exit__(None, None, None)
+        if is_disk_full(error):
+            raise RunError(disk_full_sentence(self.out)) from error
+
+
+def zip_files(
+    files: Iterable[Path], out: Path, below: Path | None = None, *, has_times: bool = True
+) -> Path:
+    """Write ``files`` into the zip ``out``, whole or not at all.
+
+    Args:
+        below: the folder that their names in the zip begin from; without it they lie flat in a
+            folder of the zip's own name.
+        has_times: False says nothing of when and by whom they were made.
+    """
+    partial = out.with_name(f".{out.name}.partial")
+    try:
+        with zipfile.ZipFile(partial, "w") as archive:
+            for file in files:
+                name = file.relative_to(below) if below else Path(out.stem, file.name)
+                info = zipfile.ZipInfo.from_file(file, name.as_posix())
+                if not has_times:
+                    info.date_time, info.external_attr = _NO_TIME, 0o644 << 16
+                is_small = file.suffix in _ALREADY_SMALL
+                info.compress_type = zipfile.ZIP_STORED if is_small else zipfile.ZIP_DEFLATED
+                with file.open("rb") as source, archive.open(info, "w", force_zip64=True) as target:
+                    shutil.copyfileobj(source, target, 1 << 20)
+        os.replace(partial, out)
+    finally:
+        partial.unlink(missing_ok=True)
+    return out
+
+
+def zip_folder(folder: Path, out: Path) -> Path:
+    """All files below ``folder``, under its name; the zip says nothing of when and in what order
+    they were made."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    return zip_files(files, out, below=folder.parent, has_times=False)
+
+
+def require_free_space(folder: Path, needed_bytes: int) -> None:
+    """Raise before a run begins that its disk cannot hold.
+
+    Raises:
+        RunError: naming how much is free and how much is needed.
+    """
+    free_bytes = shutil.disk_usage(folder).free
+    if free_bytes < needed_bytes:
+        raise RunError(
+            f"The disk at {folder} has {free_bytes / 1e6:.0f} MB free and this run needs about "
+            f"{needed_bytes / 1e6:.0f} MB; free some space or write to another folder."
+        )
+
+
+def remove_unfinished(out: Path) -> None:
+    """Remove what killed runs left, of whatever machine: who is at work there holds the folder.
+
+    Raises:
+        RunError: if another command is at work there.
+    """
+    if not out.is_dir():
+        return
+    with held_folder(out):
+        for staging in out.glob(f"{UNFINISHED}*"):
+            shutil.rmtree(staging, ignore_errors=True)
+
+
+def _remove_abandoned(out: Path) -> None:
+    """Remove what a killed run left: its process lives no more, or has written nothing for a day;
+    its number may long be another's."""
+    for staging in out.glob(f"{UNFINISHED}*"):
+        pid = staging.name.removeprefix(UNFINISHED).split("-")[0]
+        is_dead = pid.isdigit() and not _is_alive(int(pid))
+        if is_dead or time.time() - _last_written(staging) > _ABANDONED_S:
+            shutil.rmtree(staging, ignore_errors=True)
+
+
+def _last_written(staging: Path) -> float:
+    """When anything in it was; what goes meanwhile was in no time to come."""
+    try:
+        return max(path.lstat().st_mtime for path in (staging, *staging.rglob("*")))
+    except OSError:
+        return float("inf")
+
+
+def _is_alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def _reason(error: OSError) -> str:
+    return (error.strerror or type(error).__name__).lower()

@@ -1,0 +1,1 @@
+"""What a run is asked for, as typed values that a form or a command line has filled."""

@@ -1,0 +1,247 @@
+"""Pictures of motions: a video of each, all of them side by side, and the poses of Figure 6."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from threading import Event
+from typing import TYPE_CHECKING
+
+from app.run.body_motion import body_motion
+from app.run.models import get_body
+from app.run.output.result_folder import ResultFolder
+from app.run.output.telling import Reporter
+from app.run.requests.display import displayed, marks_of
+from app.run.requests.request import MAX_COMPARED, REFERENCE_NAME, GenerateRequest, file_stem
+from app.run.videos.export import render_settings
+from app.run.videos.jerk_marks import jerk_marks
+from app.run.videos.posters import POSTER_SUFFIX, write_poster
+from app.run.videos.register import in_register
+from app.run.videos.videos import draw_videos
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from app.run.followed_point import TipSource
+    from app.run.inputs import Inputs
+    from model.motion.motion import Motion
+    from renderer.figures.figure6.figure6 import JointMarks
+
+STILL_SIZE_PX = 512
+_POLL_S = 0.1
+
+
+@dataclass(frozen=True)
+class Row:
+    """One motion of the comparison, as generated or as recorded."""
+
+    name: str
+    raw: Motion
+    shown: Motion
+    """After the post-filter, if one was asked for: what files and pictures hold."""
+    is_first_sample: bool = True
+
+
+@dataclass(frozen=True)
+class Snapshots:
+    """Poses for Figure 6: the frames, and by name the pictures (N, H, W, 3)."""
+
+    frames: tuple[int, ...] = ()
+    pictures: dict[str, np.ndarray] = field(default_factory=dict)
+    marks: JointMarks | None = None
+    """How much each joint jerks around each of the frames; None without pictures."""
+
+
+def draw_all(
+    request: GenerateRequest,
+    inputs: Inputs,
+    rows: Sequence[Row],
+    tip: TipSource,
+    folder: ResultFolder,
+    reporter: Reporter,
+) -> Snapshots:
+    """A video for each row and view, all bodies in register; the poses for Figure 6, from the first
+    view, are taken on the way where videos show the same, and drawn apart where they do not.
+
+    Raises:
+        CancelledRun, BodyError, GLError, VideoError: see `app.run.videos.videos.draw_videos`.
+    """
+    from renderer.figures.figure6.figure6 import choose_snapshot_frames
+    from renderer.video.frames import stage_for
+    from renderer.video.pool import RenderJob
+
+    reporter.progress("video", 0.0)
+    placed = {row.name: in_register(row.shown) for row in rows}
+    motions = {name: body_motion(motion) for name, motion in placed.items()}
+    drawn = {
+        name: body_motion(displayed(motion, request.display)) for name, motion in placed.items()
+    }
+    marks = {
+        name: marks_of(motion, request.display, tip, inputs.body) for name, motion in placed.items()
+    }
+    shortest = min(motion.num_frames for motion in motions.values())
+    frames = choose_snapshot_frames(shortest, request.start_frame)
+    has_poses = request.display.is_plain and request.framing == "whole"
+    jobs: dict[str, RenderJob] = {}
+    named: dict[str, str] = {}
+    for view in request.views:
+        is_main = view == request.views[0]
+        close_ups = request.close_ups if is_main else ()
+        settings = render_settings(view, request.size, close_ups=close_ups, framing=request.framing)
+        # As for the motions themselves: exaggerated ones stand before the same camera.
+        stage = stage_for(inputs.body, list(motions.values()), settings)
+        for name, motion in drawn.items():
+            file_name = file_stem(name) + ("" if is_main else f".{view}") + ".mp4"
+            named[file_name] = name
+            jobs[file_name] = RenderJob(
+                motion=motion,
+                out=folder.path(file_name),
+                speech_wav=inputs.wav,
+                settings=settings,
+                body_path=request.body,
+                look=request.look,
+                stage=stage,
+                marks=marks[name],
+                still_frames=frames if is_main and has_poses else (),
+            )
+    plain = render_settings(request.views[0], request.size)
+    plain_stage = stage_for(inputs.body, list(motions.values()), plain)
+    if not has_poses:
+        jobs |= {
+            f"poses of {name}": RenderJob(
+                motion=motion,
+                settings=plain,
+                body_path=request.body,
+                look=request.look,
+                stage=plain_stage,
+                still_frames=frames,
+            )
+            for name, motion in motions.items()
+        }
+    results = draw_videos(
+        jobs,
+        on_progress=lambda part: reporter.progress("video", part),
+        on_done=lambda job: _tell_of_video(job, named, request.has_posters, folder, reporter),
+        should_cancel=reporter.should_cancel,
+    )
+    reporter.progress("video", 1.0)
+    if has_poses:
+        main = render_settings(request.views[0], request.size, close_ups=request.close_ups)
+        box = main.panels[0].box
+        pictures = {name: results[f"{file_stem(name)}.mp4"].stills[:, *box] for name in motions}
+    else:
+        pictures = {name: results[f"poses of {name}"].stills for name in motions}
+    of_joints = jerk_marks(inputs.body, motions, frames, plain, plain_stage)
+    return Snapshots(frames, pictures, of_joints)
+
+
+def _tell_of_video(
+    job: str,
+    named: Mapping[str, str],
+    has_poster: bool,
+    folder: ResultFolder,
+    reporter: Reporter,
+) -> None:
+    if job not in named:
+        return
+    video = folder.path(job)
+    if has_poster:
+        poster = folder.scratch(video.with_suffix(POSTER_SUFFIX).name)
+        write_poster(video, poster)
+        reporter.file("poster", named[job], poster)
+    reporter.file("video", named[job], video)
+
+
+@contextmanager
+def joined_side_by_side(
+    names: Sequence[str], wav: Path | None, folder: ResultFolder, reporter: Reporter
+) -> Iterator[None]:
+    """The videos of these rows in lock-step under one sound track, made by ffmpeg while the block
+    does something else; whole when it is left.
+
+    Raises on leaving:
+        Cancelled, VideoError: see `renderer.video.compose.compose_videos`.
+    """
+    from renderer.video.compose import compose_videos
+
+    reporter.progress("comparison", 0.0)
+    out = folder.path("comparison.mp4")
+    done, is_given_up = [0.0], Event()
+    with ThreadPoolExecutor(1) as beside:
+        joining = beside.submit(
+            compose_videos,
+            [folder.path(f"{file_stem(name)}.mp4") for name in names],
+            names,
+            out,
+            wav,
+            on_progress=done.append,
+            should_cancel=lambda: is_given_up.is_set() or reporter.should_cancel(),
+        )
+        try:
+            yield
+            while not joining.done():
+                reporter.progress("comparison", done[-1])
+                wait([joining], timeout=_POLL_S)
+        except BaseException:
+            is_given_up.set()
+            raise
+    joining.result()
+    reporter.file("comparison", "comparison", out)
+    reporter.progress("comparison", 1.0)
+
+
+def draw_poses(
+    motions: Mapping[str, Motion],
+    body_path: Path | None,
+    frames: tuple[int, ...],
+    on_share: Callable[[float], None],
+) -> Snapshots:
+    """Poses for Figure 6 without videos, all from one camera.
+
+    Args:
+        on_share: told the share of all pictures done; what it raises ends the work.
+
+    Raises:
+        BodyError, GLError: see `app.run.videos.videos.draw_videos`.
+    """
+    from renderer.scene.stage import set_stage
+    from renderer.video.pool import RenderJob
+
+    body = get_body(body_path)
+    posed = {name: body_motion(motion) for name, motion in motions.items()}
+    settings = render_settings("front", STILL_SIZE_PX)
+    stage = set_stage(body, list(posed.values()))
+    jobs = {
+        name: RenderJob(
+            motion, settings=settings, body_path=body_path, stage=stage, still_frames=frames
+        )
+        for name, motion in posed.items()
+    }
+    results = draw_videos(
+        jobs,
+        on_progress=on_share,
+        on_done=lambda name: None,
+        should_cancel=lambda: False,  # on_share ends it
+    )
+    return Snapshots(
+        frames,
+        {name: result.stills for name, result in results.items()},
+        jerk_marks(body, posed, frames, settings, stage),
+    )
+
+
+def rows_that_fit(rows: Sequence[Row], reporter: Reporter) -> list[Row]:
+    """All rows, or where they are too many the first sample of each system and the reference."""
+    if len(rows) <= MAX_COMPARED:
+        return list(rows)
+    first = [row for row in rows if row.is_first_sample and row.name != REFERENCE_NAME]
+    reference = [row for row in rows if row.name == REFERENCE_NAME]
+    fitting = [*first[: MAX_COMPARED - len(reference)], *reference]
+    reporter.note(
+        f"Comparison and figure hold at most {MAX_COMPARED} motions; they show "
+        f"{', '.join(row.name for row in fitting)}."
+    )
+    return fitting

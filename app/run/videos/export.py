@@ -1,0 +1,338 @@
+"""One motion file to videos, pictures or a file for 3D software."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, get_args
+
+from app.errors import RunError
+from app.flags import SOUND, flag, flags_of
+from app.run.body_motion import body_motion
+from app.run.models import get_body
+from app.run.requests.display import Display, check_display, displayed, marks_of
+from app.run.requests.request import (
+    BODY,
+    FRAMING,
+    LOOK,
+    LOOKS,
+    VIEWS,
+    CloseUp,
+    Framing,
+    View,
+    check_size,
+    close_up_flag,
+    read_size,
+    read_views,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from model.motion.motion import Motion
+    from model.plan.plan import GesturePlan
+    from renderer.body.body import Body, BodyMotion
+    from renderer.video.render import RenderSettings
+
+Background = Literal["studio", "transparent"]
+BACKGROUNDS: tuple[Background, ...] = get_args(Background)
+MAX_STILLS = 64
+MARKERS_ENDING = ".markers.csv"
+"""Of the table beside a BVH file."""
+SHEET_POSES = 8
+"""Poses on a sheet where nothing else is asked for."""
+ENDINGS = (".mp4", ".png", ".glb", ".bvh", ".blender.npz")
+
+
+@dataclass(frozen=True)
+class RenderRequest:
+    """What is to be drawn of one motion file."""
+
+    motion: Path = field(metadata=flag(None, "MOTION.npz", Path, is_positional=True))
+    out: Path = field(metadata=flag(None, f"FILE{'|'.join(ENDINGS)}", Path))
+    """Its ending, one of `ENDINGS`, says what is made."""
+    speech: Path | None = field(default=None, metadata=SOUND)
+    body: Path | None = field(default=None, metadata=BODY)
+    look: str = field(default=LOOKS[0], metadata=LOOK)
+    views: tuple[View, ...] = field(
+        default=("front",),
+        metadata=flag(
+            f"of {', '.join(VIEWS)}; the files of all but the first have the view in their name "
+            "(default: front)",
+            "V,...",
+            read_views,
+        ),
+    )
+    """The first one's files are called as ``out``; the others' have the view in their name."""
+    close_ups: tuple[CloseUp, ...] = field(default=(), metadata=close_up_flag("off"))
+    """Beside the body, in the videos and pictures of the first view."""
+    framing: Framing = field(default="whole", metadata=FRAMING)
+    display: Display = field(default_factory=Display, metadata=flags_of(Display))
+    """What pictures show beyond the body as it moves."""
+    joint: str = field(
+        default="right_middle",
+        metadata=flag("fingertip or joint that a trail follows (default: %(default)s)", "NAME"),
+    )
+    """The fingertip or joint that a trail follows."""
+    size: int = field(default=720, metadata=flag("height (default: %(default)s)", "PX", read_size))
+    """Width and height of the body's picture."""
+    is_draft: bool = field(
+        default=False, metadata=flag("faster, with jagged edges", name="--draft")
+    )
+    num_stills: int | None = field(
+        default=None, metadata=flag("N single pictures as .png", "N", int, "--stills")
+    )
+    """So many pictures, evenly spread over the motion."""
+    sheet_every: int | None = field(
+        default=None,
+        metadata=flag(
+            "one picture with every N-th frame above its time, as .png", "N", int, "--sheet"
+        ),
+    )
+    """A contact sheet of each so-many-th frame."""
+    background: Background = field(
+        default="studio",
+        metadata=flag(
+            "transparent: the body alone, in a .png (default: %(default)s)", choices=BACKGROUNDS
+        ),
+    )
+    plan: Path | None = field(
+        default=None,
+        metadata=flag(
+            "whose events .glb, .bvh (in a .markers.csv beside it) and .blender.npz carry as "
+            "markers (default: the .plan.json beside the motion, if there is one)",
+            "FILE",
+            Path,
+        ),
+    )
+    """Whose events files for 3D software carry as markers; None takes the ``.plan.json`` that a
+    run has left beside the motion, if there is one."""
+
+    @property
+    def ending(self) -> str:
+        """Raises `RunError` if it is not one of `ENDINGS`."""
+        name = self.out.name.lower()
+        for ending in ENDINGS:
+            if name.endswith(ending) and name != ending:
+                return ending
+        raise RunError(f"{self.out.name} must end in one of {', '.join(ENDINGS)}.")
+
+
+def render_motion(
+    request: RenderRequest, on_progress: Callable[[float], None] = lambda fraction: None
+) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """Make what is asked for.
+
+    Returns:
+        The files written, and what a person should know of them.
+
+    Raises:
+        RunError: if what is asked for cannot be.
+        MotionError, BodyError, GLError, VideoError: each with one sentence.
+    """
+    from model.motion.motion import load_motion
+
+    _check(request)
+    read = load_motion(request.motion)
+    motion = body_motion(read)
+    body = get_body(request.body, request.look)
+    if request.ending in (".mp4", ".png"):
+        files = _draw(request, read, body, on_progress)
+    else:
+        files = _export(request, body, motion)
+    return files, body.notes(motion)
+
+
+def _check(request: RenderRequest) -> None:
+    has_pictures = request.ending in (".mp4", ".png")
+    check_size(request.size)
+    check_display(request.display)
+    if not has_pictures and not request.display.is_plain:
+        raise RunError(
+            f"A {request.ending} file holds the motion as it is; trails, colours and exaggeration "
+            "are for a .png or .mp4."
+        )
+    if not request.out.parent.is_dir():
+        raise RunError(f"The folder {request.out.parent} does not exist; create it first.")
+    if request.num_stills is not None and not 1 <= request.num_stills <= MAX_STILLS:
+        raise RunError(f"Stills must be 1 to {MAX_STILLS}; got {request.num_stills}.")
+    if request.sheet_every is not None and request.sheet_every < 1:
+        raise RunError(f"A sheet shows every frame or fewer; got one in {request.sheet_every}.")
+    if not has_pictures and (request.num_stills or request.sheet_every):
+        raise RunError(
+            f"A {request.ending} file holds no pictures; write stills to a .png or .mp4."
+        )
+    if request.background == "transparent" and request.ending != ".png":
+        raise RunError(
+            f"A {request.ending} file cannot have a transparent background; write a .png."
+        )
+    if request.background == "transparent" and not request.display.is_plain:
+        raise RunError("Trails, colours and exaggeration are shown in the studio only.")
+    if request.background == "transparent" and request.close_ups:
+        raise RunError("Close-ups are shown in the studio only; leave the background out.")
+    if request.speech is not None and not request.speech.is_file():
+        raise RunError(f"There is no speech file at {request.speech}.")
+
+
+def render_settings(
+    view: View,
+    size: int,
+    is_draft: bool = False,
+    is_transparent: bool = False,
+    close_ups: tuple[CloseUp, ...] = (),
+    framing: Framing = "whole",
+) -> RenderSettings:
+    """Pictures of that height, and close-ups beside them: square ones of the whole body, and ones
+    of three quarters of the width where it stands from the knees up.
+
+    Raises:
+        RunError: if the size cannot be drawn or encoded.
+    """
+    from renderer.video.render import RenderSettings
+
+    try:
+        return RenderSettings(
+            width=size if framing == "whole" else 2 * (3 * size // 8),
+            height=size,
+            view=view,
+            antialias=not is_draft,
+            is_transparent=is_transparent,
+            close_ups=close_ups,
+            framing=framing,
+        )
+    except ValueError as error:
+        raise RunError(str(error)) from error
+
+
+def _export(request: RenderRequest, body: Body, motion: BodyMotion) -> tuple[Path, ...]:
+    from model.plan.markers import markers_csv, markers_of
+    from model.storage.files import written_atomically
+    from renderer.files.blender import write_blender
+    from renderer.files.bvh import write_bvh
+    from renderer.files.glb import write_glb
+
+    plan = _plan(request)
+    markers = [] if plan is None else [(one.time_s, one.name) for one in markers_of(plan)]
+    match request.ending:
+        case ".glb":
+            write_glb(body, motion, request.out, markers=markers)
+        case ".bvh":
+            write_bvh(body, motion, request.out)
+            if plan is not None:  # the format has no place for them
+                beside = request.out.with_suffix(MARKERS_ENDING)
+                with written_atomically(beside) as part:
+                    part.write_text(markers_csv(plan), encoding="utf-8")
+                return (request.out, beside)
+        case _:
+            write_blender(motion, request.out, markers)
+    return (request.out,)
+
+
+def _plan(request: RenderRequest) -> GesturePlan | None:
+    """
+    Raises:
+        PlanError: if the plan that is named cannot be used.
+    """
+    from model.plan.files import read_plan_file
+
+    beside = request.motion.with_suffix(".plan.json")
+    path = request.plan or (beside if beside.is_file() else None)
+    return None if path is None else read_plan_file(path).plan
+
+
+def _draw(
+    request: RenderRequest, read: Motion, body: Body, on_progress: Callable[[float], None]
+) -> tuple[Path, ...]:
+    from app.run.followed_point import choose_tip_source
+    from renderer.video.frames import stage_for
+    from renderer.video.pool import RenderJob, RenderPool
+
+    tip = choose_tip_source(body, request.body, request.joint)
+    motion = body_motion(displayed(read, request.display))
+    marks = marks_of(read, request.display, tip, body)
+    stills, sheet = _chosen_frames(request, motion.num_frames)
+    files: list[Path] = []
+    with RenderPool(max_workers=1) as pool:
+        for done, view in enumerate(request.views):
+            out = request.out if done == 0 else _named(request.out, view)
+            settings = render_settings(
+                *(view, request.size, request.is_draft, request.background == "transparent"),
+                close_ups=request.close_ups if done == 0 else (),
+                framing=request.framing,
+            )
+            job = RenderJob(
+                motion=motion,
+                out=out if request.ending == ".mp4" else None,
+                speech_wav=request.speech,
+                settings=settings,
+                stage=stage_for(body, [body_motion(read)], settings),
+                marks=marks,
+                body_path=request.body,
+                look=request.look,
+                still_frames=(*stills, *sheet),
+            )
+            task = pool.submit(
+                job, lambda part, done=done: on_progress((done + part) / len(request.views))
+            )
+            result = task.result()
+            files += [] if result.out is None else [result.out]
+            files += _write_stills(out, result.stills[: len(stills)], has_sheet=bool(sheet))
+            files += _write_sheet(out, result.stills[len(stills) :], sheet)
+    return tuple(files)
+
+
+def _named(out: Path, view: View) -> Path:
+    """The file of a view that is not the first."""
+    return out.with_suffix(f".{view}{out.suffix}")
+
+
+def _chosen_frames(
+    request: RenderRequest, num_frames: int
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Frames of the single stills, and of the sheet."""
+    import numpy as np
+
+    count = min(request.num_stills or 0, num_frames)
+    # The middle of equal parts, so that one still shows the middle of the motion.
+    stills = ((np.arange(count) + 0.5) * num_frames / max(count, 1)).astype(int)
+    every = request.sheet_every
+    if every is None and request.ending == ".png" and not count:
+        every = -(-num_frames // SHEET_POSES)
+    sheet = range(0, num_frames, every) if every else ()
+    if len(sheet) > MAX_STILLS:
+        raise RunError(
+            f"One in {every} of {num_frames} frames are {len(sheet)} pictures; a sheet "
+            f"holds {MAX_STILLS} at most; use --sheet {-(-num_frames // MAX_STILLS)} or more."
+        )
+    return tuple(stills.tolist()), tuple(sheet)
+
+
+def _write_stills(out: Path, pictures: np.ndarray, *, has_sheet: bool) -> list[Path]:
+    """Numbered from 1 on; a .png of nothing but one still has the very name asked for."""
+    from PIL import Image
+
+    if len(pictures) == 1 and out.suffix.lower() == ".png" and not has_sheet:
+        paths = [out]
+    else:
+        paths = [out.with_suffix(f".{number}.png") for number in range(1, len(pictures) + 1)]
+    for path, picture in zip(paths, pictures, strict=True):
+        _save(Image.fromarray(picture), path)
+    return paths
+
+
+def _write_sheet(out: Path, pictures: np.ndarray, frames: tuple[int, ...]) -> list[Path]:
+    from renderer.video.sheet import contact_sheet
+
+    if not frames:
+        return []
+    path = out if out.suffix.lower() == ".png" else out.with_suffix(".sheet.png")
+    _save(contact_sheet(pictures, frames), path)
+    return [path]
+
+
+def _save(image, path: Path) -> None:
+    from model.storage.files import written_atomically
+
+    with written_atomically(path) as partial:
+        image.save(partial, format="PNG")

@@ -1,0 +1,176 @@
+"""Single frames, and frame rates, that are not what they should be; noise from frame to frame."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from model.faults.evidence import BODY, UPPER_AND_HANDS, Evidence
+from model.faults.finding import Finding, clock, listed, stretches_of
+from model.motion.skeleton import JOINT_NAMES
+from model.motion.timing import FPS
+from model.motion.tracks import point_words
+
+NOISE_DEG = 0.4
+"""Of `joint_rotation_noise_deg`; clean: at most 0.26. Noise of 0.01 rad shows as 0.58."""
+NAMED = 3
+POP_DEG = 17.0
+"""By which one frame stands off both its neighbours, beyond twice their own distance; clean: 6.6.
+"""
+COPY_DEG_S = 0.3
+"""Faster than this is the fastest joint of two frames that are no copies; clean: over 1."""
+COPIES = 2
+LEAST_DEG_S = 3.0
+"""Mean turning around a frame under which nothing can be told of it."""
+SKIP_RATIO, SKIP_ALIKE = (1.6, 2.6), 0.9
+"""A step twice as long as those around it, in their direction: a frame is missing. Ratio of the
+lengths along them, and cosine."""
+SKIPS, FRAMES_A_SKIP = 3, 300
+"""People make such steps, too: 2 in 1,876 recorded frames. `SKIPS` and more, and more than one in
+so many frames, are told."""
+LEAST_RAD_S = 1e-3
+HALF_RATE = 0.35
+"""Median change of speed at the quieter of every two frames, over that at the other. Frames put
+between others by interpolation change no speed."""
+
+
+def joint_noise(evidence: Evidence) -> list[Finding]:
+    raw = evidence.raw
+    measured = raw.rotations.joint_rotation_noise_deg.tolist()
+    noise = {
+        name: value for name, value in zip(JOINT_NAMES, measured, strict=True) if value > NOISE_DEG
+    }
+    if not noise:
+        return []
+    worst = sorted(noise, key=lambda name: -noise[name])[:NAMED]
+    named = listed([f"{point_words(name)} ({noise[name]:.1f}°)" for name in worst])
+    if len(noise) > len(worst):
+        sentence = f"{len(noise)} of {len(JOINT_NAMES)} joints shake, most of all {named}."
+    else:
+        sentence = f"The {named} {'shakes' if len(noise) == 1 else 'shake'} from frame to frame."
+    numbers: dict[str, Any] = {"noise_deg": noise}
+    attribution = raw.point.tip_jerk_attribution
+    shares = dict(zip(attribution.joints, np.nan_to_num(attribution.share).tolist(), strict=True))
+    blamed = max(shares, key=lambda name: shares[name], default=None)
+    if blamed in noise and shares[blamed] > 0.1:
+        numbers |= {"attributed_joint": blamed, "attributed_share": shares[blamed]}
+        sentence += (
+            f" Smoothing the {point_words(blamed)} alone takes {shares[blamed]:.0%} of the jerk of"
+            f" the {point_words(evidence.point)} away."
+        )
+    return [Finding("joint_noise", sentence, numbers, excess=noise[worst[0]] / NOISE_DEG)]
+
+
+def pops(evidence: Evidence) -> list[Finding]:
+    """One frame far from both its neighbours, which are near each other."""
+    if len(evidence.turning) < 2:
+        return []
+    before, after = evidence.turning[:-1], evidence.turning[1:]
+    off = np.linalg.norm(before - after, axis=-1) / 2
+    across = np.linalg.norm(before + after, axis=-1)
+    beyond = np.degrees(off - 2 * across)[:, list(BODY)] / FPS
+    is_pop = beyond > POP_DEG
+    if not is_pop.any():
+        return []
+    frame, joint = np.unravel_index(beyond.argmax(), beyond.shape)
+    frames = np.flatnonzero(is_pop.any(axis=1)) + 1
+    name = JOINT_NAMES[BODY[joint]]
+    degrees = float(np.degrees(off[frame, BODY[joint]]) / FPS)
+    count = f"{len(frames)} frames pop" if len(frames) > 1 else "One frame pops"
+    return [
+        Finding(
+            "pops",
+            f"{count} out and back, most the {point_words(name)} by {degrees:.0f}° at"
+            f" {clock(int(frame) + 1)}.",
+            {"frames_popping": len(frames), "joint": name, "pop_deg": degrees},
+            excess=float(beyond.max() / POP_DEG),
+            worst_frame=int(frame) + 1,
+            stretches=tuple((int(each), int(each)) for each in frames[:20]),
+        )
+    ]
+
+
+def copied_frames(evidence: Evidence) -> list[Finding]:
+    """Frames that are copies of the one before while the body moves."""
+    fastest = evidence.turning_deg_s[:, list(BODY)].max(axis=1, initial=0.0)
+    if len(fastest) < 3:
+        return []
+    mean = evidence.turning_deg_s[:, list(UPPER_AND_HANDS)].mean(axis=1)
+    moves = np.maximum(np.roll(mean, 1), np.roll(mean, -1)) > LEAST_DEG_S
+    is_copy = (fastest < COPY_DEG_S) & moves
+    is_copy[:1] = is_copy[-1:] = False  # clips are often filled up at their ends
+    frames = np.flatnonzero(is_copy) + 1
+    if len(frames) < COPIES:
+        return []
+    share = len(frames) / evidence.num_frames
+    return [
+        Finding(
+            "copied_frames",
+            f"{len(frames)} frames are copies of the frame before ({share:.1%}), the first at"
+            f" {clock(int(frames[0]))}; recorded clips have none.",
+            {"copies": len(frames), "share": share},
+            excess=len(frames) / COPIES,
+            worst_frame=int(frames[0]),
+            stretches=stretches_of(np.concatenate([[False], is_copy])),
+        )
+    ]
+
+
+def skipped_frames(evidence: Evidence) -> list[Finding]:
+    """Steps twice as long as the ones around them, in all joints and in the same direction."""
+    turning = evidence.turning[:, list(UPPER_AND_HANDS)]
+    if len(turning) < 3:
+        return []
+    steps = turning.reshape(len(turning), -1)
+    around = (steps[:-2] + steps[2:]) / 2
+    middle = steps[1:-1]
+    usual, length = np.linalg.norm(around, axis=1), np.linalg.norm(middle, axis=1)
+    along = (middle * around).sum(axis=1)
+    moves = evidence.turning_deg_s[1:-1, list(UPPER_AND_HANDS)].mean(axis=1) > 2 * LEAST_DEG_S
+    is_onward = (steps[:-2] * steps[2:]).sum(axis=1) > 0.0
+    ratio = along / np.maximum(usual**2, 1e-12)
+    cosine = along / np.maximum(usual * length, 1e-12)
+    is_skip = moves & (ratio > SKIP_RATIO[0]) & (ratio < SKIP_RATIO[1])
+    is_skip &= is_onward & (cosine > SKIP_ALIKE)
+    frames = np.flatnonzero(is_skip) + 2
+    usual_skips = max(SKIPS, evidence.num_frames / FRAMES_A_SKIP)
+    if len(frames) < usual_skips:
+        return []
+    return [
+        Finding(
+            "skipped_frames",
+            f"Frames seem to be missing in {len(frames)} places: the whole body steps about twice"
+            f" as far as before and after, first at {clock(int(frames[0]))}.",
+            {"skips": len(frames)},
+            excess=len(frames) / usual_skips,
+            worst_frame=int(frames[0]),
+            stretches=tuple((int(each) - 1, int(each)) for each in frames[:20]),
+        )
+    ]
+
+
+def stretched_rate(evidence: Evidence) -> list[Finding]:
+    """Every second frame lies on the way between its neighbours: 15 frames a second, stretched."""
+    turning = evidence.turning[:, list(BODY)]
+    if len(turning) <= FPS:
+        return []
+    change = np.linalg.norm(np.diff(turning, axis=0), axis=-1).mean(axis=1)
+    ratio = min(_quieter(change), _quieter(np.linalg.norm(turning, axis=-1).mean(axis=1)))
+    if not ratio < HALF_RATE:
+        return []
+    return [
+        Finding(
+            "stretched_rate",
+            "Every second frame lies between its neighbours, or is a copy: this was 15 frames a"
+            f" second, or fewer, and was stretched to 30 (movement, or its change, is {ratio:.0%}"
+            " of that at the other frames). Jitter above 7.5 Hz cannot be in it.",
+            {"change_ratio": ratio},
+            excess=HALF_RATE / max(ratio, 0.01),
+        )
+    ]
+
+
+def _quieter(track: Float[np.ndarray, " N"]) -> float:
+    """Median of the quieter half of every two entries over that of the other; 1 if all is still."""
+    medians = sorted(float(np.median(track[start::2])) for start in (0, 1))
+    return medians[0] / medians[1] if medians[1] > LEAST_RAD_S else 1.0

@@ -1,0 +1,206 @@
+"""Too much or too little of what all motion has: jerk, high frequencies, amplitude, speed.
+
+Beside a reference a level is held against the reference's, and found where it is further off than
+clips of recorded people, or cuts of one clip, are from each other. Without one it is held against
+the range of the recorded and procedural clips at hand: two recorded clips of one speaker and 90
+procedural ones, whole (`LONG_FRAMES` and more) or in stretches of 10 s. That range is narrow, and
+is named as what it is.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.faults.evidence import Evidence
+from model.faults.finding import Finding, clock, most_in_a_second
+from model.measures.posture import WRISTS
+from model.measures.smoothness import derivative_magnitudes
+from model.measures.spectrum import HIGH_FREQUENCY_HZ, velocity_spectrum
+from model.motion.skeleton import UPPER_BODY
+from model.motion.timing import FPS
+
+LEAST_FRAMES = 5 * FPS
+LONG_FRAMES = 30 * FPS
+"""From here on a clip is held against whole clips."""
+
+
+@dataclass(frozen=True)
+class People:
+    """What clips of people have, of one length."""
+
+    lowest: float
+    highest: float
+    differ: float
+    """How many times one clip has what another has, at most."""
+    low_limit: float
+    high_limit: float
+    """The range with room around it."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """One such measure."""
+
+    kind: str
+    title: str
+    unit: str
+    read: Callable[[Evidence], float]
+    long: People
+    short: People
+    low_means: str
+    high_means: str
+    scale: float = 1.0
+    """From the unit of the measure to the one it is told in."""
+
+    def search(self, evidence: Evidence) -> list[Finding]:
+        """A finding where the level is out of what people have."""
+        if evidence.num_frames < LEAST_FRAMES:
+            return []
+        value = self.read(evidence)
+        people = self.long if evidence.num_frames >= LONG_FRAMES else self.short
+        if not np.isfinite(value):
+            return []
+        if evidence.reference is None:
+            return self._beside_people(value, people, evidence)
+        return self._beside_reference(value, people, evidence)
+
+    def _beside_people(self, value: float, people: People, evidence: Evidence) -> list[Finding]:
+        if people.low_limit <= value <= people.high_limit:
+            return []
+        is_low = value < people.low_limit
+        excess = people.low_limit / max(value, 1e-9) if is_low else value / people.high_limit
+        return [
+            self._finding(
+                f"{self.title} is {self._told(value)}; recorded and procedural clips of such length"
+                f" have {self._told(people.lowest, False)} to {self._told(people.highest)}",
+                {"value": value, "people": [people.lowest, people.highest]},
+                is_low,
+                excess,
+                evidence,
+            )
+        ]
+
+    def _beside_reference(self, value: float, people: People, evidence: Evidence) -> list[Finding]:
+        assert evidence.reference is not None
+        recorded = self.read(evidence.reference)
+        if not recorded > 0.0:
+            return []
+        ratio = value / recorded
+        off = max(ratio, 1 / max(ratio, 1e-9))
+        if off <= people.differ:
+            return []
+        return [
+            self._finding(
+                f"{self.title} is {_times(ratio)} the reference's ({self._told(value, False)}"
+                f" against {self._told(recorded)}); clips of people are within"
+                f" {people.differ:g} times of each other",
+                {"value": value, "reference": recorded, "ratio": ratio, "people": people.differ},
+                ratio < 1.0,
+                off / people.differ,
+                evidence,
+            )
+        ]
+
+    def _finding(
+        self, found: str, numbers: dict, is_low: bool, excess: float, evidence: Evidence
+    ) -> Finding:
+        worst = _worst(self, evidence, is_low)
+        where = f" Most of all at {clock(worst)}." if worst is not None and not is_low else ""
+        means = self.low_means if is_low else self.high_means
+        return Finding(
+            self.kind,
+            f"{found}: {means}.{where}",
+            {"unit": self.unit, **numbers},
+            excess=excess,
+            worst_frame=worst,
+            stretches=() if worst is None else ((max(0, worst - 15), worst + 15),),
+        )
+
+    def _told(self, value: float, has_unit: bool = True) -> str:
+        number = f"{float(f'{self.scale * value:.2g}'):g}"
+        if self.scale * value >= 100:
+            number = f"{self.scale * value:.0f}"
+        return f"{number} {self.unit}" if has_unit else number
+
+
+def _times(ratio: float) -> str:
+    return f"{ratio:.1f} times" if ratio >= 0.1 else f"{ratio:.2g} times"
+
+
+def _worst(level: Level, evidence: Evidence, is_low: bool) -> int | None:
+    """The middle of the second in which the hands jerk most, or turn least or most."""
+    if level.kind in ("jerk", "high_frequency"):
+        track = derivative_magnitudes(evidence.tracks.fingertips, 3).mean(axis=1)
+    else:
+        track = evidence.turning_deg_s[:, list(UPPER_BODY)].mean(axis=1)
+    return most_in_a_second(track, is_least=is_low)
+
+
+def fingertip_jerk(evidence: Evidence) -> float:
+    """Mean of the ten rigid fingertips, m/s^3."""
+    return float(evidence.raw.fingertips.fingertips_jerk_m_s3.mean())
+
+
+def high_frequency_share(evidence: Evidence) -> float:
+    """Power of the wrists' velocities above 5 Hz over all their power, the pelvis in place."""
+    wrists = evidence.tracks.joints[:, list(WRISTS)] - evidence.tracks.joints[:, :1]
+    spectrum = velocity_spectrum(np.diff(wrists, axis=0) * FPS)
+    if spectrum is None or not spectrum.power.any():
+        return float("nan")
+    return float(spectrum.above(HIGH_FREQUENCY_HZ).sum() / spectrum.power.sum())
+
+
+def amplitude_deg(evidence: Evidence) -> float:
+    """Root mean square distance of the upper body's joint angles from their mean."""
+    angles = evidence.motion.poses.reshape(-1, 55, 3)[:, list(UPPER_BODY)].astype(np.float64)
+    off = angles - angles.mean(axis=0)
+    return float(np.degrees(np.sqrt((off**2).sum(axis=-1).mean())))
+
+
+def turning_speed_deg_s(evidence: Evidence) -> float:
+    """Mean angular speed of the upper body's joints against their parents."""
+    return float(evidence.raw.rotations.joint_angular_speed_deg_s[list(UPPER_BODY)].mean())
+
+
+JERK = Level(
+    "jerk",
+    "Fingertip jerk",
+    "m/s³",
+    fingertip_jerk,
+    long=People(65.0, 135.0, 2.0, 55.0, 175.0),
+    short=People(43.0, 202.0, 2.4, 32.0, 235.0),
+    low_means="smoother than living hands, as behind a low-pass",
+    high_means="it shakes",
+)
+HIGH_FREQUENCY = Level(
+    "high_frequency",
+    "The share of the wrists' power above 5 Hz",
+    "%",
+    high_frequency_share,
+    long=People(0.0013, 0.011, 7.0, 0.0008, 0.015),
+    short=People(0.0005, 0.025, 14.0, 0.00025, 0.035),
+    low_means="smoother than living hands, as behind a low-pass",
+    high_means="fine shaking on top of the movement",
+    scale=100.0,
+)
+AMPLITUDE = Level(
+    "amplitude",
+    "The swing of the upper body's joints",
+    "°",
+    amplitude_deg,
+    long=People(13.0, 20.0, 1.7, 10.5, 26.0),
+    short=People(8.9, 22.0, 2.1, 7.0, 29.0),
+    low_means="gestures are small",
+    high_means="gestures are large",
+)
+SPEED = Level(
+    "speed",
+    "The turning of the upper body's joints",
+    "°/s",
+    turning_speed_deg_s,
+    long=People(19.0, 37.0, 1.9, 15.0, 46.0),
+    short=People(16.0, 48.0, 1.9, 12.5, 58.0),
+    low_means="it moves slowly or seldom",
+    high_means="it moves fast all the time",
+)

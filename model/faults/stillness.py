@@ -1,0 +1,81 @@
+"""What does not move though people do."""
+
+import numpy as np
+
+from model.faults.evidence import BODY, UPPER_AND_HANDS, Evidence
+from model.faults.finding import Finding, clock, stretches_of
+from model.motion.timing import FPS
+
+STILL_M_S = 1e-3
+"""Mean speed of the fastest joint under which nothing moves."""
+FROZEN_DEG_S = 1.0
+FROZEN_FRAMES = 8
+"""Clean: no two frames in a row in which upper body and fingers all turn slower than 1 degree per
+second, in two recorded and 90 procedural clips."""
+HAND_STILL = 0.5
+"""Of all frames; clean: 0, because living fingers are never still for a thirtieth of a second."""
+MOVING_FRAMES = 2 * FPS
+"""Nobody's pelvis stays for two seconds where it is, to the last bit."""
+
+
+def nothing_moves(evidence: Evidence) -> list[Finding]:
+    if not evidence.raw.positions.joint_speed_m_s.max() < STILL_M_S:
+        return []
+    return [Finding("still", "Nothing moves in this motion.", {})]
+
+
+def freezes(evidence: Evidence) -> list[Finding]:
+    """Longer than two seconds or a quarter: the whole upper body stops, fingers too."""
+    fastest = evidence.turning_deg_s[:, list(UPPER_AND_HANDS)].max(axis=1, initial=0.0)
+    runs = [
+        (first, last + 1)
+        for first, last in stretches_of(fastest < FROZEN_DEG_S)
+        if last - first + 1 >= FROZEN_FRAMES
+    ]
+    if not runs:
+        return []
+    first, last = runs[0]
+    times = f"{len(runs)} times, longest" if len(runs) > 1 else "once,"
+    total_s = sum(end - start for start, end in runs) / FPS
+    return [
+        Finding(
+            "frozen",
+            f"Upper body and fingers freeze {times} for {(last - first) / FPS:.1f} s at"
+            f" {clock(first)}; in recorded clips no two frames are so still.",
+            {"times": len(runs), "longest_s": (last - first) / FPS, "total_s": total_s},
+            excess=(last - first) / FROZEN_FRAMES,
+            worst_frame=first,
+            stretches=tuple(runs),
+        )
+    ]
+
+
+def frozen_hands(evidence: Evidence) -> list[Finding]:
+    return [
+        Finding(
+            "frozen_hand",
+            f"The fingers of the {side} hand are frozen in {share:.0%} of the frames.",
+            {"side": side, "still_share": share},
+            excess=share / HAND_STILL,
+        )
+        for side, share in vars(evidence.raw.rotations.fingers_still_share).items()
+        if share > HAND_STILL
+    ]
+
+
+def translation_never_changes(evidence: Evidence) -> list[Finding]:
+    """The body turns about a pelvis that is nailed down."""
+    trans = evidence.motion.trans
+    if len(trans) < MOVING_FRAMES or np.ptp(trans, axis=0).any():
+        return []
+    if evidence.turning_deg_s[:, list(BODY)].mean() < FROZEN_DEG_S:
+        return []
+    where = "all zero" if not trans.any() else "the same in every frame"
+    return [
+        Finding(
+            "still_translation",
+            f"`trans` is {where}: the body never leaves its place, so that feet slide or float"
+            " wherever it leans. Foot measures tell of that more than of the feet.",
+            {"trans_m": trans[0].tolist()},
+        )
+    ]

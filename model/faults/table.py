@@ -1,0 +1,75 @@
+"""All faults that are looked for, one entry each."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from model.faults import face, glitches, joins, levels, limbs, posture, stillness, timing
+from model.faults.evidence import Evidence
+from model.faults.finding import MEASURED, SEEN, WRONG, Finding, by_gravity
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One kind of fault, and how it is found."""
+
+    kind: str
+    gravity: int
+    search: Callable[[Evidence], list[Finding]]
+    """No findings for clean motion; what it needs and is not there, it leaves."""
+    needs: str = ""
+    """What must be beside the motion: ``reference`` or ``speech``; nothing for most."""
+    explains: tuple[str, ...] = ()
+    """Kinds that are not told where this is found, because they follow from it."""
+
+
+FAULTS: tuple[Fault, ...] = (
+    Fault("identical", WRONG, timing.identical, "reference", ("copied_face",)),
+    Fault("frozen", WRONG, stillness.freezes, explains=("copied_frames",)),
+    Fault(
+        "lying",
+        WRONG,
+        posture.lying,
+        explains=("lifted", "floating", "through_floor", "foot_slide"),
+    ),
+    Fault("swapped_sides", WRONG, limbs.swapped_sides),
+    Fault("lifted", WRONG, posture.lifted, "reference"),
+    Fault("time_shift", WRONG, timing.shifted_reference, "reference"),
+    Fault("time_shift", WRONG, timing.shifted_speech, "speech"),
+    Fault("pops", SEEN, glitches.pops),
+    Fault("joint_noise", SEEN, glitches.joint_noise),
+    Fault("seams", SEEN, joins.seams),
+    Fault("period", MEASURED, joins.period),
+    Fault("copied_frames", SEEN, glitches.copied_frames),
+    Fault("skipped_frames", SEEN, glitches.skipped_frames),
+    Fault("stretched_rate", SEEN, glitches.stretched_rate, explains=("period", "copied_frames")),
+    Fault("foot_slide", SEEN, posture.feet_slide),
+    Fault("floating", SEEN, posture.feet_float),
+    Fault("through_floor", SEEN, posture.feet_sink),
+    Fault("still_translation", SEEN, stillness.translation_never_changes),
+    Fault("frozen_hand", SEEN, stillness.frozen_hands),
+    Fault("finger_range", SEEN, limbs.finger_range),
+    Fault("hand_in_body", SEEN, limbs.hand_in_body),
+    Fault("still_face", SEEN, face.still_face),
+    Fault("copied_face", SEEN, face.copied_face, "reference"),
+    Fault("jerk", MEASURED, levels.JERK.search),
+    Fault("high_frequency", MEASURED, levels.HIGH_FREQUENCY.search),
+    Fault("amplitude", MEASURED, levels.AMPLITUDE.search),
+    Fault("speed", MEASURED, levels.SPEED.search),
+)
+STILL = Fault("still", WRONG, stillness.nothing_moves)
+"""Looked for first: where nothing moves, nothing else is to be said."""
+
+
+def find_faults(evidence: Evidence) -> list[Finding]:
+    """Faults of one motion, the gravest first; none for clean motion."""
+    still = STILL.search(evidence)
+    if still:
+        return [replace(finding, gravity=STILL.gravity) for finding in still]
+    found = [
+        replace(finding, gravity=fault.gravity)
+        for fault in FAULTS
+        for finding in fault.search(evidence)
+    ]
+    kinds = {finding.kind for finding in found}
+    explained = {kind for fault in FAULTS if fault.kind in kinds for kind in fault.explains}
+    return by_gravity(finding for finding in found if finding.kind not in explained)

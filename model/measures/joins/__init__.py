@@ -1,3 +1,0 @@
-"""Do windows or codes show where they were put together? May import its siblings in measures, but
-for those that gather all numbers.
-"""

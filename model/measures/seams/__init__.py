@@ -1,0 +1,1 @@
+"""Do windows or codes show where they were put together? May import its siblings in measures."""

@@ -1,1 +1,0 @@
-"""How fast drawing is, beside a naive way; may import `video`, `draw`, `stage`, `body`."""

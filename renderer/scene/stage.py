@@ -1,0 +1,258 @@
+"""Where one comparison takes place: one camera and one floor for all of its bodies."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+from jaxtyping import Float, Float32
+from scipy import ndimage
+
+from renderer.body.body import Body, BodyMotion
+from renderer.body.joints import JOINT_INDEX, JOINT_NAMES
+from renderer.scene.camera import Camera, frame_points, outermost
+from renderer.scene.orbit import Orbit
+from renderer.scene.panels import Panel
+
+CLOSE_UP_JOINTS = {
+    "face": [JOINT_INDEX[name] for name in ("head", "jaw", "left_eye", "right_eye")],
+    **{
+        f"{side}_hand": [
+            index
+            for index, name in enumerate(JOINT_NAMES)
+            if name == f"{side}_wrist" or (name.startswith(side) and name[-1] in "123")
+        ]
+        for side in ("left", "right")
+    },
+}
+"""Joints that the camera of a close-up follows; the other views show them all."""
+
+CLOSE_UP_SIGMA_FRAMES, WALK_SIGMA_FRAMES = 12.0, 30.0
+"""A camera that follows moves slowly, so that the jitter of what it shows can be seen."""
+STEADY_SIGMA_FRAMES = 2.0
+"""Of the hands beside a picture: their camera takes away gestures, below 2 Hz, so that a hand stays
+large in its place, and leaves them what trembles, above 5 Hz, as it is."""
+FINGERTIP_M = 0.035
+"""How far a fingertip reaches beyond its last joint, at most."""
+
+FOLLOW_BEYOND_M = 1.5
+"""Where the bodies of a comparison wander farther, cameras go with them: one that stood still would
+have to show all of the way, and the bodies small."""
+
+MIDDLE_M = 1.0
+"""Height of what a camera is moved around, over the floor."""
+
+Framing = Literal["whole", "knees"]
+FRAMINGS: tuple[Framing, ...] = get_args(Framing)
+"""How much of a body a view shows that is no close-up: all, or from the knees up."""
+BELOW_KNEES = ("ankle", "foot")
+KNEE_FLESH_M = 0.1
+
+_PIECE_FRAMES = 512
+
+FEET = [JOINT_INDEX[f"{side}_{name}"] for side in ("left", "right") for name in ("ankle", "foot")]
+
+
+@dataclass(frozen=True)
+class Shot:
+    """The camera of a close-up beside the picture, relative to the point that it follows."""
+
+    view: str
+    camera: Camera
+    way: Float[np.ndarray, "T 3"] | None = None
+    """Where it goes in each frame, metres; None follows whatever motion is drawn."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A camera, and the floor under the motions it was made for. Metres, y up."""
+
+    camera: Camera
+    """Where it follows: relative to the point that it follows."""
+    floor_m: float
+    centre_xz: tuple[float, float]
+    """Middle of the ground that the joints stay above."""
+    extent_m: float
+    """Longer side of that ground."""
+    is_following: bool = False
+    """Whether the camera goes with the body: in close-ups, and where a body wanders far."""
+    close_ups: tuple[Shot, ...] = ()
+    """Of the panels beside the picture, in their order."""
+    way: Float[np.ndarray, "T 3"] | None = None
+    """As of a `Shot`, of the camera."""
+
+    def seen_from(self, orbit: Orbit) -> "Stage":
+        """The same stage before a camera that was moved around the middle of its bodies."""
+        if not orbit.is_moved:
+            return self
+        x, z = (0.0, 0.0) if self.is_following else self.centre_xz
+        middle = np.array([x, self.floor_m + MIDDLE_M, z])
+        return replace(self, camera=orbit.moved(self.camera, middle))
+
+    def following(self, body: Body, motion: BodyMotion, view: str = "front") -> "Stage":
+        """The same stage, whose cameras follow this motion, whatever is drawn of it."""
+        ways = close_up_tracks(body, motion, self)
+        return replace(
+            self,
+            way=camera_track(body, motion, view, self),
+            close_ups=tuple(
+                replace(shot, way=way) for shot, way in zip(self.close_ups, ways, strict=True)
+            ),
+        )
+
+
+def set_stage(
+    body: Body,
+    motions: Sequence[BodyMotion],
+    view: str = "front",
+    aspect: float = 1.0,
+    close_ups: Sequence[Panel] = (),
+    framing: Framing = "whole",
+) -> Stage:
+    """The stage that shows all of these motions, each in turn, with equal cameras.
+
+    The joints of every frame are framed, each with the reach of the flesh around it: far cheaper
+    than posing every vertex, and the picture's margin takes up what skinning adds.
+
+    Args:
+        view: one of ``camera.VIEWS``.
+        aspect: width of the picture by its height.
+        close_ups: panels that show parts of the body beside the picture.
+        framing: of a view that is no close-up.
+
+    Raises:
+        ValueError: if there is no motion.
+    """
+    if not motions:
+        raise ValueError("A stage needs at least one motion; none was given.")
+    reach = _reach(body)
+    shown = CLOSE_UP_JOINTS.get(view, _framed(framing))
+    if framing == "knees":
+        knees = [JOINT_INDEX[f"{side}_knee"] for side in ("left", "right")]
+        reach[knees] = np.minimum(reach[knees], KNEE_FLESH_M)
+    from_afar, along, pelvises, floors, corners = [], [], [], [], []
+    near: list[list[np.ndarray]] = [[] for _ in close_ups]
+    for motion in motions:
+        positions = _joint_positions(body, motion)
+        from_afar.append(outermost(positions[:, shown], view, aspect=aspect))
+        relative = positions[:, shown] - _track(positions, view)[:, None]
+        along.append(outermost(relative, view, aspect=aspect))
+        for places, panel in zip(near, close_ups, strict=True):
+            followed = positions[:, CLOSE_UP_JOINTS[panel.view]]
+            relative = followed - _steady_track(positions, panel.view)[:, None]
+            places.append(outermost(relative, panel.view, aspect=panel.aspect))
+        pelvises += [positions[:, 0].min(axis=0), positions[:, 0].max(axis=0)]
+        floors.append(_floor(body, positions))
+        corners += [positions.min(axis=(0, 1)), positions.max(axis=(0, 1))]
+    wandered_m = float(np.ptp(pelvises, axis=0)[[0, 2]].max())
+    is_following = view in CLOSE_UP_JOINTS or wandered_m > FOLLOW_BEYOND_M
+    points = np.concatenate(along if is_following else from_afar)
+    radius = np.broadcast_to(reach[shown], points.shape[:2])
+    low, high = np.min(corners, axis=0), np.max(corners, axis=0)
+    return Stage(
+        camera=frame_points(points.reshape(-1, 3), view, aspect=aspect, radius_m=radius.ravel()),
+        floor_m=float(np.median(floors)),
+        centre_xz=(float(low[0] + high[0]) / 2.0, float(low[2] + high[2]) / 2.0),
+        extent_m=float(max(high[0] - low[0], high[2] - low[2])),
+        is_following=is_following,
+        close_ups=tuple(
+            _shot(panel, np.concatenate(places), reach)
+            for places, panel in zip(near, close_ups, strict=True)
+        ),
+    )
+
+
+def _framed(framing: Framing) -> list[int]:
+    """Joints that a view shows that is no close-up."""
+    hidden = BELOW_KNEES if framing == "knees" else ()
+    return [
+        joint for joint, name in enumerate(JOINT_NAMES) if not any(part in name for part in hidden)
+    ]
+
+
+def _shot(panel: Panel, points: Float[np.ndarray, "N J 3"], reach: np.ndarray) -> Shot:
+    """The camera that has these places of a panel's joints inside, of a hand those of the fingers
+    and no more of the arm than there is room for."""
+    of_joint = reach[CLOSE_UP_JOINTS[panel.view]]
+    if panel.view != "face":
+        of_joint = np.minimum(of_joint, FINGERTIP_M)
+    radius = np.broadcast_to(of_joint, points.shape[:2])
+    camera = frame_points(
+        *(points.reshape(-1, 3), panel.view), aspect=panel.aspect, radius_m=radius.ravel()
+    )
+    return Shot(panel.view, camera)
+
+
+def frames_of(motion: BodyMotion, frames: slice | Sequence[int]) -> BodyMotion:
+    """Some of the frames of a motion, as a motion."""
+    chosen = frames if isinstance(frames, slice) else np.asarray(frames, dtype=np.intp)
+    return replace(
+        motion,
+        poses=motion.poses[chosen],
+        trans=motion.trans[chosen],
+        expressions=motion.expressions[chosen],
+    )
+
+
+def camera_track(
+    body: Body, motion: BodyMotion, view: str, stage: Stage
+) -> Float[np.ndarray, "T 3"]:
+    """Where the camera of a view stands in each frame, relative to ``stage.camera``, metres."""
+    if stage.way is not None:
+        return stage.way
+    if not stage.is_following:
+        return np.zeros((motion.num_frames, 3))
+    return _track(_joint_positions(body, motion), view)
+
+
+def close_up_tracks(body: Body, motion: BodyMotion, stage: Stage) -> list[Float[np.ndarray, "T 3"]]:
+    """Where the camera of each of ``stage.close_ups`` stands in each frame, metres."""
+    if not stage.close_ups:
+        return []
+    positions = _joint_positions(body, motion)
+    return [
+        _steady_track(positions, shot.view) if shot.way is None else shot.way
+        for shot in stage.close_ups
+    ]
+
+
+def _joint_positions(body: Body, motion: BodyMotion) -> Float32[np.ndarray, "T J 3"]:
+    """All joints of a clip, computed in pieces so that memory follows the result alone."""
+    starts = range(0, motion.num_frames, _PIECE_FRAMES)
+    pieces = [
+        body.joint_positions(frames_of(motion, slice(start, start + _PIECE_FRAMES)))
+        for start in starts
+    ]
+    return np.concatenate(pieces)
+
+
+def _track(positions: Float[np.ndarray, "T J 3"], view: str) -> Float[np.ndarray, "T 3"]:
+    """The smoothed middle of a close-up's joints; of other views, of the pelvis over the ground."""
+    if view in CLOSE_UP_JOINTS:
+        middle, sigma = positions[:, CLOSE_UP_JOINTS[view]].mean(axis=1), CLOSE_UP_SIGMA_FRAMES
+    else:
+        middle, sigma = positions[:, 0] * np.array([1.0, 0.0, 1.0], np.float32), WALK_SIGMA_FRAMES
+    return ndimage.gaussian_filter1d(middle, sigma, axis=0, mode="nearest")
+
+
+def _steady_track(positions: Float[np.ndarray, "T J 3"], view: str) -> Float[np.ndarray, "T 3"]:
+    """As ``_track`` of a close-up, but close on the heels of a hand."""
+    if view == "face":
+        return _track(positions, view)
+    middle = positions[:, CLOSE_UP_JOINTS[view]].mean(axis=1)
+    return ndimage.gaussian_filter1d(middle, STEADY_SIGMA_FRAMES, axis=0, mode="nearest")
+
+
+def _reach(body: Body) -> Float[np.ndarray, " J"]:
+    """Distance from each joint to the farthest vertex that mainly follows it, at rest."""
+    owner = body.arrays.main_joints
+    distance = np.linalg.norm(body.template - body.rest_joints[owner], axis=1)
+    reach = np.zeros(len(body.rest_joints))
+    np.maximum.at(reach, owner, distance)
+    return reach
+
+
+def _floor(body: Body, positions: Float[np.ndarray, "T J 3"]) -> float:
+    """Height of the soles in the median frame: the lower foot is taken to stand."""
+    sole = body.rest_joints[FEET, 1] - body.template[:, 1].min()
+    return float(np.median((positions[:, FEET, 1] - sole).min(axis=1)))

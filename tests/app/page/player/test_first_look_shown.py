@@ -1,0 +1,88 @@
+"""The example before the first run: kept apart for each state of what it is made of, and told."""
+
+import shutil
+from pathlib import Path
+
+from app import text
+from app.config import EXAMPLES, AppConfig
+from app.page.parts.catalogue import Catalogue, Example
+from app.page.player.first_look_shown import EXAMPLE, FirstLooks, question
+from app.page.queue.jobs import JobBook
+from app.page.routes.media import MediaAddresses
+from app.run.first_look import FACTS, STEADY, TREMBLING, FirstLook, first_look
+from app.run.planted import CLEAN
+from model.motion.motion import load_motion, save_motion
+from model.systems.globaldiff.config import BEST
+
+JERK = {STEADY: 110, TREMBLING: 2300}
+
+
+def test_other_weights_or_speech_are_another_example(tmp_path: Path) -> None:
+    speech, card = tmp_path / "s.wav", tmp_path / f"{BEST.replace('/', '-')}.json"
+    speech.write_bytes(b"1")
+    card.write_text("{}")
+    folder = first_look(tmp_path, tmp_path, BEST, speech).folder
+    assert first_look(tmp_path, tmp_path, BEST, speech).folder == folder
+    assert tmp_path in folder.parents
+    card.write_text('{"steps": 2}')
+    other = first_look(tmp_path, tmp_path, BEST, speech).folder
+    speech.write_bytes(b"2")
+    assert len({folder, other, first_look(tmp_path, tmp_path, BEST, speech).folder}) == 3
+
+
+def made_already(look: FirstLook, weights: Path) -> None:
+    raise AssertionError("it was there")
+
+
+def test_what_has_been_made_is_shown_to_every_visitor_without_a_cookie(tmp_path: Path) -> None:
+    weights = tmp_path / "weights"
+    weights.mkdir()
+    (weights / f"{BEST.replace('/', '-')}.json").write_text("{}")
+    speech = EXAMPLES / f"{EXAMPLE}.wav"
+    config = AppConfig(weights=weights, kept=tmp_path / "kept")
+    look = first_look(config.kept, weights, BEST, speech)
+    look.folder.mkdir(parents=True)
+    shutil.copyfile(speech, look.beginning)
+    clean = load_motion(CLEAN).part(slice(40))
+    for name in (STEADY, TREMBLING):
+        save_motion(clean, look.folder / f"{name}.npz")
+    (look.folder / FACTS).write_text(
+        '{"jerk_m_s3": {"A": 110, "B": 2300}, "noise_rad": 0.012, "provenance": {}}'
+    )
+    media = MediaAddresses()
+    catalogue = Catalogue((BEST,), ("ann",), "", (Example("Three reasons", speech),))
+    addresses = FirstLooks(config, catalogue, JobBook(tmp_path / "jobs"), media, made_already)
+    assert not isinstance(addresses.updates()[0].get("rows"), list)
+    assert addresses.is_coming and text.LOOK_COMING in addresses.updates()[1]
+    addresses.make()
+    assert not addresses.is_coming and addresses.version == 2
+    value, told = addresses.updates()
+    assert value["plays"] and [row["name"] for row in value["rows"]] == [STEADY, TREMBLING]
+    for row in value["rows"]:
+        assert media.find(row["frames"].rsplit("/", 1)[-1], "of anybody") is not None
+        assert not row["is_drawn"] and "video" not in row
+    assert media.find(value["timeline"].rsplit("/", 1)[-1], "") is not None
+    assert "Which hand trembles?" in told
+    shutil.rmtree(look.folder)
+
+
+def test_an_example_that_cannot_be_made_is_awaited_no_longer(tmp_path: Path) -> None:
+    weights = tmp_path / "weights"
+    weights.mkdir()
+    (weights / f"{BEST.replace('/', '-')}.json").write_text("{}")
+    config = AppConfig(weights=weights, kept=tmp_path / "kept")
+    example = Example("Three reasons", EXAMPLES / f"{EXAMPLE}.wav")
+    catalogue = Catalogue((BEST,), ("ann",), "", (example,))
+    addresses = FirstLooks(
+        config, catalogue, JobBook(tmp_path / "jobs"), MediaAddresses(), made_already
+    )
+    assert addresses.is_coming
+    addresses.make()
+    assert not addresses.is_coming and not isinstance(addresses.updates()[1], str)
+
+
+def test_the_answer_is_folded_away_and_has_the_numbers() -> None:
+    told = question({"jerk_m_s3": JERK, "noise_rad": 0.012}, "a<b")
+    before, after = told.split("<summary>")
+    assert TREMBLING not in before.split("<p>")[0] and "2,300" not in before
+    assert "2,300" in after and "110" in after and "a&lt;b" in before

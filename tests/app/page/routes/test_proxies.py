@@ -1,0 +1,202 @@
+"""The page behind nginx and Caddy with the files of the docs: TLS, uploads, runs, live speech."""
+
+import shutil
+import socket
+import ssl
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+import pytest
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from app.page.routes import guard
+from app.page.visitors.visitors import address_of
+from model.motion.motion import save_motion
+from tests.app.page.routes.test_guard import UPLOAD, served
+from tests.helpers import ROOT, smooth_motion_example
+from tests.model.made import made_waveform
+from tests.soak.visitor import Visitor
+
+NAME = "lab.example"
+ACCOUNT = ("ann", "her pass:word")
+HOSTING = ROOT / "docs" / "hosting"
+SIZE_MB = 2
+"""Largest body in the test, in place of the 260 MB of the files."""
+
+
+def free_port() -> int:
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return one.getsockname()[1]
+
+
+@pytest.fixture(scope="module")
+def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Of the test's own, with its key."""
+    openssl = shutil.which("openssl")
+    if openssl is None:
+        pytest.skip("there is no openssl to make a certificate with")
+    folder = tmp_path_factory.mktemp("tls")
+    cert, key = folder / "cert.pem", folder / "key.pem"
+    subprocess.run(
+        [
+            *(openssl, "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "1"),
+            *("-subj", f"/CN={NAME}", "-addext", f"subjectAltName=DNS:{NAME}"),
+            *("-keyout", str(key), "-out", str(cert)),
+        ],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    return cert, key
+
+
+def changed(content: str, *changes: tuple[str, str]) -> str:
+    """With every change made, each of which must be there to make."""
+    for old, new in changes:
+        assert old in content, old
+        content = content.replace(old, new)
+    return content
+
+
+Command = Callable[[Path, tuple[Path, Path], str, int], list[str]]
+
+
+def nginx(folder: Path, certificate: tuple[Path, Path], page: str, port: int) -> list[str]:
+    """The command that serves docs/hosting/nginx.conf on a port of the test's."""
+    program = shutil.which("nginx") or shutil.which("nginx", path="/usr/sbin")
+    if program is None:
+        pytest.skip("there is no nginx (apt-get install nginx-light)")
+    cert, key = certificate
+    conf = changed(
+        (HOSTING / "nginx.conf").read_text(),
+        ("listen 443 ssl;", f"listen 127.0.0.1:{port} ssl;"),
+        ("listen 80;", f"listen 127.0.0.1:{free_port()};"),
+        (f"/etc/letsencrypt/live/{NAME}/fullchain.pem", str(cert)),
+        (f"/etc/letsencrypt/live/{NAME}/privkey.pem", str(key)),
+        ("http://127.0.0.1:7860", page),
+        ("260m", f"{SIZE_MB}m"),
+    )
+    (folder / "nginx.conf").write_text(
+        f"daemon off; pid {folder}/pid; error_log {folder}/log; events {{}}\n"
+        f"http {{ access_log off; client_body_temp_path {folder}/body;\n{conf}\n}}\n"
+    )
+    return [program, "-c", str(folder / "nginx.conf"), "-p", str(folder)]
+
+
+def caddy(folder: Path, certificate: tuple[Path, Path], page: str, port: int) -> list[str]:
+    """The command that serves docs/hosting/Caddyfile on a port of the test's."""
+    program = shutil.which("caddy")
+    if program is None:
+        pytest.skip("there is no caddy (apt-get install caddy)")
+    cert, key = certificate
+    conf = changed(
+        (HOSTING / "Caddyfile").read_text(),
+        (f"\n{NAME} {{", f"\nhttps://{NAME}:{port} {{\n\tbind 127.0.0.1\n\ttls {cert} {key}"),
+        ("127.0.0.1:7860", page.removeprefix("http://")),
+        ("260MB", f"{SIZE_MB}MB"),
+    )
+    options = "{\n\tadmin off\n\tauto_https disable_redirects\n}\n"
+    (folder / "Caddyfile").write_text(options + conf)
+    return [program, "run", "--config", str(folder / "Caddyfile"), "--adapter", "caddyfile"]
+
+
+@contextmanager
+def behind(command: list[str], folder: Path, port: int) -> Iterator[None]:
+    with (folder / "told").open("w") as told:
+        proxy = subprocess.Popen(command, stdout=told, stderr=told, env={"HOME": str(folder)})
+    try:
+        for _ in range(200):
+            assert proxy.poll() is None, (folder / "told").read_text()
+            with socket.socket() as one:
+                if one.connect_ex(("127.0.0.1", port)) == 0:
+                    break
+            time.sleep(0.1)
+        yield
+    finally:
+        proxy.terminate()
+        try:
+            proxy.wait(5)
+        except subprocess.TimeoutExpired:  # Caddy waits for open connections
+            proxy.kill()
+            proxy.wait(5)
+
+
+@pytest.fixture
+def name_of_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The page's name leads to this machine."""
+    look_up = socket.getaddrinfo
+
+    def looked_up(host, *arguments, **options):
+        return look_up("127.0.0.1" if host == NAME else host, *arguments, **options)
+
+    monkeypatch.setattr(socket, "getaddrinfo", looked_up)
+
+
+@pytest.fixture
+def seen(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Addresses of visitors who upload, as the page sees them."""
+    found: list[str] = []
+
+    def noted(request) -> str:
+        found.append(address_of(request))
+        return found[-1]
+
+    monkeypatch.setattr(guard, "address_of", noted)
+    return found
+
+
+@pytest.mark.usefixtures("name_of_the_page")
+@pytest.mark.parametrize("proxy", [nginx, caddy])
+def test_behind_a_proxy_as_the_docs_say(
+    proxy: Command,
+    certificate: tuple[Path, Path],
+    weights: Path,
+    tmp_path: Path,
+    seen: list[str],
+) -> None:
+    port = free_port()
+    address = f"https://{NAME}:{port}/"
+    trusted = ssl.create_default_context(cafile=str(certificate[0]))
+    settings = {"host_names": (NAME,), "accounts": (ACCOUNT,)}
+    save_motion(smooth_motion_example(45), tmp_path / "a.npz")
+    motion = (tmp_path / "a.npz").read_bytes()
+    sound = (30_000 * made_waveform(16_000 * 3)).astype("<i2").tobytes()
+    with served(weights, tmp_path / "page", **settings) as inside:
+        command = proxy(tmp_path, certificate, str(inside.base_url).rstrip("/"), port)
+        with behind(command, tmp_path, port):
+            stranger = httpx.Client(base_url=address, verify=trusted, timeout=20)
+            assert stranger.get("config").status_code == 401
+            assert stranger.post("gradio_api/upload", files=UPLOAD).status_code == 401
+            with pytest.raises(InvalidStatus):
+                connect(
+                    f"wss://{NAME}:{port}/live/speak",
+                    ssl=trusted,
+                    additional_headers={"Origin": address.rstrip("/")},
+                    open_timeout=120,
+                )
+            elsewhere = stranger.get("login", headers={"Host": "evil.example"})
+            assert elsewhere.status_code == 421 or not elsewhere.content
+            foreign = {"Origin": "https://evil.example"}
+            answer = stranger.post("gradio_api/upload", files=UPLOAD, headers=foreign)
+            assert answer.status_code == 403
+
+            with Visitor(address, 6, trusted, ACCOUNT) as visitor:
+                with pytest.raises(httpx.HTTPError):  # Caddy 2.6 may break off without a word
+                    visitor.upload("a.npz", bytes(3 * SIZE_MB * 10**6))
+                files = [path for path in (tmp_path / "page").rglob("*") if path.is_file()]
+                assert all(path.stat().st_size <= SIZE_MB * 10**6 for path in files)
+                seen.clear()
+                upload = visitor.upload("a.npz", motion)
+                assert seen == ["127.0.1.7"]  # its own, and neither the proxy's nor what it says
+                times = []
+                form = {"motions": [upload], "has_videos": False}
+                for _ in visitor.events("own_motion", form):
+                    times.append(time.monotonic())
+                assert len(times) > 3 and times[-1] - times[0] > 0.5, "the news came all at once"
+                found = visitor.run("own_motion", **form)
+                assert any("jitter" in address for address in found)
+                assert visitor.speak(sound, "globaldiff/global", "ann") > 0

@@ -1,0 +1,86 @@
+"""Nothing is found in people: cuts of three lengths, the whole table of faults, and all periods.
+
+Now and then an arm of the procedural speakers steps to another place from one frame to the next.
+That is a fault, whether or not it is found, and cuts that hold one are left out.
+
+``FALSE_ALARM_CLIPS=60`` makes it the run whose numbers are in ``docs/others.md``.
+"""
+
+import os
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from model.corpus.clip import make_clip
+from model.corpus.people.rig import open_body_rig
+from model.corpus.people.speakers import SPEAKERS
+from model.diagnostics.diagnostics import raw_evidence
+from model.faults.evidence import Evidence
+from model.faults.table import find_faults
+from model.measures.posture import WRISTS
+from model.motion.motion import Motion, load_motion
+from model.motion.skeleton import open_body_skeleton
+from model.speech.audio import load_speech
+from tests.helpers import beat2_folder
+from tests.model.corpus.conftest import flite
+from tests.model.faults.planted import loudness
+
+__all__ = ["flite"]
+CUTS_FRAMES = (300, 1_800, 9_000)
+"""10 s, a minute, five minutes."""
+STEP_M = 0.03
+"""Of a wrist, off the way on which it came, in one frame; recorded: 0.025 at most."""
+CLIPS = int(os.environ.get("FALSE_ALARM_CLIPS", "1"))
+
+
+def largest_step_m(evidence: Evidence) -> float:
+    wrists = evidence.tracks.joints[:, list(WRISTS)] - evidence.tracks.joints[:, :1]
+    return float(np.linalg.norm(np.diff(wrists, n=2, axis=0), axis=-1).max())
+
+
+def told_of(motion: Motion, loud: np.ndarray) -> list[str]:
+    """What is said of a clip that has nothing wrong, cut to three lengths; writes how many cuts
+    hold a step, which is left out."""
+    said: list[str] = []
+    for frames in CUTS_FRAMES:
+        judged = left_out = 0
+        for start in range(0, motion.num_frames, frames):
+            cut = motion.part(slice(start, start + frames))
+            if cut.num_frames < frames / 2:
+                continue  # a rest; it is part of the longer cuts
+            evidence = raw_evidence(cut, open_body_skeleton())
+            if largest_step_m(evidence) > STEP_M:
+                left_out += 1
+                continue
+            judged += 1
+            evidence = replace(evidence, loudness=loud[start : start + frames])
+            said += [f"{start}+{frames}: {found.sentence}" for found in find_faults(evidence)]
+            if evidence.raw.seams.period is not None:
+                said.append(f"{start}+{frames}: a period of {evidence.raw.seams.period.frames}")
+        sys.stdout.write(f"cuts of {frames} frames: {judged} judged, {left_out} hold a step\n")
+    return said
+
+
+@pytest.mark.parametrize("number", range(CLIPS))
+def test_nothing_is_found_in_five_minutes_of_a_procedural_speaker(number: int, flite: None):
+    speaker = SPEAKERS[number % len(SPEAKERS)]
+    clip = make_clip(open_body_rig(), speaker, "train", 300.0, [17, number])
+    motion = Motion(
+        poses=np.asarray(clip.poses, np.float32).reshape(-1, 165),
+        trans=np.asarray(clip.trans, np.float32),
+        expressions=np.asarray(clip.expressions, np.float32),
+        expression_basis="arkit52",
+        betas=np.zeros(300, np.float32),
+    )
+    assert told_of(motion, loudness(clip.utterance.waveform)) == []
+
+
+@pytest.mark.beat2
+@pytest.mark.parametrize("name", ["2_scott_0_1_1", "2_scott_0_2_2"])
+def test_nothing_is_found_in_a_recording(name: str):
+    folder = beat2_folder()
+    motion = load_motion(folder / "smplxflame_30" / f"{name}.npz")
+    sound = load_speech(folder / "wave16k" / f"{name}.wav")
+    assert told_of(motion, loudness(sound.waveform)) == []

@@ -1,0 +1,110 @@
+"""Each job once, whatever is killed."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from model.jobs.pool import MAX_BREAKS, JobPool, JobsError
+from tests.helpers import ROOT
+from tests.model.jobs.made import (
+    crash,
+    done,
+    fail,
+    kill_worker,
+    kill_worker_once,
+    leave,
+    leave_python,
+    made_job,
+    make_jobs,
+    run_out_of_memory,
+    wait_for,
+)
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_each_job_is_done_once(tmp_path: Path, processes: int) -> None:
+    jobs = make_jobs(tmp_path, 5)
+    (tmp_path / "job3.done").touch()
+    told: list[str] = []
+    assert JobPool(processes).do_all(jobs, told.append) == {}
+    assert sorted(done(tmp_path)) == sorted(told) == ["job0", "job1", "job2", "job4"]
+    assert JobPool(processes).do_all(jobs, told.append) == {} and len(told) == 4
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_a_job_that_fails_holds_up_no_other(tmp_path: Path, processes: int) -> None:
+    jobs = [made_job(tmp_path, "bad", work=fail), *make_jobs(tmp_path, 3)]
+    failed = JobPool(processes).do_all(jobs)
+    assert list(failed) == ["bad"] and str(failed["bad"]) == "bad cannot be done"
+    assert sorted(done(tmp_path)) == ["job0", "job1", "job2"]
+
+
+def test_a_killed_worker_costs_no_job(tmp_path: Path) -> None:
+    jobs = [*make_jobs(tmp_path, 4, 0.1), made_job(tmp_path, "struck", work=kill_worker_once)]
+    told: list[str] = []
+    assert JobPool(2).do_all(jobs, told.append) == {}
+    assert (tmp_path / "struck.killed").exists()
+    assert sorted(told) == sorted({*done(tmp_path)}) == [*(f"job{n}" for n in range(4)), "struck"]
+    assert len(done(tmp_path)) == 5
+
+
+def test_workers_that_always_die_end_it_with_a_sentence(tmp_path: Path) -> None:
+    jobs = [made_job(tmp_path, name, work=kill_worker) for name in "ab"]
+    with pytest.raises(JobsError, match=f"ended {MAX_BREAKS} times"):
+        JobPool(2).do_all(jobs)
+
+
+@pytest.mark.parametrize(
+    ("work", "words"),
+    [
+        (crash, ["by signal 11 (SIGSEGV)", "Segmentation fault", "in crash", "report"]),
+        (leave, ["with exit status 3", "the last words of it", "report"]),
+        (kill_worker, ["by signal 9 (SIGKILL)", "tells of no want of memory"]),
+    ],
+)
+def test_a_worker_that_dies_says_how(
+    work: Callable[..., None], words: list[str], tmp_path: Path
+) -> None:
+    jobs = [made_job(tmp_path, name, work=work) for name in "ab"]
+    with pytest.raises(JobsError) as told:
+        JobPool(2).do_all(jobs)
+    sentence = str(told.value)
+    assert all(word in sentence for word in words), sentence
+    assert "for want of memory" not in sentence and "fewer processes" not in sentence
+
+
+def test_want_of_memory_is_told_where_the_log_says_so(tmp_path: Path) -> None:
+    jobs = [made_job(tmp_path, name, work=run_out_of_memory) for name in "ab"]
+    with pytest.raises(JobsError, match="for want of memory, as its log says; use fewer processes"):
+        JobPool(2).do_all(jobs)
+
+
+def test_a_job_that_leaves_python_fails_alone(tmp_path: Path) -> None:
+    jobs = [made_job(tmp_path, "left", work=leave_python), *make_jobs(tmp_path, 2)]
+    failed = JobPool(2).do_all(jobs)
+    assert list(failed) == ["left"] and "exit status 3" in str(failed["left"])
+    assert sorted(done(tmp_path)) == ["job0", "job1"]
+
+
+def test_after_a_kill_of_all_the_rest_is_done_and_nothing_twice(tmp_path: Path) -> None:
+    asked = [sys.executable, "-m", "tests.model.jobs.made", str(tmp_path), "2"]
+    child = subprocess.Popen(asked, cwd=ROOT)
+    wait_for(lambda: len(done(tmp_path)) >= 2)
+    workers = children_of(child.pid)
+    os.kill(child.pid, signal.SIGKILL)
+    child.wait()
+    wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers), 10)
+    before = done(tmp_path)
+    assert len(before) < 6
+    subprocess.run(asked, cwd=ROOT, check=True)
+    assert done(tmp_path)[: len(before)] == before
+    assert sorted(done(tmp_path)) == [f"job{n}" for n in range(6)]
+
+
+def children_of(pid: int) -> list[int]:
+    return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]

@@ -1,0 +1,259 @@
+"""Cameras put things where they belong and keep whole motions in the picture."""
+
+from dataclasses import replace
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis.extra import numpy as hnp
+
+from renderer.body.body import BodyMotion, load_body
+from renderer.body.joints import JOINT_INDEX, TIP_VERTICES
+from renderer.scene.camera import VIEWS, Camera, frame_points, outermost, view_axes
+from renderer.scene.panels import lay_out
+from renderer.scene.stage import camera_track, close_up_tracks, set_stage
+
+COORDINATES = st.floats(-3.0, 3.0, width=32)
+POINTS = hnp.arrays(np.float64, st.tuples(st.integers(1, 12), st.just(3)), elements=COORDINATES)
+
+
+def sees(camera: Camera, points: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Which points fall inside the picture."""
+    pixels = camera.project(points, width, height)
+    return ((pixels >= 0.0) & (pixels <= (width, height))).all(axis=-1)
+
+
+def test_projection_of_a_hand_computed_point():
+    # Half of a 90 degree picture 100 px high is 50 px; 1 m aside at 5 m is a fifth of it.
+    camera = Camera(eye=(0.0, 0.0, 5.0), target=(0.0, 0.0, 0.0), yfov_rad=np.pi / 2)
+    pixels = camera.project(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), 200, 100)
+    np.testing.assert_allclose(pixels, [[100, 50], [110, 50], [100, 40]], atol=1e-9)
+
+
+def test_points_behind_the_camera_are_not_seen():
+    camera = Camera(eye=(0.0, 0.0, 5.0), target=(0.0, 0.0, 0.0))
+    assert np.isnan(camera.project(np.array([0.0, 0.0, 6.0]), 10, 10)).all()
+    assert not sees(camera, np.array([0.0, 0.0, 6.0]), 10, 10)
+
+
+@pytest.mark.parametrize(
+    ("view", "towards_eye"),
+    [("front", (0.0, 0.0, 1.0)), ("side", (1.0, 0.0, 0.0)), ("three_quarter", (0.643, 0, 0.766))],
+)
+def test_each_view_looks_from_its_side_and_a_little_down(view, towards_eye):
+    right, up, backward = view_axes(view)
+    assert backward[1] > 0.05
+    flat = backward * (1.0, 0.0, 1.0)
+    np.testing.assert_allclose(flat / np.linalg.norm(flat), towards_eye, atol=1e-3)
+    assert up[1] > 0.9
+    np.testing.assert_allclose(np.cross(right, up), backward, atol=1e-12)
+
+
+@settings(max_examples=40, deadline=None)
+@given(POINTS, st.sampled_from(VIEWS), st.integers(400, 3000), st.floats(0.0, 0.4))
+def test_every_ball_lies_inside_the_picture(points, view, width, radius):
+    height = 1000
+    camera = frame_points(points, view, aspect=width / height, radius_m=radius, margin=0.0)
+    rng = np.random.default_rng(0)
+    directions = rng.normal(size=(64, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    surface = (points[:, None] + 0.999 * radius * directions).reshape(-1, 3)
+    pixels = camera.project(surface, width, height)
+    assert (pixels > -1e-3).all() and (pixels < (width + 1e-3, height + 1e-3)).all()
+
+
+def test_the_camera_comes_as_near_as_it_may():
+    rng = np.random.default_rng(1)
+    points = rng.normal(size=(50, 3))
+    for view in VIEWS:
+        pixels = frame_points(points, view, aspect=1.5, margin=0.1).project(points, 1500, 1000)
+        used = np.ptp(pixels, axis=0) / (1500, 1000)
+        # One axis decides the distance: it uses the picture up to the margin on both sides.
+        assert used.max() == pytest.approx(0.9, abs=1e-6)
+        np.testing.assert_array_less(used, 0.9 + 1e-6)
+
+
+@settings(deadline=None)
+@given(
+    hnp.arrays(np.float64, (6, 3, 3), elements=COORDINATES),
+    st.sampled_from(VIEWS),
+    st.integers(400, 3000),
+)
+def test_the_outermost_places_give_the_same_camera_as_all(points, view, width):
+    aspect = width / 1000
+    radius = np.array([0.0, 0.1, 0.3])
+    eyes = [
+        frame_points(
+            places.reshape(-1, 3), view, aspect=aspect, radius_m=np.tile(radius, len(places))
+        ).eye
+        for places in (points, outermost(points, view, aspect=aspect))
+    ]
+    np.testing.assert_allclose(*eyes, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "bad", [np.zeros((0, 3)), np.full((2, 3), np.nan), np.full((2, 3), np.inf)]
+)
+def test_points_that_cannot_be_framed_are_refused(bad):
+    with pytest.raises(ValueError, match=r"at least one point|NaN or infinite"):
+        frame_points(bad)
+
+
+def test_unknown_view_names_the_known_ones():
+    with pytest.raises(ValueError, match=r"'above' is unknown.*front.*three_quarter.*side"):
+        view_axes("above")
+
+
+def waving_motion(num_frames: int = 40, walk_m: float = 0.0) -> BodyMotion:
+    """Arms swung wide, over the head and forward, while walking along x."""
+    motion = BodyMotion.resting(num_frames)
+    poses = motion.poses.reshape(num_frames, 55, 3).copy()
+    swing = np.sin(np.linspace(0.0, 1.6 * np.pi, num_frames))
+    poses[:, JOINT_INDEX["left_shoulder"], 2] = 1.4 * swing
+    poses[:, JOINT_INDEX["right_shoulder"], 1] = 1.3 * swing
+    poses[:, JOINT_INDEX["right_elbow"], 1] = 0.6
+    poses[:, JOINT_INDEX["spine1"], 0] = 0.5 * swing
+    trans = np.linspace(0.0, walk_m, num_frames)[:, None] * np.array([[1.0, 0.0, 0.3]])
+    return replace(motion, poses=poses.reshape(num_frames, 165), trans=trans)
+
+
+@pytest.mark.parametrize("view", ["front", "three_quarter", "side"])
+@pytest.mark.parametrize("size", [(512, 512), (320, 480), (854, 480)])
+def test_no_vertex_of_a_motion_leaves_the_picture(view, size):
+    body = load_body()
+    motion = waving_motion(walk_m=0.8)
+    stage = set_stage(body, [motion], view, size[0] / size[1])
+    for chunk in body.vertices(motion):
+        assert sees(stage.camera, chunk, *size).all()
+
+
+def test_from_the_knees_up_a_body_is_larger_and_nothing_above_them_is_cut():
+    body, motion = load_body(), waving_motion(60)
+    owner = np.asarray(body.arrays.weights.argmax(axis=1)).ravel()
+    legs = [JOINT_INDEX[f"{s}_{n}"] for s in ("left", "right") for n in ("knee", "ankle", "foot")]
+    above = ~np.isin(owner, legs)
+    camera = set_stage(body, [motion], aspect=0.75, framing="knees").camera
+    for vertices in np.concatenate(list(body.vertices(motion))):
+        assert sees(camera, vertices[above], 300, 400).all()
+
+    standing = BodyMotion.resting(2)
+    poses = standing.poses.reshape(2, 55, 3).copy()
+    for side, sign in (("left", -1.0), ("right", 1.0)):
+        poses[:, JOINT_INDEX[f"{side}_shoulder"], 2] = 1.2 * sign  # arms down
+    standing = replace(standing, poses=poses.reshape(2, 165))
+    joints = body.joint_positions(standing)[0]
+    trunk = joints[[JOINT_INDEX["head"], JOINT_INDEX["pelvis"]]]
+    whole, knees = (
+        set_stage(body, [standing], aspect=0.75, framing=framing).camera
+        for framing in ("whole", "knees")
+    )
+    tall = [np.ptp(camera.project(trunk, 300, 400)[:, 1]) for camera in (whole, knees)]
+    assert tall[1] > 1.25 * tall[0]
+    feet = body.template[np.isin(owner, [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]])]
+    assert not sees(knees, feet, 300, 400).any()
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_hand_never_leaves_its_close_up(side):
+    body = load_body()
+    motion = waving_motion(walk_m=1.5)
+    view = f"{side}_hand"
+    stage = set_stage(body, [motion], view)
+    track = camera_track(body, motion, view, stage)
+    tips = [vertex for name, vertex in TIP_VERTICES.items() if name.startswith(side)]
+    shown = np.concatenate([chunk[:, tips] for chunk in body.vertices(motion)])
+    hands = []
+    for vertices, offset in zip(shown, track, strict=True):
+        camera = stage.camera.moved(offset)
+        assert sees(camera, vertices, 400, 400).all()
+        hands.append(camera.project(vertices, 400, 400).mean(axis=0))
+    # The camera is slow: what jitters in the world also jitters in the picture.
+    assert np.ptp(hands, axis=0).max() > 10
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_hand_beside_the_picture_stays_in_its_place_and_keeps_its_tremble(side):
+    body, view = load_body(), f"{side}_hand"
+    panels = lay_out("front", 400, 400, ["hands"])[1:]
+    place = [panel.view for panel in panels].index(view)
+    tips = [vertex for name, vertex in TIP_VERTICES.items() if name.startswith(side)]
+
+    def shown(motion: BodyMotion) -> np.ndarray:
+        stage = set_stage(body, [motion], close_ups=panels)
+        shot, track = stage.close_ups[place], close_up_tracks(body, motion, stage)[place]
+        chunks = np.concatenate([chunk[:, tips] for chunk in body.vertices(motion)])
+        cameras = [shot.camera.moved(offset) for offset in track]
+        assert all(
+            sees(camera, tip, 200, 200).all() for camera, tip in zip(cameras, chunks, strict=True)
+        )
+        pixels = [c.project(tip, 200, 200) for c, tip in zip(cameras, chunks, strict=True)]
+        return np.mean(pixels, axis=1)
+
+    calm = waving_motion(120, walk_m=1.5)
+    poses = calm.poses.reshape(120, 55, 3).copy()
+    poses[::2, JOINT_INDEX[f"{side}_wrist"], 2] += 0.05  # 15 Hz
+    jumps = [
+        np.abs(np.diff(shown(motion), n=2, axis=0)).mean()
+        for motion in (calm, replace(calm, poses=poses.reshape(120, 165)))
+    ]
+    assert jumps[1] > 5 * jumps[0]
+    from_middle = np.abs(shown(calm)[5:-5] - 100.0)
+    assert from_middle.max() < 60, "of 200 pixels, while the body walks and swings its arms"
+
+
+def test_the_face_fills_its_close_up_and_the_camera_follows_it():
+    body = load_body()
+    still, walking = BodyMotion.resting(40), waving_motion(walk_m=3.0)
+    head = body.template[:, 1] > body.rest_joints[JOINT_INDEX["head"], 1] + 0.05
+    heads = np.concatenate([chunk[:, head] for chunk in body.vertices(walking)])
+    stage = set_stage(body, [still, walking], "face")
+    for vertices, offset in zip(heads, camera_track(body, walking, "face", stage), strict=True):
+        assert sees(stage.camera.moved(offset), vertices, 400, 400).all()
+    stage = set_stage(body, [still], "face")
+    camera = stage.camera.moved(camera_track(body, still, "face", stage)[0])
+    pixels = camera.project(body.template[head], 400, 400)
+    assert np.ptp(pixels[:, 1]) > 130
+
+
+def test_cameras_that_stand_still_have_no_track():
+    body, motion = load_body(), waving_motion(walk_m=1.0)
+    stage = set_stage(body, [motion])
+    assert not stage.is_following
+    assert not camera_track(body, motion, "front", stage).any()
+
+
+@pytest.mark.parametrize("view", ["front", "three_quarter", "side"])
+def test_a_body_that_wanders_far_stays_large_and_whole(view):
+    body = load_body()
+    motions = [waving_motion(120, walk_m=9.0), waving_motion(120)]
+    stage = set_stage(body, motions, view)
+    heights = []
+    for motion in motions:
+        track = camera_track(body, motion, view, stage)
+        vertices = np.concatenate(list(body.vertices(motion)))
+        for frame in range(0, 120, 7):
+            camera = stage.camera.moved(track[frame])
+            assert sees(camera, vertices[frame], 500, 500).all()
+            heights.append(np.ptp(camera.project(vertices[frame], 500, 500)[:, 1]))
+    assert min(heights) > 200, "of 500 pixels"
+    assert np.ptp(track, axis=0).max() < 0.2, "the one that stays has a camera that stays"
+
+
+def test_one_stage_shows_all_motions_of_a_comparison():
+    body = load_body()
+    motions = [waving_motion(walk_m=0.7), waving_motion(walk_m=-0.7), BodyMotion.resting(3)]
+    stage = set_stage(body, motions)
+    assert stage == set_stage(body, motions[::-1])
+    for motion in motions:
+        for chunk in body.vertices(motion):
+            assert sees(stage.camera, chunk, 512, 512).all()
+
+
+def test_the_floor_lies_under_the_soles():
+    body = load_body()
+    motion = BodyMotion.resting(4)
+    lifted = replace(motion, trans=motion.trans + np.array([0.0, 0.7, 0.0]))
+    lowest = float(body.template[:, 1].min())
+    assert set_stage(body, [motion]).floor_m == pytest.approx(lowest, abs=0.01)
+    assert set_stage(body, [lifted]).floor_m == pytest.approx(lowest + 0.7, abs=0.01)
