@@ -150,6 +150,7 @@ def test_a_video_shows_what_the_stage_does(
     page.context.close()
 
 
+@pytest.mark.slow  # the same video of motion that another tab shows
 def test_own_motion_is_made_a_video_of_too(
     browser: Browser, fake_address: str, tmp_path: Path
 ) -> None:

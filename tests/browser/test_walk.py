@@ -29,6 +29,12 @@ from tests.model.made import TINY_BEST, TINY_SYSTEMS, make_weights
 pytestmark = pytest.mark.browser
 
 LOOK_S = 2.0
+EACH_ONCE: list[tuple[int, int, Scheme]] = [
+    (390, 844, "dark"),
+    (1280, 900, "light"),
+    (1600, 1000, "dark"),
+]
+"""Looks of every run of the tests: each width, and both schemes; the others are slow."""
 MOVES = "() => document.querySelector('#player .lockstep')?.stage?.pictures > 5"
 """Whether some pictures of the stage have been drawn."""
 Walk = tuple[str, list[GenerateRequest]]
@@ -68,7 +74,10 @@ def within(page: Page, selector: str, height: int) -> bool:
     return box is not None and box["y"] >= 0 and box["y"] + box["height"] <= height
 
 
-@pytest.mark.parametrize(("width", "height", "scheme"), LOOKS)
+@pytest.mark.parametrize(
+    ("width", "height", "scheme"),
+    [pytest.param(*look, marks=() if look in EACH_ONCE else pytest.mark.slow) for look in LOOKS],
+)
 def test_a_visitor_walks_from_the_example_to_a_link_for_somebody_else(
     browser: Browser,
     walk: Walk,

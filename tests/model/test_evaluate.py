@@ -40,7 +40,7 @@ CLIPS = ["1_ann_0_0_0", "2_bob_0_1_1"]
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
     root = tmp_path_factory.mktemp("evaluation")
-    data = make_data_folder(root / "data", seconds=8)
+    data = make_data_folder(root / "data", seconds=5)
     split = (data / "train_test_split.csv").read_text()
     (data / "train_test_split.csv").write_text(split.replace("train\n", "test\n"))
     return data, make_weights(root / "weights")
@@ -177,7 +177,7 @@ def test_a_stopped_evaluation_goes_on_with_what_is_not_measured(folders, system,
     evaluate(data, CLIPS, [system], 2, kept=kept)  # other seeds, other numbers
     assert len(list(kept.iterdir())) == 4
     motion = load_motion(data / "smplxflame_30" / f"{CLIPS[0]}.npz")
-    save_motion(first_frames(motion, 200), data / "smplxflame_30" / f"{CLIPS[0]}.npz")
+    save_motion(first_frames(motion, 100), data / "smplxflame_30" / f"{CLIPS[0]}.npz")
     assert evaluate(data, CLIPS, [system], 1, kept=kept) != whole
 
 

@@ -150,7 +150,7 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 @pytest.mark.usefixtures("name_of_the_page")
-@pytest.mark.parametrize("proxy", [nginx, caddy])
+@pytest.mark.parametrize("proxy", [nginx, pytest.param(caddy, marks=pytest.mark.slow)])
 def test_behind_a_proxy_as_the_docs_say(
     proxy: Command,
     certificate: tuple[Path, Path],
