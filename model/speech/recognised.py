@@ -21,6 +21,8 @@ from model.speech.transcript import NOTHING_SAID, Interval, Origin, Transcript, 
 SURE = 0.5
 """Confidence under which a word is left out. Of words recognised in clear speech about nine in ten
 that are surer are right, and six in ten of the others (docs/words.md)."""
+LONGEST_WORD_S = 2.5
+"""Of nothing but a faint hum the recogniser is sure that "dog" was said for eight seconds."""
 MOST_UNSURE = 0.4
 """Share of sure words under which none is used: English of eleven clips has 0.5 to 0.9, French 0.2,
 and speech played backwards 0.1 to 0.4."""
@@ -158,18 +160,22 @@ def _word(
     return Word(start_s, end_s, text, confidence), found
 
 
+def _is_sure(word: Word) -> bool:
+    return word.confidence >= SURE and word.end_s - word.start_s <= LONGEST_WORD_S
+
+
 def _judged(words: list[tuple[Word, tuple[Interval, ...]]], is_aligned: bool) -> Heard:
     """Without what is unsure, or without anything."""
-    sure = [(word, phones) for word, phones in words if word.confidence >= SURE]
+    sure = [(word, phones) for word, phones in words if _is_sure(word)]
     count, unsure = len(words), len(words) - len(sure)
     share = len(sure) / max(1, count)
     if is_aligned and share < MOST_UNSURE:
         found = f"{unsure} of its {count} words are not where they should be"
         return Heard(notes=(MISMATCH_NOTE.format(found=found if words else "it is not said"),))
-    if not words:
-        return Heard(notes=(SILENT_NOTE,))
     if count >= FEW_WORDS and share < MOST_UNSURE:
         return Heard(notes=(UNSURE_NOTE.format(unsure=unsure, count=count),))
+    if not sure:
+        return Heard(notes=(SILENT_NOTE,))
     notes: tuple[str, ...] = ()
     if unsure:
         note = PART_NOTE if is_aligned else FEW_NOTE

@@ -103,6 +103,12 @@ def test_clear_speech_is_recognised() -> None:
     )
 
 
+def test_of_a_faint_hum_no_word_is_believed() -> None:
+    hum = 3e-5 * np.sin(2 * np.pi * 120 / 16_000 * np.arange(20 * 16_000))
+    said = heard(hum.astype(np.float32))
+    assert said.transcript == NOTHING_SAID and said.notes
+
+
 def test_unsure_words_are_left_out_and_counted() -> None:
     waveform, _ = example("the_huge_box")
     said = heard(waveform)
