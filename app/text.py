@@ -187,6 +187,7 @@ COMPARE_OTHER = "Compare with your run before, of other speech"
 PAIR_LINK = "Link to this comparison"
 PAIR_STATUS = "Two runs beside each other."
 PAIR_SAME_SETTINGS = "All settings are the same."
+PAIR_BROUGHT = "{run} is motion from your files, which no system was asked for."
 PAIR_ONE_SPEECH = "Both had the same speech, {speech}: they play together."
 PAIR_ONLY_SEED = (
     "Same speech, same settings but for the seed: this is how far chance alone moved the numbers."

@@ -27,7 +27,7 @@ from app.page.results.ended_run import EndedRun
 from app.page.results.kept_runs import KeptRun, address_of
 from app.page.results.measures_table import Column, table_of
 from app.page.results.result_parts import ResultParts
-from app.page.results.settings import NONE, SEED, SPEECH, differing
+from app.page.results.settings import MOTIONS, NONE, SEED, SPEECH, differing
 from app.run.requests.request import REFERENCE_NAME
 
 if TYPE_CHECKING:
@@ -83,11 +83,16 @@ class RunPair:
 
 def told_settings(a: EndedRun, b: EndedRun) -> str:
     """The settings that differ, in one sentence."""
+    brought = [name for name, run in (("A", a), ("B", b)) if MOTIONS in run.settings]
     differ = differing(a.settings, b.settings)
-    if not differ:
-        return text.PAIR_SAME_SETTINGS
+    if len(brought) == 1:  # what a system was asked for is no setting of a file
+        shared = a.settings.keys() & b.settings.keys()
+        differ = {name: pair for name, pair in differ.items() if name in shared}
     told = "; ".join(f"{name} {first} against {second}" for name, (first, second) in differ.items())
-    return f"{told[0].upper()}{told[1:]}."
+    sentence = f"{told[0].upper()}{told[1:]}." if told else ""
+    if len(brought) == 1:
+        return f"{text.PAIR_BROUGHT.format(run=brought[0])} {sentence}".rstrip()
+    return sentence or text.PAIR_SAME_SETTINGS
 
 
 def told_speech(a: EndedRun, b: EndedRun, is_one: bool) -> str:

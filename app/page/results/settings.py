@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 Settings = Mapping[str, str]
 """By name of a setting its value, both for a person."""
 SPEECH = "speech"
+MOTIONS = "motions"
+"""Of files that somebody brought; no other run has it."""
 SEED = "seed"
 USUAL, NONE = "usual", "none"
 _FILTERS = {"none": NONE, "savgol": "Savitzky-Golay 7/2"}
@@ -45,7 +47,7 @@ def settings_of_own(asked: DiagnoseRequest) -> Settings:
     """Of motion files that somebody brought."""
     return {
         SPEECH: asked.speech.stem if asked.speech else NONE,
-        "motions": ", ".join(asked.names),
+        MOTIONS: ", ".join(asked.names),
         "reference": asked.reference.name if asked.reference else NONE,
         "words": _words(asked),
         "followed point": point_title(asked.joint).lower(),

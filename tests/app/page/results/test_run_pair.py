@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +81,9 @@ def test_the_settings_that_differ_are_told_in_one_sentence(run: Run) -> None:
     a, b = run({"seed": "3", "steps": "10"}), run({"seed": "7", "steps": "25"})
     assert told_settings(a, b) == "Seed 3 against 7; steps 10 against 25."
     assert told_settings(a, a) == text.PAIR_SAME_SETTINGS
+    own = replace(run(), settings={"motions": "mine", "words": "said.txt"})
+    told = f"{text.PAIR_BROUGHT.format(run='B')} Words none against said.txt."
+    assert told_settings(run({"words": "none"}), own) == told
     other = run({"speech": "another"})
     assert told_settings(run(), other) == text.PAIR_SAME_SETTINGS  # told apart from the settings
 
