@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import atexit
+import errno
 import logging
 import os
 import shutil
 import signal
+import socket
 import sys
 import threading
 import time
@@ -37,6 +39,10 @@ if TYPE_CHECKING:
     from app.page.tabs.generate.generate_run import Generate
     from app.page.tabs.videos_behind import Draw
 
+PORT_TAKEN = (
+    "Port {port} of {host} is taken, perhaps by this page, which then is open there already; "
+    "choose another with --port."
+)
 log = logging.getLogger(__name__)
 FIRST_S = 6.0
 """In which a browser that was opened at once is left both cores for what it shows first."""
@@ -141,6 +147,7 @@ def launch(
         RunError, CheckpointError: if the weights cannot be offered.
         OSError: if the port is taken.
     """
+    check_port(config)
     config.temp.mkdir(mode=0o700, parents=True, exist_ok=True)
     if config.proxies:  # uvicorn reads it
         os.environ["FORWARDED_ALLOW_IPS"] = ",".join((*LOCAL_PROXIES, *config.proxies))
@@ -298,6 +305,21 @@ def main(argv: list[str] | None = None) -> None:
         sys.exit(f"app.py: {sentence}")
     sys.stderr.write(f"The page is open at {page.local_url}\n")
     page.block_thread()
+
+
+def check_port(config: AppConfig) -> None:
+    """
+    Raises:
+        OSError: if another program answers there.
+    """
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((config.host, config.port))
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE:
+                told = PORT_TAKEN.format(host=config.host, port=config.port)
+                raise OSError(told) from error
 
 
 def own_folders(config: AppConfig) -> AppConfig:

@@ -1,5 +1,6 @@
 """The page without a browser: through Gradio's own client, as any program may use it."""
 
+import socket
 import subprocess
 import sys
 import urllib.error
@@ -226,6 +227,14 @@ def test_the_host_and_port_come_from_flags_then_environment(
     monkeypatch.delenv("GRADIO_SERVER_PORT")
     with pytest.raises(RunError, match="body"):
         parse_config(["--port", "1", "--body", "/nowhere.npz"])
+
+
+def test_a_port_that_is_taken_is_told_before_anything_is_made(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(OSError, match=rf"Port {port} of 127\.0\.0\.1 is taken.* with --port"):
+            launch(AppConfig(port=port, temp=tmp_path / "page"))
+    assert not (tmp_path / "page").exists()
 
 
 def test_no_weights_gives_a_sentence(tmp_path: Path) -> None:
