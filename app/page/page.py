@@ -68,7 +68,7 @@ def build_app(
         processes: does all other runs.
         check: of uploads, before there is a run.
         first_look: what plays before the first run.
-        draw: the same of the videos of a run; None is the processes.
+        draw: the same of the videos of a run; None lets the processes of runs draw them.
         take: the same of a take of it.
         kept: where runs are kept; None is a place of its own.
     """

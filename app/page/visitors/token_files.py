@@ -29,7 +29,7 @@ class TokenFiles:
         self._lock = threading.Lock()
 
     def add(self, path: Path, cookie: str | None, keep_s: float = math.inf) -> str:
-        """Offer a file for so many seconds; returns its token of 256 random bits.
+        """Keep a file ready for so many seconds; returns its token of 256 random bits.
 
         Args:
             cookie: of the browser that may have it. None asks for no cookie, an empty one lets
@@ -54,17 +54,17 @@ class TokenFiles:
             return path
 
     def forget_ended(self) -> list[Path]:
-        """Forget what is offered no longer or has been deleted; returns the paths."""
+        """Forget what is ready no longer or has been deleted; returns the paths."""
         with self._lock:
-            ended = [token for token, offer in self._token_files.items() if _has_ended(offer)]
+            ended = [token for token, file in self._token_files.items() if _has_ended(file)]
             return [self._token_files.pop(token).path for token in ended]
 
     def _find(self, token: str, cookie: str) -> Path | None:
-        offer = self._token_files.get(token)
-        if offer is None or _has_ended(offer):
+        file = self._token_files.get(token)
+        if file is None or _has_ended(file):
             return None
-        return offer.path if offer.cookie is None or is_same(offer.cookie, cookie) else None
+        return file.path if file.cookie is None or is_same(file.cookie, cookie) else None
 
 
-def _has_ended(offer: _TokenFile) -> bool:
-    return offer.until < time.monotonic() or not offer.path.is_file()
+def _has_ended(file: _TokenFile) -> bool:
+    return file.until < time.monotonic() or not file.path.is_file()

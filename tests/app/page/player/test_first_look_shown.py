@@ -51,12 +51,12 @@ def test_what_has_been_made_is_shown_to_every_visitor_without_a_cookie(tmp_path:
     )
     media = MediaAddresses()
     catalogue = Catalogue((BEST,), ("ann",), "", (Example("Three reasons", speech),))
-    addresses = FirstLooks(config, catalogue, JobBook(tmp_path / "jobs"), media, made_already)
-    assert not isinstance(addresses.updates()[0].get("rows"), list)
-    assert addresses.is_coming and text.LOOK_COMING in addresses.updates()[1]
-    addresses.make()
-    assert not addresses.is_coming and addresses.version == 2
-    value, told = addresses.updates()
+    looks = FirstLooks(config, catalogue, JobBook(tmp_path / "jobs"), media, made_already)
+    assert not isinstance(looks.updates()[0].get("rows"), list)
+    assert looks.is_coming and text.LOOK_COMING in looks.updates()[1]
+    looks.make()
+    assert not looks.is_coming and looks.version == 2
+    value, told = looks.updates()
     assert value["plays"] and [row["name"] for row in value["rows"]] == [STEADY, TREMBLING]
     for row in value["rows"]:
         assert media.find(row["frames"].rsplit("/", 1)[-1], "of anybody") is not None
@@ -73,12 +73,12 @@ def test_an_example_that_cannot_be_made_is_awaited_no_longer(tmp_path: Path) -> 
     config = AppConfig(weights=weights, kept=tmp_path / "kept")
     example = Example("Three reasons", EXAMPLES / f"{EXAMPLE}.wav")
     catalogue = Catalogue((BEST,), ("ann",), "", (example,))
-    addresses = FirstLooks(
+    looks = FirstLooks(
         config, catalogue, JobBook(tmp_path / "jobs"), MediaAddresses(), made_already
     )
-    assert addresses.is_coming
-    addresses.make()
-    assert not addresses.is_coming and not isinstance(addresses.updates()[1], str)
+    assert looks.is_coming
+    looks.make()
+    assert not looks.is_coming and not isinstance(looks.updates()[1], str)
 
 
 def test_the_answer_is_folded_away_and_has_the_numbers() -> None:
