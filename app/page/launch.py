@@ -44,6 +44,7 @@ PORT_TAKEN = (
     "choose another with --port."
 )
 log = logging.getLogger(__name__)
+_is_ending = threading.Event()
 FIRST_S = 6.0
 """In which a browser that was opened at once is left both cores for what it shows first."""
 
@@ -339,6 +340,7 @@ def own_folders(config: AppConfig) -> AppConfig:
 
 def _end(number: int, frame: object) -> None:
     """End, once: who asks again would only keep it from removing what visitors have left."""
+    _is_ending.set()
     for each in _ENDING:
         signal.signal(each, signal.SIG_IGN)
     sys.exit(0)
@@ -368,4 +370,5 @@ def _warm_up(config: AppConfig, processes: RunProcesses, first_look: FirstLooks 
         processes.start()
         warm_up(config.weights, config.body)
     except Exception:
-        log.exception("the warm-up failed; the first run will say why")
+        if not _is_ending.is_set():  # no thread nor process can be started any longer
+            log.exception("the warm-up failed; the first run will say why")
