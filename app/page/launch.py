@@ -309,9 +309,10 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def check_port(config: AppConfig) -> None:
-    """
+    """Ask for the port before anything is made.
+
     Raises:
-        OSError: if another program answers there.
+        OSError: if another program has it.
     """
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -35,7 +35,7 @@ def bootstrap_of(
     return interval_of(statistic(np.arange(num_clips)), values)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=4)  # 16 MB each for 1,000 clips
 def drawn_clips(num_clips: int, draws: int) -> Int[np.ndarray, "draws n"]:
     """Clips drawn with replacement, as many as there are; the same for all who ask."""
     rng = np.random.default_rng(0)

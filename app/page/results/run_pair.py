@@ -83,16 +83,19 @@ class RunPair:
 
 def told_settings(a: EndedRun, b: EndedRun) -> str:
     """The settings that differ, in one sentence."""
-    brought = [name for name, run in (("A", a), ("B", b)) if MOTIONS in run.settings]
     differ = differing(a.settings, b.settings)
-    if len(brought) == 1:  # what a system was asked for is no setting of a file
-        shared = a.settings.keys() & b.settings.keys()
-        differ = {name: pair for name, pair in differ.items() if name in shared}
+    brought = [name for name, run in (("A", a), ("B", b)) if MOTIONS in run.settings]
+    if len(brought) != 1:
+        return _against(differ) or text.PAIR_SAME_SETTINGS
+    # What a system was asked for is no setting of a file.
+    shared = a.settings.keys() & b.settings.keys()
+    told = _against({name: pair for name, pair in differ.items() if name in shared})
+    return f"{text.PAIR_BROUGHT.format(run=brought[0])} {told}".rstrip()
+
+
+def _against(differ: Mapping[str, tuple[str, str]]) -> str:
     told = "; ".join(f"{name} {first} against {second}" for name, (first, second) in differ.items())
-    sentence = f"{told[0].upper()}{told[1:]}." if told else ""
-    if len(brought) == 1:
-        return f"{text.PAIR_BROUGHT.format(run=brought[0])} {sentence}".rstrip()
-    return sentence or text.PAIR_SAME_SETTINGS
+    return f"{told[:1].upper()}{told[1:]}." if told else ""
 
 
 def told_speech(a: EndedRun, b: EndedRun, is_one: bool) -> str:

@@ -36,7 +36,7 @@ _held: list[Any] = []
 
 
 class Bounds(Protocol):
-    """What a visitor_files allows, as `app.config.AppConfig` has it."""
+    """What visitors may leave, as `app.config.AppConfig` has it."""
 
     @property
     def temp(self) -> Path: ...

@@ -133,7 +133,7 @@ class SetsWork:
     asked: SetsRequest
     job: Job
     cookie: str
-    media: MediaAddresses
+    addresses: MediaAddresses
     parts: ResultParts
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Sets:
@@ -148,10 +148,10 @@ class SetsWork:
 
     def finished(self, result: Sets) -> Updates:
         kept = self.tools.kept.keep(self.cookie, self.job.folder, result)
-        figures = FiguresShown(self.media, self.cookie)
+        figures = FiguresShown(self.addresses, self.cookie)
         figures.take_files(result.files)
         bundle = zip_files(result.files, self.job.folder / "own-sets.zip")
-        address = escape(self.media.address(bundle, self.cookie))
+        address = escape(self.addresses.address(bundle, self.cookie))
         link = f'<a href="{address}" download="{bundle.name}">{SETS_ZIP}</a>'
         line = MEASURED_SETS.format(
             clips=number_of(len(result.told["clips"]), "clip"),

@@ -1,1 +1,3 @@
-"""The tab of the systems: how constraints work, steps, and whether they hear."""
+"""The tab of the systems: how constraints work, steps, whether they hear; may import what tabs
+may.
+"""
