@@ -68,7 +68,8 @@ def test_the_page_needs_something_that_hears_every_speech(checkpoints, tmp_path)
     with pytest.raises(EncoderError, match="with --official-features PATH"):
         parse_config(["--official", str(checkpoints)])
     features = str(make_features(tmp_path / "features.npz", 1))
-    config = parse_config(["--official", str(checkpoints), "--official-features", features])
+    flags = ["--official", str(checkpoints), "--official-features", features, "--port", "0"]
+    config = parse_config(flags)
     assert os.environ["OFFICIAL_DIR"] == str(checkpoints)
     with pytest.raises(RunError, match="The page cannot use prepared features"):
         launch(config, is_warmed_up=False)
