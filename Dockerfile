@@ -12,7 +12,9 @@ ENV PIP_NO_CACHE_DIR=1
 RUN .ci/venv run
 COPY app.py ./
 COPY app app
+COPY conventions conventions
 COPY model model
+COPY processes processes
 COPY renderer renderer
 COPY examples examples
 

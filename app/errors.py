@@ -9,7 +9,7 @@ import secrets
 from pathlib import Path
 
 from app import text
-from model.storage.harmless import printable
+from conventions.names import printable
 
 log = logging.getLogger(__name__)
 
@@ -24,7 +24,7 @@ class CancelledRun(Exception):
 
 _DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _NOT_ALLOWED = {errno.EACCES, errno.EPERM, errno.EROFS}
-_OUR_PACKAGES = ("app", "model", "renderer")
+_OUR_PACKAGES = ("app", "model", "renderer", "processes")
 _FOLDERS = re.compile(r"(?<![\w.:/])/(?:[^\s/'\"]+/)+")
 """Of a file named with its whole path."""
 _OPTIONS = re.compile(r" \([^()]*--[a-z][^()]*\)")

@@ -1,7 +1,7 @@
 """The installed form from Python, where this file is ``co_speech_motion/__init__.py``; a checkout
 has ``app.notebook`` instead.
 
-The folders ``app``, ``model`` and ``renderer`` lie beside it, and are searched after everything
+The folders ``app``, ``model`` and the other roots lie beside it, and are searched after everything
 else once something of it is used.
 """
 

@@ -1,7 +1,7 @@
 """The command of the installed form, where this file stands above ``app``, ``model`` and
-``renderer`` as ``co_speech_motion/__main__.py``; a checkout has ``python -m app`` instead.
+the other roots as ``co_speech_motion/__main__.py``; a checkout has ``python -m app`` instead.
 
-Installed under names of their own, the three would be ``app`` and ``model`` to every other program
+Installed under names of their own, they would be ``app`` and ``model`` to every other program
 of the environment. So they lie in one folder, which is searched by this program and its children
 alone.
 """

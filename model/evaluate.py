@@ -24,6 +24,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
+from conventions.names import printable
 from model.data.recordings import DataError, fingerprint, read_split
 from model.evaluation import frechet, tables
 from model.evaluation.clip_measures import rooted_positions
@@ -36,7 +37,6 @@ from model.evaluation.speakers import SpeakerJudge, judge_of
 from model.evaluation.speakers import left_out as speakers_left_out
 from model.generation.base import System
 from model.generation.family import UnknownNameError
-from model.jobs.pool import Job, JobPool, JobsError
 from model.measures import beats
 from model.motion.motion import Motion, MotionError
 from model.networks.autoencoder import FrozenEncoder, load_encoder
@@ -44,9 +44,9 @@ from model.networks.matching import MatchingJudge, load_judge
 from model.speech.audio import SpeechError
 from model.storage.cards import BUNDLED_WEIGHTS, CALM_AND_LIVELY, CheckpointError
 from model.storage.files import written_atomically
-from model.storage.harmless import printable
 from model.systems.matching.config import HEARING_JUDGE
 from model.systems.registry import list_systems, load_system
+from processes.pool import Job, JobPool, JobsError
 
 log = logging.getLogger(__name__)
 

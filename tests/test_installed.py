@@ -83,9 +83,9 @@ def test_one_name_stands_beside_the_packages_of_others(site: Path) -> None:
     assert not [name for name in shipped if "__pycache__" in name or name.startswith("tests")]
 
 
-def test_every_file_of_the_three_roots_is_in_it(site: Path) -> None:
+def test_every_file_of_the_roots_is_in_it(site: Path) -> None:
     listed = subprocess.run(
-        ["git", "ls-files", "app", "model", "renderer", "examples"],
+        ["git", "ls-files", "app", "conventions", "model", "processes", "renderer", "examples"],
         cwd=ROOT, capture_output=True, text=True, check=False,
     ).stdout.split()  # fmt: skip
     if not listed:
@@ -224,7 +224,7 @@ def test_the_container_is_given_every_file_that_its_steps_and_the_page_need() ->
     ignored = (ROOT / ".dockerignore").read_text().split()
     assert given == {
         ".ci", "requirements.txt", "requirements-cluster.txt", "locks",
-        "app.py", "app", "model", "renderer", "examples",
+        "app.py", "app", "conventions", "model", "processes", "renderer", "examples",
     }  # fmt: skip
     assert not given & set(ignored)
     assert all((ROOT / name).exists() for name in given)

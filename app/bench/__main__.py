@@ -25,17 +25,10 @@ from app.run.body_motion import body_motion
 from app.run.models import get_body, get_system, warm_up
 from app.run.output.provenance import versions
 from app.run.pipeline import generate_all
-from app.run.requests.request import (
-    CLOSE_UPS,
-    SIZES_PX,
-    Artefact,
-    Event,
-    GenerateRequest,
-    Piece,
-    Progress,
-    file_stem,
-)
-from model.motion.timing import FPS
+from app.run.requests.request import SIZES_PX, Artefact, Event, GenerateRequest, Piece, Progress
+from conventions.names import file_stem
+from conventions.rates import FPS
+from conventions.views import CLOSE_UPS
 from model.systems.registry import families, list_systems, usual_systems
 
 if TYPE_CHECKING:

@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import RunError
-from app.run.requests.request import REFERENCE_NAME
+from conventions.names import REFERENCE_NAME, printable
 from model.storage.files import written_atomically
-from model.storage.harmless import printable
 
 FORMAT = 1
 MAX_BYTES = 32 * 2**20

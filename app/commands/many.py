@@ -10,7 +10,7 @@ from pathlib import Path
 from app.commands.said import name_file, say
 from app.errors import RunError
 from app.run.requests.request import GenerateRequest
-from model.jobs.pool import JobPool
+from processes.pool import JobPool
 
 
 def add_pool(parser: argparse.ArgumentParser) -> None:

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import NoReturn
 
-from model.storage.harmless import printable
+from conventions.names import printable
 
 
 def say(sentence: str) -> None:

@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from app import text
 from app.run.requests.request import Event, Progress, Stage
-from model.storage.harmless import printable
+from conventions.names import printable
 
 
 class ProgressBar:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from renderer.body.joints import TIP_VERTICES
+from renderer.body.tip_vertices import TIP_VERTICES
 
 
 def point_title(point: str) -> str:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import isfinite, log
 from typing import TYPE_CHECKING
 
+from conventions.names import SampleName
+
 if TYPE_CHECKING:
+    from conventions.names import Version
     from model.diagnostics.diagnostics import Diagnostics, Versions
     from model.measures.results import Measures
-    from model.motion.versions import Kind
 
 ALIKE = 1.05
 """Two numbers whose ratio lies within this factor of 1 are told as equal."""
@@ -20,8 +21,6 @@ Read = Callable[["Measures"], float]
 """Takes one number out of the measures of a motion."""
 Samples = dict[int, float]
 """Number of a sample, from 1, to its value."""
-
-_LATER_SAMPLE = re.compile(r"(?P<system>.+)\.s(?P<number>[1-9][0-9]*)")
 
 
 @dataclass(frozen=True)
@@ -48,15 +47,14 @@ def samples_by_system(names: Iterable[str]) -> dict[str, dict[int, str]]:
     names = list(names)
     systems: dict[str, dict[int, str]] = {}
     for name in names:
-        system, number = name, 1
-        match = _LATER_SAMPLE.fullmatch(name)
-        if match is not None and int(match["number"]) > 1 and match["system"] in names:
-            system, number = match["system"], int(match["number"])
-        systems.setdefault(system, {})[number] = name
+        sample = SampleName.parse(name)
+        if sample.system not in names:
+            sample = SampleName(name)
+        systems.setdefault(sample.system, {})[sample.number] = name
     return systems
 
 
-def values_by_system(diagnostics: Diagnostics, read: Read, kind: Kind) -> dict[str, Samples]:
+def values_by_system(diagnostics: Diagnostics, read: Read, kind: Version) -> dict[str, Samples]:
     """One number of each sample of each system; systems that have no such number are left
     out."""
     found: dict[str, Samples] = {}
@@ -71,7 +69,7 @@ def values_by_system(diagnostics: Diagnostics, read: Read, kind: Kind) -> dict[s
     return found
 
 
-def number_of(versions: Versions | None, read: Read, kind: Kind) -> float | None:
+def number_of(versions: Versions | None, read: Read, kind: Version) -> float | None:
     """One number, or None where it was not measured."""
     value = None if versions is None else read(versions.of(kind))
     return value if value is not None and isfinite(value) else None

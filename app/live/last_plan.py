@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from model.motion.timing import FPS
+from conventions.rates import FPS
 
 if TYPE_CHECKING:
     from model.generation.base import PlannedAhead

@@ -51,8 +51,8 @@ def face_names() -> tuple[str, ...]:
 def reaches(body: Body) -> BodyMotion:
     """Poses that live motion hardly leaves: hands at the hips and the face at rest, as a body waits
     for speech; then hands at the face; then a step to either side, the face moved in every way."""
+    from conventions.joints import JOINT_INDEX
     from renderer.body.body import BodyMotion
-    from renderer.body.joints import JOINT_INDEX
 
     poses = np.zeros((4, len(JOINT_INDEX), 3))
     for side, sign in (("left", 1.0), ("right", -1.0)):

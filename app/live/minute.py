@@ -10,7 +10,7 @@ import numpy as np
 
 from app.errors import RunError
 from app.live.last_plan import LastPlan
-from model.motion.timing import FPS, SAMPLE_RATE
+from conventions.rates import FPS, SAMPLE_RATE
 
 if TYPE_CHECKING:
     from model.generation.base import PlannedAhead

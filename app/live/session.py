@@ -18,7 +18,7 @@ from app.live.minute import LastMinute, Minute
 from app.live.sound_bytes import read_sound
 from app.live.told_plan import manner_of, told_plan
 from app.run.pieces import frames_message
-from model.motion.timing import FPS, SAMPLE_RATE
+from conventions.rates import FPS, SAMPLE_RATE
 
 if TYPE_CHECKING:
     from model.generation.base import System

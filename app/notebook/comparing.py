@@ -10,10 +10,9 @@ from itertools import combinations
 from app.findings.measure_rows import MEASURES, Measure, nearest, written
 from app.notebook.inputs import MotionLike, SpeechLike, named_motions
 from app.notebook.measuring import diagnose
-from app.run.requests.request import REFERENCE_NAME
+from conventions.names import REFERENCE_NAME, Version
 from model.diagnostics.diagnostics import Diagnostics
 from model.measures.apart import degrees_by_part
-from model.motion.versions import Kind
 
 
 @dataclass(frozen=True)
@@ -77,7 +76,7 @@ def compare(
     reference: MotionLike | None = None,
     speech: SpeechLike | None = None,
     diagnostics: Diagnostics | None = None,
-    kind: Kind = "raw",
+    kind: Version = "raw",
 ) -> Comparison:
     """Measure motions beside each other.
 

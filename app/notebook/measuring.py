@@ -15,7 +15,7 @@ from app.notebook.progress import Bar
 from app.run.diagnostics import measure_motions, onsets_of
 from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
-from app.run.requests.request import REFERENCE_NAME
+from conventions.names import REFERENCE_NAME
 from model.diagnostics.diagnostics import Diagnostics
 from model.faults.timing import loudness_of
 from model.motion.skeleton import open_body_skeleton

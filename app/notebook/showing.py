@@ -19,7 +19,7 @@ from app.page.alone import Scene, player_alone
 from app.page.player.timeline import make_timeline, tiers_of
 from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
-from app.run.requests.request import REFERENCE_NAME
+from conventions.names import REFERENCE_NAME
 from model.faults.finding import Finding
 from model.plan.plan import GesturePlan
 from model.speech.audio import Speech

@@ -24,8 +24,8 @@ from app.page.player.timeline import series_looks
 from app.page.routes.stage_route import stage_facts
 from app.page.theme import PLAYER_CSS, make_theme, theme_variables
 from app.run.pieces import MAX_FRAMES, frames_message
-from app.run.requests.request import REFERENCE_NAME
 from app.run.videos.register import register_of
+from conventions.names import REFERENCE_NAME
 
 if TYPE_CHECKING:
     from model.faults.finding import Finding

@@ -21,7 +21,6 @@ from app.run.requests.request import (
     JOINT,
     MAX_COMPARED,
     REFERENCE,
-    REFERENCE_NAME,
     START,
     TRANSCRIPT,
     WORDS,
@@ -31,8 +30,8 @@ from app.run.videos.comparison import Snapshots, draw_poses
 from app.run.videos.own_videos import OnFile, VideoOptions, draw_own_videos, picture_motions
 from app.run.videos.register import SOLE_M
 from app.run.words import SpokenWords
+from conventions.names import REFERENCE_NAME, printable
 from model.speech.transcript import NOTHING_SAID, Transcript
-from model.storage.harmless import printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.run.followed_point import TipSource
 from app.run.output.result_folder import ResultFolder
-from app.run.requests.request import REFERENCE_NAME
+from conventions.names import REFERENCE_NAME
 from model.speech.transcript import NOTHING_SAID
 from model.storage.harmless import csv_text
 

@@ -10,8 +10,8 @@ from app.errors import RunError
 from app.findings.sentences import sentences_of
 from app.run.followed_point import TipSource
 from app.run.output.result_folder import ResultFolder
-from app.run.requests.request import REFERENCE_NAME, PostFilter
 from app.run.videos.comparison import Snapshots
+from conventions.names import REFERENCE_NAME, PostFilter
 
 if TYPE_CHECKING:
     from model.diagnostics.diagnostics import Diagnostics

@@ -15,8 +15,9 @@ from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.planted import NOISE_RAD, tremble
-from app.run.requests.request import GenerateRequest, file_stem
+from app.run.requests.request import GenerateRequest
 from app.run.videos.own_videos import picture_motions
+from conventions.names import file_stem
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -13,7 +13,7 @@ import numpy as np
 from app.errors import RunError
 from app.findings.points import point_title
 from app.run.body_motion import body_motion
-from renderer.body.joints import TIP_VERTICES
+from renderer.body.tip_vertices import TIP_VERTICES
 
 if TYPE_CHECKING:
     from model.motion.motion import Motion
@@ -86,7 +86,7 @@ def choose_tip_source(body: Body, body_path: Path | None, point: str = TIP) -> T
     Raises:
         RunError: if there is no such point, with the points there are.
     """
-    from model.motion.skeleton import JOINT_INDEX
+    from conventions.joints import JOINT_INDEX
 
     if point in JOINT_INDEX:
         joint = JOINT_INDEX[point]

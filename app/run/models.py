@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.run.requests.request import LOOKS
+from conventions.views import LOOKS
 
 if TYPE_CHECKING:
     from model.generation.base import System

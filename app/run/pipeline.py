@@ -22,14 +22,11 @@ from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import Reporter
 from app.run.pieces import PieceTeller
 from app.run.requests.request import (
-    REFERENCE_NAME,
     GenerateRequest,
     GenerateResult,
     OnEvent,
     ShouldCancel,
     check_request,
-    file_stem,
-    sample_name,
 )
 from app.run.videos.comparison import (
     Row,
@@ -41,7 +38,7 @@ from app.run.videos.comparison import (
 )
 from app.run.videos.register import in_register
 from app.run.words import SpokenWords
-from model.storage.harmless import printable
+from conventions.names import REFERENCE_NAME, SampleName, file_stem, printable
 
 if TYPE_CHECKING:
     import numpy as np
@@ -160,7 +157,7 @@ def _generate(
 
     def told(name: str, sample: int, raw: Motion) -> Row:
         shown = smooth_motion(raw) if is_smoothed else raw
-        row = Row(sample_name(name, sample), raw, shown, sample == 1)
+        row = Row(str(SampleName(name, sample)), raw, shown, sample == 1)
         path = folder.path(f"{file_stem(row.name)}.npz")
         save_motion(shown, path)
         reporter.file("motion", row.name, path)
@@ -169,7 +166,7 @@ def _generate(
     if request.take is not None:
         name = inputs.systems[0].name
         if request.take.plan is not None:  # before the motion, for which one would be found
-            _keep_plan(read_plan(request.take.plan), sample_name(name, 1), folder, reporter)
+            _keep_plan(read_plan(request.take.plan), name, folder, reporter)
         rows = [told(name, 1, load_motion(request.take.motion))]
         reporter.note(LIVE_NOTE)
         reporter.progress("motion", 1.0)
@@ -216,7 +213,7 @@ def _made_in_turns(
                     key = name, sample
                     parts.setdefault(key, []).append(motion)
                     if is_seen:
-                        teller = PieceTeller(sample_name(*key), inputs.num_frames, reporter)
+                        teller = PieceTeller(str(SampleName(*key)), inputs.num_frames, reporter)
                         tellers.setdefault(key, teller).go_on(motion)
                 shares[name] = piece.share
                 reporter.progress("motion", sum(shares.values()) / len(shares), name)
@@ -262,7 +259,7 @@ def _with_plans(
         plans = draw_plans(system, speech, replace(options, words=said.words))
     written: list[GesturePlan] = []
     for sample, plan in enumerate(plans, start=1):
-        name = sample_name(system.name, sample)
+        name = str(SampleName(system.name, sample))
         if wish is not None:
             styled = wish.done(plan, said.words)
             reporter.note(*(f"{name}: {note}" for note in styled.notes))
@@ -311,7 +308,7 @@ def _windows(rows: Sequence[Row], inputs: Inputs) -> dict[str, Windows]:
     found = {}
     for system in inputs.systems:
         own = Windows(system.windowing.advance, system.windowing.overlap)
-        named = {sample_name(system.name, sample) for sample in range(1, len(rows) + 1)}
+        named = {str(SampleName(system.name, sample)) for sample in range(1, len(rows) + 1)}
         found |= {row.name: own for row in rows if row.name in named}
     if len(set(found.values())) == 1:
         found[REFERENCE_NAME] = next(iter(found.values()))

@@ -41,7 +41,7 @@ def planted_files(folder: Path) -> tuple[list[str], str, str, str]:
 def with_faults(motion: Motion) -> Motion:
     """All of `PLANTS`, each in its seconds; the face is a calmer one all the while, or it would be
     found to be copied, which is not what is shown."""
-    from model.motion.timing import FPS
+    from conventions.rates import FPS
 
     faulty = replace(motion, expressions=(CALMER * motion.expressions).astype("float32"))
     for plant in PLANTS:
@@ -57,7 +57,7 @@ def tremble(motion: Motion) -> Motion:
     """White noise on the rotations of the right arm, `NOISE_RAD` about each axis."""
     import numpy as np
 
-    from model.motion.skeleton import JOINT_INDEX
+    from conventions.joints import JOINT_INDEX
 
     joints = motion.poses.reshape(len(motion.poses), -1, 3).copy()
     arm = [JOINT_INDEX[f"right_{name}"] for name in ("shoulder", "elbow", "wrist")]
@@ -70,7 +70,7 @@ def slide(motion: Motion) -> Motion:
     """Feet that stand glide to the side and back."""
     import numpy as np
 
-    from model.motion.timing import FPS
+    from conventions.rates import FPS
 
     trans = motion.trans.copy()
     way = np.arange(len(trans)) / FPS * np.pi / SLIDE_S
@@ -99,7 +99,7 @@ def lift(motion: Motion) -> Motion:
     """The body leaves the floor by `FLOAT_M`, and comes back to it."""
     import numpy as np
 
-    from model.motion.timing import FPS
+    from conventions.rates import FPS
 
     trans = motion.trans.copy()
     since = np.arange(len(trans)) / FPS

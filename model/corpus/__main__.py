@@ -7,9 +7,9 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from conventions.names import printable
 from model.corpus.build import CorpusError, build_corpus
 from model.corpus.people.voice import VoiceError
-from model.storage.harmless import printable
 
 
 def main(argv: list[str] | None = None) -> int:

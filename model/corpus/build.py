@@ -2,11 +2,9 @@
 
 import errno
 import json
-import multiprocessing
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from model.corpus.clip import Clip, make_clip
@@ -15,8 +13,8 @@ from model.corpus.people.rig import open_body_rig
 from model.corpus.people.speakers import SPEAKERS, Speaker
 from model.corpus.people.voice import require_flite
 from model.corpus.words.texts import Split
-from model.jobs.ended import WorkerLog, log_to
 from model.storage.files import WriteError
+from processes.pool import Job, JobPool, JobsError
 
 FORMAT = 3  # raised whenever the same seed gives other bytes
 MANIFEST = "corpus.json"
@@ -46,6 +44,9 @@ class ClipJob:
     @property
     def clip_id(self) -> str:
         return f"{self.speaker.number}_{self.speaker.name}_0_{self.index}_{self.index}"
+
+    def is_done(self) -> bool:
+        return clip_paths(self.root, self.clip_id).all_exist()
 
 
 def build_corpus(
@@ -158,45 +159,20 @@ def _describe(manifest: dict) -> str:
 def _make_clips(
     jobs: list[ClipJob], workers: int, on_clip: Callable[[int, int], None] | None
 ) -> None:
-    missing = [job for job in jobs if not clip_paths(job.root, job.clip_id).all_exist()]
-    done = len(jobs) - len(missing)
+    done = sum(job.is_done() for job in jobs)
 
-    def report() -> None:
+    def report(*names: str) -> None:
+        nonlocal done
+        done += len(names)
         if on_clip is not None:
             on_clip(done, len(jobs))
 
     report()
-    if workers == 1 or len(missing) < 2:
-        for job in missing:
-            make_job(job)
-            done += 1
-            report()
-        return
-    context = multiprocessing.get_context("spawn")
-    others = multiprocessing.active_children()
-    with (
-        WorkerLog() as log,
-        ProcessPoolExecutor(
-            *(min(workers, len(missing)), context), initializer=log_to, initargs=(log.end,)
-        ) as pool,
-    ):
-        futures = [pool.submit(make_job, job) for job in missing]
-        started = [each for each in multiprocessing.active_children() if each not in others]
-        try:
-            for future in as_completed(futures):
-                future.result()
-                done += 1
-                report()
-        except BrokenProcessPool as error:
-            pool.shutdown(cancel_futures=True)
-            again = "the same command continues"
-            told = log.ended(started).sentences(
-                "A worker process", f"{again} with fewer --workers", again
-            )
-            raise CorpusError(told) from error
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    pieces = [Job(job.clip_id, job.is_done, partial(make_job, job)) for job in jobs]
+    try:
+        JobPool(workers, uses_torch=False, is_patient=False).do_all(pieces, report)
+    except JobsError as error:
+        raise CorpusError(str(error)) from error
 
 
 def make_job(job: ClipJob) -> None:

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32
 
+from conventions.joints import JOINT_INDEX, NUM_JOINTS
+from conventions.rates import FPS
 from model.corpus.body.arms import follow_plan, move_arms
 from model.corpus.body.contact import hips_of
 from model.corpus.body.events import BodyEvents
@@ -14,11 +16,10 @@ from model.corpus.body.quiet import quiet
 from model.corpus.body.signals import frame_times
 from model.corpus.body.trunk import move_trunk
 from model.corpus.gesture.plan import Plan, make_plan
-from model.corpus.people.rig import JOINT, NUM_JOINTS, SIDE_SIGN, SIDES, Rig, axis_angles
+from model.corpus.people.rig import SIDE_SIGN, SIDES, Rig, axis_angles
 from model.corpus.people.speakers import Speaker
 from model.corpus.words.prosody import Utterance, speak
 from model.corpus.words.texts import Split
-from model.motion.timing import FPS
 
 NUM_EXPRESSIONS = 100
 
@@ -59,8 +60,8 @@ def animate(rig: Rig, speaker: Speaker, utterance: Utterance, rng: np.random.Gen
         poses[:, joint] = axis_angles(rotmat)
     for side in SIDES:
         lift = np.radians(0.7 * trunk.breath) * SIDE_SIGN[side]
-        poses[:, JOINT[f"{side}_collar"], 2] += lift
-    poses[:, JOINT["jaw"], 0] = face.jaw
+        poses[:, JOINT_INDEX[f"{side}_collar"], 2] += lift
+    poses[:, JOINT_INDEX["jaw"], 0] = face.jaw
     expressions = np.zeros((num_frames, NUM_EXPRESSIONS), dtype=np.float32)
     expressions[:, : face.units.shape[1]] = face.units
     return Clip(

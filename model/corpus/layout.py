@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from conventions.rates import FPS, SAMPLE_RATE
 from model.corpus.annotation import textgrid
 from model.corpus.clip import Clip
-from model.motion.timing import FPS, SAMPLE_RATE
 from model.storage.files import write_error, written_atomically
 
 MOTION, SOUND, TEXTGRID = "smplxflame_30", "wave16k", "textgrid"

@@ -12,9 +12,9 @@ from jaxtyping import Float, Int, UInt8
 from torch import Tensor
 from tqdm import tqdm
 
+from conventions.rates import FPS
 from model.data.prepared import Batch, Clip, PreparedData
 from model.data.recordings import DataError, copy_speed
-from model.motion.timing import FPS
 from model.plan.kinds import KindTable
 from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError
 from model.plan.textgrid import annotated_plan

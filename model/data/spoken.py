@@ -9,10 +9,10 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from torch import Tensor
 from tqdm import tqdm
 
+from conventions.rates import FPS
 from model.data.plans import Plans, textgrid_of
 from model.data.prepared import Batch, Clip, PreparedData
 from model.data.recordings import DataError, copy_speed
-from model.motion.timing import FPS
 from model.plan.plan import SIDES
 from model.plan.tracks import hand_tracks
 from model.speech.codes import PHONES, TOLD

@@ -14,6 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from conventions.joints import FINGERTIP_NAMES, JOINT_DEPTH, JOINT_NAMES
+from conventions.names import REFERENCE_NAME, VERSIONS, Version
+from conventions.rates import FPS
 from model.diagnostics.measures import (
     TIP,
     measure_tracks,
@@ -35,15 +38,8 @@ from model.measures.seams.periods import find_period
 from model.measures.seams.seams import Windows
 from model.motion.filtering import smooth_motion
 from model.motion.motion import Motion, first_frames
-from model.motion.skeleton import (
-    FINGERTIP_NAMES,
-    JOINT_DEPTH,
-    JOINT_NAMES,
-    RestSkeleton,
-)
-from model.motion.timing import FPS
+from model.motion.skeleton import RestSkeleton
 from model.motion.tracks import POINT_NAMES, TipTrack, Tracks, track_points
-from model.motion.versions import KINDS, REFERENCE_NAME, Kind
 
 __all__ = ["diagnose", "first_frames", "measures", "smooth_motion", "track_points"]
 
@@ -57,7 +53,7 @@ class Versions:
     raw: Measures
     savgol: Measures
 
-    def of(self, kind: Kind) -> Measures:
+    def of(self, kind: Version) -> Measures:
         return self.raw if kind == "raw" else self.savgol
 
     def as_json(self) -> dict[str, Any]:
@@ -229,9 +225,9 @@ class _Version(NamedTuple):
     point: Float[np.ndarray, "T 3"]
 
 
-def _versions(motion: Motion, settings: _Settings) -> Iterator[tuple[Kind, _Version]]:
+def _versions(motion: Motion, settings: _Settings) -> Iterator[tuple[Version, _Version]]:
     """The motion as it is and filtered, one after the other: a long clip's tracks are large."""
-    for kind in KINDS:
+    for kind in VERSIONS:
         version = motion if kind == "raw" else smooth_motion(motion)
         tracks = track_points(version, settings.skeleton)
         if settings.tip_track is None:
@@ -244,8 +240,8 @@ def _versions(motion: Motion, settings: _Settings) -> Iterator[tuple[Kind, _Vers
 
 def _measured(
     motion: Motion,
-    versions: Iterator[tuple[Kind, _Version]],
-    recorded: dict[Kind, _Version] | None,
+    versions: Iterator[tuple[Version, _Version]],
+    recorded: dict[Version, _Version] | None,
     settings: _Settings,
     windows: Windows | None,
     reference: Evidence | None,

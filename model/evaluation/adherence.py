@@ -24,6 +24,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS, SAMPLE_RATE
 from model.data.recordings import DataError, read_files, read_split, speaker_of
 from model.evaluation.frechet import Features, frechet_distance, motion_features
 from model.generation.again import Performance, perform, perform_again
@@ -31,8 +33,7 @@ from model.generation.base import System
 from model.generation.windows import GenerateOptions, draw_plans
 from model.measures.posture import foot_slide
 from model.motion.motion import Motion, MotionError, first_frames
-from model.motion.skeleton import JOINT_INDEX, open_body_skeleton
-from model.motion.timing import FPS, SAMPLE_RATE
+from model.motion.skeleton import open_body_skeleton
 from model.motion.tracks import Tracks, track_points
 from model.networks.autoencoder import FrozenEncoder, load_encoder
 from model.plan.editing import (

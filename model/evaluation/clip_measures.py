@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from conventions.joints import JOINT_INDEX
 from model.diagnostics.diagnostics import measures, track_points
 from model.measures import hearing
 from model.measures.diversity import l1_to_mean
 from model.motion.motion import Motion
-from model.motion.skeleton import JOINT_INDEX, RestSkeleton, open_body_skeleton
+from model.motion.skeleton import RestSkeleton, open_body_skeleton
 
 _ANKLES = [JOINT_INDEX["left_ankle"], JOINT_INDEX["right_ankle"]]
 MOTION_MEASURES = (

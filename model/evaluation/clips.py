@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from conventions.rates import FPS, SAMPLE_RATE
 from model.evaluation import frechet, speech_response
 from model.evaluation.clip_measures import (
     clip_measures,
@@ -31,7 +32,6 @@ from model.measures.face.face_measures import face_measures
 from model.measures.silence import SILENCE_S, speed_in_silence
 from model.motion.motion import Motion
 from model.motion.skeleton import open_body_skeleton
-from model.motion.timing import FPS, SAMPLE_RATE
 from model.networks.autoencoder import FrozenEncoder
 from model.networks.matching import MatchingJudge
 from model.speech.features import MelEncoder

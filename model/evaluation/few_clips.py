@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from conventions.rates import FPS, SAMPLE_RATE
 from model.data.recordings import DataError, read_files, read_split, speaker_of
 from model.evaluation.manner import manner_of, wrist_speed_m_s
 from model.generation.base import System
@@ -19,7 +20,6 @@ from model.generation.windows import GenerateOptions, generate_motion
 from model.measures.hearing import LEAST_FRAMES
 from model.measures.silence import SILENCE_S, speed_in_silence
 from model.motion.motion import Motion, MotionError, first_frames
-from model.motion.timing import FPS, SAMPLE_RATE
 from model.speech.audio import Speech, SpeechError
 
 NUM_CLIPS = 6

@@ -22,10 +22,10 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 from tqdm import tqdm
 
+from conventions.rates import FPS
 from model.data.recordings import DataError, read_split, speaker_of
 from model.motion.motion import MotionError, load_motion
 from model.motion.skeleton import open_body_skeleton
-from model.motion.timing import FPS
 from model.motion.tracks import track_points
 from model.plan.found import DILATIONS, KERNEL, WEIGHTS, found_plan, hand_features
 from model.plan.places import wrist_places

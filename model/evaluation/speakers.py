@@ -13,12 +13,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
 from model.data.recordings import DataError, read_files, read_split, speaker_of
 from model.diagnostics.diagnostics import track_points
 from model.evaluation.matching import PIECE_FRAMES, cut
 from model.motion.motion import Motion, MotionError
-from model.motion.skeleton import JOINT_INDEX, open_body_skeleton
-from model.motion.timing import FPS
+from model.motion.skeleton import open_body_skeleton
 from model.speech.audio import SpeechError
 
 RECORDINGS = 6

@@ -3,10 +3,10 @@
 import numpy as np
 from jaxtyping import Float
 
+from conventions.rates import FPS, SAMPLE_RATE
 from model.generation.base import Features
 from model.measures.face.face_and_hands import SHIFT_S, wrist_speed
 from model.measures.lagged_correlation import lagged_correlation
-from model.motion.timing import FPS, SAMPLE_RATE
 
 
 def speech_tracks(right: Features, foreign: Features) -> dict[str, Features]:

@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
+from conventions.joints import FACE, HANDS, LOWER_BODY, UPPER_BODY
 from model.measures.posture import FEET
 from model.measures.results import Measures
 from model.measures.smoothness import angular_velocity
 from model.motion.motion import Motion
-from model.motion.skeleton import FACE, HANDS, LOWER_BODY, UPPER_BODY
 from model.motion.tracks import Tracks
 
 BODY = (*LOWER_BODY, *UPPER_BODY, *HANDS)

@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
 from model.faults.evidence import Evidence
 from model.faults.finding import Finding
 from model.measures.face.face_measures import unit_columns
-from model.motion.skeleton import JOINT_INDEX
-from model.motion.timing import FPS
 
 STILL_JAW_DEG = 0.05
 """Standard deviation; clean: at least 0.57 in a stretch of 10 s."""

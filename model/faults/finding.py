@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
+from conventions.rates import FPS
 from model.measures.results import as_json
-from model.motion.timing import FPS
 
 MOST_STRETCHES = 20
 WRONG, SEEN, MEASURED = 3, 2, 1

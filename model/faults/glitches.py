@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from conventions.joints import JOINT_NAMES
+from conventions.rates import FPS
 from model.faults.evidence import BODY, UPPER_AND_HANDS, Evidence
 from model.faults.finding import Finding, clock, listed, stretches_of
-from model.motion.skeleton import JOINT_NAMES
-from model.motion.timing import FPS
 from model.motion.tracks import point_words
 
 NOISE_DEG = 0.4

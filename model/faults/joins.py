@@ -1,8 +1,8 @@
 """Jerk that comes again: where windows join, or after any other number of frames."""
 
+from conventions.rates import FPS
 from model.faults.evidence import Evidence
 from model.faults.finding import Finding
-from model.motion.timing import FPS
 
 SEAM_CHANCE = 1e-3
 """Of `recurring_jerk`; clean: at least 0.0026 in 3,540 whole clips and stretches of 10 s."""

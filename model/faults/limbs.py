@@ -4,11 +4,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from conventions.joints import JOINT_INDEX
 from model.faults.evidence import Evidence
 from model.faults.finding import Finding, clock, listed, stretches_of
 from model.measures.joint_range import FINGER_JOINT_NAMES
 from model.measures.posture import WRISTS
-from model.motion.skeleton import JOINT_INDEX
 from model.motion.tracks import point_words
 
 FINGERS_OUTSIDE = 0.02

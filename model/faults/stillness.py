@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from conventions.rates import FPS
 from model.faults.evidence import BODY, UPPER_AND_HANDS, Evidence
 from model.faults.finding import Finding, clock, stretches_of
-from model.motion.timing import FPS
 
 STILL_M_S = 1e-3
 """Mean speed of the fastest joint under which nothing moves."""

@@ -3,10 +3,10 @@
 import numpy as np
 from jaxtyping import Float
 
+from conventions.joints import JOINT_INDEX, UPPER_BODY
+from conventions.rates import FPS, SAMPLE_RATE
 from model.faults.evidence import BODY, Evidence
 from model.faults.finding import Finding
-from model.motion.skeleton import JOINT_INDEX, UPPER_BODY
-from model.motion.timing import FPS, SAMPLE_RATE
 
 SAME_RAD = 1e-5
 MOST_LAG_FRAMES = 3 * FPS

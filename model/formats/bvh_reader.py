@@ -12,15 +12,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 from model.formats.numbers import ReadMotion, ReadOptions, at_30_fps, check_fps, plain_motion
 from model.motion.motion import check_length
-from model.motion.skeleton import (
-    JOINT_INDEX,
-    JOINT_NAMES,
-    NUM_JOINTS,
-    PARENTS,
-    open_body_skeleton,
-)
+from model.motion.skeleton import open_body_skeleton
 from model.motion.tracks import point_words
 from model.storage.npz import MAX_FILE_BYTES, MotionError
 

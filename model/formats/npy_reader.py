@@ -4,6 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from conventions.joints import HANDS, JOINT_INDEX, JOINT_NAMES, NUM_JOINTS
+from conventions.rates import FPS
 from model.formats.numbers import (
     ReadMotion,
     ReadOptions,
@@ -13,8 +15,6 @@ from model.formats.numbers import (
     plain_motion,
 )
 from model.motion.motion import check_length
-from model.motion.skeleton import HANDS, JOINT_INDEX, JOINT_NAMES, NUM_JOINTS
-from model.motion.timing import FPS
 from model.storage.npz import MAX_ABS_VALUE, MAX_FILE_BYTES, MotionError, read_npy_file
 
 TALKSHOW_COLUMNS = 265

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32
 
+from conventions.joints import NUM_JOINTS
 from model.formats.numbers import (
     ReadMotion,
     ReadOptions,
@@ -20,7 +21,6 @@ from model.motion.motion import (
     check_length,
     read_basis,
 )
-from model.motion.skeleton import NUM_JOINTS
 from model.storage.npz import (
     Header,
     MotionError,

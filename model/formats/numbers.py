@@ -9,11 +9,11 @@ from jaxtyping import Float, Float32
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from conventions.joints import FACE, NUM_JOINTS
+from conventions.rates import FPS
 from model.motion.motion import NUM_BETAS, NUM_EXPRESSIONS, Motion, check_length
 from model.motion.retiming import motion_at_speed
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_rot6d
-from model.motion.skeleton import FACE, NUM_JOINTS
-from model.motion.timing import FPS
 from model.storage.npz import MotionError
 
 Rotations = Literal["axis-angle", "6d", "quaternion-wxyz", "quaternion-xyzw", "matrix"]

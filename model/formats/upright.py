@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from conventions.joints import JOINT_INDEX
 from model.formats.numbers import ReadMotion
 from model.motion.motion import Motion
-from model.motion.skeleton import JOINT_INDEX, open_body_skeleton
+from model.motion.skeleton import open_body_skeleton
 from model.motion.tracks import track_points
 
 ALONG = 0.9

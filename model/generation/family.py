@@ -9,9 +9,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from conventions.names import file_stem
 from model.generation.explained import Claim, Ladder
 from model.generation.named_files import FileFlag, FileReport
-from model.storage.cards import file_stem, load_card
+from model.storage.cards import load_card
 
 if TYPE_CHECKING:
     from model.data.prepared import PreparedData

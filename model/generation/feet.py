@@ -13,11 +13,12 @@ import torch
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
 from model.motion.kinematics import joint_positions_from_local
 from model.motion.limb import HingedLimb
 from model.motion.motion import Motion
-from model.motion.skeleton import JOINT_INDEX, RestSkeleton
-from model.motion.timing import FPS
+from model.motion.skeleton import RestSkeleton
 from model.plan.plan import SIDES, Planted, Side
 
 ANKLE_M = 0.074

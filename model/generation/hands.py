@@ -13,11 +13,12 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
 from model.motion.kinematics import joint_positions_from_local
 from model.motion.limb import unit
 from model.motion.motion import Motion
-from model.motion.skeleton import JOINT_INDEX, RestSkeleton
-from model.motion.timing import FPS
+from model.motion.skeleton import RestSkeleton
 from model.plan.places import OUTWARD
 from model.plan.plan import SIDES, GesturePlan, Side
 from model.plan.tracks import goal_path, without_gaps

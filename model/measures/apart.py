@@ -2,9 +2,9 @@
 
 import re
 
+from conventions.joints import JOINT_NAMES
 from model.motion.motion import Motion, first_frames
 from model.motion.rotations import geodesic_angle
-from model.motion.skeleton import JOINT_NAMES
 
 _FINGERS = "(thumb|index|middle|ring|pinky)"
 PARTS = {

@@ -13,9 +13,9 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from conventions.joints import JOINT_NAMES, PARENTS
 from model.measures.smoothness import STILL_M_S3, derivative_magnitudes, mean_over_time
 from model.motion.filtering import smooth_over_time, smooth_rotations
-from model.motion.skeleton import JOINT_NAMES, PARENTS
 from model.motion.tracks import Tracks
 
 

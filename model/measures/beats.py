@@ -20,8 +20,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import argrelextrema
 
-from model.motion.skeleton import NUM_JOINTS, UPPER_BODY
-from model.motion.timing import FPS, SAMPLE_RATE
+from conventions.joints import NUM_JOINTS, UPPER_BODY
+from conventions.rates import FPS, SAMPLE_RATE
 from model.speech.onsets import onset_times
 from model.storage.npz import MotionError
 

@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Float, Float32, Int
 from scipy.spatial.distance import pdist, squareform
 
+from conventions.joints import NUM_JOINTS
 from model.data.recordings import face_units
 from model.motion.motion import Motion
 from model.motion.rotations import axis_angle_from_matrix
-from model.motion.skeleton import NUM_JOINTS
 
 BATCH_WINDOWS = 50
 """B of AsynFusion's eq. 17."""

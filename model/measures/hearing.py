@@ -16,12 +16,12 @@ import torch
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
 from model.measures.face.face_and_hands import head_speed
 from model.measures.face.face_measures import unit_columns
 from model.motion.motion import Motion
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
-from model.motion.skeleton import JOINT_INDEX
-from model.motion.timing import FPS
 
 SMOOTH_FRAMES = 4.0
 """Of the Gaussian over speeds: a stroke lasts longer."""

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float64
 
+from conventions.joints import FINGERTIP_NAMES, HANDS, JOINT_INDEX, JOINT_NAMES
 from model.measures.shapes import Sides
-from model.motion.skeleton import FINGERTIP_NAMES, HANDS, JOINT_INDEX, JOINT_NAMES, RestSkeleton
+from model.motion.skeleton import RestSkeleton
 from model.motion.tracks import Tracks
 
 FLEXION_DEG = {1: (-45.0, 90.0), 2: (0.0, 100.0), 3: (0.0, 90.0)}

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from conventions.joints import LEFT_HAND, RIGHT_HAND
+from conventions.rates import FPS
 from model.measures.shapes import ByDepth, ByFingertip, ByJoint, Sides
 from model.measures.smoothness import (
     angular_velocity,
@@ -12,8 +14,6 @@ from model.measures.smoothness import (
     mean_by_depth,
     mean_over_time,
 )
-from model.motion.skeleton import LEFT_HAND, RIGHT_HAND
-from model.motion.timing import FPS
 from model.motion.tracks import Tracks
 
 FINGERS_STILL_DEG_S = 1.0

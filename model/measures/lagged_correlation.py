@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from model.motion.timing import FPS
+from conventions.rates import FPS
 
 MAX_LAG_S = 0.5
 SMOOTHING_FRAMES = 9

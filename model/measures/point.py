@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from conventions.rates import FPS
 from model.measures.attribution import JerkAttribution, attribute_jerk
 from model.measures.smoothness import derivative_magnitudes, mean_over_time
 from model.measures.spectrum import HIGH_FREQUENCY_HZ, velocity_spectrum
-from model.motion.timing import FPS
 from model.motion.tracks import Tracks
 
 STILL_M_S = 1e-4

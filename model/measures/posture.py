@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
 from model.measures.shapes import Sides
 from model.measures.smoothness import derivative_magnitudes
-from model.motion.skeleton import JOINT_INDEX
-from model.motion.timing import FPS
 from model.motion.tracks import Tracks
 
 GROUND_PERCENTILE = 5.0

@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from conventions.joints import LEFT_HAND, MIRROR_PERMUTATION, RIGHT_HAND, UPPER_BODY
 from model.measures.smoothness import mean_by_depth
 from model.motion.kinematics import mirror_local
 from model.motion.rotations import geodesic_angle
-from model.motion.skeleton import LEFT_HAND, MIRROR_PERMUTATION, RIGHT_HAND, UPPER_BODY
 from model.motion.tracks import Tracks
 
 UPPER_BODY_AND_HANDS = (*UPPER_BODY, *LEFT_HAND, *RIGHT_HAND)

@@ -5,10 +5,10 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool
 
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
 from model.measures.hearing import ARMS, turning
 from model.motion.motion import Motion
-from model.motion.skeleton import JOINT_INDEX
-from model.motion.timing import FPS
 
 SILENCE_S = 5.0
 """What is looked at after speech; who pauses for less is still speaking."""

@@ -4,9 +4,9 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from conventions.joints import JOINT_DEPTH
+from conventions.rates import FPS
 from model.motion.rotations import axis_angle_from_matrix
-from model.motion.skeleton import JOINT_DEPTH
-from model.motion.timing import FPS
 
 STILL_M_S3 = 1e-6
 """Jerk of rounding errors: below it nothing moves, and a ratio means nothing."""

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import welch
 
-from model.motion.timing import FPS
+from conventions.rates import FPS
 
 WELCH_FRAMES = 128
 MIN_SPECTRUM_FRAMES = 32

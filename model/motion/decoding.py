@@ -6,10 +6,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from conventions.joints import NUM_JOINTS
 from model.motion.kinematics import global_from_local, joint_positions_from_global
 from model.motion.packing import AXIS_ANGLE_DIM, ROTATION_DIM, pack, root_positions
 from model.motion.rotations import matrix_from_axis_angle, matrix_from_rot6d, rot6d_from_matrix
-from model.motion.skeleton import NUM_JOINTS, RestSkeleton
+from model.motion.skeleton import RestSkeleton
 from model.motion.spaces import ROOT_DIM, RootMotion, RotationSpace
 
 

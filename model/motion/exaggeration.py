@@ -7,6 +7,8 @@ import torch
 from jaxtyping import Float
 from scipy.signal import butter, sosfiltfilt
 
+from conventions.joints import JOINT_INDEX, NUM_JOINTS
+from conventions.rates import FPS
 from model.motion.motion import Motion
 from model.motion.rotations import (
     axis_angle_from_matrix,
@@ -14,8 +16,6 @@ from model.motion.rotations import (
     matrix_from_rot6d,
     rot6d_from_matrix,
 )
-from model.motion.skeleton import JOINT_INDEX, NUM_JOINTS
-from model.motion.timing import FPS
 
 CUTOFF_HZ = 5.0
 """Gestures hold little above it, and a tremor of hands is faster."""

@@ -8,6 +8,7 @@ from jaxtyping import Float, Float32
 from scipy.signal import savgol_filter
 from torch import Tensor
 
+from conventions.joints import NUM_JOINTS
 from model.motion.motion import Motion
 from model.motion.rotations import (
     axis_angle_from_matrix,
@@ -15,7 +16,6 @@ from model.motion.rotations import (
     matrix_from_rot6d,
     rot6d_from_matrix,
 )
-from model.motion.skeleton import NUM_JOINTS
 
 SAVGOL_FRAMES = 7
 SAVGOL_ORDER = 2

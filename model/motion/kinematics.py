@@ -12,14 +12,14 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from model.motion.skeleton import (
+from conventions.joints import (
     FINGERTIP_JOINTS,
     JOINT_DEPTH,
     MIRROR_PERMUTATION,
     NUM_JOINTS,
     PARENTS,
-    RestSkeleton,
 )
+from model.motion.skeleton import RestSkeleton
 
 _LEVELS: tuple[tuple[int, ...], ...] = tuple(
     tuple(joint for joint in range(NUM_JOINTS) if JOINT_DEPTH[joint] == depth)

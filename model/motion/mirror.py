@@ -8,7 +8,8 @@ from functools import cache
 from jaxtyping import Float
 from torch import Tensor
 
-from model.motion.skeleton import MIRROR_PERMUTATION, NUM_JOINTS, face_unit_names
+from conventions.joints import MIRROR_PERMUTATION, NUM_JOINTS
+from model.motion.skeleton import face_unit_names
 
 
 def mirror_poses(poses: Float[Tensor, "*batch 165"]) -> Float[Tensor, "*batch 165"]:

@@ -16,9 +16,9 @@ import torch
 from jaxtyping import Float, Float32
 from torch import Tensor
 
+from conventions.joints import NUM_JOINTS
+from conventions.rates import FPS
 from model.motion.rotations import matrix_from_axis_angle
-from model.motion.skeleton import NUM_JOINTS
-from model.motion.timing import FPS
 from model.storage.files import written_atomically
 from model.storage.npz import (
     Header,

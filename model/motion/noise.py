@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import torch
 
+from conventions.joints import JOINT_INDEX
 from model.motion.kinematics import global_from_local, local_from_global
 from model.motion.motion import Motion
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
-from model.motion.skeleton import JOINT_INDEX
 
 _LEFT_ALONE = [JOINT_INDEX[name] for name in ("jaw", "left_eye", "right_eye")]
 """Nothing hangs on them, and a face that trembles distracts."""

@@ -13,9 +13,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from model.motion.skeleton import FACE, HANDS, LOWER_BODY, NUM_JOINTS, UPPER_BODY
+from conventions.joints import FACE, HANDS, LOWER_BODY, NUM_JOINTS, UPPER_BODY
+from conventions.rates import FPS
 from model.motion.spaces import AXIS_ANGLE_MOTION_DIM, ROOT_DIM, Representation, RootMotion
-from model.motion.timing import FPS
 
 ROTATION_DIM = NUM_JOINTS * 6
 MOTION_DIM = ROTATION_DIM + ROOT_DIM

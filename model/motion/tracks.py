@@ -7,18 +7,18 @@ import numpy as np
 import torch
 from jaxtyping import Float, Float32, Float64
 
-from model.motion.kinematics import fingertip_positions, joint_positions_from_local
-from model.motion.motion import Motion
-from model.motion.rotations import matrix_from_axis_angle
-from model.motion.skeleton import (
+from conventions.joints import (
     FINGERTIP_JOINTS,
     FINGERTIP_NAMES,
     JOINT_INDEX,
     JOINT_NAMES,
     NUM_JOINTS,
-    RestSkeleton,
     chain_to_root,
 )
+from model.motion.kinematics import fingertip_positions, joint_positions_from_local
+from model.motion.motion import Motion
+from model.motion.rotations import matrix_from_axis_angle
+from model.motion.skeleton import RestSkeleton
 
 POINT_NAMES = (*FINGERTIP_NAMES, *JOINT_NAMES)
 """Everything that the ``tip_`` measures can follow."""

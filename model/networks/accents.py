@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from scipy.signal import find_peaks
 
-from model.motion.timing import FPS
+from conventions.rates import FPS
 from model.networks.speech_codes import SpeechCodes, load_codes
 from model.speech.audio import Speech
 from model.speech.codes import SPEECH_ENCODER, TOLD

@@ -16,10 +16,10 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
 from model.motion.packing import Normaliser
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
-from model.motion.skeleton import JOINT_INDEX
-from model.motion.timing import FPS
 from model.networks.config import MatchingConfig
 from model.storage.checkpoint import load_into, load_weights
 from model.storage.settings import from_dict

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TypeVar
 
-from model.motion.timing import FPS
+from conventions.rates import FPS
 from model.plan.palette import REST_PLACE, Place, usual_goal
 from model.plan.plan import (
     PHASES,

@@ -17,9 +17,10 @@ from jaxtyping import Bool, Float, Int
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import find_peaks
 
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
 from model.motion.motion import Motion
-from model.motion.skeleton import JOINT_INDEX, RestSkeleton, face_unit_names
-from model.motion.timing import FPS
+from model.motion.skeleton import RestSkeleton, face_unit_names
 from model.motion.tracks import Tracks, track_points
 from model.plan.places import wrist_places
 from model.plan.plan import (

@@ -6,7 +6,7 @@ import csv
 import io
 from dataclasses import dataclass
 
-from model.motion.timing import FPS
+from conventions.rates import FPS
 from model.plan.plan import SIDES, GesturePlan
 
 

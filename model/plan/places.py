@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from model.motion.skeleton import JOINT_INDEX
+from conventions.joints import JOINT_INDEX
 from model.motion.tracks import Tracks
 from model.plan.plan import SIDES, Side
 

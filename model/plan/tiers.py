@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from model.motion.timing import FPS
+from conventions.rates import FPS
 from model.plan.plan import (
     PHASES,
     SIDES,

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import gaussian_filter1d
 
-from model.motion.timing import FPS
+from conventions.rates import FPS
 from model.plan.plan import (
     PHASES,
     SIDES,

@@ -10,9 +10,9 @@ import torch
 from jaxtyping import Bool, Float, Shaped
 from torch import Tensor
 
+from conventions.joints import FACE, JOINT_INDEX
 from model.motion.packing import Normaliser, joint_channels
 from model.motion.rotations import matrix_from_rot6d
-from model.motion.skeleton import FACE, JOINT_INDEX
 from model.motion.spaces import RotationSpace
 
 HEAD = (JOINT_INDEX["neck"], JOINT_INDEX["head"])

@@ -19,9 +19,9 @@ import imageio_ffmpeg
 import numpy as np
 from jaxtyping import Float, Float32, Float64
 
-from model.motion.timing import FPS, SAMPLE_RATE
+from conventions.names import printable
+from conventions.rates import FPS, SAMPLE_RATE
 from model.storage.files import written_atomically
-from model.storage.harmless import printable
 
 SILENT_BELOW = 1e-3
 """Peak, relative to full scale (-60 dB), under which a file counts as silent."""

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 from scipy.signal import butter, fftconvolve, resample_poly, sosfiltfilt
 
-from model.motion.timing import SAMPLE_RATE
+from conventions.rates import SAMPLE_RATE
 
 Waveform = Float32[np.ndarray, " _"]
 

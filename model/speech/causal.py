@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Bool, Float32
 
-from model.motion.timing import FPS, SAMPLE_RATE
+from conventions.rates import FPS, SAMPLE_RATE
 from model.speech.features import (
     HOP,
     PITCH_WINDOW,

@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Bool, Float, Float32, Float64
 from torch import Tensor
 
-from model.motion.timing import FPS, SAMPLE_RATE
+from conventions.rates import FPS, SAMPLE_RATE
 from model.speech.mel import mel_filters
 from model.speech.pitch import fundamentals
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int16
 
-from model.motion.timing import SAMPLE_RATE
+from conventions.rates import SAMPLE_RATE
 from model.speech.pronouncing import Spoken, words_to_say
 
 PIECE_S = (8.0, 16.0)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float32
 
-from model.motion.timing import SAMPLE_RATE
+from conventions.rates import SAMPLE_RATE
 from model.speech.transcript import NOTHING_SAID, Interval, Origin, Transcript, Word
 
 SURE = 0.5

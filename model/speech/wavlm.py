@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from jaxtyping import Float32, Float64
 
-from model.motion.timing import FPS, SAMPLE_RATE
+from conventions.rates import FPS, SAMPLE_RATE
 from model.speech.encoder import WEIGHTS_VARIABLE, EncoderError
 
 BLOCK_S = 10.0

@@ -4,6 +4,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from conventions.names import file_stem
+
 BUNDLED_WEIGHTS = Path(__file__).parents[1] / "weights"
 CALM_AND_LIVELY = "hana", "june"
 """The calmest speaker of the bundled weights, and a lively one."""
@@ -11,11 +13,6 @@ CALM_AND_LIVELY = "hana", "june"
 
 class CheckpointError(ValueError):
     """Weights that are missing, damaged or of another shape than their card says."""
-
-
-def file_stem(system: str) -> str:
-    """The file name of a system's weights and outputs, without its ending."""
-    return system.replace("/", "-")
 
 
 def load_card(folder: Path, system: str) -> dict[str, Any]:

@@ -11,7 +11,8 @@ from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import Tensor
 
-from model.storage.cards import CheckpointError, file_stem, load_card
+from conventions.names import file_stem
+from model.storage.cards import CheckpointError, load_card
 from model.storage.files import written_atomically
 
 KEEP_FLOAT32 = ("normaliser.", "prior.")

@@ -8,6 +8,8 @@ import io
 import re
 from collections.abc import Iterable
 
+from conventions.names import printable
+
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)")
 _FORMULA = re.compile(r"(^|;)(?= *[=+\-@\uff1d\uff0b\uff0d\uff20])")
 """Where a spreadsheet begins a formula: where a cell begins, also if it cuts lines at semicolons,
@@ -20,12 +22,6 @@ _TEX = {
     **{letter: f"\\{letter}" for letter in "{}&%$#_"},
 }  # fmt: skip
 _MARKDOWN = re.compile(r"([\\`*\[\]<>|])")
-
-
-def printable(text: str) -> str:
-    """With ? for what a terminal would obey, what turns the text around, and what no file of text
-    can hold."""
-    return "".join(char if char.isprintable() else "?" for char in text)
 
 
 def csv_cell(value: object) -> object:

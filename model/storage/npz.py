@@ -13,7 +13,7 @@ from typing import cast
 
 import numpy as np
 
-from model.storage.harmless import printable
+from conventions.names import printable
 
 MAX_BYTES = 512 * 2**20
 """Largest size of a file's arrays once unpacked."""

@@ -6,8 +6,8 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+from conventions.rates import FPS
 from model.data.prepared import PreparedData
-from model.motion.timing import FPS
 from model.storage.cards import load_card
 from model.storage.settings import to_json
 from model.training.config import TrainConfig

@@ -11,7 +11,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from model.motion.skeleton import JOINT_INDEX
+from conventions.joints import JOINT_INDEX
 
 FEET = [JOINT_INDEX[f"{side}_{part}"] for side in ("left", "right") for part in ("ankle", "foot")]
 STANDS_BELOW_M = 0.002

@@ -13,11 +13,12 @@ from jaxtyping import Float
 from torch import Tensor
 from tqdm import tqdm
 
+from conventions.joints import NUM_JOINTS
 from model.data.prepared import Batch, PreparedData
 from model.motion.decoding import Decoded, decode, to_vectors
 from model.motion.decoding import rotations as rotations_of
 from model.motion.packing import MOTION_DIM, root_positions
-from model.motion.skeleton import NUM_JOINTS, RestSkeleton
+from model.motion.skeleton import RestSkeleton
 from model.motion.spaces import AXIS_ANGLE_MOTION_DIM, ROOT_DIM, RootMotion, RotationSpace
 from model.storage.files import written_atomically
 

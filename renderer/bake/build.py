@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from conventions.joints import FINGERS, JOINT_INDEX
 from renderer.bake import clothes, face, geometry, mouth
 from renderer.bake.builds import FIGURES, in_zero_pose, on_skeleton
 from renderer.bake.correctives import pose_correctives
@@ -14,8 +15,8 @@ from renderer.bake.geometry import Mesh
 from renderer.bake.makehuman import MakeHuman
 from renderer.bake.vertex_order import format_vertices, with_fixed_vertices
 from renderer.bake.zero_pose import joint_weights
-from renderer.body.joints import FINGERS, JOINT_INDEX, TIP_VERTICES
 from renderer.body.look import REGION_INDEX
+from renderer.body.tip_vertices import TIP_VERTICES
 
 SKIN_UNDER_CLOTH_M = 0.025
 """How far the skin goes on under a hem."""

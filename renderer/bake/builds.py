@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from conventions.joints import FINGERS, JOINT_INDEX, NUM_JOINTS
 from renderer.bake.makehuman import Figure, MakeHuman
 from renderer.bake.skinning import dual_quaternion_blend, posed_joints
 from renderer.bake.zero_pose import finger_tips, joints_in_a_pose, rotations_to_zero_pose
-from renderer.body.joints import FINGERS, JOINT_INDEX, NUM_JOINTS
 
 _AVERAGE = Figure(
     gender=0.66,

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from conventions.joints import JOINT_INDEX
 from renderer.bake import geometry
 from renderer.bake.geometry import Mesh
-from renderer.body.joints import JOINT_INDEX
 from renderer.body.look import REGION_INDEX
 
 Points = Float[np.ndarray, "N 3"]

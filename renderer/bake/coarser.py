@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from conventions.joints import JOINT_NAMES
 from renderer.bake.pack import write_npz
 from renderer.body.body import Body, load_body
 from renderer.body.coarser import COARSER_PATH
-from renderer.body.joints import JOINT_NAMES
 
 NUM_FACES = (12_000, 5_500, 2_800, 900)
 """Of each mesh, from fine to coarse."""

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
+from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 from renderer.bake.skinning import dual_quaternion_blend, linear_blend
-from renderer.body.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 
 NUM_SAMPLES = 120
 RIDGE = 0.03

@@ -7,10 +7,10 @@ from jaxtyping import Bool, Float, Int
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial import KDTree
 
+from conventions.joints import JOINT_INDEX, NUM_JOINTS
 from renderer.bake import geometry
 from renderer.bake.geometry import Mesh
 from renderer.bake.mouth import mouth_and_lips
-from renderer.body.joints import JOINT_INDEX, NUM_JOINTS
 from renderer.body.look import REGION_INDEX
 
 Points = Float[np.ndarray, "N 3"]

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Bool, Float, Int
 
-from renderer.body.joints import NUM_JOINTS
+from conventions.joints import NUM_JOINTS
 
 Field = Callable[[Float[np.ndarray, "N 3"]], Float[np.ndarray, " N"]]
 """A number for each point in space; a curve on a mesh is where it is zero."""

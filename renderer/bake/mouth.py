@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
+from conventions.joints import JOINT_INDEX, NUM_JOINTS
 from renderer.bake import geometry
 from renderer.bake.geometry import Mesh
-from renderer.body.joints import JOINT_INDEX, NUM_JOINTS
 from renderer.body.look import REGION_INDEX
 
 Points = Float[np.ndarray, "N 3"]

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from conventions.joints import JOINT_INDEX
 from renderer.bake.build import MAX_INFLUENCES, BakedBody, tip_offsets
 from renderer.body.body_file import OPEN_BODY_FORMAT
-from renderer.body.joints import JOINT_INDEX
 from renderer.files.written import written_whole
 
 _ZIP_DATE = (1980, 1, 1, 0, 0, 0)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
-from renderer.body.joints import NUM_JOINTS, PARENTS
+from conventions.joints import NUM_JOINTS, PARENTS
 
 
 def rotate_towards(

@@ -8,9 +8,10 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from conventions.joints import FINGERS, JOINT_INDEX
 from renderer.bake.geometry import Mesh
-from renderer.body.joints import FINGERS, JOINT_INDEX, TIP_VERTICES
 from renderer.body.look import REGION_INDEX
+from renderer.body.tip_vertices import TIP_VERTICES
 
 NOSE_VERTEX = 9120
 SIDE_VERTICES = {

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float64
 
+from conventions.joints import FINGERS, JOINT_INDEX, NUM_JOINTS, PARENTS
 from renderer.bake.makehuman import MakeHuman
 from renderer.bake.skinning import rotate_towards
-from renderer.body.joints import FINGERS, JOINT_INDEX, NUM_JOINTS, PARENTS
 
 SIDES = (("left", "L", 1.0), ("right", "R", -1.0))
 BONE_FINGERS = {"1": "thumb", "2": "index", "3": "middle", "4": "ring", "5": "pinky"}

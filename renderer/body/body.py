@@ -15,10 +15,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32, Float64, Int32
 
+from conventions.joints import NUM_JOINTS
+from conventions.views import LOOKS
 from renderer.body import lbs
 from renderer.body.body_file import OPEN_BODY_PATH, BodyArrays, BodyError, read_body_file
-from renderer.body.joints import NUM_JOINTS
-from renderer.body.look import DEFAULT_LOOK, LOOKS, Look
+from renderer.body.look import USUAL_LOOK, Look, look_of
 
 __all__ = ["Body", "BodyError", "BodyMotion", "load_body"]
 
@@ -110,7 +111,7 @@ class BodyMotion:
 class Body:
     """A body model: mesh, joints and how they follow a motion. Read-only and stateless."""
 
-    def __init__(self, arrays: BodyArrays, look: Look = LOOKS[DEFAULT_LOOK]) -> None:
+    def __init__(self, arrays: BodyArrays, look: Look = USUAL_LOOK) -> None:
         self._arrays = arrays
         self._look = look
 
@@ -257,7 +258,7 @@ class Body:
         return lbs.skin(rest_vertices, arrays.weights, global_rot, translations)
 
 
-def load_body(path: Path | None = None, look: str = DEFAULT_LOOK) -> Body:
+def load_body(path: Path | None = None, look: str = LOOKS[0]) -> Body:
     """The open body in one of ``LOOKS``, or the SMPL-X ``.npz`` at ``path``.
 
     Raises:
@@ -267,8 +268,8 @@ def load_body(path: Path | None = None, look: str = DEFAULT_LOOK) -> Body:
     if look not in LOOKS:
         raise BodyError(f"Unknown look '{look}'; known are {', '.join(LOOKS)}.")
     if path is None:
-        return Body(read_body_file(OPEN_BODY_PATH, LOOKS[look].build), LOOKS[look])
-    if look != DEFAULT_LOOK:
+        return Body(read_body_file(OPEN_BODY_PATH, look_of(look).build), look_of(look))
+    if look != LOOKS[0]:
         raise BodyError(
             f"The look '{look}' belongs to the open body; {Path(path).name} is always shown as "
             "plain clay, so leave one of the two out."

@@ -18,9 +18,10 @@ import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Float32, Int32, Int64
 
+from conventions.joints import NUM_JOINTS, PARENTS
+from conventions.views import BUILDS
 from renderer.body.body_npz import BodyError, BodyNpz
-from renderer.body.joints import NUM_JOINTS, PARENTS
-from renderer.body.look import BUILDS, REGION_NAMES
+from renderer.body.look import REGION_NAMES
 
 OPEN_BODY_PATH = Path(__file__).parents[1] / "assets" / "open_body.npz"
 OPEN_BODY_FORMAT = 2

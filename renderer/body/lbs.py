@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Float, Float32, Float64, Int32
 
-from renderer.body.joints import NUM_JOINTS, PARENTS
+from conventions.joints import NUM_JOINTS, PARENTS
 
 
 def matrix_from_axis_angle(axis_angle: Float[np.ndarray, "*batch 3"]) -> np.ndarray:

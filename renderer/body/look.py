@@ -11,10 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32, Int
 
-Color = tuple[float, float, float]
+from conventions.views import LOOKS
 
-BUILDS = ("average", "slender", "broad")
-"""Builds of the open body; the first is the one its file is written around."""
+Color = tuple[float, float, float]
 
 CLAY: Color = (0.50, 0.46, 0.43)
 """Of a body without colours: the tone clay, and any SMPL-X file."""
@@ -66,7 +65,7 @@ def _clay() -> dict[str, Color]:
     return {name: (red * s, green * s, blue * s) for name, s in shares.items()}
 
 
-TONES: dict[str, dict[str, Color]] = {
+COLORS: dict[str, dict[str, Color]] = {
     "light": _LIGHT,
     "medium": _MEDIUM,
     "dark": _DARK,
@@ -80,9 +79,9 @@ class Look:
     """A build of the open body in a tone."""
 
     build: str
-    """One of ``BUILDS``."""
+    """One of `conventions.views.BUILDS`."""
     tone: str
-    """One of ``TONES``."""
+    """One of `conventions.views.TONES`."""
 
     @property
     def name(self) -> str:
@@ -90,12 +89,13 @@ class Look:
 
     def vertex_colors(self, regions: Int[np.ndarray, " V"]) -> Float32[np.ndarray, "V 3"]:
         """Linear RGB of each vertex from its region index (an index into ``REGION_NAMES``)."""
-        colors = TONES[self.tone]
+        colors = COLORS[self.tone]
         return np.array([colors[name] for name in REGION_NAMES], np.float32)[regions]
 
 
-LOOKS: dict[str, Look] = {
-    look.name: look for look in (Look(build, tone) for build in BUILDS for tone in TONES)
-}
-"""Every look by name, ``BUILD-TONE``."""
-DEFAULT_LOOK = "average-light"
+def look_of(name: str) -> Look:
+    """One of `conventions.views.LOOKS`, which are called ``BUILD-TONE``."""
+    return Look(*name.split("-"))
+
+
+USUAL_LOOK = look_of(LOOKS[0])

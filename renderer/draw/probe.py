@@ -2,7 +2,6 @@
 
 import functools
 import json
-import signal
 import subprocess
 import sys
 import time
@@ -12,6 +11,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from processes.ended import Ended
 from renderer.draw.offscreen import BACKENDS, Backend, GLBackend, GLError
 
 DEBIAN_PACKAGES: dict[GLBackend, str] = {"egl": "libegl1 libgl1", "osmesa": "libosmesa6"}
@@ -109,18 +109,11 @@ def probe_backend(
         return _broken(name, f"no child process can be started: {error}")
     lines = child.stdout.decode(errors="replace").strip().splitlines()
     if child.returncode < 0:
-        return _broken(name, f"the driver crashed ({_signal_name(-child.returncode)})")
+        return _broken(name, f"the driver ended {Ended(child.returncode).how}")
     if child.returncode or not lines:
         said = child.stderr.decode(errors="replace").strip().splitlines()
         return _broken(name, said[-1] if said else f"exit status {child.returncode}")
     return BackendReport(**json.loads(lines[-1]))
-
-
-def _signal_name(number: int) -> str:
-    try:
-        return signal.Signals(number).name
-    except ValueError:  # one of the real-time ones
-        return f"signal {number}"
 
 
 def _broken(name: Backend, error: str) -> BackendReport:

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from conventions.rates import FPS
 from renderer.figures import style
 from renderer.figures.files import FigureError, FigureFiles, matplotlib_settings, write_figure
 from renderer.figures.page import CAPTION_GAP, MARGIN, SMALL_LINE, TITLE, Rect, place_legend
 from renderer.figures.text import caption_lines, draw_key, write_caption, write_title
-from renderer.timing import FPS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

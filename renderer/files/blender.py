@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
+from conventions.rates import FPS
 from renderer.body.body import BodyMotion
 from renderer.files.written import written_whole
-from renderer.timing import FPS
 
 _FEWEST_BETAS = 10
 """Shape keys of the smallest model of the add-on, which complains about every further beta."""

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from conventions.views import BUILDS
 from renderer.body.body_file import OPEN_BODY_PATH, read_body_file
-from renderer.body.look import BUILDS
 from renderer.body.normals import VertexNormals
 
 STEP_M = 4e-6

@@ -17,14 +17,15 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt16
 from scipy.spatial.transform import Rotation
 
+from conventions.joints import JOINT_NAMES, NUM_JOINTS, PARENTS
+from conventions.rates import FPS
+from conventions.views import Framing
 from renderer.body.body import Body, BodyMotion
-from renderer.body.joints import JOINT_NAMES, NUM_JOINTS, PARENTS
 from renderer.body.look import CLAY
 from renderer.body.normals import VertexNormals
 from renderer.files.written import written_whole
 from renderer.scene.camera import Z_NEAR_M, Camera
-from renderer.scene.stage import Framing, camera_track, set_stage
-from renderer.timing import FPS
+from renderer.scene.stage import camera_track, set_stage
 
 INFLUENCES = 4
 SMALLEST_EXPRESSION = 1e-3

@@ -8,13 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from conventions.views import VIEWS, View
+
 Z_NEAR_M = 0.1
 MARGIN = 0.06
 """Share of the half picture that stays free at each side."""
 YFOV_RAD = 0.55
 """Vertical opening angle: about a 45 mm lens, so that hands held out are not enlarged."""
 
-_ANGLES_DEG = {
+_ANGLES_DEG: dict[View, tuple[float, float]] = {
     "front": (0.0, 6.0),
     "three_quarter": (40.0, 6.0),
     "side": (90.0, 6.0),
@@ -23,8 +25,6 @@ _ANGLES_DEG = {
     "right_hand": (-25.0, 8.0),
 }
 """Azimuth from +z towards +x, the body's left, and elevation of the camera of each view."""
-
-VIEWS = tuple(_ANGLES_DEG)
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Int
 
+from conventions.joints import FINGERS, JOINT_NAMES
 from renderer.body.body import Body
-from renderer.body.joints import FINGERS, JOINT_NAMES
 
-CLOSE_UPS: dict[str, tuple[str, ...]] = {
+CLOSE_UP_VIEWS: dict[str, tuple[str, ...]] = {
     "face": ("face",),
     "hands": ("right_hand", "left_hand"),
 }
@@ -58,10 +58,10 @@ def lay_out(view: str, width: int, height: int, close_ups: Sequence[str]) -> tup
     Raises:
         ValueError: if there is no such close-up.
     """
-    unknown = [name for name in close_ups if name not in CLOSE_UPS]
+    unknown = [name for name in close_ups if name not in CLOSE_UP_VIEWS]
     if unknown:
         raise ValueError(
-            f"There is no close-up {unknown[0]!r}; choose some of {', '.join(CLOSE_UPS)}."
+            f"There is no close-up {unknown[0]!r}; choose some of {', '.join(CLOSE_UP_VIEWS)}."
         )
     tall = width // 2 - width // 2 % 2
     above = tall if "face" in close_ups else 0
@@ -69,7 +69,7 @@ def lay_out(view: str, width: int, height: int, close_ups: Sequence[str]) -> tup
     if "face" in close_ups:
         panels.append(Panel("face", 0, 0, width, tall))
     if "hands" in close_ups:
-        right, left = CLOSE_UPS["hands"]
+        right, left = CLOSE_UP_VIEWS["hands"]
         top = above + height
         panels.append(Panel(right, 0, top, width // 2, tall))
         panels.append(Panel(left, width // 2, top, width - width // 2, tall))

@@ -2,14 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Float, Float32
 from scipy import ndimage
 
+from conventions.joints import JOINT_INDEX, JOINT_NAMES
+from conventions.views import Framing
 from renderer.body.body import Body, BodyMotion
-from renderer.body.joints import JOINT_INDEX, JOINT_NAMES
 from renderer.scene.camera import Camera, frame_points, outermost
 from renderer.scene.orbit import Orbit
 from renderer.scene.panels import Panel
@@ -42,9 +42,6 @@ have to show all of the way, and the bodies small."""
 MIDDLE_M = 1.0
 """Height of what a camera is moved around, over the floor."""
 
-Framing = Literal["whole", "knees"]
-FRAMINGS: tuple[Framing, ...] = get_args(Framing)
-"""How much of a body a view shows that is no close-up: all, or from the knees up."""
 BELOW_KNEES = ("ankle", "foot")
 KNEE_FLESH_M = 0.1
 

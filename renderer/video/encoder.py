@@ -18,8 +18,8 @@ import imageio_ffmpeg
 import numpy as np
 from jaxtyping import UInt8
 
-from renderer.timing import FPS
-from renderer.video.ended import how_it_ended
+from conventions.rates import FPS
+from processes.ended import Ended
 
 DEFAULT_CRF = 20
 
@@ -308,5 +308,5 @@ class Encoder:
                 reason = meaning.format(folder=self.out.parent)
                 return VideoError(f"{self.out.name} cannot be written: {reason}.")
         last_line = f"ffmpeg said: {said.splitlines()[-1]}" if said else "it said nothing"
-        end = how_it_ended(self._process.returncode)
+        end = Ended(self._process.returncode).how
         return VideoError(f"{self.out.name} cannot be written: ffmpeg ended {end}; {last_line}")

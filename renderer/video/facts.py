@@ -4,9 +4,10 @@ from dataclasses import asdict
 from pathlib import Path
 
 import renderer.draw
-from renderer.body.joints import JOINT_INDEX, JOINT_NAMES, TIP_VERTICES
+from conventions.joints import JOINT_INDEX, JOINT_NAMES
+from renderer.body.tip_vertices import TIP_VERTICES
 from renderer.scene import camera, ground, stage
-from renderer.scene.panels import CLOSE_UPS, drawn_joints
+from renderer.scene.panels import CLOSE_UP_VIEWS, drawn_joints
 from renderer.scene.studio import ROUGHNESS, Studio
 from renderer.video.marks import HEAT_COLORS, SPEED_COLORS, SPIKE_COLOR, TRAIL_FRAMES
 
@@ -28,7 +29,7 @@ def drawing_facts() -> dict:
                 {"view": view, "joints": stage.CLOSE_UP_JOINTS[view], "drawn": drawn_joints(view)}
                 for view in shown
             ]
-            for name, shown in CLOSE_UPS.items()
+            for name, shown in CLOSE_UP_VIEWS.items()
         },
         "framing": {
             "below_knees": list(stage.BELOW_KNEES),

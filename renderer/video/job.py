@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 
+from conventions.views import LOOKS
 from renderer.body.body import BodyError, BodyMotion
-from renderer.body.look import DEFAULT_LOOK
 from renderer.draw.offscreen import GLError
 from renderer.scene.stage import Stage
 from renderer.video.encoder import VideoError
@@ -31,7 +31,7 @@ class RenderJob:
     settings: RenderSettings = field(default_factory=RenderSettings)
     body_path: Path | None = None
     """An SMPL-X npz; None is the open body."""
-    look: str = DEFAULT_LOOK
+    look: str = LOOKS[0]
     """Of the open body."""
     stage: Stage | None = None
     """Shared camera and floor; None makes them for this motion alone."""

@@ -8,8 +8,8 @@ from typing import Literal, get_args
 
 from PIL import Image
 
+from conventions.rates import FPS
 from renderer.scene.panels import Panel
-from renderer.timing import FPS
 from renderer.video.compose import band_height, label_band, run_encoder
 from renderer.video.encoder import (
     DEFAULT_CRF,

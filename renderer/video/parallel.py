@@ -6,34 +6,29 @@ they are the same to the last bit. No process is ever ahead by more than a piece
 not grow with the length of a video.
 
 The children are of ``renderer.video.worker_child``'s own process group and stop when their
-pipes close: whoever ends the group, or dies, leaves none of them behind.
+channels close: whoever ends the group, or dies, leaves none of them behind.
 """
 
-import math
 import os
-import pickle
 import queue
-import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Generator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import IO
+from multiprocessing.connection import Connection
 
 import numpy as np
 from jaxtyping import UInt8
 
+from processes.child import Child, Gone, parent_channel
 from renderer.body.body import Body, BodyMotion
-from renderer.draw.offscreen import GLError
 from renderer.draw.probe import choose_backend
 from renderer.scene.stage import Stage
-from renderer.video.ended import memory_kills, obituary
 from renderer.video.frames import PIECE_FRAMES, draw_frames, stage_for
 from renderer.video.marks import Marks
 from renderer.video.settings import RenderSettings
+from renderer.video.worker_process import failure
 
 MIN_FRAMES_EACH = 300
 """With fewer frames a further process costs more to start than it saves: one alone already keeps
@@ -94,59 +89,33 @@ class _Painter:
         self._share = share
 
     def __enter__(self) -> "_Painter":
-        self._messages = tempfile.TemporaryFile()
-        self._killed_before = memory_kills()
-        self._process = subprocess.Popen(
-            [sys.executable, "-X", "faulthandler", "-m", "renderer.video.parallel"],
-            cwd=Path(__file__).parents[2],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._messages,
-        )
-        assert self._process.stdin is not None
-        try:
-            pickle.dump(self._share, self._process.stdin)
-            self._process.stdin.flush()  # and left open: its end tells the child to stop
-        except BrokenPipeError:  # told when a picture is asked for
-            pass
+        # Of this process's own group: whoever ends that, ends them all.
+        self._child = Child("renderer.video.parallel", has_group=False)
+        self._child.send(self._share)
         return self
 
     def picture(self, shape: tuple[int, int, int]) -> UInt8[np.ndarray, "H W C"]:
         """The next picture of the share."""
-        assert self._process.stdout is not None
-        num_bytes = math.prod(shape)
-        pixels = self._process.stdout.read(num_bytes)
-        if len(pixels) != num_bytes:
-            raise self._obituary()
+        try:
+            pixels = self._child.receive_bytes()
+        except Gone as error:
+            backend = self._share.settings.backend
+            raise failure("A process that draws", self._child.ended(), backend) from error
         return np.frombuffer(pixels, np.uint8).reshape(shape)
 
-    def _obituary(self) -> RuntimeError:
-        status = self._process.wait()
-        self._messages.seek(0)
-        said = self._messages.read().decode(errors="replace")
-        is_driver = self._share.settings.backend != "software"
-        what = "A process that draws"
-        sentence = obituary(what, status, said, self._killed_before, is_driver)
-        return GLError(sentence) if status < 0 else RuntimeError(sentence)
-
     def __exit__(self, *exception: object) -> None:
-        self._process.kill()
-        self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout, self._messages):
-            assert pipe is not None
-            pipe.close()
+        self._child.end()
 
 
-def _paint(share: Share, out: IO[bytes]) -> None:
+def _paint(share: Share, channel: Connection) -> None:
     """Draw ahead of the reader by one piece, which has to wait for its turn."""
     done: queue.Queue[bytes | None] = queue.Queue(maxsize=PIECE_FRAMES)
 
     def write() -> None:
         while (picture := done.get()) is not None:
             try:
-                out.write(picture)
-                out.flush()
-            except BrokenPipeError:  # nobody wants the rest
+                channel.send_bytes(picture)
+            except OSError:  # nobody wants the rest
                 os._exit(1)
 
     writer = threading.Thread(target=write)
@@ -162,17 +131,18 @@ def _paint(share: Share, out: IO[bytes]) -> None:
         writer.join()
 
 
-def _stop_with_parent() -> None:
-    os.read(sys.stdin.fileno(), 1)
-    os._exit(1)
+def _stop_with_parent(channel: Connection) -> None:
+    try:
+        channel.recv()  # nothing is ever sent: it closes
+    finally:
+        os._exit(1)
 
 
 def main() -> int:
-    """Draw the share that comes on standard input, raw pixels on standard output."""
-    channel = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what libraries print does no harm
-    share: Share = pickle.load(sys.stdin.buffer)
-    threading.Thread(target=_stop_with_parent, daemon=True).start()
+    """Draw the share that comes first, and send pixels back."""
+    channel, _ = parent_channel()
+    share: Share = channel.recv()
+    threading.Thread(target=_stop_with_parent, args=(channel,), daemon=True).start()
     _paint(share, channel)
     return 0
 

@@ -2,10 +2,9 @@
 
 from dataclasses import dataclass, field
 
+from conventions.views import VIEWS, Framing
 from renderer.draw.offscreen import Backend
-from renderer.scene.camera import VIEWS
 from renderer.scene.panels import Panel, lay_out
-from renderer.scene.stage import Framing
 from renderer.scene.studio import Studio
 from renderer.video.encoder import DEFAULT_CRF, check_size
 
@@ -24,7 +23,7 @@ class RenderSettings:
     framing: Framing = "whole"
     """How much of the body a view shows that is no close-up."""
     close_ups: tuple[str, ...] = ()
-    """Of ``panels.CLOSE_UPS``, beside the picture, in the same video."""
+    """Of `CLOSE_UPS`, beside the picture, in the same video."""
     antialias: bool = True
     """Four samples a pixel; off is for drafts."""
     crf: int = DEFAULT_CRF

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import UInt8
 from PIL import Image, ImageDraw, ImageFont
 
-from renderer.timing import FPS
+from conventions.rates import FPS
 from renderer.video.compose import band_height, rows_of
 
 _INK = (38, 42, 50)

@@ -1,15 +1,15 @@
 """The child's side of ``renderer.video.worker_process``: read jobs, do them, tell how each went."""
 
-import os
-import pickle
 import queue
 import sys
 import threading
 from collections.abc import Callable
+from multiprocessing.connection import Connection
 
 import numpy as np
 from jaxtyping import UInt8
 
+from processes.child import parent_channel
 from renderer.body.body import load_body
 from renderer.video.job import KNOWN_ERRORS, RenderJob, RenderResult
 from renderer.video.parallel import draw_in_processes
@@ -17,36 +17,33 @@ from renderer.video.render import render_stills, render_video
 
 
 def main() -> int:
-    """Messages leave as pickled ``(kind, value)``: progress, done, or the name of an error."""
-    # They take a private copy of standard output, so that what libraries print does no harm.
-    channel = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    """Messages leave as ``(kind, value)``: progress, done, or the name of an error."""
+    channel, _ = parent_channel()
     jobs: queue.SimpleQueue[RenderJob | None] = queue.SimpleQueue()
     parent_hung_up = threading.Event()
-    threading.Thread(target=_listen, args=(jobs, parent_hung_up), daemon=True).start()
-
-    def send(kind: str, value: object) -> None:
-        pickle.dump((kind, value), channel)
-        channel.flush()
-
+    threading.Thread(target=_listen, args=(channel, jobs, parent_hung_up), daemon=True).start()
     while (job := jobs.get()) is not None:
         try:
-            stills = _run(job, lambda share: send("progress", share), parent_hung_up.is_set)
-            send("done", RenderResult(job.out, stills))
+            stills = _run(
+                job, lambda share: channel.send(("progress", share)), parent_hung_up.is_set
+            )
+            channel.send(("done", RenderResult(job.out, stills)))
         except BrokenPipeError:  # the parent is gone
             return 1
         except tuple(KNOWN_ERRORS.values()) as error:
             name = type(error).__name__
-            send(name if name in KNOWN_ERRORS else ValueError.__name__, str(error))
+            channel.send((name if name in KNOWN_ERRORS else ValueError.__name__, str(error)))
     return 0
 
 
-def _listen(jobs: queue.SimpleQueue[RenderJob | None], parent_hung_up: threading.Event) -> None:
-    """Jobs come until the pipe closes, which also ends the job under way."""
+def _listen(
+    channel: Connection, jobs: queue.SimpleQueue[RenderJob | None], parent_hung_up: threading.Event
+) -> None:
+    """Jobs come until the channel closes, which also ends the job under way."""
     try:
         while True:
-            jobs.put(pickle.load(sys.stdin.buffer))
-    except (EOFError, pickle.UnpicklingError):  # between jobs, or in the middle of one
+            jobs.put(channel.recv())
+    except (EOFError, OSError):
         pass
     finally:
         parent_hung_up.set()

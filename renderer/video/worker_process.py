@@ -1,29 +1,20 @@
-"""The parent's side of one rendering process: jobs go in, one after the other, results come out.
+"""The parent's side of one rendering process: jobs go in, one after the other, results come out."""
 
-The child is started directly rather than through ``multiprocessing``, which would import the
-caller's main module, and torch with it, into every child. It reads pickled jobs from its standard
-input: when that pipe closes, because a job was cancelled or the parent died, it stops and leaves
-no file.
-"""
-
-import os
-import pickle
-import signal
-import subprocess
-import sys
-import tempfile
 import threading
 from collections.abc import Callable
-from pathlib import Path
 
+from processes.child import Child, Gone
+from processes.ended import Ended
 from renderer.draw.offscreen import Backend, GLError
 from renderer.video.encoder import partial_path
-from renderer.video.ended import memory_kills, obituary
 from renderer.video.job import KNOWN_ERRORS, RenderJob, RenderResult
 from renderer.video.render import Cancelled
 
+ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+"""The pictures are drawn by the driver's threads; numpy's would only get in their way."""
 _GRACE_S = 2.0
 """How long a child that has to stop may take to tidy up before it is killed."""
+_POLL_S = 0.05
 
 
 class WorkerProcess:
@@ -31,20 +22,8 @@ class WorkerProcess:
 
     def __init__(self, backend: Backend) -> None:
         self.backend: Backend = backend
-        self._messages = tempfile.TemporaryFile()
         self._job: RenderJob | None = None
-        self._was_cancelled = False
-        self._killed_before = memory_kills()
-        self._process = subprocess.Popen(
-            [sys.executable, "-X", "faulthandler", "-m", "renderer.video.worker_child"],
-            cwd=Path(__file__).parents[2],
-            # The pictures are drawn by the driver's threads; numpy's would only get in their way.
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._messages,
-            start_new_session=True,  # one process group with its ffmpeg, so that both can be ended
-        )
+        self._child = Child("renderer.video.worker_child", environment=ONE_THREAD)
 
     @property
     def is_idle(self) -> bool:
@@ -52,7 +31,7 @@ class WorkerProcess:
 
         What a driver holds after an error is anyone's guess.
         """
-        return self._job is None and self._process.poll() is None
+        return self._job is None and self._child.is_alive()
 
     def run(
         self,
@@ -71,76 +50,50 @@ class WorkerProcess:
                 child died.
         """
         self._job = job
-        finished = threading.Event()
-        watcher = threading.Thread(target=self._end_when, args=(cancelled, finished), daemon=True)
-        watcher.start()
+        self._child.forget()
+        self._child.send(job)
         try:
-            result = self._outcome(job, on_progress)
-        finally:
-            finished.set()
-            watcher.join()
+            result = self._outcome(on_progress, cancelled)
+        except Gone as error:
+            raise failure("The rendering process", self._child.ended(), self.backend) from error
         self._job = None
         return result
 
     def close(self) -> None:
         """Leave nothing behind: no process, no pipe, no partial file."""
-        self._end()
-        assert self._process.stdout is not None
-        self._process.stdout.close()
-        self._messages.close()
-
-    def _outcome(self, job: RenderJob, on_progress: Callable[[float], None] | None) -> RenderResult:
-        assert self._process.stdin is not None and self._process.stdout is not None
-        try:
-            pickle.dump(job, self._process.stdin)
-            self._process.stdin.flush()
-            while True:
-                kind, value = pickle.load(self._process.stdout)
-                if kind == "progress":
-                    if on_progress is not None:
-                        on_progress(value)
-                elif kind == "done":
-                    return value
-                else:
-                    raise KNOWN_ERRORS[kind](value)
-        except Exception as error:
-            if self._was_cancelled:
-                raise Cancelled("Rendering was cancelled.") from error
-            if isinstance(error, (EOFError, pickle.UnpicklingError, BrokenPipeError)):
-                raise self._obituary() from error
-            raise
-
-    def _end_when(self, cancelled: threading.Event, finished: threading.Event) -> None:
-        while not finished.is_set():
-            if cancelled.wait(0.05):
-                self._was_cancelled = True
-                self._end()
-                return
-
-    def _end(self) -> None:
-        stdin = self._process.stdin
-        assert stdin is not None
-        try:
-            stdin.close()  # the child takes this as a request to stop
-        except OSError:  # it is gone already
-            pass
-        try:
-            self._process.wait(_GRACE_S)
-        except subprocess.TimeoutExpired:
-            pass
-        try:
-            os.killpg(self._process.pid, signal.SIGKILL)
-        except ProcessLookupError:
-            pass
-        self._process.wait()
+        self._child.end(_GRACE_S)
         if self._job is not None and self._job.out is not None:
-            partial_path(self._job.out, self._process.pid).unlink(missing_ok=True)
+            partial_path(self._job.out, self._child.pid).unlink(missing_ok=True)
 
-    def _obituary(self) -> RuntimeError:
-        """What to say of a child that died without a word: a driver's crash, or a bug of ours."""
-        status = self._process.wait()
-        self._messages.seek(0)
-        said = self._messages.read().decode(errors="replace")
-        is_driver = self.backend != "software"
-        sentence = obituary("The rendering process", status, said, self._killed_before, is_driver)
-        return GLError(sentence) if status < 0 else RuntimeError(sentence)
+    def _outcome(
+        self, on_progress: Callable[[float], None] | None, cancelled: threading.Event
+    ) -> RenderResult:
+        while True:
+            if cancelled.is_set():
+                self.close()
+                raise Cancelled("Rendering was cancelled.")
+            if not self._child.has_message(_POLL_S):
+                continue
+            kind, value = self._child.receive()
+            if kind == "progress":
+                if on_progress is not None:
+                    on_progress(value)
+            elif kind == "done":
+                return value
+            else:
+                raise KNOWN_ERRORS[kind](value)
+
+
+def failure(what: str, ended: Ended, backend: Backend | None) -> RuntimeError:
+    """Of a process that draws and has ended without a word: a driver's crash, or a bug of ours.
+
+    Args:
+        what: the process, as the beginning of a sentence.
+    """
+    told = ended.sentences(
+        what,
+        "draw smaller or fewer videos at once",
+        "start it again, which is done by a fresh process",
+        *(() if backend == "software" else ("This is most likely the OpenGL driver.",)),
+    )
+    return GLError(told) if ended.signal is not None else RuntimeError(told)

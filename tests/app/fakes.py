@@ -16,7 +16,6 @@ from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import Reporter
 from app.run.pieces import PieceTeller
 from app.run.requests.request import (
-    REFERENCE_NAME,
     Artefact,
     GenerateRequest,
     GenerateResult,
@@ -24,12 +23,12 @@ from app.run.requests.request import (
     OnEvent,
     Progress,
     ShouldCancel,
-    file_stem,
 )
 from app.run.videos.behind import VideosRequest
+from conventions.joints import JOINT_INDEX
+from conventions.names import REFERENCE_NAME, file_stem
 from model.diagnostics.diagnostics import Versions
 from model.motion.motion import Motion, save_motion
-from model.motion.skeleton import JOINT_INDEX
 from model.plan.plan import GesturePlan
 from model.speech.transcript import NOTHING_SAID, Transcript, Word
 from tests.app.measured import diagnostics_of, measured

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from conventions.joints import JOINT_INDEX
+from conventions.views import LOOKS
 from renderer.body.body import Body, BodyMotion, load_body
-from renderer.body.joints import JOINT_INDEX
-from renderer.body.look import DEFAULT_LOOK
 from renderer.draw.offscreen import BACKENDS, Backend
 from renderer.draw.probe import probe_backend
 from renderer.video.render import RenderSettings, render_stills
@@ -47,7 +47,7 @@ FACE = {"jawOpen": 0.3, "mouthSmileLeft": 0.7, "browInnerUp": 0.6, "eyeBlinkRigh
 class Picture:
     rotations_deg: dict[str, tuple[float, float, float]]
     view: str
-    look: str = DEFAULT_LOOK
+    look: str = LOOKS[0]
     expressions: dict[str, float] = field(default_factory=dict)
 
 

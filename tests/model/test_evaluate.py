@@ -16,7 +16,6 @@ from model.evaluation.frechet import ENCODERS
 from model.evaluation.intervals import bootstrap, bootstrap_difference, bootstrap_ratio
 from model.evaluation.matching import left_out
 from model.evaluation.tables import as_csv, as_markdown
-from model.jobs.pool import JobPool
 from model.motion.motion import first_frames, load_motion, save_motion
 from model.motion.packing import Normaliser
 from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
@@ -24,6 +23,7 @@ from model.speech.features import MelEncoder
 from model.storage.checkpoint import save_weights
 from model.systems.autoencoders.config import JUDGES
 from model.systems.registry import load_system
+from processes.pool import JobPool
 from tests.model.made import make_data_folder, make_weights
 
 ROW = ClipRow(

@@ -11,6 +11,7 @@ from app import text
 from app.errors import RunError
 from app.findings.points import point_title
 from app.findings.verdict import short_names
+from conventions.joints import JOINT_NAMES
 from model.systems.registry import (
     family_of,
     list_speakers,
@@ -18,7 +19,7 @@ from model.systems.registry import (
     read_card,
     usual_systems,
 )
-from renderer.body.joints import JOINT_NAMES, TIP_VERTICES
+from renderer.body.tip_vertices import TIP_VERTICES
 
 MAX_DEFAULT_SYSTEMS = 3
 

@@ -28,29 +28,22 @@ from app.page.visitors.visitors import is_same
 from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
 from app.run.pieces import MAX_FRAMES, frames_message
-from app.run.requests.request import (
-    REFERENCE_NAME,
-    Artefact,
-    CloseUp,
-    Framing,
-    GenerateRequest,
-    Piece,
-    View,
-    file_stem,
-)
+from app.run.requests.request import Artefact, GenerateRequest, Piece
 from app.run.videos.export import render_settings
 from app.run.videos.posters import POSTER_SUFFIX
 from app.run.videos.register import register_of
 from app.run.words import given_words
+from conventions.names import REFERENCE_NAME, SampleName, file_stem
+from conventions.views import CloseUp, Framing, View
 from model.speech.transcript import NOTHING_SAID, Transcript
 
 if TYPE_CHECKING:
     import numpy as np
 
     from app.run.diagnose import DiagnoseRequest
+    from conventions.names import Version
     from model.faults.finding import Finding
     from model.motion.motion import Motion
-    from model.motion.versions import Kind
 
 NOTHING: dict[str, Any] = {}
 """What a player shows before there is anything."""
@@ -387,9 +380,9 @@ def _begun(
 def noise_of(name: str) -> str | None:
     """What two rows have in common that were drawn from the same noise in the same way: what
     stands before the slash, and the sample. None of a motion whose noise, if any, is not known."""
-    before, slash, rest = name.partition("/")
-    _, is_later, sample = rest.rpartition(".s")
-    return f"{before} {sample if is_later else 1}" if slash else None
+    sample = SampleName.parse(name)
+    family, slash, _ = sample.system.partition("/")
+    return f"{family} {sample.number}" if slash else None
 
 
 def gravest_of(findings: Mapping[str, Sequence[Finding]]) -> list[dict[str, Any]]:
@@ -412,13 +405,14 @@ def picture_layout(
         ``aspect``, width by height of the whole; for ``body`` and for each close-up by its name
         its upper and lower edge, as shares of the height.
     """
-    from renderer.scene.panels import CLOSE_UPS
+    from renderer.scene.panels import CLOSE_UP_VIEWS
 
     settings = render_settings(view, size, close_ups=close_ups, framing=framing)
     width, height = settings.picture_size
     body, *beside = settings.panels
     edges = {
-        name: next(panel for panel in beside if panel.view in CLOSE_UPS[name]) for name in close_ups
+        name: next(panel for panel in beside if panel.view in CLOSE_UP_VIEWS[name])
+        for name in close_ups
     }
     return {"aspect": width / height} | {
         name: [panel.top / height, (panel.top + panel.height) / height]
@@ -452,7 +446,7 @@ def write_timeline(
 
     speech = load_speech(request.speech, SpeechLimits(max_s=request.max_speech_s))
     motions = {name: _load(path) for name, path in paths.items()}
-    shown: Kind = "savgol" if request.post_filter == "savgol" else "raw"
+    shown: Version = "savgol" if request.post_filter == "savgol" else "raw"
     tip = choose_tip_source(get_body(request.body), request.body, request.joint)
     timeline = make_timeline(speech, motions, shown, tip)
     timeline["heard_accents"] = heard_accents(speech, request.weights)
@@ -509,7 +503,7 @@ def _write_own_timeline(
 def _own_waveform(request: DiagnoseRequest, longest_s: float) -> np.ndarray:
     import numpy as np
 
-    from model.motion.timing import SAMPLE_RATE
+    from conventions.rates import SAMPLE_RATE
     from model.speech.audio import load_speech
 
     waveform = np.zeros(0, np.float32)

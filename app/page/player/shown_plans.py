@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from app.run.requests.request import file_stem
+from conventions.names import file_stem
 
 if TYPE_CHECKING:
     from model.plan.plan import GesturePlan

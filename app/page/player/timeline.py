@@ -13,13 +13,13 @@ import numpy as np
 from app.page.player.worst import worst_seconds
 from app.run.diagnostics import onsets_of
 from app.run.followed_point import TipSource
-from app.run.requests.request import REFERENCE_NAME
+from conventions.names import REFERENCE_NAME
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from conventions.names import Version
     from model.motion.motion import Motion
-    from model.motion.versions import Kind
     from model.speech.audio import Speech
     from model.speech.transcript import Interval, Transcript
 
@@ -54,7 +54,7 @@ def series_looks(names: tuple[str, ...]) -> dict[str, SeriesLook]:
 
 
 def make_timeline(
-    speech: Speech | None, motions: Mapping[str, Motion], shown: Kind, tip: TipSource
+    speech: Speech | None, motions: Mapping[str, Motion], shown: Version, tip: TipSource
 ) -> dict[str, Any]:
     """Everything that the time line shows.
 
@@ -70,15 +70,15 @@ def make_timeline(
         `CURVES`; of filtered motion nothing raw is known. ``worst`` is as `worst_seconds` has it.
         No accents are heard here (`heard_accents`).
     """
+    from conventions.rates import FPS
     from model.diagnostics.diagnostics import smooth_motion
-    from model.motion.timing import FPS
 
     num_frames = max((motion.num_frames for motion in motions.values()), default=0)
     duration_s = num_frames / FPS if speech is None else speech.duration_s
     tracks = {name: tip.track(motion) for name, motion in motions.items()}
     curves = {}
     for name, motion in motions.items():
-        versions: dict[Kind, Motion] = {shown: motion}
+        versions: dict[Version, Motion] = {shown: motion}
         if shown == "raw":
             versions["savgol"] = smooth_motion(motion)
         curves[name] = {
@@ -158,8 +158,8 @@ def derivative_curve(
         longer curve than ``max_points`` keeps the highest value of each stretch, so that no peak is
         lost.
     """
+    from conventions.rates import FPS
     from model.measures.smoothness import derivative_magnitudes
-    from model.motion.timing import FPS
 
     values = derivative_magnitudes(track, order)
     stride = max(1, -(-len(values) // max_points))

@@ -22,8 +22,8 @@ def worst_seconds(
         For each ``start_s`` and ``end_s``, the ``name`` of the motion that jerks most then, and its
         mean ``jerk_m_s3``; a shorter clip is one stretch, and one under 4 frames is none.
     """
+    from conventions.rates import FPS
     from model.measures.smoothness import derivative_magnitudes
-    from model.motion.timing import FPS
 
     means = {name: _means(derivative_magnitudes(track, 3), FPS) for name, track in tracks.items()}
     lengths = {name: min(FPS, len(track)) for name, track in tracks.items()}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import queue
 import resource
-import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterator
@@ -13,9 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import CancelledRun, sentence_of
-from app.page.queue.run_processes import HEARD, channel_of
+from app.page.queue.run_processes import HEARD
 from app.run.output.telling import share_teller
 from app.run.requests.request import Artefact, Event, OnEvent, ShouldCancel
+from processes.child import parent_channel
 
 _NO_MEMORY = ("allocate memory", "not enough memory", "bad_alloc")
 """What torch says in a RuntimeError."""
@@ -122,9 +122,9 @@ _ALL = (
 TASKS: dict[str, Callable[..., Any]] = {task.__name__: task for task in _ALL}
 
 
-def main(number: str, weights: str | None = None, body: str | None = None) -> None:
+def main() -> None:
     """Take work as it comes, and read what all of it needs while there is none."""
-    channel = channel_of(number)
+    channel, needed = parent_channel()
     works: queue.SimpleQueue[Any] = queue.SimpleQueue()
     stop = threading.Event()
     lock = threading.Lock()
@@ -140,7 +140,7 @@ def main(number: str, weights: str | None = None, body: str | None = None) -> No
             heard.acquire()
 
     threading.Thread(target=_listen, args=(channel, works, stop, heard), daemon=True).start()
-    reading = _warming_up(Path(weights), Path(body) if body else None) if weights else iter(())
+    reading = _warming_up(*map(Path, needed)) if needed else iter(())
     while True:
         while works.empty() and next(reading, True) is None:
             pass
@@ -161,7 +161,7 @@ def main(number: str, weights: str | None = None, body: str | None = None) -> No
         tell(*told)
 
 
-def _warming_up(weights: Path, body: Path | None) -> Iterator[None]:
+def _warming_up(weights: Path, body: Path | None = None) -> Iterator[None]:
     """In small parts; a failure shows at the first run."""
     import app.run.diagnose
     import app.run.pipeline  # noqa: F401
@@ -212,4 +212,4 @@ def _data_bytes() -> int:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main()

@@ -10,14 +10,9 @@ from __future__ import annotations
 
 import os
 import queue
-import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from multiprocessing import Pipe
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +25,7 @@ from app.run.requests.request import (
     Progress,
     ShouldCancel,
 )
-from model.jobs.ended import ChildLog, Ended, memory_kills
+from processes.child import Child, Gone
 
 if TYPE_CHECKING:
     from app.run.diagnose import DiagnoseRequest, Diagnosis
@@ -70,8 +65,6 @@ SILENT = (
 ENDED = "The process of this run"
 FOR_MEMORY = "a run may take {gigabytes:.1f} GB here, so ask for less"
 AGAIN = "start it again, which is done by a fresh process"
-_ENDS_WITHIN_S = 5.0
-"""A process whose channel is closed has ended, or is about to."""
 
 
 @dataclass(frozen=True)
@@ -83,10 +76,6 @@ class Limits:
     seconds: float = 2 * 3600.0
     silent_s: float = 240.0
     """Without any progress."""
-
-
-class _Gone(Exception):
-    """The child has ended."""
 
 
 class FaultInRunProcess(RuntimeError):
@@ -267,7 +256,7 @@ class RunProcesses:
 
     def _drop(self, process: _Process | None) -> None:
         if process is not None:
-            process.end()
+            process.child.end()
             self._all.discard(process)
 
     def _with_shares(
@@ -301,34 +290,17 @@ class _Process:
     """One child, and what it was like at first."""
 
     def __init__(self, warm: tuple[Path, Path | None] | None) -> None:
-        self._channel, theirs = Pipe()
+        needed = (str(path) for path in warm or () if path is not None)
+        self.child = Child("app.page.queue.run_process_child", *needed, is_log_handed_on=True)
         self._is_idle = True
         self._is_last = False
         self._grown = 0
-        self._killed_before = 0
-        self._child = subprocess.Popen(
-            [
-                *(sys.executable, "-X", "faulthandler", "-m", "app.page.queue.run_process_child"),
-                str(theirs.fileno()),
-                *(str(path) for path in warm or () if path is not None),
-            ],
-            cwd=Path(__file__).parents[3],
-            stdin=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            pass_fds=(theirs.fileno(),),
-            start_new_session=True,
-        )
-        theirs.close()
-        assert self._child.stderr is not None
-        self._log = ChildLog(self._child.stderr)
-
-    def is_alive(self) -> bool:
-        return self._child.poll() is None
 
     def is_fit(self) -> bool:
         """Whether it can take another run."""
         is_urgent = not self._is_last  # it cannot be made so again
-        return self._is_idle and is_urgent and self.is_alive() and self._grown < GROWN_BYTES
+        is_small = self._grown < GROWN_BYTES
+        return self._is_idle and is_urgent and is_small and self.child.is_alive()
 
     def do(
         self,
@@ -339,18 +311,17 @@ class _Process:
         is_aside: Callable[[_Process], bool],
     ) -> Any:
         self._is_idle = False
-        self._log.forget()
-        self._killed_before = memory_kills()
+        self.child.forget()
         started = told_at = time.monotonic()
         news: object = None
         stop_by: float | None = None
         try:
-            self._send((*work, limits.memory_bytes))
+            self.child.send((*work, limits.memory_bytes))
             while True:
                 now = time.monotonic()
                 if stop_by is None and should_cancel():
                     stop_by = now + GRACE_S
-                    self._send(None)
+                    self.child.send(None)
                 if not self._is_last and is_aside(self):
                     self._come_last()
                 if stop_by is not None and now > stop_by:
@@ -360,10 +331,9 @@ class _Process:
                 silent_s = limits.silent_s * (_PATIENCE if self._is_last else 1)
                 if now - told_at > silent_s:
                     raise RunError(SILENT.format(seconds=silent_s))
-                told = self._receive()
-                if told is None:
+                if not self.child.has_message(_POLL_S):
                     continue
-                kind, value = told
+                kind, value = self.child.receive()
                 if kind != "event":
                     self._is_idle = True
                     return self._outcome(kind, value)
@@ -371,24 +341,12 @@ class _Process:
                     news, told_at = value, now
                 on_event(value)
                 if isinstance(value, Artefact):
-                    self._send(HEARD)
-        except _Gone as error:
+                    self.child.send(HEARD)
+        except Gone as error:
             if stop_by is not None:
                 raise CancelledRun from error
-            raise RunError(self._obituary(limits)) from error
-
-    def _send(self, message: object) -> None:
-        try:
-            self._channel.send(message)
-        except OSError as error:
-            raise _Gone from error
-
-    def _receive(self) -> tuple[str, Any] | None:
-        """What comes within a moment."""
-        try:
-            return self._channel.recv() if self._channel.poll(_POLL_S) else None
-        except (EOFError, OSError) as error:
-            raise _Gone from error
+            allowed = FOR_MEMORY.format(gigabytes=limits.memory_bytes / 1e9)
+            raise RunError(self.child.ended().sentences(ENDED, allowed, AGAIN)) from error
 
     def _outcome(self, kind: str, value: Any) -> Any:
         if kind == "done":
@@ -400,34 +358,10 @@ class _Process:
             raise RunError(value)
         raise FaultInRunProcess(value)
 
-    def _obituary(self, limits: Limits) -> str:
-        """What to say of a child that ended without a word."""
-        try:
-            status = self._child.wait(_ENDS_WITHIN_S)
-        except subprocess.TimeoutExpired:
-            status = None
-        lines = self._log.lines()
-        ended = Ended(status, lines, memory_kills() > self._killed_before)
-        return ended.sentences(ENDED, FOR_MEMORY.format(gigabytes=limits.memory_bytes / 1e9), AGAIN)
-
     def _come_last(self) -> None:
         """Work only while nobody else wants to. What draws a video for it draws that to its end."""
         self._is_last = True
         try:
-            os.setpriority(os.PRIO_PGRP, self._child.pid, _LEAST_URGENT)
+            os.setpriority(os.PRIO_PGRP, self.child.pid, _LEAST_URGENT)
         except ProcessLookupError:
             return  # it has ended, as is seen next
-
-    def end(self) -> None:
-        """Kill it with its ffmpeg; what draws for it ends when its pipes close."""
-        try:
-            os.killpg(self._child.pid, signal.SIGKILL)
-        except ProcessLookupError:
-            pass
-        self._child.wait()
-        self._channel.close()
-
-
-def channel_of(number: str) -> Connection:
-    """The child's end."""
-    return Connection(int(number))

@@ -19,7 +19,7 @@ from app.findings.ranking import GRAVEST
 from app.findings.sentences import sentences_of
 from app.findings.verdict import short_names
 from app.page.parts import markup
-from model.motion.versions import KINDS, REFERENCE_NAME, Kind
+from conventions.names import REFERENCE_NAME, VERSIONS, Version
 
 if TYPE_CHECKING:
     from model.diagnostics.diagnostics import Diagnostics, Versions
@@ -33,7 +33,7 @@ class Column:
     name: str
     label: str
     """What its head says."""
-    read: Callable[[Measure, Kind], float | None]
+    read: Callable[[Measure, Version], float | None]
     is_reference: bool = False
     is_difference: bool = False
 
@@ -44,7 +44,7 @@ class Column:
     def less(self, other: Column, name: str, label: str) -> Column:
         """By how much another motion has less."""
 
-        def read(measure: Measure, kind: Kind) -> float | None:
+        def read(measure: Measure, kind: Version) -> float | None:
             own, others = self.read(measure, kind), other.read(measure, kind)
             return None if own is None or others is None else own - others
 
@@ -144,7 +144,7 @@ def _group_head(title: str, width: int, has_first: bool) -> str:
 
 
 def _row(measure: Measure, columns: Sequence[Column], is_sortable: bool) -> str:
-    near = {kind: _nearest_names(measure, columns, kind) for kind in KINDS}
+    near = {kind: _nearest_names(measure, columns, kind) for kind in VERSIONS}
     cells = "".join(_cell(measure, column, near) for column in columns)
     unit = f"<small>{escape(measure.unit)}</small>" if measure.unit else ""
     later = "" if measure.is_first else ' class="later"'
@@ -158,7 +158,7 @@ def _row(measure: Measure, columns: Sequence[Column], is_sortable: bool) -> str:
 
 
 def _cell(measure: Measure, column: Column, near: Mapping[str, Sequence[str]]) -> str:
-    values = {kind: column.read(measure, kind) for kind in KINDS}
+    values = {kind: column.read(measure, kind) for kind in VERSIONS}
     data = "".join(
         f' data-{kind}="{value!r}"' for kind, value in values.items() if value is not None
     )
@@ -174,7 +174,7 @@ def _cell(measure: Measure, column: Column, near: Mapping[str, Sequence[str]]) -
 _NEAR_WORDS = f'<span class="unseen">, {text.NEAREST_LEGEND}</span>'
 
 
-def _nearest_names(measure: Measure, columns: Sequence[Column], kind: Kind) -> tuple[str, ...]:
+def _nearest_names(measure: Measure, columns: Sequence[Column], kind: Version) -> tuple[str, ...]:
     target = next((each.read(measure, kind) for each in columns if each.is_reference), None)
     if not measure.has_target or target is None:
         return ()
@@ -182,13 +182,13 @@ def _nearest_names(measure: Measure, columns: Sequence[Column], kind: Kind) -> t
     return nearest({each.name: each.read(measure, kind) for each in motions}, target)
 
 
-def _value(measure: Measure, versions: Versions, kind: Kind) -> float | None:
+def _value(measure: Measure, versions: Versions, kind: Version) -> float | None:
     value = measure.read(versions.of(kind))
     return None if value is None or not isfinite(value) else measure.scale * value
 
 
 def _is_known(measure: Measure, columns: Sequence[Column]) -> bool:
-    return any(column.read(measure, kind) is not None for column in columns for kind in KINDS)
+    return any(column.read(measure, kind) is not None for column in columns for kind in VERSIONS)
 
 
 def _beats(diagnostics: Diagnostics) -> str:

@@ -24,10 +24,10 @@ from starlette.concurrency import run_in_threadpool
 
 from app.errors import RunError
 from app.run.many.unpacked import Limits, unpacked
-from app.run.requests.request import MAX_COMPARED, REFERENCE_NAME
+from app.run.requests.request import MAX_COMPARED
+from conventions.names import REFERENCE_NAME, printable
 from model.speech.transcript import Accent, GestureTier, Interval, Transcript, Word
 from model.storage.files import written_atomically
-from model.storage.harmless import printable
 
 if TYPE_CHECKING:
     from app.page.results.ended_run import EndedRun

@@ -28,7 +28,7 @@ from app.page.results.kept_runs import KeptRun, address_of
 from app.page.results.measures_table import Column, table_of
 from app.page.results.result_parts import ResultParts
 from app.page.results.settings import MOTIONS, NONE, SEED, SPEECH, differing
-from app.run.requests.request import REFERENCE_NAME
+from conventions.names import REFERENCE_NAME
 
 if TYPE_CHECKING:
     from model.diagnostics.diagnostics import Versions

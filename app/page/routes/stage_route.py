@@ -47,8 +47,9 @@ def stage_facts() -> bytes:
     """The numbers as JSON, as `Facts` of app/page/web/told.d.ts declares them."""
     from app.run.followed_point import TIP
     from app.run.requests.display import FULL_SPEED_M_S
+    from conventions.views import BUILDS
     from model.motion.exaggeration import CUTOFF_HZ, MAX_TURN_RAD
-    from renderer.body.look import BUILDS, TONES
+    from renderer.body.look import COLORS
     from renderer.files.builds import STEP_M
     from renderer.video.facts import drawing_facts
 
@@ -60,7 +61,7 @@ def stage_facts() -> bytes:
         "scales": {"speed": FULL_SPEED_M_S},
         "points": {name: title for title, name in point_choices()},
         "usual_point": TIP,
-        "tones": TONES,
+        "tones": COLORS,
         "builds": {"names": BUILDS, "step": STEP_M},
     }
     return json.dumps(told, separators=(",", ":")).encode()

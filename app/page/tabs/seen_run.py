@@ -26,7 +26,7 @@ from app.run.requests.display import Display
 from app.run.requests.request import Event, OnEvent, ShouldCancel
 from app.run.videos.seen import BODY, MAX_BODIES, Seen, SeenPanel
 from app.run.videos.seen_video import SeenBody, SeenRequest, SeenVideo
-from model.storage.harmless import printable
+from conventions.names import printable
 from renderer.scene.orbit import Orbit
 
 if TYPE_CHECKING:
@@ -221,7 +221,7 @@ class _Work:
         return {self.parts.seen: shown(told(line, share))}
 
     def finished(self, result: SeenVideo) -> Updates:
-        from model.motion.timing import FPS
+        from conventions.rates import FPS
 
         count = len(self.asked.seen.shown)
         line = text.SEEN_DONE.format(

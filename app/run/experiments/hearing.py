@@ -15,7 +15,7 @@ from app.flags import MANNER, WEIGHTS, flag, names_of
 from app.run.experiments.hearing_videos import draw_hearing_videos
 from app.run.models import get_system
 from app.run.output.result_folder import ResultFolder
-from app.run.requests.request import file_stem
+from conventions.names import file_stem
 from model.systems.registry import usual_systems
 from renderer.figures.style import MAX_SYSTEMS
 

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 from app.run.body_motion import body_motion
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
-from app.run.requests.request import file_stem
 from app.run.videos.export import render_settings
 from app.run.videos.register import in_register
 from app.run.videos.videos import draw_videos
+from conventions.names import file_stem
 
 if TYPE_CHECKING:
     from model.measures.hearing import Grid
@@ -43,8 +43,8 @@ def draw_hearing_videos(
     Raises:
         BodyError, GLError, VideoError: see `app.run.videos.videos.draw_videos`.
     """
+    from conventions.rates import FPS
     from model.motion.motion import first_frames
-    from model.motion.timing import FPS
     from model.speech.audio import SAMPLE_RATE, write_wav
     from renderer.video.compose import compose_videos
     from renderer.video.frames import stage_for

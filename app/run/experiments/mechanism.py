@@ -15,10 +15,11 @@ from app.run.body_motion import body_motion
 from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
 from app.run.requests.display import Display, marks_of
-from app.run.requests.request import BODY, JOINT, Artefact, file_stem
+from app.run.requests.request import BODY, JOINT, Artefact
 from app.run.videos.export import render_settings
 from app.run.videos.own_videos import OnFile
 from app.run.videos.videos import draw_videos
+from conventions.names import file_stem
 
 if TYPE_CHECKING:
     from model.measures.error_growth import ErrorGrowth

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from app.run.requests.request import REFERENCE_NAME
+from conventions.names import REFERENCE_NAME
 from model.storage.cards import BUNDLED_WEIGHTS
 
 if TYPE_CHECKING:

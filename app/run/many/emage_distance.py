@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from app.errors import RunError
-from app.run.requests.request import REFERENCE_NAME
+from conventions.names import REFERENCE_NAME
 from model.storage.files import written_atomically
 
 if TYPE_CHECKING:

@@ -31,9 +31,8 @@ from app.run.many.table import numbers_of, write_tables
 from app.run.many.unpacked import unpacked_sets
 from app.run.output.held_folder import held_folder
 from app.run.output.result_folder import remove_unfinished
-from app.run.requests.request import REFERENCE_NAME
-from model.jobs.pool import Job, JobPool
-from model.storage.harmless import printable
+from conventions.names import REFERENCE_NAME, printable
+from processes.pool import Job, JobPool
 
 FORMAT = 3
 """Of a clip's record; another one is measured anew."""

@@ -8,7 +8,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from app.run.requests.request import REFERENCE_NAME
+from conventions.names import REFERENCE_NAME
 from model.storage.cards import BUNDLED_WEIGHTS, load_card
 
 

@@ -11,9 +11,8 @@ from typing import Any
 from app.run.many.motions import ENDINGS, ManyRequest, diagnose_folders
 from app.run.many.speeches import ENDINGS as SOUND_ENDINGS
 from app.run.many.unpacked import Limits, unpacked
-from app.run.requests.request import REFERENCE_NAME
-from model.jobs.pool import JobPool
-from model.storage.harmless import printable
+from conventions.names import REFERENCE_NAME, printable
+from processes.pool import JobPool
 
 MAX_BYTES = 10**9
 """Of all zips of a run, unpacked."""

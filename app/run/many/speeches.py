@@ -17,10 +17,10 @@ from app.run.many.record import is_kept, keep, read_records, stamp_of
 from app.run.many.table import numbers_of, write_tables
 from app.run.output.held_folder import held_folder
 from app.run.output.result_folder import remove_unfinished
-from app.run.requests.request import REFERENCE_NAME, GenerateRequest, check_request
+from app.run.requests.request import GenerateRequest, check_request
+from conventions.names import REFERENCE_NAME, printable
 from model.generation.clip_noise import clip_seed
-from model.jobs.pool import Job, JobPool
-from model.storage.harmless import printable
+from processes.pool import Job, JobPool
 
 LIST_ENDING = ".txt"
 ENDINGS = (".wav", ".flac", ".mp3", ".ogg", ".opus", ".m4a", ".aac", ".webm")

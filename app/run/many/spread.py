@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from app.findings.measure_rows import MEASURES
-from app.run.requests.request import REFERENCE_NAME
+from conventions.names import REFERENCE_NAME
 
 LEAST_CLIPS = 5
 """A spread of fewer says nothing."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from app.findings.measure_rows import MEASURES, written
 from app.run.many.distances import distance_rows
-from app.run.requests.request import REFERENCE_NAME
+from conventions.names import REFERENCE_NAME
 from model.storage.harmless import csv_text, markdown, tex
 
 if TYPE_CHECKING:

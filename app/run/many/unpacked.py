@@ -22,8 +22,8 @@ from typing import IO
 
 from app.errors import RunError, disk_full_sentence, is_disk_full
 from app.run.output.result_folder import UNFINISHED, require_free_space
+from conventions.names import printable
 from model.storage.files import write_error
-from model.storage.harmless import printable
 from model.storage.npz import MAX_FILE_BYTES
 
 ENDING = ".zip"

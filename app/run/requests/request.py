@@ -11,29 +11,16 @@ from app.config import default_body
 from app.errors import RunError
 from app.flags import OUT_FOLDER, SEED, SPEAKER, WEIGHTS, flag, flags_of, names_of
 from app.run.requests.display import Display, check_display
-from model.motion.versions import REFERENCE_NAME as REFERENCE_NAME
+from conventions.names import POST_FILTERS, PostFilter
+from conventions.views import CLOSE_UPS, FRAMINGS, LOOKS, VIEWS, CloseUp, Framing, View
 from model.speech.transcript import NOTHING_SAID, Transcript
 
 if TYPE_CHECKING:
     from model.diagnostics.diagnostics import Diagnostics
 
 T = TypeVar("T")
-PostFilter = Literal["none", "savgol"]
-POST_FILTERS: tuple[PostFilter, ...] = get_args(PostFilter)
 WordsAsked = Literal["recognise", "none"]
 WORDS_ASKED: tuple[WordsAsked, ...] = get_args(WordsAsked)
-View = Literal["front", "three_quarter", "side", "face", "left_hand", "right_hand"]
-VIEWS: tuple[View, ...] = get_args(View)
-CloseUp = Literal["face", "hands"]
-CLOSE_UPS: tuple[CloseUp, ...] = get_args(CloseUp)
-Framing = Literal["whole", "knees"]
-FRAMINGS: tuple[Framing, ...] = get_args(Framing)
-LOOKS = tuple(
-    f"{build}-{tone}"
-    for build in ("average", "slender", "broad")
-    for tone in ("light", "medium", "dark", "clay")
-)
-"""Looks of the open body, as `renderer.body.look` has them; the first is the usual one."""
 SIZES_PX = (256, 1080)
 """Smallest and largest width and height of a picture that a person may ask for."""
 MAX_SAMPLES = 8
@@ -429,13 +416,3 @@ class GenerateResult:
     """Sentences the person should read, such as what was done to the speech."""
     said: Transcript = NOTHING_SAID
     """What was said in the speech, where that was given or found."""
-
-
-def sample_name(system: str, sample: int) -> str:
-    """Name of one sample of a system: the system's own for the first, ``.s2`` and on after it."""
-    return system if sample == 1 else f"{system}.s{sample}"
-
-
-def file_stem(name: str) -> str:
-    """File name without its ending: ``globaldiff/local`` is written as ``globaldiff-local``."""
-    return name.replace("/", "-")

@@ -8,7 +8,7 @@ from typing import Literal
 from zipfile import is_zipfile
 
 from app.errors import RunError, sentence_of
-from model.storage.harmless import printable
+from conventions.names import printable
 
 NO_ZIP = "{name} is no readable zip; pack it again."
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from app.errors import RunError
-from model.storage.harmless import printable
+from conventions.names import printable
 
 MAX_EDITS = 60
 """At once."""

@@ -12,15 +12,9 @@ from app.errors import CancelledRun, RunError
 from app.run.output.result_folder import ResultFolder, require_free_space
 from app.run.output.telling import Reporter
 from app.run.pieces import PieceTeller
-from app.run.requests.request import (
-    GenerateRequest,
-    OnEvent,
-    ShouldCancel,
-    file_stem,
-    sample_name,
-    steps_of,
-)
+from app.run.requests.request import GenerateRequest, OnEvent, ShouldCancel, steps_of
 from app.run.takes.edits import Edit, Locked
+from conventions.names import SampleName, file_stem
 from model.speech.transcript import Word
 
 if TYPE_CHECKING:
@@ -122,12 +116,12 @@ def _performed(
     reporter: Reporter,
 ) -> Take:
     from app.run.models import get_system
+    from conventions.rates import FPS
     from model.diagnostics.diagnostics import smooth_motion
     from model.generation.again import perform, perform_again
     from model.generation.kept import ENDING, load_performance, save_performance
     from model.generation.windows import Cancelled
     from model.motion.motion import load_motion, save_motion
-    from model.motion.timing import FPS
     from model.plan.plan import read_plan
     from model.speech.audio import SpeechLimits, load_speech
 
@@ -226,8 +220,7 @@ def row_of(name: str, systems: Sequence[str], samples: int) -> tuple[str, int]:
     Raises:
         RunError: if the run has no such row.
     """
-    for system in systems:
-        for sample in range(1, samples + 1):
-            if sample_name(system, sample) == name:
-                return system, sample
+    for row in (SampleName(name), SampleName.parse(name)):
+        if row.system in systems and row.number <= samples:
+            return row.system, row.number
     raise RunError("This run has no such motion; choose one that moves by a plan.")

@@ -10,9 +10,10 @@ from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import Reporter, share_teller
-from app.run.requests.request import MAX_COMPARED, REFERENCE_NAME, OnEvent, ShouldCancel
+from app.run.requests.request import MAX_COMPARED, OnEvent, ShouldCancel
 from app.run.videos.comparison import joined_side_by_side
 from app.run.videos.own_videos import VideoOptions, draw_own_videos, picture_motions
+from conventions.names import REFERENCE_NAME
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,13 @@ from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import Reporter
 from app.run.requests.display import displayed, marks_of
-from app.run.requests.request import MAX_COMPARED, REFERENCE_NAME, GenerateRequest, file_stem
+from app.run.requests.request import MAX_COMPARED, GenerateRequest
 from app.run.videos.export import render_settings
 from app.run.videos.jerk_marks import jerk_marks
 from app.run.videos.posters import POSTER_SUFFIX, write_poster
 from app.run.videos.register import in_register
 from app.run.videos.videos import draw_videos
+from conventions.names import REFERENCE_NAME, file_stem
 
 if TYPE_CHECKING:
     import numpy as np

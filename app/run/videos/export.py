@@ -16,16 +16,12 @@ from app.run.requests.request import (
     BODY,
     FRAMING,
     LOOK,
-    LOOKS,
-    VIEWS,
-    CloseUp,
-    Framing,
-    View,
     check_size,
     close_up_flag,
     read_size,
     read_views,
 )
+from conventions.views import LOOKS, VIEWS, CloseUp, Framing, View
 
 if TYPE_CHECKING:
     import numpy as np

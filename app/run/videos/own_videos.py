@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any
 from app.run.body_motion import body_motion
 from app.run.output.result_folder import ResultFolder
 from app.run.requests.display import Display, displayed, marks_of
-from app.run.requests.request import CLOSE_UPS, Artefact, CloseUp, Framing, file_stem
+from app.run.requests.request import Artefact
 from app.run.videos.export import render_settings
 from app.run.videos.posters import POSTER_SUFFIX, write_poster
 from app.run.videos.register import in_register
 from app.run.videos.videos import draw_videos
+from conventions.names import file_stem
+from conventions.views import CLOSE_UPS, CloseUp, Framing
 
 if TYPE_CHECKING:
     from app.run.followed_point import TipSource
@@ -60,8 +62,8 @@ class Pictured:
 
 def picture_motions(motions: Mapping[str, Motion]) -> Pictured:
     """The motions in register, cut to what can be drawn in reasonable time."""
+    from conventions.rates import FPS
     from model.motion.motion import first_frames
-    from model.motion.timing import FPS
 
     longest = max(MAX_FRAMES // max(len(motions), 1), 1)
     cut = [name for name, motion in motions.items() if motion.num_frames > longest]

@@ -16,8 +16,8 @@ def write_poster(video: Path, out: Path) -> None:
     Raises:
         VideoError: if ffmpeg cannot read what this program has drawn.
     """
+    from processes.ended import Ended
     from renderer.video.encoder import VideoError, ffmpeg_path
-    from renderer.video.ended import how_it_ended
 
     command = [
         *(ffmpeg_path(), "-hide_banner", "-loglevel", "error", "-nostats", "-y"),
@@ -26,7 +26,7 @@ def write_poster(video: Path, out: Path) -> None:
     ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
-        end, said = how_it_ended(done.returncode), done.stderr.strip() or "it said nothing"
+        end, said = Ended(done.returncode).how, done.stderr.strip() or "it said nothing"
         raise VideoError(
             f"The picture of {video.name} cannot be written: ffmpeg ended {end}; {said}"
         )

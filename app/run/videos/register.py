@@ -47,8 +47,9 @@ def register_of(motion: Motion) -> Register:
     import numpy as np
     from scipy.spatial.transform import Rotation
 
+    from conventions.joints import JOINT_INDEX
     from model.measures.posture import FEET
-    from model.motion.skeleton import JOINT_INDEX, open_body_skeleton
+    from model.motion.skeleton import open_body_skeleton
     from model.motion.tracks import track_points
 
     skeleton = open_body_skeleton()

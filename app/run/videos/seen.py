@@ -8,6 +8,7 @@ from typing import Literal, get_args
 from app.errors import RunError
 from app.run.followed_point import TIP
 from app.run.requests.display import Display, check_display
+from conventions.views import BUILDS, TONES
 from renderer.scene.orbit import Orbit
 
 Mode = Literal["grid", "ghost", "wipe", "flicker"]
@@ -59,7 +60,7 @@ class Seen:
     is_whole: bool = False
     """All of the body rather than from the knees up."""
     tone: str = "light"
-    """One of `renderer.body.look.TONES`; of the open body alone."""
+    """One of `TONES`; of the open body alone."""
     build: str = "average"
     """One of `renderer.body.look.BUILDS`; of the open body alone."""
     has_lines: bool = False
@@ -94,8 +95,6 @@ class Seen:
             raise RunError(f"A row holds 1 to {MAX_SHOWN} bodies; got {self.columns}.")
         if not 0 <= self.wipe <= 1:
             raise RunError(f"A wipe stands at 0 to 1 of the picture; got {self.wipe:g}.")
-        from renderer.body.look import BUILDS, TONES
-
         for kind, name, known in (("tone", self.tone, TONES), ("build", self.build, BUILDS)):
             if name not in known:
                 raise RunError(f"There is no {kind} {name!r}; choose one of {', '.join(known)}.")
@@ -107,9 +106,9 @@ class Seen:
             raise RunError(str(error)) from error
 
     def _check_room(self, is_pair: bool) -> None:
-        from renderer.scene.panels import CLOSE_UPS  # only now: it brings scipy
+        from renderer.scene.panels import CLOSE_UP_VIEWS  # only now: it brings scipy
 
-        known = {BODY, *(view for views in CLOSE_UPS.values() for view in views)}
+        known = {BODY, *(view for views in CLOSE_UP_VIEWS.values() for view in views)}
         least, most = SIDES_PX
         if not all(least <= side <= most for side in self.size):
             raise RunError(

@@ -142,7 +142,7 @@ def draw_seen(request: SeenRequest, on_event: OnEvent, should_cancel: ShouldCanc
 
 def _longest(motions: Sequence[Motion], seen: Seen) -> tuple[int, tuple[str, ...]]:
     """Frames that can be drawn in reasonable time, and what is to be said of it."""
-    from model.motion.timing import FPS
+    from conventions.rates import FPS
 
     limit = MAX_FRAMES // len(seen.shown)
     if max(motions[i].num_frames for i in seen.shown) <= limit:

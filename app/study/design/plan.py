@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from app.errors import RunError
-from app.run.requests.request import POST_FILTERS, VIEWS, PostFilter, View
 from app.study.design.fields import FieldError, Fields, is_number
 from app.study.design.key import MAX_SYSTEMS, PROTOCOLS
+from conventions.names import POST_FILTERS, PostFilter
+from conventions.views import VIEWS, View
 from model.systems.registry import families, planning_systems
 
 if TYPE_CHECKING:

@@ -22,11 +22,11 @@ import numpy as np
 from app.errors import RunError
 from app.study.make.h264 import frames_of, joined
 from app.study.make.mp4 import blank_user_data
-from model.motion.timing import FPS
+from conventions.rates import FPS
 from model.speech.audio import write_wav
 from model.storage.files import written_atomically
+from processes.ended import Ended
 from renderer.video.encoder import ffmpeg_path
-from renderer.video.ended import how_it_ended
 
 TARGET_LUFS = -23.0
 """Programme loudness of EBU R128."""
@@ -197,7 +197,7 @@ def _ffmpeg(*arguments: str, log: str = "error") -> str:
     said = run.stderr.decode(errors="replace").strip()
     if run.returncode:
         raise MediaError(
-            f"A video of the study could not be made: ffmpeg ended {how_it_ended(run.returncode)}; "
+            f"A video of the study could not be made: ffmpeg ended {Ended(run.returncode).how}; "
             f"ffmpeg said: {said[-300:] or 'nothing'}"
         )
     return said if log == "info" else run.stdout.decode(errors="replace")

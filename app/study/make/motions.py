@@ -14,7 +14,7 @@ from app.run.body_motion import body_motion
 from app.run.models import get_body, get_system
 from app.study.design.plan import Clip, Generator, Plan, PlannedSystem
 from app.study.make.workspace import sha256
-from model.motion.timing import FPS, SAMPLE_RATE
+from conventions.rates import FPS, SAMPLE_RATE
 
 if TYPE_CHECKING:
     from model.motion.motion import Motion

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from app.config import BUNDLED_WEIGHTS
 from app.run.videos.videos import PARALLEL_VIDEOS
-from model.jobs.pool import JobPool
+from processes.pool import JobPool
 
 
 @dataclass(frozen=True)

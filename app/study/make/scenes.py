@@ -18,10 +18,10 @@ from app.study.make import media
 from app.study.make.h264 import fill_alike
 from app.study.make.motions import Source, read_source, shown_motions
 from app.study.make.workspace import Workspace
-from model.jobs.pool import Job, JobPool
+from processes.pool import Job, JobPool
 
 if TYPE_CHECKING:
-    from app.run.requests.request import View
+    from conventions.views import View
     from renderer.body.body import BodyMotion
 
 Draw = Callable[..., object]

@@ -23,7 +23,7 @@ from app.study.design.key import Key
 from app.study.statistics.jitter_join import JitterJoin
 from app.study.statistics.preference import Interval
 from app.study.statistics.results import QuestionResult
-from model.storage.harmless import printable
+from conventions.names import printable
 
 INK = "#1f2933"
 FAINT = "#9aa5b1"

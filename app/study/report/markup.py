@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from app.study.report.figures import svg_of
 from app.study.report.text import NO_BREAK
-from model.storage.harmless import printable
+from conventions.names import printable
 
 
 def safe(text: str) -> str:

@@ -12,7 +12,7 @@ from app.errors import RunError
 from app.study.design.fields import FieldError, Fields, is_number, read_object
 from app.study.statistics.preference import Share, share_of
 from app.study.statistics.votes import Votes
-from model.motion.versions import REFERENCE_NAME
+from conventions.names import REFERENCE_NAME
 
 MAX_DIAGNOSTICS_BYTES = 64 * 2**20
 MEASURE = "tip_jerk_m_s3"

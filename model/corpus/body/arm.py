@@ -6,10 +6,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from conventions.joints import JOINT_INDEX
 from model.corpus.body.channels import DEVIATION, PRONATION, WRIST_FLEX
 from model.corpus.body.ik import bone_rotations, two_bone_ik
 from model.corpus.body.signals import low_pass
-from model.corpus.people.rig import JOINT, SIDE_SIGN, Rig, euler_matrices, transposed
+from model.corpus.people.rig import SIDE_SIGN, Rig, euler_matrices, transposed
 from model.motion.limb import about_axis, hinge_frame, unit
 
 UPPER_ARM_LAG_S = 0.08
@@ -38,10 +39,10 @@ def arm_of(rig: Rig, side: str) -> Arm:
     """The arm's bones; the collar's root is measured from the chest joint."""
     return Arm(
         side,
-        rig.rest_joints[JOINT[f"{side}_collar"]] - rig.rest_joints[JOINT["spine3"]],
-        rig.offsets[JOINT[f"{side}_shoulder"]],
-        rig.offsets[JOINT[f"{side}_elbow"]],
-        rig.offsets[JOINT[f"{side}_wrist"]],
+        rig.rest_joints[JOINT_INDEX[f"{side}_collar"]] - rig.rest_joints[JOINT_INDEX["spine3"]],
+        rig.offsets[JOINT_INDEX[f"{side}_shoulder"]],
+        rig.offsets[JOINT_INDEX[f"{side}_elbow"]],
+        rig.offsets[JOINT_INDEX[f"{side}_wrist"]],
     )
 
 

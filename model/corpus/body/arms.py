@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
+from conventions.joints import JOINT_INDEX
 from model.corpus.body.arm import (
     Arm,
     arm_of,
@@ -29,7 +30,7 @@ from model.corpus.body.reach import within_reach
 from model.corpus.body.signals import bump, frame_times, low_pass, minimum_jerk, smooth_noise
 from model.corpus.gesture.hand_shapes import finger_rotations
 from model.corpus.gesture.plan import CycleSpan, Key, Plan
-from model.corpus.people.rig import JOINT, SIDES, Rig, transposed
+from model.corpus.people.rig import SIDES, Rig, transposed
 from model.corpus.people.speakers import Speaker
 from model.motion.limb import unit
 
@@ -168,10 +169,10 @@ class _ArmMover:
         upper = with_less_twist(self._arm, upper, SHOULDER_TWIST_SHARE)
         turned, wrist_rot = forearm_and_wrist(self._arm, hand, fore)
         return {
-            JOINT[f"{side}_collar"]: collar,
-            JOINT[f"{side}_shoulder"]: transposed(collar) @ upper,
-            JOINT[f"{side}_elbow"]: transposed(upper) @ turned,
-            JOINT[f"{side}_wrist"]: wrist_rot,
+            JOINT_INDEX[f"{side}_collar"]: collar,
+            JOINT_INDEX[f"{side}_shoulder"]: transposed(collar) @ upper,
+            JOINT_INDEX[f"{side}_elbow"]: transposed(upper) @ turned,
+            JOINT_INDEX[f"{side}_wrist"]: wrist_rot,
             **finger_rotations(side, hand[:, FINGERS], self._twist),
         }
 

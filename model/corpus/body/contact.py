@@ -10,9 +10,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
+from conventions.joints import JOINT_INDEX, PARENTS
+from conventions.rates import FPS
 from model.corpus.body.signals import low_pass, minimum_jerk
-from model.corpus.people.rig import JOINT, PARENTS, SIDE_SIGN, Rig, transposed
-from model.motion.timing import FPS
+from model.corpus.people.rig import SIDE_SIGN, Rig, transposed
 
 _MARGIN_M = 0.006
 _CONTACT_M = 0.004  # palms that touch press into each other a little
@@ -54,7 +55,7 @@ class Hips:
 
 def hips_of(rig: Rig, rotations: dict[int, Float[np.ndarray, "T 3 3"]]) -> Hips:
     """Where the pelvis is in the chest's frame, from the spine's local rotations."""
-    lowest, middle, chest = (JOINT[f"spine{k}"] for k in (1, 2, 3))
+    lowest, middle, chest = (JOINT_INDEX[f"spine{k}"] for k in (1, 2, 3))
     two = rotations[lowest] @ rotations[middle]
     position = rig.offsets[lowest] + rotations[lowest] @ rig.offsets[middle]
     position = position + two @ rig.offsets[chest]
@@ -71,8 +72,8 @@ def hand_balls(
 ) -> tuple[Float[np.ndarray, "T P 3"], Float[np.ndarray, " P"]]:
     """Centres of a hand's balls in the frame of ``wrist`` and ``wrist_rot``, and their radii."""
     centres, radii = [wrist], [_RADIUS_M["wrist"]]
-    rotmat, place = {JOINT[f"{side}_wrist"]: wrist_rot}, {JOINT[f"{side}_wrist"]: wrist}
-    for name, joint in JOINT.items():
+    rotmat, place = {JOINT_INDEX[f"{side}_wrist"]: wrist_rot}, {JOINT_INDEX[f"{side}_wrist"]: wrist}
+    for name, joint in JOINT_INDEX.items():
         parent = PARENTS[joint]
         if parent not in rotmat:
             continue

@@ -7,13 +7,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
+from conventions.rates import FPS
 from model.corpus.body.events import Blink, BrowMove, Fixation, Smile
 from model.corpus.body.signals import frame_times, gaussian_bump, minimum_jerk, smooth_line
 from model.corpus.body.trunk import Trunk
 from model.corpus.people.speakers import Speaker
 from model.corpus.people.voice import PAUSE
 from model.corpus.words.prosody import Utterance
-from model.motion.timing import FPS
 
 FINE = 4  # the mouth is computed at 120 frames a second
 MAX_JAW_DEG = 13.0

@@ -7,13 +7,13 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
+from conventions.rates import FPS
 from model.corpus.body.arm import Arm
 from model.corpus.body.channels import DEVIATION, FINGERS, POSITION, PRONATION, WRIST_FLEX
 from model.corpus.body.signals import low_pass, smooth_line, smooth_noise
 from model.corpus.gesture.hand_shapes import ABDUCTION, FLEX, SHAPE_SIZE, THUMB
 from model.corpus.people.rig import SIDES
 from model.corpus.people.speakers import Speaker
-from model.motion.timing import FPS
 
 
 def add_life(

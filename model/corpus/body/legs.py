@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
 from model.corpus.body.events import Leg, Stance
 from model.corpus.body.signals import (
     bump,
@@ -16,11 +18,10 @@ from model.corpus.body.signals import (
     sway,
 )
 from model.corpus.body.trunk import CALMER, Trunk
-from model.corpus.people.rig import JOINT, SIDE_SIGN, SIDES, Rig, euler_matrices, transposed
+from model.corpus.people.rig import SIDE_SIGN, SIDES, Rig, euler_matrices, transposed
 from model.corpus.people.speakers import Speaker
 from model.corpus.words.prosody import Span
 from model.motion.limb import HingedLimb
-from model.motion.timing import FPS
 
 STANCE_HALF_WIDTH_M = 0.125
 STANDING_BEND_DEG = 6.0  # of the leg that carries the weight
@@ -102,7 +103,7 @@ def _leg(rig: Rig, side: str) -> HingedLimb:
 
 
 def _joint(side: str, part: str) -> int:
-    return JOINT[f"{side}_{part}"]
+    return JOINT_INDEX[f"{side}_{part}"]
 
 
 @dataclass(frozen=True)

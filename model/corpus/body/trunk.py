@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
+from conventions.joints import JOINT_INDEX
 from model.corpus.body.events import Fixation, Nod
 from model.corpus.body.signals import (
     frame_times,
@@ -15,7 +16,7 @@ from model.corpus.body.signals import (
     smooth_line,
     sway_line,
 )
-from model.corpus.people.rig import JOINT, euler_matrices
+from model.corpus.people.rig import euler_matrices
 from model.corpus.people.speakers import Speaker
 from model.corpus.words.prosody import Utterance
 
@@ -95,16 +96,18 @@ def move_trunk(
     pelvis_roll = left_over * sway_line(rng, num_frames, 1.5 * swaying)
     rotations = {0: _euler(pelvis_yaw, pelvis_pitch, pelvis_roll)}
     for joint, share, posture in SPINE:
-        breathing = 0.9 * breath if joint == JOINT["spine3"] else 0.0
+        breathing = 0.9 * breath if joint == JOINT_INDEX["spine3"] else 0.0
         bent = posture + share * (pitch + 0.3 * lean) + breathing
         rotations[joint] = _euler(share * yaw, bent, share * roll)
-    rotations[JOINT["neck"]] = _euler(0.5 * head_yaw, 5 + 0.45 * head_pitch, 0.45 * head_roll)
-    rotations[JOINT["head"]] = _euler(0.5 * head_yaw, -6 + 0.55 * head_pitch, 0.55 * head_roll)
+    rotations[JOINT_INDEX["neck"]] = _euler(0.5 * head_yaw, 5 + 0.45 * head_pitch, 0.45 * head_roll)
+    rotations[JOINT_INDEX["head"]] = _euler(
+        0.5 * head_yaw, -6 + 0.55 * head_pitch, 0.55 * head_roll
+    )
     eye_pitch = gaze[:, 1] - 0.5 * head_gaze[:, 1] - 0.24 * accents.nod
     drift = head_yaw + chest_yaw - 0.55 * head_gaze[:, 0]
     eye_yaw = gaze[:, 0] - 0.55 * head_gaze[:, 0] - 0.25 * drift
     eyes = np.stack([np.clip(eye_pitch, -18, 15), np.clip(eye_yaw, -22, 22)], axis=1)
-    for joint in (JOINT["left_eye"], JOINT["right_eye"]):
+    for joint in (JOINT_INDEX["left_eye"], JOINT_INDEX["right_eye"]):
         rotations[joint] = euler_matrices("YX", eyes[:, ::-1])
     return Trunk(rotations, accents.level, eyes, breath, accents.nods, fixations)
 

@@ -8,7 +8,8 @@ the pinky), and the thumb's flexion, opposition and tip bend (3).
 import numpy as np
 from jaxtyping import Float
 
-from model.corpus.people.rig import JOINT, SIDE_SIGN, euler_matrices, matrices
+from conventions.joints import JOINT_INDEX
+from model.corpus.people.rig import SIDE_SIGN, euler_matrices, matrices
 
 LONG_FINGERS = ("index", "middle", "ring", "pinky")
 SHAPE_SIZE = 19
@@ -84,7 +85,7 @@ def finger_rotations(
             abduction = (_CLOSED_ABDUCTION[k] + np.clip(curves[:, 12 + k], -12.0, 18.0)) * freedom
             yaw = abduction if j == 0 else 0.3 * twist[:, 3 * k + j]
             angles = np.stack([sign * yaw, -sign * flex, twist[:, 3 * k + j]], axis=1)
-            rotations[JOINT[f"{side}_{finger}{j + 1}"]] = euler_matrices("YZX", angles)
+            rotations[JOINT_INDEX[f"{side}_{finger}{j + 1}"]] = euler_matrices("YZX", angles)
     flex, oppose, bend = np.clip(curves[:, THUMB], -30.0, 50.0).T
     zero = np.zeros_like(flex)
     thumb = (
@@ -94,7 +95,7 @@ def finger_rotations(
     )
     for j, (x, y, z) in enumerate(thumb):
         vector = np.radians(np.stack([x, sign * y, sign * z], axis=1))
-        rotations[JOINT[f"{side}_thumb{j + 1}"]] = matrices(vector)
+        rotations[JOINT_INDEX[f"{side}_thumb{j + 1}"]] = matrices(vector)
     return rotations
 
 

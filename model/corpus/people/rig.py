@@ -12,25 +12,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from conventions.joints import JOINT_INDEX, NUM_JOINTS, PARENTS
+
 ASSET = Path(__file__).resolve().parents[2] / "assets" / "skeleton.npz"
-FINGERS = ("index", "middle", "pinky", "ring", "thumb")
 SIDES = ("left", "right")
 SIDE_SIGN = {"left": 1.0, "right": -1.0}  # the body's left is +x
-NUM_JOINTS = 55
-PARENTS = (
-    *(-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 15, 15, 15),
-    *(20, 25, 26, 20, 28, 29, 20, 31, 32, 20, 34, 35, 20, 37, 38),
-    *(21, 40, 41, 21, 43, 44, 21, 46, 47, 21, 49, 50, 21, 52, 53),
-)
-JOINT_NAMES = (
-    *("pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2"),
-    *("left_ankle", "right_ankle", "spine3", "left_foot", "right_foot", "neck"),
-    *("left_collar", "right_collar", "head", "left_shoulder", "right_shoulder"),
-    *("left_elbow", "right_elbow", "left_wrist", "right_wrist", "jaw"),
-    *("left_eye", "right_eye"),
-    *(f"{side}_{finger}{k}" for side in SIDES for finger in FINGERS for k in (1, 2, 3)),
-)
-JOINT = {name: index for index, name in enumerate(JOINT_NAMES)}
 SOLE_BELOW_FOOT_M = 0.0255  # the open body's soles lie this far under its foot joints
 
 
@@ -47,7 +33,7 @@ class Rig:
     @property
     def floor_m(self) -> float:
         """Height of the floor under the body in its rest pose."""
-        return float(self.rest_joints[JOINT["left_foot"], 1]) - SOLE_BELOW_FOOT_M
+        return float(self.rest_joints[JOINT_INDEX["left_foot"], 1]) - SOLE_BELOW_FOOT_M
 
 
 @lru_cache(maxsize=1)

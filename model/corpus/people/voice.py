@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import resample_poly
 
-from model.motion.timing import SAMPLE_RATE
+from conventions.rates import SAMPLE_RATE
 
 PAUSE = "pau"
 VOWELS = frozenset("aa ae ah ao aw ax axr ay eh er ey ih ix iy ow oy uh uw".split())

@@ -6,27 +6,19 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from conventions.joints import FINGERS, JOINT_INDEX, NUM_JOINTS, PARENTS
 from model.corpus.body.arms import follow_plan, move_arms
 from model.corpus.body.contact import hips_of
 from model.corpus.body.trunk import PELVIS_TILT_DEG, SPINE
 from model.corpus.gesture.gestures import GESTURES, REST, HandPose
 from model.corpus.gesture.plan import Key, Plan
-from model.corpus.people.rig import (
-    FINGERS,
-    JOINT,
-    NUM_JOINTS,
-    PARENTS,
-    SIDES,
-    Rig,
-    euler_matrices,
-    forward_kinematics,
-)
+from model.corpus.people.rig import SIDES, Rig, euler_matrices, forward_kinematics
 from model.corpus.people.speakers import SPEAKERS
 
 SIDE_COLOURS = {"left": "#0072B2", "right": "#D55E00"}
 BODY_COLOUR = "#555555"
 TURN_DEG = 20.0  # the figures are seen a little from their left
-HIDDEN = frozenset(JOINT[name] for name in ("jaw", "left_eye", "right_eye"))
+HIDDEN = frozenset(JOINT_INDEX[name] for name in ("jaw", "left_eye", "right_eye"))
 
 
 def draw_gestures(rig: Rig, path: Path) -> None:
@@ -97,20 +89,24 @@ def _draw(
     view = np.array([[np.cos(turn), 0.0, -np.sin(turn)], [0.0, 1.0, 0.0]])
     centred = positions - positions[0] * [1.0, 0.0, 1.0]
     flat = centred @ view.T
-    legs = {JOINT[f"{side}_{part}"] for side in SIDES for part in ("knee", "ankle", "foot")}
+    legs = {JOINT_INDEX[f"{side}_{part}"] for side in SIDES for part in ("knee", "ankle", "foot")}
     for joint in range(1, NUM_JOINTS):
         if joint in HIDDEN or (upper_body and joint in legs):
             continue
         side = next((s for s in SIDES if joint in _arm_joints(s)), None)
         colour = BODY_COLOUR if side is None else SIDE_COLOURS[side]
-        width = 0.8 if joint >= JOINT["left_index1"] else 2.0
+        width = 0.8 if joint >= JOINT_INDEX["left_index1"] else 2.0
         axis.plot(*flat[[PARENTS[joint], joint]].T, color=colour, lw=width, solid_capstyle="round")
     for offset, joint in zip(rig.tip_offsets, rig.tip_joints, strict=True):
         tip = (centred[joint] + global_rot[joint] @ offset) @ view.T
-        side = "left" if joint < JOINT["right_index1"] else "right"
+        side = "left" if joint < JOINT_INDEX["right_index1"] else "right"
         axis.plot(*np.stack([flat[joint], tip]).T, color=SIDE_COLOURS[side], lw=0.8)
-    head = centred[JOINT["head"]] + global_rot[JOINT["head"]] @ np.array([0.0, 0.07, 0.02])
-    nose = centred[JOINT["head"]] + global_rot[JOINT["head"]] @ np.array([0.0, 0.05, 0.13])
+    head = centred[JOINT_INDEX["head"]] + global_rot[JOINT_INDEX["head"]] @ np.array(
+        [0.0, 0.07, 0.02]
+    )
+    nose = centred[JOINT_INDEX["head"]] + global_rot[JOINT_INDEX["head"]] @ np.array(
+        [0.0, 0.05, 0.13]
+    )
     axis.plot(*np.stack([head @ view.T, nose @ view.T]).T, color=BODY_COLOUR, lw=1.0)
     from matplotlib.patches import Circle
 
@@ -128,7 +124,7 @@ def _arm_joints(side: str) -> set[int]:
         "wrist",
         *(f"{finger}{k}" for finger in FINGERS for k in (1, 2, 3)),
     )
-    return {JOINT[f"{side}_{part}"] for part in parts}
+    return {JOINT_INDEX[f"{side}_{part}"] for part in parts}
 
 
 def _panels(rows: int, columns: int, width_in: float, height_in: float) -> tuple[Any, list[Any]]:

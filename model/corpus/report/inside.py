@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from model.corpus.people.rig import JOINT, Rig
+from conventions.joints import JOINT_INDEX
+from model.corpus.people.rig import Rig
 from model.corpus.report.statistics import PosedClip
 
 
@@ -56,7 +57,11 @@ PARTS = (
     Part("left_hip", -0.80, -0.45, "left thigh"),
     Part("right_hip", -0.80, -0.45, "right thigh"),
 )
-HAND_JOINTS = (JOINT["left_wrist"], JOINT["right_wrist"], *range(JOINT["left_index1"], 55))
+HAND_JOINTS = (
+    JOINT_INDEX["left_wrist"],
+    JOINT_INDEX["right_wrist"],
+    *range(JOINT_INDEX["left_index1"], 55),
+)
 
 
 def hand_inside_share(clip: PosedClip, rig: Rig) -> float:
@@ -70,7 +75,7 @@ def hand_inside_share(clip: PosedClip, rig: Rig) -> float:
     points = np.concatenate([clip.positions[:, HAND_JOINTS], tips], axis=1)
     inside = np.zeros(points.shape[:2], dtype=bool)
     for part in PARTS:
-        joint = JOINT[part.joint]
+        joint = JOINT_INDEX[part.joint]
         offset = points - clip.positions[:, joint, None]
         at_rest = offset @ clip.global_rot[:, joint] + rig.rest_joints[joint]
         inside |= _in_part(at_rest, part)

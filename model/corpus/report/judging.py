@@ -12,8 +12,8 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import stft
 from scipy.stats import rankdata
 
+from conventions.rates import FPS, SAMPLE_RATE
 from model.corpus.report.statistics import LEFT_WRIST, RIGHT_WRIST, PosedClip, derivative
-from model.motion.timing import FPS, SAMPLE_RATE
 from model.speech.audio import SpeechLimits, load_speech
 
 BANDS = 12

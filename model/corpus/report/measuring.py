@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from tqdm import tqdm
 
+from conventions.rates import FPS
 from model.corpus.layout import MOTION, SOUND, SPLIT_TABLE, ClipPaths, clip_paths
 from model.corpus.people.rig import Rig
 from model.corpus.report.inside import hand_inside_share
@@ -22,7 +23,6 @@ from model.corpus.report.statistics import (
     window_features,
 )
 from model.motion.motion import MotionError
-from model.motion.timing import FPS
 from model.speech.audio import SpeechError
 
 log = logging.getLogger(__name__)

@@ -14,7 +14,9 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize
 from scipy.special import expit
 
-from model.corpus.people.rig import JOINT, axis_angles
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
+from model.corpus.people.rig import axis_angles
 from model.corpus.report.judging import area_under_curve
 from model.corpus.report.statistics import (
     LEFT_WRIST,
@@ -24,13 +26,12 @@ from model.corpus.report.statistics import (
     in_chest,
     turning_deg_s,
 )
-from model.motion.timing import FPS
 
 WINDOW, HOP = 60, 30  # frames
 PENALTY = 0.01  # on the squared weights, beside the mean loss
 TREMOR_HZ = 5.0
 SHUT_DEG = 1.5  # of a jaw
-FINGERS = range(JOINT["left_index1"], JOINT["right_thumb3"] + 1)
+FINGERS = range(JOINT_INDEX["left_index1"], JOINT_INDEX["right_thumb3"] + 1)
 
 Windows = Float[np.ndarray, "_ F"]
 Figures = dict[str, Float[np.ndarray, " _"]]
@@ -78,8 +79,8 @@ def realism_windows(clip: PosedClip, silences: Silences = ()) -> Figures:
     """
     paths = {
         "fingertip": clip.right_tip,
-        "head": axis_angles(clip.global_rot[:, JOINT["head"]]),
-        "chest": clip.positions[:, JOINT["spine3"]],
+        "head": axis_angles(clip.global_rot[:, JOINT_INDEX["head"]]),
+        "chest": clip.positions[:, JOINT_INDEX["spine3"]],
     }
     return _figures(_series(clip), paths, silences)
 
@@ -90,7 +91,7 @@ def head_windows(clip: PosedClip, silences: Silences = ()) -> Figures:
     Brows, lids and lips are left out: recordings have them in another basis of face units. So is
     the jaw's sideways turning, which the corpus has none of.
     """
-    neck, head, jaw = (clip.local_rot[:, JOINT[name]] for name in ("neck", "head", "jaw"))
+    neck, head, jaw = (clip.local_rot[:, JOINT_INDEX[name]] for name in ("neck", "head", "jaw"))
     in_chest_deg = np.degrees(axis_angles(neck @ head))
     opening = np.degrees(axis_angles(jaw))[:, 0]
     series = {
@@ -135,7 +136,7 @@ def _series(clip: PosedClip) -> dict[str, Float[np.ndarray, " _"]]:
     left, right = in_chest(clip, LEFT_WRIST), in_chest(clip, RIGHT_WRIST)
 
     def both(name: str) -> list[int]:
-        return [JOINT[f"left_{name}"], JOINT[f"right_{name}"]]
+        return [JOINT_INDEX[f"left_{name}"], JOINT_INDEX[f"right_{name}"]]
 
     def turning(joints: list[int]) -> Float[np.ndarray, " _"]:
         return turning_deg_s(clip.local_rot[:, joints]).mean(1)
@@ -152,8 +153,8 @@ def _series(clip: PosedClip) -> dict[str, Float[np.ndarray, " _"]]:
         "elbow turning, deg/s": turning(both("elbow")),
         "wrist turning, deg/s": turning(both("wrist")),
         "finger turning, deg/s": turning(list(FINGERS)),
-        "head turning, deg/s": turning_deg_s(clip.global_rot[:, [JOINT["head"]]])[:, 0],
-        "chest turning, deg/s": turning_deg_s(clip.global_rot[:, [JOINT["spine3"]]])[:, 0],
+        "head turning, deg/s": turning_deg_s(clip.global_rot[:, [JOINT_INDEX["head"]]])[:, 0],
+        "chest turning, deg/s": turning_deg_s(clip.global_rot[:, [JOINT_INDEX["spine3"]]])[:, 0],
         "pelvis speed, m/s": derivative(clip.positions[:, 0], 1),
         "ankle speed, m/s": moving("ankle", 1),
         "knee turning, deg/s": turning(both("knee")),

@@ -10,6 +10,7 @@ import logging
 import sys
 from pathlib import Path
 
+from conventions.names import printable
 from model.corpus.build import MANIFEST, CorpusError, read_manifest
 from model.corpus.people.rig import open_body_rig
 from model.corpus.report.drawing import draw_filmstrips, draw_gestures
@@ -22,7 +23,6 @@ from model.corpus.report.measuring import (
 )
 from model.corpus.report.page import report_page
 from model.storage.files import written_atomically
-from model.storage.harmless import printable
 
 
 def write_report(data: Path, real: Path | None, out: Path, clips_per_speaker: int) -> None:

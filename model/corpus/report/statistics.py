@@ -9,18 +9,19 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import find_peaks, welch
 from scipy.spatial.transform import Rotation
 
-from model.corpus.people.rig import JOINT, Rig, forward_kinematics, matrices
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
+from model.corpus.people.rig import Rig, forward_kinematics, matrices
 from model.motion.motion import load_motion
-from model.motion.timing import FPS
 
-LEFT_WRIST, RIGHT_WRIST = JOINT["left_wrist"], JOINT["right_wrist"]
+LEFT_WRIST, RIGHT_WRIST = JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"]
 LONG_FINGERS = [
-    JOINT[f"{side}_{finger}{k}"]
+    JOINT_INDEX[f"{side}_{finger}{k}"]
     for side in ("left", "right")
     for finger in ("index", "middle", "pinky", "ring")
     for k in (1, 2, 3)
 ]
-RIGHT_MIDDLE_TIP_JOINT = JOINT["right_middle3"]
+RIGHT_MIDDLE_TIP_JOINT = JOINT_INDEX["right_middle3"]
 STROKE_M_S, STROKE_PROMINENCE_M_S = 0.25, 0.15
 PLANTED_WITHIN_M = 0.012  # of the ankle's lowest height
 
@@ -52,7 +53,9 @@ def read_posed_clip(path: Path, rig: Rig) -> PosedClip:
 def clip_statistics(clip: PosedClip) -> dict[str, float]:
     """Named figures of one clip; the names hold the units."""
     left, right = (derivative(clip.positions[:, wrist], 1) for wrist in (LEFT_WRIST, RIGHT_WRIST))
-    shoulders = turning_deg_s(clip.local_rot[:, [JOINT["left_shoulder"], JOINT["right_shoulder"]]])
+    shoulders = turning_deg_s(
+        clip.local_rot[:, [JOINT_INDEX["left_shoulder"], JOINT_INDEX["right_shoulder"]]]
+    )
     wrists = turning_deg_s(clip.local_rot[:, [LEFT_WRIST, RIGHT_WRIST]])
     wrist = in_chest(clip, RIGHT_WRIST)
     return {
@@ -64,8 +67,10 @@ def clip_statistics(clip: PosedClip) -> dict[str, float]:
         "finger joint speed, deg/s": float(turning_deg_s(clip.local_rot[:, LONG_FINGERS]).mean()),
         "wrist joint speed, deg/s": float(wrists.mean()),
         "shoulder speed, 99th percentile, deg/s": float(np.percentile(shoulders, 99)),
-        "head speed, deg/s": float(turning_deg_s(clip.global_rot[:, [JOINT["head"]]]).mean()),
-        "chest speed, deg/s": float(turning_deg_s(clip.global_rot[:, [JOINT["spine3"]]]).mean()),
+        "head speed, deg/s": float(turning_deg_s(clip.global_rot[:, [JOINT_INDEX["head"]]]).mean()),
+        "chest speed, deg/s": float(
+            turning_deg_s(clip.global_rot[:, [JOINT_INDEX["spine3"]]]).mean()
+        ),
         "pelvis speed, cm/s": float(100 * derivative(clip.positions[:, 0], 1).mean()),
         "knee bend, median, deg": float(np.median(_bend_deg(clip, ("left_knee", "right_knee")))),
         "elbow bend, median, deg": float(np.median(_bend_deg(clip, ("left_elbow", "right_elbow")))),
@@ -82,7 +87,9 @@ def window_features(clip: PosedClip, window_s: float = 4.0) -> Float[np.ndarray,
     fingers = Rotation.from_matrix(clip.local_rot[:-1, LONG_FINGERS].reshape(-1, 3, 3))
     curl = np.degrees(fingers.magnitude()).reshape(num_frames, -1)
     half = curl.shape[1] // 2
-    joints = [JOINT[f"{side}_{part}"] for side in ("left", "right") for part in ("elbow", "wrist")]
+    joints = [
+        JOINT_INDEX[f"{side}_{part}"] for side in ("left", "right") for part in ("elbow", "wrist")
+    ]
     series = np.column_stack(
         [
             left,
@@ -92,7 +99,7 @@ def window_features(clip: PosedClip, window_s: float = 4.0) -> Float[np.ndarray,
             curl[:, half:].mean(1),
             turning_deg_s(clip.local_rot[:, LONG_FINGERS]).mean(1),
             turning_deg_s(clip.local_rot[:, joints]),
-            turning_deg_s(clip.global_rot[:, [JOINT["spine3"], JOINT["head"]]]),
+            turning_deg_s(clip.global_rot[:, [JOINT_INDEX["spine3"], JOINT_INDEX["head"]]]),
             derivative(clip.positions[:, 0], 1),
         ]
     )
@@ -115,13 +122,13 @@ def turning_deg_s(rotmat: Float[np.ndarray, "T J 3 3"]) -> Float[np.ndarray, "S 
 
 def _bend_deg(clip: PosedClip, names: tuple[str, ...]) -> Float[np.ndarray, " N"]:
     """Rotation from the rest pose, all joints and frames in one row."""
-    rotmat = clip.local_rot[:, [JOINT[name] for name in names]].reshape(-1, 3, 3)
+    rotmat = clip.local_rot[:, [JOINT_INDEX[name] for name in names]].reshape(-1, 3, 3)
     return np.degrees(Rotation.from_matrix(rotmat).magnitude())
 
 
 def in_chest(clip: PosedClip, joint: int) -> Float[np.ndarray, "T 3"]:
     """A joint's place as seen from the chest: metres to its left, up and forward."""
-    chest = JOINT["spine3"]
+    chest = JOINT_INDEX["spine3"]
     offset = clip.positions[:, joint] - clip.positions[:, chest]
     return np.einsum("tba,tb->ta", clip.global_rot[:, chest], offset)
 
@@ -143,7 +150,7 @@ def _strokes_per_s(speed: Float[np.ndarray, " T"]) -> float:
 
 def _slip_cm_s(clip: PosedClip) -> float:
     slips = []
-    for ankle in (JOINT["left_ankle"], JOINT["right_ankle"]):
+    for ankle in (JOINT_INDEX["left_ankle"], JOINT_INDEX["right_ankle"]):
         place = clip.positions[:, ankle]
         planted = place[:-1, 1] < place[:, 1].min() + PLANTED_WITHIN_M
         slips.append(derivative(place * [1.0, 0.0, 1.0], 1)[planted].mean())

@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import map_coordinates
 
+from conventions.rates import SAMPLE_RATE
 from model.corpus.people.speaker import Speaker
 from model.corpus.people.voice import PAUSE, Phone, say, words_of
 from model.corpus.words.texts import Split, talk
-from model.motion.timing import SAMPLE_RATE
 
 FUNCTION_WORDS = frozenset(
     """a an the and or but so of to in on at for from with by as is are was were be been am it its

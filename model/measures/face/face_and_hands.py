@@ -4,12 +4,12 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
 from model.measures.face.face_measures import unit_columns
 from model.measures.lagged_correlation import lagged_correlation
 from model.motion.motion import Motion
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
-from model.motion.skeleton import JOINT_INDEX
-from model.motion.timing import FPS
 
 SHIFT_S = 4.0
 """By which a track is shifted in a circle, to know what chance gives."""

@@ -3,8 +3,9 @@
 import numpy as np
 from jaxtyping import Float
 
+from conventions.joints import JOINT_INDEX
 from model.motion.motion import Motion
-from model.motion.skeleton import JOINT_INDEX, face_unit_names
+from model.motion.skeleton import face_unit_names
 
 BLINK_CLOSED, BLINK_OPEN = 0.5, 0.3
 """A lid that passes the first has begun a blink, and ends it below the second."""

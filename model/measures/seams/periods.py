@@ -27,8 +27,8 @@ from scipy.ndimage import median_filter
 from scipy.special import ndtri
 from scipy.stats import chi2, norm, rankdata
 
+from conventions.joints import FINGERTIP_NAMES, JOINT_INDEX, LEFT_HAND, NUM_JOINTS, RIGHT_HAND
 from model.measures.smoothness import STILL_M_S3, derivative_magnitudes
-from model.motion.skeleton import FINGERTIP_NAMES, JOINT_INDEX, LEFT_HAND, NUM_JOINTS, RIGHT_HAND
 from model.motion.tracks import Tracks
 
 MIN_PERIOD, MAX_PERIOD = 2, 240

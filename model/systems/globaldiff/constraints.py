@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from model.motion.skeleton import PARENTS
+from conventions.joints import PARENTS
 
 ANCHOR_DISTANCE_M = 0.05
 SHORTEST_BONE_M = 1e-4

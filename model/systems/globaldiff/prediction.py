@@ -8,11 +8,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from conventions.joints import JOINT_DEPTH
 from model.data.prepared import home_of
 from model.generation.base import DEPTH_FLOW_TIME, FLOW_TIMES, Features, Prediction
 from model.motion.decoding import decode, to_vectors
 from model.motion.motion import Motion
-from model.motion.skeleton import JOINT_DEPTH, open_body_skeleton
+from model.motion.skeleton import open_body_skeleton
 from model.sampling.flow import interpolate
 
 if TYPE_CHECKING:

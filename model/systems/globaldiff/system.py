@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from conventions.rates import FPS
 from model.generation.base import Draw, Features, Prediction
 from model.generation.stitching import fade_weights
 from model.motion.decoding import rotations
@@ -15,7 +16,6 @@ from model.motion.motion import Motion
 from model.motion.packing import Normaliser, pack
 from model.motion.rotations import rot6d_from_matrix
 from model.motion.spaces import ROOT_DIM
-from model.motion.timing import FPS
 from model.networks.prior_network import PriorNetwork
 from model.sampling.flow import sample
 from model.sampling.guidance import SpeechGuide

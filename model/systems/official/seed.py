@@ -7,10 +7,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from conventions.joints import JOINT_NAMES
 from model.motion.kinematics import global_from_local
 from model.motion.motion import Motion, load_motion
 from model.motion.rotations import matrix_from_axis_angle, rot6d_from_matrix
-from model.motion.skeleton import JOINT_NAMES
 from model.storage.npz import MotionError
 from model.systems.official.files import SEED_VARIABLE
 from model.systems.official.sizes import SEED_FRAMES

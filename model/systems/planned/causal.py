@@ -18,9 +18,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from conventions.rates import FPS
 from model.data.plans import kinds_of
 from model.generation.base import PlannedAhead
-from model.motion.timing import FPS
 from model.plan.kinds import FOLLOWING, KindTable, Stroke, strokes_of
 from model.plan.manner import Manner
 from model.plan.palette import Place

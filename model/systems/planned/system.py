@@ -9,11 +9,11 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from conventions.joints import JOINT_INDEX
 from model.data.plans import kinds_of
 from model.generation.base import Draw, Features
 from model.motion.motion import Motion
 from model.motion.packing import Normaliser
-from model.motion.skeleton import JOINT_INDEX
 from model.plan.plan import GesturePlan
 from model.plan.tracks import FACE_TRACKS, NUM_TRACKS, at_rest, tracks_of
 from model.sampling.guidance import SpeechGuide

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
+from conventions.names import PostFilter
 from renderer.figures.figure6.draw import draw_figure6
 from renderer.figures.figure6.marks import JointMarks
 from renderer.figures.figure6.spec import (
     ONE_SEED_CAVEAT,
     WINDOW_FRAMES,
-    PostFilter,
     check_figure6,
     choose_snapshot_frames,
 )

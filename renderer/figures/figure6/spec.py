@@ -2,10 +2,10 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
+from conventions.names import PostFilter
 from renderer.figures.figure6.marks import JointMarks
 from renderer.figures.figure6.tremble import has_tremble, off_the_slow_path
 from renderer.figures.files import FigureError
@@ -18,8 +18,6 @@ COORDINATES = ("x", "y", "z")
 MIN_SPAN_M = 0.02
 """A point that stands still is drawn on an axis of two centimetres."""
 ONE_SEED_CAVEAT = "One clip and one noise seed: an example, not a comparison of the systems."
-
-PostFilter = Literal["none", "savgol"]
 
 _FILTER_SENTENCES: dict[PostFilter, str] = {
     "none": "Raw motion, no filter.",

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from conventions.names import VERSIONS, Version
 from renderer.figures import style
 from renderer.figures.jitter.layout import SheetLayout, plan_sheet
-from renderer.figures.jitter.series import KINDS, Curves, JitterSheet, Kind
+from renderer.figures.jitter.series import Curves, JitterSheet
 from renderer.figures.page import MARGIN, TITLE_GAP, Rect
 from renderer.figures.text import (
     caption_lines,
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FOLDED = "frame of the period found"
-HEADS: dict[Kind, str] = {"raw": "As generated", "savgol": "Savitzky-Golay filter, 7 frames"}
+HEADS: dict[Version, str] = {"raw": "As generated", "savgol": "Savitzky-Golay filter, 7 frames"}
 LIMIT_HZ = 5.0
 NO_DATA = "Not measured: too short, or nothing moved."
 NO_PERIOD = "No windows are known, and no period of 2 to 240 frames was found in the jerk."
@@ -49,7 +50,7 @@ def draw_sheet(sheet: JitterSheet, caption: str) -> "Figure":
     figure = Figure(figsize=(style.FIGURE_WIDTH_IN, layout.height), facecolor="white")
     for key in layout.legend:
         draw_key(figure, key, sheet.styles[key.name])
-    for kind, rect in zip(KINDS, layout.panels["depth"], strict=True):
+    for kind, rect in zip(VERSIONS, layout.panels["depth"], strict=True):
         write(figure, rect.left, layout.heads_top, HEADS[kind], size=style.LABEL_PT, va="top")
 
     _draw_depth(figure, layout, sheet)
@@ -72,7 +73,7 @@ def _draw_depth(figure: "Figure", layout: SheetLayout, sheet: JitterSheet) -> No
     for each in axes:
         each.set_xlabel("bones from the pelvis", size=style.LABEL_PT, labelpad=1.0)
         each.xaxis.set_major_locator(MaxNLocator(integer=True))
-    _share_log(axes, [sheet.by_depth(kind) for kind in KINDS])
+    _share_log(axes, [sheet.by_depth(kind) for kind in VERSIONS])
 
 
 def _draw_joints(figure: "Figure", layout: SheetLayout, sheet: JitterSheet) -> None:
@@ -103,7 +104,7 @@ def _draw_spectrum(figure: "Figure", layout: SheetLayout, sheet: JitterSheet) ->
             textcoords="offset points",
             **{"size": style.SMALL_PT, "color": style.FAINT_INK, "va": "top"},
         )
-    _share_log(axes, [sheet.spectrum(kind) for kind in KINDS], decades=5.0)
+    _share_log(axes, [sheet.spectrum(kind) for kind in VERSIONS], decades=5.0)
 
 
 def _draw_attribution(figure: "Figure", layout: SheetLayout, sheet: JitterSheet) -> None:
@@ -116,7 +117,7 @@ def _draw_attribution(figure: "Figure", layout: SheetLayout, sheet: JitterSheet)
     for each in axes:
         each.axhline(0.0, color=style.FAINT_INK, linewidth=0.5, zorder=0.5)
         _name_x(each, [short_name(name) for name in sheet.chain], size=style.SMALL_PT)
-    _share_linear(axes, [sheet.attribution(kind) for kind in KINDS])
+    _share_linear(axes, [sheet.attribution(kind) for kind in VERSIONS])
 
 
 def _draw_seams(figure: "Figure", layout: SheetLayout, sheet: JitterSheet) -> None:
@@ -136,7 +137,7 @@ def _draw_seams(figure: "Figure", layout: SheetLayout, sheet: JitterSheet) -> No
             each.axvspan(-0.5, sheet.window_overlap - 0.5, color=_SHADE, linewidth=0.0, zorder=0.2)
         elif sheet.periods:
             each.set_xticks(_few_frames(max(frames for frames, _ in sheet.periods.values())))
-    _share_linear(axes, [sheet.by_phase(kind) for kind in KINDS], from_zero=True)
+    _share_linear(axes, [sheet.by_phase(kind) for kind in VERSIONS], from_zero=True)
 
 
 def _few_frames(period: int) -> list[int]:
@@ -149,7 +150,7 @@ def _row(
     layout: SheetLayout,
     sheet: JitterSheet,
     row: str,
-    curves_of: Callable[[Kind], Curves],
+    curves_of: Callable[[Version], Curves],
     *,
     title: str,
     y_label: str,
@@ -164,7 +165,7 @@ def _row(
     rects = layout.panels[row]
     write_title(figure, MARGIN, rects[0].top - TITLE_GAP, title)
     drawn = []
-    for kind, rect in zip(KINDS, rects, strict=False):
+    for kind, rect in zip(VERSIONS, rects, strict=False):
         axes = figure.add_axes(rect.fraction_of(layout.height), label=f"{row} {kind}")
         _draw_curves(axes, curves_of(kind), sheet, is_dense, without)
         axes.grid(axis="y")
@@ -172,7 +173,7 @@ def _row(
         if rect is not rects[0]:
             axes.tick_params(axis="y", labelleft=False)
         drawn.append(axes)
-    if any(curves_of(kind) for kind in KINDS):
+    if any(curves_of(kind) for kind in VERSIONS):
         _write_y_label(figure, rects[0], y_label)
     return drawn
 

@@ -6,20 +6,18 @@ plot; a measure that a file does not have at all gives no curve.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from conventions.names import REFERENCE_NAME, Version
 from renderer.figures.files import FigureError
 from renderer.figures.style import MAX_SYSTEMS, SeriesStyle, styles_of
 
-Kind = Literal["raw", "savgol"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
 Curves = dict[str, tuple[np.ndarray, np.ndarray]]
 """Name to x and y, both (N,)."""
 
-REFERENCE = "reference"
 _GROUP_ENDS = ("_hip", "_collar", "index1", "middle1", "pinky1", "ring1", "thumb1")
 """A line through the joints begins anew at these: they do not follow on the joint before."""
 
@@ -28,7 +26,7 @@ _GROUP_ENDS = ("_hip", "_collar", "index1", "middle1", "pinky1", "ring1", "thumb
 class JitterSheet:
     """What one sheet shows, as :func:`read_sheet` returns it."""
 
-    measures: dict[str, Mapping[Kind, Mapping[str, Any]]]
+    measures: dict[str, Mapping[Version, Mapping[str, Any]]]
     """Name to the numbers as generated and filtered; the reference comes first."""
     joint_names: tuple[str, ...]
     point: str
@@ -37,13 +35,13 @@ class JitterSheet:
 
     @property
     def styles(self) -> dict[str, SeriesStyle]:
-        return styles_of(self.measures, REFERENCE)
+        return styles_of(self.measures, REFERENCE_NAME)
 
-    def by_depth(self, kind: Kind) -> Curves:
+    def by_depth(self, kind: Version) -> Curves:
         """Bones from the pelvis, and the mean jerk of the joints there in m/s^3."""
         return self._curves(kind, "jerk_by_depth_m_s3")
 
-    def by_phase(self, kind: Kind) -> Curves:
+    def by_phase(self, kind: Version) -> Curves:
         """Frame of the window, or of the period found, and mean jerk in m/s^3."""
         return self._curves(kind, "jerk_by_window_phase_m_s3")
 
@@ -60,7 +58,7 @@ class JitterSheet:
             if period
         }
 
-    def by_joint(self, kind: Kind) -> Curves:
+    def by_joint(self, kind: Version) -> Curves:
         """Place in :meth:`joint_order`, and jerk in m/s^3; a gap of NaN wherever a limb ends."""
         order = self.joint_order
         curves = {}
@@ -83,7 +81,7 @@ class JitterSheet:
     def _begins_limb(self, joint: int) -> bool:
         return self.joint_names[joint].endswith(_GROUP_ENDS)
 
-    def spectrum(self, kind: Kind) -> Curves:
+    def spectrum(self, kind: Version) -> Curves:
         """Frequency in Hz, and share of the point's velocity power in each bin in percent."""
         found = {}
         for name, measures in self.measures.items():
@@ -93,7 +91,7 @@ class JitterSheet:
                 found[name] = (_array(spectrum["frequency_hz"]), power)
         return _with_numbers(found)
 
-    def attribution(self, kind: Kind) -> Curves:
+    def attribution(self, kind: Version) -> Curves:
         """Place in :attr:`chain`, and relative drop of the point's jerk in percent."""
         found = {}
         for name, measures in self.measures.items():
@@ -116,7 +114,7 @@ class JitterSheet:
                     return tuple(joints)
         return ()
 
-    def _curves(self, kind: Kind, measure: str) -> Curves:
+    def _curves(self, kind: Version, measure: str) -> Curves:
         values = {name: _of(m, kind).get(measure) for name, m in self.measures.items()}
         arrays = {name: _array(value) for name, value in values.items() if value}
         return _with_numbers(
@@ -147,7 +145,7 @@ def read_sheet(
             f"There are no numbers of {unknown[0]!r}; there are {', '.join(systems)}."
         )
     reference = diagnostics.get("reference")
-    measures = {REFERENCE: reference} if reference else {}
+    measures = {REFERENCE_NAME: reference} if reference else {}
     return JitterSheet(
         measures={**measures, **{name: systems[name] for name in names}},
         joint_names=tuple(diagnostics.get("joint_names") or ()),
@@ -157,7 +155,7 @@ def read_sheet(
     )
 
 
-def _of(measures: Mapping[Kind, Mapping[str, Any]], kind: Kind) -> Mapping[str, Any]:
+def _of(measures: Mapping[Version, Mapping[str, Any]], kind: Version) -> Mapping[str, Any]:
     return measures.get(kind) or {}
 
 

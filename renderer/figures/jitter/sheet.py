@@ -10,9 +10,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from conventions.names import REFERENCE_NAME
 from renderer.figures.files import FigureFiles, matplotlib_settings, write_figure
 from renderer.figures.jitter.draw import draw_sheet
-from renderer.figures.jitter.series import REFERENCE, JitterSheet, read_sheet
+from renderer.figures.jitter.series import JitterSheet, read_sheet
 
 __all__ = ["jitter_sheet"]
 
@@ -47,7 +48,7 @@ def jitter_sheet(
 
 def _caption(sheet: JitterSheet, clip: str, sentence: str) -> str:
     parts = [f"Jitter{f' of {clip}' if clip else ''}, left as generated, right after the filter."]
-    if REFERENCE in sheet.measures:
+    if REFERENCE_NAME in sheet.measures:
         parts.append("Black: the recorded reference, which has no windows and so no seams.")
     measures = {
         "jerk by depth": sheet.by_depth("raw"),

@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-import renderer.body.look
 from app.commands.cli import main, make_parser
 from app.flags import read_flags
 from app.run.requests.display import Display
-from app.run.requests.request import LOOKS, GenerateRequest
+from app.run.requests.request import GenerateRequest
 from app.run.videos.export import RenderRequest
 from model.motion.motion import save_motion
 from renderer.video.compose import band_height
@@ -283,11 +282,6 @@ def test_a_look_is_drawn_and_exported(motion: Path, tmp_path: Path) -> None:
     render(motion, usual)
     render(motion, broad, "--look", "broad-light")
     assert usual.read_bytes() != broad.read_bytes()
-
-
-def test_looks_on_the_command_line_are_those_of_the_renderer() -> None:
-    assert tuple(renderer.body.look.LOOKS) == LOOKS
-    assert renderer.body.look.DEFAULT_LOOK == LOOKS[0]
 
 
 @pytest.mark.gl

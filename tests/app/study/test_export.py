@@ -19,9 +19,9 @@ from app.study.make import media
 from app.study.make.mp4 import read_mp4
 from app.study.make.options import ExportOptions
 from app.study.make.workspace import Workspace, sha256
-from model.jobs.pool import JobPool
 from model.motion.motion import load_motion, save_motion
 from model.speech.audio import write_wav
+from processes.pool import JobPool
 from tests.app.study.made_study import FRAMES, draw_noise, tree, write_inputs, write_plan
 from tests.helpers import smooth_motion_example
 

@@ -8,12 +8,12 @@ import pytest
 from app.study.design.plan import read_plan
 from app.study.export import export_study
 from app.study.make.options import ExportOptions
-from model.jobs.pool import JobPool
+from processes.pool import JobPool
 from tests.app.study.made_study import draw_noise, tree, write_inputs, write_plan
 
 pytest.importorskip("distributed", reason="Dask is not installed (requirements-cluster.txt)")
 
-from tests.model.jobs.test_cluster import scheduler, workers
+from tests.processes.test_cluster import scheduler, workers
 
 SYSTEMS, CLIPS = ["localnet", "globalnet"], ["kitchen", "garden"]
 

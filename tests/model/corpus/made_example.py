@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from conventions.rates import FPS, SAMPLE_RATE
 from model.corpus.build import made_clip, plan_jobs
 from model.corpus.clip import Clip
 from model.corpus.layout import ClipPaths, clip_paths, write_clip
-from model.motion.timing import FPS, SAMPLE_RATE
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "procedural_speaker"
 NAME = "a_procedural_speaker"

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
 from model.corpus.body.arms import follow_plan, move_arms
 from model.corpus.body.contact import Hips
 from model.corpus.clip import Clip, make_clip
 from model.corpus.gesture.gestures import REST
 from model.corpus.gesture.plan import Key, Plan
-from model.corpus.people.rig import JOINT, forward_kinematics, matrices, open_body_rig
+from model.corpus.people.rig import forward_kinematics, matrices, open_body_rig
 from model.corpus.people.speakers import SPEAKERS, Speaker
-from model.motion.timing import FPS
 
 from .conftest import CALM, LIVELY
 
@@ -69,17 +70,19 @@ def test_no_wrist_is_thrown_off_its_way_from_one_frame_to_the_next(
     for seed in range(2):
         clip = make_clip(open_body_rig(), speaker, "train", 25.0, [19, seed])
         _, _, positions = kinematics(clip)
-        wrists = positions[:, [JOINT["left_wrist"], JOINT["right_wrist"]]]
+        wrists = positions[:, [JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"]]]
         assert np.linalg.norm(np.diff(wrists, 2, axis=0), axis=-1).max() < 0.025
         assert np.linalg.norm(np.diff(wrists, axis=0), axis=-1).max() < 0.08
 
 
 def test_fingers_are_alive_and_bend_off_their_hinge(clip: Clip) -> None:
     local, _, _ = kinematics(clip)
-    fingers = [j for name, j in JOINT.items() if name[:-1].endswith(("index", "middle", "ring"))]
+    fingers = [
+        j for name, j in JOINT_INDEX.items() if name[:-1].endswith(("index", "middle", "ring"))
+    ]
     assert 30 < speed_deg_s(local[:, fingers]).mean() < 70
     poses = np.degrees(clip.poses.reshape(-1, 55, 3))
-    knuckle = poses[:, JOINT["right_index2"]]
+    knuckle = poses[:, JOINT_INDEX["right_index2"]]
     assert knuckle[:, 2].std() > 4  # the hinge
     assert knuckle[:, 0].std() > 1  # its own axis
 
@@ -88,7 +91,7 @@ def test_a_lively_fingertip_is_as_rough_as_a_persons_and_never_snaps(
     clips: dict[str, Clip],
 ) -> None:
     _, global_rot, positions = kinematics(clips[LIVELY])
-    rig, last = open_body_rig(), JOINT["right_middle3"]
+    rig, last = open_body_rig(), JOINT_INDEX["right_middle3"]
     tip = positions[:, last] + global_rot[:, last] @ rig.tip_offsets[rig.tip_joints.index(last)]
     jerk = np.linalg.norm(np.diff(tip, 3, axis=0), axis=1) * FPS**3
     assert 90 < jerk.mean() < 180
@@ -106,7 +109,7 @@ def test_the_lively_speaker_moves_more_than_the_calm_one(clips: dict[str, Clip])
 def test_planted_feet_stay_and_stand_on_the_floor(clip: Clip) -> None:
     _, _, positions = kinematics(clip)
     rig = open_body_rig()
-    for ankle in (JOINT["left_ankle"], JOINT["right_ankle"]):
+    for ankle in (JOINT_INDEX["left_ankle"], JOINT_INDEX["right_ankle"]):
         height = positions[:-1, ankle, 1] - (rig.rest_joints[ankle, 1] - rig.floor_m)
         assert height.min() > -1e-4
         planted = height < 1e-4
@@ -119,7 +122,7 @@ def test_planted_feet_stay_and_stand_on_the_floor(clip: Clip) -> None:
 
 def test_knees_are_nearly_straight_and_never_pop(clip: Clip) -> None:
     local, _, _ = kinematics(clip)
-    knees = local[:, [JOINT["left_knee"], JOINT["right_knee"]]]
+    knees = local[:, [JOINT_INDEX["left_knee"], JOINT_INDEX["right_knee"]]]
     bend = np.degrees(Rotation.from_matrix(knees.reshape(-1, 3, 3)).magnitude())
     assert 8 < np.median(bend) < 16
     assert bend.min() > 4
@@ -147,7 +150,7 @@ def test_hands_stay_out_of_the_body(clip: Clip, side: str) -> None:
     _, global_rot, positions = kinematics(clip)
     inside = np.zeros(len(positions), dtype=bool)
     for name, lowest, highest in BOXES:
-        joint = JOINT[name]
+        joint = JOINT_INDEX[name]
         hand = in_frame(positions[:, HANDS[side]], global_rot[:, joint], positions[:, joint])
         inside |= np.any(((hand > lowest) & (hand < highest)).all(axis=-1), axis=-1)
     assert inside.mean() < 0.005
@@ -210,7 +213,7 @@ def test_keys_of_a_hand_follow_each_other(clip: Clip) -> None:
 
 
 def test_the_jaw_opens_in_vowels_and_lips_close_in_bilabials(clip: Clip) -> None:
-    jaw = np.degrees(clip.poses.reshape(-1, 55, 3)[:, JOINT["jaw"], 0])
+    jaw = np.degrees(clip.poses.reshape(-1, 55, 3)[:, JOINT_INDEX["jaw"], 0])
     assert jaw.min() >= 0
     assert jaw.max() < 14
 

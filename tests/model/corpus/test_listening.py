@@ -3,15 +3,18 @@
 import numpy as np
 import pytest
 
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
 from model.corpus.clip import Clip, make_clip
-from model.corpus.people.rig import JOINT, matrices, open_body_rig
+from model.corpus.people.rig import matrices, open_body_rig
 from model.corpus.people.speakers import SPEAKERS
 from model.corpus.words.prosody import LISTENING_S
-from model.motion.timing import FPS
 
 from .test_clip import kinematics, speed_deg_s
 
-ARMS = [JOINT[f"{side}_{part}"] for side in ("left", "right") for part in ("shoulder", "elbow")]
+ARMS = [
+    JOINT_INDEX[f"{side}_{part}"] for side in ("left", "right") for part in ("shoulder", "elbow")
+]
 SETTLED_S, WAKES_S = 1.1, 0.6
 
 
@@ -61,10 +64,13 @@ def test_arms_and_jaw_are_still_in_silence(listeners: list[Clip]) -> None:
         local = matrices(clip.poses.astype(np.float64).reshape(-1, 55, 3))
         silent, spoken = is_silent(clip), speaks(clip)
         arms = speed_deg_s(local[:, ARMS]).sum(axis=1)
-        jaw = speed_deg_s(local[:, JOINT["jaw"]])
+        jaw = speed_deg_s(local[:, JOINT_INDEX["jaw"]])
         ratios.append(arms[silent].mean() / arms[spoken].mean())
         assert jaw[silent].mean() < 0.08 * jaw[spoken].mean()
-        assert np.degrees(clip.poses.reshape(-1, 55, 3)[1:][silent][:, JOINT["jaw"], 0]).max() < 1.5
+        assert (
+            np.degrees(clip.poses.reshape(-1, 55, 3)[1:][silent][:, JOINT_INDEX["jaw"], 0]).max()
+            < 1.5
+        )
     assert np.mean(ratios) < 0.25
 
 

@@ -10,6 +10,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+from conventions.joints import FINGERTIP_NAMES, chain_to_root
 from model.diagnostics.diagnostics import diagnose, measures, smooth_motion, track_points
 from model.measures import smoothness
 from model.measures.posture import foot_slide
@@ -17,7 +18,7 @@ from model.measures.seams.seams import jerk_by_window_phase, seam_jerk_ratio
 from model.measures.spectrum import velocity_spectrum
 from model.motion import tracks
 from model.motion.motion import Motion, first_frames, load_motion
-from model.motion.skeleton import FINGERTIP_NAMES, chain_to_root, open_body_skeleton
+from model.motion.skeleton import open_body_skeleton
 from tests.helpers import ROOT, beat2_folder, smooth_motion_example
 
 SKELETON = open_body_skeleton()

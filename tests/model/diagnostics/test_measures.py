@@ -10,6 +10,7 @@ import pytest
 import torch
 from scipy.integrate import quad
 
+from conventions.joints import FINGERTIP_JOINTS, HANDS, JOINT_INDEX, JOINT_NAMES
 from model.diagnostics.diagnostics import diagnose
 from model.diagnostics.measures import measures
 from model.measures import point, posture, smoothness
@@ -24,13 +25,7 @@ from model.motion.kinematics import fingertip_positions, joint_positions_from_lo
 from model.motion.mirror import mirror_poses
 from model.motion.motion import Motion
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
-from model.motion.skeleton import (
-    FINGERTIP_JOINTS,
-    HANDS,
-    JOINT_INDEX,
-    JOINT_NAMES,
-    open_body_skeleton,
-)
+from model.motion.skeleton import open_body_skeleton
 from model.motion.tracks import moving_chain, point_words, track_points
 from model.storage.npz import MotionError
 from tests.helpers import smooth_motion_example

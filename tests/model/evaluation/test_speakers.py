@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from conventions.joints import JOINT_INDEX
 from model.evaluation.speakers import (
     PIECE_FRAMES,
     SpeakerJudge,
@@ -9,7 +10,6 @@ from model.evaluation.speakers import (
     manner_numbers,
 )
 from model.motion.motion import Motion, save_motion
-from model.motion.skeleton import JOINT_INDEX
 from tests.model.made import make_data_folder, smooth_motion_example
 
 

@@ -7,12 +7,12 @@ import numpy as np
 import torch
 from scipy.signal import butter, sosfiltfilt
 
+from conventions.joints import JOINT_INDEX, LEFT_HAND, MIRROR_PERMUTATION
+from conventions.rates import SAMPLE_RATE
 from model.faults.timing import loudness_of
 from model.motion.mirror import mirror_poses
 from model.motion.motion import Motion
 from model.motion.retiming import motion_at_speed
-from model.motion.skeleton import JOINT_INDEX, LEFT_HAND, MIRROR_PERMUTATION
-from model.motion.timing import SAMPLE_RATE
 
 FPS = 30
 Fault = Callable[[Motion], Motion]

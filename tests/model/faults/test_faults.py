@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from conventions.names import REFERENCE_NAME
 from model.corpus.clip import make_clip
 from model.corpus.people.rig import open_body_rig
 from model.corpus.people.speakers import SPEAKERS
@@ -15,7 +16,6 @@ from model.formats.read import read_any_motion
 from model.measures.seams.seams import Windows
 from model.motion.motion import Motion, load_motion
 from model.motion.skeleton import open_body_skeleton
-from model.motion.versions import REFERENCE_NAME
 from model.speech.audio import load_speech
 from tests.helpers import beat2_folder, foreign_folder
 from tests.model.corpus.conftest import flite

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 import torch
 
+from conventions.joints import JOINT_INDEX, LEFT_HAND, MIRROR_PERMUTATION
 from model.diagnostics.diagnostics import diagnose
 from model.faults.finding import Finding
 from model.measures.seams.seams import Windows
 from model.motion.mirror import mirror_poses
 from model.motion.motion import Motion
-from model.motion.skeleton import JOINT_INDEX, LEFT_HAND, MIRROR_PERMUTATION, open_body_skeleton
+from model.motion.skeleton import open_body_skeleton
 from model.motion.tracks import point_words
 from tests.helpers import smooth_motion_example
 

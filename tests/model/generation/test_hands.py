@@ -5,10 +5,11 @@ import pytest
 import torch
 from jaxtyping import Float
 
+from conventions.joints import JOINT_INDEX
 from model.generation.hands import LED, LONGEST, LedHands
 from model.motion.kinematics import joint_positions_from_local
 from model.motion.motion import Motion, put_together
-from model.motion.skeleton import JOINT_INDEX, open_body_skeleton
+from model.motion.skeleton import open_body_skeleton
 from model.motion.tracks import track_points
 from model.plan.editing import added
 from model.plan.places import wrist_places

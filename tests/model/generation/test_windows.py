@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 import torch
 
+from conventions.joints import JOINT_INDEX
 from model.generation.windows import (
     Cancelled,
     GenerateOptions,
@@ -11,7 +12,7 @@ from model.generation.windows import (
 )
 from model.motion.kinematics import joint_positions_from_local
 from model.motion.motion import put_together
-from model.motion.skeleton import JOINT_INDEX, open_body_skeleton
+from model.motion.skeleton import open_body_skeleton
 from model.systems.globaldiff.config import BEST
 from model.systems.registry import load_system
 from tests.model.made import TINY_BEST, TINY_SYSTEMS, made_speech, make_weights

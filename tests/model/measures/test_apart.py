@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from conventions.joints import JOINT_INDEX, JOINT_NAMES
 from model.measures.apart import PARTS, degrees_by_part
-from model.motion.skeleton import JOINT_INDEX, JOINT_NAMES
 from tests.helpers import ROOT, smooth_motion_example
 
 

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from conventions.joints import JOINT_INDEX
 from model.measures.hearing import (
     LEAST_FRAMES,
     TRACKS,
@@ -10,7 +11,7 @@ from model.measures.hearing import (
     likeness,
 )
 from model.motion.motion import Motion
-from model.motion.skeleton import JOINT_INDEX, face_unit_names
+from model.motion.skeleton import face_unit_names
 
 FRAMES = 600
 

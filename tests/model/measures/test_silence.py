@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from conventions.joints import JOINT_INDEX
 from model.measures.silence import speed_in_silence, spoken_and_silent
 from model.motion.motion import Motion
-from model.motion.skeleton import JOINT_INDEX
 
 LONG = 150
 """Frames of a silence."""

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from conventions.joints import JOINT_INDEX
 from model.motion.exaggeration import MAX_TURN_RAD, exaggerate
-from model.motion.skeleton import JOINT_INDEX
 from tests.app.fakes import made_motion
 
 NUM_FRAMES = 150

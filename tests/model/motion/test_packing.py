@@ -1,8 +1,8 @@
 import torch
 
+from conventions.joints import JOINT_INDEX
 from model.motion import packing
 from model.motion.packing import ROTATION_DIM, Normaliser, pack, root_positions
-from model.motion.skeleton import JOINT_INDEX
 
 
 def test_regions_cover_every_channel_once():

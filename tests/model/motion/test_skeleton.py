@@ -1,67 +1,23 @@
 import torch
 
-from model.motion import skeleton
-
-SMPLX_PARENTS = (
-    -1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 15, 15, 15,
-    20, 25, 26, 20, 28, 29, 20, 31, 32, 20, 34, 35, 20, 37, 38,
-    21, 40, 41, 21, 43, 44, 21, 46, 47, 21, 49, 50, 21, 52, 53,
-)  # fmt: skip
-
-
-def test_parents_are_those_of_smplx():
-    assert skeleton.PARENTS == SMPLX_PARENTS
-    assert skeleton.NUM_JOINTS == 55
-
-
-def test_named_joints_stand_where_smplx_has_them():
-    expected = {"pelvis": 0, "left_hip": 1, "head": 15, "right_wrist": 21, "jaw": 22,
-                "right_eye": 24, "left_index1": 25, "left_thumb3": 39, "right_index1": 40,
-                "right_middle3": 45, "right_ring3": 51, "right_thumb3": 54}  # fmt: skip
-    assert {name: skeleton.JOINT_INDEX[name] for name in expected} == expected
-
-
-def test_chain_and_depth_of_the_middle_fingertip():
-    assert skeleton.chain_to_root(45) == (45, 44, 43, 21, 19, 17, 14, 9, 6, 3, 0)
-    assert skeleton.JOINT_DEPTH[45] == 10
-    assert skeleton.JOINT_DEPTH[0] == 0
-    assert max(skeleton.JOINT_DEPTH) == 10
-
-
-def test_groups_divide_the_joints():
-    assert skeleton.LEFT_HAND == tuple(range(25, 40))
-    assert skeleton.RIGHT_HAND == tuple(range(40, 55))
-    assert skeleton.UPPER_BODY == (3, 6, 9, *range(12, 22))
-    assert skeleton.LOWER_BODY == (0, 1, 2, 4, 5, 7, 8, 10, 11)
-    groups = skeleton.HANDS + skeleton.UPPER_BODY + skeleton.LOWER_BODY + skeleton.FACE
-    assert sorted(groups) == list(range(55))
-
-
-def test_mirror_pairs_have_mirrored_parents():
-    mirror = skeleton.MIRROR_PERMUTATION
-    assert [mirror[mirror[joint]] for joint in range(55)] == list(range(55))
-    assert [joint for joint in range(55) if mirror[joint] == joint] == [0, 3, 6, 9, 12, 15, 22]
-    for joint in range(1, 55):
-        assert skeleton.PARENTS[mirror[joint]] == mirror[skeleton.PARENTS[joint]]
+from conventions.joints import FINGERTIP_JOINTS, JOINT_INDEX, MIRROR_PERMUTATION, PARENTS
+from model.motion.skeleton import open_body_skeleton
 
 
 def test_open_body_is_a_standing_person_facing_z():
-    rest = skeleton.open_body_skeleton()
+    rest = open_body_skeleton()
     joints = rest.rest_joints
-    index = skeleton.JOINT_INDEX
-    height = joints[index["head"], 1] - joints[index["left_foot"], 1]
+    height = joints[JOINT_INDEX["head"], 1] - joints[JOINT_INDEX["left_foot"], 1]
     assert 1.2 < height < 1.8
-    assert joints[index["left_wrist"], 0] > 0.5 > -0.5 > joints[index["right_wrist"], 0]
-    assert joints[index["left_foot"], 2] > joints[index["left_ankle"], 2]
-    partner = joints[list(skeleton.MIRROR_PERMUTATION)] * torch.tensor([-1.0, 1, 1])
+    assert joints[JOINT_INDEX["left_wrist"], 0] > 0.5 > -0.5 > joints[JOINT_INDEX["right_wrist"], 0]
+    assert joints[JOINT_INDEX["left_foot"], 2] > joints[JOINT_INDEX["left_ankle"], 2]
+    partner = joints[list(MIRROR_PERMUTATION)] * torch.tensor([-1.0, 1, 1])
     torch.testing.assert_close(partner, joints, rtol=0, atol=1e-4)
 
 
 def test_tips_lengthen_their_fingers():
-    rest = skeleton.open_body_skeleton()
-    for tip, joint in enumerate(skeleton.FINGERTIP_JOINTS):
-        bone = rest.rest_joints[joint] - rest.rest_joints[skeleton.PARENTS[joint]]
+    rest = open_body_skeleton()
+    for tip, joint in enumerate(FINGERTIP_JOINTS):
+        bone = rest.rest_joints[joint] - rest.rest_joints[PARENTS[joint]]
         assert bone @ rest.tip_offsets[tip] > 0
         assert 0.01 < rest.tip_offsets[tip].norm() < 0.05
-    assert skeleton.FINGERTIP_NAMES[6] == "right_middle"
-    assert skeleton.FINGERTIP_JOINTS[6] == 45

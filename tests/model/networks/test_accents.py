@@ -3,7 +3,7 @@ from pathlib import Path
 
 import numpy as np
 
-from model.motion.timing import SAMPLE_RATE
+from conventions.rates import SAMPLE_RATE
 from model.networks.accents import heard_accents
 from model.speech.audio import load_speech
 from model.storage.cards import BUNDLED_WEIGHTS

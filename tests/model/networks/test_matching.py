@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 import torch
 
+from conventions.joints import JOINT_INDEX
 from model.motion.packing import Normaliser
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
-from model.motion.skeleton import JOINT_INDEX
 from model.networks.config import MatchingConfig
 from model.networks.matching import (
     PARTS,

@@ -3,9 +3,9 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+from conventions.joints import FACE, JOINT_INDEX
 from model.motion.packing import Normaliser, joint_channels
 from model.motion.rotations import matrix_from_rot6d, rot6d_from_matrix
-from model.motion.skeleton import FACE, JOINT_INDEX
 from model.sampling.guidance import SpeechGuide
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from app.run.planted import CLEAN
-from model.motion.timing import SAMPLE_RATE
+from conventions.rates import SAMPLE_RATE
 from model.speech import recognised
 from model.speech.audio import load_speech
 from model.speech.listener import PIECE_S, pieces

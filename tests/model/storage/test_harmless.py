@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from model.storage.harmless import csv_cell, csv_text, markdown, printable, tex
+from conventions.names import printable
+from model.storage.harmless import csv_cell, csv_text, markdown, tex
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ walking over the skeleton.
 import torch
 from torch import Tensor
 
-from model.motion.skeleton import NUM_JOINTS, PARENTS
+from conventions.joints import NUM_JOINTS, PARENTS
 
 Edges = list[tuple[int, int]]
 """Bones, from joint to joint; the pelvis's own leads to a joint that nobody else knows."""

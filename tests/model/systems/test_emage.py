@@ -8,7 +8,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from model.motion.skeleton import JOINT_INDEX, NUM_JOINTS, PARENTS
+from conventions.joints import JOINT_INDEX, NUM_JOINTS, PARENTS
 from model.storage.cards import CheckpointError
 from model.systems.autoencoders.emage import CODE_DIM, emage_codes, load_emage_encoder
 from tests.helpers import smooth_motion_example

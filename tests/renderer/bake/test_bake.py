@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from conventions.joints import JOINT_INDEX, NUM_JOINTS, PARENTS
+from conventions.views import BUILDS
 from renderer.bake import geometry, mouth
 from renderer.bake.builds import FIGURES, Posed, on_skeleton
 from renderer.bake.geometry import Mesh
@@ -17,8 +19,6 @@ from renderer.bake.pack import write_npz
 from renderer.bake.skinning import dual_quaternion_blend, linear_blend, rotate_towards
 from renderer.bake.vertex_order import with_fixed_vertices
 from renderer.body.body_file import OPEN_BODY_PATH
-from renderer.body.joints import JOINT_INDEX, NUM_JOINTS, PARENTS
-from renderer.body.look import BUILDS
 
 REPOSITORY = Path(__file__).parents[3]
 

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from conventions.joints import JOINT_INDEX, NUM_JOINTS, PARENTS
+from conventions.views import BUILDS, LOOKS, TONES
 from model.motion import skeleton
 from renderer.body.body import Body, BodyError, BodyMotion, load_body
 from renderer.body.body_file import OPEN_BODY_PATH
 from renderer.body.body_npz import MAX_FACES, MAX_VERTICES
-from renderer.body.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS, TIP_VERTICES
-from renderer.body.look import BUILDS, CLAY, DEFAULT_LOOK, LOOKS, REGION_INDEX, REGION_NAMES, TONES
+from renderer.body.look import CLAY, COLORS, REGION_INDEX, REGION_NAMES, look_of
+from renderer.body.tip_vertices import TIP_VERTICES
 
 NUM_FRAMES = 7
 MADE_VERTICES = 10
@@ -66,11 +68,6 @@ def smplx_file(path: Path, **changes: object) -> Path:
     arrays.update(changes)
     np.savez(path, **{key: array for key, array in arrays.items() if array is not None})
     return path
-
-
-def test_joint_table_is_that_of_the_model() -> None:
-    assert skeleton.JOINT_NAMES == JOINT_NAMES
-    assert tuple(skeleton.PARENTS) == PARENTS
 
 
 def test_zero_pose_is_the_template(body: Body) -> None:
@@ -452,9 +449,9 @@ def test_eyes_turn_in_place_in_every_build() -> None:
 
 
 def test_looks_are_every_build_in_every_tone() -> None:
-    assert set(LOOKS) == {f"{build}-{tone}" for build in BUILDS for tone in TONES}
-    assert DEFAULT_LOOK in LOOKS
-    for colors in TONES.values():
+    assert set(COLORS) == set(TONES) and LOOKS[0] == "average-light" and len(LOOKS) == 12
+    assert all(look_of(name).name == name for name in LOOKS)
+    for colors in COLORS.values():
         assert tuple(colors) == REGION_NAMES
         assert all(0 <= channel <= 1 for color in colors.values() for channel in color)
 

@@ -62,7 +62,7 @@ def fake_python(folder: Path, script: str) -> str:
 @pytest.mark.parametrize(
     ("script", "error"),
     [
-        ("kill -SEGV $$\n", "the driver crashed (SIGSEGV)"),
+        ("kill -SEGV $$\n", "the driver ended by signal 11 (SIGSEGV)"),
         ("echo 'no such library' >&2\nexit 1\n", "no such library"),
         ("exit 3\n", "exit status 3"),
     ],

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from conventions.views import BUILDS
 from renderer.body.body_file import OPEN_BODY_PATH, read_body_file
-from renderer.body.look import BUILDS
 from renderer.body.normals import VertexNormals
 from renderer.files.builds import STEP_M, builds_bytes
 

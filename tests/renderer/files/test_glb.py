@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from conventions.joints import JOINT_NAMES
 from renderer.body.body import Body, BodyMotion, load_body
-from renderer.body.joints import JOINT_NAMES
 from renderer.files.glb import glb_bytes, write_glb
 from tests.renderer.body.test_body import max_distance_mm, random_motion, smplx_file
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from conventions.joints import JOINT_INDEX, NUM_JOINTS
 from renderer.body.body import BodyMotion, load_body
-from renderer.body.joints import JOINT_INDEX, NUM_JOINTS
 from renderer.draw.probe import choose_backend
 from renderer.video.frames import stage_for
 from renderer.video.marks import Heat, MarkPainter, Marks, Trail, heat_colors

@@ -11,16 +11,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from processes import ended
+from processes.ended import Ended
 from renderer.body.body import BodyError, load_body
 from renderer.draw.offscreen import GLError
 from renderer.draw.probe import choose_backend
 from renderer.scene.stage import set_stage
-from renderer.video import ended, worker_process
 from renderer.video.encoder import Cancelled, VideoError, read_facts
 from renderer.video.frames import PIECE_FRAMES
 from renderer.video.parallel import processes_worth
 from renderer.video.pool import RenderJob, RenderPool, RenderResult
 from renderer.video.render import RenderSettings, render_stills
+from renderer.video.worker_process import failure
 from tests.renderer.scene.test_camera import waving_motion
 from tests.renderer.video.test_encoder import processes_that_mention, tone, write_wav
 
@@ -168,7 +170,7 @@ def test_a_crash_in_the_child_is_an_error_here(tmp_path):
         assert running.wait(PATIENCE_S)
         (child,) = children_of_this_process()
         os.kill(child, signal.SIGSEGV)
-        with pytest.raises(GLError, match=r"crashed \(SIGSEGV\).*fresh process") as told:
+        with pytest.raises(GLError, match=r"\(SIGSEGV\)\. .*fresh process") as told:
             task.result(PATIENCE_S)
     assert "Fatal Python error: Segmentation fault" in str(told.value)
     assert "memory" not in str(told.value) and "\n" not in str(told.value)
@@ -176,16 +178,26 @@ def test_a_crash_in_the_child_is_an_error_here(tmp_path):
     assert processes_that_mention(tmp_path) == []
 
 
+def test_a_crash_is_the_drivers_where_there_is_one():
+    crash = Ended(-signal.SIGSEGV)
+    assert "most likely the OpenGL driver" in str(failure("It", crash, "egl"))
+    assert "driver" not in str(failure("It", crash, "software"))
+    assert isinstance(failure("It", crash, "software"), GLError)
+    left = failure("It", Ended(1, ("KeyError: 'x'",)), "egl")
+    assert not isinstance(left, GLError) and "KeyError" in str(left) and "driver" not in str(left)
+
+
 def test_a_child_that_is_killed_lacks_memory_only_where_the_system_says_so(tmp_path, monkeypatch):
-    kills = iter([0, 0, 0, 1])
-    monkeypatch.setattr(worker_process, "memory_kills", lambda: next(kills))
-    monkeypatch.setattr(ended, "memory_kills", lambda: next(kills))
-    for words in ("tells of no want of memory", "want of memory, as the system says"):
+    counter = tmp_path / "memory.events"
+    counter.write_text("oom_kill 0\n")
+    monkeypatch.setattr(ended, "_counters", lambda: iter([counter]))
+    for kills, words in enumerate(("tells of no want of memory", "want of memory, as the system")):
         running = threading.Event()
         with RenderPool(max_workers=1) as pool:
             task = pool.submit(long_job(tmp_path), lambda share, running=running: running.set())
             assert running.wait(PATIENCE_S)
             (child,) = children_of_this_process()
+            counter.write_text(f"oom_kill {kills}\n")
             os.kill(child, signal.SIGKILL)
             with pytest.raises(GLError, match=r"signal 9 \(SIGKILL\)") as told:
                 task.result(PATIENCE_S)

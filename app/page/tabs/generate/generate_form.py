@@ -16,18 +16,16 @@ from app.page.parts.catalogue import Catalogue
 from app.page.parts.strength import USUAL, strength_of
 from app.run.requests.display import Display
 from app.run.requests.request import (
-    CLOSE_UPS,
     MAX_SAMPLES,
     MAX_STEPS,
-    POST_FILTERS,
-    REFERENCE_NAME,
     GenerateRequest,
     Steps,
     check_request,
     parse_steps,
-    sample_name,
     steps_of,
 )
+from conventions.names import POST_FILTERS, REFERENCE_NAME, SampleName
+from conventions.views import CLOSE_UPS
 
 SEED_LIMIT = 2**31 - 1
 PAGE_VIDEOS = 12
@@ -176,7 +174,7 @@ def _steps(form: Form, body_steps: int, systems: tuple[str, ...], catalogue: Cat
 def row_names(request: GenerateRequest) -> tuple[str, ...]:
     """The videos of a run in the order in which they stand on the page."""
     names = [
-        sample_name(system, sample)
+        str(SampleName(system, sample))
         for system in request.systems
         for sample in range(1, request.samples + 1)
     ]

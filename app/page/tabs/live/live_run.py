@@ -16,7 +16,8 @@ from app.page.tabs.generate.generate_form import PAGE_SIZE_PX
 from app.page.tabs.generate.generate_run import Generate, GenerateRunner
 from app.page.tabs.videos_behind import VideosBehind
 from app.run.requests.display import Display
-from app.run.requests.request import CLOSE_UPS, GenerateRequest, Take
+from app.run.requests.request import GenerateRequest, Take
+from conventions.views import CLOSE_UPS
 
 _MAX_TOKEN = 100
 

@@ -32,17 +32,10 @@ from app.page.tabs.own_motion.own_sets_run import MIXED, NO_SETS, REFERENCE_TOO,
 from app.page.tabs.videos_behind import VideosBehind, Wanted
 from app.run.output.result_folder import zip_files
 from app.run.output.telling import share_teller
-from app.run.requests.request import (
-    MAX_COMPARED,
-    REFERENCE_NAME,
-    Artefact,
-    Event,
-    OnEvent,
-    ShouldCancel,
-)
+from app.run.requests.request import MAX_COMPARED, Artefact, Event, OnEvent, ShouldCancel
 from app.run.videos.behind import VideosRequest
 from app.run.videos.own_videos import OnFile, VideoOptions
-from model.storage.harmless import printable
+from conventions.names import REFERENCE_NAME, printable
 
 if TYPE_CHECKING:
     from app.run.diagnose import DiagnoseRequest, Diagnosis

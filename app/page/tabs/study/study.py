@@ -23,7 +23,7 @@ from app.page.tabs.study.study_run import Export, StudyParts, StudyRunner
 from app.page.tabs.upload_check import UploadCheck
 from app.page.visitors.researcher_part import Handover
 from app.page.visitors.visitors import VISITOR_ROUTE
-from app.run.requests.request import VIEWS
+from conventions.views import VIEWS
 from model.systems.registry import usual_planner
 
 INTRODUCTION = (

@@ -15,8 +15,8 @@ from app.errors import CancelledRun, RunError
 from app.page.queue.run_processes import FaultInRunProcess, Limits, RunProcesses
 from app.run.diagnose import DiagnoseRequest
 from app.run.requests.request import Artefact, Event, GenerateRequest, Progress
-from model.jobs import ended
 from model.motion.motion import save_motion
+from processes import ended
 from tests.app.page.queue import ends
 from tests.helpers import smooth_motion_example
 
@@ -65,7 +65,7 @@ def look(processes: RunProcesses, end: Callable[[], None]) -> str:
 
 def pid_of(processes: RunProcesses) -> int:
     (process,) = processes._all
-    return process._child.pid
+    return process.child.pid
 
 
 def test_a_process_is_kept_and_gives_what_the_run_gives(
@@ -291,7 +291,7 @@ def test_a_run_that_has_stepped_aside_comes_last_and_its_process_is_not_kept(
             processes.diagnose(long, stop)
 
     def look(share: float) -> None:
-        ids = [process._child.pid for process in processes._busy]
+        ids = [process.child.pid for process in processes._busy]
         niceness.add(tuple(os.getpriority(os.PRIO_PROCESS, number) for number in ids))
 
     try:
@@ -308,7 +308,7 @@ def test_a_run_that_has_stepped_aside_comes_last_and_its_process_is_not_kept(
         assert not thread.is_alive() and len(processes._all) == 1
         assert processes.diagnose(small(tmp_path, "next"), lambda share: None).files
         (kept,) = processes._all
-        assert os.getpriority(os.PRIO_PROCESS, kept._child.pid) == own
+        assert os.getpriority(os.PRIO_PROCESS, kept.child.pid) == own
     finally:
         over.set()
         processes.close()

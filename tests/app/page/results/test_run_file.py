@@ -24,7 +24,8 @@ from app.page.results.run_file import (
 from app.page.routes.media import MediaAddresses
 from app.page.run_page import run_page_routes
 from app.run.diagnose import DiagnoseRequest
-from app.run.requests.request import REFERENCE_NAME, Artefact
+from app.run.requests.request import Artefact
+from conventions.names import REFERENCE_NAME
 from model.motion.motion import load_motion, save_motion
 from model.plan.plan import GesturePlan, HandPhase
 from model.speech.audio import load_speech, write_wav

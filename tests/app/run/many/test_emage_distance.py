@@ -12,10 +12,10 @@ from scipy.linalg import sqrtm
 from app.errors import RunError
 from app.run.many.emage_distance import LEAST_CODES, TITLE, emage_distances, keep_codes
 from app.run.many.motions import ManyRequest, diagnose_folders
-from model.jobs.pool import JobPool
 from model.motion.motion import Motion, save_motion
 from model.storage.cards import CheckpointError
 from model.systems.autoencoders.emage import CODE_DIM, emage_codes, load_emage_encoder
+from processes.pool import JobPool
 from tests.helpers import smooth_motion_example
 from tests.model.systems.made_emage import emage_tensors
 

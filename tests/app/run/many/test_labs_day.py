@@ -13,14 +13,14 @@ import pytest
 from app.config import BUNDLED_WEIGHTS
 from app.run.many.speeches import RECORD, generate_many
 from app.run.requests.request import GenerateRequest
-from model.jobs.pool import JobPool
 from model.speech.audio import write_wav
-from tests.model.jobs.made import wait_for
+from processes.pool import JobPool
 from tests.model.made import made_waveform
+from tests.processes.made import wait_for
 
 pytest.importorskip("distributed", reason="Dask is not installed (requirements-cluster.txt)")
 
-from tests.model.jobs.test_cluster import scheduler, workers
+from tests.processes.test_cluster import scheduler, workers
 
 CLIPS = int(os.environ.get("LAB_CLIPS", "6"))
 SECONDS = 10 if CLIPS > 20 else 2

@@ -14,12 +14,12 @@ from app.errors import RunError
 from app.run.many.speeches import RECORD, find_speeches, generate_many, is_many
 from app.run.requests.request import GenerateRequest
 from model.generation.clip_noise import clip_seed
-from model.jobs.pool import JobPool
 from model.plan.editing import added, gestures
 from model.plan.files import write_plan_file
 from model.plan.plan import GesturePlan, Nod, read_plan
 from model.speech.audio import write_wav
 from model.systems.planned.config import PLANNED
+from processes.pool import JobPool
 from tests.model.made import TINY_SYSTEMS, made_waveform, make_weights
 from tests.model.systems.planned.made import make_planned_weights
 

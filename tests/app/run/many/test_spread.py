@@ -4,7 +4,7 @@ from pathlib import Path
 
 from app.findings.measure_rows import MEASURES
 from app.run.many.spread import LEAST_CLIPS, draw_spread
-from app.run.requests.request import REFERENCE_NAME
+from conventions.names import REFERENCE_NAME
 
 
 def numbers(clips: int, systems: list[str]) -> list[dict]:

@@ -12,8 +12,8 @@ import pytest
 from app.errors import RunError
 from app.run.many.motions import ManyRequest, diagnose_folders
 from app.run.many.unpacked import Limits, unpacked
-from model.jobs.pool import JobPool
 from model.motion.motion import save_motion
+from processes.pool import JobPool
 from tests.helpers import smooth_motion_example
 
 NPZ = (".npz",)

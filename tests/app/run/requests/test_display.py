@@ -4,8 +4,8 @@ import pytest
 from app.errors import RunError
 from app.run.followed_point import choose_tip_source
 from app.run.requests.display import TOLD, Display, check_display, displayed, marks_of
+from conventions.joints import JOINT_INDEX
 from renderer.body.body import load_body
-from renderer.body.joints import JOINT_INDEX
 from tests.app.fakes import made_motion
 
 BODY = load_body()

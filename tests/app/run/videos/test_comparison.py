@@ -11,9 +11,10 @@ from app.run.followed_point import choose_tip_source
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import Reporter
 from app.run.planted import CLEAN
-from app.run.requests.request import REFERENCE_NAME, GenerateRequest
+from app.run.requests.request import GenerateRequest
 from app.run.videos import comparison
 from app.run.videos.comparison import Row, draw_all
+from conventions.names import REFERENCE_NAME
 from model.motion.motion import load_motion
 from renderer.body.body import load_body
 from tests.app.run.videos.test_own_videos import moved

@@ -13,8 +13,8 @@ from app.run.requests.request import Progress
 from app.run.videos import seen_video
 from app.run.videos.seen import BODY, Mode, Seen, SeenPanel
 from app.run.videos.seen_video import NAME, SeenBody, SeenRequest, draw_seen
+from conventions.joints import JOINT_INDEX
 from model.motion.motion import Motion, save_motion
-from model.motion.skeleton import JOINT_INDEX
 from model.speech.audio import write_wav
 from renderer.scene.orbit import Orbit
 from renderer.video.compose import band_height

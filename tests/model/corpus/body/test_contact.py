@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from conventions.rates import FPS
 from model.corpus.body.contact import Hips, push_apart, push_off_trunk
 from model.corpus.body.hand_life import Swing
-from model.motion.timing import FPS
 
 FRAMES = 30
 RADII = np.array([0.02])

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from conventions.joints import JOINT_INDEX
 from model.corpus.gesture.gestures import (
     GENERIC,
     GESTURES,
@@ -13,7 +14,7 @@ from model.corpus.gesture.gestures import (
 )
 from model.corpus.gesture.hand_shapes import FLEX, SHAPES, finger_rotations
 from model.corpus.gesture.manner import BEAT_SHAPES, IDLE_SHAPES
-from model.corpus.people.rig import JOINT, SIDES
+from model.corpus.people.rig import SIDES
 from model.corpus.people.speakers import SPEAKERS
 
 
@@ -66,7 +67,7 @@ def test_the_hands_are_mirror_images() -> None:
     mirror = np.diag([-1.0, 1.0, 1.0])
     for finger in ("index", "middle", "ring", "pinky", "thumb"):
         for k in (1, 2, 3):
-            a, b = left[JOINT[f"left_{finger}{k}"]], right[JOINT[f"right_{finger}{k}"]]
+            a, b = left[JOINT_INDEX[f"left_{finger}{k}"]], right[JOINT_INDEX[f"right_{finger}{k}"]]
             np.testing.assert_allclose(mirror @ a @ mirror, b, atol=1e-9)
 
 
@@ -75,6 +76,6 @@ def test_flexing_bends_a_right_finger_towards_the_palm_and_never_backwards() -> 
     curves[0, FLEX], curves[1, FLEX] = 60.0, -60.0
     rotations = finger_rotations("right", curves, np.zeros((2, 12)))
     # The right hand's fingers point to -x at rest and its palm down.
-    tips = rotations[JOINT["right_middle2"]] @ np.array([-1.0, 0.0, 0.0])
+    tips = rotations[JOINT_INDEX["right_middle2"]] @ np.array([-1.0, 0.0, 0.0])
     assert tips[0, 1] < -0.8
     assert abs(tips[1, 1]) < 0.02

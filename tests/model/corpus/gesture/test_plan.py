@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from conventions.rates import SAMPLE_RATE
 from model.corpus.gesture.plan import Plan, make_plan
 from model.corpus.people.rig import SIDES
 from model.corpus.people.speakers import SPEAKERS
 from model.corpus.words.prosody import Phrase, Utterance, Word
-from model.motion.timing import SAMPLE_RATE
 
 WORD_S = 0.5
 BEN = next(speaker for speaker in SPEAKERS if speaker.name == "ben")

@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from conventions.rates import SAMPLE_RATE
 from model.corpus.people.voice import (
     PAUSE,
     Phone,
@@ -17,7 +18,6 @@ from model.corpus.people.voice import (
     say,
     words_of,
 )
-from model.motion.timing import SAMPLE_RATE
 
 VOICE = Voice("slt", 178.0, 26.0)
 SENTENCE = "Honestly, the whole project is really important."

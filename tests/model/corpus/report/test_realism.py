@@ -5,7 +5,9 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 from sklearn.linear_model import LogisticRegression
 
-from model.corpus.people.rig import JOINT, forward_kinematics, matrices, open_body_rig
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
+from model.corpus.people.rig import forward_kinematics, matrices, open_body_rig
 from model.corpus.report.realism import (
     PENALTY,
     Figures,
@@ -15,7 +17,6 @@ from model.corpus.report.realism import (
     realism_windows,
 )
 from model.corpus.report.statistics import PosedClip
-from model.motion.timing import FPS
 
 STILL = np.zeros((300, 55, 3))
 
@@ -23,7 +24,7 @@ STILL = np.zeros((300, 55, 3))
 def posed(vectors: np.ndarray, trans: np.ndarray) -> PosedClip:
     local_rot = matrices(vectors)
     global_rot, positions = forward_kinematics(open_body_rig(), local_rot, trans)
-    return PosedClip(local_rot, global_rot, positions, positions[:, JOINT["right_middle3"]])
+    return PosedClip(local_rot, global_rot, positions, positions[:, JOINT_INDEX["right_middle3"]])
 
 
 def person(seed: int, finger_scale: float = 1.0) -> Figures:
@@ -52,8 +53,8 @@ def test_a_body_that_glides_has_its_speed_in_every_joint_and_turns_none() -> Non
     for name in figures:
         if "turning" in name or "jerk" in name:
             np.testing.assert_allclose(figures[name], 0.0, atol=1e-6)
-    rest = open_body_rig().rest_joints - open_body_rig().rest_joints[JOINT["spine3"]]
-    wrists = rest[[JOINT["left_wrist"], JOINT["right_wrist"]]]
+    rest = open_body_rig().rest_joints - open_body_rig().rest_joints[JOINT_INDEX["spine3"]]
+    wrists = rest[[JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"]]]
     np.testing.assert_allclose(figures["wrist height over chest, m"], wrists[:, 1].mean())
     np.testing.assert_allclose(
         figures["wrist distance to the side, m"], (wrists[0, 0] - wrists[1, 0]) / 2
@@ -75,7 +76,7 @@ def test_a_body_that_glides_has_its_speed_in_every_joint_and_turns_none() -> Non
 )
 def test_a_joint_that_turns_shows_in_its_own_figure(joint: str, figure: str, share: float) -> None:
     vectors = STILL.copy()
-    vectors[:, JOINT[joint], 1] = np.radians(12.0) * np.arange(300) / FPS
+    vectors[:, JOINT_INDEX[joint], 1] = np.radians(12.0) * np.arange(300) / FPS
     figures = realism_windows(posed(vectors, np.zeros((300, 3))))
     np.testing.assert_allclose(figures[figure], 12.0 * share, rtol=1e-6)
     others = {name for name in figures if name.endswith("turning, deg/s")} - {figure}
@@ -86,7 +87,7 @@ def test_a_joint_that_turns_shows_in_its_own_figure(joint: str, figure: str, sha
 def test_a_tremor_shows_at_its_frequency() -> None:
     time_s = np.arange(300) / FPS
     vectors = STILL.copy()
-    vectors[:, JOINT["head"], 0] = 0.01 * np.sin(2 * np.pi * 8.0 * time_s)
+    vectors[:, JOINT_INDEX["head"], 0] = 0.01 * np.sin(2 * np.pi * 8.0 * time_s)
     figures = realism_windows(posed(vectors, np.zeros((300, 3))))
     assert np.all(np.abs(figures["head spectral centroid, Hz"] - 8.0) < 0.2)
     assert np.all(np.exp(figures["head log power share above 5 Hz"]) > 0.99)
@@ -143,8 +144,8 @@ def test_windows_in_which_somebody_listens_are_left_out() -> None:
 def test_a_nodding_head_and_an_opening_jaw_show_in_their_own_figures() -> None:
     time_s = np.arange(300) / 30
     vectors = np.zeros((300, 55, 3))
-    vectors[:, JOINT["head"], 0] = np.radians(6 * np.sin(2 * np.pi * 1.5 * time_s))
-    vectors[:, JOINT["jaw"], 0] = np.radians(4 + 4 * np.sin(2 * np.pi * 4 * time_s))
+    vectors[:, JOINT_INDEX["head"], 0] = np.radians(6 * np.sin(2 * np.pi * 1.5 * time_s))
+    vectors[:, JOINT_INDEX["jaw"], 0] = np.radians(4 + 4 * np.sin(2 * np.pi * 4 * time_s))
     figures = head_windows(posed(vectors, np.zeros((300, 3))))
     medians = {name: float(np.median(values)) for name, values in figures.items()}
     assert medians["nod, from its mean of 2 s, deg"] == pytest.approx(6 * 2 / np.pi, rel=0.1)

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
 from model.corpus.build import build_corpus
 from model.corpus.layout import wav_bytes
-from model.corpus.people.rig import JOINT, open_body_rig
+from model.corpus.people.rig import open_body_rig
 from model.corpus.report import report
 from model.corpus.report.inside import STACKS, hand_inside_share
 from model.corpus.report.judging import (
@@ -30,7 +32,6 @@ from model.corpus.report.statistics import (
     window_features,
 )
 from model.motion.motion import save_motion
-from model.motion.timing import FPS
 from tests.helpers import ROOT, smooth_motion_example
 
 
@@ -140,10 +141,10 @@ def test_trunk_and_thighs_have_the_open_bodys_measures() -> None:
         mesh = body["template"].astype(float)
         strongest = body["weight_shares"].argmax(1)
         moved_by = body["weight_joints"][np.arange(len(mesh)), strongest]
-    trunk = [JOINT[name] for name in ("pelvis", "spine1", "spine2", "spine3", "neck")]
-    collars_hips = [JOINT[f"{s}_{p}"] for s in ("left", "right") for p in ("collar", "hip")]
-    joints = {"trunk": trunk + collars_hips, "left thigh": [JOINT["left_hip"]],
-              "right thigh": [JOINT["right_hip"]]}  # fmt: skip
+    trunk = [JOINT_INDEX[name] for name in ("pelvis", "spine1", "spine2", "spine3", "neck")]
+    collars_hips = [JOINT_INDEX[f"{s}_{p}"] for s in ("left", "right") for p in ("collar", "hip")]
+    joints = {"trunk": trunk + collars_hips, "left thigh": [JOINT_INDEX["left_hip"]],
+              "right thigh": [JOINT_INDEX["right_hip"]]}  # fmt: skip
     for name, rows in STACKS.items():
         for height, *ellipse in rows:
             level = np.abs(mesh[:, 1] - height) < 0.012

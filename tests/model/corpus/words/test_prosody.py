@@ -5,11 +5,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from conventions.rates import SAMPLE_RATE
 from model.corpus.clip import Clip
 from model.corpus.people.speakers import SPEAKERS
 from model.corpus.people.voice import PAUSE
 from model.corpus.words.prosody import LEAD_S, MIN_ACCENT_GAP_S, speak_text
-from model.motion.timing import SAMPLE_RATE
 
 
 def test_phrases_cover_all_words_once(clips: dict[str, Clip]) -> None:

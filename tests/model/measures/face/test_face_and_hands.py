@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
+from conventions.joints import JOINT_INDEX
 from model.measures.face.face_and_hands import face_and_hands, head_speed
 from model.measures.face.face_measures import unit_columns
 from model.measures.lagged_correlation import lagged_correlation
 from model.motion.motion import Motion
-from model.motion.skeleton import JOINT_INDEX
 
 
 def made(brow: np.ndarray, nod: np.ndarray) -> Motion:

@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from conventions.joints import JOINT_INDEX, LOWER_BODY
 from model.diagnostics.diagnostics import diagnose
 from model.diagnostics.measures import measure_motion
 from model.formats.read import read_any_motion
 from model.measures.seams.periods import find_period, part_jerk_by_phase
 from model.measures.seams.seams import Windows
 from model.motion.motion import Motion, load_motion
-from model.motion.skeleton import JOINT_INDEX, LOWER_BODY, open_body_skeleton
+from model.motion.skeleton import open_body_skeleton
 from model.motion.tracks import Tracks, track_points
 from tests.helpers import beat2_folder, foreign_folder
 

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from model.motion.skeleton import FACE as FACE_JOINTS
+from conventions.joints import FACE as FACE_JOINTS
 from model.sampling.flow import seeded_noise
 from model.sampling.guidance import SpeechGuide
 from model.systems.asynfusion.guided import GuidedNetwork

@@ -4,7 +4,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from model.motion.skeleton import FACE as FACE_JOINTS
+from conventions.joints import FACE as FACE_JOINTS
 from model.systems.asynfusion.config import DDIM, INTERACTIONS, LCM_SYNC, named_config
 from model.systems.asynfusion.schedule import flow_times
 from model.systems.asynfusion.task import (

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
+from conventions.joints import NUM_JOINTS
 from model.motion.motion import Motion
-from model.motion.skeleton import NUM_JOINTS
 from model.systems.globaldiff.config import NetworkConfig
 from model.systems.globaldiff.network import MotionNetwork
 from model.systems.globaldiff.prediction import predict_with

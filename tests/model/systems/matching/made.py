@@ -7,9 +7,9 @@ import numpy as np
 import torch
 from scipy.ndimage import gaussian_filter1d
 
+from conventions.joints import JOINT_INDEX
 from model.data.prepared import Clip, PreparedData
 from model.motion.motion import Motion
-from model.motion.skeleton import JOINT_INDEX
 from model.networks.config import MatchingConfig
 from model.networks.matching import MatchingJudge
 from model.storage.checkpoint import save_weights

@@ -8,12 +8,13 @@ import pytest
 import torch
 from torch import Tensor
 
+from conventions.joints import JOINT_NAMES
 from model.generation.family import UnknownNameError
 from model.generation.windows import GenerateOptions, generate_motion
 from model.motion.kinematics import joint_positions_from_global, local_from_global
 from model.motion.motion import Motion, save_motion
 from model.motion.rotations import matrix_from_axis_angle, matrix_from_rot6d
-from model.motion.skeleton import JOINT_NAMES, open_body_skeleton
+from model.motion.skeleton import open_body_skeleton
 from model.storage.cards import CheckpointError
 from model.systems.official import FAMILY, FILTERED, UNFILTERED
 from model.systems.official.expression_network import OfficialExpressionNetwork

@@ -5,6 +5,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from conventions.joints import JOINT_INDEX
 from model.generation.windows import (
     GenerateOptions,
     draw_of,
@@ -12,7 +13,6 @@ from model.generation.windows import (
     generate_motion,
     stream_motion,
 )
-from model.motion.skeleton import JOINT_INDEX
 from model.plan.plan import read_plan
 from model.storage.cards import CheckpointError
 from model.systems.planned.config import PLANNED, PLANNER

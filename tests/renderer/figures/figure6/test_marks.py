@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from conventions.joints import JOINT_INDEX, JOINT_NAMES
 from renderer.body.body import BodyMotion, load_body
-from renderer.body.joints import JOINT_INDEX, JOINT_NAMES
 from renderer.figures.figure6.marks import CORE_RGB, mark_joints
 from renderer.scene.stage import set_stage
 from renderer.video.projection import projected_joints

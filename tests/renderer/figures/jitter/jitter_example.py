@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from renderer.body.joints import JOINT_NAMES, PARENTS
+from conventions.joints import JOINT_NAMES, PARENTS
 
 NAMES = (
     "globaldiff/local",

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from renderer.body.joints import JOINT_INDEX
+from conventions.joints import JOINT_INDEX
 from renderer.figures.files import FigureError, matplotlib_settings
 from renderer.figures.jitter.draw import NO_DATA, NO_PERIOD, draw_sheet
 from renderer.figures.jitter.layout import ROWS

@@ -18,7 +18,7 @@ from app.page.tabs.live.live import offered
 from app.page.tabs.live.live_run import LiveRunner
 from app.page.tabs.videos_behind import VideosBehind
 from app.page.visitors.visitors import COOKIE
-from app.run.requests.request import CLOSE_UPS
+from conventions.views import CLOSE_UPS
 from model.motion.motion import load_motion
 from model.speech.audio import load_speech
 from tests.app.fakes import CATALOGUE, make_draw, make_generate

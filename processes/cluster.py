@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError
 from pathlib import Path
 
-from model.jobs.pool import Job, JobsError, use_one_thread
+from processes.pool import Job, JobsError, use_one_thread
 
 CONNECT_S = 30
 SEEN_WITHIN_S = 30.0
@@ -27,7 +27,7 @@ _ONE_AT_A_TIME = threading.Lock()
 def do_by_cluster(
     jobs: Sequence[Job], scheduler: str, on_done: Callable[[str], None]
 ) -> dict[str, Exception]:
-    """As `model.jobs.pool.JobPool.do_all`, of jobs that are not done."""
+    """As `processes.pool.JobPool.do_all`, of jobs that are not done."""
     try:
         from distributed import Client, as_completed
     except ImportError as error:

@@ -7,7 +7,7 @@ import time
 from functools import partial
 from pathlib import Path
 
-from model.jobs.pool import Job, JobPool, JobsError
+from processes.pool import Job, JobPool, JobsError
 
 
 def make_jobs(folder: Path, count: int, seconds: float = 0.0) -> list[Job]:

@@ -1,27 +1,16 @@
 """How a child process ended, told from what is known: its status, the last lines that it said, and
 whether the system has ended processes for want of memory meanwhile."""
 
-import faulthandler
-import os
 import re
 import signal
-import sys
-import threading
-from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from multiprocessing import Pipe
-from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import IO
 
-from model.storage.harmless import printable
+from conventions.names import printable
 
 NUM_LINES = 8
 _MAX_LINE = 300
-_KEPT_LINES = 200
-_JOIN_S = 5.0
 _CGROUPS = Path("/sys/fs/cgroup")
 _SAYS_MEMORY = re.compile(
     r"MemoryError|bad_alloc|[Cc]annot allocate memory|can't allocate memory|not enough memory"
@@ -31,10 +20,11 @@ _THREAD = "Current thread"
 """What Python's faulthandler begins with, and what stands above the frames of the crash."""
 _OF_NO_USE = ("Extension modules:", "<no Python frame>")
 CRASHES = {
-    signal.SIGSEGV, signal.SIGBUS, signal.SIGILL, signal.SIGFPE, signal.SIGABRT, signal.SIGSYS,
-    signal.SIGTRAP,
-}  # fmt: skip
+    *(signal.SIGSEGV, signal.SIGBUS, signal.SIGILL, signal.SIGFPE),
+    *(signal.SIGABRT, signal.SIGSYS, signal.SIGTRAP),
+}
 """Signals that a process gets for a fault of its own."""
+_OWN_FAULT = "That is a fault of the program or of a library, and not of what was asked for."
 
 
 @dataclass(frozen=True)
@@ -75,13 +65,14 @@ class Ended:
         name = self.signal.name if self.signal else "no name"
         return f"by signal {-self.status} ({name})"
 
-    def sentences(self, what: str, for_memory: str, again: str) -> str:
+    def sentences(self, what: str, for_memory: str, again: str, suspect: str = _OWN_FAULT) -> str:
         """What happened and what to do, with the last lines of the log.
 
         Args:
             what: the process, as the beginning of a sentence.
             for_memory: what to do where it wanted memory.
             again: what to do where it may go well another time.
+            suspect: a sentence of what a crash most likely comes from.
         """
         if self.wanted_memory:
             why = "for want of memory, as "
@@ -92,11 +83,10 @@ class Ended:
             return f"{what} ended {self.how}. {why} {_capital(again)}.{self._lines()}"
         if self.signal is not None and self.signal not in CRASHES:
             return f"{what} ended {self.how}, which was sent to it; {again}.{self._lines()}"
-        why = "That is a fault of the program or of a library, and not of what was asked for."
-        report = "if it happens again, report it with these lines" if self.said else (
-            "if it happens again, report it; its log has no lines"
-        )  # fmt: skip
-        return f"{what} ended {self.how}. {why} {_capital(again)}; {report}.{self._lines()}"
+        why = suspect if self.signal is not None else _OWN_FAULT
+        report = "report it with these lines" if self.said else "report it; its log has no lines"
+        again = f"{_capital(again)}; if it happens again, {report}."
+        return f"{what} ended {self.how}. {why} {again}{self._lines()}"
 
     def _lines(self) -> str:
         return f" Its last lines: {' | '.join(self.said)}" if self.said else ""
@@ -118,73 +108,6 @@ def last_lines(log: str) -> tuple[str, ...]:
     threads = [number for number, line in enumerate(lines) if line.startswith(_THREAD)]
     frames = lines[(threads[-1] if threads and threads[-1] > crash else crash) + 1 :]
     return tuple((lines[: crash + 1][-3:] + frames)[:NUM_LINES])
-
-
-class ChildLog:
-    """Hands what children say on to standard error, and keeps the last of it."""
-
-    def __init__(self, stream: IO[bytes]) -> None:
-        """
-        Args:
-            stream: the reading end of a pipe; closed when its writers are gone.
-        """
-        self._stream = stream
-        self._kept: deque[str] = deque(maxlen=_KEPT_LINES)
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def forget(self) -> None:
-        """Of what was said so far; another piece of work begins."""
-        self._kept.clear()
-
-    def lines(self, patience_s: float = 1.0) -> tuple[str, ...]:
-        """The last lines of a child that has ended; others may hold the pipe open."""
-        self._reader.join(patience_s)
-        return last_lines("\n".join(list(self._kept)))
-
-    def _read(self) -> None:
-        with self._stream:
-            for line in iter(self._stream.readline, b""):
-                text = line.decode(errors="replace").rstrip("\r\n")
-                self._kept.append(text)
-                try:
-                    sys.stderr.write(f"{text}\n")
-                except (OSError, ValueError):  # nobody reads it any more
-                    pass
-
-
-class WorkerLog:
-    """Of a pool's processes, which are started by `multiprocessing`: give `end` to the initializer,
-    which hands it to `log_to`. Use it in ``with``, around the pool."""
-
-    def __init__(self) -> None:
-        reader, self.end = Pipe(duplex=False)
-        self._log = ChildLog(os.fdopen(os.dup(reader.fileno()), "rb"))
-        reader.close()
-        self._killed_before = memory_kills()
-
-    def __enter__(self) -> "WorkerLog":
-        return self
-
-    def ended(self, workers: Iterable[BaseProcess]) -> Ended:
-        """How the first of a broken pool's processes ended; the pool has ended the others."""
-        for worker in workers:
-            worker.join(_JOIN_S)
-        self.end.close()
-        statuses = [worker.exitcode for worker in workers if worker.exitcode]
-        own = [status for status in statuses if status != -signal.SIGTERM]
-        status = next(iter([*own, *statuses]), None)
-        return Ended(status, self._log.lines(), memory_kills() > self._killed_before)
-
-    def __exit__(self, *exception: object) -> None:
-        self.end.close()
-
-
-def log_to(end: Connection) -> None:
-    """In a worker: what it says from now on goes there, and a crash says where it was."""
-    os.dup2(end.fileno(), 2)
-    end.close()
-    faulthandler.enable(2)
 
 
 def memory_kills() -> int:

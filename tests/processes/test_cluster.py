@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from model.jobs import cluster
-from model.jobs.pool import JobPool, JobsError
+from processes import cluster
+from processes.pool import JobPool, JobsError
 from tests.helpers import ROOT
-from tests.model.jobs.made import done, fail, made_job, make_jobs, wait_for
+from tests.processes.made import done, fail, made_job, make_jobs, wait_for
 
 pytest.importorskip("distributed", reason="Dask is not installed (requirements-cluster.txt)")
 
@@ -88,7 +88,7 @@ def test_after_a_kill_of_the_scheduler_the_same_call_goes_on(tmp_path: Path) -> 
 def test_a_lost_scheduler_is_told_by_one_sentence_and_no_traceback(tmp_path: Path) -> None:
     with scheduler(tmp_path) as (head, file), workers(file, 1):
         child = subprocess.Popen(
-            [sys.executable, "-m", "tests.model.jobs.made", str(tmp_path), file],
+            [sys.executable, "-m", "tests.processes.made", str(tmp_path), file],
             cwd=ROOT, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
         wait_for(lambda: len(done(tmp_path)) >= 2)

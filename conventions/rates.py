@@ -1,4 +1,4 @@
-"""Rates that the whole project shares."""
+"""Rates of motion and speech."""
 
 FPS = 30
 """Motion frames per second."""

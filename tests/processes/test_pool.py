@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from model.jobs.pool import MAX_BREAKS, JobPool, JobsError
+from processes.pool import MAX_BREAKS, JobPool, JobsError
 from tests.helpers import ROOT
-from tests.model.jobs.made import (
+from tests.processes.made import (
     crash,
     done,
     fail,
@@ -92,7 +92,7 @@ def test_a_job_that_leaves_python_fails_alone(tmp_path: Path) -> None:
 
 
 def test_after_a_kill_of_all_the_rest_is_done_and_nothing_twice(tmp_path: Path) -> None:
-    asked = [sys.executable, "-m", "tests.model.jobs.made", str(tmp_path), "2"]
+    asked = [sys.executable, "-m", "tests.processes.made", str(tmp_path), "2"]
     child = subprocess.Popen(asked, cwd=ROOT)
     wait_for(lambda: len(done(tmp_path)) >= 2)
     workers = children_of(child.pid)

@@ -1,0 +1,48 @@
+"""What motions are called, as files and pages tell them apart."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+REFERENCE_NAME = "reference"
+"""The recorded motion beside the systems."""
+
+Version = Literal["raw", "savgol"]
+"""A motion as it is, or behind the Savitzky-Golay filter."""
+VERSIONS: tuple[Version, ...] = get_args(Version)
+PostFilter = Literal["none", "savgol"]
+"""What is done to motions before they are shown."""
+POST_FILTERS: tuple[PostFilter, ...] = get_args(PostFilter)
+
+_LATER_SAMPLE = re.compile(r"(?P<system>.+)\.s(?P<number>[2-9]|[1-9][0-9]+)")
+
+
+@dataclass(frozen=True)
+class SampleName:
+    """The name of one sample of a system: the system's own for the first, ``.s2`` and on after
+    it."""
+
+    system: str
+    number: int = 1
+
+    @classmethod
+    def parse(cls, name: str) -> SampleName:
+        """What a name most likely stands for; a system may be called ``other.s2``, too."""
+        later = _LATER_SAMPLE.fullmatch(name)
+        return cls(later["system"], int(later["number"])) if later else cls(name)
+
+    def __str__(self) -> str:
+        return self.system if self.number == 1 else f"{self.system}.s{self.number}"
+
+
+def file_stem(name: str) -> str:
+    """File name without its ending: ``globaldiff/local`` is written as ``globaldiff-local``."""
+    return name.replace("/", "-")
+
+
+def printable(text: str) -> str:
+    """With ? for what a terminal would obey, what turns the text around, and what no file of text
+    can hold."""
+    return "".join(char if char.isprintable() else "?" for char in text)

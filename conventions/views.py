@@ -1,0 +1,18 @@
+"""How a body is shown: from where, how much of it, and with which looks."""
+
+from typing import Literal, get_args
+
+View = Literal["front", "three_quarter", "side", "face", "left_hand", "right_hand"]
+VIEWS: tuple[View, ...] = get_args(View)
+CloseUp = Literal["face", "hands"]
+CLOSE_UPS: tuple[CloseUp, ...] = get_args(CloseUp)
+"""What may be shown large beside the body."""
+Framing = Literal["whole", "knees"]
+FRAMINGS: tuple[Framing, ...] = get_args(Framing)
+"""How much of a body a view shows that is no close-up: all, or from the knees up."""
+
+BUILDS = ("average", "slender", "broad")
+"""Builds of the open body; the first is the one its file is written around."""
+TONES = ("light", "medium", "dark", "clay")
+LOOKS = tuple(f"{build}-{tone}" for build in BUILDS for tone in TONES)
+"""Looks of the open body; the first is the usual one."""
