@@ -36,7 +36,7 @@ from model.evaluation.one_clip import Cast, OneClip, read_recording, speaker_in
 from model.evaluation.speakers import SpeakerJudge, judge_of
 from model.evaluation.speakers import left_out as speakers_left_out
 from model.generation.base import System
-from model.generation.family import UnknownNameError
+from model.generation.samplers import UnknownNameError
 from model.measures import beats
 from model.motion.motion import Motion, MotionError
 from model.networks.autoencoder import FrozenEncoder, load_encoder
@@ -46,7 +46,8 @@ from model.storage.cards import BUNDLED_WEIGHTS, CALM_AND_LIVELY, CheckpointErro
 from model.storage.files import written_atomically
 from model.systems.matching.config import HEARING_JUDGE
 from model.systems.registry import list_systems, load_system
-from processes.pool import Job, JobPool, JobsError
+from processes.job import Job, JobsError
+from processes.pool import JobPool
 
 log = logging.getLogger(__name__)
 

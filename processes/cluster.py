@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError
 from pathlib import Path
 
-from processes.pool import Job, JobsError, use_one_thread
+from processes.job import Job, JobsError, use_one_thread
 
 CONNECT_S = 30
 SEEN_WITHIN_S = 30.0

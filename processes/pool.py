@@ -1,8 +1,4 @@
-"""Many independent pieces of work, each done once, and who does them.
-
-A job leaves its result under a final name when it is whole, and that is the record that it is done:
-whatever is killed, the same call goes on with what is not there yet. Nothing travels back but news.
-"""
+"""Many jobs, each done once: by processes of this machine, or by a cluster."""
 
 import multiprocessing
 import os
@@ -15,6 +11,8 @@ from functools import partial
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 
+from processes.cluster import do_by_cluster
+from processes.job import Job, JobsError, use_one_thread
 from processes.logs import WorkerLog, log_to
 
 MAX_BREAKS = 3
@@ -24,27 +22,6 @@ _BROKEN = (
     f"Worker processes ended {MAX_BREAKS} times before any got its work done; what is done is kept."
 )
 _LAST, _FEWER, _AGAIN = "The last one", "use fewer processes", "give the same command again"
-
-
-class JobsError(RuntimeError):
-    """The jobs cannot go on; the message is one sentence for a person."""
-
-
-@dataclass(frozen=True)
-class Job:
-    """One piece of work. Both functions go to other processes, so they are importable, or
-    `functools.partial` of what is."""
-
-    name: str
-    is_done: Callable[[], bool]
-    """Whether its result is there, whole and of this very job. Asked where the work is done too."""
-    work: Callable[[], object]
-    """Leaves the result, whole or not at all."""
-
-    def do(self) -> None:
-        """The work, unless another worker has done it meanwhile."""
-        if not self.is_done():
-            self.work()
 
 
 @dataclass(frozen=True)
@@ -80,8 +57,6 @@ class JobPool:
         if not waiting:
             return {}
         if self.scheduler is not None:
-            from processes.cluster import do_by_cluster
-
             return do_by_cluster(waiting, self.scheduler, on_done)
         workers = min(self.processes or os.cpu_count() or 1, len(waiting))
         if workers == 1:
@@ -180,11 +155,3 @@ def _begin_worker(log: Connection, uses_torch: bool) -> None:
 def _end_with(parent: BaseProcess) -> None:
     parent.join()
     os._exit(1)
-
-
-def use_one_thread() -> None:
-    """For torch: workers stand side by side, and numbers do not depend on how many cores there
-    are."""
-    import torch
-
-    torch.set_num_threads(1)

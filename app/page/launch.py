@@ -13,6 +13,7 @@ import socket
 import sys
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,8 +37,6 @@ if TYPE_CHECKING:
 
     from app.page.player.first_look_shown import FirstLooks
     from app.page.queue.run_processes import RunProcesses
-    from app.page.tabs.generate.generate_run import Generate
-    from app.page.tabs.videos_behind import Draw
 
 PORT_TAKEN = (
     "Port {port} of {host} is taken, perhaps by this page, which then is open there already; "
@@ -133,16 +132,15 @@ def read_accounts(path: Path) -> tuple[tuple[str, str], ...]:
 def launch(
     config: AppConfig,
     is_warmed_up: bool = True,
-    generate: Generate | None = None,
-    draw: Draw | None = None,
+    make_processes: Callable[..., RunProcesses] | None = None,
 ) -> Blocks:
     """Serve the page from threads of this process; its address is ``local_url`` of the result.
 
     Args:
-        generate: does a run; None is the pipeline, in a process of its own.
-        draw: draws the videos of a run that has ended; None as for runs.
         is_warmed_up: whether the models are read as soon as the page is up, rather than at the
             first run.
+        make_processes: makes what does the runs, with arguments as of `RunProcesses`, which is
+            taken where there is none.
 
     Raises:
         RunError, CheckpointError: if the weights cannot be offered.
@@ -167,7 +165,7 @@ def launch(
     from app.page.queue.run_processes import Limits, RunProcesses
     from app.page.results.kept_runs import KeptRuns
     from app.page.results.run_file import run_file_routes
-    from app.page.results.study_preview import StudyPreviews, preview_routes
+    from app.page.results.study_preview import preview_routes
     from app.page.routes.guard import Framing, HostNames, guarded
     from app.page.routes.live_route import live_routes
     from app.page.routes.media import MediaAddresses, media_routes
@@ -175,6 +173,7 @@ def launch(
     from app.page.routes.refusals import quieten_sockets, refuse_unknown_functions
     from app.page.routes.stage_route import stage_routes
     from app.page.run_page import run_page_routes
+    from app.page.tabs.services import Services
     from app.page.tabs.upload_check import UploadCheck
     from app.page.theme import CSS, head_style, make_theme
     from app.page.visitors.researcher_part import Handover, study_routes
@@ -196,12 +195,7 @@ def launch(
     visitor_files.keep_swept(jobs.in_use)
     atexit.register(jobs.cancel_all)
 
-    handover = Handover(config.private_folder, config.keep_results_s)
-    previews = StudyPreviews()
-    addresses = MediaAddresses()
-    live = LiveSessions(config.weights)
-    examples = [example.path for example in catalogue.examples]
-    processes = RunProcesses(
+    processes = (make_processes or RunProcesses)(
         config.num_slots,
         Limits(config.max_run_bytes, config.max_run_s),
         warm=(config.weights, config.body) if is_warmed_up else None,
@@ -211,37 +205,33 @@ def launch(
     # Apart from the runs: nobody should wait for another's run to hear that a file is silent.
     gate = RunProcesses(1, Limits(CHECK_BYTES, CHECK_S, CHECK_S))
     atexit.register(gate.close)
-    does = generate or processes.generate
+    addresses = MediaAddresses()
     first_look = None
     if is_warmed_up:
         first_look = FirstLooks(config, catalogue, jobs, addresses, processes.make_first_look)
-    check = UploadCheck(gate.refuse, config.max_speech_s)
-    kept = KeptRuns(config.keep_results_s)
-    page = build_app(
-        does,
-        processes,
-        check,
-        catalogue,
-        config,
-        jobs,
-        handover,
-        previews,
-        addresses,
-        live,
-        first_look,
-        draw,
-        kept=kept,
+    services = Services(
+        config=config,
+        catalogue=catalogue,
+        jobs=jobs,
+        processes=processes,
+        check=UploadCheck(gate.refuse, config.max_speech_s),
+        kept=KeptRuns(config.keep_results_s),
+        handover=Handover(config.private_folder, config.keep_results_s),
+        live=LiveSessions(config.weights),
+        addresses=addresses,
+        first_look=first_look,
     )
+    page = build_app(services)
     page.queue(max_size=4 * config.max_waiting)
     routes = [
-        *run_file_routes(kept),
-        *run_page_routes(kept),
+        *run_file_routes(services.kept),
+        *run_page_routes(services.kept),
         *media_routes(addresses),
-        *study_routes(handover),
-        *preview_routes(previews),
+        *study_routes(services.handover),
+        *preview_routes(services.previews),
     ]
     routes += [*stage_routes(), *motion_file_routes(addresses, config.temp)]
-    routes += live_routes(live, examples)
+    routes += live_routes(services.live, [example.path for example in catalogue.examples])
     page.launch(
         server_name=config.host,
         server_port=config.port or None,  # 0: any free one

@@ -8,78 +8,43 @@ from dataclasses import fields
 import gradio as gr
 
 from app import text
-from app.config import AppConfig
-from app.live.sessions import LiveSessions
 from app.page.parts import markup
-from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import mount, reveal_on_click
 from app.page.parts.named_fields import named_fields
 from app.page.player.edited_runs import EditedRuns
 from app.page.player.first_look_shown import FirstLooks
 from app.page.queue.in_turn import Updates
-from app.page.queue.jobs import JobBook
-from app.page.queue.run_processes import RunProcesses
-from app.page.results.kept_runs import PARAMETER, KeptRuns
+from app.page.results.kept_runs import PARAMETER
 from app.page.results.result_parts import ResultParts, build_results
-from app.page.results.study_preview import StudyPreviews
-from app.page.routes.media import MediaAddresses
 from app.page.tabs.generate.generate import FormParts, build_form
 from app.page.tabs.generate.generate_form import Form
-from app.page.tabs.generate.generate_run import Generate, GenerateRunner
+from app.page.tabs.generate.generate_run import GenerateRunner
 from app.page.tabs.generate.opening import Opening
-from app.page.tabs.generate.takes_run import MakeTake, TakesRunner
+from app.page.tabs.generate.takes_run import TakesRunner
 from app.page.tabs.live import live as live_tab
 from app.page.tabs.own_motion import own_motion as own_motion_tab
 from app.page.tabs.seen_run import SeenRunner
+from app.page.tabs.services import Services
 from app.page.tabs.study.study import build_study_tab
 from app.page.tabs.study.study_analysis import build_analysis
 from app.page.tabs.systems.hearing import build_hearing
 from app.page.tabs.systems.mechanism import build_mechanism
 from app.page.tabs.systems.step_curve import build_step_curve
 from app.page.tabs.systems.systems import build_systems_tab
-from app.page.tabs.upload_check import UploadCheck
-from app.page.tabs.videos_behind import Draw, VideosBehind
-from app.page.visitors.researcher_part import Handover
+from app.page.tabs.videos_behind import VideosBehind
 
 EXAMPLE_EVERY_S = 0.5
 """How often a page asks for an example that is being made."""
 
 
-def build_app(
-    generate: Generate,
-    processes: RunProcesses,
-    check: UploadCheck,
-    catalogue: Catalogue,
-    config: AppConfig,
-    jobs: JobBook,
-    handover: Handover,
-    previews: StudyPreviews,
-    addresses: MediaAddresses,
-    live: LiveSessions,
-    first_look: FirstLooks | None = None,
-    draw: Draw | None = None,
-    take: MakeTake | None = None,
-    kept: KeptRuns | None = None,
-) -> gr.Blocks:
-    """The whole page.
-
-    Args:
-        generate: what a test may replace by a function of its own.
-        processes: does all other runs.
-        check: of uploads, before there is a run.
-        first_look: what plays before the first run.
-        draw: the same of the videos of a run; None lets the processes of runs draw them.
-        take: the same of a take of it.
-        kept: where runs are kept; None is a place of its own.
-    """
-    draws = draw or processes.draw_behind
-    kept = kept or KeptRuns(config.keep_results_s)
+def build_app(services: Services) -> gr.Blocks:
+    """The whole page."""
     with gr.Blocks(
         title=text.TITLE,
         analytics_enabled=False,
         fill_width=True,
     ) as page:
-        gr.HTML(markup.header(catalogue.trained_on))
+        gr.HTML(markup.header(services.catalogue.trained_on))
         gr.HTML(
             own_motion_tab.TAB, html_template="", js_on_load=mount("reopen.js", "mountReopen"),
             apply_default_css=False, elem_classes="told-elsewhere",
@@ -87,44 +52,33 @@ def build_app(
         with gr.Tabs(overflow_behavior="wrap") as tabs:  # a phone would hide some in a menu
             with gr.Tab(text.MOTION_TAB, id="generate"), gr.Row(elem_classes="columns"):
                 with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
-                    form = build_form(catalogue, config, check)
+                    form = build_form(services)
                 with gr.Column(scale=9, min_width=320, elem_classes="results"):
                     results = build_results(empty=markup.empty_state())
             with gr.Tab(live_tab.TAB):
-                live_results = live_tab.build_live_tab(
-                    page, generate, catalogue, config, jobs, addresses, live, kept, draws
-                )
+                live_results = live_tab.build_live_tab(page, services)
             with gr.Tab(own_motion_tab.TAB, id="own_motion"):
-                own_results = own_motion_tab.build_own_motion_tab(
-                    *(page, config, jobs, addresses, processes.diagnose, check, kept, draws),
-                    processes.measure_sets,
-                )
+                own_results = own_motion_tab.build_own_motion_tab(page, services)
             with gr.Tab(text.LADDER_TAB) as systems_tab:
-                build_mechanism(
-                    page, systems_tab, config, jobs, addresses, processes.show_mechanism
-                )
-                build_systems_tab(catalogue.systems)
-                build_hearing(page, catalogue, config, jobs, addresses, processes.measure_hearing)
-                build_step_curve(page, catalogue, config, jobs, addresses, processes.measure_steps)
+                build_mechanism(page, systems_tab, services)
+                build_systems_tab(services.catalogue.systems)
+                build_hearing(page, services)
+                build_step_curve(page, services)
             with gr.Tab(text.STUDY_TAB):
-                build_study_tab(
-                    page, catalogue, config, jobs, handover, previews, processes.export_study, check
-                )
-                build_analysis(page, jobs, processes.analyse_study)
+                build_study_tab(page, services)
+                build_analysis(page, services)
         for parts, prefix in ((results, ""), (live_results, "live-"), (own_results, "own-")):
-            SeenRunner(processes.draw_seen, config, jobs, addresses, parts).wire(page, prefix)
-        videos = VideosBehind(draws, jobs, results, kept, "videos")
+            SeenRunner(services, parts).wire(page, prefix)
+        videos = VideosBehind(services, results, "videos")
         edited = EditedRuns()
-        runner = GenerateRunner(
-            generate, catalogue, config, jobs, addresses, form, results, kept, videos, edited
-        )
-        TakesRunner(take or processes.make_take, edited, jobs, results).wire(page)
-        if first_look is not None:
-            _await_example(page, form, results, first_look)
+        runner = GenerateRunner(services, form, results, videos, edited)
+        TakesRunner(services, edited, results).wire(page)
+        if services.first_look is not None:
+            _await_example(page, form, results, services.first_look)
         _wire(page, form, results, runner, videos)
         places = {"generate": results, "own_motion": own_results}
         named = dict(zip([field.name for field in fields(Form)], form.fields, strict=True))
-        opening = Opening(kept, config.keep_results_s, tabs, places, first_look, named)
+        opening = Opening(services, tabs, places, named)
         page.load(
             opening.opened, outputs=opening.outputs, queue=False, api_visibility="private",
             show_progress="hidden",

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 from fastapi.routing import APIRoute
 
 from app.page.alone import Scene, player_alone
-from app.page.results.run_file import PAGE_ENDING, ROUTE, saving_route
+from app.page.results.kept_runs import RUN_ROUTE
+from app.page.results.run_file import PAGE_ENDING, saving_route
 from app.run.pieces import MAX_FRAMES
 from model.storage.files import written_atomically
 
@@ -50,5 +51,5 @@ def save_page(run: EndedRun, out: Path) -> Path:
 
 def run_page_routes(kept: KeptRuns) -> list[APIRoute]:
     """Serve runs as such pages."""
-    path, media_type = ROUTE + "/{token}/page", "application/octet-stream"
+    path, media_type = RUN_ROUTE + "/{token}/page", "application/octet-stream"
     return [saving_route(kept, path, PAGE_ENDING, media_type, save_page)]

@@ -7,6 +7,7 @@ import ctypes
 import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
@@ -41,6 +42,8 @@ from app.run.words import SpokenWords
 from conventions.names import REFERENCE_NAME, SampleName, file_stem, printable
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     import numpy as np
 
     from model.diagnostics.diagnostics import Diagnostics
@@ -114,16 +117,25 @@ def _run(
         notes = inputs.body.notes(body_motion(row.shown))
         reporter.note(*(f"{row.name}: {note}" for note in notes))
     diagnostics = _measure(rows, inputs, onsets_s, tip, reporter)
-    snapshots, beside = Snapshots(), nullcontext()
+    snapshots, beside, sheet = Snapshots(), nullcontext(), None
     if request.has_video:
         snapshots = draw_all(request, inputs, rows, tip, folder, reporter)
         names = [row.name for row in rows_that_fit(rows, reporter)]
         beside = joined_side_by_side(names, inputs.wav, folder, reporter)
     elif request.has_poses and request.has_figures:
-        snapshots = _draw_poses(request, rows, reporter)
+        for ending in ("png", "svg", "pdf"):
+            folder.path(f"figure6.{ending}")  # listed before the sheet, though drawn after it
+        with ThreadPoolExecutor(1, "poses") as thread:
+            poses = thread.submit(_draw_poses, request, rows, reporter)
+            sheet = _draw_jitter(request, rows, tip, diagnostics, folder, reporter)
+            snapshots = poses.result()
     with beside:
         if request.has_figures:
-            _draw_figures(request, rows, snapshots, tip, diagnostics, folder, reporter)
+            _draw_figure6(request, rows, snapshots, tip, folder, reporter)
+            sheet = sheet or _draw_jitter(request, rows, tip, diagnostics, folder, reporter)
+            for path in sheet:
+                reporter.file("figure", "jitter", path)
+            reporter.progress("figure", 1.0)
     said, notes = words.found(reporter.stop_if_asked)
     reporter.note(*notes)
     for path in write_diagnostics(diagnostics, folder, said):
@@ -329,20 +341,19 @@ def _draw_poses(request: GenerateRequest, rows: Sequence[Row], reporter: Reporte
     return draw_poses(placed, request.body, frames, on_share)
 
 
-def _draw_figures(
+def _draw_figure6(
     request: GenerateRequest,
     rows: Sequence[Row],
     snapshots: Snapshots,
     tip: TipSource,
-    diagnostics: Diagnostics,
     folder: ResultFolder,
     reporter: Reporter,
 ) -> None:
-    """Figure 6, of trajectories only where no pose was drawn, and the jitter sheet."""
-    reporter.progress("figure", _POSES if snapshots.pictures and not request.has_video else 0.0)
+    """Of trajectories only where no pose was drawn."""
+    begun = _POSES if snapshots.pictures and not request.has_video else 0.0
+    reporter.progress("figure", begun)
     reporter.stop_if_asked()
     shown = {row.name: row.shown for row in rows_that_fit(rows, reporter)}
-    clip = printable(request.speech.stem)
     for path in draw_figure6(
         shown,
         snapshots,
@@ -351,16 +362,26 @@ def _draw_figures(
         request.start_frame,
         is_generated=True,
         post_filter=request.post_filter,
-        clip=clip,
+        clip=printable(request.speech.stem),
         on_piece=reporter.stop_if_asked,
     ):
         reporter.file("figure", "figure6", path)
-    reporter.progress("figure", 0.5)
+    reporter.progress("figure", (begun + 1) / 2)
+
+
+def _draw_jitter(
+    request: GenerateRequest,
+    rows: Sequence[Row],
+    tip: TipSource,
+    diagnostics: Diagnostics,
+    folder: ResultFolder,
+    reporter: Reporter,
+) -> list[Path]:
+    """The jitter sheet; a core is free for it while other processes draw poses."""
     reporter.stop_if_asked()
+    shown = [row.name for row in rows_that_fit(rows, reporter)]
     systems = [name for name in shown if name != REFERENCE_NAME]
-    for path in draw_jitter(diagnostics, tip, folder, systems, clip):
-        reporter.file("figure", "jitter", path)
-    reporter.progress("figure", 1.0)
+    return draw_jitter(diagnostics, tip, folder, systems, printable(request.speech.stem))
 
 
 def _write_provenance(

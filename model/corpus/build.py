@@ -14,7 +14,8 @@ from model.corpus.people.speakers import SPEAKERS, Speaker
 from model.corpus.people.voice import require_flite
 from model.corpus.words.texts import Split
 from model.storage.files import WriteError
-from processes.pool import Job, JobPool, JobsError
+from processes.job import Job, JobsError
+from processes.pool import JobPool
 
 FORMAT = 3  # raised whenever the same seed gives other bytes
 MANIFEST = "corpus.json"

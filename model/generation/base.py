@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from model.generation.family import Sampler, UnknownNameError
+from model.generation.samplers import Sampler, UnknownNameError
 from model.generation.speech_stream import SpeechWindow
 from model.generation.stitching import cross_fade, fade
 from model.motion.motion import ExpressionBasis, Motion

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from conventions.names import file_stem
 from model.generation.explained import Claim, Ladder
 from model.generation.named_files import FileFlag, FileReport
+from model.generation.samplers import Sampler
 from model.storage.cards import load_card
 
 if TYPE_CHECKING:
@@ -30,33 +31,8 @@ curve of steps, compared by the command ``hearing``, ticked in that tab, first i
 example that plays when the page opens, ``python -m model.train``, and rows of `make bench`."""
 
 
-@dataclass(frozen=True)
-class Sampler:
-    """A way from noise to motion that a person may choose."""
-
-    name: str
-    steps: int
-    """Where nothing else is asked for."""
-    face_steps: int | None = None
-    """Of the face, where that is drawn by steps of its own."""
-    title: str = ""
-    """What a person calls it; empty for its name."""
-
-    def counts(self, steps: int | None, face_steps: int | None) -> tuple[int, int | None]:
-        """Steps of the body and of the face, as asked for or as usual; a face of which nothing is
-        asked takes its usual share of the body's."""
-        taken = steps or self.steps
-        if self.face_steps is None:
-            return taken, None
-        return taken, face_steps or max(1, round(taken * self.face_steps / self.steps))
-
-
 class FamilyError(ValueError):
     """A family that cannot be had; the message says why."""
-
-
-class UnknownNameError(ValueError):
-    """A system, speaker or sampler that does not exist; the message lists those that do."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,8 @@ from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any
 
 import model.systems
-from model.generation.family import Family, FamilyError, UnknownNameError, Use
+from model.generation.family import Family, FamilyError, Use
+from model.generation.samplers import UnknownNameError
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from model.systems.installed import register_installed
 

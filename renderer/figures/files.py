@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from conventions.names import printable
 from renderer.figures.style import PNG_DPI, RC_PARAMS, VECTOR_DPI
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ def write_figure(figure: "Figure", out_stem: Path, description: str) -> FigureFi
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     _make_printable(figure)
-    description = _printable(description)
+    description = printable(description)
     out_stem = Path(out_stem)
     out_stem.parent.mkdir(parents=True, exist_ok=True)
     files = FigureFiles(*(out_stem.with_name(f"{out_stem.name}.{e}") for e in FigureFiles._fields))
@@ -78,12 +79,7 @@ def _make_printable(figure: "Figure") -> None:
 
     for text in figure.findobj(Text):
         assert isinstance(text, Text)
-        text.set_text("\n".join(map(_printable, text.get_text().split("\n"))))
-
-
-def _printable(text: str) -> str:
-    """As `model.storage.harmless.printable`, which this room does not know."""
-    return "".join(char if char.isprintable() else "?" for char in text)
+        text.set_text("\n".join(map(printable, text.get_text().split("\n"))))
 
 
 def _temporary_name(path: Path) -> Path:

@@ -13,7 +13,7 @@ from renderer.video.render import Cancelled
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 """The pictures are drawn by the driver's threads; numpy's would only get in their way."""
 _GRACE_S = 2.0
-"""How long a child that has to stop may take to tidy up before it is killed."""
+"""How long a child that is to leave a job may take to tidy up before it is killed."""
 _POLL_S = 0.05
 
 
@@ -61,7 +61,7 @@ class WorkerProcess:
 
     def close(self) -> None:
         """Leave nothing behind: no process, no pipe, no partial file."""
-        self._child.end(_GRACE_S)
+        self._child.end(0.0 if self._job is None else _GRACE_S)
         if self._job is not None and self._job.out is not None:
             partial_path(self._job.out, self._child.pid).unlink(missing_ok=True)
 

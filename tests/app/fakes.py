@@ -2,16 +2,26 @@
 
 import subprocess
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import imageio_ffmpeg
 import numpy as np
 from PIL import Image
 
+from app.config import AppConfig
 from app.errors import CancelledRun
-from app.page.parts.catalogue import Catalogue
+from app.live.sessions import LiveSessions
+from app.page.parts.catalogue import Catalogue, Example
+from app.page.queue.jobs import JobBook
+from app.page.queue.run_processes import RunProcesses
+from app.page.results.kept_runs import KeptRuns
 from app.page.tabs.generate.generate_form import row_names
+from app.page.tabs.services import Services
+from app.page.tabs.upload_check import UploadCheck
+from app.page.visitors.researcher_part import Handover
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import Reporter
 from app.run.pieces import PieceTeller
@@ -24,6 +34,7 @@ from app.run.requests.request import (
     Progress,
     ShouldCancel,
 )
+from app.run.requests.upload_check import refusal_of
 from app.run.videos.behind import VideosRequest
 from conventions.joints import JOINT_INDEX
 from conventions.names import REFERENCE_NAME, file_stem
@@ -39,6 +50,40 @@ CATALOGUE = Catalogue(
     trained_on="0.0 hours of nothing (a test)",
     samplers=("euler", "heun", "reinterpolate"),
 )
+
+
+def catalogue_of(*speeches: Path) -> Catalogue:
+    """With these as its examples."""
+    return replace(CATALOGUE, examples=tuple(Example(path.stem, path) for path in speeches))
+
+
+class FakeProcesses(RunProcesses):
+    """Has some runs done by functions of a test's own."""
+
+    def __init__(self, *arguments: Any, does: Mapping[str, Callable[..., Any]], **options: Any):
+        """
+        Args:
+            does: by the name of the method that they take the place of.
+        """
+        super().__init__(*arguments, **options)
+        vars(self).update(does)
+
+
+def made_services(
+    folder: Path, does: Mapping[str, Callable[..., Any]] | None = None, **given: Any
+) -> Services:
+    """Of a page without models: what is not given is made."""
+    usual = {
+        "config": AppConfig(temp=folder),
+        "catalogue": CATALOGUE,
+        "jobs": JobBook(folder / "jobs"),
+        "processes": FakeProcesses(does=does or {}),
+        "check": UploadCheck(refusal_of, 60.0),
+        "kept": KeptRuns(60.0),
+        "handover": Handover(folder / "private"),
+        "live": LiveSessions(folder),
+    }
+    return Services(**{**usual, **given})
 
 
 RECOGNISED = Transcript((Word(0.2, 0.6, "hello", 0.75),), origin="recognised")

@@ -5,6 +5,7 @@ import shutil
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -118,11 +119,17 @@ def in_every_look(page: Page) -> Iterator[int]:
 
 
 @contextmanager
-def served(config: AppConfig, is_warmed_up: bool = False, **options: Any) -> Iterator[str]:
+def served(
+    config: AppConfig, is_warmed_up: bool = False, **does: Callable[..., Any]
+) -> Iterator[str]:
     """The address of a page that is open meanwhile. Gradio keeps uploads where the environment
-    says, for all pages of a process: a page that was open before gets its place back."""
+    says, for all pages of a process: a page that was open before gets its place back.
+
+    Args:
+        does: runs by functions of a test's own, as of `FakeProcesses`.
+    """
     before = os.environ.get("GRADIO_TEMP_DIR")
-    page = launch(config, is_warmed_up, **options)
+    page = launch(config, is_warmed_up, partial(fakes.FakeProcesses, does=does))
     assert page.local_url is not None
     yield page.local_url
     page.close()
@@ -259,7 +266,7 @@ def faked(
     config = AppConfig(port=0, weights=weights, temp=tmp_path_factory.mktemp("page"))
     draw = fakes.make_draw(before_video=stage.may_draw.__getitem__, seconds=seconds)
     generate = fakes.make_generate(seconds=seconds, plan=plan)
-    with served(config, generate=generate, draw=draw) as url:
+    with served(config, generate=generate, draw_behind=draw) as url:
         yield url
 
 

@@ -57,7 +57,7 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Walk]:
     asked: list[GenerateRequest] = []
     generate = fakes.make_generate(on_start=asked.append, seconds=3.0)
     draw = fakes.make_draw(seconds=3.0)
-    with served(config, is_warmed_up=True, generate=generate, draw=draw) as address:
+    with served(config, is_warmed_up=True, generate=generate, draw_behind=draw) as address:
         yield address, asked
     shutil.rmtree(look.folder)
 

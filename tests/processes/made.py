@@ -7,7 +7,8 @@ import time
 from functools import partial
 from pathlib import Path
 
-from processes.pool import Job, JobPool, JobsError
+from processes.job import Job, JobsError
+from processes.pool import JobPool
 
 
 def make_jobs(folder: Path, count: int, seconds: float = 0.0) -> list[Job]:

@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from processes import cluster
-from processes.pool import JobPool, JobsError
+from processes.job import JobsError
+from processes.pool import JobPool
 from tests.helpers import ROOT
 from tests.processes.made import done, fail, made_job, make_jobs, wait_for
 

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from processes.pool import MAX_BREAKS, JobPool, JobsError
+from processes.job import JobsError
+from processes.pool import MAX_BREAKS, JobPool
 from tests.helpers import ROOT
 from tests.processes.made import (
     crash,

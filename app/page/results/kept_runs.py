@@ -16,11 +16,12 @@ from pathlib import Path
 from app import text
 from app.page.queue.jobs import Job
 from app.page.results.ended_run import EndedRun
-from app.page.results.run_file import ROUTE as SAVED_ROUTE
 from app.page.visitors.visitors import is_same
 
 PARAMETER = "run"
 """Of the page's address."""
+RUN_ROUTE = "/media/run"
+"""Below which a run is had as a file, by its token."""
 _TOKEN_BYTES = 32
 
 
@@ -123,7 +124,7 @@ def _saved(*opened: KeptRun) -> str:
     (first, *others) = opened
     if others or first.run.showing is None:
         return ""
-    address = f"{SAVED_ROUTE.lstrip('/')}/{escape(first.token)}"
+    address = f"{RUN_ROUTE.lstrip('/')}/{escape(first.token)}"
     link = f'<a href="{address}" download title="{text.SAVE_RUN_HELP}">{text.SAVE_RUN}</a>'
     page = f'<a href="{address}/page" download title="{text.SAVE_PAGE_HELP}">{text.SAVE_PAGE}</a>'
     return f"<p>{link}</p><p>{page}</p>"

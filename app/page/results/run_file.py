@@ -23,6 +23,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.concurrency import run_in_threadpool
 
 from app.errors import RunError
+from app.page.results.kept_runs import RUN_ROUTE, KeptRuns
 from app.run.many.unpacked import Limits, unpacked
 from app.run.requests.request import MAX_COMPARED
 from conventions.names import REFERENCE_NAME, printable
@@ -31,9 +32,7 @@ from model.storage.files import written_atomically
 
 if TYPE_CHECKING:
     from app.page.results.ended_run import EndedRun
-    from app.page.results.kept_runs import KeptRuns
 
-ROUTE = "/media/run"
 FORMAT = 1
 TOLD, SPEECH, ENDING = "run.json", "speech.wav", ".run.zip"
 PAGE_ENDING = ".run.html"
@@ -200,7 +199,7 @@ def file_name(title: str, ending: str = ENDING) -> str:
 
 def run_file_routes(kept: KeptRuns) -> list[APIRoute]:
     """Serve runs as files that the page opens again."""
-    return [saving_route(kept, ROUTE + "/{token}", ENDING, "application/zip", save_run)]
+    return [saving_route(kept, RUN_ROUTE + "/{token}", ENDING, "application/zip", save_run)]
 
 
 def saving_route(

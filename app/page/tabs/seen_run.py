@@ -17,10 +17,11 @@ from app.errors import RunError
 from app.page.parts.html_parts import shown
 from app.page.queue.follow import last_share
 from app.page.queue.in_turn import Updates
-from app.page.queue.jobs import Job, JobBook
+from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner
 from app.page.results.result_parts import ResultParts
 from app.page.routes.media import MEDIA_ROUTE, MediaAddresses
+from app.page.tabs.services import Services
 from app.run.requests.client_numbers import finite, whole
 from app.run.requests.display import Display
 from app.run.requests.request import Event, OnEvent, ShouldCancel
@@ -30,7 +31,7 @@ from conventions.names import printable
 from renderer.scene.orbit import Orbit
 
 if TYPE_CHECKING:
-    from app.config import AppConfig
+    pass
 
 MAX_ASKED = 60_000
 """Characters."""
@@ -119,18 +120,9 @@ class SeenRunner(TabRunner[SeenVideo]):
 
     tab = "seen"
 
-    def __init__(
-        self,
-        draw: DrawSeen,
-        config: AppConfig,
-        jobs: JobBook,
-        addresses: MediaAddresses,
-        parts: ResultParts,
-    ) -> None:
-        super().__init__(jobs, parts.seen)
-        self._draw = draw
-        self._config = config
-        self._addresses = addresses
+    def __init__(self, services: Services, parts: ResultParts) -> None:
+        super().__init__(services.jobs, parts.seen)
+        self._services = services
         self._parts = parts
 
     def wire(self, page: gr.Blocks, prefix: str = "") -> None:
@@ -167,9 +159,10 @@ class SeenRunner(TabRunner[SeenVideo]):
             seen=asked.seen,
             out=job.folder / "results",
             speech=None if asked.sound is None else self._file(asked.sound, cookie, ".wav"),
-            body=self._config.body,
+            body=self._services.config.body,
         )
-        yield _Work(self._draw, request, self._parts, self._addresses, cookie)
+        draw, addresses = self._services.processes.draw_seen, self._services.addresses
+        yield _Work(draw, request, self._parts, addresses, cookie)
 
     def _file(self, address: str, cookie: str, suffix: str) -> Path:
         """What the page has given an address.
@@ -178,7 +171,8 @@ class SeenRunner(TabRunner[SeenVideo]):
             RunError: if it has not, or it is kept no longer.
         """
         route, _, token = address.partition("/")
-        path = self._addresses.find(token, cookie) if route == MEDIA_ROUTE.strip("/") else None
+        is_ours = route == MEDIA_ROUTE.strip("/")
+        path = self._services.addresses.find(token, cookie) if is_ours else None
         if path is None or path.suffix != suffix:
             raise RunError(text.SEEN_GONE)
         return path

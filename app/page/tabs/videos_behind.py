@@ -19,6 +19,7 @@ from app.page.queue.in_turn import InTurn, Updates
 from app.page.queue.jobs import Job, JobBook, Tab
 from app.page.results.kept_runs import KeptRun, KeptRuns
 from app.page.results.result_parts import ResultParts
+from app.page.tabs.services import Services
 from app.page.visitors.visitors import address_of, visitor_of
 from app.run.output.result_folder import zip_files
 from app.run.requests.request import Artefact, Event, OnEvent, ShouldCancel
@@ -39,17 +40,14 @@ class Wanted:
 class VideosBehind:
     """Draws what a tab's runs have left to be drawn, one visitor's newest run at a time."""
 
-    def __init__(
-        self, draw: Draw, jobs: JobBook, parts: ResultParts, kept: KeptRuns, tab: Tab
-    ) -> None:
+    def __init__(self, services: Services, parts: ResultParts, tab: Tab) -> None:
         """
         Args:
             tab: that of the videos.
         """
-        self._jobs = jobs
-        self._draw = draw
+        self._services = services
+        self._jobs = services.jobs
         self._parts = parts
-        self._kept = kept
         self._tab: Tab = tab
         self._wanted: dict[str, Wanted] = {}
         self._lock = threading.Lock()
@@ -105,7 +103,8 @@ class VideosBehind:
 
     def _work(self, wanted: Wanted, job: Job) -> _Work:
         asked = wanted.request.within(job.folder)
-        return _Work(self._draw, asked, wanted, self._parts, self._kept)
+        draw = self._services.processes.draw_behind
+        return _Work(draw, asked, wanted, self._parts, self._services.kept)
 
 
 class _Behind(InTurn[tuple[Path, ...]]):

@@ -32,7 +32,8 @@ from app.run.many.unpacked import unpacked_sets
 from app.run.output.held_folder import held_folder
 from app.run.output.result_folder import remove_unfinished
 from conventions.names import REFERENCE_NAME, printable
-from processes.pool import Job, JobPool
+from processes.job import Job
+from processes.pool import JobPool
 
 FORMAT = 3
 """Of a clip's record; another one is measured anew."""

@@ -20,7 +20,8 @@ from app.run.output.result_folder import remove_unfinished
 from app.run.requests.request import GenerateRequest, check_request
 from conventions.names import REFERENCE_NAME, printable
 from model.generation.clip_noise import clip_seed
-from processes.pool import Job, JobPool
+from processes.job import Job
+from processes.pool import JobPool
 
 LIST_ENDING = ".txt"
 ENDINGS = (".wav", ".flac", ".mp3", ".ogg", ".opus", ".m4a", ".aac", ".webm")

@@ -18,7 +18,8 @@ from app.study.make import media
 from app.study.make.h264 import fill_alike
 from app.study.make.motions import Source, read_source, shown_motions
 from app.study.make.workspace import Workspace
-from processes.pool import Job, JobPool
+from processes.job import Job
+from processes.pool import JobPool
 
 if TYPE_CHECKING:
     from conventions.views import View

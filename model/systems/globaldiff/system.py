@@ -31,7 +31,7 @@ from model.systems.face.shown import BodyWindow, FacedSystem, shared_windowing
 from model.systems.globaldiff import FAMILY
 from model.systems.globaldiff.config import NetworkConfig
 from model.systems.globaldiff.network import MotionNetwork
-from model.systems.globaldiff.prediction import predict_with
+from model.systems.globaldiff.prediction import Predictor
 
 INPAINT_UNTIL = 0.7
 """Flow time up to which the seed frames are held. With 10 Euler steps, the jerk of a wrist at joins
@@ -134,7 +134,8 @@ class GlobalDiffSystem(FacedSystem):
         self, motion: Motion, tracks: Mapping[str, Features], speaker: int, batch_size: int
     ) -> Prediction:
         """See `System.predict_with`."""
-        return predict_with(self, motion, tracks, speaker, batch_size)
+        asked = Predictor(self.config, self.network, self.normaliser, self.face)
+        return asked.predict(motion, tracks, speaker, batch_size)
 
 
 def led_home(

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from model.generation.family import Family, Sampler
+from model.generation.family import Family
 from model.generation.named_files import FileFlag, FileReport
+from model.generation.samplers import Sampler
 from model.sampling.names import SAMPLER_TITLES
 from model.storage.cards import load_card
 from model.systems.official.files import (

@@ -2,7 +2,8 @@
 motion network follows the plan it is given. May import GlobalDiff's family and what systems may.
 """
 
-from model.generation.family import Family, Sampler
+from model.generation.family import Family
+from model.generation.samplers import Sampler
 from model.sampling.names import SAMPLER_TITLES
 from model.systems.planned.config import PLANNED, PLANNER, PRESETS, named_config
 

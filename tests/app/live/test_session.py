@@ -10,8 +10,8 @@ from app.live import session as sessions
 from app.live.session import LiveAsk, LiveSession, check_live
 from app.run.models import get_system
 from app.run.pieces import HEADER
-from model.generation.family import UnknownNameError
 from model.generation.live import LiveMotion
+from model.generation.samplers import UnknownNameError
 from model.generation.windows import GenerateOptions
 from model.plan.manner import Manner
 from model.plan.plan import PHASES

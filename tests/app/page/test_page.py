@@ -9,16 +9,9 @@ import gradio as gr
 import pytest
 
 from app.config import AppConfig
-from app.live.sessions import LiveSessions
 from app.page.page import build_app
 from app.page.queue.jobs import Job, JobBook
-from app.page.queue.run_processes import RunProcesses
-from app.page.results.study_preview import StudyPreviews
-from app.page.routes.media import MediaAddresses
-from app.page.tabs.upload_check import UploadCheck
-from app.page.visitors.researcher_part import Handover
 from app.page.visitors.visitors import COOKIE
-from app.run.requests.upload_check import refusal_of
 from tests.app import fakes
 
 VISITOR = SimpleNamespace(session_hash="visitor", cookies={COOKIE: "cookie"})
@@ -45,20 +38,8 @@ def jobs(tmp_path: Path) -> WatchedJobs:
 
 @pytest.fixture
 def page(jobs: WatchedJobs, tmp_path: Path) -> gr.Blocks:
-    handover = Handover(tmp_path / "private")
-    generate, live = fakes.make_generate(), LiveSessions(tmp_path)
-    return build_app(
-        generate,
-        RunProcesses(),
-        UploadCheck(refusal_of, 60.0),
-        fakes.CATALOGUE,
-        AppConfig(),
-        jobs,
-        handover,
-        StudyPreviews(),
-        MediaAddresses(),
-        live,
-    )
+    does = {"generate": fakes.make_generate()}
+    return build_app(fakes.made_services(tmp_path, does, config=AppConfig(), jobs=jobs))
 
 
 def handler(page: gr.Blocks, button: str) -> Callable[..., Any]:

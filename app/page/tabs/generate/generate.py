@@ -13,10 +13,8 @@ from typing import Any
 import gradio as gr
 
 from app import text
-from app.config import AppConfig
 from app.page.parts import markup
 from app.page.parts.catalogue import (
-    Catalogue,
     Example,
     about_systems,
     default_systems,
@@ -26,7 +24,7 @@ from app.page.parts.catalogue import (
 from app.page.parts.html_parts import tell_chips
 from app.page.parts.strength import USUAL, strength_choices
 from app.page.tabs.generate.generate_form import SEED_LIMIT
-from app.page.tabs.upload_check import UploadCheck
+from app.page.tabs.services import Services
 from app.run.followed_point import TIP
 from app.run.requests.request import MAX_SAMPLES
 from model.systems.registry import sampler_title
@@ -42,8 +40,9 @@ class FormParts:
     cancel: gr.Button
 
 
-def build_form(catalogue: Catalogue, config: AppConfig, check: UploadCheck) -> FormParts:
+def build_form(services: Services) -> FormParts:
     """The left column: speech, systems, settings, and the buttons."""
+    catalogue, config, check = services.catalogue, services.config, services.check
     gr.HTML(markup.step(1, text.STEP_SPEECH))
     speech = gr.Audio(
         label=text.SPEECH_LABEL,

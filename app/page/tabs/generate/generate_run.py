@@ -11,16 +11,14 @@ from typing import TYPE_CHECKING, Any
 import gradio as gr
 
 from app import text
-from app.config import AppConfig
 from app.findings.verdict import short_names, verdict_of
 from app.page.parts import markup
 from app.page.parts.asked import form_of
-from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import shown
 from app.page.player.edited_runs import EditedRuns, own_speech
 from app.page.player.player import NOTHING, Showing
 from app.page.queue.in_turn import Updates
-from app.page.queue.jobs import Job, JobBook
+from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner
 from app.page.results.ended_run import EndedRun, sha256_of
 from app.page.results.figures_shown import FiguresShown
@@ -28,9 +26,9 @@ from app.page.results.kept_runs import KeptRuns
 from app.page.results.measures_table import measures_table
 from app.page.results.result_parts import ResultParts
 from app.page.results.settings import settings_of_run
-from app.page.routes.media import MediaAddresses
 from app.page.tabs.generate.generate import FormParts
 from app.page.tabs.generate.generate_form import Form, kept_values, request_from_form, row_names
+from app.page.tabs.services import Services
 from app.page.tabs.videos_behind import VideosBehind, Wanted
 from app.run.output.result_folder import zip_files
 from app.run.requests.request import (
@@ -55,6 +53,7 @@ if TYPE_CHECKING:
 
 STAGES_OF_STAGE: tuple[Stage, ...] = ("speech", "motion", "numbers", "figure")
 """Videos are drawn behind it."""
+
 Generate = Callable[[GenerateRequest, OnEvent, ShouldCancel], GenerateResult]
 
 
@@ -97,14 +96,9 @@ class GenerateRunner(TabRunner[GenerateResult]):
 
     def __init__(
         self,
-        generate: Generate,
-        catalogue: Catalogue,
-        config: AppConfig,
-        jobs: JobBook,
-        addresses: MediaAddresses,
+        services: Services,
         form: FormParts,
         results: ResultParts,
-        kept: KeptRuns,
         videos: VideosBehind,
         edited: EditedRuns | None = None,
     ) -> None:
@@ -113,14 +107,10 @@ class GenerateRunner(TabRunner[GenerateResult]):
             videos: draws a run's videos once it has ended.
             edited: where runs go whose gestures can be edited; None where none can.
         """
-        super().__init__(jobs, results.status)
+        super().__init__(services.jobs, results.status)
+        self._services = services
         self._videos = videos
         self._edited = edited
-        self._kept = kept
-        self._generate = generate
-        self._catalogue = catalogue
-        self._config = config
-        self._addresses = addresses
         self._form = form
         self._results = results
 
@@ -129,13 +119,13 @@ class GenerateRunner(TabRunner[GenerateResult]):
         asked = self.asked(job, cookie, values)
         self._videos.give_up(job.visitor)
         yield _Work(
-            generate=self._generate,
+            generate=self._services.processes.generate,
             asked=asked,
             job=job,
             showing=self._showing(asked, job, cookie, given_words(asked.transcript)),
-            figures=FiguresShown(self._addresses, cookie),
+            figures=FiguresShown(self._services.addresses, cookie),
             parts=self._results,
-            kept=self._kept,
+            kept=self._services.kept,
             cookie=cookie,
             at_the_end=self._buttons(is_running=False),
             videos=self._videos,
@@ -148,13 +138,16 @@ class GenerateRunner(TabRunner[GenerateResult]):
         return kept_values(form_of(Form, values), job.folder)
 
     def _showing(self, asked: GenerateRequest, job: Job, cookie: str, said: Transcript) -> Showing:
-        showing = Showing.of_run(asked, row_names(asked), job.folder, self._addresses, cookie, said)
+        addresses = self._services.addresses
+        showing = Showing.of_run(asked, row_names(asked), job.folder, addresses, cookie, said)
         showing.is_drawn = asked.has_video
         return showing
 
     def asked(self, job: Job, cookie: str, values: tuple[Any, ...]) -> GenerateRequest:
         """The run that the form asks for; arguments and errors as of `begin`."""
-        return request_from_form(form_of(Form, values), job.folder, self._catalogue, self._config)
+        services = self._services
+        form = form_of(Form, values)
+        return request_from_form(form, job.folder, services.catalogue, services.config)
 
     def blank(self) -> Updates:
         parts = self._results

@@ -10,11 +10,11 @@ import gradio as gr
 from app import text
 from app.page.parts import markup
 from app.page.parts.html_parts import shown
-from app.page.player.first_look_shown import FirstLooks
 from app.page.queue.in_turn import Updates
-from app.page.results.kept_runs import PARAMETER, KeptRun, KeptRuns
+from app.page.results.kept_runs import PARAMETER, KeptRun
 from app.page.results.result_parts import ResultParts
 from app.page.results.run_pair import RunPair
+from app.page.tabs.services import Services
 from app.page.visitors.visitors import cookie_of
 
 
@@ -24,25 +24,22 @@ class Opening:
 
     def __init__(
         self,
-        kept: KeptRuns,
-        keep_s: float,
+        services: Services,
         tabs: gr.Tabs,
         places: Mapping[str, ResultParts],
-        first_look: FirstLooks | None,
         form: Mapping[str, Any],
     ) -> None:
         """
         Args:
-            keep_s: for as long runs are kept; only to be told.
             places: by the id of a tab where it shows results; the first is that of all runs whose
                 own tab is not among them.
             form: fields of the first tab's form by name, to be filled in as the run was asked for.
         """
-        self._kept = kept
-        self._keep_s = keep_s
+        self._kept = services.kept
+        self._keep_s = services.config.keep_results_s
         self._tabs = tabs
         self._places = places
-        self._first_look = first_look
+        self._first_look = services.first_look
         self._form = form
 
     @property

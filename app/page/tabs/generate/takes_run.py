@@ -17,6 +17,7 @@ from app.page.queue.follow import waiting_line
 from app.page.queue.in_turn import InTurn, Updates
 from app.page.queue.jobs import Job, JobBook
 from app.page.results.result_parts import ResultParts
+from app.page.tabs.services import Services
 from app.page.visitors.visitors import address_of, cookie_of, visitor_of
 from app.run.requests.request import Artefact, Event, OnEvent, Piece, ShouldCancel
 from app.run.takes.edits import MAX_PLAN_CHARACTERS, Edit, Locked, edits_of, locked_of
@@ -77,10 +78,10 @@ def read_asked(told: object) -> Mapping[str, Any]:
 class TakesRunner:
     """Makes the takes of one tab's runs."""
 
-    def __init__(self, make: MakeTake, runs: EditedRuns, jobs: JobBook, parts: ResultParts) -> None:
-        self._make = make
+    def __init__(self, services: Services, runs: EditedRuns, parts: ResultParts) -> None:
+        self._make: MakeTake = services.processes.make_take
         self._runs = runs
-        self._jobs = jobs
+        self._jobs = services.jobs
         self._parts = parts
 
     def wire(self, page: gr.Blocks) -> None:

@@ -7,19 +7,14 @@ from typing import Any
 import gradio as gr
 
 from app import text
-from app.config import AppConfig
-from app.live.sessions import LiveSessions
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import mount, reveal_on_click
-from app.page.queue.jobs import JobBook
-from app.page.results.kept_runs import KeptRuns
 from app.page.results.result_parts import ResultParts, build_results
 from app.page.routes.live_route import EXAMPLE_ROUTE
-from app.page.routes.media import MediaAddresses
 from app.page.tabs.generate.generate import FormParts
-from app.page.tabs.generate.generate_run import Generate
 from app.page.tabs.live.live_run import LiveRunner
-from app.page.tabs.videos_behind import Draw, VideosBehind
+from app.page.tabs.services import Services
+from app.page.tabs.videos_behind import VideosBehind
 from model.systems.registry import family_of, usual_systems
 
 TAB = "Live"
@@ -35,27 +30,13 @@ _TOKEN_OF_PAGE = "() => [document.querySelector('.live')?.live?.kept() ?? '']"
 
 def build_live_tab(
     page: gr.Blocks,
-    generate: Generate,
-    catalogue: Catalogue,
-    config: AppConfig,
-    jobs: JobBook,
-    addresses: MediaAddresses,
-    live: LiveSessions,
-    kept: KeptRuns,
-    draw: Draw,
+    services: Services,
 ) -> ResultParts:
-    """Lay out the tab inside the current context and wire it.
-
-    Args:
-        generate: does the run that keeps a minute.
-        draw: draws its videos behind it.
-
-    Returns:
-        Where it shows the minute.
-    """
+    """Lay out the tab inside the current context and wire it; returns where it shows the last
+    minute."""
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
     gr.HTML(
-        offered(catalogue),
+        offered(services.catalogue),
         html_template='<div class="live"></div>',
         js_on_load=mount("live/live.js", "mountLive"),
         apply_default_css=False,
@@ -69,10 +50,8 @@ def build_live_tab(
         )
     results = build_results("live-", NOTHING_KEPT)
     form = FormParts((token,), keep, cancel)
-    videos = VideosBehind(draw, jobs, results, kept, "live_videos")
-    runner = LiveRunner(
-        generate, catalogue, config, jobs, addresses, form, results, kept, videos, live
-    )
+    videos = VideosBehind(services, results, "live_videos")
+    runner = LiveRunner(services, form, results, videos)
     reveal_on_click(keep, results.status)
     run = keep.click(
         runner.run,

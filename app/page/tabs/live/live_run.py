@@ -4,17 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from app.config import AppConfig
-from app.live.sessions import LiveSessions
-from app.page.parts.catalogue import Catalogue
-from app.page.queue.jobs import Job, JobBook
-from app.page.results.kept_runs import KeptRuns
-from app.page.results.result_parts import ResultParts
-from app.page.routes.media import MediaAddresses
-from app.page.tabs.generate.generate import FormParts
+from app.page.queue.jobs import Job
 from app.page.tabs.generate.generate_form import PAGE_SIZE_PX
-from app.page.tabs.generate.generate_run import Generate, GenerateRunner
-from app.page.tabs.videos_behind import VideosBehind
+from app.page.tabs.generate.generate_run import GenerateRunner
 from app.run.requests.display import Display
 from app.run.requests.request import GenerateRequest, Take
 from conventions.views import CLOSE_UPS
@@ -26,22 +18,6 @@ class LiveRunner(GenerateRunner):
     """Keeps what a visitor has spoken and seen."""
 
     tab = "live"
-
-    def __init__(
-        self,
-        generate: Generate,
-        catalogue: Catalogue,
-        config: AppConfig,
-        jobs: JobBook,
-        addresses: MediaAddresses,
-        form: FormParts,
-        results: ResultParts,
-        kept: KeptRuns,
-        videos: VideosBehind,
-        live: LiveSessions,
-    ) -> None:
-        super().__init__(generate, catalogue, config, jobs, addresses, form, results, kept, videos)
-        self._live = live
 
     def _kept_values(self, job: Job, values: tuple[Any, ...]) -> dict[str, Any]:
         return {}  # the form of the tab "Motion" cannot ask for it again
@@ -55,8 +31,9 @@ class LiveRunner(GenerateRunner):
         from model.motion.motion import save_motion
         from model.speech.audio import write_wav
 
+        config = self._services.config
         token = values[0] if isinstance(values[0], str) else ""
-        session, kept = self._live.kept(token[:_MAX_TOKEN], cookie)
+        session, kept = self._services.live.kept(token[:_MAX_TOKEN], cookie)
         wav, npz, plan = (job.folder / f"live.{ending}" for ending in ("wav", "npz", "plan.json"))
         write_wav(wav, kept.minute.waveform)
         save_motion(kept.minute.motion, npz)
@@ -65,15 +42,15 @@ class LiveRunner(GenerateRunner):
         return GenerateRequest(
             speech=wav,
             out=job.folder / "results",
-            weights=self._config.weights,
+            weights=config.weights,
             systems=(session.ask.system,),
             speaker=session.ask.speaker,
             seed=session.ask.seed,
-            body=self._config.body,
+            body=config.body,
             display=Display(has_trail=True),
             size=PAGE_SIZE_PX,
             close_ups=CLOSE_UPS,
             has_posters=True,
-            max_speech_s=self._config.max_speech_s,
+            max_speech_s=config.max_speech_s,
             take=Take(npz, kept.facts, kept.why_less, plan if kept.minute.plan else None),
         )

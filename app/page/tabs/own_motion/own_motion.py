@@ -9,25 +9,21 @@ from typing import Any
 import gradio as gr
 
 from app import text
-from app.config import AppConfig
 from app.page.parts.catalogue import point_choices
 from app.page.parts.html_parts import reveal_on_click
 from app.page.parts.named_fields import named_fields
-from app.page.queue.jobs import JobBook
-from app.page.results.kept_runs import KeptRuns
 from app.page.results.kept_sets import KeptSets
 from app.page.results.result_parts import ResultParts, build_results
-from app.page.routes.media import MediaAddresses
 from app.page.tabs.own_motion.own_motion_run import (
     ClipRunner,
-    Diagnose,
     OwnMotionForm,
     OwnMotionRunner,
     display_names,
 )
-from app.page.tabs.own_motion.own_sets_run import MeasureSets, SetsTools, build_sets
+from app.page.tabs.own_motion.own_sets_run import SetsTools, build_sets
+from app.page.tabs.services import Services
 from app.page.tabs.upload_check import UploadCheck
-from app.page.tabs.videos_behind import Draw, VideosBehind
+from app.page.tabs.videos_behind import VideosBehind
 from app.run.followed_point import TIP
 from app.run.planted import planted_files
 from app.run.requests.request import MAX_COMPARED
@@ -47,37 +43,18 @@ INTRODUCTION = (
 )
 
 
-def build_own_motion_tab(
-    page: gr.Blocks,
-    config: AppConfig,
-    jobs: JobBook,
-    addresses: MediaAddresses,
-    diagnose: Diagnose,
-    check: UploadCheck,
-    kept: KeptRuns,
-    draw: Draw,
-    measure_sets: MeasureSets,
-) -> ResultParts:
-    """Lay out the tab inside the current context and wire it; returns where it shows results.
-
-    Args:
-        diagnose: does the measuring, as `app.run.diagnose.diagnose_files`.
-        draw: draws videos behind it.
-        measure_sets: measures zips of clips, as `app.run.many.sets.measure_sets`.
-    """
+def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
+    """Lay out the tab inside the current context and wire it; returns where it shows results."""
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
     with gr.Row(elem_classes="columns"):
         with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
-            form = _build_form(check)
+            form = _build_form(services.check)
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
             of_sets = build_sets()
             parts = build_results("own-")
-    videos = VideosBehind(draw, jobs, parts, kept, "own_videos")
-    sets = SetsTools(measure_sets, of_sets, KeptSets())
-    runner, opener = (
-        kind(diagnose, config, jobs, addresses, parts, kept, videos, sets)
-        for kind in (OwnMotionRunner, ClipRunner)
-    )
+    videos = VideosBehind(services, parts, "own_videos")
+    sets = SetsTools(services.processes.measure_sets, of_sets, KeptSets())
+    runner, opener = (kind(services, parts, videos, sets) for kind in (OwnMotionRunner, ClipRunner))
     asks = {
         "inputs": form.fields,
         "outputs": [*parts.all, of_sets.shown],
@@ -93,7 +70,7 @@ def build_own_motion_tab(
         trigger_mode="once",
     )
     planted = form.planted.click(
-        lambda: planted_files(config.temp / "planted"),
+        lambda: planted_files(services.config.temp / "planted"),
         outputs=form.of_planted,
         api_visibility="private",
         show_progress="hidden",

@@ -19,7 +19,7 @@ from app.page.parts.html_parts import shown
 from app.page.player.player import NOTHING, Showing, gravest_of, own_writers, picture_layout
 from app.page.queue.follow import last_share
 from app.page.queue.in_turn import Updates, Work
-from app.page.queue.jobs import Job, JobBook
+from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner
 from app.page.results.ended_run import EndedRun, sha256_of
 from app.page.results.figures_shown import FiguresShown
@@ -29,6 +29,7 @@ from app.page.results.run_file import OpenedRun, SavedRun, is_saved_run, open_ru
 from app.page.results.settings import settings_of_own
 from app.page.routes.media import MediaAddresses
 from app.page.tabs.own_motion.own_sets_run import MIXED, NO_SETS, REFERENCE_TOO, SetsTools, is_zip
+from app.page.tabs.services import Services
 from app.page.tabs.videos_behind import VideosBehind, Wanted
 from app.run.output.result_folder import zip_files
 from app.run.output.telling import share_teller
@@ -195,23 +196,12 @@ class OwnMotionRunner(TabRunner[Any]):
     tab = "own_motion"
 
     def __init__(
-        self,
-        diagnose: Diagnose,
-        config: AppConfig,
-        jobs: JobBook,
-        addresses: MediaAddresses,
-        parts: ResultParts,
-        kept: KeptRuns,
-        videos: VideosBehind,
-        sets: SetsTools,
+        self, services: Services, parts: ResultParts, videos: VideosBehind, sets: SetsTools
     ) -> None:
-        super().__init__(jobs, parts.status)
+        super().__init__(services.jobs, parts.status)
+        self._services = services
         self._videos = videos
         self._sets = sets
-        self._kept = kept
-        self._diagnose = diagnose
-        self._config = config
-        self._addresses = addresses
         self._parts = parts
 
     @contextmanager
@@ -225,16 +215,18 @@ class OwnMotionRunner(TabRunner[Any]):
             return
         if form.has_sets:
             asked = form.to_sets(out)
-            with self._sets.work(asked, job, cookie, self._addresses, self._parts) as work:
+            addresses = self._services.addresses
+            with self._sets.work(asked, job, cookie, addresses, self._parts) as work:
                 yield work
             return
-        request = form.to_request(out, self._config)
+        request = form.to_request(out, self._services.config)
         yield self._work(request, job, cookie, _title(request), has_videos=form.has_videos)
 
     def _opened(self, opened: OpenedRun, job: Job, cookie: str) -> _Work:
         """A saved run, under its own name and with its words; measured anew."""
         told = opened.told
-        asked = asked_of(opened.motions, opened.speech, job.folder / "results", self._config)
+        config = self._services.config
+        asked = asked_of(opened.motions, opened.speech, job.folder / "results", config)
         asked = replace(asked, joint=told.joint)
         work = self._work(asked, job, cookie, printable(told.title), has_videos=False)
         for name, path in opened.plans.items():
@@ -244,18 +236,19 @@ class OwnMotionRunner(TabRunner[Any]):
     def _work(
         self, asked: DiagnoseRequest, job: Job, cookie: str, title: str, *, has_videos: bool
     ) -> _Work:
-        showing = _showing(asked, job, self._addresses, cookie, self._config.weights)
+        addresses, weights = self._services.addresses, self._services.config.weights
+        showing = _showing(asked, job, addresses, cookie, weights)
         showing.is_drawn = has_videos
         return _Work(
             title=title,
-            diagnose=self._diagnose,
+            diagnose=self._services.processes.diagnose,
             asked=asked,
             job=job,
             cookie=cookie,
-            figures=FiguresShown(self._addresses, cookie),
+            figures=FiguresShown(addresses, cookie),
             showing=showing,
             parts=self._parts,
-            kept=self._kept,
+            kept=self._services.kept,
             videos=self._videos if has_videos else None,
         )
 
@@ -292,7 +285,8 @@ class ClipRunner(OwnMotionRunner):
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[Work[Any]]:
         clip = self._sets.clip_of(values[0] if values else None, cookie)
         self._videos.give_up(job.visitor)
-        asked = asked_of(clip.motions, clip.sound, job.folder / "results", self._config)
+        config = self._services.config
+        asked = asked_of(clip.motions, clip.sound, job.folder / "results", config)
         title = f"{clip.name} of {', '.join(asked.names)}"
         yield self._work(asked, job, cookie, title, has_videos=False)
 

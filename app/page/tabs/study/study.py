@@ -10,18 +10,15 @@ from typing import Any
 import gradio as gr
 
 from app import text
-from app.config import AppConfig
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue, default_systems
 from app.page.parts.html_parts import mount, reveal_on_click
 from app.page.parts.named_fields import named_fields
-from app.page.queue.jobs import JobBook
-from app.page.results.study_preview import StudyPreviews
 from app.page.tabs.generate.generate import fresh_copy
+from app.page.tabs.services import Services
 from app.page.tabs.study.study_form import CHANGES, PROTOCOLS, QUESTIONS, SEPARATOR, StudyForm
-from app.page.tabs.study.study_run import Export, StudyParts, StudyRunner
+from app.page.tabs.study.study_run import StudyParts, StudyRunner
 from app.page.tabs.upload_check import UploadCheck
-from app.page.visitors.researcher_part import Handover
 from app.page.visitors.visitors import VISITOR_ROUTE
 from conventions.views import VIEWS
 from model.systems.registry import usual_planner
@@ -33,26 +30,14 @@ INTRODUCTION = (
 _ASK_FOR_COOKIE = f"() => {{ fetch('.{VISITOR_ROUTE}', {{ method: 'POST' }}); }}"
 
 
-def build_study_tab(
-    page: gr.Blocks,
-    catalogue: Catalogue,
-    config: AppConfig,
-    jobs: JobBook,
-    handover: Handover,
-    previews: StudyPreviews,
-    export: Export,
-    check: UploadCheck,
-) -> None:
-    """Lay out the tab inside the current context and wire it.
-
-    Args:
-        export: makes the study, as `app.page.queue.run_processes.RunProcesses.export_study`.
-    """
+def build_study_tab(page: gr.Blocks, services: Services) -> None:
+    """Lay out the tab inside the current context and wire it."""
+    catalogue = services.catalogue
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
     with gr.Row(elem_classes="columns"):
         with gr.Column(scale=5, min_width=320):
             ready = _build_questions(catalogue)
-            materials, changed = _build_materials(catalogue, check)
+            materials, changed = _build_materials(catalogue, services.check)
         with gr.Column(scale=5, min_width=320):
             settings = _build_settings()
             with gr.Row(elem_classes="actions"):
@@ -72,13 +57,13 @@ def build_study_tab(
             api_visibility="private",
         )  # fmt: skip
         button.click(
-            _SpeechOrExamples(catalogue, config.cache_folder / "examples").given,
+            _SpeechOrExamples(catalogue, services.config.cache_folder / "examples").given,
             speeches,
             speeches,
             api_visibility="private",
             show_progress="hidden",
         )
-    runner = StudyRunner(export, config, jobs, handover, previews, results)
+    runner = StudyRunner(services, results)
     optional = ("speeches", "motions")
     write.click(
         named_fields(runner.write_plan, StudyForm, optional),

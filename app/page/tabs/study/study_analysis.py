@@ -17,8 +17,9 @@ from app.page.parts import markup
 from app.page.parts.asked import form_of
 from app.page.parts.html_parts import reveal_on_click, shown
 from app.page.queue.in_turn import Updates
-from app.page.queue.jobs import Job, JobBook
+from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner
+from app.page.tabs.services import Services
 from app.page.visitors.uploads import MAX_FILES
 from app.run.requests.request import Event, OnEvent, ShouldCancel
 
@@ -59,12 +60,8 @@ class AnalysisParts:
         return [self.status, self.message, self.report, self.files]
 
 
-def build_analysis(page: gr.Blocks, jobs: JobBook, analyse: Analyse) -> None:
-    """Lay out the part inside the current context and wire it.
-
-    Args:
-        analyse: as `app.page.queue.run_processes.RunProcesses.analyse_study`.
-    """
+def build_analysis(page: gr.Blocks, services: Services) -> None:
+    """Lay out the part inside the current context and wire it."""
     gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{INTRODUCTION}</p>')
     with gr.Row(elem_classes="columns"):
         with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
@@ -98,7 +95,7 @@ def build_analysis(page: gr.Blocks, jobs: JobBook, analyse: Analyse) -> None:
                     elem_id="analysis-files",
                 ),
             )
-    runner = AnalysisRunner(analyse, jobs, parts)
+    runner = AnalysisRunner(services, parts)
     reveal_on_click(start, parts.status)
     start.click(
         runner.run,
@@ -117,9 +114,9 @@ class AnalysisRunner(TabRunner[tuple[Path, ...]]):
 
     tab = "analysis"
 
-    def __init__(self, analyse: Analyse, jobs: JobBook, parts: AnalysisParts) -> None:
-        super().__init__(jobs, parts.status)
-        self._analyse = analyse
+    def __init__(self, services: Services, parts: AnalysisParts) -> None:
+        super().__init__(services.jobs, parts.status)
+        self._analyse: Analyse = services.processes.analyse_study
         self._parts = parts
 
     @contextmanager

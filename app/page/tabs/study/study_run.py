@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any
 import gradio as gr
 
 from app import text
-from app.config import AppConfig
 from app.errors import RunError, visitor_sentence
 from app.page.parts import markup
 from app.page.parts.html_parts import shown
 from app.page.queue.follow import last_share
 from app.page.queue.in_turn import Updates
-from app.page.queue.jobs import Job, JobBook
+from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner
 from app.page.results.study_preview import StudyPreviews
+from app.page.tabs.services import Services
 from app.page.tabs.study.study_form import StudyForm, collect_files, plan_text
 from app.page.visitors.researcher_part import FILE_NAME, RESEARCHER_ROUTE, Handover
 from app.page.visitors.visitors import address_of, visitor_of
@@ -75,20 +75,9 @@ class StudyRunner(TabRunner[Workspace]):
 
     tab = "study"
 
-    def __init__(
-        self,
-        export: Export,
-        config: AppConfig,
-        jobs: JobBook,
-        handover: Handover,
-        previews: StudyPreviews,
-        parts: StudyParts,
-    ) -> None:
-        super().__init__(jobs, parts.status)
-        self._export = export
-        self._config = config
-        self._handover = handover
-        self._previews = previews
+    def __init__(self, services: Services, parts: StudyParts) -> None:
+        super().__init__(services.jobs, parts.status)
+        self._services = services
         self._parts = parts
 
     def write_plan(self, request: gr.Request, *values: Any) -> Updates:
@@ -115,15 +104,17 @@ class StudyRunner(TabRunner[Workspace]):
 
         if not cookie:
             raise RunError(NO_COOKIE)
-        private = self._handover.private_folder()
+        services = self._services
+        private = services.handover.private_folder()
         try:
             form = StudyForm.of(values)
             plan_path, size = _write_plan(form, private)
             collect_files(form, private)
-            options = ExportOptions(self._config.weights, self._config.body)
+            options = ExportOptions(services.config.weights, services.config.body)
             yield _Work(
-                *(self._export, plan_path, size, options, job, cookie),
-                *(self._handover, self._previews, self._parts, self._config.keep_results_s),
+                *(services.processes.export_study, plan_path, size, options, job, cookie),
+                *(services.handover, services.previews, self._parts),
+                services.config.keep_results_s,
             )
         finally:
             shutil.rmtree(private, ignore_errors=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,14 +10,11 @@ from typing import TYPE_CHECKING, Any
 import gradio as gr
 
 from app import text
-from app.config import AppConfig
 from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.asked import form_of
-from app.page.parts.catalogue import Catalogue
 from app.page.parts.strength import USUAL, strength_choices, strength_of
-from app.page.queue.jobs import JobBook
-from app.page.routes.media import MediaAddresses
+from app.page.tabs.services import Services
 from app.page.tabs.systems.measured_figure import FigureRunner, build_measuring_sheet
 from model.storage.cards import CALM_AND_LIVELY
 from model.systems.registry import usual_systems
@@ -36,29 +32,14 @@ COMPARED = "Compared two speeches by two seeds, of {systems}."
 NO_SYSTEM = "Tick at least one system to compare."
 NO_SPEECH = "Upload two speeches to compare; this installation has fewer than two examples."
 
-Measure = Callable[["HearingRequest", Callable[[float], None]], "Hearing"]
 
-
-def build_hearing(
-    page: gr.Blocks,
-    catalogue: Catalogue,
-    config: AppConfig,
-    jobs: JobBook,
-    addresses: MediaAddresses,
-    measure: Measure,
-) -> None:
-    """Lay out the part inside the current context and wire it.
-
-    Args:
-        measure: does the measuring, as `app.run.experiments.hearing.measure_hearing`.
-    """
+def build_hearing(page: gr.Blocks, services: Services) -> None:
+    """Lay out the part inside the current context and wire it."""
     gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{INTRODUCTION}</p>')
     sheet = build_measuring_sheet(
-        "hearing", catalogue, usual_systems("hearing-tab"), _build_fields, "Compare"
+        "hearing", services.catalogue, usual_systems("hearing-tab"), _build_fields, "Compare"
     )
-    examples = tuple(example.path for example in catalogue.examples)
-    runner = HearingRunner(measure, examples, config, jobs, addresses, sheet.parts)
-    runner.wire(page, sheet)
+    HearingRunner(services, services.processes.measure_hearing, sheet.parts).wire(page, sheet)
 
 
 def _build_fields() -> list[Any]:

@@ -12,17 +12,16 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar
 import gradio as gr
 
 from app import text
-from app.config import AppConfig
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import mount, reveal_on_click, shown
 from app.page.parts.named_fields import named_fields
 from app.page.queue.follow import last_share
 from app.page.queue.in_turn import Updates
-from app.page.queue.jobs import Job, JobBook
+from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner
 from app.page.results.figures_shown import FiguresShown
-from app.page.routes.media import MediaAddresses
+from app.page.tabs.services import Services
 from app.run.output.telling import share_teller
 from app.run.requests.request import Event, OnEvent, ShouldCancel
 
@@ -112,19 +111,16 @@ class FigureRunner(TabRunner[Found], Generic[Asked, Found]):
 
     def __init__(
         self,
+        services: Services,
         measure: Callable[[Asked, Callable[[float], None]], Found],
-        examples: tuple[Path, ...],
-        config: AppConfig,
-        jobs: JobBook,
-        addresses: MediaAddresses,
         parts: FigureParts,
     ) -> None:
-        super().__init__(jobs, parts.status)
-        self.examples = examples
-        self.config = config
+        super().__init__(services.jobs, parts.status)
+        self.examples = tuple(example.path for example in services.catalogue.examples)
+        self.config = services.config
         self.measure = measure
         self.parts = parts
-        self._addresses = addresses
+        self._addresses = services.addresses
 
     @abstractmethod
     def request(self, values: tuple[Any, ...], out: Path) -> Asked:

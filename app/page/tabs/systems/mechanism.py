@@ -12,15 +12,15 @@ from typing import Any
 import gradio as gr
 
 from app import text
-from app.config import AppConfig
 from app.page.parts import markup
 from app.page.parts.html_parts import player_part, reveal_on_click, shown
 from app.page.player.player import NOTHING, Showing, own_writers, picture_layout
 from app.page.queue.follow import last_share
 from app.page.queue.in_turn import Updates
-from app.page.queue.jobs import Job, JobBook
+from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner
 from app.page.routes.media import MediaAddresses
+from app.page.tabs.services import Services
 from app.run.experiments.mechanism import NAMES, NOISE_RAD, MechanismRequest
 from app.run.output.telling import share_teller
 from app.run.planted import CLEAN
@@ -64,19 +64,11 @@ class MechanismParts:
     """What the bodies show, and a video where the browser draws none."""
 
 
-def build_mechanism(
-    page: gr.Blocks,
-    tab: gr.Tab,
-    config: AppConfig,
-    jobs: JobBook,
-    addresses: MediaAddresses,
-    show: Show,
-) -> None:
+def build_mechanism(page: gr.Blocks, tab: gr.Tab, services: Services) -> None:
     """Lay out the part inside the current context and wire it.
 
     Args:
         tab: that it opens; both bodies move as soon as that is looked at.
-        show: does the drawing, as `app.run.experiments.mechanism.show_mechanism`.
     """
     gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{INTRODUCTION}</p>')
     least, most = NOISE_RAD
@@ -104,7 +96,7 @@ def build_mechanism(
             )
     needs_video = gr.Checkbox(False, visible=False)
     first = gr.Button(elem_id="mechanism-first", elem_classes="told-elsewhere")
-    runner = MechanismRunner(show, config, jobs, addresses, parts)
+    runner = MechanismRunner(services, parts)
     reveal_on_click(start, parts.status)
     asks: dict[str, Any] = {
         "inputs": [noise, motion, needs_video],
@@ -126,18 +118,9 @@ class MechanismRunner(TabRunner[Shown]):
 
     tab = "mechanism"
 
-    def __init__(
-        self,
-        show: Show,
-        config: AppConfig,
-        jobs: JobBook,
-        addresses: MediaAddresses,
-        parts: MechanismParts,
-    ) -> None:
-        super().__init__(jobs, parts.status)
-        self._show = show
-        self._config = config
-        self._addresses = addresses
+    def __init__(self, services: Services, parts: MechanismParts) -> None:
+        super().__init__(services.jobs, parts.status)
+        self._services = services
         self._parts = parts
 
     @contextmanager
@@ -149,7 +132,7 @@ class MechanismRunner(TabRunner[Shown]):
             motion=Path(motion) if motion else CLEAN,
             out=job.folder / "mechanism.mp4",
             noise_rad=float(noise),
-            body=self._config.body,
+            body=self._services.config.body,
             size=SIZE_PX,
             is_played=True,
             has_video=needs_video is True,
@@ -157,10 +140,11 @@ class MechanismRunner(TabRunner[Shown]):
         showing = Showing(
             *(NAMES, NAMES, picture_layout("front", SIZE_PX, ("hands",), "knees")),
             own_writers(DiagnoseRequest((), job.folder), job.folder),
-            *(job.folder, self._addresses, cookie),
+            *(job.folder, self._services.addresses, cookie),
         )
         showing.is_drawn = False
-        yield _Work(self._show, asked, self._addresses, cookie, self._parts, showing)
+        show, addresses = self._services.processes.show_mechanism, self._services.addresses
+        yield _Work(show, asked, addresses, cookie, self._parts, showing)
 
     def blank(self) -> Updates:
         return self.stopped(markup.sentence_status(text.STARTING), "")

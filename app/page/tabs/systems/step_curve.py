@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import gradio as gr
 
-from app.config import AppConfig
 from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.asked import form_of
-from app.page.parts.catalogue import Catalogue
-from app.page.queue.jobs import JobBook
-from app.page.routes.media import MediaAddresses
+from app.page.tabs.services import Services
 from app.page.tabs.systems.measured_figure import FigureRunner, build_measuring_sheet
 from model.systems.registry import usual_systems
 
@@ -32,29 +28,14 @@ NO_SYSTEM = "Tick at least one system to measure."
 NO_SPEECH = "Upload speech to measure with; this installation has no examples."
 MEASURED = "Measured {count} motions."
 
-Measure = Callable[["StepCurveRequest", Callable[[float], None]], "StepCurve"]
 
-
-def build_step_curve(
-    page: gr.Blocks,
-    catalogue: Catalogue,
-    config: AppConfig,
-    jobs: JobBook,
-    addresses: MediaAddresses,
-    measure: Measure,
-) -> None:
-    """Lay out the part inside the current context and wire it.
-
-    Args:
-        measure: does the measuring, as `app.run.experiments.step_curve.measure_step_curve`.
-    """
+def build_step_curve(page: gr.Blocks, services: Services) -> None:
+    """Lay out the part inside the current context and wire it."""
     gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{INTRODUCTION}</p>')
     sheet = build_measuring_sheet(
-        "steps", catalogue, usual_systems("steps"), _build_fields, "Measure"
+        "steps", services.catalogue, usual_systems("steps"), _build_fields, "Measure"
     )
-    examples = tuple(example.path for example in catalogue.examples)
-    runner = StepCurveRunner(measure, examples, config, jobs, addresses, sheet.parts)
-    runner.wire(page, sheet)
+    StepCurveRunner(services, services.processes.measure_steps, sheet.parts).wire(page, sheet)
 
 
 def _build_fields() -> list[Any]:

@@ -9,14 +9,12 @@ import gradio as gr
 import pytest
 
 from app import text
-from app.config import AppConfig
 from app.errors import RunError
-from app.page.queue.jobs import JobBook
 from app.page.results.result_parts import build_results
-from app.page.routes.media import MediaAddresses
 from app.page.tabs.seen_run import Asked, DrawSeen, SeenRunner
 from app.run.requests.request import OnEvent, Progress, ShouldCancel
 from app.run.videos.seen_video import SeenRequest, SeenVideo
+from tests.app.fakes import made_services
 
 COOKIE = "a browser"
 LOOK = {
@@ -84,10 +82,9 @@ class Page:
     def __init__(self, folder: Path, draw: DrawSeen) -> None:
         with gr.Blocks():
             self.parts = build_results()
-        self.addresses, self.jobs = MediaAddresses(), JobBook(folder / "jobs")
-        self.runner = SeenRunner(
-            draw, AppConfig(temp=folder), self.jobs, self.addresses, self.parts
-        )
+        services = made_services(folder, {"draw_seen": draw})
+        self.addresses, self.jobs = services.addresses, services.jobs
+        self.runner = SeenRunner(services, self.parts)
         self.files = {name: folder / name for name in ("a.npz", "b.npz", "c.wav")}
         for path in self.files.values():
             path.write_bytes(b"")

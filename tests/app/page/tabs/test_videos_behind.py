@@ -12,8 +12,6 @@ import pytest
 from app import text
 from app.errors import RunError
 from app.page.player.player import Showing, Writers
-from app.page.queue.jobs import JobBook
-from app.page.results.kept_runs import KeptRuns
 from app.page.results.result_parts import build_results
 from app.page.routes.media import MediaAddresses
 from app.page.tabs.videos_behind import Draw, VideosBehind, Wanted
@@ -34,8 +32,9 @@ class Tab:
     def __init__(self, folder: Path, draw: Draw) -> None:
         with gr.Blocks():
             self.parts = build_results()
-        self.jobs, self.kept = JobBook(folder / "jobs"), KeptRuns(60.0)
-        self.videos = VideosBehind(draw, self.jobs, self.parts, self.kept, "videos")
+        services = fakes.made_services(folder, {"draw_behind": draw})
+        self.jobs, self.kept = services.jobs, services.kept
+        self.videos = VideosBehind(services, self.parts, "videos")
         run_folder = folder / "run"
         run_folder.mkdir()
         writers = Writers(lambda paths: run_folder, lambda paths: run_folder)

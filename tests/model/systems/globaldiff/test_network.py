@@ -5,7 +5,7 @@ from itertools import pairwise
 import pytest
 import torch
 
-from model.generation.family import UnknownNameError
+from model.generation.samplers import UnknownNameError
 from model.motion.packing import HAND_CHANNELS, TORSO_CHANNELS
 from model.storage.settings import from_dict, to_json
 from model.systems.globaldiff.config import (

@@ -8,7 +8,6 @@ from conventions.joints import NUM_JOINTS
 from model.motion.motion import Motion
 from model.systems.globaldiff.config import NetworkConfig
 from model.systems.globaldiff.network import MotionNetwork
-from model.systems.globaldiff.prediction import predict_with
 from model.systems.globaldiff.system import load
 from tests.helpers import smooth_motion_example
 from tests.model.made import TINY_NETWORK, make_weights
@@ -52,7 +51,7 @@ def test_a_network_that_listens_is_right_with_its_own_speech_alone(system):
     count = np.zeros((FRAMES, 68), np.float32)
     count[:, 0] = np.arange(FRAMES)
     tracks = {"right": count, "shifted": np.roll(count, SHIFT, axis=0), "foreign": 0 * count}
-    found = predict_with(listening, motion, tracks, 1, batch_size=3)
+    found = listening.predict_with(motion, tracks, 1, batch_size=3)
     assert found.errors["right"] == pytest.approx(0, abs=1e-8)
     assert max(found.position_error_by_depth_m) < 1e-5
     wanted = (torch.roll(frames, SHIFT, 0) - frames).square().mean()

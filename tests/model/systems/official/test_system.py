@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from conventions.joints import JOINT_NAMES
-from model.generation.family import UnknownNameError
+from model.generation.samplers import UnknownNameError
 from model.generation.windows import GenerateOptions, generate_motion
 from model.motion.kinematics import joint_positions_from_global, local_from_global
 from model.motion.motion import Motion, save_motion

@@ -15,6 +15,7 @@ from app.page.queue.in_turn import Updates
 from app.page.results.kept_runs import KeptRuns
 from app.page.results.result_parts import ResultParts, build_results
 from app.page.tabs.generate.opening import Opening
+from tests.app.fakes import made_services
 from tests.app.page.results.made_run import ended_run, keep
 
 HOUR_S = 3600.0
@@ -39,10 +40,13 @@ def fields() -> dict[str, gr.Number]:
 
 @pytest.fixture
 def opening(
-    runs: KeptRuns, places: dict[str, ResultParts], fields: dict[str, gr.Number]
+    runs: KeptRuns,
+    places: dict[str, ResultParts],
+    fields: dict[str, gr.Number],
+    tmp_path: Path,
 ) -> Opening:
     with gr.Blocks():
-        return Opening(runs, HOUR_S, gr.Tabs(), places, None, fields)
+        return Opening(made_services(tmp_path, kept=runs), gr.Tabs(), places, fields)
 
 
 def opened(opening: Opening, cookie: str = "", *tokens: str) -> Updates:

@@ -12,7 +12,6 @@ from app import text
 from app.errors import RunError
 from app.page.player.edited_runs import EditedRuns
 from app.page.player.player import Showing
-from app.page.queue.jobs import JobBook
 from app.page.results.result_parts import build_results
 from app.page.routes.media import MediaAddresses
 from app.page.tabs.generate.takes_run import Asked, MakeTake, TakesRunner, read_asked
@@ -24,7 +23,7 @@ from model.motion.motion import save_motion
 from model.plan.plan import GesturePlan, PlanError
 from model.speech.audio import write_wav
 from model.speech.transcript import Word
-from tests.app.fakes import made_motion
+from tests.app.fakes import made_motion, made_services
 from tests.model.made import made_waveform
 from tests.model.plan.made import phase
 
@@ -52,8 +51,9 @@ class Page:
         with gr.Blocks():
             self.parts = build_results()
         self.runs = EditedRuns()
-        self.jobs = JobBook(folder / "jobs")
-        self.runner = TakesRunner(make, self.runs, self.jobs, self.parts)
+        services = made_services(folder, {"make_take": make})
+        self.jobs = services.jobs
+        self.runner = TakesRunner(services, self.runs, self.parts)
         run = folder / "run"
         run.mkdir()
         write_wav(folder / "talk.wav", made_waveform(16_000 * FRAMES // 30))

@@ -10,9 +10,7 @@ from app.errors import RunError
 from app.live.session import LiveAsk
 from app.live.sessions import LiveSessions
 from app.page.queue.jobs import JobBook
-from app.page.results.kept_runs import KeptRuns
 from app.page.results.result_parts import build_results
-from app.page.routes.media import MediaAddresses
 from app.page.tabs.generate.generate import FormParts
 from app.page.tabs.live.live import offered
 from app.page.tabs.live.live_run import LiveRunner
@@ -21,7 +19,7 @@ from app.page.visitors.visitors import COOKIE
 from conventions.views import CLOSE_UPS
 from model.motion.motion import load_motion
 from model.speech.audio import load_speech
-from tests.app.fakes import CATALOGUE, make_draw, make_generate
+from tests.app.fakes import CATALOGUE, made_services, make_draw, make_generate
 from tests.app.live.test_session import sound
 from tests.app.live.test_sessions import ByHand, nothing
 
@@ -40,22 +38,10 @@ def runner(live: LiveSessions, weights: Path, tmp_path: Path) -> LiveRunner:
     with gr.Blocks():
         form = FormParts((), gr.Button(), gr.Button())
         results = build_results("live-")
+    does = {"generate": make_generate(), "draw_behind": make_draw()}
     config = AppConfig(weights=weights, temp=tmp_path)
-    jobs = JobBook(tmp_path / "jobs")
-    kept = KeptRuns(60.0)
-    videos = VideosBehind(make_draw(), jobs, results, kept, "live_videos")
-    return LiveRunner(
-        make_generate(),
-        CATALOGUE,
-        config,
-        jobs,
-        MediaAddresses(),
-        form,
-        results,
-        kept,
-        videos,
-        live,
-    )
+    services = made_services(tmp_path, does, config=config, live=live)
+    return LiveRunner(services, form, results, VideosBehind(services, results, "live_videos"))
 
 
 def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder(

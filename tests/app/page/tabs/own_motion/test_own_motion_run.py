@@ -14,11 +14,9 @@ from app import text
 from app.config import AppConfig
 from app.errors import RunError
 from app.page.queue.jobs import JobBook
-from app.page.queue.run_processes import RunProcesses
 from app.page.results.kept_runs import KeptRuns
 from app.page.results.kept_sets import KeptSets
 from app.page.results.result_parts import ResultParts, build_results
-from app.page.routes.media import MediaAddresses
 from app.page.tabs.own_motion.own_motion import build_own_motion_tab
 from app.page.tabs.own_motion.own_motion_run import (
     MAX_NAME,
@@ -93,12 +91,13 @@ def runner_of(
     sets: SetsTools | None = None,
     kind: type[OwnMotionRunner] = OwnMotionRunner,
 ) -> OwnMotionRunner:
-    jobs = JobBook(folder)
-    videos = VideosBehind(fakes.make_draw(), jobs, parts, KEPT, "own_videos")
+    does = {"diagnose": diagnose, "draw_behind": fakes.make_draw()}
+    services = fakes.made_services(folder, does, config=CONFIG, jobs=JobBook(folder), kept=KEPT)
+    videos = VideosBehind(services, parts, "own_videos")
     if sets is None:
         with gr.Blocks():
             sets = SetsTools(measure_sets, build_sets(), KeptSets())
-    return kind(diagnose, CONFIG, jobs, MediaAddresses(), parts, KEPT, videos, sets)
+    return kind(services, parts, videos, sets)
 
 
 Runs = Callable[..., list[dict[Any, Any]]]
@@ -184,17 +183,7 @@ def test_cancel_is_answered_at_once_and_nothing_of_the_run_is_shown(tmp_path: Pa
 
 def test_the_tab_is_built_with_its_endpoint(tmp_path: Path) -> None:
     with gr.Blocks() as page:
-        build_own_motion_tab(
-            page,
-            CONFIG,
-            JobBook(tmp_path),
-            MediaAddresses(),
-            RunProcesses().diagnose,
-            CHECK,
-            KEPT,
-            fakes.make_draw(),
-            RunProcesses().measure_sets,
-        )
+        build_own_motion_tab(page, fakes.made_services(tmp_path, config=CONFIG))
     assert "own_motion" in {each.api_name for each in page.fns.values()}
 
 

@@ -9,13 +9,9 @@ import gradio as gr
 import pytest
 
 from app import text
-from app.config import AppConfig
-from app.page.queue.jobs import JobBook
-from app.page.queue.run_processes import RunProcesses
-from app.page.results.study_preview import StudyPreviews
 from app.page.tabs.study.study_run import NO_COOKIE, StudyParts, StudyRunner
-from app.page.visitors.researcher_part import Handover
 from app.page.visitors.visitors import COOKIE
+from tests.app.fakes import made_services
 
 VISITOR = SimpleNamespace(session_hash="visitor", cookies={COOKIE: "cookie"})
 
@@ -26,11 +22,7 @@ def runner(tmp_path: Path) -> StudyRunner:
         parts = StudyParts(
             gr.HTML(), gr.HTML(), gr.HTML(), gr.DownloadButton(), gr.DownloadButton()
         )
-    handover = Handover(tmp_path / "private")
-    jobs = JobBook(tmp_path / "jobs")
-    return StudyRunner(
-        RunProcesses().export_study, AppConfig(), jobs, handover, StudyPreviews(), parts
-    )
+    return StudyRunner(made_services(tmp_path), parts)
 
 
 def click(runner: StudyRunner, speech: Path, visitor: Any = VISITOR) -> Iterator[str]:

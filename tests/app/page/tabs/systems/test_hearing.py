@@ -8,13 +8,11 @@ from typing import Any
 import gradio as gr
 import pytest
 
-from app.config import AppConfig
-from app.page.queue.jobs import JobBook
-from app.page.routes.media import MediaAddresses
 from app.page.tabs.systems.hearing import HearingRunner
 from app.page.tabs.systems.measured_figure import FigureParts
 from app.run.experiments.hearing import Heard, Hearing, HearingRequest
 from model.measures.hearing import Decided
+from tests.app.fakes import catalogue_of, made_services
 
 VISITOR = SimpleNamespace(session_hash="visitor", cookies={})
 EXAMPLES = (Path("/examples/a.wav"), Path("/examples/b.wav"), Path("/examples/c.wav"))
@@ -41,7 +39,7 @@ def runs(tmp_path: Path) -> Runs:
             parts = FigureParts(gr.HTML(), gr.HTML(), gr.HTML())
         names = {getattr(parts, name): name for name in parts.__dataclass_fields__}
         runner = HearingRunner(
-            measure, examples, AppConfig(), JobBook(tmp_path), MediaAddresses(), parts
+            made_services(tmp_path, catalogue=catalogue_of(*examples)), measure, parts
         )
         last: dict[str, Any] = {}
         try:

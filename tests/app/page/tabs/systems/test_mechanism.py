@@ -7,16 +7,13 @@ from types import SimpleNamespace
 import gradio as gr
 import pytest
 
-from app.config import AppConfig
-from app.page.queue.jobs import JobBook
-from app.page.routes.media import MediaAddresses
 from app.page.tabs.systems.mechanism import MechanismParts, MechanismRunner
 from app.run.experiments.mechanism import NAMES, MechanismRequest
 from app.run.planted import CLEAN
 from app.run.requests.request import Artefact
 from app.run.videos.own_videos import OnFile
 from model.motion.motion import save_motion
-from tests.app.fakes import made_motion
+from tests.app.fakes import made_motion, made_services
 
 VISITOR = SimpleNamespace(session_hash="visitor", cookies={})
 
@@ -25,7 +22,7 @@ def updates_of(show, tmp_path: Path, *values) -> list[dict]:
     with gr.Blocks():
         parts = MechanismParts(*(gr.HTML() for _ in range(4)))
     names = {getattr(parts, name): name for name in parts.__dataclass_fields__}
-    runner = MechanismRunner(show, AppConfig(), JobBook(tmp_path), MediaAddresses(), parts)
+    runner = MechanismRunner(made_services(tmp_path, {"show_mechanism": show}), parts)
     found = []
     try:
         for update in runner.run(VISITOR, *values):  # type: ignore[arg-type]

@@ -8,13 +8,11 @@ from typing import Any
 import gradio as gr
 import pytest
 
-from app.config import AppConfig
 from app.errors import RunError
-from app.page.queue.jobs import JobBook
-from app.page.routes.media import MediaAddresses
 from app.page.tabs.systems.measured_figure import FigureParts
 from app.page.tabs.systems.step_curve import StepCurveRunner
 from app.run.experiments.step_curve import StepCurve, StepCurveRequest, StepPoint
+from tests.app.fakes import catalogue_of, made_services
 
 VISITOR = SimpleNamespace(session_hash="visitor", cookies={})
 EXAMPLE = Path("/examples/a.wav")
@@ -29,11 +27,8 @@ def runs(tmp_path: Path) -> Runs:
             parts = FigureParts(gr.HTML(), gr.HTML(), gr.HTML())
         names = {getattr(parts, name): name for name in parts.__dataclass_fields__}
         runner = StepCurveRunner(
+            made_services(tmp_path, catalogue=catalogue_of(*((example,) if example else ()))),
             measure,
-            (example,) if example else (),
-            AppConfig(),
-            JobBook(tmp_path),
-            MediaAddresses(),
             parts,
         )
         updates = []
