@@ -64,7 +64,7 @@ def test_a_study_is_made_on_the_page(
         page.get_by_role("link", name=PREVIEW).click()
     preview = opened.value
     agree(preview)
-    practise(preview)
+    practise(preview, skipped_ms=0)
     for height in in_every_look(preview):
         box = preview.locator("#next").bounding_box()
         assert box is not None and box["y"] + box["height"] <= height, "Next is below the fold"
