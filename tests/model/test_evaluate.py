@@ -55,11 +55,24 @@ def untrained_judges() -> dict[str, FrozenEncoder]:
     torch.manual_seed(0)
     judges = {}
     for measure, name in ENCODERS.items():
-        network = MotionAutoencoder(JUDGES[name]).eval().requires_grad_(False)
+        small = replace(JUDGES[name], width=16, latent_dim=8)
+        network = MotionAutoencoder(small).eval().requires_grad_(False)
         channels = JUDGES[name].channels
         statistics = Normaliser(torch.zeros(channels), torch.ones(channels))
         judges[measure] = FrozenEncoder(network, statistics, "")
     return judges
+
+
+@pytest.fixture(scope="module")
+def plain(folders, system) -> dict:
+    """Of one system, one seed and no judge."""
+    return evaluate(folders[0], CLIPS, [system], 1)
+
+
+@pytest.fixture(scope="module")
+def judged(folders, system) -> dict:
+    """The same with three judges."""
+    return evaluate(folders[0], CLIPS, [system], 1, judges=untrained_judges())
 
 
 def test_table_has_recorded_and_generated_rows_with_intervals(folders, tmp_path, capsys):
@@ -99,9 +112,8 @@ def test_table_has_recorded_and_generated_rows_with_intervals(folders, tmp_path,
     assert r"power \textgreater{} 5 Hz" in "\n".join(latex)
 
 
-def test_each_distance_has_an_interval_and_the_floor_of_its_own_encoder(folders, system):
-    judges = untrained_judges()
-    table = evaluate(folders[0], CLIPS, [system], 1, judges=judges)
+def test_each_distance_has_an_interval_and_the_floor_of_its_own_encoder(folders, system, judged):
+    judges, table = untrained_judges(), judged
     assert table["left_out"] == [
         *left_out(None),
         UNKNOWN_SPEAKERS,
@@ -147,19 +159,17 @@ def test_faces_in_other_units_are_left_out_of_what_sees_faces(folders, system, t
     assert "ARKit" in sentence and others == [*left_out(None), UNKNOWN_SPEAKERS, speakers.LEFT_OUT]
 
 
-def test_an_untrained_network_gains_nothing_from_the_right_speech(folders, system):
-    table = evaluate(folders[0], CLIPS, [system], 1)
+def test_an_untrained_network_gains_nothing_from_the_right_speech(plain):
     for kind in ("shifted", "foreign"):
-        assert table["wrong_speech"]["globaldiff/local"][kind]["mean"] == pytest.approx(1, abs=0.02)
+        assert plain["wrong_speech"]["globaldiff/local"][kind]["mean"] == pytest.approx(1, abs=0.02)
 
 
-def test_numbers_do_not_depend_on_batches_nor_on_processes(folders, system):
+def test_numbers_do_not_depend_on_batches_nor_on_processes(folders, system, plain, judged):
     data, _ = folders
-    whole = evaluate(data, CLIPS, [system], 1)
-    assert_close(whole, evaluate(data, CLIPS, [system], 1, batch_windows=1))
+    assert_close(plain, evaluate(data, CLIPS, [system], 1, batch_windows=1))
 
     shared = evaluate(data, CLIPS, [system], 1, pool=JobPool(2), judges=untrained_judges())
-    assert shared == evaluate(data, CLIPS, [system], 1, judges=untrained_judges())
+    assert shared == judged
 
 
 def test_a_stopped_evaluation_goes_on_with_what_is_not_measured(folders, system, tmp_path):
@@ -205,18 +215,17 @@ class OtherEncoder(MelEncoder):
         return 2 * super().encode(waveform, num_frames)
 
 
-def test_each_system_hears_through_its_own_encoder(folders, system):
+def test_each_system_hears_through_its_own_encoder(folders, system, plain):
     other = replace(system, name="globaldiff/global", encoder=OtherEncoder())
     together = evaluate(folders[0], CLIPS, [system, other], 1)
-    for one in (system, other):
-        alone = evaluate(folders[0], CLIPS, [one], 1)
+    for one, alone in (system, plain), (other, evaluate(folders[0], CLIPS, [other], 1)):
         assert_close(together["wrong_speech"][one.name], alone["wrong_speech"][one.name])
     right = [together["by_depth"][name]["position_error_m"] for name in together["wrong_speech"]]
     assert right[0] != right[1]
 
 
-def test_spread_at_will_needs_two_of_a_kind(folders, system):
-    once, twice = (evaluate(folders[0], CLIPS, [system], seeds)["motion"] for seeds in (1, 2))
+def test_spread_at_will_needs_two_of_a_kind(folders, system, plain):
+    once, twice = plain["motion"], evaluate(folders[0], CLIPS, [system], 2)["motion"]
     assert "spread_at_will_m" not in once["globaldiff/local"]
     assert twice["globaldiff/local"]["spread_at_will_m"]["mean"] > 0
     assert "spread_at_will_m" not in once["recorded"]  # two clips of two speakers
