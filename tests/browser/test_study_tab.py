@@ -71,6 +71,7 @@ def test_a_study_is_made_on_the_page(
     answer_pairs(preview)
     answers = saved_answers(preview, tmp_path)
     assert answers.name.startswith("preview-")
+    page.bring_to_front()  # pages behind others are drawn once a second
     page.set_input_files("#analysis-answers input[type=file]", str(answers))
     page.set_input_files(
         "#analysis-key input[type=file]", str(study / "researcher_only" / "key.json")
