@@ -24,18 +24,6 @@ def test_a_steady_tone_has_its_pitch(hz):
     np.testing.assert_allclose(found, hz, rtol=5e-3)
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.1, 1.0, 30.0])
-def test_a_glide_in_noise_is_heard_as_librosa_hears_it(librosa, noise):
-    waveform = voice(np.linspace(80, 380, 32_000), noise).astype(np.float32)
-    ours = fundamentals(windows_of(waveform), RATE, LOW, HIGH)
-    theirs = librosa.yin(
-        waveform, fmin=LOW, fmax=HIGH, sr=RATE, frame_length=SIZE, hop_length=160, center=False
-    )
-    # Sums differ in their last figure, which a window in a hundred may show in another dip.
-    assert np.mean(np.abs(ours - theirs) < 0.05) > 0.98
-    assert np.median(np.abs(ours - theirs)) < 1e-3
-
-
 def test_silence_has_a_number_and_no_warning():
     with np.errstate(all="raise"):
         found = fundamentals(np.zeros((3, SIZE), np.float32), RATE, LOW, HIGH)
