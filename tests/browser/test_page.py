@@ -95,6 +95,7 @@ def test_silence_is_refused_before_any_run_and_the_next_run_works(
 
     page.locator("#speech").get_by_label("Clear").click()
     give_speech(page, wav(0.6))
+    page.get_by_label(text.VIDEOS_LABEL).uncheck()
     expect(refusal).to_have_count(0, timeout=PATIENCE_MS)
     expect(start).to_be_enabled(timeout=PATIENCE_MS)
     press_generate(page)
@@ -110,13 +111,15 @@ def test_without_speech_the_page_asks_for_it(visit: Visit) -> None:
 
 def test_two_visitors_at_once_get_their_own_results(visit: Visit, wav: Wav) -> None:
     first, second = visit(), visit()
-    give_speech(first, wav(6.0))
+    give_speech(first, wav(5.0))
     give_speech(second, wav(1.2))
+    for page in (first, second):
+        page.get_by_label(text.VIDEOS_LABEL).uncheck()
     press_generate(first)
     expect(status_of(first)).to_contain_text("so far", timeout=PATIENCE_MS)
     press_generate(second)
     expect(status_of(second)).to_contain_text("one run ahead of you", timeout=PATIENCE_MS)
-    for page, seconds, frames in ((first, 6.0, 180), (second, 1.2, 36)):
+    for page, seconds, frames in ((first, 5.0, 150), (second, 1.2, 36)):
         page.locator("#bundle").wait_for()
         assert abs(duration_s(page, "#player audio") - seconds) < 0.05
         expect(status_of(page)).to_contain_text(f"{frames} frames each", timeout=PATIENCE_MS)
