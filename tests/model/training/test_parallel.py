@@ -10,6 +10,7 @@ import torch
 from model.storage.checkpoint import load_weights
 from model.systems.autoencoders.config import named_config
 from model.systems.autoencoders.task import make_task
+from model.train import main
 from model.training.loop import train
 from model.training.parallel import WHOLE, Shard
 from model.training.run_folder import TrainingError
@@ -50,23 +51,18 @@ def test_two_processes_train_as_one_does(tmp_path):
     data = make_data_folder(tmp_path / "data")
     arguments = ["smoke", "--system", "motion-vae", "--steps", "6", "--data", str(data)]
     arguments += ["--fp32"]  # bf16 rounds the sums of another batch differently
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-    for name, launcher in (
-        ("one", ["-m", "model.train"]),
-        ("two", ["-m", "torch.distributed.run", "--standalone", "--nproc_per_node=2", "-m",
-                 "model.train"]),
-    ):  # fmt: skip
-        command = [sys.executable, *launcher, *arguments, "--out", str(tmp_path / name)]
-        done = subprocess.run(
-            command,
-            cwd=ROOT,
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=300,
-        )
-        assert done.returncode == 0, done.stderr
+    assert main([*arguments, "--out", str(tmp_path / "one")]) == 0
+    launched = ["-m", "torch.distributed.run", "--standalone", "--nproc_per_node=2"]
+    done = subprocess.run(
+        [sys.executable, *launched, "-m", "model.train", *arguments, "--out", tmp_path / "two"],
+        cwd=ROOT,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
     one, two = log_of(tmp_path / "one"), log_of(tmp_path / "two")
     assert [row["split"] for row in one] == [row["split"] for row in two] == ["val", "train"]
     for row, other in zip(one, two, strict=True):
