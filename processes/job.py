@@ -7,6 +7,8 @@ whatever is killed, the same call goes on with what is not there yet. Nothing tr
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from threadpoolctl import threadpool_limits
+
 
 class JobsError(RuntimeError):
     """The jobs cannot go on; the message is one sentence for a person."""
@@ -24,9 +26,14 @@ class Job:
     """Leaves the result, whole or not at all."""
 
     def do(self) -> None:
-        """The work, unless another worker has done it meanwhile."""
+        """The work, unless another worker has done it meanwhile.
+
+        By one thread of numpy's: threads of many workers would wait for each other on the same
+        cores, and the last digits would depend on how many there are.
+        """
         if not self.is_done():
-            self.work()
+            with threadpool_limits(1, user_api="blas"):
+                self.work()
 
 
 def use_one_thread() -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 from jaxtyping import Float
+from threadpoolctl import threadpool_limits
 
 from model.data.recordings import face_units
 from model.evaluation.intervals import Interval, bootstrap_of
@@ -25,6 +26,8 @@ FRECHET_DRAWS = 200
 SPLITS = 20
 
 Features = Float[np.ndarray, "_ dim"]
+_ONE_THREAD = threadpool_limits.wrap(limits=1, user_api="blas")
+"""Of numpy's: on matrices this small, several only wait for each other."""
 
 
 def left_out(judges: Mapping[str, FrozenEncoder], recorded: Iterable[Motion]) -> list[str]:
@@ -130,6 +133,7 @@ def distance_of(a: Moments, b: Moments, offset: float = 0.0) -> float:
     return float(mean + np.trace(a.covariance) + np.trace(b.covariance) - 2 * cross)
 
 
+@_ONE_THREAD
 def distance(recorded: Sequence[Features], generated: Sequence[Features]) -> Interval:
     """Of all clips, with its interval over clips (drawn in pairs; biased upwards)."""
 
@@ -140,6 +144,7 @@ def distance(recorded: Sequence[Features], generated: Sequence[Features]) -> Int
     return bootstrap_of(statistic, len(recorded), FRECHET_DRAWS)
 
 
+@_ONE_THREAD
 def split_half_floor(recorded: Sequence[Features]) -> Interval:
     """Distance between random halves of the recorded clips: what equal motion can score.
 
