@@ -10,6 +10,7 @@ import gradio as gr
 from app import text
 from app.page.parts import markup
 from app.page.parts.html_parts import mount, reveal_on_click
+from app.page.parts.listeners import AT_ONCE, IN_TURN
 from app.page.parts.named_fields import named_fields
 from app.page.player.edited_runs import EditedRuns
 from app.page.player.first_look_shown import FirstLooks
@@ -79,10 +80,7 @@ def build_app(services: Services) -> gr.Blocks:
         places = {"generate": results, "own_motion": own_results}
         named = dict(zip([field.name for field in fields(Form)], form.fields, strict=True))
         opening = Opening(services, tabs, places, named)
-        page.load(
-            opening.opened, outputs=opening.outputs, queue=False, api_visibility="private",
-            show_progress="hidden",
-        )  # fmt: skip
+        page.load(opening.opened, outputs=opening.outputs, **AT_ONCE)
     return page
 
 
@@ -104,16 +102,10 @@ def _await_example(
         going = gr.Timer(active=False) if is_over else gr.skip()
         return {results.player: player, results.empty: empty, seen: version, timer: going}
 
-    page.load(wait, outputs=timer, queue=False, api_visibility="private", show_progress="hidden")
-    timer.tick(
-        look, inputs=seen, outputs=[results.player, results.empty, seen, timer], queue=False,
-        api_visibility="private", show_progress="hidden",
-    )  # fmt: skip
+    page.load(wait, outputs=timer, **AT_ONCE)
+    timer.tick(look, inputs=seen, outputs=[results.player, results.empty, seen, timer], **AT_ONCE)
     # Listeners of a click are served in turn: before the run, which would come first otherwise.
-    form.generate.click(
-        lambda: gr.Timer(active=False), outputs=timer, queue=False, api_visibility="private",
-        show_progress="hidden",
-    )  # fmt: skip
+    form.generate.click(lambda: gr.Timer(active=False), outputs=timer, **AT_ONCE)
 
 
 def _wire(
@@ -129,11 +121,9 @@ def _wire(
         inputs=list(form.fields),
         outputs=[*results.all, form.generate, form.cancel],
         api_name="generate",
-        show_progress="hidden",
-        trigger_mode="once",
-        concurrency_limit=None,  # JobBook lets them in one by one and tells each its place
+        **IN_TURN,
     )
     videos.follow(run)
     page.unload(videos.left)
-    form.cancel.click(runner.cancel, queue=False, api_visibility="private", show_progress="hidden")
+    form.cancel.click(runner.cancel, **AT_ONCE)
     page.unload(runner.cancel)

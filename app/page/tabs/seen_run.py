@@ -15,6 +15,7 @@ import gradio as gr
 from app import text
 from app.errors import RunError
 from app.page.parts.html_parts import shown
+from app.page.parts.listeners import AT_ONCE, IN_TURN
 from app.page.queue.follow import last_share
 from app.page.queue.in_turn import Updates
 from app.page.queue.jobs import Job
@@ -138,13 +139,9 @@ class SeenRunner(TabRunner[SeenVideo]):
             outputs=[parts.seen, parts.seen_cancel],
             js=f"() => [document.querySelector('#{prefix}player .lockstep').seen()]",
             api_visibility="private",
-            show_progress="hidden",
-            trigger_mode="once",
-            concurrency_limit=None,  # JobBook lets them in one by one
+            **IN_TURN,
         )
-        parts.seen_cancel.click(
-            self.cancel, queue=False, api_visibility="private", show_progress="hidden"
-        )
+        parts.seen_cancel.click(self.cancel, **AT_ONCE)
         page.unload(self.cancel)
 
     @contextmanager

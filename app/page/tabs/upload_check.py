@@ -13,6 +13,7 @@ from app import text
 from app.errors import RunError, visitor_sentence
 from app.page.parts import markup
 from app.page.parts.html_parts import shown
+from app.page.parts.listeners import PRIVATE
 from app.run.requests.upload_check import UploadKind
 
 log = logging.getLogger(__name__)
@@ -45,7 +46,7 @@ class UploadCheck:
         self._refusals.append(refusal)
         field.change(
             lambda value: self._told(kind, value), field, refusal,
-            api_visibility="private", show_progress="hidden", concurrency_limit=4,
+            **PRIVATE, concurrency_limit=4,
         )  # fmt: skip
 
     @staticmethod
@@ -65,7 +66,7 @@ class UploadCheck:
 
         gr.on(
             [refusal.change for refusal in refusals], held, refusals, [button, reason],
-            api_visibility="private", show_progress="hidden", queue=False,
+            **PRIVATE, queue=False,
         )  # fmt: skip
 
     def _told(self, kind: UploadKind, value: str | list[str] | None) -> Any:

@@ -14,6 +14,7 @@ import gradio as gr
 from app import text
 from app.errors import CancelledRun, visitor_sentence
 from app.page.parts import markup
+from app.page.parts.listeners import PRIVATE
 from app.page.queue.follow import last_share
 from app.page.queue.in_turn import InTurn, Updates
 from app.page.queue.jobs import Job, JobBook, Tab
@@ -70,7 +71,7 @@ class VideosBehind:
     def follow(self, run: Any) -> None:
         """Draw after each run of a button's, whose event is ``run``."""
         run.then(
-            self.run, outputs=self._outputs, api_visibility="private", show_progress="hidden",
+            self.run, outputs=self._outputs, **PRIVATE,
             trigger_mode="multiple", concurrency_limit=None,
         )  # fmt: skip
 

@@ -22,6 +22,7 @@ from app.page.parts.catalogue import (
     two_steps_help,
 )
 from app.page.parts.html_parts import tell_chips
+from app.page.parts.listeners import AT_ONCE, PRIVATE
 from app.page.parts.strength import USUAL, strength_choices
 from app.page.tabs.generate.generate_form import SEED_LIMIT
 from app.page.tabs.services import Services
@@ -104,8 +105,10 @@ def build_form(services: Services) -> FormParts:
         )
     systems.change(
         lambda ticked: gr.update(visible=any(name in catalogue.with_face_steps for name in ticked)),
-        systems, two_steps, show_progress="hidden", api_visibility="private",
-    )  # fmt: skip
+        systems,
+        two_steps,
+        **PRIVATE,
+    )
     is_smoothed = gr.Checkbox(False, label=text.FILTER_LABEL, info=text.FILTER_HELP)
     has_videos = gr.Checkbox(
         True, label=text.VIDEOS_LABEL, info=text.VIDEOS_HELP, elem_id="has-videos"
@@ -163,9 +166,8 @@ def _offer_examples(examples: Sequence[Example], speech: gr.Audio, folder: Path)
         elem_id="examples",
     )
     offered.click(
-        lambda index: str(fresh_copy(examples[index].path, folder)),
-        offered, speech, queue=False, api_visibility="private", show_progress="hidden",
-    )  # fmt: skip
+        lambda index: str(fresh_copy(examples[index].path, folder)), offered, speech, **AT_ONCE
+    )
 
 
 def fresh_copy(path: Path, folder: Path) -> Path:

@@ -12,6 +12,7 @@ import gradio as gr
 
 from app import text
 from app.errors import CancelledRun, RunError, visitor_sentence
+from app.page.parts.listeners import PRIVATE
 from app.page.player.edited_runs import MAX_TAKES, EditedRun, EditedRuns, KeptTake
 from app.page.queue.follow import waiting_line
 from app.page.queue.in_turn import InTurn, Updates
@@ -92,8 +93,7 @@ class TakesRunner:
             inputs=[parts.take_asked],
             outputs=[parts.player],
             js="() => [document.querySelector('#player .lockstep').edits()]",
-            api_visibility="private",
-            show_progress="hidden",
+            **PRIVATE,
             trigger_mode="multiple",
             concurrency_limit=None,  # JobBook lets them in one by one
         )

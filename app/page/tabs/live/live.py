@@ -9,6 +9,7 @@ import gradio as gr
 from app import text
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import mount, reveal_on_click
+from app.page.parts.listeners import AT_ONCE, IN_TURN
 from app.page.results.result_parts import ResultParts, build_results
 from app.page.routes.live_route import EXAMPLE_ROUTE
 from app.page.tabs.generate.generate import FormParts
@@ -59,13 +60,11 @@ def build_live_tab(
         outputs=[*results.all, keep, cancel],
         js=_TOKEN_OF_PAGE,
         api_visibility="private",
-        show_progress="hidden",
-        trigger_mode="once",
-        concurrency_limit=None,  # JobBook lets them in one by one
+        **IN_TURN,
     )
     videos.follow(run)
     page.unload(videos.left)
-    cancel.click(runner.cancel, queue=False, api_visibility="private", show_progress="hidden")
+    cancel.click(runner.cancel, **AT_ONCE)
     page.unload(runner.cancel)
     return results
 

@@ -11,6 +11,7 @@ import gradio as gr
 from app import text
 from app.page.parts.catalogue import point_choices
 from app.page.parts.html_parts import reveal_on_click
+from app.page.parts.listeners import AT_ONCE, IN_TURN, PRIVATE
 from app.page.parts.named_fields import named_fields
 from app.page.results.kept_sets import KeptSets
 from app.page.results.result_parts import ResultParts, build_results
@@ -72,8 +73,7 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
     planted = form.planted.click(
         lambda: planted_files(services.config.temp / "planted"),
         outputs=form.of_planted,
-        api_visibility="private",
-        show_progress="hidden",
+        **PRIVATE,
         trigger_mode="once",
     ).then(runner.run, **asks, api_visibility="private")
     for run in (started, planted):
@@ -85,12 +85,10 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
         outputs=parts.all,
         js="() => [document.querySelector('#own-sets .sets')?.asked ?? '']",
         api_visibility="private",
-        show_progress="hidden",
-        trigger_mode="once",
-        concurrency_limit=None,  # JobBook lets them in one by one
+        **IN_TURN,
     )
     page.unload(videos.left)
-    form.cancel.click(runner.cancel, queue=False, api_visibility="private", show_progress="hidden")
+    form.cancel.click(runner.cancel, **AT_ONCE)
     page.unload(runner.cancel)
     return parts
 
@@ -126,9 +124,7 @@ def _build_form(check: UploadCheck) -> FormParts:
         info=SHOWN_HELP,
         elem_id="own-shown",
     )
-    motions.change(
-        _choices, motions, shown, queue=False, api_visibility="private", show_progress="hidden"
-    )
+    motions.change(_choices, motions, shown, **AT_ONCE)
     reference = check.file(
         "motions",
         text.REFERENCE_LABEL,

@@ -13,6 +13,7 @@ from app import text
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue, default_systems
 from app.page.parts.html_parts import mount, reveal_on_click
+from app.page.parts.listeners import AT_ONCE, IN_TURN, PRIVATE
 from app.page.parts.named_fields import named_fields
 from app.page.tabs.generate.generate import fresh_copy
 from app.page.tabs.services import Services
@@ -60,8 +61,7 @@ def build_study_tab(page: gr.Blocks, services: Services) -> None:
             _SpeechOrExamples(catalogue, services.config.cache_folder / "examples").given,
             speeches,
             speeches,
-            api_visibility="private",
-            show_progress="hidden",
+            **PRIVATE,
         )
     runner = StudyRunner(services, results)
     optional = ("speeches", "motions")
@@ -78,11 +78,9 @@ def build_study_tab(page: gr.Blocks, services: Services) -> None:
         fields,
         results.all,
         api_name="study",
-        show_progress="hidden",
-        trigger_mode="once",
-        concurrency_limit=None,  # JobBook lets them in one by one
+        **IN_TURN,
     )
-    cancel.click(runner.cancel, queue=False, api_visibility="private", show_progress="hidden")
+    cancel.click(runner.cancel, **AT_ONCE)
     page.load(None, js=_ASK_FOR_COOKIE)
     page.unload(runner.cancel)
 

@@ -16,6 +16,7 @@ from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.asked import form_of
 from app.page.parts.html_parts import reveal_on_click, shown
+from app.page.parts.listeners import IN_TURN
 from app.page.queue.in_turn import Updates
 from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner
@@ -97,15 +98,7 @@ def build_analysis(page: gr.Blocks, services: Services) -> None:
             )
     runner = AnalysisRunner(services, parts)
     reveal_on_click(start, parts.status)
-    start.click(
-        runner.run,
-        [answers, key],
-        parts.all,
-        api_visibility="private",
-        show_progress="hidden",
-        trigger_mode="once",
-        concurrency_limit=None,  # JobBook lets them in one by one
-    )
+    start.click(runner.run, [answers, key], parts.all, api_visibility="private", **IN_TURN)
     page.unload(runner.cancel)
 
 

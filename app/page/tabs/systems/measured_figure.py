@@ -15,6 +15,7 @@ from app import text
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import mount, reveal_on_click, shown
+from app.page.parts.listeners import AT_ONCE, IN_TURN
 from app.page.parts.named_fields import named_fields
 from app.page.queue.follow import last_share
 from app.page.queue.in_turn import Updates
@@ -161,13 +162,9 @@ class FigureRunner(TabRunner[Found], Generic[Asked, Found]):
             inputs=sheet.fields,
             outputs=[self.parts.status, self.parts.message, self.parts.figure],
             api_name=self.tab,
-            show_progress="hidden",
-            trigger_mode="once",
-            concurrency_limit=None,  # JobBook lets them in one by one
+            **IN_TURN,
         )
-        sheet.cancel.click(
-            self.cancel, queue=False, api_visibility="private", show_progress="hidden"
-        )
+        sheet.cancel.click(self.cancel, **AT_ONCE)
         page.unload(self.cancel)
 
 

@@ -14,6 +14,7 @@ import gradio as gr
 from app import text
 from app.page.parts import markup
 from app.page.parts.html_parts import player_part, reveal_on_click, shown
+from app.page.parts.listeners import AT_ONCE
 from app.page.player.player import NOTHING, Showing, own_writers, picture_layout
 from app.page.queue.follow import last_share
 from app.page.queue.in_turn import Updates
@@ -109,7 +110,7 @@ def build_mechanism(page: gr.Blocks, tab: gr.Tab, services: Services) -> None:
     start.click(runner.run, **asks, api_name="mechanism")
     first.click(runner.run, **asks, api_visibility="private")
     tab.select(None, js=_ON_OPENING, api_visibility="private")
-    cancel.click(runner.cancel, queue=False, api_visibility="private", show_progress="hidden")
+    cancel.click(runner.cancel, **AT_ONCE)
     page.unload(runner.cancel)
 
 
