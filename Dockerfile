@@ -16,6 +16,7 @@ COPY conventions conventions
 COPY model model
 COPY processes processes
 COPY renderer renderer
+COPY tools tools
 COPY examples examples
 
 RUN useradd --create-home visitor

@@ -1,4 +1,4 @@
-"""Speech features, motion, networks, training, systems, measures, evaluation and the corpus;
+"""Speech features, motion, networks, training, systems, measures and evaluation;
 imports neither ``app`` nor ``renderer``.
 """
 

@@ -84,10 +84,10 @@ def test_one_name_stands_beside_the_packages_of_others(site: Path) -> None:
 
 
 def test_every_file_of_the_roots_is_in_it(site: Path) -> None:
+    roots = ("app", "conventions", "model", "processes", "renderer", "tools", "examples")
     listed = subprocess.run(
-        ["git", "ls-files", "app", "conventions", "model", "processes", "renderer", "examples"],
-        cwd=ROOT, capture_output=True, text=True, check=False,
-    ).stdout.split()  # fmt: skip
+        ["git", "ls-files", *roots], cwd=ROOT, capture_output=True, text=True, check=False
+    ).stdout.split()
     if not listed:
         pytest.skip("not a git checkout, so the files cannot be listed")
     there = [name for name in listed if (ROOT / name).exists()]
@@ -224,7 +224,8 @@ def test_the_container_is_given_every_file_that_its_steps_and_the_page_need() ->
     ignored = (ROOT / ".dockerignore").read_text().split()
     assert given == {
         ".ci", "requirements.txt", "requirements-cluster.txt", "locks",
-        "app.py", "app", "conventions", "model", "processes", "renderer", "examples",
+        "app.py", "app", "conventions", "model", "processes", "renderer", "tools",
+        "examples",
     }  # fmt: skip
     assert not given & set(ignored)
     assert all((ROOT / name).exists() for name in given)

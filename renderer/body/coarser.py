@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import UInt16
 
 COARSER_PATH = Path(__file__).parents[1] / "assets" / "coarser.npz"
-"""Made by `renderer.bake.coarser`."""
+"""Made by `tools.bake.coarser`."""
 
 
 @functools.cache

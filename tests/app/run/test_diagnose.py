@@ -14,10 +14,10 @@ from app.commands.cli import main
 from app.errors import CancelledRun, RunError
 from app.run.diagnose import DiagnoseRequest, diagnose_files, unique_names
 from app.run.planted import CLEAN
-from model.corpus.annotation import interval_tier
 from model.motion.motion import save_motion
 from model.speech.transcript import read_transcript
 from tests.helpers import smooth_motion_example
+from tools.corpus.annotation import interval_tier
 
 FIGURES = ("figure6", "jitter", "error_growth")
 

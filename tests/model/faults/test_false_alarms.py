@@ -13,9 +13,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.corpus.clip import make_clip
-from model.corpus.people.rig import open_body_rig
-from model.corpus.people.speakers import SPEAKERS
 from model.diagnostics.diagnostics import raw_evidence
 from model.faults.evidence import Evidence
 from model.faults.table import find_faults
@@ -24,8 +21,11 @@ from model.motion.motion import Motion, load_motion
 from model.motion.skeleton import open_body_skeleton
 from model.speech.audio import load_speech
 from tests.helpers import beat2_folder
-from tests.model.corpus.conftest import flite
 from tests.model.faults.planted import loudness
+from tests.tools.corpus.conftest import flite
+from tools.corpus.clip import make_clip
+from tools.corpus.people.rig import open_body_rig
+from tools.corpus.people.speakers import SPEAKERS
 
 __all__ = ["flite"]
 CUTS_FRAMES = (300, 1_800, 9_000)

@@ -6,9 +6,6 @@ import numpy as np
 import pytest
 
 from conventions.names import REFERENCE_NAME
-from model.corpus.clip import make_clip
-from model.corpus.people.rig import open_body_rig
-from model.corpus.people.speakers import SPEAKERS
 from model.diagnostics.diagnostics import diagnose
 from model.faults.finding import Finding, by_gravity, clock, ranked, stretches_of
 from model.faults.table import FAULTS, STILL
@@ -18,8 +15,11 @@ from model.motion.motion import Motion, load_motion
 from model.motion.skeleton import open_body_skeleton
 from model.speech.audio import load_speech
 from tests.helpers import beat2_folder, foreign_folder
-from tests.model.corpus.conftest import flite
 from tests.model.faults.planted import PLANTED, Planted, loudness
+from tests.tools.corpus.conftest import flite
+from tools.corpus.clip import make_clip
+from tools.corpus.people.rig import open_body_rig
+from tools.corpus.people.speakers import SPEAKERS
 
 SKELETON = open_body_skeleton()
 CUT_FRAMES = 300

@@ -6,12 +6,12 @@ import torch
 from torch import Tensor
 
 from conventions.joints import MIRROR_PERMUTATION
-from model.corpus.people.rig import open_body_rig
 from model.motion.kinematics import joint_positions_from_local, mirror_transl
 from model.motion.mirror import mirror_face_units, mirror_poses
 from model.motion.rotations import matrix_from_axis_angle
 from model.motion.skeleton import RestSkeleton, open_body_skeleton
 from tests.helpers import mirror_skeleton
+from tools.corpus.people.rig import open_body_rig
 
 
 def symmetric_skeleton() -> RestSkeleton:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from app.run.planted import CLEAN
-from model.corpus.annotation import interval_tier
 from model.motion.motion import load_motion
 from model.speech.audio import load_speech
 from model.speech.transcript import (
@@ -20,6 +19,7 @@ from model.speech.transcript import (
     read_transcript,
     read_words,
 )
+from tools.corpus.annotation import interval_tier
 
 HEAD = (
     'File type = "ooTextFile"\nObject class = "TextGrid"\n\nxmin = 0\nxmax = 2\n'

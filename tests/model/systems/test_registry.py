@@ -101,7 +101,7 @@ def test_every_sampler_has_one_title_wherever_it_is():
 
 def test_nothing_outside_the_families_knows_a_system_by_its_name():
     names = {name for family in families() for name in family.systems}
-    roots = ("app", "model", "renderer", "processes", "conventions")
+    roots = ("app", "model", "renderer", "tools", "processes", "conventions")
     paths = [path for root in roots for path in (ROOT / root).rglob("*.py")]
     others = [path for path in paths if path.parent.parent != ROOT / "model" / "systems"]
     assert len(others) > 300

@@ -12,7 +12,7 @@ from renderer.draw.offscreen import BACKENDS
 from renderer.draw.probe import BackendReport, choose_backend, probe_backend, probe_backends
 
 ROOT = Path(__file__).resolve().parents[3]
-LOADED_LATER = ["renderer.bake.__main__"] + [
+LOADED_LATER = ["tools.bake.__main__"] + [
     f"renderer.draw.{name}" for name in ("compiled", "gl", "gl_scene", "rasteriser")
 ]
 

@@ -1,0 +1,8 @@
+"""``python -m model.corpus``, whose work `tools.corpus` does."""
+
+import sys
+
+from tools.corpus.__main__ import main
+
+if __name__ == "__main__":
+    sys.exit(main())

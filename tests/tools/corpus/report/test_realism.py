@@ -1,0 +1,155 @@
+"""Telling the corpus from real motion: known figures, planted differences, and none."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+from sklearn.linear_model import LogisticRegression
+
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
+from tools.corpus.people.rig import forward_kinematics, matrices, open_body_rig
+from tools.corpus.report.realism import (
+    PENALTY,
+    Figures,
+    head_windows,
+    judge_realism,
+    logistic_regression,
+    realism_windows,
+)
+from tools.corpus.report.statistics import PosedClip
+
+STILL = np.zeros((300, 55, 3))
+
+
+def posed(vectors: np.ndarray, trans: np.ndarray) -> PosedClip:
+    local_rot = matrices(vectors)
+    global_rot, positions = forward_kinematics(open_body_rig(), local_rot, trans)
+    return PosedClip(local_rot, global_rot, positions, positions[:, JOINT_INDEX["right_middle3"]])
+
+
+def person(seed: int, finger_scale: float = 1.0) -> Figures:
+    """Windows of 40 s of slow random turning of every joint."""
+    rng = np.random.default_rng(seed)
+    vectors = 1.5 * gaussian_filter1d(rng.normal(size=(40 * FPS, 55, 3)), 8.0, axis=0)
+    vectors[:, 25:] *= finger_scale
+    return realism_windows(
+        posed(vectors, 0.05 * gaussian_filter1d(rng.normal(size=(40 * FPS, 3)), 15.0, axis=0))
+    )
+
+
+def test_windows_of_two_seconds_start_every_second() -> None:
+    for num_frames, windows in ((64, 0), (65, 1), (94, 1), (95, 2), (300, 8)):
+        figures = realism_windows(posed(STILL[:num_frames], np.zeros((num_frames, 3))))
+        assert len(figures) == 24
+        assert {len(values) for values in figures.values()} == {windows}
+        assert all(np.isfinite(values).all() for values in figures.values())
+
+
+def test_a_body_that_glides_has_its_speed_in_every_joint_and_turns_none() -> None:
+    time_s = np.arange(300) / FPS
+    figures = realism_windows(posed(STILL, time_s[:, None] * [0.3, 0.0, 0.4]))
+    for name in ("wrist speed, m/s", "pelvis speed, m/s", "ankle speed, m/s"):
+        np.testing.assert_allclose(figures[name], 0.5, rtol=1e-9)
+    for name in figures:
+        if "turning" in name or "jerk" in name:
+            np.testing.assert_allclose(figures[name], 0.0, atol=1e-6)
+    rest = open_body_rig().rest_joints - open_body_rig().rest_joints[JOINT_INDEX["spine3"]]
+    wrists = rest[[JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"]]]
+    np.testing.assert_allclose(figures["wrist height over chest, m"], wrists[:, 1].mean())
+    np.testing.assert_allclose(
+        figures["wrist distance to the side, m"], (wrists[0, 0] - wrists[1, 0]) / 2
+    )
+
+
+@pytest.mark.parametrize(
+    ("joint", "figure", "share"),
+    [
+        ("left_shoulder", "shoulder turning, deg/s", 1 / 2),
+        ("right_elbow", "elbow turning, deg/s", 1 / 2),
+        ("right_wrist", "wrist turning, deg/s", 1 / 2),
+        ("left_collar", "collar turning, deg/s", 1 / 2),
+        ("left_knee", "knee turning, deg/s", 1 / 2),
+        ("right_thumb3", "finger turning, deg/s", 1 / 30),
+        ("head", "head turning, deg/s", 1),
+        ("spine3", "chest turning, deg/s", 1),
+    ],
+)
+def test_a_joint_that_turns_shows_in_its_own_figure(joint: str, figure: str, share: float) -> None:
+    vectors = STILL.copy()
+    vectors[:, JOINT_INDEX[joint], 1] = np.radians(12.0) * np.arange(300) / FPS
+    figures = realism_windows(posed(vectors, np.zeros((300, 3))))
+    np.testing.assert_allclose(figures[figure], 12.0 * share, rtol=1e-6)
+    others = {name for name in figures if name.endswith("turning, deg/s")} - {figure}
+    for name in others - {"head turning, deg/s"}:  # the head turns with the chest in the world
+        np.testing.assert_allclose(figures[name], 0.0, atol=1e-6)
+
+
+def test_a_tremor_shows_at_its_frequency() -> None:
+    time_s = np.arange(300) / FPS
+    vectors = STILL.copy()
+    vectors[:, JOINT_INDEX["head"], 0] = 0.01 * np.sin(2 * np.pi * 8.0 * time_s)
+    figures = realism_windows(posed(vectors, np.zeros((300, 3))))
+    assert np.all(np.abs(figures["head spectral centroid, Hz"] - 8.0) < 0.2)
+    assert np.all(np.exp(figures["head log power share above 5 Hz"]) > 0.99)
+
+
+def test_the_regression_is_the_textbook_one() -> None:
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(40, 3)), rng.normal(np.array([1.0, -0.5, 0.0]), 1.0, (150, 3))
+    # scikit-learn weighs the loss instead of the penalty
+    other = LogisticRegression(C=1 / PENALTY, tol=1e-10, max_iter=1000)
+    importance = np.repeat([0.5 / 40, 0.5 / 150], [40, 150])
+    other.fit(np.concatenate([a, b]), np.repeat([0, 1], [40, 150]), importance)
+    np.testing.assert_allclose(logistic_regression(a, b), other.coef_[0], atol=1e-4)
+
+
+def test_motion_of_the_same_kind_is_not_told_apart() -> None:
+    """A regression judged on the clips it was trained on would find a difference here."""
+    realism = judge_realism([person(0), person(1)], {"a": [person(k) for k in range(2, 6)]})
+    assert 0.3 < realism.joint < 0.68
+    assert 0.3 < realism.floor < 0.7
+    assert all(feature.auc < 0.68 for feature in realism.features)
+
+
+def test_stiff_fingers_are_found_and_named_first() -> None:
+    realism = judge_realism([person(0), person(1)], {"a": [person(k, 0.6) for k in range(2, 6)]})
+    assert realism.joint > 0.95
+    telling = {feature.name for feature in realism.features[:2]}
+    assert telling == {"finger turning, deg/s", "finger angle from flat, deg"}
+    assert sum(feature.share for feature in realism.features) == pytest.approx(1.0)
+    assert sum(feature.share for feature in realism.features[:2]) > 0.8
+    first = realism.features[0]
+    assert first.auc > 0.95 and first.real_auc < 0.7 and first.corpus < min(first.real)
+
+
+def test_the_speaker_that_differs_is_told_apart_from_the_others() -> None:
+    speakers = {"a": [person(2), person(3)], "b": [person(4, 0.6), person(5, 0.6)]}
+    areas = judge_realism([person(0), person(1)], speakers).by_speaker
+    assert areas["b"] > 0.85 and areas["a"] < 0.7
+
+
+def test_too_few_clips_are_refused() -> None:
+    with pytest.raises(ValueError, match="Two real clips"):
+        judge_realism([person(0)], {"a": [person(1)], "b": [person(2)]})
+
+
+def test_windows_in_which_somebody_listens_are_left_out() -> None:
+    clip = posed(STILL, np.zeros((len(STILL), 3)))
+    every = len(realism_windows(clip)["wrist speed, m/s"])
+    kept = len(realism_windows(clip, [(3.0, 3.5)])["wrist speed, m/s"])
+    # Windows of 2 s that start at 2 and 3 s, and at 1 s none: it ends as the silence begins.
+    assert every - kept == 2
+
+
+def test_a_nodding_head_and_an_opening_jaw_show_in_their_own_figures() -> None:
+    time_s = np.arange(300) / 30
+    vectors = np.zeros((300, 55, 3))
+    vectors[:, JOINT_INDEX["head"], 0] = np.radians(6 * np.sin(2 * np.pi * 1.5 * time_s))
+    vectors[:, JOINT_INDEX["jaw"], 0] = np.radians(4 + 4 * np.sin(2 * np.pi * 4 * time_s))
+    figures = head_windows(posed(vectors, np.zeros((300, 3))))
+    medians = {name: float(np.median(values)) for name, values in figures.items()}
+    assert medians["nod, from its mean of 2 s, deg"] == pytest.approx(6 * 2 / np.pi, rel=0.1)
+    assert medians["shake, from its mean of 2 s, deg"] < 0.01
+    assert medians["jaw opening, deg"] == pytest.approx(4, abs=0.2)
+    assert medians["jaw spectral centroid, Hz"] == pytest.approx(4, abs=0.2)
+    assert medians["head against chest spectral centroid, Hz"] == pytest.approx(1.5, abs=0.2)

@@ -1,0 +1,140 @@
+"""The bake from MakeHuman's files to a finished body: shape, zero pose, clothes, face, weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from conventions.joints import FINGERS, JOINT_INDEX
+from renderer.body.look import REGION_INDEX
+from renderer.body.tip_vertices import TIP_VERTICES
+from tools.bake import clothes, face, geometry, mouth
+from tools.bake.builds import FIGURES, in_zero_pose, on_skeleton
+from tools.bake.correctives import pose_correctives
+from tools.bake.geometry import Mesh
+from tools.bake.makehuman import MakeHuman
+from tools.bake.vertex_order import format_vertices, with_fixed_vertices
+from tools.bake.zero_pose import joint_weights
+
+SKIN_UNDER_CLOTH_M = 0.025
+"""How far the skin goes on under a hem."""
+SKIN_BELOW_CLOTH_M = 0.003
+"""How much thinner the body is there."""
+MAX_INFLUENCES = 8
+SEED = 0
+
+
+@dataclass(frozen=True)
+class BakedBody:
+    """A finished body in metres, zero pose, vertices in the order of the file."""
+
+    mesh: Mesh
+    rest_joints: Float[np.ndarray, "J 3"]
+    expression_names: tuple[str, ...]
+    """What the first offsets of the mesh are."""
+    build_names: tuple[str, ...]
+    """What the other offsets of the mesh are: from the first build to each of the others."""
+    pose_vertices: Int[np.ndarray, " K"]
+    pose_joints: Int[np.ndarray, " K"]
+    pose_offsets: Float[np.ndarray, "K 3 9"]
+
+
+def bake(source: MakeHuman) -> BakedBody:
+    """Everything, from files to arrays; the same result each time."""
+    units = source.face_units()
+    base, joints = _in_zero_pose(source, np.stack(list(units.values()), axis=1))
+    mesh = _assemble(source, base, joints, len(units))
+    mesh = _with_few_influences(mesh)
+    mesh = with_fixed_vertices(mesh, format_vertices(mesh, joints))
+    which, of_joint, offsets = pose_correctives(
+        mesh.positions, mesh.weights, joints, np.random.default_rng(SEED)
+    )
+    return BakedBody(mesh, joints, tuple(units), tuple(FIGURES)[1:], which, of_joint, offsets)
+
+
+def tip_offsets(body: BakedBody) -> dict[str, Float[np.ndarray, " 3"]]:
+    """From the last joint of each finger to its tip vertex, metres, by ``<side>_<finger>``."""
+    return {
+        f"{side}_{finger}": body.mesh.positions[TIP_VERTICES[f"{side}_{finger}"]]
+        - body.rest_joints[JOINT_INDEX[f"{side}_{finger}3"]]
+        for side in ("left", "right")
+        for finger in FINGERS
+    }
+
+
+def _in_zero_pose(
+    source: MakeHuman, units: Float[np.ndarray, "N E 3"]
+) -> tuple[Float[np.ndarray, "N C"], Float[np.ndarray, "J 3"]]:
+    """The columns of ``Mesh.carried`` for the whole base mesh, and the rest joints."""
+    weights = joint_weights(source)
+    first, *others = FIGURES.values()
+    posed = in_zero_pose(source, first, weights)
+    turned = units @ posed.head_transform.T
+    builds = [
+        on_skeleton(in_zero_pose(source, figure, weights), posed, weights) - posed.vertices
+        for figure in others
+    ]
+    carried = [posed.vertices, weights, turned.reshape(len(weights), -1), *builds]
+    return np.concatenate(carried, axis=1), posed.joints
+
+
+def _assemble(
+    source: MakeHuman,
+    base: Float[np.ndarray, "N C"],
+    joints: Float[np.ndarray, "J 3"],
+    num_expressions: int,
+) -> Mesh:
+    def group(name: str) -> Mesh:
+        quads = source.quads(name)
+        unpainted = Mesh(quads, base, np.zeros(len(base), np.int64))
+        return unpainted.faces_only(np.ones(len(quads), bool))
+
+    wearer = clothes.Wearer(joints)
+    garments = clothes.dress(group("helper-tights"), wearer)
+
+    quads = source.quads("body")
+    ring = mouth.lip_line(quads)
+    base = base.copy()
+    base[:, :3] = mouth.with_closed_lips(base[:, :3], ring, quads)
+    body = _tucked_in(Mesh(quads, base, np.zeros(len(base), np.int64)), wearer)
+    head_vertices = wearer.above_neckline(base[:, :3]) > -SKIN_UNDER_CLOTH_M
+    hand_vertices = np.abs(base[:, 0]) > wearer.sleeve_end_m - SKIN_UNDER_CLOTH_M
+    head_faces = np.asarray(head_vertices[quads].all(axis=1))
+    head = face.make_head(body.faces_only(head_faces), quads[head_faces], face.FacePaint(joints))
+    hand_faces = np.asarray(hand_vertices[quads].all(axis=1))
+    hands = body.faces_only(hand_faces).painted(REGION_INDEX["skin"])
+    eyes = [
+        face.eyeball(side, group(f"helper-{side[0]}-eye"), num_expressions)
+        for side in ("left", "right")
+    ]
+    lip_line = base[ring, :3]
+    mouth_middle = np.array([0.0, lip_line[:, 1].mean(), lip_line[:, 2].max()])
+    teeth = [
+        mouth.make_teeth(row, group(f"helper-{row}-teeth"), mouth_middle)
+        for row in ("upper", "lower")
+    ]
+    return geometry.join([head, hands, *eyes, *teeth, garments])
+
+
+def _tucked_in(body: Mesh, wearer: clothes.Wearer) -> Mesh:
+    """The body made thinner where cloth lies on it, so that no skin shows through."""
+    sideways = np.abs(body.positions[:, 0])
+    below_hem = np.where(
+        sideways > wearer.wrist_m / 2,
+        wearer.sleeve_end_m - sideways,
+        -wearer.above_neckline(body.positions),
+    )
+    depth = np.clip(below_hem / 0.01, 0, 1)
+    return body.moved(body.positions - SKIN_BELOW_CLOTH_M * depth[:, None] * geometry.normals(body))
+
+
+def _with_few_influences(mesh: Mesh) -> Mesh:
+    """At most eight joints for each vertex, shares that sum to one."""
+    weights = mesh.weights
+    smallest_kept = np.sort(weights, axis=1)[:, [-MAX_INFLUENCES]]
+    kept = np.where(weights >= np.maximum(smallest_kept, 1e-4), weights, 0)
+    carried = mesh.carried.copy()
+    carried[:, 3 : 3 + weights.shape[1]] = kept / kept.sum(1, keepdims=True)
+    return Mesh(mesh.faces, carried, mesh.regions)

@@ -1,0 +1,234 @@
+"""``python -m tools.bake.coarser``: coarser meshes of the open body, for browsers that draw on
+the processor.
+
+Vertices are taken out one by one, each where that changes the surface least (quadric error
+metrics, Garland and Heckbert 1997); those that stay are where they were, so that a coarser mesh is
+no more than other faces among the same vertices, and skin, colours and face hold for it as well.
+"""
+
+from __future__ import annotations
+
+import heapq
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from conventions.joints import JOINT_NAMES
+from renderer.body.body import Body, load_body
+from renderer.body.coarser import COARSER_PATH
+from tools.bake.pack import write_npz
+
+NUM_FACES = (12_000, 5_500, 2_800, 900)
+"""Of each mesh, from fine to coarse."""
+_HANDS, _HEAD, _FACE = 6.0, 3.0, 12.0
+"""How much more a change weighs there than elsewhere; the face is all that its units move."""
+_HEM_WEIGHT = 20.0
+"""Of the outline of an open end, beside its surface."""
+_SKIN_M = 0.03
+"""A vertex that follows other joints altogether counts as so far away."""
+_FACE_MOVES_M = 0.0015
+"""What moves less does not count as the face."""
+_LEAST_TURN = 0.35
+"""Cosine of the angle that a face may turn by, at most."""
+
+
+@dataclass
+class Surface:
+    """What of a body tells which of its vertices can go."""
+
+    vertices: Float[np.ndarray, "V 3"]
+    faces: Int[np.ndarray, "F 3"]
+    colors: Float[np.ndarray, "V 3"]
+    weights: Float[np.ndarray, "V J"]
+    """To which joints each vertex belongs."""
+    importance: Float[np.ndarray, " V"]
+
+
+def surface_of(body: Body) -> Surface:
+    """Of the open body, as its file has it."""
+    arrays = body.arrays
+    weights = arrays.weights.toarray()
+    moved = np.zeros(body.num_vertices, bool)
+    largest = np.abs(arrays.expression_dirs).max((0, 2))
+    moved[arrays.expression_vertices] = largest > _FACE_MOVES_M
+    colors = np.asarray(body.vertex_colors, np.float64)
+    matters = importance(JOINT_NAMES, weights.argmax(1), moved)
+    return Surface(
+        body.template.astype(np.float64), body.faces, colors, weights.astype(np.float64), matters
+    )
+
+
+def importance(
+    names: Sequence[str], strongest: Int[np.ndarray, " V"], moved: Bool[np.ndarray, " V"]
+) -> Float[np.ndarray, " V"]:
+    """How much each vertex matters to who looks at somebody who speaks.
+
+    Args:
+        names: of the joints.
+        strongest: the joint that each vertex follows most.
+        moved: whether the face moves it.
+    """
+    parts = ("wrist", "index", "middle", "ring", "pinky", "thumb")
+    of_joint = np.ones(len(names))
+    for joint, name in enumerate(names):
+        if any(part in name for part in parts):
+            of_joint[joint] = _HANDS
+        elif any(part in name for part in ("head", "jaw", "eye")):
+            of_joint[joint] = _HEAD
+    return np.maximum(of_joint[strongest], np.where(moved, _FACE, 0.0))
+
+
+def coarser(surface: Surface, counts: Sequence[int] = NUM_FACES) -> list[Int[np.ndarray, "_ 3"]]:
+    """Faces among the vertices of a surface, as many as asked for or a little fewer; of each count,
+    which go down."""
+    collapse = _Collapse(surface)
+    meshes = []
+    for count in counts:
+        collapse.down_to(count)
+        meshes.append(np.array([face for face in collapse.faces if face], dtype=np.int64))
+    return meshes
+
+
+class _Collapse:
+    """A mesh that loses vertices, each moved onto a neighbour."""
+
+    def __init__(self, surface: Surface) -> None:
+        self.faces: list[tuple[int, int, int] | None] = [tuple(f) for f in surface.faces.tolist()]
+        self._left = len(self.faces)
+        self._places = surface.vertices
+        self._weights = surface.weights
+        self._colors = [tuple(color) for color in np.round(surface.colors, 3).tolist()]
+        self._around: list[set[int]] = [set() for _ in surface.vertices]
+        for number, face in enumerate(surface.faces.tolist()):
+            for vertex in face:
+                self._around[vertex].add(number)
+        self._quadrics, self._areas = self._planes(surface)
+        self._ages = [0] * len(surface.vertices)
+        self._queue: list[tuple[float, int, int, int]] = []
+        for vertex in range(len(surface.vertices)):
+            self._ask(vertex)
+
+    def down_to(self, count: int) -> None:
+        """Take vertices out until there are so few faces, or nothing more can go."""
+        while self._left > count and self._queue:
+            _, vertex, onto, age = heapq.heappop(self._queue)
+            if self._ages[vertex] != age:
+                continue
+            changed = self._neighbours(vertex) | {vertex}
+            self._move(vertex, onto)
+            for each in changed:
+                self._ages[each] += 1
+                self._ask(each)
+
+    def _planes(self, surface: Surface) -> tuple[np.ndarray, np.ndarray]:
+        """Squared distance from the planes at each vertex, and the area there, both weighted."""
+        corners = self._places[surface.faces]
+        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        doubled = np.linalg.norm(cross, axis=1)
+        normals = cross / np.maximum(doubled, 1e-12)[:, None]
+        planes = np.concatenate([normals, -(normals * corners[:, 0]).sum(1, keepdims=True)], 1)
+        quadrics = np.zeros((len(self._places), 4, 4))
+        areas = np.zeros(len(self._places))
+        for k in range(3):
+            of_face = surface.importance[surface.faces[:, k]] * doubled / 6
+            outer = planes[:, :, None] * planes[:, None]
+            np.add.at(quadrics, surface.faces[:, k], of_face[:, None, None] * outer)
+            np.add.at(areas, surface.faces[:, k], of_face)
+        for number, face in enumerate(surface.faces.tolist()):
+            for a, b in zip(face, (*face[1:], face[0]), strict=True):
+                if len(self._around[a] & self._around[b]) > 1:
+                    continue
+                along = self._places[b] - self._places[a]
+                wall = np.cross(along, normals[number])
+                wall /= max(float(np.linalg.norm(wall)), 1e-12)
+                plane = np.append(wall, -wall @ self._places[a])
+                for vertex in (a, b):
+                    weight = _HEM_WEIGHT * surface.importance[vertex] * (along @ along)
+                    quadrics[vertex] += weight * np.outer(plane, plane)
+        return quadrics, areas
+
+    def _neighbours(self, vertex: int) -> set[int]:
+        return {v for f in self._around[vertex] for v in self.faces[f] or ()} - {vertex}
+
+    def _ask(self, vertex: int) -> None:
+        """Queue the best that can be done with a vertex."""
+        best = min(
+            ((self._cost(vertex, onto), onto) for onto in self._open_to(vertex)),
+            default=(np.inf, -1),
+        )
+        if np.isfinite(best[0]):
+            heapq.heappush(self._queue, (*best[:1], vertex, best[1], self._ages[vertex]))
+
+    def _open_to(self, vertex: int) -> list[int]:
+        """Neighbours that it may move onto: along a hem if it is on one, along the line between
+        two colours likewise, and without a face turned over."""
+        near = self._neighbours(vertex)
+        shared = {n: self._around[vertex] & self._around[n] for n in near}
+        if any(len(faces) == 1 for faces in shared.values()):
+            near = {n for n in near if len(shared[n]) == 1}
+        color = self._colors[vertex]
+        if any(self._colors[n] != color for n in self._neighbours(vertex)):
+            near = {n for n in near if self._is_between_colors(n)}
+        near = {n for n in near if self._colors[n] == color}
+        return [n for n in near if self._is_safe(vertex, n, shared[n])]
+
+    def _is_between_colors(self, vertex: int) -> bool:
+        return any(self._colors[n] != self._colors[vertex] for n in self._neighbours(vertex))
+
+    def _is_safe(self, vertex: int, onto: int, gone: set[int]) -> bool:
+        opposite = {v for f in gone for v in self.faces[f] or ()} - {vertex, onto}
+        if self._neighbours(vertex) & self._neighbours(onto) != opposite:
+            return False  # it would close a tunnel
+        for number in self._around[vertex] - gone:
+            face = self.faces[number]
+            assert face is not None
+            before = self._normal([self._places[v] for v in face])
+            after = self._normal([self._places[onto if v == vertex else v] for v in face])
+            size = (before @ before) * (after @ after)
+            if size <= 1e-30 or before @ after < _LEAST_TURN * size**0.5:
+                return False
+        return True
+
+    @staticmethod
+    def _normal(corners: list[np.ndarray]) -> np.ndarray:
+        (a, b, c), (d, e, f) = corners[1] - corners[0], corners[2] - corners[0]
+        return np.array([b * f - c * e, c * d - a * f, a * e - b * d])
+
+    def _cost(self, vertex: int, onto: int) -> float:
+        place = np.append(self._places[onto], 1.0)
+        bent = place @ (self._quadrics[vertex] + self._quadrics[onto]) @ place
+        other = self._weights[vertex] - self._weights[onto]
+        return float(bent + self._areas[vertex] * _SKIN_M**2 * (other @ other))
+
+    def _move(self, vertex: int, onto: int) -> None:
+        for number in self._around[vertex]:
+            face = self.faces[number]
+            assert face is not None
+            if onto in face:
+                self.faces[number] = None
+                self._left -= 1
+                for v in face:
+                    if v != vertex:
+                        self._around[v].discard(number)
+                continue
+            a, b, c = (onto if v == vertex else v for v in face)
+            self.faces[number] = (a, b, c)
+            self._around[onto].add(number)
+        self._around[vertex] = set()
+        self._quadrics[onto] += self._quadrics[vertex]
+        self._areas[onto] += self._areas[vertex]
+
+
+def main() -> int:
+    """Write the meshes beside the body."""
+    meshes = coarser(surface_of(load_body()))
+    write_npz(COARSER_PATH, {f"faces_{k}": mesh.astype(np.uint16) for k, mesh in enumerate(meshes)})
+    sys.stderr.write(f"{[len(mesh) for mesh in meshes]} faces in {COARSER_PATH}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

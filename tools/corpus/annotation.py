@@ -1,0 +1,168 @@
+"""The annotation of a clip as a Praat TextGrid: what was said, and all that the body did to it.
+
+Times are seconds. Nothing is measured in the motion: tiers hold what the motion was made from.
+"""
+
+from itertools import pairwise
+
+from tools.corpus.clip import Clip
+from tools.corpus.gesture.plan import Key
+from tools.corpus.people.rig import SIDES
+
+Interval = tuple[float, float, str]
+Point = tuple[float, str]
+NO_SMILE = 0.02  # levels up to this are none
+
+
+def textgrid(clip: Clip) -> str:
+    """The tiers of speech, of either hand, and of head, face and feet, in Praat's long format."""
+    utterance, events = clip.utterance, clip.events
+    duration_s = utterance.duration_s
+
+    def intervals(name: str, rows: list[Interval]) -> str:
+        return interval_tier(name, rows, duration_s)
+
+    def points(name: str, rows: list[Point]) -> str:
+        inside = sorted(row for row in rows if 0 <= row[0] < duration_s)
+        return _point_tier(name, inside, duration_s)
+
+    moves = {side: hand_moves(clip.plan.keys[side], duration_s) for side in SIDES}
+    tiers = [
+        intervals("words", [(w.start_s, w.end_s, w.text) for w in utterance.words]),
+        intervals("phones", [(p.start_s, p.end_s, p.name) for p in utterance.phones]),
+        points("accents", [(w.beat_s, f"{w.accent:.3f}") for w in utterance.words if w.accent > 0]),
+        *(intervals(f"gesture_{side}", moves[side][0]) for side in SIDES),
+        *(_point_tier(f"goal_{side}", moves[side][1], duration_s) for side in SIDES),
+        points("apex", [apex for side in SIDES for apex in _apexes(clip.plan.keys[side], side)]),
+        points("nods", [(nod.time_s, f"{nod.depth_deg:.3f}") for nod in events.nods]),
+        intervals(
+            "gaze",
+            [(g.start_s, g.end_s, f"{g.yaw_deg:.1f} {g.pitch_deg:.1f}") for g in events.gaze],
+        ),
+        points("brows", [(b.time_s, f"{b.height:.3f} {b.width_s:.3f}") for b in events.brows]),
+        intervals(
+            "smile",
+            [(s.start_s, s.end_s, f"{s.level:.3f}") for s in events.smiles if s.level > NO_SMILE],
+        ),
+        points("blinks", [(b.time_s, f"{b.duration_s:.3f}") for b in events.blinks]),
+        intervals("weight", [(s.start_s, s.end_s, s.leg) for s in events.stances]),
+        *(intervals(f"foot_{side}", _between(clip, side, duration_s)) for side in SIDES),
+        intervals("listening", [(s.start_s, s.end_s, "listening") for s in utterance.listening]),
+    ]
+    head = (
+        'File type = "ooTextFile"\nObject class = "TextGrid"\n\n'
+        f"xmin = 0\nxmax = {duration_s:.4f}\ntiers? <exists>\nsize = {len(tiers)}\nitem []:\n"
+    )
+    return head + "".join(
+        f"    item [{number}]:\n{tier}" for number, tier in enumerate(tiers, start=1)
+    )
+
+
+def hand_moves(keys: list[Key], duration_s: float) -> tuple[list[Interval], list[Point]]:
+    """What a hand does when, and where it is to be at the end of each move.
+
+    An interval is labelled ``stroke offer``: Kendon's phase, then the gesture's name where it has
+    one; holds or rests lie between the moves. A goal is ``out up forward`` in metres in the chest's
+    frame; the first, at 0, is the pose that the clip starts in.
+    """
+    started = [key for key in keys if key.arrive_s <= 0]
+    rows: list[tuple[Interval, Key | None]] = []
+    for before, key in pairwise([started[-1], *(key for key in keys if key.arrive_s > 0)]):
+        start_s = max(key.arrive_s - key.duration_s, before.arrive_s)
+        rows.append(((before.arrive_s, start_s, _stillness(before)), None))
+        rows.append(((start_s, key.arrive_s, f"{key.phase} {key.gesture}".strip()), key))
+    rows.append(((keys[-1].arrive_s, duration_s, _stillness(keys[-1])), None))
+    intervals: list[Interval] = []
+    goals = [(0.0, _goal(started[-1]))]
+    for row, key in rows:
+        clipped = _clipped(row, intervals[-1][1] if intervals else 0.0, duration_s)
+        if clipped is not None:
+            intervals.append(clipped)
+            if key is not None:
+                goals.append((clipped[1], _goal(key)))
+    return intervals, goals
+
+
+def _stillness(key: Key) -> str:
+    still = "rest" if key.phase in ("rest", "retraction") else "hold"
+    return f"{still} {key.gesture}".strip()
+
+
+def _goal(key: Key) -> str:
+    return " ".join(f"{metres:.3f}" for metres in key.pose.position)
+
+
+def _apexes(keys: list[Key], side: str) -> list[Point]:
+    """The ends of strokes: gesture, hand and the word it lands on."""
+    return [
+        (key.arrive_s, f"{key.gesture} {side} {key.word}".strip())
+        for key in keys
+        if key.phase == "stroke" and key.arrive_s > 0
+    ]
+
+
+def _between(clip: Clip, side: str, duration_s: float) -> list[Interval]:
+    """The foot is planted wherever it does not step."""
+    steps = clip.events.steps[side]
+    starts = [0.0, *(step.end_s for step in steps)]
+    ends = [*(step.start_s for step in steps), duration_s]
+    return [(start, end, "planted") for start, end in zip(starts, ends, strict=True)]
+
+
+def _clipped(row: Interval, from_s: float, duration_s: float) -> Interval | None:
+    """The part of an interval after ``from_s`` and within the clip, to a tenth of a millisecond."""
+    start_s, end_s = max(round(row[0], 4), from_s), min(round(row[1], 4), round(duration_s, 4))
+    return (start_s, end_s, row[2]) if end_s > start_s else None
+
+
+def _covering(rows: list[Interval], duration_s: float) -> list[Interval]:
+    """The intervals one after the other, with empty ones in the gaps, over the whole clip."""
+    filled: list[Interval] = []
+    end_s = 0.0
+    for row in rows:
+        clipped = _clipped(row, end_s, duration_s)
+        if clipped is not None:
+            if clipped[0] > end_s:
+                filled.append((end_s, clipped[0], ""))
+            filled.append(clipped)
+            end_s = clipped[1]
+    if end_s < round(duration_s, 4):
+        filled.append((end_s, round(duration_s, 4), ""))
+    return filled
+
+
+def interval_tier(name: str, intervals: list[Interval], duration_s: float) -> str:
+    """An interval tier that covers the whole clip: gaps are filled with empty intervals."""
+    rows = _covering(intervals, duration_s)
+    lines = [
+        '        class = "IntervalTier"',
+        f'        name = "{name}"',
+        "        xmin = 0",
+        f"        xmax = {duration_s:.4f}",
+        f"        intervals: size = {len(rows)}",
+    ]
+    for number, (start, end, label) in enumerate(rows, start=1):
+        lines += [
+            f"        intervals [{number}]:",
+            f"            xmin = {start:.4f}",
+            f"            xmax = {end:.4f}",
+            f'            text = "{label}"',
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _point_tier(name: str, rows: list[Point], duration_s: float) -> str:
+    lines = [
+        '        class = "TextTier"',
+        f'        name = "{name}"',
+        "        xmin = 0",
+        f"        xmax = {duration_s:.4f}",
+        f"        points: size = {len(rows)}",
+    ]
+    for number, (time, label) in enumerate(rows, start=1):
+        lines += [
+            f"        points [{number}]:",
+            f"            number = {time:.4f}",
+            f'            mark = "{label}"',
+        ]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,188 @@
+"""The whole corpus: which clips there are, and making the missing ones with several processes."""
+
+import errno
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from model.storage.files import WriteError
+from processes.job import Job, JobsError
+from processes.pool import JobPool
+from tools.corpus.clip import Clip, make_clip
+from tools.corpus.layout import SPLIT_TABLE, clip_paths, split_table, write_bytes, write_clip
+from tools.corpus.people.rig import open_body_rig
+from tools.corpus.people.speakers import SPEAKERS, Speaker
+from tools.corpus.people.voice import require_flite
+from tools.corpus.words.texts import Split
+
+FORMAT = 3  # raised whenever the same seed gives other bytes
+MANIFEST = "corpus.json"
+CLIP_S = 60.0
+MAX_HOURS = 1000.0
+
+
+class CorpusError(ValueError):
+    """A corpus that cannot be made, with the reason and the way out."""
+
+
+@dataclass(frozen=True)
+class ClipJob:
+    """One clip to make; picklable, and all a worker needs to know."""
+
+    root: Path
+    seed: int
+    index: int
+    clip_s: float
+    speaker_number: int
+    split: Split
+
+    @property
+    def speaker(self) -> Speaker:
+        return next(s for s in SPEAKERS if s.number == self.speaker_number)
+
+    @property
+    def clip_id(self) -> str:
+        return f"{self.speaker.number}_{self.speaker.name}_0_{self.index}_{self.index}"
+
+    def is_done(self) -> bool:
+        return clip_paths(self.root, self.clip_id).all_exist()
+
+
+def build_corpus(
+    root: Path,
+    hours: float,
+    seed: int,
+    workers: int,
+    on_clip: Callable[[int, int], None] | None = None,
+) -> int:
+    """Make all clips that are still missing under ``root`` and write the table of splits.
+
+    The same hours and seed give the same bytes whatever the number of workers. A folder of the
+    same seed is continued, also with more hours than before.
+
+    Args:
+        root: the corpus folder; made if missing.
+        hours: the length of the corpus; clips last about a minute each.
+        seed: starts all randomness.
+        workers: number of processes.
+        on_clip: called with (clips done, clips in all) at the start and after every clip.
+
+    Returns:
+        The number of clips in the corpus.
+
+    Raises:
+        CorpusError: for bad numbers, a folder of another corpus, or a full disk.
+        VoiceError: where flite is missing or fails.
+    """
+    if not 0 < hours <= MAX_HOURS:
+        raise CorpusError(f"--hours must be above 0 and at most {MAX_HOURS:g}; found {hours:g}.")
+    if seed < 0:
+        raise CorpusError(f"--seed must be 0 or more; found {seed}.")
+    if workers < 1:
+        raise CorpusError(f"--workers must be at least 1; found {workers}.")
+    require_flite()
+    jobs = plan_jobs(root, hours, seed)
+    try:
+        _claim_folder(root, seed, jobs[0].clip_s)
+        _make_clips(jobs, workers, on_clip)
+        rows = [(job.clip_id, job.split) for job in jobs]
+        write_bytes(root / SPLIT_TABLE, split_table(rows).encode())
+    except WriteError as error:
+        is_full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        need = " An hour takes about 230 MB; the same command continues." if is_full else ""
+        raise CorpusError(f"{error}{need}") from error
+    return len(jobs)
+
+
+def plan_jobs(root: Path, hours: float, seed: int) -> list[ClipJob]:
+    """The clips in order: speakers take turns, held-out ones every third round.
+
+    In each block of ten rounds a speaker has eight training clips, one validation and one test
+    clip; the held-out speakers have test clips only.
+    """
+    count = max(1, round(hours * 3600 / CLIP_S))
+    clip_s = min(CLIP_S, hours * 3600)
+    jobs: list[ClipJob] = []
+    turn = 0
+    while len(jobs) < count:
+        for place, speaker in enumerate(SPEAKERS):
+            if speaker.held_out and turn % 3 != 2:
+                continue
+            split = "test" if speaker.held_out else _split_for(turn, place)
+            if len(jobs) < count:
+                jobs.append(ClipJob(root, seed, len(jobs), clip_s, speaker.number, split))
+        turn += 1
+    return jobs
+
+
+def _split_for(turn: int, place: int) -> Split:
+    slot = (turn + 3 * place) % 10
+    return "val" if slot == 4 else "test" if slot == 9 else "train"
+
+
+def _claim_folder(root: Path, seed: int, clip_s: float) -> None:
+    """Refuse a folder that holds something else; otherwise mark it as this corpus."""
+    manifest = root / MANIFEST
+    wanted = {"format": FORMAT, "seed": seed, "clip_s": clip_s}
+    if manifest.is_file():
+        found = read_manifest(manifest)
+        if found["format"] != FORMAT:
+            raise CorpusError(
+                f"{root} holds a corpus of format {found['format']}, and this version makes"
+                f" format {FORMAT}; choose another folder."
+            )
+        if found != wanted:
+            raise CorpusError(
+                f"{root} holds another corpus ({_describe(found)}, asked for {_describe(wanted)});"
+                " choose another folder, or the same seed to continue that one."
+            )
+    elif root.is_dir() and any(root.iterdir()):
+        raise CorpusError(f"{root} is not empty and holds no corpus; choose another folder.")
+    else:
+        write_bytes(manifest, (json.dumps(wanted, indent=1) + "\n").encode())
+
+
+def read_manifest(path: Path) -> dict[str, int | float]:
+    """Format, seed and clip length of the corpus in a folder."""
+    try:
+        found = json.loads(path.read_text())
+        return {key: found[key] for key in ("format", "seed", "clip_s")}
+    except (ValueError, TypeError, KeyError) as error:
+        raise CorpusError(f"{path} is not readable; choose another folder.") from error
+
+
+def _describe(manifest: dict) -> str:
+    return ", ".join(f"{key} {value}" for key, value in manifest.items())
+
+
+def _make_clips(
+    jobs: list[ClipJob], workers: int, on_clip: Callable[[int, int], None] | None
+) -> None:
+    done = sum(job.is_done() for job in jobs)
+
+    def report(*names: str) -> None:
+        nonlocal done
+        done += len(names)
+        if on_clip is not None:
+            on_clip(done, len(jobs))
+
+    report()
+    pieces = [Job(job.clip_id, job.is_done, partial(make_job, job)) for job in jobs]
+    try:
+        JobPool(workers, uses_torch=False, is_patient=False).do_all(pieces, report)
+    except JobsError as error:
+        raise CorpusError(str(error)) from error
+
+
+def make_job(job: ClipJob) -> None:
+    """Make and write one clip."""
+    write_clip(job.root, job.clip_id, made_clip(job))
+
+
+def made_clip(job: ClipJob) -> Clip:
+    """The clip that a job asks for."""
+    seed = [job.seed, job.index]
+    length_s = job.clip_s * (0.87 + 0.26 * ((job.index * 0.618) % 1.0))
+    return make_clip(open_body_rig(), job.speaker, job.split, length_s, seed)

@@ -1,0 +1,144 @@
+"""Stick figures with hands: every gesture of the library, and a filmstrip of each speaker."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from conventions.joints import FINGERS, JOINT_INDEX, NUM_JOINTS, PARENTS
+from tools.corpus.body.arms import follow_plan, move_arms
+from tools.corpus.body.contact import hips_of
+from tools.corpus.body.trunk import PELVIS_TILT_DEG, SPINE
+from tools.corpus.gesture.gestures import GESTURES, REST, HandPose
+from tools.corpus.gesture.plan import Key, Plan
+from tools.corpus.people.rig import SIDES, Rig, euler_matrices, forward_kinematics
+from tools.corpus.people.speakers import SPEAKERS
+
+SIDE_COLOURS = {"left": "#0072B2", "right": "#D55E00"}
+BODY_COLOUR = "#555555"
+TURN_DEG = 20.0  # the figures are seen a little from their left
+HIDDEN = frozenset(JOINT_INDEX[name] for name in ("jaw", "left_eye", "right_eye"))
+
+
+def draw_gestures(rig: Rig, path: Path) -> None:
+    """One panel a gesture at the end of its stroke, and one a rest pose."""
+    poses = {name: (gesture.stroke, gesture.hands) for name, gesture in GESTURES.items()}
+    poses |= {f"rest: {name}": (pose, "two") for name, pose in REST.items()}
+    columns = 7
+    rows = -(-len(poses) // columns)
+    figure, axes = _panels(rows, columns, 1.55, 1.75)
+    for axis, (name, (pose, hands)) in zip(axes, poses.items(), strict=False):
+        _draw(axis, rig, *_posed(rig, pose, both=hands in ("two", "free")), upper_body=True)
+        axis.set_title(name.replace("_", " "), fontsize=7, pad=1)
+    _save(figure, path)
+
+
+def draw_filmstrips(
+    rig: Rig,
+    clips: dict[str, tuple[Float[np.ndarray, "T 55 3 3"], Float[np.ndarray, "T 55 3"]]],
+    path: Path,
+) -> None:
+    """A row of eight frames, half a second apart, from the middle of a clip of each speaker."""
+    columns = 8
+    figure, axes = _panels(len(clips), columns, 1.2, 1.9)
+    for row, (name, (global_rot, positions)) in enumerate(clips.items()):
+        first = len(positions) // 2
+        for column in range(columns):
+            frame = min(first + 15 * column, len(positions) - 1)
+            axis = axes[row * columns + column]
+            _draw(axis, rig, global_rot[frame], positions[frame], upper_body=False)
+            if column == 0:
+                axis.set_title(name, fontsize=8, pad=1, loc="left")
+    _save(figure, path)
+
+
+def _posed(
+    rig: Rig, pose: HandPose, both: bool
+) -> tuple[Float[np.ndarray, "55 3 3"], Float[np.ndarray, "55 3"]]:
+    """A standing body with one or both hands held in a pose."""
+    other = pose if both else REST["hang"]
+    keys = {
+        "right": [Key(-1.0, 0.5, pose, "stroke", "")],
+        "left": [Key(-1.0, 0.5, other, "stroke", "")],
+    }
+    rng, num_frames = np.random.default_rng(0), 31
+    speaking = np.zeros(num_frames)
+    posture = ((0, PELVIS_TILT_DEG), *((joint, bend) for joint, _, bend in SPINE))
+    trunk = {
+        joint: euler_matrices("X", np.full((num_frames, 1), pitch)) for joint, pitch in posture
+    }
+    curves = follow_plan(rig, Plan(keys), speaking, SPEAKERS[0], rng)
+    arms = move_arms(rig, Plan(keys), curves, hips_of(rig, trunk), speaking, SPEAKERS[0], rng)
+    local_rot = np.tile(np.eye(3), (1, NUM_JOINTS, 1, 1))
+    for joint, rotmat in (trunk | arms).items():
+        local_rot[0, joint] = rotmat[num_frames // 2]
+    global_rot, positions = forward_kinematics(rig, local_rot, np.zeros((1, 3)))
+    return global_rot[0], positions[0]
+
+
+def _draw(
+    axis: Any,
+    rig: Rig,
+    global_rot: Float[np.ndarray, "55 3 3"],
+    positions: Float[np.ndarray, "55 3"],
+    upper_body: bool,
+) -> None:
+    """Bones as lines, the head as a circle, the hands in a colour of their side."""
+    turn = np.radians(TURN_DEG)
+    view = np.array([[np.cos(turn), 0.0, -np.sin(turn)], [0.0, 1.0, 0.0]])
+    centred = positions - positions[0] * [1.0, 0.0, 1.0]
+    flat = centred @ view.T
+    legs = {JOINT_INDEX[f"{side}_{part}"] for side in SIDES for part in ("knee", "ankle", "foot")}
+    for joint in range(1, NUM_JOINTS):
+        if joint in HIDDEN or (upper_body and joint in legs):
+            continue
+        side = next((s for s in SIDES if joint in _arm_joints(s)), None)
+        colour = BODY_COLOUR if side is None else SIDE_COLOURS[side]
+        width = 0.8 if joint >= JOINT_INDEX["left_index1"] else 2.0
+        axis.plot(*flat[[PARENTS[joint], joint]].T, color=colour, lw=width, solid_capstyle="round")
+    for offset, joint in zip(rig.tip_offsets, rig.tip_joints, strict=True):
+        tip = (centred[joint] + global_rot[joint] @ offset) @ view.T
+        side = "left" if joint < JOINT_INDEX["right_index1"] else "right"
+        axis.plot(*np.stack([flat[joint], tip]).T, color=SIDE_COLOURS[side], lw=0.8)
+    head = centred[JOINT_INDEX["head"]] + global_rot[JOINT_INDEX["head"]] @ np.array(
+        [0.0, 0.07, 0.02]
+    )
+    nose = centred[JOINT_INDEX["head"]] + global_rot[JOINT_INDEX["head"]] @ np.array(
+        [0.0, 0.05, 0.13]
+    )
+    axis.plot(*np.stack([head @ view.T, nose @ view.T]).T, color=BODY_COLOUR, lw=1.0)
+    from matplotlib.patches import Circle
+
+    axis.add_patch(Circle(tuple(head @ view.T), 0.1, fill=False, color=BODY_COLOUR, lw=1.2))
+    pelvis = flat[0, 1]
+    low, high = (pelvis - 0.25, pelvis + 0.8) if upper_body else (pelvis - 1.0, pelvis + 0.85)
+    axis.set_xlim(-0.5, 0.5)
+    axis.set_ylim(low, high)
+
+
+def _arm_joints(side: str) -> set[int]:
+    parts = (
+        "shoulder",
+        "elbow",
+        "wrist",
+        *(f"{finger}{k}" for finger in FINGERS for k in (1, 2, 3)),
+    )
+    return {JOINT_INDEX[f"{side}_{part}"] for part in parts}
+
+
+def _panels(rows: int, columns: int, width_in: float, height_in: float) -> tuple[Any, list[Any]]:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(columns * width_in, rows * height_in))
+    axes = figure.subplots(rows, columns, squeeze=False)
+    for axis in axes.flat:
+        axis.set_aspect("equal")
+        axis.axis("off")
+    figure.subplots_adjust(0, 0, 1, 0.985, 0.02, 0.06)
+    return figure, list(axes.flat)
+
+
+def _save(figure: Any, path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=80, metadata={"Software": None})

@@ -1,0 +1,185 @@
+"""What the report keeps of each clip, so that only one clip is held whole at a time."""
+
+import csv
+import logging
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from tqdm import tqdm
+
+from conventions.rates import FPS
+from model.motion.motion import MotionError
+from model.speech.audio import SpeechError
+from tools.corpus.layout import MOTION, SOUND, SPLIT_TABLE, ClipPaths, clip_paths
+from tools.corpus.people.rig import Rig
+from tools.corpus.report.inside import hand_inside_share
+from tools.corpus.report.judging import hand_speed, sound_features
+from tools.corpus.report.realism import Figures, head_windows, realism_windows
+from tools.corpus.report.statistics import (
+    PosedClip,
+    clip_statistics,
+    read_posed_clip,
+    window_features,
+)
+
+log = logging.getLogger(__name__)
+
+MIN_FRAMES = 6 * FPS  # four windows of `realism`
+EDGE = slice(30, -30)  # a second at both ends is left out of correlations
+STRIP_FRAMES = 8 * FPS  # kept for pictures, from the middle
+PHRASE_PAUSE_S, PHRASE_WORDS = 0.2, 5
+
+
+class ReportError(ValueError):
+    """A report that cannot be made."""
+
+
+@dataclass(frozen=True)
+class ClipFile:
+    """A clip of a data folder."""
+
+    clip_id: str
+    paths: ClipPaths
+
+    @property
+    def speaker(self) -> str:
+        return self.clip_id.split("_")[1]
+
+
+@dataclass(frozen=True)
+class MeasuredClip:
+    """All figures of a clip."""
+
+    clip_id: str
+    speaker: str
+    statistics: dict[str, float]
+    speaker_windows: Float[np.ndarray, "W F"]
+    realism: Figures
+    """Of the body, while it speaks."""
+    head_realism: Figures
+    """Of head and jaw, while they speak."""
+    duration_s: float
+    listening_s: float
+    hand_speed: Float[np.ndarray, " T"]
+    sound: Float[np.ndarray, "T B"]
+    phrases: tuple[str, ...]
+    """Runs of at least five words between pauses; empty without an annotation."""
+    strip: tuple[Float[np.ndarray, "S 55 3 3"], Float[np.ndarray, "S 55 3"]]
+    """World rotations and positions of the middle of the clip."""
+
+
+def list_clips(root: Path) -> list[ClipFile]:
+    """The clips in the table of splits that have motion and sound.
+
+    Raises:
+        ReportError: if there are none.
+    """
+    table = root / SPLIT_TABLE
+    ids: list[str] = []
+    if table.is_file():
+        with table.open(newline="") as file:
+            ids = [row.get("id") or "" for row in csv.DictReader(file)]
+    # An id that holds anything but letters, digits and _ could lead out of the folder.
+    clips = [ClipFile(i, clip_paths(root, i)) for i in ids if re.fullmatch(r"\d+_\w+", i)]
+    there = [c for c in clips if c.paths.motion.is_file() and c.paths.sound.is_file()]
+    if not there:
+        raise ReportError(
+            f"{root} holds no clips in BEAT2's layout ({MOTION}, {SOUND}, {SPLIT_TABLE})."
+        )
+    if len(there) < len(ids):
+        log.warning(
+            "%d of the %d clips in %s have no files.", len(ids) - len(there), len(ids), table
+        )
+    return there
+
+
+def measure_clips(clips: list[ClipFile], rig: Rig, title: str) -> list[MeasuredClip]:
+    """Measure all clips that can be used; the others are named in the log.
+
+    Raises:
+        ReportError: if none can be used.
+    """
+    measured = []
+    for clip in tqdm(clips, unit="clip", desc=title):
+        try:
+            measured.append(measure_clip(clip, rig))
+        except (MotionError, SpeechError, ReportError) as error:
+            log.warning("Skipped %s: %s", clip.clip_id, error)
+    if not measured:
+        raise ReportError(f"None of the {len(clips)} clips could be used; see the reasons above.")
+    return measured
+
+
+def measure_clip(clip: ClipFile, rig: Rig) -> MeasuredClip:
+    """All figures of one clip.
+
+    Raises:
+        MotionError, SpeechError, ReportError: if its files cannot be used.
+    """
+    posed = read_posed_clip(clip.paths.motion, rig)
+    num_frames = len(posed.positions)
+    if num_frames < MIN_FRAMES:
+        raise ReportError(f"it has {num_frames} frames; at least {MIN_FRAMES} are needed.")
+    inside = 100 * hand_inside_share(posed, rig)
+    annotated = clip.paths.textgrid.is_file()
+    silences = read_listening(clip.paths.textgrid) if annotated else ()
+    return MeasuredClip(
+        clip_id=clip.clip_id,
+        speaker=clip.speaker,
+        statistics=clip_statistics(posed) | {"hand inside trunk or thigh, % of frames": inside},
+        speaker_windows=window_features(posed),
+        realism=realism_windows(posed, silences),
+        head_realism=head_windows(posed, silences),
+        duration_s=num_frames / FPS,
+        listening_s=sum((end - start for start, end in silences), 0.0),
+        hand_speed=hand_speed(posed)[EDGE],
+        sound=sound_features(clip.paths.sound, num_frames)[EDGE].astype(np.float32),
+        phrases=read_phrases(clip.paths.textgrid) if annotated else (),
+        strip=_middle(posed),
+    )
+
+
+def read_phrases(path: Path) -> tuple[str, ...]:
+    """Runs of at least five words between pauses of a fifth of a second, from a TextGrid.
+
+    Raises:
+        ReportError: if the file cannot be read.
+    """
+    intervals = _tier(path, "words")
+    runs: list[list[str]] = [[]]
+    for start_s, end_s, word in intervals:
+        if word:
+            runs[-1].append(word)
+        elif end_s - start_s >= PHRASE_PAUSE_S:
+            runs.append([])
+    return tuple(" ".join(run) for run in runs if len(run) >= PHRASE_WORDS)
+
+
+def read_listening(path: Path) -> tuple[tuple[float, float], ...]:
+    """Seconds from and to which the speaker listens, from a TextGrid; none without such a tier.
+
+    Raises:
+        ReportError: if the file cannot be read.
+    """
+    return tuple((start, end) for start, end, label in _tier(path, "listening") if label)
+
+
+def _tier(path: Path, name: str) -> list[tuple[float, float, str]]:
+    try:
+        text = path.read_text()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ReportError(f"{path.name} cannot be read.") from error
+    rows = text.partition(f'name = "{name}"')[2].partition("item [")[0]
+    interval = r'xmin = ([\d.]+)\s+xmax = ([\d.]+)\s+text = "([^"]*)"'
+    return [(float(a), float(b), label) for a, b, label in re.findall(interval, rows)]
+
+
+def _middle(
+    clip: PosedClip,
+) -> tuple[Float[np.ndarray, "S 55 3 3"], Float[np.ndarray, "S 55 3"]]:
+    start = max(0, (len(clip.positions) - STRIP_FRAMES) // 2)
+    part = slice(start, start + STRIP_FRAMES)
+    return clip.global_rot[part].copy(), clip.positions[part].copy()

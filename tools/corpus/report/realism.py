@@ -1,0 +1,297 @@
+"""Can a window of the corpus be told from a window of real motion?
+
+Figures of windows of two seconds are compared one by one and all together, by a logistic
+regression judged on clips that it has not seen. How well two real clips of one person can be told
+apart by the same figures is the floor: a corpus cannot hide better than real motion does.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import uniform_filter1d
+from scipy.optimize import minimize
+from scipy.special import expit
+
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
+from tools.corpus.people.rig import axis_angles
+from tools.corpus.report.judging import area_under_curve
+from tools.corpus.report.statistics import (
+    LEFT_WRIST,
+    RIGHT_WRIST,
+    PosedClip,
+    derivative,
+    in_chest,
+    turning_deg_s,
+)
+
+WINDOW, HOP = 60, 30  # frames
+PENALTY = 0.01  # on the squared weights, beside the mean loss
+TREMOR_HZ = 5.0
+SHUT_DEG = 1.5  # of a jaw
+FINGERS = range(JOINT_INDEX["left_index1"], JOINT_INDEX["right_thumb3"] + 1)
+
+Windows = Float[np.ndarray, "_ F"]
+Figures = dict[str, Float[np.ndarray, " _"]]
+"""One number of each window, by the figure's name, which holds the unit."""
+
+
+@dataclass(frozen=True)
+class Realism:
+    """How well real windows and windows of the corpus are told apart; 0.5 is chance."""
+
+    joint: float
+    """Area under the curve of all figures together: mean over real clips left out of training."""
+    floor: float
+    """The same between two real clips, trained on three quarters of each and tested on the rest."""
+    by_speaker: dict[str, float]
+    """The joint area of each speaker's windows alone."""
+    features: tuple["FeatureGap", ...]
+    """The figures, most telling first."""
+
+
+@dataclass(frozen=True)
+class FeatureGap:
+    """One figure: its medians, and the area under the curve by it alone (0.5 to 1)."""
+
+    name: str
+    real: tuple[float, ...]
+    """Median of each real clip."""
+    corpus: float
+    auc: float
+    real_auc: float
+    """Of the first real clip against the second."""
+    share: float
+    """Part of the regression's mean distance between real and corpus that is due to it; negative
+    where the figure works against the others."""
+
+
+Silences = Sequence[tuple[float, float]]
+"""Seconds from and to which the person listens."""
+
+
+def realism_windows(clip: PosedClip, silences: Silences = ()) -> Figures:
+    """Figures of the body in every window of 2 s in which nobody listens; one starts each second.
+
+    Fewer than 65 frames give none.
+    """
+    paths = {
+        "fingertip": clip.right_tip,
+        "head": axis_angles(clip.global_rot[:, JOINT_INDEX["head"]]),
+        "chest": clip.positions[:, JOINT_INDEX["spine3"]],
+    }
+    return _figures(_series(clip), paths, silences)
+
+
+def head_windows(clip: PosedClip, silences: Silences = ()) -> Figures:
+    """Figures of head and jaw in the same windows.
+
+    Brows, lids and lips are left out: recordings have them in another basis of face units. So is
+    the jaw's sideways turning, which the corpus has none of.
+    """
+    neck, head, jaw = (clip.local_rot[:, JOINT_INDEX[name]] for name in ("neck", "head", "jaw"))
+    in_chest_deg = np.degrees(axis_angles(neck @ head))
+    opening = np.degrees(axis_angles(jaw))[:, 0]
+    series = {
+        "head against chest, deg/s": turning_deg_s((neck @ head)[:, None])[:, 0],
+        "head against chest, jerk, deg/s^3": derivative(in_chest_deg, 3),
+        "jaw opening or closing, deg/s": derivative(opening[:, None], 1),
+        "jaw opening, deg": opening,
+        "jaw shut, share": (opening < SHUT_DEG).astype(float),
+    }
+    for name, turn in zip(("nod", "shake", "tilt"), in_chest_deg.T, strict=True):
+        series[f"{name}, from its mean of 2 s, deg"] = np.abs(turn - uniform_filter1d(turn, WINDOW))
+    paths = {"head against chest": in_chest_deg, "jaw": opening[:, None]}
+    return _figures(series, paths, silences)
+
+
+def _figures(
+    series: dict[str, Float[np.ndarray, " _"]],
+    paths: dict[str, Float[np.ndarray, "_ D"]],
+    silences: Silences,
+) -> Figures:
+    """Means of series, and shares and centroids of the spectra of paths, window by window."""
+    num_frames = min(len(path) for path in paths.values())
+    starts = [
+        start
+        for start in range(0, num_frames - WINDOW - 4, HOP)
+        if not any(a * FPS < start + WINDOW and b * FPS > start for a, b in silences)
+    ]
+    figures = {
+        name: np.array([values[start : start + WINDOW].mean() for start in starts])
+        for name, values in series.items()
+    }
+    for name, path in paths.items():
+        spectra = [_tremor(path[start : start + WINDOW + 1]) for start in starts]
+        share, centroid = np.array(spectra).reshape(-1, 2).T
+        figures[f"{name} log power share above 5 Hz"] = share
+        figures[f"{name} spectral centroid, Hz"] = centroid
+    return figures
+
+
+def _series(clip: PosedClip) -> dict[str, Float[np.ndarray, " _"]]:
+    """What is averaged over a window, frame by frame."""
+    left, right = in_chest(clip, LEFT_WRIST), in_chest(clip, RIGHT_WRIST)
+
+    def both(name: str) -> list[int]:
+        return [JOINT_INDEX[f"left_{name}"], JOINT_INDEX[f"right_{name}"]]
+
+    def turning(joints: list[int]) -> Float[np.ndarray, " _"]:
+        return turning_deg_s(clip.local_rot[:, joints]).mean(1)
+
+    def moving(name: str, order: int) -> Float[np.ndarray, " _"]:
+        return np.mean([derivative(clip.positions[:, j], order) for j in both(name)], axis=0)
+
+    finger_angles = np.linalg.norm(axis_angles(clip.local_rot[:, FINGERS]), axis=-1)
+    return {
+        "wrist speed, m/s": moving("wrist", 1),
+        "wrist jerk, m/s^3": moving("wrist", 3),
+        "fingertip jerk, m/s^3": derivative(clip.right_tip, 3),
+        "shoulder turning, deg/s": turning(both("shoulder")),
+        "elbow turning, deg/s": turning(both("elbow")),
+        "wrist turning, deg/s": turning(both("wrist")),
+        "finger turning, deg/s": turning(list(FINGERS)),
+        "head turning, deg/s": turning_deg_s(clip.global_rot[:, [JOINT_INDEX["head"]]])[:, 0],
+        "chest turning, deg/s": turning_deg_s(clip.global_rot[:, [JOINT_INDEX["spine3"]]])[:, 0],
+        "pelvis speed, m/s": derivative(clip.positions[:, 0], 1),
+        "ankle speed, m/s": moving("ankle", 1),
+        "knee turning, deg/s": turning(both("knee")),
+        "collar turning, deg/s": turning(both("collar")),
+        "wrist height over chest, m": (left[:, 1] + right[:, 1]) / 2,
+        "wrist distance to the side, m": (left[:, 0] - right[:, 0]) / 2,
+        "wrist distance to the front, m": (left[:, 2] + right[:, 2]) / 2,
+        "height between the wrists, m": np.abs(left[:, 1] - right[:, 1]),
+        "finger angle from flat, deg": np.degrees(finger_angles).mean(1),
+    }
+
+
+def _tremor(path: Float[np.ndarray, "S D"]) -> tuple[float, float]:
+    """Log share of the velocity's power above 5 Hz, and its mean frequency in Hz."""
+    velocity = np.diff(path, axis=0)
+    velocity = (velocity - velocity.mean(0)) * np.hanning(len(velocity))[:, None]
+    power = (np.abs(np.fft.rfft(velocity, axis=0)) ** 2).sum(1) + 1e-20  # a still path has none
+    frequency = np.fft.rfftfreq(len(velocity), 1 / FPS)
+    share = power[frequency > TREMOR_HZ].sum() / power.sum()
+    return float(np.log(share)), float((frequency * power).sum() / power.sum())
+
+
+def logistic_regression(a: Windows, b: Windows) -> Float[np.ndarray, " F"]:
+    """Weights whose scores are high for ``b``; both sides count alike whatever their size.
+
+    Minimises the mean log loss of either side, averaged, plus ``PENALTY / 2`` times the squared
+    weights.
+    """
+    x = np.concatenate([a, b])
+    sign = np.repeat([-1.0, 1.0], [len(a), len(b)])
+    importance = 0.5 / np.repeat([len(a), len(b)], [len(a), len(b)])
+
+    def loss(parameters: Float[np.ndarray, " P"]) -> tuple[float, Float[np.ndarray, " P"]]:
+        weights, offset = parameters[:-1], parameters[-1]
+        margin = sign * (x @ weights + offset)
+        slope = -importance * sign * expit(-margin)
+        value = importance @ np.logaddexp(0, -margin) + PENALTY / 2 * weights @ weights
+        return value, np.append(x.T @ slope + PENALTY * weights, slope.sum())
+
+    return minimize(loss, np.zeros(x.shape[1] + 1), jac=True, method="L-BFGS-B", tol=1e-10).x[:-1]
+
+
+@dataclass(frozen=True)
+class Judge:
+    """A trained regression: standardises, weighs, sums."""
+
+    mean: Float[np.ndarray, " F"]
+    scale: Float[np.ndarray, " F"]
+    weights: Float[np.ndarray, " F"]
+
+    @classmethod
+    def train(cls, a: Windows, b: Windows) -> "Judge":
+        """High for windows like ``b``, low for windows like ``a``."""
+        both = np.concatenate([a, b])
+        mean, scale = both.mean(0), both.std(0) + 1e-9
+        return cls(mean, scale, logistic_regression((a - mean) / scale, (b - mean) / scale))
+
+    def area_under_curve(self, a: Windows, b: Windows) -> float:
+        return area_under_curve(self.contributions(a).sum(1), self.contributions(b).sum(1))
+
+    def contributions(self, windows: Windows) -> Windows:
+        """What each figure adds to each window's score."""
+        return (windows - self.mean) / self.scale * self.weights
+
+
+def judge_realism(real: list[Figures], corpus: dict[str, list[Figures]]) -> Realism:
+    """Compare the clips of the corpus's speakers with the first two real clips.
+
+    Trained on one real clip and every other clip of the corpus and tested on the rest, both ways.
+
+    Raises:
+        ValueError: if there are fewer than two real clips or two clips of the corpus.
+    """
+    owners = [name for name, clips in corpus.items() for _ in clips]
+    if len(real) < 2 or len(owners) < 2:
+        raise ValueError(
+            f"Two real clips and two of the corpus are needed; there are {len(real)} and"
+            f" {len(owners)}."
+        )
+    first, second = (_table(figures) for figures in real[:2])
+    tables = [_table(figures) for clips in corpus.values() for figures in clips]
+    halves = np.concatenate(tables[0::2]), np.concatenate(tables[1::2])
+    judges = Judge.train(first, halves[0]), Judge.train(second, halves[1])
+    # Each judge is tested on the real clip and the half that it has not seen.
+    tests = (judges[0], second, 1), (judges[1], first, 0)
+    joint = [judge.area_under_curve(windows, halves[half]) for judge, windows, half in tests]
+    areas: dict[str, list[float]] = {name: [] for name in corpus}
+    for judge, windows, half in tests:
+        for owner, table in zip(owners[half::2], tables[half::2], strict=True):
+            areas[owner].append(judge.area_under_curve(windows, table))
+    both, every = np.concatenate([first, second]), np.concatenate(halves)
+    gaps = [judge.contributions(every).mean(0) - judge.contributions(both).mean(0)
+            for judge in judges]  # fmt: skip
+    share = np.mean([gap / max(gap.sum(), 1e-9) for gap in gaps], axis=0)
+    features = [
+        FeatureGap(
+            name=name,
+            real=(float(np.median(first[:, k])), float(np.median(second[:, k]))),
+            corpus=float(np.median(every[:, k])),
+            auc=_either_way(both[:, k], every[:, k]),
+            real_auc=_either_way(first[:, k], second[:, k]),
+            share=float(share[k]),
+        )
+        for k, name in enumerate(real[0])
+    ]
+    features.sort(key=lambda feature: -feature.auc)
+    return Realism(
+        joint=float(np.mean(joint)),
+        floor=_floor(first, second),
+        by_speaker={name: float(np.mean(values)) for name, values in areas.items()},
+        features=tuple(features),
+    )
+
+
+def _table(figures: Figures) -> Windows:
+    return np.column_stack(list(figures.values()))
+
+
+def _floor(first: Windows, second: Windows) -> float:
+    """Real against real, quarter by quarter in time."""
+    areas = []
+    for quarter in range(4):
+        (first_rest, first_part), (second_rest, second_part) = (
+            _without_quarter(windows, quarter) for windows in (first, second)
+        )
+        judge = Judge.train(first_rest, second_rest)
+        areas.append(judge.area_under_curve(first_part, second_part))
+    return float(np.mean(areas))
+
+
+def _without_quarter(windows: Windows, quarter: int) -> tuple[Windows, Windows]:
+    """The windows that share no frame with one quarter of a clip, and that quarter's."""
+    start, stop = (len(windows) * q // 4 for q in (quarter, quarter + 1))
+    rest = np.concatenate([windows[: max(start - 1, 0)], windows[stop + 1 :]])
+    return rest, windows[start:stop]
+
+
+def _either_way(a: Float[np.ndarray, " A"], b: Float[np.ndarray, " B"]) -> float:
+    area = area_under_curve(a, b)
+    return max(area, 1 - area)
