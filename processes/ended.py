@@ -107,7 +107,10 @@ def last_lines(log: str) -> tuple[str, ...]:
     crash = crashes[-1]
     threads = [number for number, line in enumerate(lines) if line.startswith(_THREAD)]
     frames = lines[(threads[-1] if threads and threads[-1] > crash else crash) + 1 :]
-    return tuple((lines[: crash + 1][-3:] + frames)[:NUM_LINES])
+    before = lines[: crash + 1][-3:]
+    # Where several speak at once, the frames of another may stand between that and the crash.
+    why = [line for line in lines[:crash] if _SAYS_MEMORY.search(line) and line not in before][-1:]
+    return tuple((why + before + frames)[:NUM_LINES])
 
 
 def memory_kills() -> int:

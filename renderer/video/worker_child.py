@@ -28,7 +28,7 @@ def main() -> int:
                 job, lambda share: channel.send(("progress", share)), parent_hung_up.is_set
             )
             channel.send(("done", RenderResult(job.out, stills)))
-        except BrokenPipeError:  # the parent is gone
+        except ConnectionError:  # the parent is gone
             return 1
         except tuple(KNOWN_ERRORS.values()) as error:
             name = type(error).__name__
