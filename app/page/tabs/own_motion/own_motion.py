@@ -109,7 +109,7 @@ def _build_form(check: UploadCheck) -> FormParts:
     planted = gr.Button(PLANTED_LABEL, elem_id="own-planted", size="sm")
     motions = check.file(
         "motions",
-        "Motions to compare (.npz, .npy, .bvh), or zips of them",
+        "Motions (.npz, .npy, .bvh), or zips of them",
         [".npz", ".npy", ".bvh", ".zip"],
         "own-motions",
         height=170,

@@ -6,7 +6,8 @@
  * it is far off. Before it plays, and after it pauses, all stand on the same frame.
  */
 
-export const FPS = 30;
+import { FPS } from "../rates.js";
+
 const FRAME_S = 1 / FPS;
 const JUMP_S = 0.25; // further off than this, a video is not led back but put right
 const CALM_MS = 1000; // between two jumps of one video: a slow machine must get to show something

@@ -3,7 +3,7 @@
 import { clockText, make, nameOf } from "../dom.js";
 import { currentFilter, followFilter, wireSwitch } from "../filter_switch.js";
 import { goTo } from "./findings.js";
-import { FPS } from "./lockstep.js";
+import { FPS } from "../rates.js";
 import { accentsOf, beginOf } from "./plan.js";
 import { legend, Tiers } from "./tiers.js";
 

@@ -1,6 +1,7 @@
 /** Filters over time, as model/motion has them: numbers in, numbers out. `(T, C)` is row by row. */
 
-const FPS = 30;
+import { FPS } from "../rates.js";
+
 const PADDING = 15; // frames
 const SAVGOL_FRAMES = 7;
 

@@ -9,6 +9,7 @@ import { isSoftware } from "../body/gl.js";
 import { ORBIT_HELP, Orbit } from "../body/orbit.js";
 import { icon, make, nameOf } from "../dom.js";
 import { currentFilter, followFilter } from "../filter_switch.js";
+import { FPS } from "../rates.js";
 import { Arrival } from "./arrival.js";
 import { Shown } from "./displays.js";
 import { Difference } from "./difference.js";
@@ -25,7 +26,6 @@ import { Painter } from "./painter.js";
 import { Pace } from "./pace.js";
 import { trailCorners } from "./trail.js";
 
-const FPS = 30;
 const FLICKER_MS = 500; // one change in half a second: far below what can do harm to anyone
 const BUILDS_LATER_MS = 4000; // after the first body: nothing waits for them
 const CAPTION_PX = 8; // between the words and where bodies end
