@@ -7,7 +7,6 @@ import ctypes
 import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
@@ -117,23 +116,17 @@ def _run(
         notes = inputs.body.notes(body_motion(row.shown))
         reporter.note(*(f"{row.name}: {note}" for note in notes))
     diagnostics = _measure(rows, inputs, onsets_s, tip, reporter)
-    snapshots, beside, sheet = Snapshots(), nullcontext(), None
+    snapshots, beside = Snapshots(), nullcontext()
     if request.has_video:
         snapshots = draw_all(request, inputs, rows, tip, folder, reporter)
         names = [row.name for row in rows_that_fit(rows, reporter)]
         beside = joined_side_by_side(names, inputs.wav, folder, reporter)
     elif request.has_poses and request.has_figures:
-        for ending in ("png", "svg", "pdf"):
-            folder.path(f"figure6.{ending}")  # listed before the sheet, though drawn after it
-        with ThreadPoolExecutor(1, "poses") as thread:
-            poses = thread.submit(_draw_poses, request, rows, reporter)
-            sheet = _draw_jitter(request, rows, tip, diagnostics, folder, reporter)
-            snapshots = poses.result()
+        snapshots = _draw_poses(request, rows, reporter)
     with beside:
         if request.has_figures:
             _draw_figure6(request, rows, snapshots, tip, folder, reporter)
-            sheet = sheet or _draw_jitter(request, rows, tip, diagnostics, folder, reporter)
-            for path in sheet:
+            for path in _draw_jitter(request, rows, tip, diagnostics, folder, reporter):
                 reporter.file("figure", "jitter", path)
             reporter.progress("figure", 1.0)
     said, notes = words.found(reporter.stop_if_asked)
@@ -377,7 +370,7 @@ def _draw_jitter(
     folder: ResultFolder,
     reporter: Reporter,
 ) -> list[Path]:
-    """The jitter sheet; a core is free for it while other processes draw poses."""
+    """The jitter sheet."""
     reporter.stop_if_asked()
     shown = [row.name for row in rows_that_fit(rows, reporter)]
     systems = [name for name in shown if name != REFERENCE_NAME]
