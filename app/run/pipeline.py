@@ -41,8 +41,6 @@ from app.run.words import SpokenWords
 from conventions.names import REFERENCE_NAME, SampleName, file_stem, printable
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     import numpy as np
 
     from model.diagnostics.diagnostics import Diagnostics
@@ -125,10 +123,7 @@ def _run(
         snapshots = _draw_poses(request, rows, reporter)
     with beside:
         if request.has_figures:
-            _draw_figure6(request, rows, snapshots, tip, folder, reporter)
-            for path in _draw_jitter(request, rows, tip, diagnostics, folder, reporter):
-                reporter.file("figure", "jitter", path)
-            reporter.progress("figure", 1.0)
+            _draw_figures(request, rows, snapshots, tip, diagnostics, folder, reporter)
     said, notes = words.found(reporter.stop_if_asked)
     reporter.note(*notes)
     for path in write_diagnostics(diagnostics, folder, said):
@@ -334,19 +329,21 @@ def _draw_poses(request: GenerateRequest, rows: Sequence[Row], reporter: Reporte
     return draw_poses(placed, request.body, frames, on_share)
 
 
-def _draw_figure6(
+def _draw_figures(
     request: GenerateRequest,
     rows: Sequence[Row],
     snapshots: Snapshots,
     tip: TipSource,
+    diagnostics: Diagnostics,
     folder: ResultFolder,
     reporter: Reporter,
 ) -> None:
-    """Of trajectories only where no pose was drawn."""
+    """Figure 6, of trajectories only where no pose was drawn, and the jitter sheet."""
     begun = _POSES if snapshots.pictures and not request.has_video else 0.0
     reporter.progress("figure", begun)
     reporter.stop_if_asked()
     shown = {row.name: row.shown for row in rows_that_fit(rows, reporter)}
+    clip = printable(request.speech.stem)
     for path in draw_figure6(
         shown,
         snapshots,
@@ -355,26 +352,16 @@ def _draw_figure6(
         request.start_frame,
         is_generated=True,
         post_filter=request.post_filter,
-        clip=printable(request.speech.stem),
+        clip=clip,
         on_piece=reporter.stop_if_asked,
     ):
         reporter.file("figure", "figure6", path)
     reporter.progress("figure", (begun + 1) / 2)
-
-
-def _draw_jitter(
-    request: GenerateRequest,
-    rows: Sequence[Row],
-    tip: TipSource,
-    diagnostics: Diagnostics,
-    folder: ResultFolder,
-    reporter: Reporter,
-) -> list[Path]:
-    """The jitter sheet."""
     reporter.stop_if_asked()
-    shown = [row.name for row in rows_that_fit(rows, reporter)]
     systems = [name for name in shown if name != REFERENCE_NAME]
-    return draw_jitter(diagnostics, tip, folder, systems, printable(request.speech.stem))
+    for path in draw_jitter(diagnostics, tip, folder, systems, clip):
+        reporter.file("figure", "jitter", path)
+    reporter.progress("figure", 1.0)
 
 
 def _write_provenance(

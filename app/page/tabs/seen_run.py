@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gradio as gr
 
@@ -30,9 +30,6 @@ from app.run.videos.seen import BODY, MAX_BODIES, Seen, SeenPanel
 from app.run.videos.seen_video import SeenBody, SeenRequest, SeenVideo
 from conventions.names import printable
 from renderer.scene.orbit import Orbit
-
-if TYPE_CHECKING:
-    pass
 
 MAX_ASKED = 60_000
 """Characters."""

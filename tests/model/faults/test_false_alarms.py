@@ -23,6 +23,7 @@ from model.speech.audio import load_speech
 from tests.helpers import beat2_folder
 from tests.model.faults.planted import loudness
 from tests.tools.corpus.conftest import flite
+from tests.tools.corpus.made_motion import motion_of
 from tools.corpus.clip import make_clip
 from tools.corpus.people.rig import open_body_rig
 from tools.corpus.people.speakers import SPEAKERS
@@ -67,13 +68,7 @@ def told_of(motion: Motion, loud: np.ndarray) -> list[str]:
 def test_nothing_is_found_in_five_minutes_of_a_procedural_speaker(number: int, flite: None):
     speaker = SPEAKERS[number % len(SPEAKERS)]
     clip = make_clip(open_body_rig(), speaker, "train", 300.0, [17, number])
-    motion = Motion(
-        poses=np.asarray(clip.poses, np.float32).reshape(-1, 165),
-        trans=np.asarray(clip.trans, np.float32),
-        expressions=np.asarray(clip.expressions, np.float32),
-        expression_basis="arkit52",
-        betas=np.zeros(300, np.float32),
-    )
+    motion = motion_of(clip)
     assert told_of(motion, loudness(clip.utterance.waveform)) == []
 
 

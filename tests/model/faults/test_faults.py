@@ -17,6 +17,7 @@ from model.speech.audio import load_speech
 from tests.helpers import beat2_folder, foreign_folder
 from tests.model.faults.planted import PLANTED, Planted, loudness
 from tests.tools.corpus.conftest import flite
+from tests.tools.corpus.made_motion import motion_of
 from tools.corpus.clip import make_clip
 from tools.corpus.people.rig import open_body_rig
 from tools.corpus.people.speakers import SPEAKERS
@@ -36,13 +37,7 @@ class Person:
 def procedural(flite: None) -> Person:
     speaker = next(s for s in SPEAKERS if s.name == "ewan")
     clip = make_clip(open_body_rig(), speaker, "train", 33.0, [10, speaker.number])
-    motion = Motion(
-        poses=np.asarray(clip.poses, np.float32).reshape(-1, 165),
-        trans=np.asarray(clip.trans, np.float32),
-        expressions=np.asarray(clip.expressions, np.float32),
-        expression_basis="arkit52",
-        betas=np.zeros(300, np.float32),
-    )
+    motion = motion_of(clip)
     return Person(motion, loudness(clip.utterance.waveform))
 
 
