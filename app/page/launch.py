@@ -232,50 +232,54 @@ def launch(
     ]
     routes += [*stage_routes(), *motion_file_routes(addresses, config.temp)]
     routes += live_routes(services.live, [example.path for example in catalogue.examples])
-    page.launch(
-        server_name=config.host,
-        server_port=config.port or None,  # 0: any free one
-        share=False,
-        prevent_thread_lock=True,
-        show_error=True,
-        max_file_size=config.max_upload,
-        allowed_paths=[str(EXAMPLES)],
-        blocked_paths=[
-            str(path)
-            for path in (
-                config.weights,
-                config.body,
-                config.private_folder,
-                *(path for family in families() for path in family.private_paths()),
-            )
-            if path
-        ],
-        run_history=False,
-        ssr_mode=False,
-        pwa=False,
-        mcp_server=False,
-        strict_cors=True,
-        enable_monitoring=False,
-        state_session_capacity=64,
-        footer_links=["api"],
-        theme=make_theme(),
-        css_paths=[CSS],
-        head=head_style(),
-        quiet=True,
-        # It would ask the page itself, and take more than 3 s of a busy machine for no page at all.
-        _frontend=False,
-        # Before Gradio's own routes, and there as soon as anyone can ask.
-        app_kwargs={
-            "routes": routes,
-            "lifespan": guarded(
-                HostNames(config.host, config.host_names),
-                visitor_files,
-                Framing(config.embedders),
-                has_proxy=bool(config.proxies),
-            ),
-        },
-        auth=list(config.accounts) or None,
-    )
+    try:
+        page.launch(
+            server_name=config.host,
+            server_port=config.port or None,  # 0: any free one
+            share=False,
+            prevent_thread_lock=True,
+            show_error=True,
+            max_file_size=config.max_upload,
+            allowed_paths=[str(EXAMPLES)],
+            blocked_paths=[
+                str(path)
+                for path in (
+                    config.weights,
+                    config.body,
+                    config.private_folder,
+                    *(path for family in families() for path in family.private_paths()),
+                )
+                if path
+            ],
+            run_history=False,
+            ssr_mode=False,
+            pwa=False,
+            mcp_server=False,
+            strict_cors=True,
+            enable_monitoring=False,
+            state_session_capacity=64,
+            footer_links=["api"],
+            theme=make_theme(),
+            css_paths=[CSS],
+            head=head_style(),
+            quiet=True,
+            # It would ask the page itself, and give up after 3 s of a busy machine.
+            _frontend=False,
+            # Before Gradio's own routes, and there as soon as anyone can ask.
+            app_kwargs={
+                "routes": routes,
+                "lifespan": guarded(
+                    HostNames(config.host, config.host_names),
+                    visitor_files,
+                    Framing(config.embedders),
+                    has_proxy=bool(config.proxies),
+                ),
+            },
+            auth=list(config.accounts) or None,
+        )
+    except OSError:
+        check_port(config)  # another page may have taken it meanwhile
+        raise
     # Only now: reading models beside it would hold up the page's own start.
     if is_warmed_up:
         arguments = (config, processes, first_look)

@@ -18,6 +18,7 @@ from gradio_client.exceptions import AppError
 from app import text
 from app.config import AppConfig
 from app.errors import RunError
+from app.page import launch as launch_module
 from app.page.launch import launch, parse_config
 from app.page.routes.media import GONE
 from tests.helpers import ROOT
@@ -235,6 +236,23 @@ def test_a_port_that_is_taken_is_told_before_anything_is_made(tmp_path: Path) ->
         with pytest.raises(OSError, match=rf"Port {port} of 127\.0\.0\.1 is taken.* with --port"):
             launch(AppConfig(port=port, temp=tmp_path / "page"))
     assert not (tmp_path / "page").exists()
+
+
+def test_a_port_that_another_page_takes_meanwhile_is_told_alike(
+    weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked, check = [], launch_module.check_port
+
+    def free_at_first(config: AppConfig) -> None:
+        asked.append(config)
+        if len(asked) > 1:
+            check(config)
+
+    monkeypatch.setattr(launch_module, "check_port", free_at_first)
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(OSError, match=rf"Port {port} of 127\.0\.0\.1 is taken"):
+            launch(AppConfig(port=port, weights=weights, temp=tmp_path), is_warmed_up=False)
 
 
 def test_no_weights_gives_a_sentence(tmp_path: Path) -> None:
