@@ -27,20 +27,18 @@ from tqdm import tqdm
 from conventions.names import printable
 from model.data.recordings import DataError, fingerprint, read_split
 from model.evaluation import frechet, tables
-from model.evaluation.clip_measures import rooted_positions
-from model.evaluation.clips import as_table
+from model.evaluation.clips import as_table, rooted_positions
 from model.evaluation.few_clips import FewClips
-from model.evaluation.kept import load_rows
 from model.evaluation.matching import left_out
-from model.evaluation.one_clip import Cast, OneClip, read_recording, speaker_in
+from model.evaluation.one_clip import Cast, OneClip, load_rows, read_recording, speaker_in
 from model.evaluation.speakers import SpeakerJudge, judge_of
 from model.evaluation.speakers import left_out as speakers_left_out
 from model.generation.base import System
-from model.generation.samplers import UnknownNameError
 from model.measures import beats
 from model.motion.motion import Motion, MotionError
 from model.networks.autoencoder import FrozenEncoder, load_encoder
 from model.networks.matching import MatchingJudge, load_judge
+from model.sampling.samplers import UnknownNameError
 from model.speech.audio import SpeechError
 from model.storage.cards import BUNDLED_WEIGHTS, CALM_AND_LIVELY, CheckpointError
 from model.storage.files import written_atomically

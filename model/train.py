@@ -14,8 +14,7 @@ import torch
 
 from conventions.names import printable
 from model.data.prepared import DataError
-from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
-from model.storage.settings import with_setting
+from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, with_setting
 from model.systems.registry import families, family_of, left_out, usual_systems
 from model.training.loop import train
 from model.training.parallel import joined_processes

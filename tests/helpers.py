@@ -10,9 +10,8 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from conventions.joints import FINGERTIP_JOINTS, MIRROR_PERMUTATION
-from model.motion.kinematics import mirror_transl
+from model.motion.kinematics import RestSkeleton, mirror_transl
 from model.motion.motion import ExpressionBasis, Motion
-from model.motion.skeleton import RestSkeleton
 
 ROOT = Path(__file__).resolve().parent.parent
 ROTATION_DRAWS = ("uniform", "tangent", "near_identity", "near_pi")

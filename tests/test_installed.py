@@ -17,8 +17,8 @@ import pytest
 from frame_regression import MEAN, named_config
 from frame_regression.network import Regression
 
+from model.storage.cards import to_json
 from model.storage.checkpoint import save_weights
-from model.storage.settings import to_json
 from tests.helpers import ROOT
 from tests.model.made import make_data_folder
 

@@ -15,8 +15,8 @@ from app.page.tabs.systems.systems import ladder
 from app.run.pipeline import generate_all
 from app.run.requests.request import GenerateRequest
 from model import evaluate as measuring
-from model.generation.samplers import UnknownNameError
 from model.generation.windows import GenerateOptions, generate_motion
+from model.sampling.samplers import UnknownNameError
 from model.speech.audio import write_wav
 from model.systems.registry import (
     families,

@@ -333,9 +333,9 @@ def time_browser(clip: Path, weights: Path, folder: Path) -> list[Figure]:
 
 def time_measures(motion_file: Path) -> list[Figure]:
     """All measures of a motion of a minute, raw and filtered."""
-    from model.diagnostics.diagnostics import diagnose
+    from model.diagnostics import diagnose
+    from model.motion.kinematics import open_body_skeleton
     from model.motion.motion import load_motion
-    from model.motion.skeleton import open_body_skeleton
 
     motion = load_motion(motion_file)
     frames = np.resize(np.arange(motion.num_frames), round(SHORT_S * FPS))
@@ -430,7 +430,7 @@ def measure_memory(speech: Path, weights: Path, folder: Path) -> list[Figure]:
 
     system = list_systems(weights)[-1]
     imports = (
-        "import app.run.pipeline, model.diagnostics.diagnostics, model.generation.windows, "
+        "import app.run.pipeline, model.diagnostics, model.generation.windows, "
         "renderer.figures.figure6.figure6"
     )
     imports_mb = _peak_mb("-c", imports)

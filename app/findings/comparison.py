@@ -21,7 +21,7 @@ from app.findings.samples import (
 )
 
 if TYPE_CHECKING:
-    from model.diagnostics.diagnostics import Diagnostics
+    from model.diagnostics import Diagnostics
 
 FEW_SAMPLES = 5
 """An interval over fewer samples is told to be rough."""

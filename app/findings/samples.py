@@ -11,7 +11,7 @@ from conventions.names import SampleName
 
 if TYPE_CHECKING:
     from conventions.names import Version
-    from model.diagnostics.diagnostics import Diagnostics, Versions
+    from model.diagnostics import Diagnostics, Versions
     from model.measures.results import Measures
 
 ALIKE = 1.05
@@ -95,7 +95,7 @@ def ratio_of(above: Samples, below: Samples) -> Ratio | None:
     shared = sorted(above.keys() & below.keys())
     if len(shared) < 2:
         return Ratio(mean(above) / mean(below))
-    from model.evaluation.intervals import bootstrap_ratio
+    from model.evaluation.tables import bootstrap_ratio
 
     interval = bootstrap_ratio([above[n] for n in shared], [below[n] for n in shared])
     return Ratio(interval.mean, len(shared), interval.low, interval.high)

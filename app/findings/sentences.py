@@ -23,7 +23,7 @@ from app.findings.samples import (
 )
 
 if TYPE_CHECKING:
-    from model.diagnostics.diagnostics import Diagnostics
+    from model.diagnostics import Diagnostics
     from model.measures.results import Measures
 
 SEAM_STANDS_OUT = 1.5

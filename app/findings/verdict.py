@@ -13,8 +13,8 @@ from app.findings.sentences import jerk_of
 from model.systems.registry import families
 
 if TYPE_CHECKING:
-    from model.diagnostics.diagnostics import Diagnostics
-    from model.generation.explained import Claim
+    from model.diagnostics import Diagnostics
+    from model.generation.family import Claim
 
 ENOUGH_CLIPS = 10
 """With fewer, an interval over clips is too wide to tell systems apart that differ by a tenth."""

@@ -22,7 +22,7 @@ from conventions.rates import FPS, SAMPLE_RATE
 
 if TYPE_CHECKING:
     from model.generation.base import System
-    from model.plan.manner import Manner
+    from model.plan.style import Manner
 
 MAX_S = 30 * 60.0
 """Of sound in one session."""

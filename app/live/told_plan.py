@@ -9,7 +9,7 @@ from conventions.rates import FPS
 
 if TYPE_CHECKING:
     from model.generation.base import PlannedAhead
-    from model.plan.manner import Manner
+    from model.plan.style import Manner
 
 
 def told_plan(ahead: PlannedAhead, first: int) -> dict[str, Any]:
@@ -44,8 +44,8 @@ def manner_of(told: Any) -> Manner:
     Raises:
         RunError: if it is anything else.
     """
-    from model.plan.manner import Manner
     from model.plan.plan import PlanError
+    from model.plan.style import Manner
 
     sliders = told.get("manner") if isinstance(told, dict) else None
     try:

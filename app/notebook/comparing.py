@@ -11,8 +11,8 @@ from app.findings.measure_rows import MEASURES, Measure, nearest, written
 from app.notebook.inputs import MotionLike, SpeechLike, named_motions
 from app.notebook.measuring import diagnose
 from conventions.names import REFERENCE_NAME, Version
-from model.diagnostics.diagnostics import Diagnostics
-from model.measures.apart import degrees_by_part
+from model.diagnostics import Diagnostics
+from model.measures.differences import degrees_by_part
 
 
 @dataclass(frozen=True)

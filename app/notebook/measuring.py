@@ -16,9 +16,9 @@ from app.run.diagnostics import measure_motions, onsets_of
 from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
 from conventions.names import REFERENCE_NAME
-from model.diagnostics.diagnostics import Diagnostics
+from model.diagnostics import Diagnostics
 from model.faults.timing import loudness_of
-from model.motion.skeleton import open_body_skeleton
+from model.motion.kinematics import open_body_skeleton
 from model.plan.found import found_plan
 from model.plan.plan import GesturePlan
 

@@ -25,7 +25,7 @@ from app.run.pipeline import generate_all
 from app.run.planning import PlanRequest, make_plan
 from app.run.requests.request import GenerateRequest, Steps
 from conventions.names import REFERENCE_NAME, PostFilter, file_stem
-from model.diagnostics.diagnostics import Diagnostics
+from model.diagnostics import Diagnostics
 from model.motion.motion import Motion, first_frames, load_motion
 from model.plan.plan import GesturePlan, read_plan
 from model.speech.audio import Speech

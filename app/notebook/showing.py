@@ -20,7 +20,7 @@ from app.page.player.timeline import make_timeline, tiers_of
 from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
 from conventions.names import REFERENCE_NAME
-from model.faults.finding import Finding
+from model.faults.evidence import Finding
 from model.plan.plan import GesturePlan
 from model.speech.audio import Speech
 from model.speech.transcript import NOTHING_SAID, Transcript

@@ -28,7 +28,7 @@ from app.run.videos.register import register_of
 from conventions.names import REFERENCE_NAME
 
 if TYPE_CHECKING:
-    from model.faults.finding import Finding
+    from model.faults.evidence import Finding
     from model.motion.motion import Motion
     from model.plan.plan import GesturePlan
 

@@ -36,9 +36,9 @@ from model.speech.transcript import NOTHING_SAID, Transcript
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from model.diagnostics.diagnostics import Diagnostics
+    from model.diagnostics import Diagnostics
     from model.formats.numbers import ReadOptions
-    from model.measures.seams.seams import Windows
+    from model.measures.seams import Windows
     from model.motion.motion import Motion
 
 OnShare = Callable[[float], None]
@@ -274,7 +274,7 @@ def _on_the_floor(motion: Motion) -> Motion:
     import numpy as np
 
     from model.measures.posture import FEET
-    from model.motion.skeleton import open_body_skeleton
+    from model.motion.kinematics import open_body_skeleton
     from model.motion.tracks import track_points
 
     if np.ptp(motion.trans, axis=0).any():
@@ -382,7 +382,7 @@ def _windows(request: DiagnoseRequest, read: _Read) -> dict[str, Windows]:
     Raises:
         RunError: for windows that cannot be.
     """
-    from model.measures.seams.seams import Windows
+    from model.measures.seams import Windows
 
     if request.window is None:
         if request.overlap:
@@ -420,7 +420,7 @@ def _grow_errors(
     """The content of error_growth.json."""
     from model.measures.error_growth import DRAWS, NOISE_RAD, growth_sentence, measure_error_growth
     from model.measures.results import as_json
-    from model.motion.skeleton import open_body_skeleton
+    from model.motion.kinematics import open_body_skeleton
     from model.motion.tracks import moving_chain
 
     if not moving_chain(joint):

@@ -21,8 +21,8 @@ from model.storage.harmless import csv_text
 if TYPE_CHECKING:
     import numpy as np
 
-    from model.diagnostics.diagnostics import Diagnostics
-    from model.measures.seams.seams import Windows
+    from model.diagnostics import Diagnostics
+    from model.measures.seams import Windows
     from model.motion.motion import Motion
     from model.motion.tracks import Tracks
     from model.speech.audio import Speech
@@ -56,8 +56,8 @@ def measure_motions(
         loudness: of the speech frame by frame, for time shifts.
         mean_speeds: published ones of the joints, for BeatAlign.
     """
-    from model.diagnostics.diagnostics import diagnose
-    from model.motion.skeleton import open_body_skeleton
+    from model.diagnostics import diagnose
+    from model.motion.kinematics import open_body_skeleton
 
     done, count = 0, 2 * len(motions)
 

@@ -14,7 +14,7 @@ from app.run.videos.comparison import Snapshots
 from conventions.names import REFERENCE_NAME, PostFilter
 
 if TYPE_CHECKING:
-    from model.diagnostics.diagnostics import Diagnostics
+    from model.diagnostics import Diagnostics
     from model.motion.motion import Motion
 
 

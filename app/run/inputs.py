@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from model.generation.base import System
     from model.generation.windows import GenerateOptions
     from model.motion.motion import Motion
-    from model.plan.wish import StyleWish
+    from model.plan.style import StyleWish
     from model.speech.audio import Speech
     from renderer.body.body import Body
 
@@ -60,7 +60,7 @@ def read_inputs(
         RunError, SpeechError, UnknownNameError, CheckpointError, BodyError, MotionError, GLError,
         WriteError: each with one sentence.
     """
-    from model.plan.wish import read_wish
+    from model.plan.style import read_wish
     from model.speech.audio import SpeechLimits, load_speech, write_wav
 
     speech = load_speech(request.speech, SpeechLimits(max_s=request.max_speech_s))
@@ -187,7 +187,7 @@ def _read_reference(request: GenerateRequest, speech: Speech, reporter: Reporter
     """The recorded motion, no longer than the speech."""
     if request.reference is None:
         return None
-    from model.diagnostics.diagnostics import first_frames
+    from model.diagnostics import first_frames
     from model.motion.motion import load_motion
 
     motion = load_motion(request.reference)

@@ -43,13 +43,13 @@ from conventions.names import REFERENCE_NAME, SampleName, file_stem, printable
 if TYPE_CHECKING:
     import numpy as np
 
-    from model.diagnostics.diagnostics import Diagnostics
+    from model.diagnostics import Diagnostics
     from model.generation.base import System
     from model.generation.windows import GenerateOptions, MotionPiece
-    from model.measures.seams.seams import Windows
+    from model.measures.seams import Windows
     from model.motion.motion import Motion
     from model.plan.plan import GesturePlan
-    from model.plan.wish import StyleWish
+    from model.plan.style import StyleWish
     from model.speech.audio import Speech
     from model.speech.transcript import Transcript
 
@@ -149,7 +149,7 @@ def _generate(
     reporter: Reporter,
 ) -> list[Row]:
     """Motion of all systems from the same noise; the reference is the last row."""
-    from model.diagnostics.diagnostics import smooth_motion
+    from model.diagnostics import smooth_motion
     from model.motion.motion import load_motion, save_motion
     from model.plan.plan import read_plan
 
@@ -303,7 +303,7 @@ def _measure(
 
 def _windows(rows: Sequence[Row], inputs: Inputs) -> dict[str, Windows]:
     """How each row was cut. The recorded one was not; it is folded beside systems that agree."""
-    from model.measures.seams.seams import Windows
+    from model.measures.seams import Windows
 
     found = {}
     for system in inputs.systems:

@@ -49,7 +49,7 @@ class PlanRequest:
     )
     """Of the speech's length with nothing in it, to be filled in by hand."""
     style: Path | None = field(default=None, metadata=STYLE)
-    """A style file (`model.plan.wish`), done to the plan."""
+    """A style file (`model.plan.style`), done to the plan."""
 
 
 def is_motion(path: Path) -> bool:
@@ -66,7 +66,7 @@ def find_plan(motion: Path, out: Path) -> list[str]:
         MotionError, PlanError, WriteError: each with one sentence for the person who asked.
     """
     from model.formats.read import read_any_motion
-    from model.motion.skeleton import open_body_skeleton
+    from model.motion.kinematics import open_body_skeleton
     from model.plan.files import check_ending, write_plan_file
     from model.plan.found import found_plan
 
@@ -88,7 +88,7 @@ def make_plan(request: PlanRequest) -> Edited:
     from model.plan.editing import Edited
     from model.plan.files import check_ending, write_plan_file
     from model.plan.plan import GesturePlan
-    from model.plan.wish import read_wish
+    from model.plan.style import read_wish
     from model.speech.audio import SpeechLimits, load_speech
     from model.systems.registry import usual_planner
 

@@ -30,8 +30,7 @@ from model.data.recordings import (
     read_split,
     speaker_of,
 )
-from model.motion.kinematics import mirror_transl
-from model.motion.mirror import mirror_face_units, mirror_poses
+from model.motion.kinematics import mirror_face_units, mirror_poses, mirror_transl
 from model.motion.motion import Motion, MotionError
 from model.speech.audio import Speech, SpeechError
 from model.speech.encoder import SpeechEncoder

@@ -32,8 +32,8 @@ from model.generation.again import Performance, perform, perform_again
 from model.generation.base import System
 from model.generation.windows import GenerateOptions, draw_plans
 from model.measures.posture import foot_slide
+from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, MotionError, first_frames
-from model.motion.skeleton import open_body_skeleton
 from model.motion.tracks import Tracks, track_points
 from model.networks.autoencoder import FrozenEncoder, load_encoder
 from model.plan.editing import (
@@ -48,8 +48,8 @@ from model.plan.editing import (
     sized,
     with_hands,
 )
+from model.plan.kinds import wrist_places
 from model.plan.palette import PLACES, REST_PLACE
-from model.plan.places import wrist_places
 from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, Side
 from model.plan.textgrid import annotated_plan
 from model.plan.tracks import hand_tracks, tracks_of

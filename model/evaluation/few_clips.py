@@ -13,12 +13,11 @@ import numpy as np
 
 from conventions.rates import FPS, SAMPLE_RATE
 from model.data.recordings import DataError, read_files, read_split, speaker_of
-from model.evaluation.manner import manner_of, wrist_speed_m_s
+from model.evaluation.speakers import manner_of, wrist_speed_m_s
 from model.generation.base import System
 from model.generation.clip_noise import clip_seed
 from model.generation.windows import GenerateOptions, generate_motion
-from model.measures.hearing import LEAST_FRAMES
-from model.measures.silence import SILENCE_S, speed_in_silence
+from model.measures.hearing import LEAST_FRAMES, SILENCE_S, speed_in_silence
 from model.motion.motion import Motion, MotionError, first_frames
 from model.speech.audio import Speech, SpeechError
 

@@ -1,4 +1,4 @@
-"""Fréchet distances (AsynFusion eq. 16) with encoders that were trained here, one for each.
+"""Frechet distances (AsynFusion eq. 16) and Div (eq. 17), by encoders that were trained here.
 
 FGD (Yoon et al. 2020) is that of the body: codes of local rotations and root motion, one for every
 8 frames. FED is that of the face units, FMD that of both together. Numbers of another encoder, or
@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from threadpoolctl import threadpool_limits
 
 from model.data.recordings import face_units
-from model.evaluation.intervals import Interval, bootstrap_of
+from model.evaluation.tables import Interval, bootstrap_of
+from model.measures.differences import GESTURE_DIM, batches, pair_distances
 from model.motion.motion import Motion
 from model.networks.autoencoder import FrozenEncoder, input_vectors
 from model.systems.autoencoders.config import FED_ENCODER, FGD_ENCODER, FMD_ENCODER
@@ -160,3 +161,43 @@ def split_half_floor(recorded: Sequence[Features]) -> Interval:
         )
     low, high = np.percentile(distances, [2.5, 97.5])
     return Interval(float(np.mean(distances)), float(low), float(high))
+
+
+def window_diversity(clips: Sequence[Float[np.ndarray, "_ T _"]]) -> dict[str, Interval]:
+    """Distance of every two windows of a batch, over batches of 50 that are dealt from all clips.
+
+    Args:
+        clips: windows of each clip, see `model.measures.differences.windows_of`.
+
+    Returns:
+        ``div_gesture``, and where all clips have face units ``div`` of body and face together;
+        nothing if there are no two windows.
+    """
+    owner = np.repeat(np.arange(len(clips)), [len(windows) for windows in clips])
+    if len(owner) < 2:
+        return {}
+    dim = min(windows.shape[2] for windows in clips)
+    windows = np.concatenate([windows[..., :dim] for windows in clips])
+    parts = {"div": windows} if dim > GESTURE_DIM else {}
+    parts["div_gesture"] = windows[..., :GESTURE_DIM]
+    return {name: _over_batches(part, owner, len(clips)) for name, part in parts.items()}
+
+
+def _over_batches(
+    windows: Float[np.ndarray, "W T dim"], owner: Int[np.ndarray, " W"], num_clips: int
+) -> Interval:
+    """The mean over pairs, and its interval over clips."""
+    sums, pairs = np.zeros((2, num_clips, num_clips))
+    for batch in batches(len(windows)):
+        between = owner[batch][:, None], owner[batch]
+        np.add.at(sums, between, pair_distances(windows[batch]))
+        np.add.at(pairs, between, 1.0 - np.eye(len(batch)))
+
+    def statistic(index: Int[np.ndarray, " n"]) -> float:
+        """Pairs of windows of two clips or of one, not of a clip that was drawn twice."""
+        chosen = np.ix_(index, index)
+        counts = (index[:, None] != index) | np.eye(len(index), dtype=bool)
+        total = pairs[chosen][counts].sum()
+        return float(sums[chosen][counts].sum() / total) if total > 0 else 0.0
+
+    return bootstrap_of(statistic, num_clips)

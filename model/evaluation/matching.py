@@ -1,4 +1,5 @@
-"""Matched or mismatched: does a motion fit its own speech better than somebody else's?
+"""Does a motion fit its own speech better than other speech? By a judge, and by the wrong-speech
+test.
 
 GENEA's question to its raters (Kucherenko et al. 2023), put to a judge that was trained on recorded
 motion alone (`model.networks.matching`): it is given 10 s of motion and two speeches of 10 s.
@@ -13,6 +14,9 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from conventions.rates import FPS, SAMPLE_RATE
+from model.generation.base import Features
+from model.measures.face import SHIFT_S, lagged_correlation, wrist_speed
 from model.motion.motion import Motion
 from model.networks.matching import MatchingJudge, agreement
 from model.speech.features import NUM_MELS
@@ -31,7 +35,7 @@ ALIKE = 1e-3
 _VOICING = NUM_MELS + 3
 """The column of `MelEncoder` that tells whether there is a voice."""
 
-Features = Float[np.ndarray, "_ 68"]
+_Heard = Float[np.ndarray, "_ 68"]
 
 
 def left_out(judge: MatchingJudge | None) -> list[str]:
@@ -41,12 +45,12 @@ def left_out(judge: MatchingJudge | None) -> list[str]:
     return [f"Matched speech is left out: its judge {HEARING_JUDGE} is not among the weights."]
 
 
-def voiced(features: Features) -> Bool[np.ndarray, " _"]:
+def voiced(features: _Heard) -> Bool[np.ndarray, " _"]:
     """Whether there is a voice in each frame."""
     return features[:, _VOICING] > 0.5
 
 
-def spoken(features: Features) -> slice:
+def spoken(features: _Heard) -> slice:
     """From the first frame with a voice to the last; empty where there is none."""
     heard = np.flatnonzero(voiced(features))
     return slice(int(heard[0]), int(heard[-1]) + 1) if len(heard) else slice(0, 0)
@@ -63,9 +67,7 @@ def cut(rows: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "N 300 C"]:
     return rows[: count * PIECE_FRAMES].reshape(count, PIECE_FRAMES, rows.shape[1])
 
 
-def matched(
-    judge: MatchingJudge, motion: Motion, own: Features, foreign: Features
-) -> dict[str, float]:
+def matched(judge: MatchingJudge, motion: Motion, own: _Heard, foreign: _Heard) -> dict[str, float]:
     """For each of `MEASURES`, in which share of comparisons the judge prefers the motion's own
     speech: every piece of the motion with its speech, against every piece of the foreign one. A tie
     counts half.
@@ -101,3 +103,30 @@ def preferred(own: Float[Tensor, " N"], others: Float[Tensor, "N M"]) -> float:
     lead = own[:, None] - others
     wins = (lead > ALIKE).double() + 0.5 * (lead.abs() <= ALIKE)
     return float(wins.mean())
+
+
+def speech_tracks(right: Features, foreign: Features) -> dict[str, Features]:
+    """The clip's own speech, the same shifted by 4 s in a circle, and another clip's."""
+    return {
+        "right": right,
+        "shifted": np.roll(right, round(SHIFT_S * FPS), axis=0),
+        "foreign": np.resize(foreign, right.shape),
+    }
+
+
+def frame_loudness(
+    waveform: Float[np.ndarray, " N"], num_frames: int
+) -> Float[np.ndarray, " num_frames"]:
+    """Level of each motion frame in dB, not below -60 dB of full scale; silence after the end."""
+    edges = (np.arange(num_frames + 1) * SAMPLE_RATE / FPS).astype(int)
+    energy = np.concatenate([[0.0], np.cumsum(waveform.astype(np.float64) ** 2)])
+    total = np.diff(energy[edges.clip(max=len(waveform))])
+    return 10 * np.log10(total / np.diff(edges) + 1e-6)
+
+
+def coupling(positions: Float[np.ndarray, "T 55 3"], loudness: Float[np.ndarray, " T2"]) -> float:
+    """How far the speed of the wrists goes with the loudness of speech: their correlation at the
+    best lag within half a second, both smoothed over 0.3 s. The choice of the lag raises it above
+    0 for any two signals: compare with shifted speech.
+    """
+    return lagged_correlation(wrist_speed(positions), loudness)

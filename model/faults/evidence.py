@@ -1,16 +1,20 @@
-"""What detectors look at: a motion, where its joints are, its numbers, and what is beside it."""
+"""What detectors look at, and the findings that they give: a sentence, its numbers, how grave and
+where worst."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from conventions.joints import FACE, HANDS, LOWER_BODY, UPPER_BODY
+from conventions.rates import FPS
 from model.measures.posture import FEET
-from model.measures.results import Measures
+from model.measures.results import Measures, as_json
 from model.measures.smoothness import angular_velocity
 from model.motion.motion import Motion
 from model.motion.tracks import Tracks
@@ -59,3 +63,86 @@ class Evidence:
         """Where the lower foot usually is: the median, which hardly moves while a foot is where
         no foot can be."""
         return float(np.median(self.lower_foot_m))
+
+
+MOST_STRETCHES = 20
+WRONG, SEEN, MEASURED = 3, 2, 1
+"""Gravities: no person moves so, anyone sees it, a careful eye or a number sees it."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One fault of one motion."""
+
+    kind: str
+    """One of the table's (`table.FAULTS`)."""
+    sentence: str
+    numbers: dict[str, Any]
+    """What the sentence was made from."""
+    excess: float = 1.0
+    """How many times its limit; 1 where there is no measure."""
+    worst_frame: int | None = None
+    """Where it is worst; None where it is everywhere alike."""
+    stretches: tuple[tuple[int, int], ...] = ()
+    """First and last frame of each place where it shows, the longest first, `MOST_STRETCHES` at
+    most; none where it is everywhere."""
+    gravity: int = SEEN
+    """Set by the table."""
+
+    @property
+    def worst_s(self) -> float | None:
+        """Seconds from the start of the clip."""
+        return None if self.worst_frame is None else self.worst_frame / FPS
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "kind": self.kind,
+            **as_json(self.numbers),
+            "gravity": self.gravity,
+            "excess": as_json(float(self.excess)),
+            "worst_frame": self.worst_frame,
+            "worst_s": as_json(self.worst_s),
+            "frames": [list(stretch) for stretch in self.stretches],
+            "sentence": self.sentence,
+        }
+
+
+def by_gravity(findings: Iterable[Finding]) -> list[Finding]:
+    """The gravest first; of equally grave ones those furthest beyond their limit."""
+    return sorted(findings, key=_rank)
+
+
+def ranked(findings: Mapping[str, Sequence[Finding]]) -> list[tuple[str, Finding]]:
+    """The findings of several motions with their names, the gravest first."""
+    named = [(name, finding) for name, found in findings.items() for finding in found]
+    return sorted(named, key=lambda pair: _rank(pair[1]))
+
+
+def _rank(finding: Finding) -> tuple[float, float]:
+    return float(-finding.gravity), -finding.excess
+
+
+def clock(frame: int) -> str:
+    """A frame's time in the clip, as a player shows it: 1:05.3."""
+    tenths = round(10 * frame / FPS)
+    return f"{tenths // 600}:{tenths % 600 / 10:04.1f}"
+
+
+def stretches_of(is_there: Bool[np.ndarray, " T"]) -> tuple[tuple[int, int], ...]:
+    """First and last frame of each run of true, the longest first, `MOST_STRETCHES` at most."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_there, [False]])))
+    runs = sorted(zip(edges[::2], edges[1::2] - 1, strict=True), key=lambda run: run[0] - run[1])
+    return tuple((int(first), int(last)) for first, last in runs[:MOST_STRETCHES])
+
+
+def most_in_a_second(values: Float[np.ndarray, " N"], is_least: bool = False) -> int | None:
+    """The frame in the middle of the second with the highest, or the lowest, mean."""
+    if len(values) < FPS:
+        return None
+    means = np.convolve(values, np.ones(FPS) / FPS, "valid")
+    return int(means.argmin() if is_least else means.argmax()) + FPS // 2
+
+
+def listed(items: list[str]) -> str:
+    """a, b and c."""
+    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"

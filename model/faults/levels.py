@@ -14,11 +14,9 @@ import numpy as np
 
 from conventions.joints import UPPER_BODY
 from conventions.rates import FPS
-from model.faults.evidence import Evidence
-from model.faults.finding import Finding, clock, most_in_a_second
+from model.faults.evidence import Evidence, Finding, clock, most_in_a_second
 from model.measures.posture import WRISTS
-from model.measures.smoothness import derivative_magnitudes
-from model.measures.spectrum import HIGH_FREQUENCY_HZ, velocity_spectrum
+from model.measures.smoothness import HIGH_FREQUENCY_HZ, derivative_magnitudes, velocity_spectrum
 
 LEAST_FRAMES = 5 * FPS
 LONG_FRAMES = 30 * FPS

@@ -3,9 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from model.faults import face, glitches, joins, levels, limbs, posture, stillness, timing
-from model.faults.evidence import Evidence
-from model.faults.finding import MEASURED, SEEN, WRONG, Finding, by_gravity
+from model.faults import glitches, levels, posture, stillness, timing
+from model.faults.evidence import MEASURED, SEEN, WRONG, Evidence, Finding, by_gravity
 
 
 @dataclass(frozen=True)
@@ -31,14 +30,14 @@ FAULTS: tuple[Fault, ...] = (
         posture.lying,
         explains=("lifted", "floating", "through_floor", "foot_slide"),
     ),
-    Fault("swapped_sides", WRONG, limbs.swapped_sides),
+    Fault("swapped_sides", WRONG, posture.swapped_sides),
     Fault("lifted", WRONG, posture.lifted, "reference"),
     Fault("time_shift", WRONG, timing.shifted_reference, "reference"),
     Fault("time_shift", WRONG, timing.shifted_speech, "speech"),
     Fault("pops", SEEN, glitches.pops),
     Fault("joint_noise", SEEN, glitches.joint_noise),
-    Fault("seams", SEEN, joins.seams),
-    Fault("period", MEASURED, joins.period),
+    Fault("seams", SEEN, glitches.seams),
+    Fault("period", MEASURED, glitches.period),
     Fault("copied_frames", SEEN, glitches.copied_frames),
     Fault("skipped_frames", SEEN, glitches.skipped_frames),
     Fault("stretched_rate", SEEN, glitches.stretched_rate, explains=("period", "copied_frames")),
@@ -47,10 +46,10 @@ FAULTS: tuple[Fault, ...] = (
     Fault("through_floor", SEEN, posture.feet_sink),
     Fault("still_translation", SEEN, stillness.translation_never_changes),
     Fault("frozen_hand", SEEN, stillness.frozen_hands),
-    Fault("finger_range", SEEN, limbs.finger_range),
-    Fault("hand_in_body", SEEN, limbs.hand_in_body),
-    Fault("still_face", SEEN, face.still_face),
-    Fault("copied_face", SEEN, face.copied_face, "reference"),
+    Fault("finger_range", SEEN, posture.finger_range),
+    Fault("hand_in_body", SEEN, posture.hand_in_body),
+    Fault("still_face", SEEN, stillness.still_face),
+    Fault("copied_face", SEEN, stillness.copied_face, "reference"),
     Fault("jerk", MEASURED, levels.JERK.search),
     Fault("high_frequency", MEASURED, levels.HIGH_FREQUENCY.search),
     Fault("amplitude", MEASURED, levels.AMPLITUDE.search),

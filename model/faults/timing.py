@@ -5,8 +5,7 @@ from jaxtyping import Float
 
 from conventions.joints import JOINT_INDEX, UPPER_BODY
 from conventions.rates import FPS, SAMPLE_RATE
-from model.faults.evidence import BODY, Evidence
-from model.faults.finding import Finding
+from model.faults.evidence import BODY, Evidence, Finding
 
 SAME_RAD = 1e-5
 MOST_LAG_FRAMES = 3 * FPS

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 from model.formats.numbers import ReadMotion, ReadOptions, at_30_fps, check_fps, plain_motion
+from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import check_length
-from model.motion.skeleton import open_body_skeleton
 from model.motion.tracks import point_words
 from model.storage.npz import MAX_FILE_BYTES, MotionError
 

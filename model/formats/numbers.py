@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from conventions.joints import FACE, NUM_JOINTS
 from conventions.rates import FPS
+from model.motion.altered import motion_at_speed
 from model.motion.motion import NUM_BETAS, NUM_EXPRESSIONS, Motion, check_length
-from model.motion.retiming import motion_at_speed
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_rot6d
 from model.storage.npz import MotionError
 

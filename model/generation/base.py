@@ -10,15 +10,14 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from model.generation.samplers import Sampler, UnknownNameError
-from model.generation.speech_stream import SpeechWindow
-from model.generation.stitching import cross_fade, fade
+from model.generation.stitching import SpeechWindow, cross_fade, fade
 from model.motion.motion import ExpressionBasis, Motion
 from model.motion.spaces import RootMotion
 from model.plan.kinds import Spoken
-from model.plan.manner import Manner
 from model.plan.plan import GesturePlan, Planted
+from model.plan.style import Manner
 from model.sampling.flow import seeded_noise
+from model.sampling.samplers import Sampler, UnknownNameError
 from model.speech.encoder import SpeechEncoder
 
 Features = Float[np.ndarray, "_ dim"]

@@ -1,4 +1,5 @@
-"""A family of systems: one paper's (or one idea's) generators under one name.
+"""A family of systems: one idea's generators under one name, the files and samplers that they
+offer, their claims.
 
 Only what can be told without torch is here; the rest is imported when it is asked for.
 """
@@ -10,9 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from conventions.names import file_stem
-from model.generation.explained import Claim, Ladder
-from model.generation.named_files import FileFlag, FileReport
-from model.generation.samplers import Sampler
+from model.sampling.samplers import Sampler
 from model.storage.cards import load_card
 
 if TYPE_CHECKING:
@@ -20,6 +19,83 @@ if TYPE_CHECKING:
     from model.generation.base import System
     from model.training.config import TrainConfig
     from model.training.task import Task, TaskSetup
+
+
+@dataclass(frozen=True)
+class ExplainedSystem:
+    """A system that adds one thing to the one before."""
+
+    system: str
+    adds: str
+    meaning: str
+    equation: str
+    """In TeX, without the signs of HTML."""
+    source: str
+    look_for: str
+
+
+@dataclass(frozen=True)
+class Beside:
+    """A system that stands beside the ladder."""
+
+    system: str
+    title: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """Systems that differ by one thing each, from the first to the last."""
+
+    title: str
+    introduction: str
+    rungs: tuple[ExplainedSystem, ...]
+    beside: tuple[Beside, ...] = ()
+
+    @property
+    def systems(self) -> tuple[str, ...]:
+        """All that it explains."""
+        return tuple(each.system for each in (*self.rungs, *self.beside))
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What a paper says of the jerk of its systems, which is held against every run."""
+
+    sentence: str
+    """That systems of ``less`` jerk less than ``more``, in words that follow "the paper's claim,
+    that"."""
+    more: str
+    less: tuple[str, ...]
+    plain: str
+    full: str
+    """As ``plain`` with all that the paper adds: it should jerk no more."""
+    added: str
+    """What that is, as the subject of a sentence within one that has named ``full``."""
+
+
+@dataclass(frozen=True)
+class FileFlag:
+    """A file or folder that a flag of every command names, or a variable of the environment."""
+
+    flag: str
+    """With its two dashes."""
+    variable: str
+    metavar: str
+    help: str
+
+
+@dataclass(frozen=True)
+class FileReport:
+    """What ``python -m app doctor`` says of one of them."""
+
+    name: str
+    detail: str = ""
+    """What was found, where it works."""
+    error: Exception | None = None
+    """Why it does not."""
+    advice: str = ""
+    is_needed: bool = True
 
 
 Use = Literal[
@@ -40,7 +116,7 @@ class Family:
     """What training, evaluation, the page and the command line ask of a family.
 
     A new one is a folder beside the others in `model.systems`, or a package of its own
-    (`model.systems.installed`), that makes one of these; nothing else needs to know of it.
+    (`model.systems.registry`), that makes one of these; nothing else needs to know of it.
     """
 
     name: str

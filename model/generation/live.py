@@ -19,14 +19,13 @@ from jaxtyping import Float
 from torch import Tensor
 
 from model.generation.base import PlannedAhead, PlanStream, System, Window
-from model.generation.feet import HeldFeet
-from model.generation.hands import SOFT_MARGIN, LedHands
-from model.generation.speech_stream import SpeechWindow
+from model.generation.limbs import SOFT_MARGIN, HeldFeet, LedHands
+from model.generation.stitching import SpeechWindow
 from model.generation.windows import GenerateOptions, PiecewiseMotion, WindowChain, draw_of
+from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
-from model.motion.skeleton import open_body_skeleton
-from model.plan.manner import Manner
 from model.plan.plan import GesturePlan
+from model.plan.style import Manner
 
 PLANNED_AFTER = 12
 """Frames after a window for which there is still a plan; then hands stay."""

@@ -13,16 +13,13 @@ from jaxtyping import Float
 from torch import Tensor
 
 from model.generation.base import Draw, System, Window
-from model.generation.feet import Footing, HeldFeet
-from model.generation.hands import LedHands
+from model.generation.limbs import Footing, HeldFeet, LedHands
 from model.generation.one_thread import one_thread
-from model.generation.speech_stream import SpeechStream, SpeechWindow
-from model.generation.stitching import num_windows
-from model.motion.kinematics import local_from_global
+from model.generation.stitching import SpeechStream, SpeechWindow, num_windows
+from model.motion.kinematics import local_from_global, open_body_skeleton
 from model.motion.motion import ExpressionBasis, Motion, put_together
 from model.motion.packing import root_positions
 from model.motion.rotations import axis_angle_from_matrix
-from model.motion.skeleton import open_body_skeleton
 from model.plan.kinds import Spoken
 from model.plan.plan import GesturePlan, Planted
 from model.speech.audio import Speech
@@ -48,7 +45,7 @@ class GenerateOptions:
     sampler: str | None = None
     """One of the system's own; None is its first."""
     guidance: float | None = None
-    """Strength of the speech (`model.sampling.guidance`): 1 is the network as trained, 0 is deaf;
+    """Strength of the speech (`model.sampling.flow`): 1 is the network as trained, 0 is deaf;
     None is the system's usual one. Any other than 1 asks the network for a batch of two."""
     first_sample: int = 0
     """Number of the first sample, so that one of many can be made alone."""

@@ -2,7 +2,7 @@
 
 Motion beats are local minima of a joint's speed (in a neighbourhood of 7 frames on either side)
 above 0.3 of that joint's mean speed; speech beats are onsets as librosa
-finds them at 512 samples (`model.speech.onsets`). The
+finds them at 512 samples (`model.speech.acoustics`). The
 direction of EMAGE asks for each onset how near the next motion beat is (sigma 0.3 s; mean over
 onsets, then over the 13 upper-body joints; a joint without beats counts 0). That of AsynFusion asks
 for each motion beat how near the next onset is (here sigma 0.1 s; the paper names none). Onsets in
@@ -22,7 +22,7 @@ from scipy.signal import argrelextrema
 
 from conventions.joints import NUM_JOINTS, UPPER_BODY
 from conventions.rates import FPS, SAMPLE_RATE
-from model.speech.onsets import onset_times
+from model.speech.acoustics import onset_times
 from model.storage.npz import MotionError
 
 BEAT_JOINTS = list(UPPER_BODY)

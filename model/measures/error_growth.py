@@ -23,9 +23,9 @@ from torch import Tensor
 from conventions.joints import FINGERTIP_NAMES, JOINT_INDEX, JOINT_NAMES
 from conventions.rates import FPS
 from model.measures.smoothness import derivative_magnitudes, mean_over_time
+from model.motion.kinematics import RestSkeleton
 from model.motion.motion import Motion
 from model.motion.rotations import geodesic_angle, matrix_from_axis_angle
-from model.motion.skeleton import RestSkeleton
 from model.motion.tracks import moving_chain, point_words
 
 NOISE_RAD = 0.02

@@ -1,4 +1,4 @@
-"""How much of a motion its speech decides, and how much chance.
+"""How much of a motion its speech decides, how much chance, and whether it rests where speech does.
 
 Two motions of one system that share the speech and not the noise are alike in what the speech
 decides; two that share the noise and not the speech, in what the noise decides; two that share
@@ -9,17 +9,16 @@ decides is the first less the third, that of noise the second less the third.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.ndimage import gaussian_filter1d
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
-from model.measures.face.face_and_hands import head_speed
-from model.measures.face.face_measures import unit_columns
+from model.measures.face import head_speed, unit_columns
 from model.motion.motion import Motion
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
 
@@ -30,7 +29,7 @@ LEAST_FRAMES = 3 * FPS
 ARMS = [JOINT_INDEX[f"{side}_{j}"] for side in ("left", "right") for j in ("shoulder", "elbow")]
 
 Grid = Mapping[tuple[str, int], Motion]
-"""Motions of one system by speech and noise seed; in `model.evaluation.manner` the speaker stands
+"""Motions of one system by speech and noise seed; in `model.evaluation.speakers` the speaker stands
 in the place of the speech."""
 
 
@@ -157,3 +156,51 @@ def _decided(tracks: Sequence[tuple[tuple[str, int], np.ndarray]]) -> Decided:
 
 def _smooth(speed: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     return gaussian_filter1d(np.asarray(speed, np.float64), SMOOTH_FRAMES)
+
+
+SILENCE_S = 5.0
+"""What is looked at after speech; who pauses for less is still speaking."""
+PARTS = {"arms": ARMS, "jaw": [JOINT_INDEX["jaw"]]}
+
+
+def spoken_and_silent(
+    voiced: Bool[np.ndarray, " T"],
+) -> tuple[Bool[np.ndarray, " T"], Bool[np.ndarray, " T"]]:
+    """Frames of speaking, and of the first `SILENCE_S` of each silence after it.
+
+    A silence is a stretch without voice of `SILENCE_S` or more. What lies before the first voice,
+    the rest of a long silence, and an end too short to tell, is neither.
+    """
+    spoken, silent = np.zeros(len(voiced), bool), np.zeros(len(voiced), bool)
+    wanted = round(SILENCE_S * FPS)
+    heard = np.flatnonzero(voiced)
+    spoken[heard] = True
+    for this, following in pairwise([*heard, len(voiced)]):
+        if following - this > wanted:
+            silent[this + 1 : this + 1 + wanted] = True
+        elif following < len(voiced):
+            spoken[this:following] = True
+    return spoken, silent
+
+
+def speed_in_silence(motion: Motion, voiced: Bool[np.ndarray, " T"]) -> dict[str, float]:
+    """``arms_in_silence`` and ``jaw_in_silence``: mean angular speed in the silences after speech
+    over that while speaking, 0 where all rests.
+
+    Args:
+        voiced: whether there is a voice, from the motion's first frame on.
+
+    Returns:
+        Nothing where there is no such silence, or what does not move even while speaking.
+    """
+    frames = min(motion.num_frames, len(voiced))
+    spoken, silent = spoken_and_silent(voiced[:frames])
+    if not silent.any():
+        return {}
+    found = {}
+    for part, joints in PARTS.items():
+        speed = turning(motion, joints)[: frames - 1]
+        speaking = speed[spoken[1:]].mean()
+        if speaking > 0:
+            found[f"{part}_in_silence"] = float(speed[silent[1:]].mean() / speaking)
+    return found

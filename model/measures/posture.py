@@ -10,8 +10,7 @@ from jaxtyping import Float
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
-from model.measures.shapes import Sides
-from model.measures.smoothness import derivative_magnitudes
+from model.measures.smoothness import Sides, derivative_magnitudes
 from model.motion.tracks import Tracks
 
 GROUND_PERCENTILE = 5.0

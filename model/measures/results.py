@@ -9,13 +9,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from model.measures.diversity import Diversity
-from model.measures.joint_range import RangeMeasures
-from model.measures.joints import FingertipMeasures, PositionMeasures, RotationMeasures
+from model.measures.differences import Diversity, ReferenceError
+from model.measures.joints import (
+    FingertipMeasures,
+    PositionMeasures,
+    RangeMeasures,
+    RotationMeasures,
+)
 from model.measures.point import PointMeasures
 from model.measures.posture import PostureMeasures
-from model.measures.reference_error import ReferenceError
-from model.measures.seams.seams import SeamMeasures
+from model.measures.seams import SeamMeasures
 
 BeatSpeeds = Literal["reference", "own", "emage"]
 

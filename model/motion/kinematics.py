@@ -1,25 +1,80 @@
-"""Forward kinematics for local and for global joint rotations, and the left-right mirror.
+"""Skeletons, forward kinematics for local and for global joint rotations, and the left-right
+mirror.
 
 Local rotations are composed along the chain, one batched product for each of the 11 depth levels
 (GlobalDiff eqs. 1 and 3). Positions follow from *global* rotations in the additive form
 (GlobalDiff eq. 5), which is linear in them: one product with a constant matrix of rest bones.
+
+The mirror plane is the body's middle, x = 0. `model.motion.kinematics` has the same for matrices.
 """
 
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, cached_property
 from itertools import pairwise
+from pathlib import Path
 
+import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
 from conventions.joints import (
     FINGERTIP_JOINTS,
+    FINGERTIP_NAMES,
     JOINT_DEPTH,
     MIRROR_PERMUTATION,
     NUM_JOINTS,
     PARENTS,
+    chain_to_root,
 )
-from model.motion.skeleton import RestSkeleton
+
+_SKELETON_FILE = Path(__file__).parents[1] / "assets" / "skeleton.npz"
+
+
+@dataclass(frozen=True)
+class RestSkeleton:
+    """A body's joints in its rest pose, where every rotation is the identity. Metres."""
+
+    rest_joints: Float[Tensor, "55 3"]
+    """Joint positions in the world; the pelvis need not be at the origin."""
+    tip_offsets: Float[Tensor, "10 3"]
+    """From the last finger joint to the fingertip, in the order of `FINGERTIP_NAMES`."""
+
+    def bone_offsets(self) -> Float[Tensor, "54 3"]:
+        """From each joint's parent to the joint, for joints 1 to 54."""
+        return self.rest_joints[1:] - self.rest_joints[list(PARENTS[1:])]
+
+    @cached_property
+    def bones_to_joints(self) -> Float[Tensor, "55 3 55"]:
+        """How far joint [k] moves with each column of joint [j]'s rotation matrix: the bones that
+        start in j and lie between the pelvis and k, summed."""
+        with torch.inference_mode(False):
+            bones = self.bone_offsets()
+            matrix = bones.new_zeros(NUM_JOINTS, 3, NUM_JOINTS)
+            for joint in range(NUM_JOINTS):
+                for child in chain_to_root(joint)[:-1]:
+                    matrix[PARENTS[child], :, joint] += bones[child - 1]
+            return matrix
+
+
+@cache
+def open_body_skeleton() -> RestSkeleton:
+    """The rest skeleton of the open body that comes with this project."""
+    with torch.inference_mode(False), np.load(_SKELETON_FILE, allow_pickle=False) as arrays:
+        names = [str(name) for name in arrays["tip_names"]]
+        order = [names.index(name) for name in FINGERTIP_NAMES]
+        return RestSkeleton(
+            rest_joints=torch.from_numpy(arrays["rest_joints"].astype(np.float32)),
+            tip_offsets=torch.from_numpy(arrays["tip_offsets"][order].astype(np.float32)),
+        )
+
+
+@cache
+def face_unit_names() -> tuple[str, ...]:
+    """ARKit's face units in the order of the open body's ``expressions``."""
+    with np.load(_SKELETON_FILE, allow_pickle=False) as arrays:
+        return tuple(str(name) for name in arrays["expression_names"])
+
 
 _LEVELS: tuple[tuple[int, ...], ...] = tuple(
     tuple(joint for joint in range(NUM_JOINTS) if JOINT_DEPTH[joint] == depth)
@@ -122,3 +177,33 @@ def mirror_local(local_rot: Float[Tensor, "*batch 55 3 3"]) -> Float[Tensor, "*b
 def mirror_transl(transl: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
     """The mirror image of a translation or point: x changes its sign."""
     return torch.cat([-transl[..., :1], transl[..., 1:]], dim=-1)
+
+
+def mirror_poses(poses: Float[Tensor, "*batch 165"]) -> Float[Tensor, "*batch 165"]:
+    """Local axis-angle, radians: left and right joints change places and y and z their sign.
+
+    ``M R(a) M = R(-M a)`` with ``M = diag(-1, 1, 1)``: a rotation's axis is an axial vector.
+    """
+    joints = poses.unflatten(-1, (NUM_JOINTS, 3))[..., list(MIRROR_PERMUTATION), :]
+    return (joints * joints.new_tensor([1.0, -1.0, -1.0])).flatten(-2)
+
+
+def mirror_face_units(units: Float[Tensor, "*batch 52"]) -> Float[Tensor, "*batch 52"]:
+    """ARKit's face units: what is called left and what is called right change places.
+
+    This holds for eye looks too: "in" is towards the nose on either side.
+    """
+    return units[..., list(_face_partners())]
+
+
+@cache
+def _face_partners() -> tuple[int, ...]:
+    names = face_unit_names()
+    return tuple(names.index(_partner(name)) for name in names)
+
+
+def _partner(name: str) -> str:
+    for side, other in (("Left", "Right"), ("Right", "Left")):
+        if name.endswith(side):
+            return name.removesuffix(side) + other
+    return name

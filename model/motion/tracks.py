@@ -15,10 +15,9 @@ from conventions.joints import (
     NUM_JOINTS,
     chain_to_root,
 )
-from model.motion.kinematics import fingertip_positions, joint_positions_from_local
+from model.motion.kinematics import RestSkeleton, fingertip_positions, joint_positions_from_local
 from model.motion.motion import Motion
 from model.motion.rotations import matrix_from_axis_angle
-from model.motion.skeleton import RestSkeleton
 
 POINT_NAMES = (*FINGERTIP_NAMES, *JOINT_NAMES)
 """Everything that the ``tip_`` measures can follow."""

@@ -15,11 +15,10 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from model.motion.decoding import to_vectors
-from model.motion.packing import Normaliser
+from model.motion.packing import Normaliser, to_vectors
 from model.networks.config import AutoencoderConfig
+from model.storage.cards import from_dict
 from model.storage.checkpoint import load_into, load_weights
-from model.storage.settings import from_dict
 
 CPU = torch.device("cpu")
 Codes = tuple[Float[Tensor, "B _ dim"], Float[Tensor, "B _ dim"]]

@@ -21,8 +21,8 @@ from conventions.rates import FPS
 from model.motion.packing import Normaliser
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
 from model.networks.config import MatchingConfig
+from model.storage.cards import from_dict
 from model.storage.checkpoint import load_into, load_weights
-from model.storage.settings import from_dict
 
 _ARM_JOINTS = ("collar", "shoulder", "elbow", "wrist", "index1", "middle1")
 CHAINS: Mapping[str, tuple[str, ...]] = {

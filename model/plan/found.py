@@ -19,10 +19,10 @@ from scipy.signal import find_peaks
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
+from model.motion.kinematics import RestSkeleton, face_unit_names
 from model.motion.motion import Motion
-from model.motion.skeleton import RestSkeleton, face_unit_names
 from model.motion.tracks import Tracks, track_points
-from model.plan.places import wrist_places
+from model.plan.kinds import wrist_places
 from model.plan.plan import (
     PHASES,
     SIDES,

@@ -1,10 +1,22 @@
-"""A whole performance at once: how often, how large, how high, how fast, with which hands."""
+"""The style of a whole performance: measured, changed, wished for in a file, and led by sliders
+while it goes on.
+
+TOML. Numbers are those of `Style`; in the table ``times`` they say how many times what each plan
+asks for itself. ``excite`` goes from -1 (calm) to 1 (excited). With ``wrong_words`` strokes land
+where nothing called for them.
+
+Nobody knows yet what a plan of live speech will be like, so all of them say how many times as much
+as the speech asks for.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, fields, replace
+import tomllib
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,14 +27,16 @@ from model.plan.editing import (
     deleted,
     gestures,
     hastened,
+    moved,
     on_word,
     raised,
     sized,
     with_hands,
+    within_reach,
 )
 from model.plan.kinds import TOGETHER_S, Spoken, strokes_of
 from model.plan.palette import REST_PLACE
-from model.plan.plan import SIDES, GesturePlan, PlanError, Smile
+from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, Smile, bytes_within
 
 _CLOSE = 0.02
 """A wish this close to what is there, as a share of it, is met already."""
@@ -232,3 +246,183 @@ def _smiles(plan: GesturePlan, wish: float, now: float) -> tuple[Smile, ...]:
         return (Smile(0.0, plan.duration_s, wish),)
     scaled = (replace(one, size=min(1.0, one.size * wish / now)) for one in plan.smiles)
     return tuple(one for one in scaled if one.size > 0)
+
+
+MAX_BYTES = 10_000
+AWAY_S = 0.25
+"""A stroke on a wrong word lands so far from where any stroke was called for."""
+FARTHEST_S = 2.0
+STEP_S = 0.05
+MOST_TIMES = 10.0
+_NUMBERS = tuple(each.name for each in fields(Style))
+_TIMES = tuple(name for name in _NUMBERS if name != "height_m")
+
+
+@dataclass(frozen=True)
+class StyleWish:
+    """What is wished of a plan on the whole; nothing changes none."""
+
+    to: Mapping[str, float] = field(default_factory=dict)
+    """Numbers of `Style` by name."""
+    times: Mapping[str, float] = field(default_factory=dict)
+    """How many times what the plan has; heights have none, as the chest is their zero."""
+    excite: float = 0.0
+    wrong_words: bool = False
+
+    def done(self, plan: GesturePlan, words: Sequence[Spoken] = ()) -> Edited:
+        """The plan as wished, as far as there are gestures, words and time for it."""
+        now = style_of(plan)
+        wish = replace(now, **{
+            name: _within(name, getattr(now, name) * share) for name, share in self.times.items()
+        })  # fmt: skip
+        wish = excited(replace(wish, **self.to), self.excite)
+        found = with_style(plan, wish, words)
+        if not self.wrong_words:
+            return found
+        wrong = on_wrong_words(found.plan, words)
+        return Edited(wrong.plan, (*found.notes, *wrong.notes))
+
+
+def on_wrong_words(plan: GesturePlan, words: Sequence[Spoken] = ()) -> Edited:
+    """Every gesture as it is, but at least `AWAY_S` from where any was called for: on another word
+    if words are known, else at another time. One that has no room stays, and that is said."""
+    called = np.array([group[0].lands_s for group in together(plan)])
+    groups = together(plan)
+    places = [on_word(word) for word in words]
+    texts = {on_word(word): word.text.lower() for word in words}
+    steps = np.arange(AWAY_S, FARTHEST_S + STEP_S / 2, STEP_S)
+    stayed = 0
+    for group in groups:
+        at_s = group[0].lands_s
+        wished = places or [at_s + sign * step for step in steps for sign in (1, -1)]
+        free = [
+            to for to in wished
+            if np.abs(called - to).min() >= AWAY_S and abs(to - at_s) <= FARTHEST_S
+        ]  # fmt: skip
+        for to_s in sorted(free, key=lambda to: abs(to - at_s)):
+            try:
+                plan = _all_moved(plan, group, to_s - at_s, texts.get(to_s, ""))
+            except PlanError:
+                continue
+            break
+        else:
+            stayed += 1
+    notes = (f"{stayed} of {len(groups)} gestures stay on their words.",) if stayed else ()
+    return Edited(plan, notes)
+
+
+def read_wish(path: Path) -> StyleWish:
+    """A style file.
+
+    Raises:
+        PlanError: if it is missing, too large, or says anything else.
+    """
+    data = bytes_within(path, MAX_BYTES, f"{MAX_BYTES // 1000} kB")
+    try:
+        told = tomllib.loads(data.decode("utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise PlanError(f"{path.name} is no TOML file.") from error
+    try:
+        return wish_of(told)
+    except PlanError as error:
+        raise PlanError(f"{path.name}: {error}") from None
+
+
+def wish_of(told: Mapping[str, Any]) -> StyleWish:
+    """What a style file's tables say.
+
+    Raises:
+        PlanError: if it is anything else.
+    """
+    known = (*_NUMBERS, "times", "excite", "wrong_words")
+    unknown = sorted(set(told) - set(known))
+    if unknown:
+        raise PlanError(f"a style has no {unknown[0][:40]!r}; it may have {', '.join(known)}.")
+    times = told.get("times", {})
+    if not isinstance(times, Mapping) or set(times) - set(_TIMES):
+        raise PlanError(f"`times` is a table of some of {', '.join(_TIMES)}.")
+    wrong = told.get("wrong_words", False)
+    if not isinstance(wrong, bool):
+        raise PlanError("`wrong_words` is true or false.")
+    both = sorted(set(told) & set(times))
+    if both:
+        raise PlanError(f"{both[0]} is given twice, alone and in `times`; leave one out.")
+    return StyleWish(
+        {name: _number(name, told[name], *LIMITS[name]) for name in _NUMBERS if name in told},
+        {name: _number(f"times.{name}", times[name], 0.0, MOST_TIMES) for name in times},
+        _number("excite", told.get("excite", 0.0), -1.0, 1.0),
+        wrong,
+    )
+
+
+def _all_moved(plan: GesturePlan, group: Sequence[Gesture], by_s: float, word: str) -> GesturePlan:
+    for gesture in group:
+        plan = moved(plan, gesture, gesture.lands_s + by_s, word).plan
+    return plan
+
+
+def _within(name: str, value: float) -> float:
+    return float(np.clip(value, *LIMITS[name]))
+
+
+def _number(name: str, value: object, least: float, most: float) -> float:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    number = float(value) if is_number else math.nan  # pyright: ignore[reportArgumentType]
+    if not least <= number <= most:
+        raise PlanError(f"{name} is a number from {least:g} to {most:g}; got {str(value)[:20]}.")
+    return number
+
+
+MANNER_LIMITS = {
+    "often": (0.2, 4.0), "large": (0.3, 2.5), "high_m": (-0.3, 0.3), "fast": (0.5, 2.0),
+    "both": (0.1, 10.0), "smile": (0.0, 4.0),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Manner:
+    """All 1, and 0 m, is what the speech asks for."""
+
+    often: float = 1.0
+    """How many times as likely a gesture begins."""
+    large: float = 1.0
+    high_m: float = 0.0
+    fast: float = 1.0
+    """Of preparations, strokes and ways back."""
+    both: float = 1.0
+    """How many times as likely one hand joins the other."""
+    smile: float = 1.0
+
+    def __post_init__(self) -> None:
+        """
+        Raises:
+            PlanError: if something is beyond what sliders reach.
+        """
+        for name, (least, most) in MANNER_LIMITS.items():
+            if not least <= getattr(self, name) <= most:
+                value = getattr(self, name)
+                raise PlanError(f"{name} is {value:g}; it must lie between {least:g} and {most:g}.")
+
+    @staticmethod
+    def of(told: Any) -> Manner:
+        """From what a program tells: an object of numbers.
+
+        Raises:
+            PlanError: if it is anything else.
+        """
+        names = {each.name for each in fields(Manner)}
+        if not isinstance(told, dict) or not set(told) <= names:
+            raise PlanError(f"A manner is an object of some of {', '.join(sorted(names))}.")
+        for name, value in told.items():
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise PlanError(f"{name} is no number.")
+        return replace(Manner(), **{name: float(value) for name, value in told.items()})
+
+    def done(self, phase: HandPhase) -> HandPhase:
+        """A phase of a gesture as large and as high as it shall be."""
+        if phase.phase in ("rest", "retraction") or (self.large, self.high_m) == (1.0, 0.0):
+            return phase
+        out, up, forward = (
+            r + self.large * (g - r) for g, r in zip(phase.goal, REST_PLACE, strict=True)
+        )
+        return within_reach([replace(phase, goal=(out, up + self.high_m, forward))])[0][0]

@@ -12,8 +12,7 @@ from jaxtyping import Bool, Float, Float32, Float64
 from torch import Tensor
 
 from conventions.rates import FPS, SAMPLE_RATE
-from model.speech.mel import mel_filters
-from model.speech.pitch import fundamentals
+from model.speech.acoustics import fundamentals, mel_filters
 
 HOP = 160  # 10 ms
 WINDOW = 400  # 25 ms of speech under each spectrum

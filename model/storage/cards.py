@@ -1,8 +1,12 @@
-"""What a folder of weights offers, read from its JSON cards without importing torch."""
+"""The JSON cards beside weights: frozen dataclasses of settings written and read, and what a folder
+offers.
+
+Nothing here imports torch."""
 
 import json
+from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, get_type_hints
 
 from conventions.names import file_stem
 
@@ -31,3 +35,73 @@ def load_card(folder: Path, system: str) -> dict[str, Any]:
     if not isinstance(card, dict) or "sha256" not in card:
         raise CheckpointError(f"{path} is no weights card: it has no sha256.")
     return card
+
+
+T = TypeVar("T")
+
+
+def with_setting(config: T, setting: str) -> T:
+    """The config with one field changed, told as ``outer.inner=value``; the value is JSON, or a
+    text as it stands.
+
+    Raises:
+        ValueError: if there is no such field, or the value is of another kind than its own.
+    """
+    path, equals, told = setting.partition("=")
+    if not equals:
+        raise ValueError(f"{setting!r} sets nothing; write it as field=value.")
+    try:
+        value = json.loads(told)
+    except json.JSONDecodeError:
+        value = told
+    *outer, name = path.split(".")
+    values = asdict(config)  # type: ignore[call-overload]
+    place = values
+    for step in outer:
+        place = place.get(step)
+        if not isinstance(place, dict):
+            break
+    if not isinstance(place, dict) or name not in place:
+        raise ValueError(f"{type(config).__name__} has no field {path}.")
+    place[name] = _of_kind(path, place[name], value)
+    return from_dict(type(config), values)
+
+
+def _of_kind(path: str, old: Any, new: Any) -> Any:
+    """``new`` where it can stand for ``old``."""
+    if old is None or new is None:
+        return new
+    if isinstance(old, float) and isinstance(new, int) and not isinstance(new, bool):
+        return float(new)
+    same = isinstance(new, list) if isinstance(old, tuple) else type(new) is type(old)
+    if not same:
+        raise ValueError(f"{path} is {old!r}; {new!r} is of another kind.")
+    return new
+
+
+def to_json(config: Any) -> str:
+    """The config as indented JSON, nested dataclasses as objects."""
+    return json.dumps(asdict(config), indent=1)
+
+
+def from_dict(cls: type[T], values: dict[str, Any]) -> T:
+    """Rebuild a (nested) config from parsed JSON.
+
+    Raises:
+        ValueError: if a field is unknown to this version.
+    """
+    if not is_dataclass(cls):
+        raise TypeError(f"{cls} is no config.")
+    known = {f.name for f in fields(cls)}
+    unknown = sorted(set(values) - known)
+    if unknown:
+        raise ValueError(f"{cls.__name__} has no field {', '.join(unknown)}.")
+    hints = get_type_hints(cls)
+    return cls(**{name: _restored(hints[name], value) for name, value in values.items()})
+
+
+def _restored(hint: Any, value: Any) -> Any:
+    """A field's value as parsed from JSON, in the type that the field has."""
+    if is_dataclass(hint):
+        return from_dict(hint, value)  # type: ignore[arg-type]
+    return tuple(value) if isinstance(value, list) else value

@@ -64,7 +64,7 @@ PAPER: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class GeometricWeights:
-    """Weights of the terms in `model.training.geometric`; one of weight 0 is not computed.
+    """Weights of the terms in `model.training.losses`; one of weight 0 is not computed.
     Positions are in metres, differences per frame."""
 
     simple: float = 1.0

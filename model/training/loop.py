@@ -16,13 +16,14 @@ from model.data.prepared import PreparedData, prepare, validation_batches
 from model.speech.encoders import make_encoder
 from model.storage.cards import load_card
 from model.storage.checkpoint import save_weights
-from model.training.card import make_card, origin_of
 from model.training.config import TrainConfig
 from model.training.parallel import WHOLE, Shard
 from model.training.run_folder import (
     History,
     TrainingError,
+    make_card,
     open_run,
+    origin_of,
     restore_state,
     save_state,
 )

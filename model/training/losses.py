@@ -1,10 +1,10 @@
-"""Training terms, pure functions of prediction and target, and the check that they are numbers.
+"""Training terms of prediction and target, as vectors and as what vectors mean in the world.
 
 Terms return one value per sample, so that the flow's time weights can be applied outside.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import torch
 import torch.nn.functional as F
@@ -12,6 +12,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from conventions.joints import JOINT_INDEX
+from model.motion.packing import Decoded
+from model.training.config import GeometricWeights
 
 FEET = [JOINT_INDEX[f"{side}_{part}"] for side in ("left", "right") for part in ("ankle", "foot")]
 STANDS_BELOW_M = 0.002
@@ -90,3 +92,38 @@ def finite_or_raise(numbers: dict[str, float], step: int, clips: list[str]) -> N
             raise FloatingPointError(
                 f"The {name} is {value} at step {step}; clips: {', '.join(clips)}."
             )
+
+
+def geometric_terms(
+    weights: GeometricWeights, predicted: Decoded, target: Decoded
+) -> dict[str, Float[Tensor, " B"]]:
+    """The weighted terms on positions, one value per sample; those of weight 0 are left out."""
+    world = predicted.positions, target.positions
+    positions = positions_of(weights, predicted, target)
+    terms = {
+        "position": lambda: position_loss(*positions),
+        "velocity": lambda: velocity_loss(*positions),
+        "acceleration": lambda: acceleration_loss(*positions),
+        "contact": lambda: contact_loss(*world),
+    }
+    return weighted(weights, terms)
+
+
+def positions_of(
+    weights: GeometricWeights, predicted: Decoded, target: Decoded
+) -> tuple[Float[Tensor, "B T 55 3"], Float[Tensor, "B T 55 3"]]:
+    """Joint positions that are compared: in the world, or with the pelvis in place."""
+    if weights.rooted:
+        return predicted.rooted, target.rooted
+    return predicted.positions, target.positions
+
+
+def weighted(
+    weights: GeometricWeights, terms: Mapping[str, Callable[[], Float[Tensor, " B"]]]
+) -> dict[str, Float[Tensor, " B"]]:
+    """Each term times the weight of its name; those of weight 0 are neither computed nor told."""
+    return {
+        name: getattr(weights, name) * term()
+        for name, term in terms.items()
+        if getattr(weights, name) > 0
+    }

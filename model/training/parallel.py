@@ -1,16 +1,18 @@
-"""One training over one or several processes: which share of a batch is whose, and on which device.
+"""One training over one or several processes: whose share of a batch is which, and what chance
+gives each.
 
 ``torchrun`` starts the processes; they join over gloo on CPUs and over nccl on GPUs.
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import torch
 import torch.distributed as dist
+from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from model.training.rate import bf16_is_faster
@@ -104,3 +106,25 @@ def joined_processes() -> Iterator[Shard]:
         yield Shard(dist.get_rank(), dist.get_world_size(), device)
     finally:
         dist.destroy_process_group()
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Draws for each sample of the whole batch, and gives the shard's share of them."""
+
+    size: int
+    """Samples of the whole batch."""
+    generator: torch.Generator
+    shard: Shard
+
+    def noise(self, shape: Sequence[int]) -> Float[Tensor, "B ..."]:
+        """Standard normal numbers, of this shape for each sample."""
+        return self.shard.of(torch.randn(self.size, *shape, generator=self.generator))
+
+    def flow_times(self, power: float) -> Float[Tensor, " B"]:
+        """u ** power with u uniform in [0, 1)."""
+        return self.shard.of(torch.rand(self.size, generator=self.generator) ** power)
+
+    def keep(self, dropout: float) -> Bool[Tensor, " B"]:
+        """False for that share of the samples."""
+        return self.shard.of(torch.rand(self.size, generator=self.generator) >= dropout)

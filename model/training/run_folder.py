@@ -1,18 +1,23 @@
-"""The folder of one training run: its settings, its log, its saved state."""
+"""The folder of one training run: its settings, its log, its saved state, and the card of its
+weights."""
 
 import csv
+import datetime
 import json
+import subprocess
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
+from conventions.rates import FPS
+from model.data.prepared import PreparedData
+from model.storage.cards import load_card, to_json
 from model.storage.files import written_atomically
 from model.storage.harmless import csv_text
-from model.storage.settings import to_json
 from model.training.config import TrainConfig
-from model.training.task import Task
+from model.training.task import Start, Task
 
 STATE_FILE = "state.pt"
 
@@ -102,3 +107,50 @@ def save_state(out: Path, step: int, task: Task) -> None:
     """What `restore_state` reads, whole or not at all."""
     with written_atomically(out / STATE_FILE) as path:
         torch.save({"step": step, **task.state()}, path)
+
+
+def make_card(
+    config: TrainConfig, data: PreparedData, folder: Path, steps: int, validation: dict,
+    origin: dict[str, Any] | None,
+) -> dict[str, Any]:  # fmt: skip
+    corpus = folder / "corpus.json"
+    train_clips = data.of_split("train")
+    seen = {clip.speaker for clip in train_clips}
+    train_frames = sum(clip.num_frames for clip in train_clips if clip.copy == 0)
+    return {
+        "config": json.loads(to_json(config)),
+        "speakers": {name: n for n, name in sorted(data.speakers.items()) if n in seen},
+        "training_data": json.loads(corpus.read_text()) if corpus.is_file() else folder.name,
+        "training_hours": round(train_frames / FPS / 3600, 3),
+        "steps": steps,
+        "started_from_bundled_weights": origin is not None,
+        "started_from": origin,
+        "validation": {name: round(value, 6) for name, value in validation.items()},
+        "date": datetime.date.today().isoformat(),
+        "revision": revision(),
+    }
+
+
+def origin_of(start: Start) -> dict[str, Any]:
+    """Which weights a training begins with, for its card."""
+    card = load_card(start.folder, start.system)
+    return {"system": start.system, "sha256": card["sha256"], "steps": card.get("steps")}
+
+
+def revision() -> str:
+    """Git revision of the code, with ``+`` for uncommitted changes; "unknown" without git.
+
+    Files that Git does not know do not count: results may lie beside the code.
+    """
+    root = Path(__file__).parent
+
+    def git(*command: str) -> str:
+        return subprocess.run(
+            ["git", "-C", str(root), *command], capture_output=True, text=True, check=True
+        ).stdout.strip()
+
+    try:
+        changed = git("status", "--porcelain", "--untracked-files=no")
+        return git("rev-parse", "--short", "HEAD") + ("+" if changed else "")
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"

@@ -1,4 +1,4 @@
-"""What a training step aims at, made once for all clips and mapped: motion vectors and joints.
+"""What a training step hears and what it aims at, made once for all clips.
 
 The step then reads a window's rows instead of converting and posing it again each time it is drawn.
 """
@@ -10,17 +10,18 @@ from pathlib import Path
 import numpy as np
 import torch
 from jaxtyping import Float
-from torch import Tensor
+from torch import Tensor, nn
 from tqdm import tqdm
 
 from conventions.joints import NUM_JOINTS
 from model.data.prepared import Batch, PreparedData
-from model.motion.decoding import Decoded, decode, to_vectors
-from model.motion.decoding import rotations as rotations_of
-from model.motion.packing import MOTION_DIM, root_positions
-from model.motion.skeleton import RestSkeleton
+from model.motion.kinematics import RestSkeleton
+from model.motion.packing import MOTION_DIM, Decoded, decode, root_positions, to_vectors
+from model.motion.packing import rotations as rotations_of
 from model.motion.spaces import AXIS_ANGLE_MOTION_DIM, ROOT_DIM, RootMotion, RotationSpace
+from model.speech.features import augment_mel, in_other_throats
 from model.storage.files import written_atomically
+from model.training.config import TrainConfig
 
 BLOCK_FRAMES = 2000
 TARGETS_FORMAT = 2
@@ -115,3 +116,16 @@ def _write(
             for block in vectors.split(BLOCK_FRAMES):
                 rooted = decode(block[None], space, skeleton, root).rooted[0]
                 rooted_file.write(rooted.flatten(-2).contiguous().numpy().tobytes())
+
+
+def heard(
+    config: TrainConfig, network: nn.Module, batch: Batch, generator: torch.Generator
+) -> Float[Tensor, "B T dim"]:
+    """The speech features of the whole batch; in training as some microphone might have caught
+    them, of some throat."""
+    speech = batch.speech
+    if network.training and config.throats:
+        speech = in_other_throats(speech, config.throats, generator)
+    if network.training and config.augment_speech:
+        speech = augment_mel(speech, generator)
+    return speech

@@ -38,7 +38,7 @@ from app.run.requests.upload_check import refusal_of
 from app.run.videos.behind import VideosRequest
 from conventions.joints import JOINT_INDEX
 from conventions.names import REFERENCE_NAME, file_stem
-from model.diagnostics.diagnostics import Versions
+from model.diagnostics import Versions
 from model.motion.motion import Motion, save_motion
 from model.plan.plan import GesturePlan
 from model.speech.transcript import NOTHING_SAID, Transcript, Word

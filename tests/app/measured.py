@@ -3,10 +3,9 @@
 from dataclasses import replace
 from typing import Any
 
-from model.diagnostics.diagnostics import Diagnostics, Versions, diagnose
-from model.diagnostics.measures import OWN_WINDOWS
+from model.diagnostics import OWN_WINDOWS, Diagnostics, Versions, diagnose
 from model.measures.results import Measures
-from model.motion.skeleton import open_body_skeleton
+from model.motion.kinematics import open_body_skeleton
 from tests.helpers import smooth_motion_example
 
 _FRAME = smooth_motion_example(1)

@@ -13,7 +13,7 @@ from playwright.sync_api import Browser, Page, expect
 from app import text
 from app.run.body_motion import body_motion
 from app.run.pieces import frames_message
-from model.motion.exaggeration import exaggerate
+from model.motion.altered import exaggerate
 from model.motion.filtering import smooth_motion
 from model.motion.motion import Motion
 from renderer.body.body import load_body

@@ -9,13 +9,13 @@ import torch
 
 from model.motion.motion import save_motion
 from model.motion.packing import MOTION_DIM, Normaliser
-from model.networks.prior_network import PriorNetwork
+from model.networks.branch import PriorNetwork
 from model.sampling.prior import GaussianPrior
 from model.speech.audio import Speech, write_wav
+from model.storage.cards import to_json
 from model.storage.checkpoint import save_weights
-from model.storage.settings import to_json
 from model.systems.face.config import ExpressionConfig, FaceTrainConfig
-from model.systems.face.network import FaceNetwork
+from model.systems.face.face import FaceNetwork
 from model.systems.globaldiff.config import GlobalDiffConfig, NetworkConfig
 from model.systems.globaldiff.network import MotionNetwork
 from tests.helpers import smooth_motion_example

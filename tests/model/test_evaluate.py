@@ -13,9 +13,14 @@ from model.evaluation import speakers
 from model.evaluation.clips import ClipRow, as_table
 from model.evaluation.few_clips import UNKNOWN_SPEAKERS
 from model.evaluation.frechet import ENCODERS
-from model.evaluation.intervals import bootstrap, bootstrap_difference, bootstrap_ratio
 from model.evaluation.matching import left_out
-from model.evaluation.tables import as_csv, as_markdown
+from model.evaluation.tables import (
+    as_csv,
+    as_markdown,
+    bootstrap,
+    bootstrap_difference,
+    bootstrap_ratio,
+)
 from model.motion.motion import first_frames, load_motion, save_motion
 from model.motion.packing import Normaliser
 from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder

@@ -9,12 +9,11 @@ import pytest
 import torch
 
 from model.data.prepared import DataError, prepare, read_split
-from model.motion.decoding import to_vectors
+from model.motion.packing import to_vectors
 from model.networks.autoencoder import load_encoder
 from model.speech.features import MelEncoder
-from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
+from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, to_json
 from model.storage.checkpoint import load_weights, save_weights
-from model.storage.settings import to_json
 from model.systems.globaldiff.config import BEST
 from model.systems.registry import family_of, load_system
 from model.train import main

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
     from app.run.diagnose import DiagnoseRequest
     from conventions.names import Version
-    from model.faults.finding import Finding
+    from model.faults.evidence import Finding
     from model.motion.motion import Motion
 
 NOTHING: dict[str, Any] = {}
@@ -247,7 +247,7 @@ class Showing:
         """The recorded motion, as soon as its length is known."""
         if self._reference is None or REFERENCE_NAME in self._frames:
             return
-        from model.diagnostics.diagnostics import smooth_motion
+        from model.diagnostics import smooth_motion
         from model.motion.motion import first_frames, save_motion
 
         recorded = first_frames(_load(self._reference), num_frames)
@@ -388,7 +388,7 @@ def noise_of(name: str) -> str | None:
 def gravest_of(findings: Mapping[str, Sequence[Finding]]) -> list[dict[str, Any]]:
     """The few gravest of all motions: ``name`` of the motion, ``sentence``, and ``at``, the second
     at which it is worst, or None."""
-    from model.faults.finding import ranked
+    from model.faults.evidence import ranked
 
     return [
         {"name": name, "sentence": finding.sentence, "at": finding.worst_s}

@@ -29,8 +29,8 @@ def planned(path: Path, name: str, folder: Path) -> Path:
 
 def found_plans(motions: Mapping[str, Path], folder: Path) -> dict[str, Path]:
     """By row the plan that its motion seems to follow."""
+    from model.motion.kinematics import open_body_skeleton
     from model.motion.motion import load_motion
-    from model.motion.skeleton import open_body_skeleton
     from model.plan.found import found_plan
 
     skeleton = open_body_skeleton()

@@ -71,7 +71,7 @@ def make_timeline(
         No accents are heard here (`heard_accents`).
     """
     from conventions.rates import FPS
-    from model.diagnostics.diagnostics import smooth_motion
+    from model.diagnostics import smooth_motion
 
     num_frames = max((motion.num_frames for motion in motions.values()), default=0)
     duration_s = num_frames / FPS if speech is None else speech.duration_s
@@ -114,7 +114,7 @@ def _times(interval: Interval) -> tuple[float, float, str]:
 
 def heard_accents(speech: Speech, weights: Path) -> list[tuple[float, float]]:
     """Time and strength of accents, as our speech encoder hears them, if its weights are there."""
-    from model.networks.accents import heard_accents as heard
+    from model.networks.speech_codes import heard_accents as heard
 
     return [(accent.time_s, accent.strength) for accent in heard(speech, weights)]
 

@@ -20,7 +20,7 @@ from app.page.results.measures_table import measures_table
 from app.page.results.result_parts import ResultParts
 
 if TYPE_CHECKING:
-    from model.diagnostics.diagnostics import Diagnostics
+    from model.diagnostics import Diagnostics
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from app.page.routes.media import MediaAddresses
 from app.run.requests.request import Artefact
 
 if TYPE_CHECKING:
-    from model.diagnostics.diagnostics import Diagnostics
+    from model.diagnostics import Diagnostics
 
 _DOWNLOADS = ("png", "svg", "pdf")
 

@@ -22,8 +22,8 @@ from app.page.parts import markup
 from conventions.names import REFERENCE_NAME, VERSIONS, Version
 
 if TYPE_CHECKING:
-    from model.diagnostics.diagnostics import Diagnostics, Versions
-    from model.faults.finding import Finding
+    from model.diagnostics import Diagnostics, Versions
+    from model.faults.evidence import Finding
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,7 @@ def _beats(diagnostics: Diagnostics) -> str:
 
 def _finding(name: str, finding: Finding) -> str:
     """With a button that goes to where it is worst, wherever there is a player."""
-    from model.faults.finding import clock
+    from model.faults.evidence import clock
 
     go = ""
     if finding.worst_frame is not None and finding.worst_s is not None:
@@ -212,7 +212,7 @@ def _finding(name: str, finding: Finding) -> str:
 def _findings(findings: Mapping[str, Sequence[Finding]]) -> str:
     """What stands out in the motions, in sentences, the gravest few apart; nothing where nothing
     does."""
-    from model.faults.finding import ranked
+    from model.faults.evidence import ranked
 
     items = [_finding(name, finding) for name, finding in ranked(findings)]
     if not items:

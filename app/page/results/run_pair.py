@@ -31,7 +31,7 @@ from app.page.results.settings import MOTIONS, NONE, SEED, SPEECH, differing
 from conventions.names import REFERENCE_NAME
 
 if TYPE_CHECKING:
-    from model.diagnostics.diagnostics import Versions
+    from model.diagnostics import Versions
 
 MAX_VIDEOS = 12
 

@@ -82,8 +82,7 @@ def _write_motion(motion: Path, out: Path) -> None:
 
 def _write_plan(shown: Path, out: Path) -> None:
     """A plan as the page shows it, without what only the page has of it."""
-    from model.plan.files import write_plan_file
-    from model.plan.markers import markers_csv
+    from model.plan.files import markers_csv, write_plan_file
     from model.plan.plan import read_plan
 
     told = json.loads(shown.read_text(encoding="utf-8"))

@@ -48,7 +48,7 @@ def stage_facts() -> bytes:
     from app.run.followed_point import TIP
     from app.run.requests.display import FULL_SPEED_M_S
     from conventions.views import BUILDS
-    from model.motion.exaggeration import CUTOFF_HZ, MAX_TURN_RAD
+    from model.motion.altered import CUTOFF_HZ, MAX_TURN_RAD
     from renderer.body.look import COLORS
     from renderer.files.builds import STEP_M
     from renderer.video.facts import drawing_facts

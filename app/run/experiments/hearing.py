@@ -20,7 +20,7 @@ from model.systems.registry import usual_systems
 from renderer.figures.style import MAX_SYSTEMS
 
 if TYPE_CHECKING:
-    from model.evaluation.manner import Manner
+    from model.evaluation.speakers import Manner
     from model.measures.hearing import Decided, Grid
     from model.motion.motion import Motion
     from model.speech.audio import Speech
@@ -295,7 +295,7 @@ def _heard(system: str, made: _Made, speakers: tuple[str, str] | None) -> Heard:
 
 
 def _compared(motions: Grid, calm: str, lively: str) -> Compared:
-    from model.evaluation.manner import calm_over_lively, manner_of
+    from model.evaluation.speakers import calm_over_lively, manner_of
 
     own = ([motion for (who, _), motion in motions.items() if who == s] for s in (calm, lively))
     return Compared(calm, lively, manner_of(motions), calm_over_lively(*own))

@@ -83,9 +83,9 @@ def show_mechanism(
     """
     from model.formats.read import read_any_motion
     from model.measures.error_growth import measure_error_growth
+    from model.motion.altered import noisy_motions
+    from model.motion.kinematics import open_body_skeleton
     from model.motion.motion import save_motion
-    from model.motion.noise import noisy_motions
-    from model.motion.skeleton import open_body_skeleton
     from model.motion.tracks import moving_chain
 
     _check(request)

@@ -162,9 +162,9 @@ def _points_of(
 
 
 def _places_and_jerk(motion: Motion) -> tuple[np.ndarray, float]:
-    from model.diagnostics.diagnostics import track_points
+    from model.diagnostics import track_points
     from model.measures.smoothness import derivative_magnitudes, mean_over_time
-    from model.motion.skeleton import open_body_skeleton
+    from model.motion.kinematics import open_body_skeleton
 
     tracks = track_points(motion, open_body_skeleton())
     tip = tracks.point(FINGERTIP)

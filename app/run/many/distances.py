@@ -29,7 +29,7 @@ def moments_of(motion: Motion) -> dict[str, Any]:
 def distance_rows(systems: list[str], numbers: list[dict[str, Any]]) -> Iterator[tuple[Any, ...]]:
     """Rows as the other measures have them: of each system, and of each pair. None without a
     recorded set, or where clips are too short (`why_left_out`)."""
-    from model.evaluation.intervals import bootstrap_of
+    from model.evaluation.tables import bootstrap_of
 
     if REFERENCE_NAME not in systems or why_left_out(numbers):
         return

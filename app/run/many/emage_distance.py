@@ -94,7 +94,7 @@ def emage_distances(systems: Sequence[str], frames: Mapping[Path, int]) -> Emage
 
 
 def _rows(sets: Mapping[str, Float[np.ndarray, " all_draws"]], clips: int) -> Iterator[Any]:
-    from model.evaluation.intervals import interval_of
+    from model.evaluation.tables import interval_of
 
     def told(values: Float[np.ndarray, " all_draws"]) -> tuple[float, float, float]:
         found = interval_of(values[0], values[1:].tolist())
@@ -119,7 +119,7 @@ def _distances(recorded: list[Moments], made: list[Moments]) -> Float[np.ndarray
 def _drawn_moments(index: int, records: Sequence[Path]) -> list[Moments]:
     """Of all clips, and then of the clips of each draw; of one set, by its place in the files."""
     from model.evaluation.frechet import Moments
-    from model.evaluation.intervals import drawn_clips
+    from model.evaluation.tables import drawn_clips
     from model.systems.autoencoders.emage import CODE_DIM
 
     drawn = [np.bincount(each, minlength=len(records)) for each in drawn_clips(len(records), DRAWS)]

@@ -295,12 +295,12 @@ def _measure_clip(
     stamp: dict[str, Any],
 ) -> None:
     """All systems of one clip beside its reference, over the frames that all have."""
-    from model.diagnostics.diagnostics import raw_evidence
+    from model.diagnostics import raw_evidence
     from model.faults.table import find_faults
     from model.formats.numbers import ReadOptions
     from model.formats.read import read_any_motion
+    from model.motion.kinematics import open_body_skeleton
     from model.motion.motion import first_frames
-    from model.motion.skeleton import open_body_skeleton
 
     said = ReadOptions(fps, rotations)
     motions = {name: read_any_motion(path, said).motion for name, path in files.items()}

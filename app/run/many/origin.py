@@ -33,7 +33,7 @@ def origin_of(
         mean_speeds: published ones that BeatAlign was measured with.
     """
     from model.systems.autoencoders.config import FGD_ENCODER
-    from model.training.card import revision
+    from model.training.run_folder import revision
 
     digests = {
         name: _digest(

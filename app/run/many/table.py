@@ -21,7 +21,7 @@ from conventions.names import REFERENCE_NAME
 from model.storage.harmless import csv_text, markdown, tex
 
 if TYPE_CHECKING:
-    from model.faults.finding import Finding
+    from model.faults.evidence import Finding
     from model.measures.results import Measures
 
 JERK, NUM_WORST = ("Followed point", "Jerk"), 10
@@ -51,7 +51,7 @@ def numbers_of(raw: Measures, findings: Iterable[Finding]) -> dict[str, Any]:
 
 def interval(values: Sequence[float]) -> tuple[float, float, float]:
     """Mean over clips and its 95 % bootstrap interval; the mean alone for a single clip."""
-    from model.evaluation.intervals import bootstrap
+    from model.evaluation.tables import bootstrap
 
     found = bootstrap(values)
     return found.mean, found.low, found.high

@@ -14,7 +14,7 @@ _PACKAGES = ("torch", "numpy", "scipy", "numba", "matplotlib", "imageio-ffmpeg",
 
 def versions() -> dict[str, str]:
     """Of this project, Python and the packages whose numbers or pictures could differ."""
-    from model.training.card import revision
+    from model.training.run_folder import revision
 
     found = {"project": revision(), "python": platform.python_version()}
     for package in _PACKAGES:

@@ -19,7 +19,7 @@ from app.run.requests.request import (
 )
 
 if TYPE_CHECKING:
-    from model.diagnostics.diagnostics import Diagnostics
+    from model.diagnostics import Diagnostics
 
 
 class Reporter:

@@ -166,7 +166,7 @@ class Followed(Protocol):
 
 def displayed(motion: Motion, display: Display) -> Motion:
     """The motion as it is drawn."""
-    from model.motion.exaggeration import exaggerate
+    from model.motion.altered import exaggerate
 
     return exaggerate(motion, display.exaggeration, display.cutoff_hz)
 

@@ -16,7 +16,7 @@ from conventions.views import CLOSE_UPS, FRAMINGS, LOOKS, VIEWS, CloseUp, Framin
 from model.speech.transcript import NOTHING_SAID, Transcript
 
 if TYPE_CHECKING:
-    from model.diagnostics.diagnostics import Diagnostics
+    from model.diagnostics import Diagnostics
 
 T = TypeVar("T")
 WordsAsked = Literal["recognise", "none"]
@@ -260,7 +260,7 @@ class GenerateRequest:
     """What the systems that perform plans are to perform (`model.plan.files`); None lets
     them draw plans from the speech. Of many pieces of speech, a folder with a plan for each."""
     style: Path | None = field(default=None, metadata=STYLE)
-    """A style file (`model.plan.wish`), done to every plan that is performed."""
+    """A style file (`model.plan.style`), done to every plan that is performed."""
     joint: str = field(default="right_middle", metadata=JOINT)
     """The fingertip or joint that figure and tip measures follow; see
     `app.run.followed_point`."""

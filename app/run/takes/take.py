@@ -117,9 +117,14 @@ def _performed(
 ) -> Take:
     from app.run.models import get_system
     from conventions.rates import FPS
-    from model.diagnostics.diagnostics import smooth_motion
-    from model.generation.again import perform, perform_again
-    from model.generation.kept import ENDING, load_performance, save_performance
+    from model.diagnostics import smooth_motion
+    from model.generation.again import (
+        ENDING,
+        load_performance,
+        perform,
+        perform_again,
+        save_performance,
+    )
     from model.generation.windows import Cancelled
     from model.motion.motion import load_motion, save_motion
     from model.plan.plan import read_plan

@@ -202,7 +202,7 @@ def render_settings(
 
 
 def _export(request: RenderRequest, body: Body, motion: BodyMotion) -> tuple[Path, ...]:
-    from model.plan.markers import markers_csv, markers_of
+    from model.plan.files import markers_csv, markers_of
     from model.storage.files import written_atomically
     from renderer.files.blender import write_blender
     from renderer.files.bvh import write_bvh

@@ -21,7 +21,7 @@ def in_register(motion: Motion) -> Motion:
     import numpy as np
     from scipy.spatial.transform import Rotation
 
-    from model.motion.skeleton import open_body_skeleton
+    from model.motion.kinematics import open_body_skeleton
 
     register = register_of(motion)
     turn = Rotation.from_rotvec([0.0, register.turn_rad, 0.0])
@@ -49,7 +49,7 @@ def register_of(motion: Motion) -> Register:
 
     from conventions.joints import JOINT_INDEX
     from model.measures.posture import FEET
-    from model.motion.skeleton import open_body_skeleton
+    from model.motion.kinematics import open_body_skeleton
     from model.motion.tracks import track_points
 
     skeleton = open_body_skeleton()

@@ -18,7 +18,7 @@ from conventions.views import VIEWS, View
 from model.systems.registry import families, planning_systems
 
 if TYPE_CHECKING:
-    from model.plan.wish import StyleWish
+    from model.plan.style import StyleWish
 
 FORMAT = 1
 MAX_PLAN_BYTES = 1 << 20
@@ -279,7 +279,7 @@ def _system_of(item: Fields, folder: Path, clips: list[str]) -> PlannedSystem:
 def _style_of(item: Fields, name: str, folder: Path) -> StyleWish:
     """A style file, or its tables in place."""
     from model.plan.plan import PlanError
-    from model.plan.wish import read_wish, wish_of  # bring torch: only once they are needed
+    from model.plan.style import read_wish, wish_of  # bring torch: only once they are needed
 
     style = item.raw("style")
     try:

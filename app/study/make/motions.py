@@ -222,7 +222,7 @@ def _generate(
     Args:
         given: what is performed; None draws it from the speech.
     """
-    from model.diagnostics.diagnostics import smooth_motion
+    from model.diagnostics import smooth_motion
     from model.generation.clip_noise import clip_seed
     from model.generation.windows import Cancelled, GenerateOptions, draw_plans, generate_motion
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from model.generation.family import Family
-from model.generation.samplers import Sampler
+from model.sampling.samplers import Sampler
 from model.training.config import SMOKE, TrainConfig
 
 MEAN, DRAWN = "regression/mean", "regression/drawn"

@@ -9,7 +9,7 @@ from torch.nn.functional import avg_pool1d
 from frame_regression import DRAWN, FAMILY
 from frame_regression.network import CONTEXT, POSE, Regression
 from model.generation.base import Draw, System, Window, Windowing
-from model.generation.speech_stream import SpeechWindow
+from model.generation.stitching import SpeechWindow
 from model.motion.rotations import matrix_from_axis_angle
 from model.speech.encoders import make_encoder
 from model.storage.checkpoint import load_into, load_weights

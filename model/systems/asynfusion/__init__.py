@@ -1,8 +1,7 @@
 """AsynFusion: face and body by two branches that hear each other; may import what systems may."""
 
 from model.generation.family import Family
-from model.generation.samplers import Sampler
-from model.sampling.names import SAMPLER_TITLES
+from model.sampling.samplers import SAMPLER_TITLES, Sampler
 from model.systems.asynfusion.config import (
     DDIM,
     LCM_ASYNC,

@@ -1,4 +1,10 @@
-"""From noise to motion in two branches, each in as many steps as it is given.
+"""From noise to motion in two branches: the schedule, the steps of each, and what speech changes.
+
+``x_k = sqrt(abar_k) x_0 + sqrt(1 - abar_k) eps`` (eq. 5) divided by the sum of the two roots lies
+on the straight path from noise to data at the flow time ``sqrt(abar_k) / (sqrt(abar_k) +
+sqrt(1 - abar_k))``. So networks, priors and interpolation of flow matching serve diffusion too:
+only the times differ. A step that predicts clean motion x_1 predicts the noise
+``(x_t - t x_1) / (1 - t)``, and DDIM returns to the path of that noise at an earlier step.
 
 The branch with more steps sets the pace. The other takes its steps at even distances among them,
 so that both are at similar noise when they hear each other; in between it is idle, and what the
@@ -8,16 +14,91 @@ recomputed (its features from where it stands now).
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Literal
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from model.sampling.flow import interpolate
-from model.systems.asynfusion.guided import GuidedNetwork
-from model.systems.asynfusion.network import BRANCHES, DualBranchNetwork, FeatureBuffer, Pair
-from model.systems.asynfusion.schedule import flow_times, noise_of, trailing_steps
+from model.sampling.flow import SpeechGuide, interpolate
+from model.systems.asynfusion.network import (
+    BRANCHES,
+    GESTURE,
+    DualBranchNetwork,
+    FeatureBuffer,
+    Pair,
+    both,
+)
+
+NUM_STEPS = 1000
+FIRST_BETA, LAST_BETA = 1e-4, 0.02
+"""Linear, as in DDPM (Ho et al. 2020); the paper only says 1,000 steps."""
+
+
+@cache
+def flow_times() -> Float[Tensor, "1000"]:
+    """Flow time of each step; step 0 is next to the data."""
+    betas = torch.linspace(FIRST_BETA, LAST_BETA, NUM_STEPS, dtype=torch.float64)
+    kept = torch.cumprod(1 - betas, dim=0)
+    return (kept.sqrt() / (kept.sqrt() + (1 - kept).sqrt())).float()
+
+
+def noise_of(
+    x_t: Float[Tensor, "B T C"], x_1: Float[Tensor, "B T C"], t: Float[Tensor, " B"]
+) -> Float[Tensor, "B T C"]:
+    """The noise that leads from clean motion to ``x_t``."""
+    t = t[:, None, None]
+    return (x_t - t * x_1) / (1 - t)
+
+
+def trailing_steps(count: int) -> Int[Tensor, " count"]:
+    """``count`` steps at even distances, from pure noise (999) down (Lin et al. 2024).
+
+    Raises:
+        ValueError: if that is none, or more than there are.
+    """
+    if not 1 <= count <= NUM_STEPS:
+        raise ValueError(f"There are {NUM_STEPS} diffusion steps; {count} cannot be taken.")
+    return (NUM_STEPS - torch.arange(count) * NUM_STEPS / count).round().long() - 1
+
+
+@dataclass(frozen=True)
+class GuidedNetwork:
+    """A network whose body is guided by speech; its face stays as trained. Asked twice, both
+    branches of the copies that do not hear are deaf, as they were in training."""
+
+    network: DualBranchNetwork
+    guide: SpeechGuide
+
+    def evaluate(
+        self,
+        active: Sequence[int],
+        x_t: Pair,
+        t: Pair,
+        buffer: FeatureBuffer,
+        *,
+        heard: Float[Tensor, "copies T width"],
+        seed: Pair,
+        speaker: Int[Tensor, " B"],
+        has_seed: Bool[Tensor, " B"],
+    ) -> dict[int, Float[Tensor, "B T C"]]:
+        """See `DualBranchNetwork.evaluate`.
+
+        Args:
+            buffer: holds features of all copies.
+            heard: tokens of the speech, then those of none where the guide asks twice.
+        """
+        twice = self.guide.twice
+        found = self.network.evaluate(
+            active, both(twice, x_t), both(twice, t), buffer,
+            heard=heard, seed=both(twice, seed), speaker=twice(speaker), has_seed=twice(has_seed),
+        )  # fmt: skip
+        return {
+            which: self.guide.guided(clean) if which == GESTURE else clean[: len(speaker)]
+            for which, clean in found.items()
+        }
+
 
 BLENDED_STEPS = 2
 """Last steps of a branch in which overlapping frames are blended with the window before."""

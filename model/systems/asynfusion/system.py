@@ -10,20 +10,17 @@ from jaxtyping import Float
 from torch import Tensor
 
 from model.generation.base import Draw, System, Window, Windowing
-from model.generation.speech_stream import SpeechWindow
-from model.motion.decoding import rotations
+from model.generation.stitching import SpeechWindow
+from model.motion.packing import rotations
 from model.motion.spaces import ROOT_DIM
-from model.sampling.flow import seeded_noise
-from model.sampling.guidance import SpeechGuide
+from model.sampling.flow import SpeechGuide, seeded_noise
 from model.speech.encoders import make_encoder
-from model.storage.cards import CheckpointError
+from model.storage.cards import CheckpointError, from_dict
 from model.storage.checkpoint import load_into, load_weights
-from model.storage.settings import from_dict
 from model.systems.asynfusion import FAMILY
 from model.systems.asynfusion.config import DualBranchConfig
-from model.systems.asynfusion.guided import GuidedNetwork
 from model.systems.asynfusion.network import GESTURE, DualBranchNetwork, Pair
-from model.systems.asynfusion.sampling import WAYS, sample
+from model.systems.asynfusion.sampling import WAYS, GuidedNetwork, sample
 from model.systems.asynfusion.streams import Streams, read_streams
 
 

@@ -8,22 +8,18 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from model.data.prepared import Batch, PreparedData
-from model.motion.decoding import Decoded, decode
-from model.motion.packing import Normaliser
-from model.motion.skeleton import open_body_skeleton
-from model.sampling.flow import interpolate, time_weight
-from model.sampling.guidance import SpeechGuide
+from model.motion.kinematics import open_body_skeleton
+from model.motion.packing import Decoded, Normaliser, decode
+from model.sampling.flow import SpeechGuide, interpolate, time_weight
 from model.storage.checkpoint import load_into, load_weights
 from model.systems.asynfusion.config import DDIM, AsynFusionConfig, LossConfig
 from model.systems.asynfusion.network import BRANCHES, GESTURE, DualBranchNetwork, Pair, both
-from model.systems.asynfusion.schedule import NUM_STEPS, flow_times, noise_of
+from model.systems.asynfusion.sampling import NUM_STEPS, flow_times, noise_of
 from model.systems.asynfusion.streams import Streams, face_tensors, fit_streams, read_streams
 from model.training import losses
-from model.training.draws import Draws
-from model.training.hearing import heard
-from model.training.parallel import WHOLE, Shard
+from model.training.parallel import WHOLE, Draws, Shard
 from model.training.rate import can_compile
-from model.training.targets import Targets, prepare_targets
+from model.training.targets import Targets, heard, prepare_targets
 from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup, check_speakers
 
 NAMES = "expression", "gesture"

@@ -4,13 +4,12 @@ import torch
 from torch import nn
 
 from model.data.prepared import Batch, DataError, PreparedData
-from model.motion.decoding import decode
-from model.motion.packing import Normaliser
-from model.motion.skeleton import open_body_skeleton
+from model.motion.kinematics import open_body_skeleton
+from model.motion.packing import Normaliser, decode
 from model.networks.autoencoder import MotionAutoencoder, input_vectors
 from model.systems.autoencoders.config import AutoencoderTrainConfig
 from model.training import losses
-from model.training.geometric import geometric_terms
+from model.training.losses import geometric_terms
 from model.training.parallel import WHOLE, Shard
 from model.training.statistics import statistics_batch
 from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup

@@ -1,4 +1,5 @@
-"""The expression network: speech and speaker to face units, drawn and not averaged.
+"""The expression network: speech and speaker to face units, drawn and not averaged, and shown on a
+body.
 
 GlobalDiff estimates expressions "directly" from audio, because lips follow phonemes almost one to
 one. Lids and brows do not: the best estimate of a blink is a face that never blinks. So the face is
@@ -9,23 +10,60 @@ one, tells it of brows, smiles and blinks.
 
 import functools
 import hashlib
+from abc import abstractmethod
 from collections import OrderedDict
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any, ClassVar
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
-from model.generation.stitching import fade
+from model.generation.base import Draw, System, Window, Windowing
+from model.generation.stitching import SpeechWindow, fade
 from model.motion.packing import Normaliser
+from model.networks.branch import AddedTokens, PriorNetwork
+from model.networks.config import BranchConfig
+from model.plan.tracks import NUM_FACE_TRACKS
 from model.sampling.flow import seeded_noise
 from model.sampling.prior import GaussianPrior
-from model.storage.cards import CheckpointError, load_card
+from model.storage.cards import CheckpointError, from_dict, load_card
 from model.storage.checkpoint import load_into, load_weights
-from model.storage.settings import from_dict
 from model.systems.face.config import EXPRESSION, ExpressionConfig
-from model.systems.face.network import FaceNetwork
+
+
+class FaceNetwork(PriorNetwork):
+    """Predicts face units x_1 from what `PriorNetwork` is told, and a plan's tracks."""
+
+    config: ExpressionConfig
+
+    def __init__(self, config: ExpressionConfig, prior: GaussianPrior) -> None:
+        super().__init__(config, prior, channels=config.expression_dim, expression_dim=0)
+        self.plan = AddedTokens(NUM_FACE_TRACKS, config.width, config.speech_context)
+
+    def forward(
+        self,
+        x_t: Float[Tensor, "B T E"],
+        t: Float[Tensor, " B"],
+        *,
+        tracks: Float[Tensor, "B heard tracks"] | None = None,
+        has_plan: Bool[Tensor, " B"] | None = None,
+        **conditions: Tensor,
+    ) -> Float[Tensor, "B T E"]:
+        """Clean components x_1.
+
+        Args:
+            tracks: `model.plan.tracks.FACE_TRACKS` of the window and of ``speech_context`` frames
+                before and after it; None where no plan is told.
+            has_plan: which of them are told one; all, if left out.
+            conditions: of `PriorNetwork.forward`.
+        """
+        if tracks is None:
+            return super().forward(x_t, t, **conditions)
+        told = conditions["has_seed"].new_ones(len(x_t)) if has_plan is None else has_plan
+        return super().forward(x_t, t, beside=self.plan(tracks, told), **conditions)
+
 
 FACE_STEPS = 12
 REMEMBERED_WINDOWS = 512
@@ -141,3 +179,82 @@ def _load(folder: Path, sha256: str) -> Face:
     load_into(network, tensors, "network.", EXPRESSION)
     network.eval().requires_grad_(False)
     return Face(network, normaliser, sha256)
+
+
+@dataclass(frozen=True)
+class BodyWindow(Window):
+    """A window, and what the next one starts from."""
+
+    clean: Float[Tensor, "B n C"]
+    """Normalised motion of its frames, before they are joined."""
+
+    def fields_of(self, frames: slice) -> dict[str, Any]:
+        """See `Window.fields_of`."""
+        return super().fields_of(frames) | {"clean": self.clean[:, frames]}
+
+
+@dataclass(frozen=True, kw_only=True)
+class FacedSystem(System):
+    """Its face is that of the expression network, drawn before the body."""
+
+    window_type: ClassVar[type[Window]] = BodyWindow
+    config: BranchConfig
+    """Shape of the network that makes the body."""
+    face: Face
+
+    def face_plan(self, heard: Float[Tensor, "heard dim"]) -> Float[Tensor, "heard tracks"] | None:
+        """What of the things heard tells the face of a plan; None without one."""
+        return None
+
+    @abstractmethod
+    def body(
+        self,
+        speech: Float[Tensor, "heard dim"],
+        expression: Float[Tensor, "T E"],
+        seed: Float[Tensor, "B S C"] | None,
+        draw: Draw,
+    ) -> BodyWindow:
+        """One window of body.
+
+        Args:
+            speech: of the window and ``config.speech_context`` frames on either side, as the
+                system's `hear` has it: the encoder's features first.
+            expression: the face that it is shown.
+            seed: normalised motion of the first frames; None where a clip begins.
+        """
+
+    def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> BodyWindow:
+        """See `System.window`. The face is drawn first, the same for all samples, and goes on from
+        the window before; the body sees it."""
+        assert before is None or isinstance(before, BodyWindow)
+        frames = self.windowing.frames
+        heard = speech.around(self.face.config.speech_context, frames)
+        face = self.face.window(
+            heard[:, : self.encoder.dim],
+            draw.speaker,
+            None if before is None else before.expression[0],
+            draw.seed,
+            draw.index,
+            self.face_plan(heard),
+        )
+        seed = None if before is None else before.clean[:, -self.config.seed_frames :]
+        return self.body(speech.around(self.config.speech_context, frames), face, seed, draw)
+
+    def join(self, older: Window, newer: Window) -> Window:
+        """Bodies are faded into each other; faces have met already."""
+        return replace(super().join(older, newer), expression=newer.expression)
+
+
+def shared_windowing(name: str, body: BranchConfig, face: Face) -> Windowing:
+    """How body and face are cut, which must be alike.
+
+    Args:
+        name: of the body's weights.
+
+    Raises:
+        CheckpointError: if they are not.
+    """
+    windows = body.window_frames, body.seed_frames
+    if windows != (face.config.window_frames, face.config.seed_frames):
+        raise CheckpointError(f"The windows of {name} and of the expression network differ.")
+    return Windowing(*windows, max(body.speech_context, face.config.speech_context))

@@ -3,19 +3,18 @@
 import torch
 from torch import Tensor, nn
 
-from model.data.plans import Plans, prepare_plans
+from model.data.annotated import Plans, prepare_plans
 from model.data.prepared import Batch, PreparedData
 from model.motion.packing import Normaliser
 from model.plan.tracks import FACE_TRACKS
 from model.sampling.flow import interpolate, time_weight
 from model.sampling.prior import GaussianPrior
 from model.systems.face.config import FaceTrainConfig
-from model.systems.face.network import FaceNetwork
+from model.systems.face.face import FaceNetwork
 from model.training import losses
-from model.training.draws import Draws
-from model.training.hearing import heard
-from model.training.parallel import WHOLE, Shard
+from model.training.parallel import WHOLE, Draws, Shard
 from model.training.statistics import prior_batches, with_components
+from model.training.targets import heard
 from model.training.task import (
     DescentTask,
     StepFunction,

@@ -1,8 +1,7 @@
 """Conditional-GAN few-step denoising; may import the face and what systems may."""
 
 from model.generation.family import Family
-from model.generation.samplers import Sampler
-from model.sampling.names import SAMPLER_TITLES
+from model.sampling.samplers import SAMPLER_TITLES, Sampler
 from model.systems.gan.config import (
     PRESETS,
     SAMPLER,

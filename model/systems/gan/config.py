@@ -16,7 +16,7 @@ SAMPLER = "posterior"
 """As they were taught: x_0 is drawn, and a step from its posterior."""
 Solver = Literal["ddim", "dpm-solver++", "dpm-solver++-2m", "euler", "heun"]
 SOLVERS: tuple[Solver, ...] = get_args(Solver)
-"""As `model.systems.gan.solvers` defines them."""
+"""As `model.systems.gan.sampling` defines them."""
 STEP_COUNTS = (1, 5, 10, 20, 30, 50)
 """Numbers of steps of the paper's Table 4."""
 

@@ -12,7 +12,7 @@ from model.networks.layers import TimeEmbedding
 from model.sampling.prior import GaussianPrior
 from model.speech.features import cepstrum
 from model.systems.gan.config import GeneratorConfig
-from model.systems.gan.schedule import flow_time
+from model.systems.gan.sampling import flow_time
 
 FINGERS = AXIS_ANGLE_GROUPS[0]
 SHARE_LIMIT = 0.05

@@ -8,25 +8,20 @@ from jaxtyping import Float
 from torch import Tensor
 
 from model.generation.base import Draw
-from model.motion.decoding import rotations
-from model.motion.packing import Normaliser
+from model.motion.packing import Normaliser, rotations
 from model.motion.spaces import ROOT_DIM
 from model.networks.branch import shown
-from model.sampling.flow import seeded_noise
-from model.sampling.guidance import SpeechGuide
+from model.sampling.flow import SpeechGuide, seeded_noise
 from model.sampling.prior import GaussianPrior
 from model.speech.encoders import make_encoder
-from model.storage.cards import CheckpointError
+from model.storage.cards import CheckpointError, from_dict
 from model.storage.checkpoint import load_into, load_weights
-from model.storage.settings import from_dict
 from model.systems.face.config import EXPRESSION
-from model.systems.face.face import load_face
-from model.systems.face.shown import BodyWindow, FacedSystem, shared_windowing
+from model.systems.face.face import BodyWindow, FacedSystem, load_face, shared_windowing
 from model.systems.gan import FAMILY
 from model.systems.gan.config import SOLVERS, GeneratorConfig
 from model.systems.gan.generator import Generator
-from model.systems.gan.schedule import posterior, times
-from model.systems.gan.solvers import solve
+from model.systems.gan.sampling import posterior, solve, times
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,11 +11,11 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from model.data.prepared import Batch, PreparedData
-from model.motion.decoding import Decoded, decode
-from model.motion.packing import Normaliser
-from model.motion.skeleton import open_body_skeleton
+from model.motion.kinematics import open_body_skeleton
+from model.motion.packing import Decoded, Normaliser, decode
 from model.sampling.flow import time_weight
-from model.systems.gan.adversarial import (
+from model.systems.gan.adversary import (
+    Discriminator,
     Watch,
     discriminator_loss,
     gaussian_loss,
@@ -23,17 +23,14 @@ from model.systems.gan.adversarial import (
     gradient_penalty,
 )
 from model.systems.gan.config import GanConfig
-from model.systems.gan.discriminator import Discriminator
 from model.systems.gan.generator import Generator
-from model.systems.gan.schedule import diffused, flow_time, posterior
+from model.systems.gan.sampling import diffused, flow_time, posterior
 from model.training import losses
-from model.training.draws import Draws
-from model.training.geometric import geometric_terms
-from model.training.hearing import heard
-from model.training.parallel import Shard
+from model.training.losses import geometric_terms
+from model.training.parallel import Draws, Shard
 from model.training.rate import can_compile, compiled
 from model.training.statistics import fit_motion_prior
-from model.training.targets import Targets, prepare_targets
+from model.training.targets import Targets, heard, prepare_targets
 from model.training.task import TaskSetup, check_speakers, learning_rate_factor
 
 

@@ -1,9 +1,7 @@
 """GlobalDiff's ladder and our own system on a prior; may import the face and what systems may."""
 
-from model.generation.explained import Claim
-from model.generation.family import Family
-from model.generation.samplers import Sampler
-from model.sampling.names import FLOW_SAMPLERS, SAMPLER_TITLES
+from model.generation.family import Claim, Family
+from model.sampling.samplers import FLOW_SAMPLERS, SAMPLER_TITLES, Sampler
 from model.systems.globaldiff.config import BEST, LADDER, PRESETS, SYSTEMS, named_config
 from model.systems.globaldiff.ladder import EXPLAINED
 

@@ -3,7 +3,7 @@
 Equations are those of GlobalDiff; their numbers are the paper's.
 """
 
-from model.generation.explained import Beside, ExplainedSystem, Ladder
+from model.generation.family import Beside, ExplainedSystem, Ladder
 from model.systems.globaldiff.config import BEST
 
 _TITLE = "Five systems, each adding one thing to the one before"

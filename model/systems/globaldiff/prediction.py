@@ -11,11 +11,10 @@ from torch import Tensor
 from conventions.joints import JOINT_DEPTH
 from model.data.prepared import home_of
 from model.generation.base import DEPTH_FLOW_TIME, FLOW_TIMES, Features, Prediction
-from model.motion.decoding import decode, to_vectors
+from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
-from model.motion.packing import Normaliser
-from model.motion.skeleton import open_body_skeleton
-from model.networks.prior_network import PriorNetwork
+from model.motion.packing import Normaliser, decode, to_vectors
+from model.networks.branch import PriorNetwork
 from model.sampling.flow import interpolate
 from model.systems.face.face import Face
 from model.systems.globaldiff.config import NetworkConfig

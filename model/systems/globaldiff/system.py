@@ -11,23 +11,19 @@ from torch import Tensor
 from conventions.rates import FPS
 from model.generation.base import Draw, Features, Prediction
 from model.generation.stitching import fade_weights
-from model.motion.decoding import rotations
 from model.motion.motion import Motion
-from model.motion.packing import Normaliser, pack
+from model.motion.packing import Normaliser, pack, rotations
 from model.motion.rotations import rot6d_from_matrix
 from model.motion.spaces import ROOT_DIM
-from model.networks.prior_network import PriorNetwork
-from model.sampling.flow import sample
-from model.sampling.guidance import SpeechGuide
-from model.sampling.names import FLOW_SAMPLERS
+from model.networks.branch import PriorNetwork
+from model.sampling.flow import SpeechGuide, sample
 from model.sampling.prior import GaussianPrior
+from model.sampling.samplers import FLOW_SAMPLERS
 from model.speech.encoders import make_encoder
-from model.storage.cards import CheckpointError
+from model.storage.cards import CheckpointError, from_dict
 from model.storage.checkpoint import load_into, load_weights
-from model.storage.settings import from_dict
 from model.systems.face.config import EXPRESSION
-from model.systems.face.face import load_face
-from model.systems.face.shown import BodyWindow, FacedSystem, shared_windowing
+from model.systems.face.face import BodyWindow, FacedSystem, load_face, shared_windowing
 from model.systems.globaldiff import FAMILY
 from model.systems.globaldiff.config import NetworkConfig
 from model.systems.globaldiff.network import MotionNetwork

@@ -8,23 +8,20 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from model.data.prepared import Batch, PreparedData
-from model.motion.decoding import Decoded, decode
-from model.motion.packing import Normaliser
-from model.motion.skeleton import open_body_skeleton
+from model.motion.kinematics import open_body_skeleton
+from model.motion.packing import Decoded, Normaliser, decode
 from model.networks.autoencoder import FrozenEncoder, load_encoder
-from model.networks.prior_network import PriorNetwork
+from model.networks.branch import PriorNetwork
 from model.sampling.flow import interpolate, time_weight
 from model.systems.globaldiff import constraints
 from model.systems.globaldiff.config import GlobalDiffConfig, LossConfig
 from model.systems.globaldiff.network import MotionNetwork
 from model.training import losses
-from model.training.draws import Draws
-from model.training.geometric import geometric_terms, positions_of, weighted
-from model.training.hearing import heard
-from model.training.parallel import WHOLE, Shard
+from model.training.losses import geometric_terms, positions_of, weighted
+from model.training.parallel import WHOLE, Draws, Shard
 from model.training.rate import can_compile, compiled
 from model.training.statistics import fit_motion_prior, fit_normaliser
-from model.training.targets import Targets, prepare_targets
+from model.training.targets import Targets, heard, prepare_targets
 from model.training.task import (
     DescentTask,
     StepFunction,

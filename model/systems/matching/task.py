@@ -16,9 +16,9 @@ from model.networks.matching import (
     motion_tracks,
 )
 from model.systems.matching.config import MatchingTrainConfig
-from model.training.hearing import heard
 from model.training.parallel import WHOLE, Shard
 from model.training.statistics import statistics_batch
+from model.training.targets import heard
 from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup
 
 STD_FLOOR = 0.01

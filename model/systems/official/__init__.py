@@ -8,10 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from model.generation.family import Family
-from model.generation.named_files import FileFlag, FileReport
-from model.generation.samplers import Sampler
-from model.sampling.names import SAMPLER_TITLES
+from model.generation.family import Family, FileFlag, FileReport
+from model.sampling.samplers import SAMPLER_TITLES, Sampler
 from model.storage.cards import load_card
 from model.systems.official.files import (
     FOLDER_VARIABLE,
@@ -73,7 +71,7 @@ class OfficialFamily(Family):
 
     def file_reports(self) -> tuple[FileReport, ...]:
         """Of each network, and of what hears for them."""
-        from model.systems.official.report import reports_of
+        from model.systems.official.checkpoint import reports_of
 
         files = official_files()
         return () if files is None else tuple(reports_of(files))

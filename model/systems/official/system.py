@@ -10,15 +10,14 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from model.generation.base import Draw, System, Window, Windowing
-from model.generation.speech_stream import SpeechWindow
+from model.generation.stitching import SpeechWindow
 from model.motion.rotations import matrix_from_rot6d, rot6d_from_matrix
 from model.motion.spaces import ROOT_DIM
 from model.sampling.flow import sample
 from model.systems.official import FAMILY, UNFILTERED
 from model.systems.official.checkpoint import load_network, sha256_of
-from model.systems.official.expression_network import OfficialExpressionNetwork
 from model.systems.official.files import Part, require_official
-from model.systems.official.motion_network import OfficialMotionNetwork
+from model.systems.official.networks import OfficialExpressionNetwork, OfficialMotionNetwork
 from model.systems.official.seed import first_seed
 from model.systems.official.sizes import MOTION_DIM, SEED_FRAMES, WINDOW_FRAMES
 from model.systems.official.speech import of_window, official_encoder

@@ -3,8 +3,7 @@ motion network follows the plan it is given. May import GlobalDiff's family and 
 """
 
 from model.generation.family import Family
-from model.generation.samplers import Sampler
-from model.sampling.names import SAMPLER_TITLES
+from model.sampling.samplers import SAMPLER_TITLES, Sampler
 from model.systems.planned.config import PLANNED, PLANNER, PRESETS, named_config
 
 FAMILY = Family(

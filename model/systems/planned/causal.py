@@ -19,12 +19,12 @@ from jaxtyping import Float
 from torch import Tensor
 
 from conventions.rates import FPS
-from model.data.plans import kinds_of
+from model.data.annotated import kinds_of
 from model.generation.base import PlannedAhead
 from model.plan.kinds import FOLLOWING, KindTable, Stroke, strokes_of
-from model.plan.manner import Manner
 from model.plan.palette import Place
 from model.plan.plan import PHASES, SIDES, GesturePlan, HandPhase, Side
+from model.plan.style import Manner
 from model.plan.tiers import BY_NAME, Begun, plan_of
 from model.plan.tracks import STILL, tracks_of
 from model.systems.planned.planner import KINDS, Planner

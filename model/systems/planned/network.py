@@ -1,14 +1,23 @@
-"""The motion network on a linear-Gaussian prior, told a plan besides."""
+"""The networks: one that plans, and one that moves as planned, on a linear-Gaussian prior.
+
+A discrete-time model of competing risks: speech decides how likely each state is to begin now,
+given how long the last one has lasted. So when something happens is told by the speech, and chance
+chooses among what the speech allows.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import torch
+import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from model.networks.branch import AddedTokens
-from model.networks.prior_network import PriorNetwork
+from model.networks.branch import AddedTokens, PriorNetwork
+from model.plan.tiers import BY_NAME, TIERS, Tier
 from model.plan.tracks import NUM_TRACKS
 from model.sampling.prior import GaussianPrior
-from model.systems.planned.config import PlannedNetworkConfig
+from model.systems.planned.config import PlannedNetworkConfig, PlannerConfig
 
 
 class PlanTokens(AddedTokens):
@@ -53,3 +62,123 @@ class PlannedNetwork(PriorNetwork):
         """
         plan = self.plan(self.plan.told(tracks, kinds), has_plan)
         return super().forward(x_t, t, beside=plan, **conditions)
+
+
+SPEAKER_WIDTH = 16
+_LEAST_SPREAD = 0.02
+"""Of a mark, in the tier's units."""
+
+
+@dataclass(frozen=True)
+class Marks:
+    """A mixture of Gaussians with axes of their own."""
+
+    logits: Float[Tensor, "*rows K"]
+    mean: Float[Tensor, "*rows K units"]
+    spread: Float[Tensor, "*rows K units"]
+
+    def log_likelihood(self, mark: Float[Tensor, "*rows units"]) -> Float[Tensor, "*rows"]:
+        """Natural logarithm of the density."""
+        off = (mark[..., None, :] - self.mean) / self.spread
+        each = -0.5 * (off.square() + 2 * self.spread.log() + 1.8378770664).sum(-1)
+        return torch.logsumexp(F.log_softmax(self.logits, -1) + each, dim=-1)
+
+
+class TierHead(nn.Module):
+    """What one tier does next."""
+
+    def __init__(self, tier: Tier, config: PlannerConfig) -> None:
+        super().__init__()
+        self.tier, self.mixtures = tier, config.mixtures
+        seen = tier.seen + (BY_NAME[tier.beside].seen if tier.beside else 0)
+        hidden = config.head_width
+        self.heard = nn.Linear(config.width + SPEAKER_WIDTH, hidden)
+        self.seen = nn.Linear(seen, hidden, bias=False)
+        self.event = nn.Sequential(nn.Linear(hidden, hidden), nn.SiLU())
+        self.event_out = nn.Linear(hidden, 1 + len(tier.states))
+        if tier.units:
+            self.begun = nn.Embedding(len(tier.states), hidden)
+            self.mark = nn.Sequential(nn.Linear(hidden, hidden), nn.SiLU())
+            self.mark_out = nn.Linear(hidden, config.mixtures * (1 + 2 * len(tier.units)))
+
+    def state(
+        self, heard: Float[Tensor, "*rows heard"], seen: Float[Tensor, "*rows seen"]
+    ) -> Float[Tensor, "*rows hidden"]:
+        return F.silu(self.heard(heard) + self.seen(seen))
+
+    def events(self, state: Float[Tensor, "*rows hidden"]) -> Float[Tensor, "*rows events"]:
+        """Log shares of staying and of each state that may begin."""
+        return F.log_softmax(self.event_out(self.event(state)).float(), dim=-1)
+
+    def marks(self, state: Float[Tensor, "*rows hidden"], begun: Int[Tensor, "*rows"]) -> Marks:
+        """The mark of a state that begins."""
+        told = self.mark_out(self.mark(state + self.begun(begun))).float()
+        parts = told.unflatten(-1, (self.mixtures, -1))
+        mean, spread = parts[..., 1:].chunk(2, dim=-1)
+        return Marks(parts[..., 0], mean, F.softplus(spread) + _LEAST_SPREAD)
+
+
+class PlannerNetwork(nn.Module):
+    """Hears speech around each frame, and tells each tier's next event."""
+
+    def __init__(self, config: PlannerConfig) -> None:
+        super().__init__()
+        width = config.width
+        self.config = config
+        self.no_speech = nn.Parameter(torch.zeros(width))
+        self.speaker = nn.Embedding(config.num_speakers, SPEAKER_WIDTH)
+        self.frames = nn.Linear(config.speech_dim + config.codes, width)
+        self.around = nn.ModuleList(
+            nn.Conv1d(width, width, 3, padding=dilation, dilation=dilation)
+            for dilation in config.dilations
+        )
+        self.norm = nn.LayerNorm(width)
+        self.heads = nn.ModuleDict({tier.name: TierHead(tier, config) for tier in TIERS})
+
+    def hear(
+        self,
+        speech: Float[Tensor, "B around heard_dim"],
+        speaker: Int[Tensor, " B"],
+        has_speech: Bool[Tensor, " B"],
+    ) -> Float[Tensor, "B T heard"]:
+        """What is heard around each frame, and who speaks.
+
+        Args:
+            speech: normalised features, then codes if there are any, of T frames and
+                ``config.context`` frames before and after them.
+        """
+        x = self.frames(speech)
+        for convolution in self.around:
+            x = x + convolution(F.silu(x).transpose(1, 2)).transpose(1, 2)
+        x = x[:, self.config.context : x.shape[1] - self.config.context]
+        x = torch.where(has_speech[:, None, None], self.norm(x), self.no_speech)
+        who = self.speaker(speaker)[:, None].expand(-1, x.shape[1], -1)
+        return torch.cat([x, who], dim=-1)
+
+    def forward(
+        self,
+        speech: Float[Tensor, "B around heard_dim"],
+        speaker: Int[Tensor, " B"],
+        has_speech: Bool[Tensor, " B"],
+        seen: Mapping[str, Float[Tensor, "B T _"]],
+        event: Mapping[str, Int[Tensor, "B T"]],
+        mark: Mapping[str, Float[Tensor, "B T _"]],
+    ) -> dict[str, Float[Tensor, ""]]:
+        """Mean negative log-likelihoods a frame: of what begins, and of its marks, by tier.
+
+        Args:
+            seen: by tier, its chain and the one beside it.
+        """
+        heard = self.hear(speech, speaker, has_speech)
+        losses = {}
+        for name, head in self.heads.items():
+            assert isinstance(head, TierHead)
+            state = head.state(heard, seen[name])
+            logs = head.events(state)
+            losses[name] = -logs.gather(-1, event[name][..., None]).mean()
+            if head.tier.units:
+                begins = event[name] > 0
+                marks = head.marks(state[begins], event[name][begins] - 1)
+                told = marks.log_likelihood(mark[name][begins])
+                losses[f"{name} mark"] = -told.sum() / begins.numel()
+        return losses

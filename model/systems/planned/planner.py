@@ -1,27 +1,212 @@
-"""The planner: draws a plan from speech and speaker, frame by frame."""
+"""The planner: draws a plan from speech and speaker, tier by tier and frame by frame.
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+A drawer may look ahead and go back: what is drawn of frames whose speech nobody has heard yet is
+drawn anew when it has come, under the same chances.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 from torch import Tensor
 
 from model.motion.packing import Normaliser
 from model.networks.speech_codes import SpeechCodes, load_codes
 from model.plan.called import with_called_strokes
-from model.plan.kinds import KindTable, Spoken
+from model.plan.kinds import KindTable, Spoken, drawn_by
 from model.plan.plan import GesturePlan
-from model.plan.tiers import TIERS, Begun, plan_of
+from model.plan.tiers import BY_NAME, TIERS, Begun, plan_of, seen_of
 from model.speech.codes import SPEECH_ENCODER
-from model.storage.cards import CheckpointError
+from model.storage.cards import CheckpointError, from_dict
 from model.storage.checkpoint import load_into, load_weights
-from model.storage.settings import from_dict
 from model.systems.planned.config import PLANNER, PlannerConfig
-from model.systems.planned.drawer import Drawer
-from model.systems.planned.planner_network import PlannerNetwork, TierHead
+from model.systems.planned.network import PlannerNetwork, TierHead
+
+HOLD_BACK = 1.0
+"""By how much, in log odds, an event is less likely for each one that guidance has brought beyond
+what the planner expects unguided: guidance shall decide when things happen, not how often."""
+_BLOCK = 512
+"""Frames that chances are drawn for at once."""
+
+
+@runtime_checkable
+class Leaning(Protocol):
+    """What makes events more likely than the speech does."""
+
+    def log_odds(
+        self, tier: str, frame: int, now: Begun, others: Mapping[str, Begun]
+    ) -> Float[np.ndarray, " events"] | None:
+        """To be added to the logarithm of each event's share; None adds nothing.
+
+        Args:
+            now: what the tier is in.
+            others: what all tiers are in.
+        """
+        ...
+
+
+class Drawer:
+    """Draws one tier's chain. Its chances are drawn for every frame, used or not, so that plans of
+    other speech under one key share them."""
+
+    def __init__(
+        self,
+        head: TierHead,
+        heard: Float[np.ndarray, "copies T hidden"],
+        guidance: float,
+        begun: Begun,
+        rng: np.random.Generator,
+    ) -> None:
+        self.chain = [begun]
+        self._head, self._guidance = head, guidance
+        self._heard, self._first = heard, 0
+        self._events = _Events(head)
+        self._excess = 0.0
+        """Events that were to be expected so far, less those without guidance."""
+        self._excess_then = 0.0
+        self._forced: Begun | None = None
+        """What is to begin next, whatever is said until then."""
+        self._chances = _Chances(rng, len(head.tier.units))
+
+    def hear(self, heard: Float[np.ndarray, "copies T hidden"], first: int) -> None:
+        """Other frames, from ``first`` on."""
+        self._heard, self._first = heard, first
+        self._chances.forget_before(first)
+
+    def draw(
+        self, frame: int, others: "Mapping[str, Drawer]", leaning: Leaning | None = None
+    ) -> None:
+        """Stay, or begin something at this frame."""
+        head = self._head
+        now = self.chain[-1]
+        told = [seen_of(head.tier, now, frame)]
+        if head.tier.beside:
+            other = others[head.tier.beside].chain[-1]
+            told.append(seen_of(BY_NAME[head.tier.beside], other, frame))
+        heard = self._heard[:, frame - self._first]
+        state, logs = self._events(heard, np.concatenate(told))
+        log = logs[-1] + self._guidance * (logs[0] - logs[-1])
+        log[1:] -= HOLD_BACK * self._excess
+        shares = _shares(log)
+        self._excess += float(shares[1:].sum() - np.exp(logs[0, 1:]).sum())
+        chance = self._chances.at(frame)
+        if self._forced is not None:
+            if frame >= self._forced.frame:
+                self.chain.append(self._forced)
+                self._forced = None
+            return
+        if leaning is not None:
+            all_now = {name: each.chain[-1] for name, each in others.items()}
+            odds = leaning.log_odds(head.tier.name, frame, now, all_now)
+            shares = shares if odds is None else _shares(log + odds)
+        event = drawn_by(shares, chance.event)
+        if event == 0:
+            return
+        mark: Any = ()
+        if head.tier.units:
+            marks = head.marks(torch.from_numpy(state[:1]), torch.tensor([event - 1]))
+            k = drawn_by(torch.softmax(marks.logits[0], 0).numpy(), chance.which)
+            mean, spread = marks.mean[0, k].numpy(), marks.spread[0, k].numpy()
+            mark = tuple((mean + spread * chance.normal).tolist())
+        self.chain.append(Begun(frame, event - 1, mark))
+
+    def chain_at(self, frame: int) -> Begun:
+        """What it was in before a frame."""
+        return next(begun for begun in reversed(self.chain) if begun.frame < frame)
+
+    def keep_place(self) -> None:
+        """What is drawn from here on may be drawn anew."""
+        self._excess_then = self._excess
+
+    def go_back(self, frame: int, finishes: bool) -> None:
+        """To where `keep_place` was called, with all that began before ``frame``.
+
+        Args:
+            finishes: what it is in goes on until it ended in what was drawn.
+        """
+        kept = [begun for begun in self.chain if begun.frame < frame]
+        later = self.chain[len(kept) :]
+        self.chain, self._excess = kept, self._excess_then
+        self._forced = later[0] if later and finishes else None
+
+    def forget_before(self, frame: int, keep: int) -> None:
+        """Nobody asks for earlier events but the last few."""
+        old = sum(begun.frame < frame for begun in self.chain)
+        del self.chain[: max(0, old - keep)]
+
+
+@dataclass(frozen=True)
+class _Chance:
+    event: float
+    which: float
+    normal: Float[np.ndarray, " units"]
+
+
+@dataclass
+class _Chances:
+    """Of every frame, in blocks; a longer stretch has the same at first."""
+
+    rng: np.random.Generator
+    units: int
+    _streams: list[np.random.Generator] = field(init=False)
+    _blocks: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(init=False)
+    _drawn: int = field(default=0, init=False)
+    """Blocks so far."""
+
+    def __post_init__(self) -> None:
+        self._streams = self.rng.spawn(3)
+        self._blocks = {}
+
+    def at(self, frame: int) -> _Chance:
+        number, place = divmod(frame, _BLOCK)
+        while self._drawn <= number:
+            event, which, normal = self._streams
+            self._blocks[self._drawn] = (
+                event.random(_BLOCK),
+                which.random(_BLOCK),
+                normal.standard_normal((_BLOCK, self.units)),
+            )
+            self._drawn += 1
+        events, whiches, normals = self._blocks[number]
+        return _Chance(float(events[place]), float(whiches[place]), normals[place])
+
+    def forget_before(self, frame: int) -> None:
+        for number in [each for each in self._blocks if (each + 1) * _BLOCK <= frame]:
+            del self._blocks[number]
+
+
+def _shares(log: Float[np.ndarray, " events"]) -> Float[np.ndarray, " events"]:
+    shares = np.exp(log - log.max())
+    return shares / shares.sum()
+
+
+class _Events:
+    """`TierHead.state` and `TierHead.events` of one frame in numpy: it is asked for every frame
+    and tier, and calling torch takes five times as long as the arithmetic."""
+
+    def __init__(self, head: TierHead) -> None:
+        first, last = head.event[0], head.event_out
+        assert isinstance(first, torch.nn.Linear)
+        self._seen = head.seen.weight.numpy().T
+        self._layers = [(layer.weight.numpy().T, layer.bias.numpy()) for layer in (first, last)]
+
+    def __call__(
+        self, heard: Float32[np.ndarray, "copies hidden"], seen: Float32[np.ndarray, " seen"]
+    ) -> tuple[Float32[np.ndarray, "copies hidden"], Float32[np.ndarray, "copies events"]]:
+        state = _silu(heard + seen @ self._seen)
+        (weight, bias), (out, out_bias) = self._layers
+        logits = _silu(state @ weight + bias) @ out + out_bias
+        above = logits - logits.max(-1, keepdims=True)
+        return state, above - np.log(np.exp(above).sum(-1, keepdims=True))
+
+
+def _silu(x: Float32[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:
+    return x / (1 + np.exp(-x))
+
 
 KINDS = len(TIERS)
 """Sets the draw of kinds apart from those of tiers."""

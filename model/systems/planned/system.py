@@ -10,21 +10,19 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from conventions.joints import JOINT_INDEX
-from model.data.plans import kinds_of
+from model.data.annotated import kinds_of
 from model.generation.base import Draw, Features
 from model.motion.motion import Motion
 from model.motion.packing import Normaliser
 from model.plan.plan import GesturePlan
 from model.plan.tracks import FACE_TRACKS, NUM_TRACKS, at_rest, tracks_of
-from model.sampling.guidance import SpeechGuide
+from model.sampling.flow import SpeechGuide
 from model.sampling.prior import GaussianPrior
 from model.speech.encoders import make_encoder
-from model.storage.cards import CheckpointError
+from model.storage.cards import CheckpointError, from_dict
 from model.storage.checkpoint import load_into, load_weights
-from model.storage.settings import from_dict
 from model.systems.face.config import EXPRESSION
-from model.systems.face.face import load_face
-from model.systems.face.shown import shared_windowing
+from model.systems.face.face import load_face, shared_windowing
 from model.systems.globaldiff.system import GlobalDiffSystem
 from model.systems.planned import FAMILY
 from model.systems.planned.causal import CausalPlanner

@@ -6,10 +6,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from model.data.plans import Plans, prepare_plans
+from model.data.annotated import Plans, prepare_plans
 from model.data.prepared import Batch, PreparedData
+from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import Normaliser
-from model.motion.skeleton import open_body_skeleton
 from model.networks.speech_codes import SpeechCodes, load_codes
 from model.systems.globaldiff.task import motion_step
 from model.systems.planned.config import (
@@ -18,16 +18,13 @@ from model.systems.planned.config import (
     PlannerConfig,
     PlannerTrainConfig,
 )
-from model.systems.planned.network import PlannedNetwork
+from model.systems.planned.network import PlannedNetwork, PlannerNetwork
 from model.systems.planned.planner import heard_by_planner
-from model.systems.planned.planner_network import PlannerNetwork
 from model.training.config import TrainConfig
-from model.training.draws import Draws
-from model.training.hearing import heard
-from model.training.parallel import WHOLE, Shard
+from model.training.parallel import WHOLE, Draws, Shard
 from model.training.rate import can_compile
 from model.training.statistics import fit_features, fit_motion_prior
-from model.training.targets import prepare_targets
+from model.training.targets import heard, prepare_targets
 from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup, check_speakers
 
 

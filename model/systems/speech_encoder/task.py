@@ -5,16 +5,15 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from model.data.plans import prepare_plans
+from model.data.annotated import Spoken, annotated_speech, prepare_plans
 from model.data.prepared import Batch, PreparedData
-from model.data.spoken import Spoken, annotated_speech
 from model.motion.packing import Normaliser
 from model.networks.speech_codes import CodesNetwork, Reading
 from model.speech.codes import TOLD
 from model.systems.speech_encoder.config import SpeechEncoderConfig
-from model.training.hearing import heard
 from model.training.parallel import WHOLE, Shard
 from model.training.statistics import fit_features
+from model.training.targets import heard
 from model.training.task import DescentTask, StepFunction, StepLoss, TaskSetup
 
 _NUMBERS = ("strength", "speed")

@@ -11,9 +11,9 @@ from app.findings.comparison import plain
 from app.findings.points import point_title
 from app.findings.samples import Ratio, ratio_of, samples_by_system
 from app.findings.sentences import CHANCE_SHIFTS, SPEEDS_OF, sentences_of
-from model.diagnostics.diagnostics import Versions
+from model.diagnostics import Versions
 from model.measures import beats
-from model.measures.attribution import JerkAttribution
+from model.measures.point import JerkAttribution
 from model.measures.results import BeatMeasures, BeatSpeeds
 from tests.app.measured import both, diagnostics_of
 

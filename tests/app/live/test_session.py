@@ -11,10 +11,10 @@ from app.live.session import LiveAsk, LiveSession, check_live
 from app.run.models import get_system
 from app.run.pieces import HEADER
 from model.generation.live import LiveMotion
-from model.generation.samplers import UnknownNameError
 from model.generation.windows import GenerateOptions
-from model.plan.manner import Manner
 from model.plan.plan import PHASES
+from model.plan.style import Manner
+from model.sampling.samplers import UnknownNameError
 from model.speech.causal import CausalMel
 from model.systems.registry import load_system
 from tests.model.made import made_waveform

@@ -9,10 +9,10 @@ from app.errors import CancelledRun
 from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
 from app.run.followed_point import choose_tip_source
 from app.run.output.result_folder import ResultFolder
-from model.diagnostics.diagnostics import diagnose
+from model.diagnostics import diagnose
 from model.measures.beats import speech_onsets
 from model.measures.point import Spectrum
-from model.motion.skeleton import open_body_skeleton
+from model.motion.kinematics import open_body_skeleton
 from model.speech.audio import Speech
 from model.speech.transcript import Interval, Transcript, Word
 from renderer.body.body import load_body

@@ -10,9 +10,9 @@ from app.errors import RunError
 from app.run.body_motion import body_motion
 from app.run.followed_point import choose_tip_source
 from conventions.joints import FINGERTIP_JOINTS, FINGERTIP_NAMES, JOINT_NAMES
-from model.diagnostics.diagnostics import track_points
+from model.diagnostics import track_points
+from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
-from model.motion.skeleton import open_body_skeleton
 from renderer.body.body import load_body
 from renderer.body.tip_vertices import TIP_VERTICES
 from tests.helpers import smooth_motion_example

@@ -10,8 +10,7 @@ import torch
 
 from model.data.prepared import prepare
 from model.data.recordings import DataError, augmented_copy, encode_clip
-from model.motion.kinematics import mirror_transl
-from model.motion.mirror import mirror_face_units, mirror_poses
+from model.motion.kinematics import mirror_face_units, mirror_poses, mirror_transl
 from model.motion.motion import save_motion
 from model.speech.audio import Speech, write_wav
 from model.speech.features import NUM_MELS, MelEncoder

@@ -6,12 +6,10 @@ import pytest
 from model.data.recordings import read_files
 from model.evaluate import evaluate, main
 from model.evaluation.few_clips import UNKNOWN_SPEAKERS, FewClips, with_silence
-from model.evaluation.manner import calm_over_lively
-from model.evaluation.speakers import LEFT_OUT
+from model.evaluation.speakers import LEFT_OUT, calm_over_lively
 from model.generation.clip_noise import clip_seed
 from model.generation.windows import GenerateOptions, generate_motion
-from model.measures.hearing import arm_rotations_alike
-from model.measures.silence import speed_in_silence
+from model.measures.hearing import arm_rotations_alike, speed_in_silence
 from model.motion.motion import first_frames
 from model.systems.registry import load_system
 from tests.model.made import made_speech, make_data_folder, make_weights

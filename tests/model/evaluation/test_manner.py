@@ -3,7 +3,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from model.evaluation.manner import calm_over_lively, manner_of, wrist_speed_m_s
+from model.evaluation.speakers import calm_over_lively, manner_of, wrist_speed_m_s
 from model.measures.hearing import arm_speed
 from model.motion.motion import Motion
 from tests.model.measures.test_hearing import FRAMES, motion_of

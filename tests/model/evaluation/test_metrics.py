@@ -6,10 +6,10 @@ import torch
 from scipy.linalg import sqrtm
 
 from model.evaluation import frechet
-from model.evaluation.clip_measures import face_error, l1_to_mean, mean_pairwise_l1
-from model.evaluation.speech_response import coupling, frame_loudness, speech_tracks
-from model.evaluation.window_diversity import window_diversity
-from model.measures import beats, diversity
+from model.evaluation.clips import face_error, l1_to_mean, mean_pairwise_l1
+from model.evaluation.frechet import window_diversity
+from model.evaluation.matching import coupling, frame_loudness, speech_tracks
+from model.measures import beats, differences
 from model.motion.motion import first_frames
 from model.motion.packing import MOTION_DIM, Normaliser
 from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
@@ -154,9 +154,9 @@ def test_div_is_the_mean_of_eq_17_over_batches():
 
 
 def test_windows_that_are_left_over_make_a_batch_of_their_own():
-    sizes = [len(batch) for batch in diversity.batches(120)]
+    sizes = [len(batch) for batch in differences.batches(120)]
     assert sizes == [50, 50, 20]
-    assert sorted(np.concatenate(list(diversity.batches(120)))) == list(range(120))
+    assert sorted(np.concatenate(list(differences.batches(120)))) == list(range(120))
 
 
 def test_a_clip_drawn_twice_is_no_pair_with_itself():
@@ -169,7 +169,7 @@ def test_a_clip_drawn_twice_is_no_pair_with_itself():
 
 def test_windows_hold_every_second_frame_end_to_end():
     motion = smooth_motion_example(150)
-    windows = diversity.windows_of(motion)
+    windows = differences.windows_of(motion)
     assert windows.shape == (2, 30, 217)
     np.testing.assert_allclose(windows[1, 3, :165], motion.poses[66], atol=1e-5)
     np.testing.assert_array_equal(windows[1, 3, 165:], motion.expressions[66, :52])
@@ -177,11 +177,11 @@ def test_windows_hold_every_second_frame_end_to_end():
     axis = turned[:, :3] / np.linalg.norm(turned[:, :3], axis=1, keepdims=True)
     turned[:, :3] += 2 * np.pi * axis  # the same rotation, told in another way
     np.testing.assert_allclose(
-        diversity.windows_of(replace(motion, poses=turned)), windows, atol=1e-4
+        differences.windows_of(replace(motion, poses=turned)), windows, atol=1e-4
     )
-    assert diversity.windows_of(first_frames(motion, 59)).shape == (0, 30, 217)
+    assert differences.windows_of(first_frames(motion, 59)).shape == (0, 30, 217)
     flame = replace(motion, expression_basis="flame100")
-    assert diversity.windows_of(flame).shape == (2, 30, 165)
+    assert differences.windows_of(flame).shape == (2, 30, 165)
 
 
 @pytest.mark.parametrize(

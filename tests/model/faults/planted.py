@@ -10,9 +10,9 @@ from scipy.signal import butter, sosfiltfilt
 from conventions.joints import JOINT_INDEX, LEFT_HAND, MIRROR_PERMUTATION
 from conventions.rates import SAMPLE_RATE
 from model.faults.timing import loudness_of
-from model.motion.mirror import mirror_poses
+from model.motion.altered import motion_at_speed
+from model.motion.kinematics import mirror_poses
 from model.motion.motion import Motion
-from model.motion.retiming import motion_at_speed
 
 FPS = 30
 Fault = Callable[[Motion], Motion]
@@ -130,7 +130,7 @@ def still_jaw(motion: Motion) -> Motion:
     joints[:, JOINT_INDEX["jaw"]] = 0.0
     expressions = motion.expressions.copy()
     if motion.expression_basis == "arkit52":
-        from model.measures.face.face_measures import unit_columns
+        from model.measures.face import unit_columns
 
         expressions[:, unit_columns("jawOpen")] = 0.0
     return replace(_with(motion, joints), expressions=expressions)

@@ -13,12 +13,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.diagnostics.diagnostics import raw_evidence
+from model.diagnostics import raw_evidence
 from model.faults.evidence import Evidence
 from model.faults.table import find_faults
 from model.measures.posture import WRISTS
+from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, load_motion
-from model.motion.skeleton import open_body_skeleton
 from model.speech.audio import load_speech
 from tests.helpers import beat2_folder
 from tests.model.faults.planted import loudness

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from conventions.names import REFERENCE_NAME
-from model.diagnostics.diagnostics import diagnose
-from model.faults.finding import Finding, by_gravity, clock, ranked, stretches_of
+from model.diagnostics import diagnose
+from model.faults.evidence import Finding, by_gravity, clock, ranked, stretches_of
 from model.faults.table import FAULTS, STILL
 from model.formats.read import read_any_motion
-from model.measures.seams.seams import Windows
+from model.measures.seams import Windows
+from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, load_motion
-from model.motion.skeleton import open_body_skeleton
 from model.speech.audio import load_speech
 from tests.helpers import beat2_folder, foreign_folder
 from tests.model.faults.planted import PLANTED, Planted, loudness

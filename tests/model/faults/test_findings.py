@@ -7,12 +7,11 @@ import pytest
 import torch
 
 from conventions.joints import JOINT_INDEX, LEFT_HAND, MIRROR_PERMUTATION
-from model.diagnostics.diagnostics import diagnose
-from model.faults.finding import Finding
-from model.measures.seams.seams import Windows
-from model.motion.mirror import mirror_poses
+from model.diagnostics import diagnose
+from model.faults.evidence import Finding
+from model.measures.seams import Windows
+from model.motion.kinematics import mirror_poses, open_body_skeleton
 from model.motion.motion import Motion
-from model.motion.skeleton import open_body_skeleton
 from model.motion.tracks import point_words
 from tests.helpers import smooth_motion_example
 

@@ -15,8 +15,8 @@ from conventions.joints import JOINT_INDEX, chain_to_root
 from model.formats.numbers import ROTATIONS, ReadOptions
 from model.formats.read import CONVERT, read_any_motion
 from model.measures.smoothness import derivative_magnitudes
+from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, MotionError
-from model.motion.skeleton import open_body_skeleton
 from model.motion.tracks import track_points
 from renderer.body.body import load_body
 from renderer.files.bvh import write_bvh

@@ -6,13 +6,18 @@ import numpy as np
 import pytest
 import torch
 
-from model.generation.again import Performance, perform, perform_again
-from model.generation.kept import ENDING, load_performance, save_performance
+from model.generation.again import (
+    ENDING,
+    Performance,
+    load_performance,
+    perform,
+    perform_again,
+    save_performance,
+)
 from model.generation.windows import Cancelled, GenerateOptions, generate_motion
-from model.motion.kinematics import joint_positions_from_local
+from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
 from model.motion.motion import Motion, put_together
 from model.motion.rotations import matrix_from_axis_angle
-from model.motion.skeleton import open_body_skeleton
 from model.plan.editing import Gesture, added, deleted, with_event
 from model.plan.plan import GesturePlan, Nod, PlanError
 from model.systems.planned.config import PLANNED

@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 from jaxtyping import Float
 
 from conventions.joints import JOINT_INDEX, JOINT_NAMES
-from model.generation.feet import ANKLE_M, LIFT_M, Footing, HeldFeet
-from model.motion.kinematics import joint_positions_from_local
+from model.generation.limbs import ANKLE_M, LIFT_M, Footing, HeldFeet
+from model.motion.kinematics import RestSkeleton, joint_positions_from_local, open_body_skeleton
 from model.motion.motion import Motion, put_together
-from model.motion.skeleton import RestSkeleton, open_body_skeleton
 from model.plan.plan import Planted, Side
 
 BODY = open_body_skeleton()

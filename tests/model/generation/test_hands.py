@@ -6,13 +6,12 @@ import torch
 from jaxtyping import Float
 
 from conventions.joints import JOINT_INDEX
-from model.generation.hands import LED, LONGEST, LedHands
-from model.motion.kinematics import joint_positions_from_local
+from model.generation.limbs import LED, LONGEST, LedHands
+from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
 from model.motion.motion import Motion, put_together
-from model.motion.skeleton import open_body_skeleton
 from model.motion.tracks import track_points
 from model.plan.editing import added
-from model.plan.places import wrist_places
+from model.plan.kinds import wrist_places
 from model.plan.plan import SIDES, GesturePlan, Side
 from model.plan.tracks import goal_path, without_gaps
 from tests.model.plan.made import phase

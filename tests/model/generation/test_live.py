@@ -4,11 +4,10 @@ import torch
 
 from conventions.joints import JOINT_INDEX
 from model.generation.live import LiveMotion, Pace
-from model.generation.speech_stream import SpeechWindow
+from model.generation.stitching import SpeechWindow
 from model.generation.windows import GenerateOptions, PiecewiseMotion, WindowChain
-from model.motion.kinematics import joint_positions_from_local
+from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
 from model.motion.rotations import matrix_from_axis_angle
-from model.motion.skeleton import open_body_skeleton
 from model.systems.globaldiff.config import BEST
 from model.systems.registry import load_system
 from tests.model.made import TINY_BEST, TINY_SYSTEMS, make_weights

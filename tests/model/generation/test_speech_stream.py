@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from model.generation.speech_stream import SpeechStream
+from model.generation.stitching import SpeechStream
 
 
 @pytest.mark.parametrize("sizes", [[200], [1, 60, 17, 100, 22], [7] * 28 + [4]])

@@ -10,9 +10,8 @@ from model.generation.windows import (
     motion_pieces,
     stream_motion,
 )
-from model.motion.kinematics import joint_positions_from_local
+from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
 from model.motion.motion import put_together
-from model.motion.skeleton import open_body_skeleton
 from model.systems.globaldiff.config import BEST
 from model.systems.registry import load_system
 from tests.model.made import TINY_BEST, TINY_SYSTEMS, made_speech, make_weights

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from conventions.joints import JOINT_INDEX, JOINT_NAMES
-from model.measures.apart import PARTS, degrees_by_part
+from model.measures.differences import PARTS, degrees_by_part
 from tests.helpers import ROOT, smooth_motion_example
 
 

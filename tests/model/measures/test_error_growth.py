@@ -7,8 +7,8 @@ import pytest
 
 from conventions.joints import FINGERTIP_NAMES, JOINT_INDEX
 from model.measures.error_growth import growth_sentence, measure_error_growth
+from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, load_motion
-from model.motion.skeleton import open_body_skeleton
 from tests.helpers import beat2_folder, smooth_motion_example
 
 SKELETON = open_body_skeleton()

@@ -10,8 +10,8 @@ from model.measures.hearing import (
     decided,
     likeness,
 )
+from model.motion.kinematics import face_unit_names
 from model.motion.motion import Motion
-from model.motion.skeleton import face_unit_names
 
 FRAMES = 600
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from conventions.joints import JOINT_INDEX
-from model.measures.silence import speed_in_silence, spoken_and_silent
+from model.measures.hearing import speed_in_silence, spoken_and_silent
 from model.motion.motion import Motion
 
 LONG = 150

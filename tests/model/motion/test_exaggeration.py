@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from conventions.joints import JOINT_INDEX
-from model.motion.exaggeration import MAX_TURN_RAD, exaggerate
+from model.motion.altered import MAX_TURN_RAD, exaggerate
 from tests.app.fakes import made_motion
 
 NUM_FRAMES = 150

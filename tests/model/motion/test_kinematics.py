@@ -7,8 +7,8 @@ from torch import Tensor
 
 from conventions.joints import MIRROR_PERMUTATION, PARENTS
 from model.motion import kinematics
+from model.motion.kinematics import RestSkeleton, open_body_skeleton
 from model.motion.rotations import matrix_from_axis_angle
-from model.motion.skeleton import RestSkeleton, open_body_skeleton
 from tests.helpers import mirror_skeleton, random_local_rotations
 
 BATCHES = [(), (1,), (3, 2)]

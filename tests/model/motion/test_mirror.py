@@ -6,10 +6,15 @@ import torch
 from torch import Tensor
 
 from conventions.joints import MIRROR_PERMUTATION
-from model.motion.kinematics import joint_positions_from_local, mirror_transl
-from model.motion.mirror import mirror_face_units, mirror_poses
+from model.motion.kinematics import (
+    RestSkeleton,
+    joint_positions_from_local,
+    mirror_face_units,
+    mirror_poses,
+    mirror_transl,
+    open_body_skeleton,
+)
 from model.motion.rotations import matrix_from_axis_angle
-from model.motion.skeleton import RestSkeleton, open_body_skeleton
 from tests.helpers import mirror_skeleton
 from tools.corpus.people.rig import open_body_rig
 

@@ -3,9 +3,9 @@ import pytest
 import torch
 
 from conventions.joints import JOINT_INDEX, NUM_JOINTS
+from model.motion.altered import noisy_motions
 from model.motion.kinematics import global_from_local
 from model.motion.motion import Motion
-from model.motion.noise import noisy_motions
 from model.motion.rotations import geodesic_angle
 from model.motion.tracks import moving_chain
 from tests.helpers import smooth_motion_example

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from model.motion.retiming import motion_at_speed
+from model.motion.altered import motion_at_speed
 from model.motion.rotations import geodesic_angle
 from tests.helpers import smooth_motion_example
 

@@ -1,7 +1,7 @@
 import torch
 
 from conventions.joints import FINGERTIP_JOINTS, JOINT_INDEX, MIRROR_PERMUTATION, PARENTS
-from model.motion.skeleton import open_body_skeleton
+from model.motion.kinematics import open_body_skeleton
 
 
 def test_open_body_is_a_standing_person_facing_z():

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 
 from conventions.rates import SAMPLE_RATE
-from model.networks.accents import heard_accents
+from model.networks.speech_codes import heard_accents
 from model.speech.audio import load_speech
 from model.storage.cards import BUNDLED_WEIGHTS
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
+from model.motion.kinematics import face_unit_names, open_body_skeleton
 from model.motion.motion import Motion
-from model.motion.skeleton import face_unit_names, open_body_skeleton
 from model.plan.found import found_plan, hand_phases
 from model.plan.plan import PHASES, GesturePlan
 from model.plan.tracks import hand_tracks, tracks_of

@@ -2,7 +2,7 @@
 
 import csv
 
-from model.plan.markers import Marker, markers_csv, markers_of
+from model.plan.files import Marker, markers_csv, markers_of
 from tests.model.plan.made import made_plan
 
 

@@ -9,8 +9,7 @@ import pytest
 
 from model.plan.editing import Edited, Gesture, added, gestures, on_word
 from model.plan.plan import GesturePlan, PlanError
-from model.plan.style import style_of
-from model.plan.wish import AWAY_S, StyleWish, on_wrong_words, read_wish, wish_of
+from model.plan.style import AWAY_S, StyleWish, on_wrong_words, read_wish, style_of, wish_of
 from tests.model.plan.made import phase
 
 LONG_S = 20.0

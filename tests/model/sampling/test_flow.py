@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from model.sampling.flow import interpolate, sample, time_weight
-from model.sampling.names import FLOW_SAMPLERS
+from model.sampling.samplers import FLOW_SAMPLERS
 
 
 def test_path_starts_in_noise_and_ends_in_data():

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from conventions.joints import FACE, JOINT_INDEX
 from model.motion.packing import Normaliser, joint_channels
 from model.motion.rotations import matrix_from_rot6d, rot6d_from_matrix
-from model.sampling.guidance import SpeechGuide
+from model.sampling.flow import SpeechGuide
 
 
 def normaliser(channels: int, mixed: bool) -> Normaliser:

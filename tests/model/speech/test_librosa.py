@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 from numba.core import config
 
+from model.speech.acoustics import fundamentals, mel_filters, onset_times
 from model.speech.audio import load_speech
-from model.speech.mel import mel_filters
-from model.speech.onsets import onset_times
-from model.speech.pitch import fundamentals
 from tests.model.speech.test_pitch import HIGH, LOW, RATE, SIZE, voice, windows_of
 
 EXAMPLES = sorted((Path(__file__).parents[3] / "examples").glob("*.wav"))

@@ -1,6 +1,6 @@
 import numpy as np
 
-from model.speech.mel import mel_filters
+from model.speech.acoustics import mel_filters
 
 
 def test_a_filter_peaks_at_its_mel_and_has_unit_area():

@@ -1,6 +1,6 @@
 import numpy as np
 
-from model.speech.onsets import onset_times
+from model.speech.acoustics import onset_times
 
 
 def test_sound_after_silence_is_an_onset_and_silence_has_none():

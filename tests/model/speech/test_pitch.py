@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from model.speech.pitch import fundamentals
+from model.speech.acoustics import fundamentals
 
 RATE, SIZE = 16_000, 1024
 LOW, HIGH = 60.0, 420.0

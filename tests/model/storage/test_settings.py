@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from model.storage.settings import with_setting
+from model.storage.cards import with_setting
 from model.systems.asynfusion.config import named_config
 from model.systems.registry import families
 

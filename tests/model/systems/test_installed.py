@@ -9,7 +9,7 @@ from frame_regression import FAMILY
 from model.generation.family import FamilyError
 from model.storage.cards import CheckpointError
 from model.systems import registry
-from model.systems.installed import GROUP, check_family, register_installed
+from model.systems.registry import GROUP, check_family, register_installed
 
 
 def install(folder, name: str, code: str, entry: str = "FAMILY") -> None:

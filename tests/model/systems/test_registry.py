@@ -5,7 +5,7 @@ from typing import get_args
 import pytest
 
 from model.generation.family import Use
-from model.generation.samplers import UnknownNameError
+from model.sampling.samplers import UnknownNameError
 from model.storage.cards import CheckpointError, load_card
 from model.systems.registry import (
     families,

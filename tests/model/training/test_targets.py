@@ -7,9 +7,8 @@ import pytest
 import torch
 
 from model.data.prepared import prepare
-from model.motion.decoding import decode, to_vectors
-from model.motion.packing import ROTATION_DIM
-from model.motion.skeleton import open_body_skeleton
+from model.motion.kinematics import open_body_skeleton
+from model.motion.packing import ROTATION_DIM, decode, to_vectors
 from model.speech.features import MelEncoder
 from model.training.targets import prepare_targets
 from tests.model.made import make_data_folder

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from conventions.joints import JOINT_INDEX, NUM_JOINTS, PARENTS
 from conventions.views import BUILDS, LOOKS, TONES
-from model.motion import skeleton
+from model.motion import kinematics
 from renderer.body.body import Body, BodyError, BodyMotion, load_body
 from renderer.body.body_file import OPEN_BODY_PATH
 from renderer.body.body_npz import MAX_FACES, MAX_VERTICES
@@ -100,7 +100,7 @@ def test_joints_are_those_of_forward_kinematics(body: Body) -> None:
     motion = random_motion()
     local_rot = matrix_from_axis_angle(torch.from_numpy(motion.poses).reshape(-1, 55, 3))
     _, positions = joint_positions_from_local(
-        local_rot, skeleton.open_body_skeleton(), torch.from_numpy(motion.trans)
+        local_rot, kinematics.open_body_skeleton(), torch.from_numpy(motion.trans)
     )
     assert max_distance_mm(body.joint_positions(motion), positions.numpy()) < 0.02
 
@@ -129,9 +129,9 @@ def test_fingertip_vertices_are_fingertips(body: Body) -> None:
 
 
 def test_skeleton_of_the_model_is_that_of_the_body(body: Body) -> None:
-    rig = skeleton.open_body_skeleton()
+    rig = kinematics.open_body_skeleton()
     assert max_distance_mm(rig.rest_joints.numpy(), body.rest_joints) < 0.02
-    for k, name in enumerate(skeleton.FINGERTIP_NAMES):
+    for k, name in enumerate(kinematics.FINGERTIP_NAMES):
         joint = body.rest_joints[JOINT_INDEX[f"{name}3"]]
         offset = body.template[TIP_VERTICES[name]] - joint
         assert max_distance_mm(rig.tip_offsets[k].numpy(), offset) < 0.02

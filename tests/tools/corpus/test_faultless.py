@@ -1,8 +1,8 @@
 """The findings of the diagnostics have nothing to say about the procedural corpus."""
 
-from model.diagnostics.diagnostics import diagnose
-from model.measures.seams.seams import Windows
-from model.motion.skeleton import open_body_skeleton
+from model.diagnostics import diagnose
+from model.measures.seams import Windows
+from model.motion.kinematics import open_body_skeleton
 from tests.tools.corpus.made_motion import motion_of
 from tools.corpus.clip import Clip
 

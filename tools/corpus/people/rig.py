@@ -1,6 +1,6 @@
 """The skeleton the corpus moves: SMPL-X joints in numpy, rest positions of the open body.
 
-A twin of ``model.motion.skeleton`` that needs no torch: every worker process would
+A twin of ``model.motion.kinematics`` that needs no torch: every worker process would
 pay two seconds for it.
 """
 

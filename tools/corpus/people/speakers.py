@@ -3,7 +3,7 @@
 import tomllib
 from pathlib import Path
 
-from model.storage.settings import from_dict
+from model.storage.cards import from_dict
 from tools.corpus.people.speaker import Speaker
 
 _FILE = Path(__file__).with_name("speakers.toml")

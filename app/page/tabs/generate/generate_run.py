@@ -49,7 +49,7 @@ from app.run.words import given_words
 from model.speech.transcript import Transcript
 
 if TYPE_CHECKING:
-    from model.diagnostics.diagnostics import Diagnostics
+    from model.diagnostics import Diagnostics
 
 STAGES_OF_STAGE: tuple[Stage, ...] = ("speech", "motion", "numbers", "figure")
 """Videos are drawn behind it."""

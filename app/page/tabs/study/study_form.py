@@ -27,7 +27,7 @@ CHANGES = {
     "smaller": "{ times = { size_m = 0.6 } }",
     "larger": "{ times = { size_m = 1.5 } }",
 }
-"""What can be done to the gestures of the system that plans, as a style of `model.plan.wish`."""
+"""What can be done to the gestures of the system that plans, as a style of `model.plan.style`."""
 QUESTIONS = {
     "Do words matter?": ("Rank all systems on three questions", ["on wrong words"]),
     "How many gestures?": ("Rate all systems with sliders", ["half as many"]),

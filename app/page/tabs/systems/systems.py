@@ -8,7 +8,7 @@ from html import escape
 
 import gradio as gr
 
-from model.generation.explained import Beside, ExplainedSystem, Ladder
+from model.generation.family import Beside, ExplainedSystem, Ladder
 from model.systems.registry import families, family_of
 
 NOT_HERE = "no weights here"

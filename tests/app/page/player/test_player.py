@@ -11,7 +11,7 @@ from app.page.routes.media import MediaAddresses
 from app.run.followed_point import choose_tip_source
 from app.run.pieces import HEADER, frames_message
 from app.run.requests.request import Artefact, GenerateRequest, Piece
-from model.faults.finding import MEASURED, SEEN, WRONG, Finding
+from model.faults.evidence import MEASURED, SEEN, WRONG, Finding
 from model.motion.motion import first_frames, load_motion, save_motion
 from model.plan.plan import GesturePlan, Nod
 from model.speech.transcript import GestureTier, Interval, Transcript, Word

@@ -7,7 +7,7 @@ from app.page.results.ended_run import EndedRun
 from app.page.results.figures_shown import FiguresShown
 from app.page.results.kept_runs import KeptRun, KeptRuns
 from app.page.routes.media import MediaAddresses
-from model.diagnostics.diagnostics import Diagnostics
+from model.diagnostics import Diagnostics
 from tests.app.fakes import measures
 from tests.app.measured import diagnostics_of
 

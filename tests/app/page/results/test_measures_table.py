@@ -5,8 +5,8 @@ import pytest
 
 from app.findings.measure_rows import nearest, written
 from app.page.results.measures_table import measures_table
-from model.diagnostics.diagnostics import Diagnostics
-from model.faults.finding import Finding
+from model.diagnostics import Diagnostics
+from model.faults.evidence import Finding
 from tests.app.fakes import measures
 from tests.app.measured import both, diagnostics_of
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from app.run.output.provenance import versions
-from model.training.card import revision
+from model.training.run_folder import revision
 
 
 @pytest.fixture

@@ -14,8 +14,8 @@ from app.run.videos import own_videos
 from app.run.videos.own_videos import VideoOptions, picture_motions
 from app.run.videos.register import SOLE_M, in_register
 from conventions.joints import JOINT_INDEX
+from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, load_motion, save_motion
-from model.motion.skeleton import open_body_skeleton
 from model.motion.tracks import track_points
 from renderer.video.encoder import read_facts
 

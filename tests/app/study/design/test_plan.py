@@ -7,7 +7,7 @@ import pytest
 
 from app.errors import RunError
 from app.study.design.plan import Generator, read_plan
-from model.plan.wish import StyleWish
+from model.plan.style import StyleWish
 from tests.app.study.made_study import write_plan
 
 MINIMAL = """

@@ -4,7 +4,7 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from model.systems.asynfusion.cosync import Concatenation, CoSync, Gate, make_exchange
+from model.systems.asynfusion.network import Concatenation, CoSync, Gate, make_exchange
 
 
 def frames(seed: int) -> torch.Tensor:

@@ -2,11 +2,9 @@ import pytest
 import torch
 
 from conventions.joints import FACE as FACE_JOINTS
-from model.sampling.flow import seeded_noise
-from model.sampling.guidance import SpeechGuide
-from model.systems.asynfusion.guided import GuidedNetwork
+from model.sampling.flow import SpeechGuide, seeded_noise
 from model.systems.asynfusion.network import BRANCHES, EXPRESSION, GESTURE, FeatureBuffer
-from model.systems.asynfusion.sampling import WAYS, sample
+from model.systems.asynfusion.sampling import WAYS, GuidedNetwork, sample
 from tests.model.systems.asynfusion.made import (
     BODY,
     FACE,

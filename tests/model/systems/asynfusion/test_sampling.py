@@ -5,8 +5,16 @@ import torch
 
 from model.sampling.flow import interpolate, seeded_noise
 from model.systems.asynfusion.network import BRANCHES, DualBranchNetwork, FeatureBuffer
-from model.systems.asynfusion.sampling import WAYS, Way, blended, sample, turns
-from model.systems.asynfusion.schedule import flow_times, noise_of, trailing_steps
+from model.systems.asynfusion.sampling import (
+    WAYS,
+    Way,
+    blended,
+    flow_times,
+    noise_of,
+    sample,
+    trailing_steps,
+    turns,
+)
 from tests.model.systems.asynfusion.made import BODY, FACE, made_conditions, made_pair, tiny_network
 
 

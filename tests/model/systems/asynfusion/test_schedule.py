@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from model.sampling.flow import interpolate
-from model.systems.asynfusion.schedule import flow_times, noise_of, trailing_steps
+from model.systems.asynfusion.sampling import flow_times, noise_of, trailing_steps
 
 
 def kept_shares() -> list[float]:

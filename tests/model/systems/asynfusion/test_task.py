@@ -6,7 +6,7 @@ import torch
 
 from conventions.joints import FACE as FACE_JOINTS
 from model.systems.asynfusion.config import DDIM, INTERACTIONS, LCM_SYNC, named_config
-from model.systems.asynfusion.schedule import flow_times
+from model.systems.asynfusion.sampling import flow_times
 from model.systems.asynfusion.task import (
     draw_steps,
     foot_terms,

@@ -2,8 +2,7 @@ import pytest
 import torch
 
 from model.plan.tracks import NUM_FACE_TRACKS
-from model.systems.face.face import Face, load_face
-from model.systems.face.network import FaceNetwork
+from model.systems.face.face import Face, FaceNetwork, load_face
 from tests.model.made import TINY_EXPRESSION, made_prior, make_weights
 
 HEARD = 60 + 2 * TINY_EXPRESSION.speech_context

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import torch
 
+from model.storage.cards import to_json
 from model.storage.checkpoint import save_weights
-from model.storage.settings import to_json
 from model.systems.gan.config import WEIGHTS, GanConfig, GeneratorConfig
 from model.systems.gan.generator import Generator
 from tests.model.made import made_components, made_prior, make_weights

@@ -2,8 +2,10 @@ import pytest
 import torch
 from torch import nn
 
-from model.systems.gan import adversarial
-from model.systems.gan.adversarial import (
+from model.systems.gan import adversary
+from model.systems.gan.adversary import (
+    NUM_LAYERS,
+    Discriminator,
     Watch,
     discriminator_loss,
     gaussian_loss,
@@ -11,7 +13,6 @@ from model.systems.gan.adversarial import (
     gradient_penalty,
 )
 from model.systems.gan.config import DiscriminatorConfig
-from model.systems.gan.discriminator import NUM_LAYERS, Discriminator
 from model.training.run_folder import TrainingError
 from tests.model.systems.gan.made_generator import TINY, told
 
@@ -97,10 +98,10 @@ def seen(watch: Watch, steps: int, **changes: float) -> None:
 def test_a_discriminator_that_tells_everything_apart_stops_the_training():
     watch = Watch()
     seen(watch, 3000)
-    seen(watch, adversarial.PATIENCE - 1, accuracy_real=1.0, accuracy_fake=1.0)
+    seen(watch, adversary.PATIENCE - 1, accuracy_real=1.0, accuracy_fake=1.0)
     seen(watch, 50)  # one bad spell is none
     with pytest.raises(TrainingError, match=r"told more than 99.5% of generated steps"):
-        seen(watch, 2 * adversarial.PATIENCE, accuracy_real=1.0, accuracy_fake=1.0)
+        seen(watch, 2 * adversary.PATIENCE, accuracy_real=1.0, accuracy_fake=1.0)
 
 
 def test_a_discriminator_that_calls_everything_fake_is_no_collapse():
@@ -109,4 +110,4 @@ def test_a_discriminator_that_calls_everything_fake_is_no_collapse():
 
 def test_one_motion_for_everything_stops_the_training():
     with pytest.raises(TrainingError, match="spread less than 5% of recorded motion"):
-        seen(Watch(), 2 * adversarial.PATIENCE, liveliness=0.01)
+        seen(Watch(), 2 * adversary.PATIENCE, liveliness=0.01)

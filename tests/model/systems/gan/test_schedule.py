@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from model.systems.gan.schedule import (
+from model.systems.gan.sampling import (
     BETA_MAX,
     BETA_MIN,
     diffused,

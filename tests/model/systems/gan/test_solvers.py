@@ -6,8 +6,16 @@ import pytest
 import torch
 
 from model.systems.gan.config import SOLVERS
-from model.systems.gan.schedule import flow_time, signal_and_noise, time_of
-from model.systems.gan.solvers import LAST_TIME, evaluations, solve, stepped, way
+from model.systems.gan.sampling import (
+    LAST_TIME,
+    evaluations,
+    flow_time,
+    signal_and_noise,
+    solve,
+    stepped,
+    time_of,
+    way,
+)
 
 MEAN, DEVIATION = 0.7, 0.3
 

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from model.generation.base import Draw
-from model.generation.speech_stream import SpeechStream
+from model.generation.stitching import SpeechStream
 from model.generation.windows import GenerateOptions, generate_motion, stream_motion
 from model.storage.cards import CheckpointError
 from model.systems.gan.config import SOLVERS, STEP_COUNTS, SYSTEMS

@@ -13,7 +13,7 @@ from model.data.prepared import Batch, prepare
 from model.speech.features import MelEncoder
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from model.storage.checkpoint import load_weights
-from model.systems.gan import adversarial
+from model.systems.gan import adversary
 from model.systems.gan.config import STEP_COUNTS, WEIGHTS, GanConfig, named_config
 from model.systems.gan.task import GanTask, make_task
 from model.systems.registry import family_of, load_system
@@ -179,8 +179,8 @@ def test_errors_on_a_batch_fall(root):
 
 def test_a_planted_collapse_stops_with_a_sentence_and_keeps_the_state(root, monkeypatch, capsys):
     """A generator that is wrecked after the first save is told apart at once."""
-    monkeypatch.setattr(adversarial, "PATIENCE", 20)
-    monkeypatch.setattr(adversarial, "MEMORY", 0.5)
+    monkeypatch.setattr(adversary, "PATIENCE", 20)
+    monkeypatch.setattr(adversary, "MEMORY", 0.5)
     import model.systems.gan.task as module
 
     real = module.Generator.drawn

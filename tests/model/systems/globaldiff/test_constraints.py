@@ -3,9 +3,12 @@ import torch
 from torch import Tensor
 
 from conventions.joints import JOINT_INDEX, PARENTS
-from model.motion.kinematics import global_from_local, joint_positions_from_global
+from model.motion.kinematics import (
+    global_from_local,
+    joint_positions_from_global,
+    open_body_skeleton,
+)
 from model.motion.rotations import matrix_from_axis_angle
-from model.motion.skeleton import open_body_skeleton
 from model.systems.globaldiff import constraints
 from model.training.losses import position_loss
 from tests.helpers import random_local_rotations

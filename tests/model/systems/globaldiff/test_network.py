@@ -5,9 +5,9 @@ from itertools import pairwise
 import pytest
 import torch
 
-from model.generation.samplers import UnknownNameError
 from model.motion.packing import HAND_CHANNELS, TORSO_CHANNELS
-from model.storage.settings import from_dict, to_json
+from model.sampling.samplers import UnknownNameError
+from model.storage.cards import from_dict, to_json
 from model.systems.globaldiff.config import (
     LADDER,
     PRESETS,

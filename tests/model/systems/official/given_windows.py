@@ -9,11 +9,10 @@ import torch
 from torch import Tensor
 
 from model.generation.base import Draw, Windowing
-from model.generation.speech_stream import SpeechWindow
+from model.generation.stitching import SpeechWindow
 from model.motion.motion import Motion
 from model.systems.official import FAMILY
-from model.systems.official.expression_network import OfficialExpressionNetwork
-from model.systems.official.motion_network import OfficialMotionNetwork
+from model.systems.official.networks import OfficialExpressionNetwork, OfficialMotionNetwork
 from model.systems.official.seed import seed_of
 from model.systems.official.speech import OfficialEncoder, by_frame
 from model.systems.official.system import OfficialSystem, OfficialWindow

@@ -9,16 +9,18 @@ import torch
 from torch import Tensor
 
 from conventions.joints import JOINT_NAMES
-from model.generation.samplers import UnknownNameError
 from model.generation.windows import GenerateOptions, generate_motion
-from model.motion.kinematics import joint_positions_from_global, local_from_global
+from model.motion.kinematics import (
+    joint_positions_from_global,
+    local_from_global,
+    open_body_skeleton,
+)
 from model.motion.motion import Motion, save_motion
 from model.motion.rotations import matrix_from_axis_angle, matrix_from_rot6d
-from model.motion.skeleton import open_body_skeleton
+from model.sampling.samplers import UnknownNameError
 from model.storage.cards import CheckpointError
 from model.systems.official import FAMILY, FILTERED, UNFILTERED
-from model.systems.official.expression_network import OfficialExpressionNetwork
-from model.systems.official.motion_network import OfficialMotionNetwork
+from model.systems.official.networks import OfficialExpressionNetwork, OfficialMotionNetwork
 from model.systems.official.seed import first_seed, seed_of, standing
 from model.systems.official.system import OfficialSystem, smoothed
 from model.systems.registry import list_speakers, list_systems, load_system

@@ -7,8 +7,8 @@ import torch
 
 from model.motion.packing import Normaliser
 from model.plan.kinds import KindTable
+from model.storage.cards import to_json
 from model.storage.checkpoint import save_weights
-from model.storage.settings import to_json
 from model.systems.planned.config import (
     PLANNED,
     PLANNER,
@@ -17,8 +17,7 @@ from model.systems.planned.config import (
     PlannerConfig,
     PlannerTrainConfig,
 )
-from model.systems.planned.network import PlannedNetwork
-from model.systems.planned.planner_network import PlannerNetwork
+from model.systems.planned.network import PlannedNetwork, PlannerNetwork
 from tests.model.made import (
     TINY_BEST,
     made_components,

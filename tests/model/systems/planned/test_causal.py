@@ -6,13 +6,13 @@ import torch
 
 from model.generation.live import LiveMotion, Pace
 from model.generation.windows import GenerateOptions, draw_of
-from model.motion.skeleton import open_body_skeleton
+from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import track_points
 from model.plan.editing import within_reach
-from model.plan.manner import Manner
+from model.plan.kinds import wrist_places
 from model.plan.palette import REST_PLACE
-from model.plan.places import wrist_places
 from model.plan.plan import PHASES, SIDES, HandPhase, PlanError
+from model.plan.style import Manner
 from model.plan.tracks import STILL, hand_tracks, tracks_of
 from model.systems.planned.causal import CausalPlanner
 from model.systems.planned.config import PLANNED

@@ -2,9 +2,8 @@ import numpy as np
 import torch
 
 from model.plan.tiers import TIERS, chains_of, frames_of, seen_together
-from model.systems.planned.drawer import _Events
-from model.systems.planned.planner import Planner, load_planner
-from model.systems.planned.planner_network import Marks
+from model.systems.planned.network import Marks
+from model.systems.planned.planner import Planner, _Events, load_planner
 from tests.model.plan.made import made_plan
 from tests.model.systems.planned.made import make_planned_weights
 

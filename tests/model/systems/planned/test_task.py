@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from model.data.plans import prepare_plans
+from model.data.annotated import prepare_plans
 from model.data.prepared import DataError, prepare
 from model.speech.features import MelEncoder
 from model.storage.cards import BUNDLED_WEIGHTS

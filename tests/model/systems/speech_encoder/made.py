@@ -8,8 +8,8 @@ import torch
 from model.motion.packing import Normaliser
 from model.networks.speech_codes import CodesNetwork
 from model.speech.codes import SPEECH_ENCODER, CodesConfig
+from model.storage.cards import to_json
 from model.storage.checkpoint import save_weights
-from model.storage.settings import to_json
 from model.systems.speech_encoder.config import SpeechEncoderConfig
 from tests.model.made import make_data_folder
 from tests.model.plan.test_annotation import HANDS, grid, interval_tier, point_tier

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from model.data.plans import prepare_plans
+from model.data.annotated import annotated_speech, prepare_plans
 from model.data.prepared import DataError, PreparedData, prepare
-from model.data.spoken import annotated_speech
 from model.networks.speech_codes import Reading, load_codes
 from model.speech.codes import PHONES, SPEECH_ENCODER, TOLD
 from model.speech.features import MelEncoder

@@ -14,7 +14,7 @@ from app.page.tabs.study.study_form import (
     plan_text,
 )
 from app.study.design.plan import read_plan
-from model.plan.wish import StyleWish
+from model.plan.style import StyleWish
 from model.systems.planned.config import PLANNED
 
 FORM = StudyForm(

@@ -1,0 +1,267 @@
+"""What the annotation of prepared data tells, plans and speech, as numbers of each frame."""
+
+import json
+from collections import Counter
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32, Int, UInt8
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+from torch import Tensor
+from tqdm import tqdm
+
+from conventions.rates import FPS
+from model.data.prepared import Batch, Clip, PreparedData
+from model.data.recordings import DataError, copy_speed
+from model.plan.kinds import KindTable
+from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError
+from model.plan.textgrid import annotated_plan
+from model.plan.tiers import TIERS, Begun, chains_of, frames_of, seen_together
+from model.plan.tracks import NUM_TRACKS, hand_tracks, tracks_of
+from model.speech.codes import PHONES, TOLD
+from model.speech.transcript import Transcript, TranscriptError, read_transcript
+from model.storage.files import written_atomically
+
+PLANS_FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Events:
+    """What a planner learns of a batch's windows, by tier."""
+
+    seen: dict[str, Float[Tensor, "B T _"]]
+    """Where its chain is, and that of the tier beside it."""
+    event: dict[str, Int[Tensor, "B T"]]
+    mark: dict[str, Float[Tensor, "B T _"]]
+
+
+@dataclass(frozen=True)
+class Plans:
+    """Plans of all clips, end to end as `PreparedData` has them."""
+
+    data: PreparedData
+    tracks: np.ndarray
+    """(N, tracks), see `model.plan.tracks`."""
+    chains: tuple[dict[str, list[Begun]], ...]
+    """Of each clip."""
+    kinds: np.ndarray
+    """(N, 2) numbers of the gesture that the left and the right hand are in (`KindTable.place`)."""
+    table: KindTable
+
+    def of(
+        self, batch: Batch, context: int
+    ) -> tuple[Float[Tensor, "B heard tracks"], Int[Tensor, "B heard 2"]]:
+        """Plans of a batch's windows and ``context`` frames on either side, held past a clip's end.
+
+        Raises:
+            ValueError: if windows are mirrored.
+        """
+        if batch.mirrored.any():
+            raise ValueError("Plans know no mirror; train with mirror=0.")
+        frames = batch.frames
+        rows = frames[:, :1] + np.arange(-context, frames.shape[1] + context)
+        which = np.searchsorted(self._starts, frames[:, 0], side="right") - 1
+        first, stop = self._starts[which], self._stops[which]
+        rows = rows.clip(first[:, None], stop[:, None] - 1)
+        return (
+            torch.from_numpy(self.tracks[rows].astype(np.float32)),
+            torch.from_numpy(self.kinds[rows].astype(np.int64)),
+        )
+
+    def events(self, batch: Batch) -> Events:
+        """What begins in a batch's windows."""
+        which = np.searchsorted(self._starts, batch.frames[:, 0], side="right") - 1
+        seen: dict[str, list[np.ndarray]] = {tier.name: [] for tier in TIERS}
+        event: dict[str, list[np.ndarray]] = {tier.name: [] for tier in TIERS}
+        mark: dict[str, list[np.ndarray]] = {tier.name: [] for tier in TIERS}
+        for clip, rows in zip(which, batch.frames, strict=True):
+            frames = rows - self._starts[clip]
+            found = {tier.name: frames_of(tier, self.chains[clip][tier.name], frames)
+                     for tier in TIERS}  # fmt: skip
+            for name, numbers in seen_together(found).items():
+                seen[name].append(numbers)
+                event[name].append(found[name].event)
+                mark[name].append(found[name].mark)
+        return Events(
+            *(
+                {name: torch.from_numpy(np.stack(rows)) for name, rows in by_tier.items()}
+                for by_tier in (seen, event, mark)
+            )
+        )
+
+    @cached_property
+    def _starts(self) -> np.ndarray:
+        return np.array([clip.start for clip in self.data.clips])
+
+    @cached_property
+    def _stops(self) -> np.ndarray:
+        return np.array([clip.stop for clip in self.data.clips])
+
+
+def prepare_plans(data: PreparedData, num_speakers: int) -> Plans:
+    """Read the annotation beside the recordings once, then map the arrays.
+
+    Raises:
+        DataError: if a clip has no annotated plan: only the corpus writes them.
+    """
+    paths = [data.folder / f"{name}.raw" for name in ("plan-tracks", "plan-kinds")]
+    index = data.folder / "plans.json"
+    origin = {"format": PLANS_FORMAT, "tracks": NUM_TRACKS}
+    plans = [_annotated(data, clip) for clip in data.clips]
+    learned = [
+        (plan, clip) for clip, plan in zip(data.clips, plans, strict=True)
+        if clip.copy == 0 and clip.split == "train"
+    ]  # fmt: skip
+    said = Counter(word for _, clip in learned for word in _said(textgrid_of(data, clip)))
+    table = KindTable.fit(((plan, clip.speaker) for plan, clip in learned), num_speakers, said)
+    if not index.is_file() or json.loads(index.read_text()) != origin:
+        with (
+            written_atomically(paths[0]) as tracks_path,
+            written_atomically(paths[1]) as kinds_path,
+            tracks_path.open("wb") as tracks_file,
+            kinds_path.open("wb") as kinds_file,
+        ):
+            for clip, plan in tqdm(zip(data.clips, plans, strict=True), desc="plans",
+                                   total=len(plans)):  # fmt: skip
+                tracks_file.write(tracks_of(plan, clip.num_frames).tobytes())
+                kinds_file.write(kinds_of(plan, clip.num_frames, table).tobytes())
+        with written_atomically(index) as path:
+            path.write_text(json.dumps(origin))
+    tracks = np.memmap(paths[0], np.float32, "r", shape=(len(data.poses), NUM_TRACKS))
+    kinds = np.memmap(paths[1], np.uint8, "r", shape=(len(data.poses), 2))
+    return Plans(data, tracks, tuple(map(chains_of, plans)), kinds, table)
+
+
+def kinds_of(plan: GesturePlan, num_frames: int, table: KindTable) -> UInt8[np.ndarray, "T 2"]:
+    """The number of the gesture that each hand is in, frame by frame."""
+    kinds = np.zeros((num_frames, 2), np.uint8)
+    for column, side in enumerate(SIDES):
+        for phase in plan.hand(side):
+            kinds[_frames(phase, num_frames), column] = table.place(phase.kind)
+    return kinds
+
+
+def _frames(phase: HandPhase, num_frames: int) -> slice:
+    """Frames whose middle lies in it."""
+    first, stop = (max(0, int(np.ceil(at * FPS - 0.5))) for at in (phase.start_s, phase.end_s))
+    return slice(min(first, num_frames), min(stop, num_frames))
+
+
+def textgrid_of(data: PreparedData, clip: Clip) -> Path:
+    """Where the annotation of a clip lies."""
+    return data.source / "textgrid" / f"{clip.name}.TextGrid"
+
+
+def _said(path: Path) -> list[str]:
+    """The words of an annotation; none where it tells of plans alone."""
+    try:
+        return [word.text.lower() for word in read_transcript(path).words]
+    except TranscriptError:
+        return []
+
+
+def _annotated(data: PreparedData, clip: Clip) -> GesturePlan:
+    try:
+        plan = annotated_plan(textgrid_of(data, clip))
+    except (PlanError, OSError) as error:
+        raise DataError(f"{clip.name} has no annotated plan: {error}") from error
+    return plan.at_speed(copy_speed(clip.name, clip.copy))
+
+
+ACCENT_FRAMES, PHRASE_END_FRAMES = 3, 5
+"""Around each, that count as it."""
+PAUSE_S = 0.12
+"""Between words, from which a phrase ends before it."""
+SPEED_FRAMES = 4.0
+"""Deviation of the Gaussian over planned speeds."""
+_NUMBER = {phone: number for number, phone in enumerate(PHONES, start=1)}
+
+
+@dataclass(frozen=True)
+class Spoken:
+    """Annotation of all clips, end to end as `PreparedData` has them."""
+
+    phone: UInt8[np.ndarray, " N"]
+    """Place in `PHONES`, from 1; 0 is none of them."""
+    told: Float32[np.ndarray, "N told"]
+    """`TOLD`; what is a share or a yes is from 0 to 1."""
+
+    def of(self, batch: Batch) -> tuple[Int[Tensor, "B T"], Float32[Tensor, "B T told"]]:
+        """Phones and `TOLD` of a batch's windows."""
+        phone = torch.from_numpy(self.phone[batch.frames].astype(np.int64))
+        return phone, torch.from_numpy(self.told[batch.frames])
+
+
+def annotated_speech(data: PreparedData, plans: Plans) -> Spoken:
+    """Read the annotation beside the recordings.
+
+    Raises:
+        DataError: if a clip's words are not annotated, or no clip has phones and accents.
+    """
+    phone = np.zeros(len(data.poses), np.uint8)
+    told = np.zeros((len(data.poses), len(TOLD)), np.float32)
+    for clip in tqdm(data.clips, desc="annotation", unit="clip"):
+        transcript = _read(data, clip)
+        rows = slice(clip.start, clip.stop)
+        speed = copy_speed(clip.name, clip.copy)
+        phone[rows] = phones_of(transcript, clip.num_frames, speed)
+        told[rows, :-1] = told_of(transcript, clip.num_frames, speed, plans)
+        told[rows, -1] = wrist_speed(plans.tracks[rows])
+    if not phone.any() or not told[:, 0].any():
+        missing = "phones" if not phone.any() else "accents"
+        raise DataError(f"No TextGrid of {data.source.name} has a tier of {missing}.")
+    return Spoken(phone, told)
+
+
+def phones_of(transcript: Transcript, num_frames: int, speed: float) -> UInt8[np.ndarray, " T"]:
+    """The phone of each frame; of unknown ones and of pauses 0."""
+    numbers = np.zeros(num_frames, np.uint8)
+    for phone in transcript.phones:
+        name = phone.text.lower().rstrip("012")
+        numbers[_rows(phone.start_s, phone.end_s, speed)] = _NUMBER.get(name, 0)
+    return numbers
+
+
+def told_of(
+    transcript: Transcript, num_frames: int, speed: float, plans: Plans
+) -> Float32[np.ndarray, "T 5"]:
+    """`TOLD` but for the speed."""
+    strength, ends, voice, struck = np.zeros((4, num_frames), np.float32)
+    for accent in transcript.accents:
+        frame = int(accent.time_s / speed * FPS)
+        if frame < num_frames:
+            strength[frame] = accent.strength
+    after = [word.start_s for word in transcript.words[1:]] + [np.inf]
+    for word, next_s in zip(transcript.words, after, strict=True):
+        rows = _rows(word.start_s, word.end_s, speed)
+        voice[rows] = 1
+        struck[rows] = plans.table.struck.get(word.text.lower(), 0.0)
+        if next_s - word.end_s > PAUSE_S:
+            ends[max(0, rows.stop - 1) : rows.stop] = 1
+    strength = maximum_filter1d(strength, ACCENT_FRAMES)
+    ends = maximum_filter1d(ends, PHRASE_END_FRAMES)
+    return np.stack([strength > 0, strength, ends, voice, struck], axis=1).astype(np.float32)
+
+
+def wrist_speed(tracks: Float32[np.ndarray, "T tracks"]) -> Float32[np.ndarray, " T"]:
+    """Of both planned wrists together, in the tiers' units a second, smoothed."""
+    goals = [np.asarray(tracks[:, hand_tracks(side)][:, :3], np.float64) for side in SIDES]
+    steps = [np.diff(goal, axis=0, prepend=goal[:1]) for goal in goals]
+    total = sum(np.linalg.norm(step, axis=1) for step in steps) * FPS
+    return gaussian_filter1d(total, SPEED_FRAMES).astype(np.float32)
+
+
+def _rows(start_s: float, end_s: float, speed: float) -> slice:
+    """Frames whose middle lies in it, in a recording that plays so fast."""
+    first, stop = (max(0, round(at / speed * FPS)) for at in (start_s, end_s))
+    return slice(first, stop)
+
+
+def _read(data: PreparedData, clip: Clip) -> Transcript:
+    try:
+        return read_transcript(textgrid_of(data, clip))
+    except TranscriptError as error:
+        raise DataError(f"{clip.name} has no annotated words: {error}") from error

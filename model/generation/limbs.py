@@ -1,0 +1,351 @@
+"""Feet that stand and hands that go where a plan has them, and the legs and arms that go with them.
+
+A network tells rotations, and a foot is the end of four of them: it slides and trembles where it
+should stand. Here the plan says when a foot is planted, and the network where: it stays where it
+lands, with its sole flat, and the leg's two bones follow from hip and ankle in closed form.
+
+A network hears the plan and comes near it, but a stroke may land late, or not at all. Here the
+wrist is led most of the way to the planned path, in closed form: the elbow opens or closes as far
+as it must and the whole arm turns, with the hand's pose as it was.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation
+
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
+from model.motion.kinematics import RestSkeleton, joint_positions_from_local
+from model.motion.limb import HingedLimb, unit
+from model.motion.motion import Motion
+from model.plan.kinds import OUTWARD
+from model.plan.plan import SIDES, GesturePlan, Planted, Side
+from model.plan.tracks import goal_path, without_gaps
+
+ANKLE_M = 0.074
+"""Height of the open body's ankle over the floor with its sole flat."""
+LIFT_M = 0.035
+"""Of a step's highest point."""
+TIPTOE_DEG = 350.0
+"""How far the toes hang, for each metre that a foot is lifted."""
+STEP_S = 1.0
+"""A foot that is off the ground for longer is not stepping, and is not lifted here."""
+LANDING_S = 0.2
+"""In which a foot comes to stand."""
+LEAST_BEND = np.radians(4.0)
+"""Of a knee. The pelvis is lowered where a leg would be asked for more than its length."""
+_SOFT_LEG_M = 0.003
+_KNEE_AXIS = np.array([1.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True)
+class Footing:
+    """Where a planted foot stands."""
+
+    x: float
+    z: float
+    """Of the ankle in the world, metres."""
+    turn: float
+    """Of the foot about the vertical, radians; 0 points ahead."""
+
+
+@dataclass
+class HeldFeet:
+    """Holds planted feet in a motion that comes piece by piece.
+
+    Args:
+        planted: when which foot stands, from a plan. A foot that never does is left as it is.
+        skeleton: the body that shall stand.
+        known: footings that are to be kept, of a performance before.
+    """
+
+    planted: Sequence[Planted]
+    skeleton: RestSkeleton
+    known: Mapping[Planted, Footing] = field(default_factory=dict)
+    found: dict[Planted, Footing] = field(default_factory=dict, init=False)
+    """Of all feet that have landed so far."""
+    _frames: int = field(default=0, init=False)
+
+    def go_on_with(self, planted: Sequence[Planted]) -> None:
+        """From now on other times, of which those that began before have the footing they had."""
+        stood = {(event.foot, event.start_s): place for event, place in self.found.items()}
+        self.planted = planted
+        there = {event: stood.get((event.foot, event.start_s)) for event in planted}
+        self.found = {event: place for event, place in there.items() if place is not None}
+
+    def hold(self, motion: Motion) -> Motion:
+        """The frames that follow those of the call before, with legs that stand."""
+        frames = range(self._frames, self._frames + motion.num_frames)
+        self._frames = frames.stop
+        if not self.planted:
+            return motion
+        local = motion.local_rotations().double()
+        trans = torch.from_numpy(motion.trans).double()
+        turned, places = joint_positions_from_local(local, self.skeleton, trans)
+        rotmat, joints = turned.numpy(), places.numpy()
+        sides: list[Side] = [
+            side for side in SIDES if any(event.foot == side for event in self.planted)
+        ]
+        legs = [_Leg.of(side, self.skeleton) for side in sides]
+        feet = [self._foot(side, frames, rotmat, joints) for side in sides]
+        lowered = _lowered(
+            [leg.room(joints, ankle) for leg, (ankle, _) in zip(legs, feet, strict=True)]
+        )
+        joints = joints - lowered[:, None, None] * [0.0, 1.0, 0.0]
+        poses = motion.poses.reshape(-1, len(JOINT_INDEX), 3).copy()
+        for leg, foot in zip(legs, feet, strict=True):
+            for joint, angles in leg.reached(rotmat, joints, *foot):
+                poses[:, joint] = angles
+        height = (motion.trans[:, 1] - lowered).astype(np.float32)
+        return replace(
+            motion,
+            poses=poses.reshape(motion.poses.shape),
+            trans=np.stack([motion.trans[:, 0], height, motion.trans[:, 2]], axis=1),
+        )
+
+    def _foot(
+        self,
+        side: Side,
+        frames: range,
+        rotmat: Float[np.ndarray, "T 55 3 3"],
+        joints: Float[np.ndarray, "T 55 3"],
+    ) -> tuple[Float[np.ndarray, "T 3"], Float[np.ndarray, "T 3 3"]]:
+        """Where the ankle shall be, and how the foot is turned in the world."""
+        joint = JOINT_INDEX[f"{side}_ankle"]
+        path = joints[:, joint][:, [0, 2]].copy()
+        ahead = rotmat[:, joint, :, 2]
+        turn = np.arctan2(ahead[:, 0], ahead[:, 2])
+        lift = np.zeros(len(frames))
+        for event, after in self._stands(side):
+            first, stop = _frames_of(event)
+            if first in frames:
+                at = first - frames.start
+                here = Footing(float(path[at, 0]), float(path[at, 1]), float(turn[at]))
+                self.found[event] = self.known.get(event, here)
+            if event not in self.found:
+                continue
+            footing = self.found[event]
+            time = np.asarray(frames)
+            gone = stop + STEP_S * FPS
+            gone = gone if after is None else min(after, gone)
+            held = _eased((time - first) / (LANDING_S * FPS)) if first > 0 else time >= 0
+            swing = (time - stop + 1) / (gone - stop + 1)
+            held = np.where(time >= first, held * (1 - _eased(swing)), 0.0)
+            path += held[:, None] * ([footing.x, footing.z] - path)
+            turn += held * ((footing.turn - turn + np.pi) % (2 * np.pi) - np.pi)
+            if after is not None and after - stop <= STEP_S * FPS:
+                lift += LIFT_M * np.where(
+                    (swing > 0) & (swing < 1), np.sin(np.pi * swing) ** 2, 0.0
+                )
+        ankle = np.stack([path[:, 0], ANKLE_M + lift, path[:, 1]], axis=1)
+        sole = np.stack([turn, np.radians(TIPTOE_DEG) * lift], axis=1)
+        return ankle, Rotation.from_euler("YX", sole).as_matrix()
+
+    def _stands(self, side: Side) -> Iterator[tuple[Planted, int | None]]:
+        """Each time that the foot stands, and the frame at which it stands again."""
+        events = [event for event in self.planted if event.foot == side]
+        for event, later in zip(events, [*events[1:], None], strict=True):
+            yield event, None if later is None else _frames_of(later)[0]
+
+
+def _frames_of(event: Planted) -> tuple[int, int]:
+    """The first frame of a stand, and the one after its last."""
+    first = max(round(event.start_s * FPS), 0)
+    return first, max(round(event.end_s * FPS), first + 1)
+
+
+def _eased(phase: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:
+    """0 up to phase 0, 1 from phase 1 on, the minimum-jerk polynomial between."""
+    x = np.clip(phase, 0.0, 1.0)
+    return x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
+
+
+def _lowered(rooms: Sequence[Float[np.ndarray, " T"]]) -> Float[np.ndarray, " T"]:
+    """How far the pelvis comes down, so that every leg has room; softly."""
+    least = -_SOFT_LEG_M * np.logaddexp.reduce([-room / _SOFT_LEG_M for room in rooms])
+    return _SOFT_LEG_M * np.logaddexp(0.0, -least / _SOFT_LEG_M)
+
+
+@dataclass(frozen=True)
+class _Leg:
+    hip: int
+    knee: int
+    ankle: int
+    limb: HingedLimb
+
+    @classmethod
+    def of(cls, side: Side, skeleton: RestSkeleton) -> "_Leg":
+        hip, knee, ankle = (JOINT_INDEX[f"{side}_{name}"] for name in ("hip", "knee", "ankle"))
+        rest = skeleton.rest_joints.double().numpy()
+        limb = HingedLimb(rest[knee] - rest[hip], rest[ankle] - rest[knee], _KNEE_AXIS)
+        return cls(hip, knee, ankle, limb)
+
+    def room(
+        self, joints: Float[np.ndarray, "T 55 3"], ankle: Float[np.ndarray, "T 3"]
+    ) -> Float[np.ndarray, " T"]:
+        """How much higher the hip could be, metres; negative where the leg is too short."""
+        span = ankle - joints[:, self.hip]
+        longest = self.limb.length(np.full(len(ankle), LEAST_BEND))
+        aside = np.minimum((span[:, [0, 2]] ** 2).sum(1), 0.99 * longest**2)
+        return np.sqrt(longest**2 - aside) + span[:, 1]
+
+    def reached(
+        self,
+        rotmat: Float[np.ndarray, "T 55 3 3"],
+        joints: Float[np.ndarray, "T 55 3"],
+        ankle: Float[np.ndarray, "T 3"],
+        sole: Float[np.ndarray, "T 3 3"],
+    ) -> Iterator[tuple[int, Float[np.ndarray, "T 3"]]]:
+        """Each joint of the leg with its local rotation, axis-angle; the kneecap looks where it
+        did."""
+        upper, bent = self.limb.reach(ankle - joints[:, self.hip], rotmat[:, self.hip, :, 2])
+        pelvis = rotmat[:, 0]
+        turned = (_back(pelvis) @ upper, bent, _back(upper @ bent) @ sole)
+        for joint, local in zip((self.hip, self.knee, self.ankle), turned, strict=True):
+            yield joint, Rotation.from_matrix(local).as_rotvec().astype(np.float32)
+
+
+def _back(rotmat: Float[np.ndarray, "T 3 3"]) -> Float[np.ndarray, "T 3 3"]:
+    return rotmat.swapaxes(-1, -2)
+
+
+LED = 0.6
+"""Share of the way from where the network has a wrist to where the plan has it. People keep 3.8 cm
+away from their own plans on average; this leaves 3.2."""
+SOFT_FRAMES = 1.5
+"""Deviation of what rounds the planned path off: phases begin and end with a jolt. At 1 fingertips
+had 1.19 times the recorded power above 5 Hz, at 1.5 .96, with strokes as often in time."""
+SOFT_MARGIN = round(4 * SOFT_FRAMES)
+"""Frames of the plan that are heard on either side."""
+LONGEST = 0.99
+"""Of a straight arm's length."""
+_SOFT_ARM_M = 0.004
+_BENT = 0.1
+"""As much as the usual plane of the elbow counts in an arm that is nearly straight."""
+_FORWARD = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass
+class LedHands:
+    """Leads the hands of a motion that comes piece by piece.
+
+    Args:
+        plan: what they shall do. A hand of which it says nothing is left as it is.
+    """
+
+    plan: GesturePlan
+    skeleton: RestSkeleton
+    _frames: int = field(default=0, init=False)
+
+    def go_on_with(self, plan: GesturePlan, first_frame: int) -> None:
+        """From now on another plan, in which the next frame is ``first_frame``."""
+        self.plan, self._frames = plan, first_frame
+
+    def lead(self, motion: Motion) -> Motion:
+        """The frames that follow those of the call before."""
+        frames = range(self._frames, self._frames + motion.num_frames)
+        self._frames = frames.stop
+        sides: list[Side] = [side for side in SIDES if self.plan.hand(side)]
+        if not sides:
+            return motion
+        turned, places = joint_positions_from_local(
+            motion.local_rotations().double(), self.skeleton
+        )
+        rotmat, joints = turned.numpy(), places.numpy()
+        chest = JOINT_INDEX["spine3"]
+        poses = motion.poses.reshape(-1, len(JOINT_INDEX), 3).copy()
+        for side in sides:
+            wished = _planned(self.plan, side, frames) * OUTWARD[side]
+            wished = np.einsum("tij,tj->ti", rotmat[:, chest], wished) + joints[:, chest]
+            for joint, angles in _reached(side, rotmat, joints, wished, self.skeleton):
+                poses[:, joint] = angles
+        return replace(motion, poses=poses.reshape(motion.poses.shape))
+
+
+def _planned(plan: GesturePlan, side: Side, frames: range) -> Float[np.ndarray, "T 3"]:
+    """Where the plan has a wrist, rounded off; before and after the plan it stays."""
+    margin = SOFT_MARGIN
+    wide = np.arange(frames.start - margin, frames.stop + margin)
+    path = goal_path(without_gaps(plan.hand(side), plan.duration_s), (wide + 0.5) / FPS)
+    return gaussian_filter1d(path, SOFT_FRAMES, axis=0)[margin : margin + len(frames)]
+
+
+def _reached(
+    side: Side,
+    rotmat: Float[np.ndarray, "T 55 3 3"],
+    joints: Float[np.ndarray, "T 55 3"],
+    wished: Float[np.ndarray, "T 3"],
+    skeleton: RestSkeleton,
+) -> Iterator[tuple[int, Float[np.ndarray, "T 3"]]]:
+    """Shoulder and elbow with their local rotations, axis-angle, that lead the wrist."""
+    shoulder, elbow, wrist = (JOINT_INDEX[f"{side}_{name}"] for name in _ARM)
+    upper, lower = joints[:, elbow] - joints[:, shoulder], joints[:, wrist] - joints[:, elbow]
+    span = upper + lower
+    led = span + LED * (wished - joints[:, wrist])
+    straight = float(np.linalg.norm(upper[0]) + np.linalg.norm(lower[0]))
+    reach = _at_most(np.linalg.norm(led, axis=1), LONGEST * straight)
+    hinge = _hinge(side, rotmat[:, shoulder], upper, lower, skeleton)
+    opened = Rotation.from_rotvec(_opening(upper, lower, hinge, reach)[:, None] * hinge)
+    swing = _between(upper + opened.apply(lower), led)
+    parent = Rotation.from_matrix(rotmat[:, JOINT_INDEX[f"{side}_collar"]])
+    new_upper = swing * Rotation.from_matrix(rotmat[:, shoulder])
+    new_lower = swing * opened * Rotation.from_matrix(rotmat[:, elbow])
+    yield shoulder, (parent.inv() * new_upper).as_rotvec().astype(np.float32)
+    yield elbow, (new_upper.inv() * new_lower).as_rotvec().astype(np.float32)
+
+
+_ARM = ("shoulder", "elbow", "wrist")
+
+
+def _at_most(length: Float[np.ndarray, " T"], most: float) -> Float[np.ndarray, " T"]:
+    """The smaller of the two, softly."""
+    return -_SOFT_ARM_M * np.logaddexp(-length / _SOFT_ARM_M, -most / _SOFT_ARM_M)
+
+
+def _hinge(
+    side: Side,
+    shoulder: Float[np.ndarray, "T 3 3"],
+    upper: Float[np.ndarray, "T 3"],
+    lower: Float[np.ndarray, "T 3"],
+    skeleton: RestSkeleton,
+) -> Float[np.ndarray, "T 3"]:
+    """About what the elbow bends: across both bones, and where the arm is nearly straight, as one
+    that bends forwards in the T-pose."""
+    rest = skeleton.rest_joints.double().numpy()
+    bone = rest[JOINT_INDEX[f"{side}_elbow"]] - rest[JOINT_INDEX[f"{side}_shoulder"]]
+    usual = shoulder @ unit(np.cross(bone, _FORWARD))
+    across = np.cross(upper, lower)
+    size = np.linalg.norm(upper, axis=1) * np.linalg.norm(lower, axis=1)
+    return unit(across / size[:, None] + _BENT * usual)
+
+
+def _opening(
+    upper: Float[np.ndarray, "T 3"],
+    lower: Float[np.ndarray, "T 3"],
+    hinge: Float[np.ndarray, "T 3"],
+    reach: Float[np.ndarray, " T"],
+) -> Float[np.ndarray, " T"]:
+    """Radians by which the forearm turns about the hinge so that the wrist is so far away."""
+
+    def dot(a: Float[np.ndarray, "T 3"], b: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, " T"]:
+        return np.einsum("ti,ti->t", a, b)
+
+    fixed = dot(upper, hinge) * dot(lower, hinge)
+    cosine, sine = dot(upper, lower) - fixed, dot(upper, np.cross(hinge, lower))
+    wanted = (reach**2 - dot(upper, upper) - dot(lower, lower)) / 2 - fixed
+    share = np.clip(wanted / np.hypot(cosine, sine), -1.0, 1.0)
+    return np.arctan2(sine, cosine) + np.arccos(share)
+
+
+def _between(one: Float[np.ndarray, "T 3"], other: Float[np.ndarray, "T 3"]) -> Rotation:
+    """The shortest turns from some directions to others."""
+    one, other = unit(one), unit(other)
+    half = np.concatenate(
+        [np.cross(one, other), 1 + np.einsum("ti,ti->t", one, other)[:, None]], axis=1
+    )
+    return Rotation.from_quat(half)

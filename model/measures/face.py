@@ -1,0 +1,116 @@
+"""Does the face live, and does it move with the hands?"""
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
+from model.motion.kinematics import face_unit_names
+from model.motion.motion import Motion
+from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
+
+BLINK_CLOSED, BLINK_OPEN = 0.5, 0.3
+"""A lid that passes the first has begun a blink, and ends it below the second."""
+
+
+def unit_columns(name: str) -> tuple[int, ...]:
+    """Columns of a face unit on both sides, in the body's order of ``expression_names``."""
+    return tuple(k for k, found in enumerate(face_unit_names()) if found.startswith(name))
+
+
+def face_measures(motion: Motion, loudness: Float[np.ndarray, " T"]) -> dict[str, float]:
+    """Blinks a minute, the spread of the brows, and how far jaw and loudness go together.
+
+    ``blinks_per_min``; ``brow_std``: standard deviation of the inner brow's raise (0 to 1);
+    ``jaw_loudness``: correlation of the jaw's angle with the loudness of speech, which is 0 for a
+    jaw that is still. A motion in FLAME's coefficients has the last only.
+    """
+    frames = min(motion.num_frames, len(loudness))
+    jaw = np.linalg.norm(motion.poses[:frames, 3 * JOINT_INDEX["jaw"] :][:, :3], axis=1)
+    found = {"jaw_loudness": _correlation(jaw, loudness[:frames])}
+    if motion.expression_basis == "arkit52":
+        lids = motion.expressions[:, unit_columns("eyeBlink")].mean(1)
+        brow = motion.expressions[:, unit_columns("browInnerUp")].mean(1)
+        found["blinks_per_min"] = 60 * count_blinks(lids) / motion.duration_s
+        found["brow_std"] = float(brow.std())
+    return found
+
+
+def count_blinks(lids: Float[np.ndarray, " T"]) -> int:
+    """How often the lids close, from 0 (open) to 1."""
+    is_closed, count = False, 0
+    for value in lids:
+        if not is_closed and value > BLINK_CLOSED:
+            is_closed, count = True, count + 1
+        elif is_closed and value < BLINK_OPEN:
+            is_closed = False
+    return count
+
+
+def _correlation(a: np.ndarray, b: np.ndarray) -> float:
+    return 0.0 if a.std() == 0 or b.std() == 0 else float(np.corrcoef(a, b)[0, 1])
+
+
+MAX_LAG_S = 0.5
+SMOOTHING_FRAMES = 9
+
+
+def lagged_correlation(a: Float[np.ndarray, " N"], b: Float[np.ndarray, " M"]) -> float:
+    """Correlation at the best lag within half a second, both smoothed over 0.3 s. The choice of the
+    lag raises it above 0 for any two signals: compare with a shifted one."""
+    frames = min(len(a), len(b))
+    box = np.ones(SMOOTHING_FRAMES) / SMOOTHING_FRAMES
+    a, b = (np.convolve(track[:frames], box, "valid") for track in (a, b))
+    lags = range(-round(MAX_LAG_S * FPS), round(MAX_LAG_S * FPS) + 1)
+    return max(_correlation_at(a, b, lag) for lag in lags)
+
+
+def _correlation_at(a: np.ndarray, b: np.ndarray, lag: int) -> float:
+    a, b = (a[lag:], b[: len(b) - lag]) if lag >= 0 else (a[:lag], b[-lag:])
+    if len(a) < 2 or a.std() == 0 or b.std() == 0:
+        return 0.0
+    return float(np.corrcoef(a, b)[0, 1])
+
+
+SHIFT_S = 4.0
+"""By which a track is shifted in a circle, to know what chance gives."""
+_WRISTS = [JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"]]
+
+
+def face_and_hands(motion: Motion, joints: Float[np.ndarray, "T 55 3"]) -> dict[str, float]:
+    """``brow_with_hands`` and ``head_with_hands``: correlation of the inner brow's raise, and of
+    the head's angular speed, with the speed of the wrists, less that of the same face 4 s later in
+    a circle. Above 0: they move together more than chance has it. A motion in FLAME's coefficients
+    has no brow, one of less than 8 s neither.
+
+    Args:
+        joints: in metres; the pelvis may be in place.
+    """
+    if motion.num_frames < 2 * SHIFT_S * FPS:
+        return {}
+    hands = wrist_speed(joints)
+    found = {"head_with_hands": _beyond_chance(head_speed(motion), hands)}
+    if motion.expression_basis == "arkit52":
+        brow = motion.expressions[1:, unit_columns("browInnerUp")].mean(1)
+        found["brow_with_hands"] = _beyond_chance(brow, hands)
+    return found
+
+
+def wrist_speed(joints: Float[np.ndarray, "T 55 3"]) -> Float[np.ndarray, " T1"]:
+    """Of both wrists together, m/s, from each frame to the next."""
+    return np.linalg.norm(np.diff(joints[:, _WRISTS], axis=0), axis=-1).sum(-1) * FPS
+
+
+def head_speed(motion: Motion) -> Float[np.ndarray, " T1"]:
+    """Angular speed of the head against the chest, rad/s, from each frame to the next."""
+    poses = torch.from_numpy(motion.poses).unflatten(-1, (-1, 3))
+    neck, head = (matrix_from_axis_angle(poses[:, JOINT_INDEX[n]]) for n in ("neck", "head"))
+    turned = neck @ head
+    steps = axis_angle_from_matrix(turned[:-1].mT @ turned[1:])
+    return steps.norm(dim=-1).numpy() * FPS
+
+
+def _beyond_chance(face: Float[np.ndarray, " N"], hands: Float[np.ndarray, " N"]) -> float:
+    later = np.roll(face, round(SHIFT_S * FPS))
+    return lagged_correlation(face, hands) - lagged_correlation(later, hands)

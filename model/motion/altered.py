@@ -1,0 +1,131 @@
+"""Motions altered on purpose: turned by noise, played at another speed, trembling more than they
+did."""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.signal import butter, sosfiltfilt
+
+from conventions.joints import JOINT_INDEX, NUM_JOINTS
+from conventions.rates import FPS
+from model.motion.kinematics import global_from_local, local_from_global
+from model.motion.motion import Motion
+from model.motion.rotations import (
+    axis_angle_from_matrix,
+    interpolate_rotations,
+    matrix_from_axis_angle,
+    matrix_from_rot6d,
+    rot6d_from_matrix,
+)
+
+_LEFT_ALONE = [JOINT_INDEX[name] for name in ("jaw", "left_eye", "right_eye")]
+"""Nothing hangs on them, and a face that trembles distracts."""
+
+
+def noisy_motions(motion: Motion, noise_rad: float, seed: int = 0) -> tuple[Motion, Motion]:
+    """The motion with turns of every joint in every frame, on local and on global rotations.
+
+    Each turn has independent components of deviation ``noise_rad``, fresh in every frame, about the
+    joint's own axes; both motions get the same ones (`model.measures.error_growth` says what
+    follows from that).
+
+    Returns:
+        With noise on local rotations, and with noise on global ones.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    local_rot = motion.local_rotations().double()
+    turn = noise_rad * torch.randn(local_rot.shape[:-1], generator=generator).double()
+    turn[:, _LEFT_ALONE] = 0.0
+    noise = matrix_from_axis_angle(turn)
+    on_global = local_from_global(global_from_local(local_rot) @ noise)
+    # The head's own turn is not handed on to what stays as it is in the head.
+    on_global[:, _LEFT_ALONE] = local_rot[:, _LEFT_ALONE]
+    return _with_rotations(motion, local_rot @ noise), _with_rotations(motion, on_global)
+
+
+def _with_rotations(motion: Motion, local_rot: torch.Tensor) -> Motion:
+    poses = axis_angle_from_matrix(local_rot).flatten(-2).float().numpy()
+    return replace(motion, poses=poses)
+
+
+def motion_at_speed(motion: Motion, speed: float) -> Motion:
+    """``speed`` times as fast: frame k shows what was at frame ``k * speed``.
+
+    Rotations are interpolated by slerp, everything else linearly. The last frame lies at or up to
+    one new frame before the last one there was.
+    """
+    num_frames = int((motion.num_frames - 1) / speed + 1e-6) + 1
+    time = np.minimum(np.arange(num_frames) * speed, motion.num_frames - 1)  # in old frames
+    before = np.minimum(time.astype(int), max(motion.num_frames - 2, 0))
+    after = np.minimum(before + 1, motion.num_frames - 1)
+    weight = (time - before).astype(np.float32)
+    rotmat = motion.local_rotations()
+    at_time = interpolate_rotations(
+        rotmat[before], rotmat[after], torch.from_numpy(weight)[:, None]
+    )
+
+    def blend(rows: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "S C"]:
+        return rows[before] + weight[:, None] * (rows[after] - rows[before])
+
+    return replace(
+        motion,
+        poses=axis_angle_from_matrix(at_time).flatten(1).numpy(),
+        trans=blend(motion.trans),
+        expressions=blend(motion.expressions),
+    )
+
+
+CUTOFF_HZ = 5.0
+"""Gestures hold little above it, and a tremor of hands is faster."""
+_ORDER = 4
+_PADDING_FRAMES = 15
+MAX_TURN_RAD = 0.8
+"""A multiplied residual is no larger than this, so that no joint turns over."""
+_AS_THEY_ARE = tuple(JOINT_INDEX[name] for name in ("jaw", "left_eye", "right_eye"))
+"""Speech and gaze are quick by nature."""
+
+
+def exaggerate(motion: Motion, factor: float | int, cutoff_hz: float | int = CUTOFF_HZ) -> Motion:
+    """The motion with all that is faster than a cut-off multiplied.
+
+    Of each local rotation R the part below the cut-off, L, is the row-6D form behind a Butterworth
+    filter that runs forwards and backwards; the residual log(L^T R) is multiplied and put on L.
+    The translation is treated alike; jaw, eyes and expressions stay as they are. A factor of 1
+    gives the motion itself, and so does a clip under 4 frames.
+    """
+    if factor == 1 or motion.num_frames < 4:
+        return motion
+    poses = motion.poses.copy()
+    for joint in range(NUM_JOINTS):  # one at a time: memory stays small for long clips
+        if joint in _AS_THEY_ARE:
+            continue
+        columns = slice(3 * joint, 3 * joint + 3)
+        rotmat = matrix_from_axis_angle(torch.tensor(motion.poses[:, columns], dtype=torch.float64))
+        slow = _below_cutoff(rotmat, cutoff_hz)
+        fast = factor * axis_angle_from_matrix(slow.transpose(-1, -2) @ rotmat)
+        turn = fast.norm(dim=-1, keepdim=True)
+        fast = fast * (MAX_TURN_RAD / turn.clamp_min(MAX_TURN_RAD))
+        shown = slow @ matrix_from_axis_angle(fast)
+        poses[:, columns] = axis_angle_from_matrix(shown).numpy()
+    slow_trans = below_cutoff(motion.trans.astype(np.float64), cutoff_hz)
+    trans = slow_trans + factor * (motion.trans - slow_trans)
+    return replace(motion, poses=poses, trans=trans.astype(np.float32))
+
+
+def _below_cutoff(
+    rotmat: Float[torch.Tensor, "T 3 3"], cutoff_hz: float | int
+) -> Float[torch.Tensor, "T 3 3"]:
+    rows = below_cutoff(rot6d_from_matrix(rotmat).numpy(), cutoff_hz)
+    return matrix_from_rot6d(torch.from_numpy(rows))
+
+
+def below_cutoff(
+    values: Float[np.ndarray, "T C"], cutoff_hz: float | int = CUTOFF_HZ
+) -> Float[np.ndarray, "T C"]:
+    """What is slower than the cut-off, without delay; at its ends a clip is mirrored."""
+    sections = butter(_ORDER, cutoff_hz, fs=FPS, output="sos")
+    padding = min(_PADDING_FRAMES, len(values) - 1)
+    slow = sosfiltfilt(sections, values, axis=0, padlen=padding)
+    return np.ascontiguousarray(slow)  # the way back leaves it reversed

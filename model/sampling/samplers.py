@@ -1,0 +1,40 @@
+"""The ways from noise to motion that a person may choose, known without torch."""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+FlowSampler = Literal["euler", "heun", "reinterpolate"]
+FLOW_SAMPLERS: tuple[FlowSampler, ...] = get_args(FlowSampler)
+"""As `model.sampling.flow.sample` defines them."""
+SAMPLER_TITLES = {
+    "euler": "Euler (first order)",
+    "heun": "Heun (second order)",
+    "reinterpolate": "Official re-interpolation",
+    "ddim": "DDIM",
+}
+"""What a person calls those that several families have."""
+
+
+class UnknownNameError(ValueError):
+    """A system, speaker or sampler that does not exist; the message lists those that do."""
+
+
+@dataclass(frozen=True)
+class Sampler:
+    """A way from noise to motion that a person may choose."""
+
+    name: str
+    steps: int
+    """Where nothing else is asked for."""
+    face_steps: int | None = None
+    """Of the face, where that is drawn by steps of its own."""
+    title: str = ""
+    """What a person calls it; empty for its name."""
+
+    def counts(self, steps: int | None, face_steps: int | None) -> tuple[int, int | None]:
+        """Steps of the body and of the face, as asked for or as usual; a face of which nothing is
+        asked takes its usual share of the body's."""
+        taken = steps or self.steps
+        if self.face_steps is None:
+            return taken, None
+        return taken, face_steps or max(1, round(taken * self.face_steps / self.steps))

@@ -1,0 +1,321 @@
+"""The authors' networks. Attributes are named as in their files.
+
+Written anew from a description of the architecture; attributes are named as in the files that the
+authors' training script saves.
+"""
+
+from typing import Literal
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor, nn
+
+from model.systems.official.sizes import (
+    BODY_CHANNELS,
+    EXPRESSION_DIM,
+    HAND_CHANNELS,
+    MOTION_DIM,
+    NUM_SPEAKERS,
+    SEED_FRAMES,
+    SPEAKER_DIM,
+    SPEECH_DIM,
+)
+
+
+class _Frequencies(nn.Module):
+    """What a file holds of a positional encoding."""
+
+    inv_freq: Tensor
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        powers = torch.arange(0, width, 2).float() / width
+        self.register_buffer("inv_freq", 1.0 / 10000.0**powers)
+
+
+class Positions(nn.Module):
+    """Sinusoids of the frame's number: sine in the even channels, cosine in the odd ones."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.penc = _Frequencies(width)
+
+    def forward(self, tokens: Float[Tensor, "B T width"]) -> Float[Tensor, "B T width"]:
+        """The tokens with their positions added, from 0."""
+        inv_freq = self.penc.inv_freq
+        number = torch.arange(tokens.shape[1], device=tokens.device, dtype=inv_freq.dtype)
+        angle = number[:, None] * inv_freq
+        return tokens + torch.stack([angle.sin(), angle.cos()], dim=-1).flatten(-2)
+
+
+class SpeakerEmbedding(nn.Module):
+    """A speaker's number to a vector; 0 is no speaker."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.mlp = nn.Sequential(
+            nn.Linear(NUM_SPEAKERS, 2 * SPEAKER_DIM),
+            nn.SiLU(),
+            nn.Linear(2 * SPEAKER_DIM, SPEAKER_DIM),
+        )
+
+    def forward(self, speaker: Int[Tensor, " B"]) -> Float[Tensor, "B 64"]:
+        """One vector for each speaker."""
+        one_hot = torch.nn.functional.one_hot(speaker, NUM_SPEAKERS)
+        return self.mlp(one_hot.to(self.mlp.get_parameter("0.weight")))
+
+
+EXPRESSION_WIDTH = 512
+EXPRESSION_NUM_LAYERS = 4
+EXPRESSION_NUM_HEADS = 4
+
+
+class OfficialExpressionNetwork(nn.Module):
+    """Decoder layers whose memory is what goes into the first of them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        layer = nn.TransformerDecoderLayer(
+            EXPRESSION_WIDTH,
+            EXPRESSION_NUM_HEADS,
+            2 * EXPRESSION_WIDTH,
+            dropout=0.1,
+            batch_first=True,
+            norm_first=True,
+        )
+        self.pos_enc = Positions(EXPRESSION_WIDTH)
+        self.transformer_decoder = nn.TransformerDecoder(layer, EXPRESSION_NUM_LAYERS)
+        self.audio_feature_map = nn.Linear(SPEECH_DIM + SPEAKER_DIM, EXPRESSION_WIDTH)
+        self.vertice_map_r = nn.Linear(EXPRESSION_WIDTH, EXPRESSION_DIM)
+        self.style_embed = SpeakerEmbedding()
+
+    def forward(
+        self, speech: Float[Tensor, "B T 1024"], speaker: Int[Tensor, " B"]
+    ) -> Float[Tensor, "B T 100"]:
+        """Expression coefficients of each frame."""
+        style = self.style_embed(speaker)[:, None].expand(-1, speech.shape[1], -1)
+        tokens = self.pos_enc(self.audio_feature_map(torch.cat([speech, style], dim=-1)))
+        return self.vertice_map_r(self.transformer_decoder(tokens, tokens))
+
+
+VAE_WIDTH = 256
+LATENT_DIM = 128
+VAE_NUM_LAYERS = 6
+VAE_NUM_HEADS = 8
+
+
+class ResidualBlock(nn.Module):
+    """Two convolutions over time, each behind a norm, added to what came in."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.bn1 = nn.BatchNorm1d(VAE_WIDTH)
+        self.bn2 = nn.BatchNorm1d(VAE_WIDTH)
+        self.conv1 = nn.Conv1d(VAE_WIDTH, VAE_WIDTH, 3, padding=1)
+        self.conv2 = nn.Conv1d(VAE_WIDTH, VAE_WIDTH, 3, padding=1)
+
+    def forward(self, x: Float[Tensor, "B width T"]) -> Float[Tensor, "B width T"]:
+        """As many frames as came in."""
+        inner = self.conv1(torch.nn.functional.silu(self.bn1(x)))
+        return x + self.conv2(torch.nn.functional.silu(self.bn2(inner)))
+
+
+def _layers() -> nn.TransformerEncoder:
+    layer = nn.TransformerEncoderLayer(
+        VAE_WIDTH, VAE_NUM_HEADS, 4 * VAE_WIDTH, dropout=0.1, batch_first=True
+    )
+    return nn.TransformerEncoder(layer, VAE_NUM_LAYERS, enable_nested_tensor=False)
+
+
+def _over_time(
+    layers: nn.Module, tokens: Float[Tensor, "B T width"]
+) -> Float[Tensor, "B tokens width"]:
+    return layers(tokens.transpose(1, 2)).transpose(1, 2)
+
+
+class Encoder(nn.Module):
+    """Frames to means and log variances, fewer of them than frames."""
+
+    def __init__(self, resnets: nn.Sequential) -> None:
+        super().__init__()
+        self.in_prj = nn.Linear(VAE_WIDTH, VAE_WIDTH)
+        self.pe = Positions(VAE_WIDTH)
+        self.resnets = resnets
+        self.encoders = _layers()
+        self.out_prj = nn.Linear(VAE_WIDTH, 2 * LATENT_DIM)
+
+    def forward(self, frames: Float[Tensor, "B T width"]) -> Float[Tensor, "B tokens 256"]:
+        """Mean, then log variance, of each code."""
+        tokens = _over_time(self.resnets, self.in_prj(frames))
+        return self.out_prj(self.encoders(self.pe(tokens)))
+
+
+class Decoder(nn.Module):
+    """Codes to motion."""
+
+    def __init__(self, resnets: nn.Sequential) -> None:
+        super().__init__()
+        self.in_prj = nn.Linear(LATENT_DIM, VAE_WIDTH)
+        self.pe = Positions(VAE_WIDTH)
+        self.encoders = _layers()
+        self.resnets = resnets
+        self.out_prj = nn.Linear(VAE_WIDTH, MOTION_DIM)
+
+    def forward(self, codes: Float[Tensor, "B tokens 128"]) -> Float[Tensor, "B T 333"]:
+        """Motion of as many frames as the codes stand for."""
+        tokens = self.encoders(self.pe(self.in_prj(codes)))
+        return self.out_prj(_over_time(self.resnets, tokens))
+
+
+class OfficialMaskedVAE(nn.Module):
+    """Motion to codes and back; frames can be hidden from it.
+
+    Args:
+        kind: 2 has half as many codes as frames, 3 a quarter.
+    """
+
+    def __init__(self, kind: Literal[2, 3]) -> None:
+        super().__init__()
+        stages, blocks = (1, 3) if kind == 2 else (2, 2)
+        down: list[nn.Module] = []
+        up: list[nn.Module] = []
+        for _ in range(stages):
+            down += [*(ResidualBlock() for _ in range(blocks)), nn.MaxPool1d(2)]
+            up += [nn.Upsample(scale_factor=2), *(ResidualBlock() for _ in range(blocks))]
+        self.mask_val = nn.Parameter(torch.randn(1, 1, VAE_WIDTH))
+        self.E = Encoder(nn.Sequential(*down))
+        self.D = Decoder(nn.Sequential(*up))
+        self.in_prj = nn.Linear(MOTION_DIM, VAE_WIDTH)
+
+    def encode(
+        self, motion: Float[Tensor, "B T 333"], hidden: Bool[Tensor, "B T"] | None = None
+    ) -> Float[Tensor, "B tokens 256"]:
+        """Mean, then log variance, of each code.
+
+        Args:
+            hidden: frames that it does not see.
+        """
+        frames = self.in_prj(motion)
+        if hidden is not None:
+            frames = torch.where(hidden[..., None], self.mask_val, frames)
+        return self.E(frames)
+
+    def forward(
+        self, motion: Float[Tensor, "B T 333"], hidden: Bool[Tensor, "B T"] | None = None
+    ) -> Float[Tensor, "B T 333"]:
+        """The motion as its mean codes tell it."""
+        return self.D(self.encode(motion, hidden)[..., :LATENT_DIM])
+
+
+MOTION_WIDTH = 384
+NUM_BLOCKS = 6
+MOTION_NUM_HEADS = 8
+
+
+class SeedBlock(nn.Module):
+    """Attention and a feed-forward net, both modulated by time and speaker; the first frames look
+    at the seed pose first. Norms stand behind the additions and learn nothing."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.mlp = nn.Sequential(nn.SiLU(), nn.Linear(MOTION_WIDTH, 9 * MOTION_WIDTH))
+        self.attn = nn.MultiheadAttention(MOTION_WIDTH, MOTION_NUM_HEADS, batch_first=True)
+        self.ff = nn.Sequential(
+            nn.Linear(MOTION_WIDTH, 2 * MOTION_WIDTH),
+            nn.GELU(),
+            nn.Linear(2 * MOTION_WIDTH, MOTION_WIDTH),
+        )
+        self.ff_seed_poses = nn.Sequential(
+            nn.Linear(MOTION_WIDTH, MOTION_WIDTH), nn.GELU(), nn.Linear(MOTION_WIDTH, MOTION_WIDTH)
+        )
+        self.cross_attn = nn.MultiheadAttention(MOTION_WIDTH, MOTION_NUM_HEADS, batch_first=True)
+
+    def forward(
+        self,
+        tokens: Float[Tensor, "B T width"],
+        seed: Float[Tensor, "B S width"],
+        condition: Float[Tensor, "B width"],
+    ) -> Float[Tensor, "B T width"]:
+        """The tokens after this block; every block is given the same seed tokens."""
+        by_part = self.mlp(condition)[:, None].unflatten(-1, (3, 3, MOTION_WIDTH)).unbind(2)
+        around, through, of_seed = (part.unbind(2) for part in by_part)
+        gate, scale, shift = of_seed
+        known = seed + gate * self.ff_seed_poses(_level(seed) * (1 + scale) + shift)
+        first = tokens[:, :SEED_FRAMES]
+        first = first + self.cross_attn(first, known, known, need_weights=False)[0]
+        tokens = torch.cat([first, tokens[:, SEED_FRAMES:]], dim=1)
+
+        gate, scale, shift = around
+        heard = tokens * (1 + scale) + shift
+        tokens = _level(tokens + gate * self.attn(heard, heard, heard, need_weights=False)[0])
+        gate, scale, shift = through
+        return _level(tokens + gate * self.ff(tokens * (1 + scale) + shift))
+
+
+def _level(tokens: Float[Tensor, "B T width"]) -> Float[Tensor, "B T width"]:
+    return torch.nn.functional.layer_norm(tokens, tokens.shape[-1:])
+
+
+class OfficialMotionNetwork(nn.Module):
+    """Predicts clean motion from noisy motion, time, speech, expressions, seed and speaker."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        hand, body = len(HAND_CHANNELS), len(BODY_CHANNELS)
+        self.pos_enc = Positions(MOTION_WIDTH)
+        self.in_hand = nn.Linear(hand, MOTION_WIDTH)
+        self.in_body = nn.Linear(body, MOTION_WIDTH)
+        self.in_x_hand = nn.Linear(MOTION_DIM + EXPRESSION_DIM, MOTION_WIDTH)
+        self.in_x_body = nn.Linear(MOTION_DIM + EXPRESSION_DIM, MOTION_WIDTH)
+        self.hand_fuse = nn.Linear(3 * MOTION_WIDTH, MOTION_WIDTH)
+        self.body_fuse = nn.Linear(3 * MOTION_WIDTH, MOTION_WIDTH)
+        self.transformer_hand = nn.ModuleList(SeedBlock() for _ in range(NUM_BLOCKS))
+        self.transformer_body = nn.ModuleList(SeedBlock() for _ in range(NUM_BLOCKS))
+        self.hand = nn.Linear(MOTION_WIDTH, hand)
+        self.body = nn.Linear(MOTION_WIDTH, body)
+        time_dim = MOTION_WIDTH - SPEAKER_DIM
+        self.time_embed = nn.Sequential(
+            nn.Linear(1, MOTION_WIDTH), nn.SiLU(), nn.Linear(MOTION_WIDTH, time_dim)
+        )
+        self.style_embed = SpeakerEmbedding()
+        self.seed_prj_hand = nn.Linear(hand, MOTION_WIDTH)
+        self.seed_prj_body = nn.Linear(body, MOTION_WIDTH)
+        self.hubert_prj = nn.Sequential(
+            nn.Linear(SPEECH_DIM, MOTION_WIDTH), nn.SiLU(), nn.Linear(MOTION_WIDTH, MOTION_WIDTH)
+        )
+
+    def forward(
+        self,
+        x_t: Float[Tensor, "B T 333"],
+        t: Float[Tensor, " B"],
+        *,
+        speech: Float[Tensor, "B T 1024"],
+        expression: Float[Tensor, "B T 100"],
+        seed: Float[Tensor, "B 8 333"],
+        speaker: Int[Tensor, " B"],
+    ) -> Float[Tensor, "B T 333"]:
+        """Clean motion.
+
+        Args:
+            t: 0 is noise, 1 is data.
+            seed: the first frames, clean.
+        """
+        condition = torch.cat([self.time_embed(t[:, None]), self.style_embed(speaker)], dim=-1)
+        heard = self.hubert_prj(speech)
+        whole = torch.cat([x_t, expression], dim=-1)
+        branches = (
+            (HAND_CHANNELS, self.in_hand, self.in_x_hand, self.hand_fuse, self.seed_prj_hand,
+             self.transformer_hand, self.hand),
+            (BODY_CHANNELS, self.in_body, self.in_x_body, self.body_fuse, self.seed_prj_body,
+             self.transformer_body, self.body),
+        )  # fmt: skip
+        x_1 = torch.empty_like(x_t)
+        for channels, part, all_of_it, fuse, known, blocks, out in branches:
+            own = list(channels)
+            fused = fuse(torch.cat([part(x_t[..., own]), all_of_it(whole), heard], dim=-1))
+            tokens = self.pos_enc(fused)
+            seed_tokens = self.pos_enc(known(seed[..., own]))
+            for block in blocks:
+                tokens = block(tokens, seed_tokens, condition)
+            x_1[..., own] = out(tokens)
+        return x_1
