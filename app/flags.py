@@ -1,4 +1,4 @@
-"""How the fields of a request are asked for on the command line: each says it where it is declared.
+"""How fields of a request, and files that families need, are asked for on a command line.
 
 A request is a frozen dataclass of `app.run`; its command adds the flags of its fields and gets the
 request back from what was written. Fields without a flag are of the page alone.
@@ -7,6 +7,7 @@ request back from what was written. Fields without a flag are of the page alone.
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
+from model.systems.registry import families
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -136,3 +138,27 @@ WEIGHTS = flag("default: bundled", "DIR", Path, usual=lambda: BUNDLED_WEIGHTS)
 SPEAKER = flag("default: the first that is known", "NAME")
 MANNER = flag("whose manner (default: the first)", "NAME", name="--speaker")
 SOUND = flag("sound of the video", "WAV", Path)
+
+
+def add_family_files(parser: argparse.ArgumentParser) -> None:
+    """Flags that name them, a group for each family that has some."""
+    for family in families():
+        if not family.files:
+            continue
+        group = parser.add_argument_group(family.files_title)
+        for file in family.files:
+            group.add_argument(file.flag, type=Path, metavar=file.metavar, help=file.help)
+
+
+def use_family_files(options: argparse.Namespace) -> None:
+    """Let this process and its children know what was named; see at once that it is all there.
+
+    Raises:
+        CheckpointError, EncoderError: if something is named, but not there, or not enough.
+    """
+    for family in families():
+        for file in family.files:
+            path = getattr(options, file.flag.removeprefix("--").replace("-", "_"))
+            if path is not None:
+                os.environ[file.variable] = str(path.absolute())
+        family.require_files()

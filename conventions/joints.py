@@ -1,4 +1,4 @@
-"""The 55 SMPL-X joints: names, parents, groups and mirror pairs.
+"""The 55 SMPL-X joints: names, parents, groups and mirror pairs, and the vertices of fingertips.
 
 Every index in the project is computed from a joint *name* here.
 """
@@ -99,3 +99,17 @@ FINGERTIP_NAMES: tuple[str, ...] = tuple(
 )
 FINGERTIP_JOINTS: tuple[int, ...] = tuple(JOINT_INDEX[f"{name}3"] for name in FINGERTIP_NAMES)
 """The last finger joint before each fingertip, in the order of `FINGERTIP_NAMES`."""
+
+
+TIP_VERTICES: dict[str, int] = {
+    "left_thumb": 5361,
+    "left_index": 4933,
+    "left_middle": 5058,
+    "left_ring": 5169,
+    "left_pinky": 5286,
+    "right_thumb": 8079,
+    "right_index": 7669,
+    "right_middle": 7794,
+    "right_ring": 7905,
+    "right_pinky": 8022,
+}

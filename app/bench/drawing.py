@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from renderer.body.body import Body, BodyMotion
-from renderer.body.normals import VertexNormals
+from renderer.body.skinning import VertexNormals
 from renderer.draw.make import make_renderer
 from renderer.draw.probe import choose_backend, choose_gl
 from renderer.scene.stage import set_stage

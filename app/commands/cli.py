@@ -15,19 +15,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from app import text
-from app.commands.hearing import add_hearing
+from app.commands.experiments import add_hearing, add_mechanism
 from app.commands.leaderboard import add_leaderboard
 from app.commands.many import add_pool, generate_over_many, pool_of, told_if_stopped
-from app.commands.mechanism import add_mechanism
 from app.commands.plan import add_plan
 from app.commands.said import LogLines, Parser, name_file, say
 from app.commands.study import add_study
 from app.config import BUNDLED_WEIGHTS
 from app.errors import CancelledRun, RunError, sentence_of
-from app.family_files import add_family_files, use_family_files
-from app.findings.ranking import told_findings
-from app.findings.sentences import sentences_of
-from app.flags import WEIGHTS, add_flags, read_flags
+from app.findings.sentences import sentences_of, told_findings
+from app.flags import WEIGHTS, add_family_files, add_flags, read_flags, use_family_files
 from app.run.diagnose import DiagnoseRequest
 from app.run.requests.request import BODY, GenerateRequest
 from app.run.videos.export import ENDINGS, SHEET_POSES, RenderRequest, render_motion
@@ -100,7 +97,7 @@ def _add_generate(commands) -> None:
 
 
 def _generate(options: argparse.Namespace) -> None:
-    from app.commands.terminal import ProgressBars
+    from app.commands.said import ProgressBars
     from app.findings.verdict import verdict_of
     from app.run.many.speeches import is_many
     from app.run.pipeline import generate_all
@@ -145,7 +142,7 @@ def _add_diagnose(commands) -> None:
 
 
 def _diagnose_folders(options: argparse.Namespace) -> None:
-    from app.commands.terminal import ProgressBar
+    from app.commands.said import ProgressBar
     from app.run.many.motions import ManyRequest, diagnose_folders
 
     request = ManyRequest(
@@ -172,7 +169,7 @@ def _diagnose(options: argparse.Namespace) -> None:
         return
     if options.emage_weights is not None:
         raise RunError("FGD is a measure of many clips; --emage-weights goes with folders.")
-    from app.commands.terminal import ProgressBar
+    from app.commands.said import ProgressBar
     from app.run.diagnose import diagnose_files
     from model.formats.numbers import ReadOptions
 
@@ -205,7 +202,7 @@ def _add_steps(commands) -> None:
 
 
 def _steps_command(options: argparse.Namespace) -> None:
-    from app.commands.terminal import ProgressBar
+    from app.commands.said import ProgressBar
     from app.run.experiments.step_curve import StepCurveRequest, measure_step_curve
 
     use_family_files(options)
@@ -234,7 +231,7 @@ def _add_render(commands) -> None:
 
 
 def _render(options: argparse.Namespace) -> None:
-    from app.commands.terminal import ProgressBar
+    from app.commands.said import ProgressBar
 
     request = read_flags(RenderRequest, options)
     with ProgressBar(f"draw {options.out.name}") as bar:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from app.board.entries import entries_of, merged, read_board, write_board
-from app.board.page import board_page
 from app.commands.said import name_file, say
 from app.errors import RunError
+from app.run.many.board import board_page, entries_of, merged, read_board, write_board
 from model.storage.files import written_atomically
 
 

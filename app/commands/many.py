@@ -39,7 +39,7 @@ def generate_over_many(request: GenerateRequest, pool: JobPool) -> None:
     Raises:
         RunError: at the end, if any failed.
     """
-    from app.commands.terminal import ProgressBar
+    from app.commands.said import ProgressBar
     from app.run.many.speeches import generate_many
 
     with ProgressBar("generate clips") as bar:

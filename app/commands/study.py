@@ -54,7 +54,7 @@ def _add_export(parts) -> None:
 
 
 def _export(options: argparse.Namespace) -> None:
-    from app.commands.terminal import ProgressBar
+    from app.commands.said import ProgressBar
     from app.study.design.plan import read_plan
     from app.study.export import ExportOptions, export_study
 
@@ -99,7 +99,7 @@ def _add_check(parts) -> None:
 
 
 def _check(options: argparse.Namespace) -> None:
-    from app.study.leaks.check import check_study
+    from app.study.leaks import check_study
 
     leaks = check_study(options.study)
     for leak in leaks:
@@ -192,7 +192,7 @@ def _add_simulate(parts) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> None:
-    from app.study.simulate.simulate import simulate
+    from app.study.simulate import simulate
 
     simulate(options.study, options.raters, options.strengths, options.seed, options.out)
 

@@ -1,4 +1,4 @@
-"""One plain sentence under each plot, made from the numbers that the plot shows.
+"""One plain sentence under each plot, made from its numbers, and the findings in their order.
 
 Every word that compares is chosen by the numbers: where two systems change places, so does the
 sentence, and where they are alike it says that.
@@ -6,24 +6,28 @@ sentence, and where they are alike it says that.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import isfinite, log
 from typing import TYPE_CHECKING
 
-from app.findings.comparison import comparison, plain, times, word
-from app.findings.points import point_title
-from app.findings.samples import (
+from app.findings.comparison import (
     ALIKE,
     Samples,
+    comparison,
     extremes,
     mean,
     number_of,
+    plain,
+    point_title,
     samples_by_system,
+    times,
     values_by_system,
+    word,
 )
 
 if TYPE_CHECKING:
     from model.diagnostics import Diagnostics
+    from model.faults.evidence import Finding
     from model.measures.results import Measures
 
 SEAM_STANDS_OUT = 1.5
@@ -297,3 +301,16 @@ def _beats(diagnostics: Diagnostics) -> str:
 def _point(diagnostics: Diagnostics) -> str:
     """The followed point, inside a sentence."""
     return point_title(diagnostics.point).lower()
+
+
+GRAVEST = 3
+
+
+def told_findings(findings: Mapping[str, Sequence[Finding]]) -> list[str]:
+    """One line each: the gravest few under a heading of their own, the rest by gravity too."""
+    from model.faults.evidence import ranked
+
+    lines = [f"{name}: {finding.sentence}" for name, finding in ranked(findings)]
+    if len(lines) <= GRAVEST:
+        return lines
+    return ["Gravest first:", *lines[:GRAVEST], "Also found:", *lines[GRAVEST:]]

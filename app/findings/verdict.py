@@ -6,9 +6,16 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from app.findings.comparison import plain
-from app.findings.points import point_title
-from app.findings.samples import ALIKE, Samples, mean, number_of, ratio_of, values_by_system
+from app.findings.comparison import (
+    ALIKE,
+    Samples,
+    mean,
+    number_of,
+    plain,
+    point_title,
+    ratio_of,
+    values_by_system,
+)
 from app.findings.sentences import jerk_of
 from model.systems.registry import families
 

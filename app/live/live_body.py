@@ -23,7 +23,7 @@ _SHOULDERS_RAD, _ELBOWS_RAD = 1.15, 1.9
 @functools.cache
 def body_glb() -> bytes:
     """The file; made at the first call."""
-    from renderer.body.coarser import coarser_faces
+    from renderer.body.look import coarser_faces
     from renderer.files.glb import glb_bytes
 
     body = get_body(None)
@@ -33,7 +33,7 @@ def body_glb() -> bytes:
 @functools.cache
 def builds() -> bytes:
     """The body's other builds, as app/page/web/stage/builds.js reads them."""
-    from renderer.files.builds import builds_bytes
+    from renderer.files.glb import builds_bytes
 
     return builds_bytes()
 

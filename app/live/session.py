@@ -1,4 +1,7 @@
-"""One visitor's live session: sound in, frames out."""
+"""One visitor's live session: sound in, frames out.
+
+What goes back is in `app.run.pieces`.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,6 @@ import numpy as np
 
 from app.errors import RunError
 from app.live.minute import LastMinute, Minute
-from app.live.sound_bytes import read_sound
 from app.live.told_plan import manner_of, told_plan
 from app.run.pieces import frames_message
 from conventions.rates import FPS, SAMPLE_RATE
@@ -23,6 +25,25 @@ from conventions.rates import FPS, SAMPLE_RATE
 if TYPE_CHECKING:
     from model.generation.base import System
     from model.plan.style import Manner
+
+MAX_SOUND_BYTES = 32_000
+"""Of one message: a second."""
+
+
+def read_sound(content: bytes) -> np.ndarray:
+    """Samples between -1 and 1.
+
+    Raises:
+        RunError: if these are no such bytes, or more than a second of sound.
+    """
+    if not content or len(content) % 2:
+        raise RunError("The sound that came is damaged; start again.")
+    if len(content) > MAX_SOUND_BYTES:
+        raise RunError(
+            f"A block of sound has {len(content)} bytes; at most {MAX_SOUND_BYTES} are taken."
+        )
+    return np.frombuffer(content, "<i2").astype(np.float32) / 32_768
+
 
 MAX_S = 30 * 60.0
 """Of sound in one session."""

@@ -1,4 +1,4 @@
-"""The player in one file: bodies, sound and time line, for any browser and without a server.
+"""A run in one file: bodies, sound and time line, for any browser and without a server.
 
 What the player's modules would ask a server for lies in the file and is handed to them by a
 ``fetch`` of its own; the modules themselves are an import map of what app/page/web holds.
@@ -16,18 +16,26 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fastapi.routing import APIRoute
+
 from app.errors import RunError
 from app.findings.verdict import short_names
 from app.live.live_body import body_glb, builds
 from app.page.player.player import gravest_of, noise_of
 from app.page.player.timeline import series_looks
+from app.page.results.kept_runs import RUN_ROUTE
+from app.page.results.run_file import PAGE_ENDING, saving_route
 from app.page.routes.stage_route import stage_facts
 from app.page.theme import PLAYER_CSS, make_theme, theme_variables
 from app.run.pieces import MAX_FRAMES, frames_message
-from app.run.videos.register import register_of
+from app.run.videos.own_videos import register_of
 from conventions.names import REFERENCE_NAME
+from model.storage.files import written_atomically
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from app.page.results.kept_runs import EndedRun, KeptRuns
     from model.faults.evidence import Finding
     from model.motion.motion import Motion
     from model.plan.plan import GesturePlan
@@ -205,3 +213,39 @@ def _packed(data: bytes) -> str:
 def _in_html(content: object) -> str:
     """JSON that no HTML can be found in."""
     return json.dumps(content, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def save_page(run: EndedRun, out: Path) -> Path:
+    """Write what a run that has ended shows, whole or not at all: its bodies, its sound, time line
+    and plans. Takes of edited plans are not among them.
+
+    Raises:
+        RunError: of motion that no browser plays.
+    """
+    from model.motion.motion import load_motion
+    from model.plan.plan import read_plan
+
+    assert run.showing is not None
+    sound = run.showing.sound()
+    scene = Scene(
+        motions={
+            name: load_motion(path).part(slice(MAX_FRAMES))
+            for name, path in run.showing.drawn().items()
+        },
+        timeline=run.showing.timeline(),
+        sound=None if sound is None else sound.read_bytes(),
+        plans={
+            name: read_plan(path) for name, path in run.showing.performed.items() if path.is_file()
+        },
+        findings=run.diagnostics.findings,
+        title=run.title,
+    )
+    with written_atomically(out) as part:
+        part.write_text(player_alone(scene), encoding="utf-8")
+    return out
+
+
+def run_page_routes(kept: KeptRuns) -> list[APIRoute]:
+    """Serve runs as such pages."""
+    path, media_type = RUN_ROUTE + "/{token}/page", "application/octet-stream"
+    return [saving_route(kept, path, PAGE_ENDING, media_type, save_page)]

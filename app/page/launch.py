@@ -29,7 +29,7 @@ from app.config import (
     default_port,
 )
 from app.errors import RunError, sentence_of
-from app.family_files import add_family_files, use_family_files
+from app.flags import add_family_files, use_family_files
 from model.systems.registry import families, left_out
 
 if TYPE_CHECKING:
@@ -158,6 +158,7 @@ def launch(
     os.environ["GRADIO_ANALYTICS_CACHE_FREQUENCY"] = str(2**31)
 
     from app.live.sessions import LiveSessions
+    from app.page.alone import run_page_routes
     from app.page.page import build_app
     from app.page.parts.catalogue import find_examples, read_catalogue
     from app.page.player.first_look_shown import FirstLooks
@@ -166,15 +167,17 @@ def launch(
     from app.page.results.kept_runs import KeptRuns
     from app.page.results.run_file import run_file_routes
     from app.page.results.study_preview import preview_routes
-    from app.page.routes.guard import Framing, HostNames, guarded
+    from app.page.routes.guard import (
+        Framing,
+        HostNames,
+        guarded,
+        quieten_sockets,
+        refuse_unknown_functions,
+    )
     from app.page.routes.live_route import live_routes
-    from app.page.routes.media import MediaAddresses, media_routes
-    from app.page.routes.motion_files import motion_file_routes
-    from app.page.routes.refusals import quieten_sockets, refuse_unknown_functions
+    from app.page.routes.media import MediaAddresses, media_routes, motion_file_routes
     from app.page.routes.stage_route import stage_routes
-    from app.page.run_page import run_page_routes
-    from app.page.tabs.services import Services
-    from app.page.tabs.upload_check import UploadCheck
+    from app.page.tabs.services import Services, UploadCheck
     from app.page.theme import CSS, head_style, make_theme
     from app.page.visitors.researcher_part import Handover, study_routes
     from app.page.visitors.uploads import keep_uploads_tidy

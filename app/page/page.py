@@ -9,30 +9,24 @@ import gradio as gr
 
 from app import text
 from app.page.parts import markup
-from app.page.parts.html_parts import mount, reveal_on_click
-from app.page.parts.listeners import AT_ONCE, IN_TURN
-from app.page.parts.named_fields import named_fields
+from app.page.parts.html_parts import AT_ONCE, IN_TURN, mount, named_fields, reveal_on_click
 from app.page.player.edited_runs import EditedRuns
 from app.page.player.first_look_shown import FirstLooks
 from app.page.queue.in_turn import Updates
 from app.page.results.kept_runs import PARAMETER
 from app.page.results.result_parts import ResultParts, build_results
-from app.page.tabs.generate.generate import FormParts, build_form
-from app.page.tabs.generate.generate_form import Form
-from app.page.tabs.generate.generate_run import GenerateRunner
-from app.page.tabs.generate.opening import Opening
-from app.page.tabs.generate.takes_run import TakesRunner
-from app.page.tabs.live import live as live_tab
-from app.page.tabs.own_motion import own_motion as own_motion_tab
-from app.page.tabs.seen_run import SeenRunner
+from app.page.tabs import live as live_tab
+from app.page.tabs import own_motion as own_motion_tab
+from app.page.tabs.motion import Form, FormParts, build_form
+from app.page.tabs.motion_run import GenerateRunner, Opening
 from app.page.tabs.services import Services
-from app.page.tabs.study.study import build_study_tab
-from app.page.tabs.study.study_analysis import build_analysis
+from app.page.tabs.study import build_analysis, build_study_tab
 from app.page.tabs.systems.hearing import build_hearing
 from app.page.tabs.systems.mechanism import build_mechanism
 from app.page.tabs.systems.step_curve import build_step_curve
 from app.page.tabs.systems.systems import build_systems_tab
-from app.page.tabs.videos_behind import VideosBehind
+from app.page.tabs.takes_run import TakesRunner
+from app.page.tabs.videos_run import SeenRunner, VideosBehind
 
 EXAMPLE_EVERY_S = 0.5
 """How often a page asks for an example that is being made."""

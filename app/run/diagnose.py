@@ -27,8 +27,7 @@ from app.run.requests.request import (
     WordsAsked,
 )
 from app.run.videos.comparison import Snapshots, draw_poses
-from app.run.videos.own_videos import OnFile, VideoOptions, draw_own_videos, picture_motions
-from app.run.videos.register import SOLE_M
+from app.run.videos.own_videos import SOLE_M, OnFile, VideoOptions, draw_own_videos, picture_motions
 from app.run.words import SpokenWords
 from conventions.names import REFERENCE_NAME, printable
 from model.speech.transcript import NOTHING_SAID, Transcript

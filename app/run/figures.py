@@ -78,7 +78,7 @@ def draw_jitter(
     clip: str = "",
 ) -> list[Path]:
     """The jitter sheet of some systems, with what its numbers say, in all three formats."""
-    from renderer.figures.jitter.sheet import jitter_sheet
+    from renderer.figures.jitter import jitter_sheet
 
     sentences = sentences_of(diagnostics)
     files = jitter_sheet(

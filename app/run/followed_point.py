@@ -11,9 +11,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from app.errors import RunError
-from app.findings.points import point_title
+from app.findings.comparison import point_title
 from app.run.body_motion import body_motion
-from renderer.body.tip_vertices import TIP_VERTICES
+from conventions.joints import TIP_VERTICES
 
 if TYPE_CHECKING:
     from model.motion.motion import Motion

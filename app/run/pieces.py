@@ -9,7 +9,7 @@ import numpy as np
 
 from app.run.output.telling import Reporter
 from app.run.requests.request import Piece
-from app.run.videos.register import Register, register_of
+from app.run.videos.own_videos import Register, register_of
 
 if TYPE_CHECKING:
     from model.motion.motion import Motion

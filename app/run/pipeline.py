@@ -36,7 +36,7 @@ from app.run.videos.comparison import (
     joined_side_by_side,
     rows_that_fit,
 )
-from app.run.videos.register import in_register
+from app.run.videos.own_videos import in_register
 from app.run.words import SpokenWords
 from conventions.names import REFERENCE_NAME, SampleName, file_stem, printable
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 from app.errors import RunError
-from app.run.output.held_folder import held_folder
+from app.run.output.result_folder import held_folder
 from app.study.design.key import read_key
 from app.study.report.figures import preference_bars, write_pdf
 from app.study.report.html import Findings, page_of
 from app.study.report.tables import latex_table, write_csv
 from app.study.statistics.answers import collect
-from app.study.statistics.balance_reached import balance_reached
 from app.study.statistics.jitter_join import read_jitter
-from app.study.statistics.results import analyse_participants
+from app.study.statistics.results import analyse_participants, balance_reached
 from app.study.statistics.screening import screen
 from app.study.statistics.votes import clips_of
 from model.storage.files import written_atomically

@@ -10,20 +10,19 @@ from pathlib import Path
 
 from app.errors import RunError
 from app.run.models import get_system
-from app.run.output.held_folder import held_folder
+from app.run.output.result_folder import held_folder
 from app.run.videos.videos import draw_videos
 from app.study.design.blinding import Blinding, blinding_of, draw_blinding, make_key
 from app.study.design.key import read_key, write_key
 from app.study.design.plan import Plan
 from app.study.design.trials import Design, make_design
-from app.study.leaks.check import check_study
+from app.study.leaks import check_study
 from app.study.make.adapters import write_adapters
 from app.study.make.motions import Source, read_sources
-from app.study.make.options import ExportOptions
 from app.study.make.participant_page import write_page
 from app.study.make.records import write_records
 from app.study.make.scenes import Draw, Maker
-from app.study.make.workspace import Workspace, sha256
+from app.study.make.workspace import ExportOptions, Workspace, sha256
 
 
 def export_study(

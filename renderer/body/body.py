@@ -17,7 +17,7 @@ from jaxtyping import Float32, Float64, Int32
 
 from conventions.joints import NUM_JOINTS
 from conventions.views import LOOKS
-from renderer.body import lbs
+from renderer.body import skinning
 from renderer.body.body_file import OPEN_BODY_PATH, BodyArrays, BodyError, read_body_file
 from renderer.body.look import USUAL_LOOK, Look, look_of
 
@@ -207,7 +207,7 @@ class Body:
         """Position of each joint, metres."""
         _, shaped_joints = self.shaped(motion)
         local_rot, joints = self._joints(motion, slice(0, motion.num_frames), shaped_joints)
-        _, positions = lbs.global_transforms(local_rot, joints)
+        _, positions = skinning.global_transforms(local_rot, joints)
         return (positions + motion.trans[:, None]).astype(np.float32)
 
     def shaped(
@@ -231,7 +231,7 @@ class Body:
         self, motion: BodyMotion, frames: slice, shaped_joints: Float64[np.ndarray, "J 3"]
     ) -> tuple[Float64[np.ndarray, "T J 3 3"], Float64[np.ndarray, "T J 3"]]:
         """Local rotations, and rest joints after the expression of each frame."""
-        local_rot = lbs.matrix_from_axis_angle(motion.poses[frames].reshape(-1, NUM_JOINTS, 3))
+        local_rot = skinning.matrix_from_axis_angle(motion.poses[frames].reshape(-1, NUM_JOINTS, 3))
         expressions = self._expressions(motion, frames)
         shift = np.tensordot(expressions, self._arrays.expression_joints, 1)
         return local_rot, shaped_joints + shift
@@ -251,11 +251,13 @@ class Body:
             rest_vertices[:, arrays.expression_vertices] += np.tensordot(
                 expressions, arrays.expression_dirs, 1
             )
-        lbs.add_pose_correctives(rest_vertices, arrays.pose_vertices, arrays.pose_dirs, local_rot)
-        global_rot, positions = lbs.global_transforms(local_rot, joints)
+        skinning.add_pose_correctives(
+            rest_vertices, arrays.pose_vertices, arrays.pose_dirs, local_rot
+        )
+        global_rot, positions = skinning.global_transforms(local_rot, joints)
         translations = positions - (global_rot @ joints[..., None])[..., 0]
         translations += motion.trans[frames, None]
-        return lbs.skin(rest_vertices, arrays.weights, global_rot, translations)
+        return skinning.skin(rest_vertices, arrays.weights, global_rot, translations)
 
 
 def load_body(path: Path | None = None, look: str = LOOKS[0]) -> Body:

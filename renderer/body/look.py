@@ -1,4 +1,4 @@
-"""How the open body looks: which build it has, and one colour per painted region of its mesh.
+"""How the open body looks: its builds, a colour for each painted region, and its coarser meshes.
 
 Every look has the same joints, fingertips and topology, so the motion and its measures do not
 depend on it. Colours are linear RGB (not sRGB), 0 to 1, as a shader multiplies them with light.
@@ -6,10 +6,12 @@ depend on it. Colours are linear RGB (not sRGB), 0 to 1, as a shader multiplies 
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float32, Int
+from jaxtyping import Float32, Int, UInt16
 
 from conventions.views import LOOKS
 
@@ -99,3 +101,14 @@ def look_of(name: str) -> Look:
 
 
 USUAL_LOOK = look_of(LOOKS[0])
+
+
+COARSER_PATH = Path(__file__).parents[1] / "assets" / "coarser.npz"
+"""Made by `tools.bake.coarser`."""
+
+
+@functools.cache
+def coarser_faces() -> tuple[UInt16[np.ndarray, "_ 3"], ...]:
+    """Of each mesh, from fine to coarse."""
+    with np.load(COARSER_PATH, allow_pickle=False) as archive:
+        return tuple(archive[f"faces_{k}"] for k in range(len(archive.files)))

@@ -1,1 +1,1 @@
-"""One picture, by OpenGL or by compiled loops; may import `stage` and `body`."""
+"""One picture, by OpenGL or by compiled loops; may import `scene` and `body`."""

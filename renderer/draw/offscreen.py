@@ -26,7 +26,7 @@ from renderer.scene.camera import Camera
 from renderer.scene.studio import PosedFrame, Subject
 
 if TYPE_CHECKING:
-    from renderer.draw.gl_scene import BodyScene
+    from renderer.draw.gl import BodyScene
 
 GLBackend = Literal["egl", "osmesa"]
 Backend = Literal["egl", "osmesa", "software"]
@@ -180,7 +180,7 @@ class Canvas:
     def draw(self, frame: PosedFrame, camera: Camera) -> UInt8[np.ndarray, "H W C"]:
         """The picture, upper row first; overwritten by the next call."""
         if self._scene is None:
-            from renderer.draw.gl_scene import BodyScene
+            from renderer.draw.gl import BodyScene
 
             self._scene = BodyScene(self._subject, frame, camera, self._aspect)
         self._scene.show(frame, camera)

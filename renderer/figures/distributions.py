@@ -12,8 +12,18 @@ import numpy as np
 
 from renderer.figures import style
 from renderer.figures.files import FigureError, FigureFiles, matplotlib_settings, write_figure
-from renderer.figures.page import CAPTION_GAP, MARGIN, SMALL_LINE, TITLE, Rect, place_legend
-from renderer.figures.text import caption_lines, draw_key, write_caption, write_title
+from renderer.figures.page import (
+    CAPTION_GAP,
+    MARGIN,
+    SMALL_LINE,
+    TITLE,
+    Rect,
+    caption_lines,
+    draw_key,
+    place_legend,
+    write_caption,
+    write_title,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -12,8 +12,7 @@ import numpy as np
 
 from renderer.figures import style
 from renderer.figures.files import FigureError, FigureFiles, matplotlib_settings, write_figure
-from renderer.figures.page import MARGIN, SMALL_LINE, Rect
-from renderer.figures.text import short_name, write
+from renderer.figures.page import MARGIN, SMALL_LINE, Rect, short_name, write
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -15,8 +15,16 @@ from jaxtyping import Float
 from conventions.rates import FPS
 from renderer.figures import style
 from renderer.figures.files import FigureError, FigureFiles, matplotlib_settings, write_figure
-from renderer.figures.page import CAPTION_GAP, MARGIN, SMALL_LINE, TITLE, Rect
-from renderer.figures.text import caption_lines, write_caption, write_title
+from renderer.figures.page import (
+    CAPTION_GAP,
+    MARGIN,
+    SMALL_LINE,
+    TITLE,
+    Rect,
+    caption_lines,
+    write_caption,
+    write_title,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

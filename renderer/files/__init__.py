@@ -1,1 +1,1 @@
-"""A motion as BVH, glTF or Blender script; may import `video`, `stage` and `body`."""
+"""A motion as BVH, glTF or Blender script; may import `video`, `scene` and `body`."""

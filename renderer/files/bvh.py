@@ -13,10 +13,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from conventions.joints import JOINT_NAMES, NUM_JOINTS, PARENTS
+from conventions.joints import JOINT_NAMES, NUM_JOINTS, PARENTS, TIP_VERTICES
 from conventions.rates import FPS
 from renderer.body.body import Body, BodyMotion
-from renderer.body.tip_vertices import TIP_VERTICES
 from renderer.files.written import written_whole
 
 _BLOCK_FRAMES = 512

@@ -1,9 +1,13 @@
-"""GLB: body, colours and motion in one binary glTF 2.0 file that browsers and Blender play.
+"""GLB: body, colours and motion in one binary glTF 2.0 file, and the other builds for who has one.
 
 Metres, y up, 30 frames a second. The mesh is skinned with the four strongest joints of each
 vertex, and face expressions are morph targets. The camera of the front view is in it, framed and
 following as in a video. Pose correctives have no place in glTF, so elbows, knees and shoulders fold
 a little less cleanly than in the videos.
+
+Little-endian 16-bit integers; for each build of `BUILDS` after the first: offsets of all vertices
+at rest to the first build, in steps of ``STEP_M``, then their unit normals, in steps of 1 / 32767.
+All builds share skeleton, topology, weights and face, so nothing else differs.
 """
 
 from __future__ import annotations
@@ -19,10 +23,11 @@ from scipy.spatial.transform import Rotation
 
 from conventions.joints import JOINT_NAMES, NUM_JOINTS, PARENTS
 from conventions.rates import FPS
-from conventions.views import Framing
+from conventions.views import BUILDS, Framing
 from renderer.body.body import Body, BodyMotion
+from renderer.body.body_file import OPEN_BODY_PATH, read_body_file
 from renderer.body.look import CLAY
-from renderer.body.normals import VertexNormals
+from renderer.body.skinning import VertexNormals
 from renderer.files.written import written_whole
 from renderer.scene.camera import Z_NEAR_M, Camera
 from renderer.scene.stage import camera_track, set_stage
@@ -346,3 +351,27 @@ def _camera_node(camera: Camera) -> dict:
         "translation": list(camera.eye),
         "rotation": Rotation.from_matrix(camera.axes().T).as_quat().tolist(),
     }
+
+
+STEP_M = 4e-6
+"""Offsets of up to 13 cm fit; a build's are below 5."""
+_MOST = 32_767
+
+
+def builds_bytes() -> bytes:
+    """All of it; 180 kB a build."""
+    first = read_body_file(OPEN_BODY_PATH)
+    normals_of = VertexNormals(first.faces, len(first.template))
+    parts = []
+    for build in BUILDS[1:]:
+        template = read_body_file(OPEN_BODY_PATH, build).template
+        parts.append(_whole((template - first.template) / STEP_M))
+        parts.append(_whole(normals_of(template) * _MOST))
+    return b"".join(parts)
+
+
+def _whole(steps: np.ndarray) -> bytes:
+    rounded = np.rint(steps)
+    if np.abs(rounded).max() > _MOST:
+        raise ValueError(f"An offset of {np.abs(rounded).max() * STEP_M:.2f} m is out of range.")
+    return rounded.astype("<i2").tobytes()

@@ -10,8 +10,7 @@ from scipy import ndimage
 from conventions.joints import JOINT_INDEX, JOINT_NAMES
 from conventions.views import Framing
 from renderer.body.body import Body, BodyMotion
-from renderer.scene.camera import Camera, frame_points, outermost
-from renderer.scene.orbit import Orbit
+from renderer.scene.camera import Camera, Orbit, frame_points, outermost
 from renderer.scene.panels import Panel
 
 CLOSE_UP_JOINTS = {

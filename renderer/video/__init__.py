@@ -1,1 +1,1 @@
-"""Motions as stills and mp4 files, by workers; may import `draw`, `stage` and `body`."""
+"""Motions as stills and mp4 files, by workers; may import `draw`, `scene` and `body`."""

@@ -4,9 +4,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 import renderer.draw
-from conventions.joints import JOINT_INDEX, JOINT_NAMES
-from renderer.body.tip_vertices import TIP_VERTICES
-from renderer.scene import camera, ground, stage
+from conventions.joints import JOINT_INDEX, JOINT_NAMES, TIP_VERTICES
+from renderer.scene import camera, stage, studio
 from renderer.scene.panels import CLOSE_UP_VIEWS, drawn_joints
 from renderer.scene.studio import ROUGHNESS, Studio
 from renderer.video.marks import HEAT_COLORS, SPEED_COLORS, SPIKE_COLOR, TRAIL_FRAMES
@@ -42,16 +41,16 @@ def drawing_facts() -> dict:
             "hand_sigma": stage.STEADY_SIGMA_FRAMES,
         },
         "ground": {
-            "half_size": ground.HALF_SIZE_M,
-            "texels": ground.RESOLUTION,
-            "touching": ground.TOUCHING_M,
-            "lost": ground.LOST,
-            "blurs": ground.BLURS,
-            "most_lost": ground.MOST_LOST,
-            "glow": ground.GLOW / 255,
-            "lightest": ground.LIGHTEST / 255,
-            "pool_power": ground.POOL_POWER,
-            "fade": ground.FADE,
+            "half_size": studio.HALF_SIZE_M,
+            "texels": studio.RESOLUTION,
+            "touching": studio.TOUCHING_M,
+            "lost": studio.LOST,
+            "blurs": studio.BLURS,
+            "most_lost": studio.MOST_LOST,
+            "glow": studio.GLOW / 255,
+            "lightest": studio.LIGHTEST / 255,
+            "pool_power": studio.POOL_POWER,
+            "fade": studio.FADE,
         },
         "marks": {
             "heat": HEAT_COLORS.tolist(),

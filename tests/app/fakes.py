@@ -18,9 +18,8 @@ from app.page.parts.catalogue import Catalogue, Example
 from app.page.queue.jobs import JobBook
 from app.page.queue.run_processes import RunProcesses
 from app.page.results.kept_runs import KeptRuns
-from app.page.tabs.generate.generate_form import row_names
-from app.page.tabs.services import Services
-from app.page.tabs.upload_check import UploadCheck
+from app.page.tabs.motion import row_names
+from app.page.tabs.services import Services, UploadCheck
 from app.page.visitors.researcher_part import Handover
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import Reporter

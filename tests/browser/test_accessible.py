@@ -9,8 +9,7 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, expect
 
 from app import text
-from app.page.tabs.live import live
-from app.page.tabs.own_motion import own_motion
+from app.page.tabs import live, own_motion
 from tests.app.study.made_study import make_study
 from tests.browser.conftest import PATIENCE_MS, SCHEMES, Scheme, Stage, open_page, start
 

@@ -5,9 +5,8 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, expect
 
-from app.board.entries import Entry, Value
-from app.board.page import board_page
 from app.notebook import show
+from app.run.many.board import Entry, Value, board_page
 from model.speech.audio import Speech
 from tests.browser.conftest import watched
 from tests.helpers import smooth_motion_example

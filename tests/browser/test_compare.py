@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Browser, Page, Route, expect
 
 from app import text
-from app.page.tabs.own_motion.own_motion import TAB
+from app.page.tabs.own_motion import TAB
 from model.motion.motion import save_motion
 from model.speech.audio import write_wav
 from tests.browser.conftest import PATIENCE_MS, STAGED, Stage, open_page, start, watched

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import BrowserType, Page, expect
 
-from app.page.tabs.live.live import KEEP, TAB
+from app.page.tabs.live import KEEP, TAB
 from model.speech.audio import write_wav
 from tests.browser.conftest import BUILDS_ARE_THERE, CHROMIUM, PATIENCE_MS
 from tests.model.made import made_waveform

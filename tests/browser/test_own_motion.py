@@ -9,8 +9,8 @@ import pytest
 from playwright.sync_api import Page, Position, expect
 
 from app import text
-from app.page.tabs.own_motion.own_motion import TAB
-from app.run.planted import CLEAN, slide, tremble
+from app.page.tabs.own_motion import TAB
+from app.run.examples import CLEAN, slide, tremble
 from model.motion.motion import load_motion, save_motion
 from tests.browser.conftest import PATIENCE_MS, in_every_look, show_videos
 from tests.helpers import smooth_motion_example

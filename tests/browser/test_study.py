@@ -12,8 +12,8 @@ import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, expect
 
 from app.study.design.key import Key, read_key
-from app.study.design.wording import wording
-from app.study.leaks.check import check_study
+from app.study.design.plan import wording
+from app.study.leaks import check_study
 from app.study.statistics.answers import collect
 from tests.app.study.made_study import make_study
 from tests.browser.conftest import PATIENCE_MS

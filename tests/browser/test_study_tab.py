@@ -10,8 +10,8 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from app import text
-from app.page.tabs.study.study_run import PREVIEW
-from app.study.leaks.check import check_study
+from app.page.tabs.study_run import PREVIEW
+from app.study.leaks import check_study
 from tests.browser.conftest import PATIENCE_MS, in_every_look, open_page
 from tests.browser.test_study import agree, answer_pairs, practise, saved_answers
 

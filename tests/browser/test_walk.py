@@ -16,9 +16,8 @@ from playwright.sync_api import Browser, Page, expect
 from app import text
 from app.config import EXAMPLES, AppConfig
 from app.page.player.first_look_shown import EXAMPLE
-from app.page.tabs.own_motion import own_motion
-from app.run.first_look import FACTS, STEADY, TREMBLING, first_look
-from app.run.planted import CLEAN
+from app.page.tabs import own_motion
+from app.run.examples import CLEAN, FACTS, STEADY, TREMBLING, first_look
 from app.run.requests.request import GenerateRequest
 from model.motion.motion import load_motion, save_motion
 from model.systems.globaldiff.config import BEST

@@ -3,7 +3,7 @@
 import { NUM_JOINTS } from "../../app/page/web/stage/motion.js";
 
 /**
- * Bytes as app/live/sound_bytes.py writes them: the root at (f, f + 1, f + 2), each joint as
+ * Bytes as app/live/session.py writes them: the root at (f, f + 1, f + 2), each joint as
  * `turn(frame, joint)` says, face weights f * k; `first` is the number of the first frame.
  */
 export function message(count, turn, numFaces = 2, first = 0) {

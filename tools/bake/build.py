@@ -7,14 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from conventions.joints import FINGERS, JOINT_INDEX
+from conventions.joints import FINGERS, JOINT_INDEX, TIP_VERTICES
 from renderer.body.look import REGION_INDEX
-from renderer.body.tip_vertices import TIP_VERTICES
-from tools.bake import clothes, face, geometry, mouth
+from tools.bake import clothes, face, geometry
 from tools.bake.builds import FIGURES, in_zero_pose, on_skeleton
-from tools.bake.correctives import pose_correctives
 from tools.bake.geometry import Mesh
 from tools.bake.makehuman import MakeHuman
+from tools.bake.skinning import pose_correctives
 from tools.bake.vertex_order import format_vertices, with_fixed_vertices
 from tools.bake.zero_pose import joint_weights
 
@@ -95,9 +94,9 @@ def _assemble(
     garments = clothes.dress(group("helper-tights"), wearer)
 
     quads = source.quads("body")
-    ring = mouth.lip_line(quads)
+    ring = face.lip_line(quads)
     base = base.copy()
-    base[:, :3] = mouth.with_closed_lips(base[:, :3], ring, quads)
+    base[:, :3] = face.with_closed_lips(base[:, :3], ring, quads)
     body = _tucked_in(Mesh(quads, base, np.zeros(len(base), np.int64)), wearer)
     head_vertices = wearer.above_neckline(base[:, :3]) > -SKIN_UNDER_CLOTH_M
     hand_vertices = np.abs(base[:, 0]) > wearer.sleeve_end_m - SKIN_UNDER_CLOTH_M
@@ -112,7 +111,7 @@ def _assemble(
     lip_line = base[ring, :3]
     mouth_middle = np.array([0.0, lip_line[:, 1].mean(), lip_line[:, 2].max()])
     teeth = [
-        mouth.make_teeth(row, group(f"helper-{row}-teeth"), mouth_middle)
+        face.make_teeth(row, group(f"helper-{row}-teeth"), mouth_middle)
         for row in ("upper", "lower")
     ]
     return geometry.join([head, hands, *eyes, *teeth, garments])

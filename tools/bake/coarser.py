@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Int
 
 from conventions.joints import JOINT_NAMES
 from renderer.body.body import Body, load_body
-from renderer.body.coarser import COARSER_PATH
+from renderer.body.look import COARSER_PATH
 from tools.bake.pack import write_npz
 
 NUM_FACES = (12_000, 5_500, 2_800, 900)

@@ -8,9 +8,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from conventions.joints import FINGERS, JOINT_INDEX
+from conventions.joints import FINGERS, JOINT_INDEX, TIP_VERTICES
 from renderer.body.look import REGION_INDEX
-from renderer.body.tip_vertices import TIP_VERTICES
 from tools.bake.geometry import Mesh
 
 NOSE_VERTEX = 9120

@@ -12,14 +12,13 @@ from tools.corpus.body.contact import hips_of
 from tools.corpus.body.events import BodyEvents
 from tools.corpus.body.face import move_face
 from tools.corpus.body.legs import move_legs
-from tools.corpus.body.quiet import quiet
-from tools.corpus.body.signals import frame_times
+from tools.corpus.body.signals import frame_times, quiet
 from tools.corpus.body.trunk import move_trunk
 from tools.corpus.gesture.plan import Plan, make_plan
 from tools.corpus.people.rig import SIDE_SIGN, SIDES, Rig, axis_angles
-from tools.corpus.people.speakers import Speaker
+from tools.corpus.people.speaker import Speaker
+from tools.corpus.words.grammar import Split
 from tools.corpus.words.prosody import Utterance, speak
-from tools.corpus.words.texts import Split
 
 NUM_EXPRESSIONS = 100
 

@@ -1,4 +1,5 @@
-"""What the page can offer, read without loading a model: systems, speakers, examples, points."""
+"""What the page can offer, read without loading a model: systems, speakers, examples, points,
+strengths."""
 
 from __future__ import annotations
 
@@ -9,9 +10,9 @@ from typing import Any
 
 from app import text
 from app.errors import RunError
-from app.findings.points import point_title
+from app.findings.comparison import point_title
 from app.findings.verdict import short_names
-from conventions.joints import JOINT_NAMES
+from conventions.joints import JOINT_NAMES, TIP_VERTICES
 from model.systems.registry import (
     family_of,
     list_speakers,
@@ -19,7 +20,6 @@ from model.systems.registry import (
     read_card,
     usual_systems,
 )
-from renderer.body.tip_vertices import TIP_VERTICES
 
 MAX_DEFAULT_SYSTEMS = 3
 
@@ -131,3 +131,18 @@ def default_systems(systems: Sequence[str]) -> list[str]:
     others = [name for name in systems if name not in usual]
     chosen = [*usual, *others][:MAX_DEFAULT_SYSTEMS]
     return [name for name in systems if name in chosen]
+
+
+USUAL = -1.0
+"""As suits each system: no strength is below 0."""
+
+
+def strength_choices(values: Sequence[float]) -> list[tuple[str, float]]:
+    """Labels and values of a field that offers these, and the usual one first."""
+    named = ((text.GUIDANCE_NAMES.get(value, f"{value:g}"), value) for value in values)
+    return [(text.USUAL_GUIDANCE, USUAL), *named]
+
+
+def strength_of(chosen: float | None) -> float | None:
+    """What a request asks for."""
+    return None if chosen in (None, USUAL) else chosen

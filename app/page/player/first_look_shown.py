@@ -17,7 +17,7 @@ from app.page.parts.catalogue import Catalogue
 from app.page.player.player import Showing, own_writers, picture_layout
 from app.page.queue.jobs import JobBook
 from app.page.routes.media import MediaAddresses
-from app.run.first_look import STEADY, TREMBLING, FirstLook, first_look, take_stored
+from app.run.examples import STEADY, TREMBLING, FirstLook, first_look, take_stored
 from app.run.requests.request import Artefact
 from model.systems.registry import usual_systems
 
@@ -39,7 +39,7 @@ class FirstLooks:
     ) -> None:
         """
         Args:
-            make: as `app.run.first_look.make_first_look`.
+            make: as `app.run.examples.make_first_look`.
         """
         self._config = config
         self._jobs = jobs

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from app.findings.ranking import GRAVEST
+from app.findings.sentences import GRAVEST
 from app.findings.verdict import short_names
 from app.page.player.shown_plans import found_plans, planned
 from app.page.player.timeline import (
@@ -30,8 +30,8 @@ from app.run.models import get_body
 from app.run.pieces import MAX_FRAMES, frames_message
 from app.run.requests.request import Artefact, GenerateRequest, Piece
 from app.run.videos.export import render_settings
-from app.run.videos.posters import POSTER_SUFFIX
-from app.run.videos.register import register_of
+from app.run.videos.own_videos import register_of
+from app.run.videos.videos import POSTER_SUFFIX
 from app.run.words import given_words
 from conventions.names import REFERENCE_NAME, SampleName, file_stem
 from conventions.views import CloseUp, Framing, View

@@ -1,4 +1,5 @@
-"""Who is running what: a private folder for each run, a place in the queue, a way to stop.
+"""Who is running what: a private folder for each run, its burden, a place in the queue, a way to
+stop.
 
 Places go round: first among addresses, then among the open pages of one address, so that nobody who
 has many runs waiting holds up another. When all places are taken, whoever has fewest waiting gets
@@ -12,8 +13,9 @@ import secrets
 import shutil
 import threading
 import time
+import zipfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,8 +23,33 @@ from typing import Any, Literal
 
 from app import text
 from app.errors import CancelledRun, RunError
-from app.page.queue.burden import is_large
 from app.page.visitors.visitor_files import VisitorFiles, size_of
+
+LARGE_BYTES = 6 * 10**6
+"""Half a minute of sound as recorders write it, or a minute and a half of motion."""
+_PACKED_SOUND = {".mp3", ".m4a", ".aac", ".ogg", ".oga", ".opus", ".webm", ".mp4", ".wma"}
+_PACKED_TIMES = 10
+_ZIPPED = {".npz", ".zip"}
+
+
+def is_large(uploads: Iterable[Path]) -> bool:
+    """Whether a run on these is likely to take long. It only decides whose turn it is: who is taken
+    for small and takes long all the same has to step aside or back."""
+    return sum(map(_unpacked_bytes, uploads)) > LARGE_BYTES
+
+
+def _unpacked_bytes(upload: Path) -> int:
+    try:
+        size = upload.stat().st_size
+        if size > LARGE_BYTES:  # of a zip, its list of contents might be as long
+            return size
+        if upload.suffix.lower() in _ZIPPED:
+            with zipfile.ZipFile(upload) as archive:
+                return sum(each.file_size for each in archive.infolist())
+    except Exception:  # who reads it in earnest tells what is wrong with it
+        return 0
+    return size * (_PACKED_TIMES if upload.suffix.lower() in _PACKED_SOUND else 1)
+
 
 LONG_S = 12.0
 """At work; what takes longer steps aside for others."""

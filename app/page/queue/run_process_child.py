@@ -66,7 +66,7 @@ def show_mechanism(request: Any, on_event: OnEvent, should_cancel: ShouldCancel)
 def make_first_look(
     look: Any, weights: Path, on_event: OnEvent, should_cancel: ShouldCancel
 ) -> None:
-    from app.run.first_look import make_first_look as make
+    from app.run.examples import make_first_look as make
 
     make(look, weights, share_teller("video", on_event, should_cancel))
 

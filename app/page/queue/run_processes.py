@@ -29,10 +29,10 @@ from processes.child import Child, Gone
 
 if TYPE_CHECKING:
     from app.run.diagnose import DiagnoseRequest, Diagnosis
+    from app.run.examples import FirstLook
     from app.run.experiments.hearing import Hearing, HearingRequest
     from app.run.experiments.mechanism import MechanismRequest
     from app.run.experiments.step_curve import StepCurve, StepCurveRequest
-    from app.run.first_look import FirstLook
     from app.run.many.sets import Sets, SetsRequest
     from app.run.requests.upload_check import UploadKind
     from app.run.takes.take import Take, TakeRequest
@@ -158,7 +158,7 @@ class RunProcesses:
         return self._with_shares("show_mechanism", (request,), on_share, on_file)
 
     def make_first_look(self, look: FirstLook, weights: Path) -> None:
-        """As `app.run.first_look.make_first_look`."""
+        """As `app.run.examples.make_first_look`."""
         self._with_shares("make_first_look", (look, weights), lambda share: None)
 
     def measure_steps(

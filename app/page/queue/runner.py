@@ -12,8 +12,7 @@ import gradio as gr
 from app import text
 from app.errors import CancelledRun, visitor_sentence
 from app.page.parts import markup
-from app.page.queue.follow import waiting_line
-from app.page.queue.in_turn import InTurn, Result, Updates, Work
+from app.page.queue.in_turn import InTurn, Result, Updates, Work, waiting_line
 from app.page.queue.jobs import Job, JobBook, Tab
 from app.page.visitors.visitors import address_of, cookie_of, visitor_of
 

@@ -13,10 +13,9 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from app import text
+from app.findings.comparison import point_title
 from app.findings.measure_rows import MEASURES, Measure, nearest, signed, written
-from app.findings.points import point_title
-from app.findings.ranking import GRAVEST
-from app.findings.sentences import sentences_of
+from app.findings.sentences import GRAVEST, sentences_of
 from app.findings.verdict import short_names
 from app.page.parts import markup
 from conventions.names import REFERENCE_NAME, VERSIONS, Version

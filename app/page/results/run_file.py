@@ -31,7 +31,7 @@ from model.speech.transcript import Accent, GestureTier, Interval, Transcript, W
 from model.storage.files import written_atomically
 
 if TYPE_CHECKING:
-    from app.page.results.ended_run import EndedRun
+    from app.page.results.kept_runs import EndedRun
 
 FORMAT = 1
 TOLD, SPEECH, ENDING = "run.json", "speech.wav", ".run.zip"

@@ -12,19 +12,15 @@ from typing import TYPE_CHECKING, Any
 import gradio as gr
 
 from app import text
-from app.findings.comparison import plain
-from app.findings.points import point_title
-from app.findings.samples import number_of
+from app.findings.comparison import number_of, plain, point_title
 from app.findings.sentences import jerk_of
 from app.findings.verdict import short_names
 from app.page.parts import markup
 from app.page.parts.html_parts import shown
 from app.page.player.player import NOTHING
-from app.page.player.timeline import series_looks
-from app.page.player.worst import worst_of_both
+from app.page.player.timeline import series_looks, worst_of_both
 from app.page.queue.in_turn import Updates
-from app.page.results.ended_run import EndedRun
-from app.page.results.kept_runs import KeptRun, address_of
+from app.page.results.kept_runs import EndedRun, KeptRun, address_of
 from app.page.results.measures_table import Column, table_of
 from app.page.results.result_parts import ResultParts
 from app.page.results.settings import MOTIONS, NONE, SEED, SPEECH, differing

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from app.findings.points import point_title
+from app.findings.comparison import point_title
 from app.findings.verdict import short_names
 from app.run.requests.request import GenerateRequest, Steps
 from model.systems.registry import sampler_title

@@ -1,4 +1,4 @@
-"""What stands before every route: who may ask, from which page, and how much may be sent.
+"""What stands before every route: who may ask, from which page, how much; faults become sentences.
 
 Requests for another host name are refused, since a name that an attacker owns can be made to point
 here; so are requests that another site's page makes, whatever they ask for.
@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import contextlib
 import ipaddress
+import logging
 import os
 from collections.abc import AsyncIterator, Callable, Collection, MutableMapping
 from typing import Any
 from urllib.parse import urlsplit
 
-from fastapi import FastAPI
+from fastapi import FastAPI, HTTPException
+from gradio import route_utils
 from starlette.datastructures import Headers
 from starlette.requests import ClientDisconnect, HTTPConnection
 from starlette.responses import PlainTextResponse
@@ -304,3 +306,31 @@ async def _refuse(refusal: Refusal, scope: Scope, receive: Receive, send: Send) 
     headers = {"Connection": "close", "X-Content-Type-Options": "nosniff"}
     response = PlainTextResponse(str(refusal), status_code=refusal.status, headers=headers)
     await response(scope, receive, send)
+
+
+UNKNOWN_FUNCTION = "This page has no such function; load it again, or ask /gradio_api/info for all."
+_NO_TEXT = "Invalid UTF-8 sequence received from client."
+_find = route_utils.get_fn
+
+
+def refuse_unknown_functions() -> None:
+    """Let Gradio answer to a number or name of no function with status 404."""
+
+    def get_fn(*arguments: Any, **named: Any) -> Any:
+        try:
+            return _find(*arguments, **named)
+        except (KeyError, route_utils.FnIndexInferError):
+            raise HTTPException(404, UNKNOWN_FUNCTION) from None
+
+    route_utils.get_fn = get_fn
+
+
+def quieten_sockets() -> None:
+    """Let the server close a socket that sends no text where text is due without a traceback."""
+    logger = logging.getLogger("uvicorn.error")
+    if _is_no_fault not in logger.filters:
+        logger.addFilter(_is_no_fault)
+
+
+def _is_no_fault(record: logging.LogRecord) -> bool:
+    return record.msg != _NO_TEXT

@@ -50,7 +50,7 @@ def stage_facts() -> bytes:
     from conventions.views import BUILDS
     from model.motion.altered import CUTOFF_HZ, MAX_TURN_RAD
     from renderer.body.look import COLORS
-    from renderer.files.builds import STEP_M
+    from renderer.files.glb import STEP_M
     from renderer.video.facts import drawing_facts
 
     told = {

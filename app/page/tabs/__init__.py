@@ -1,1 +1,1 @@
-"""The tabs, a folder for each; may import results and what lies below."""
+"""The tabs: of each its form and its runs; may import results and what lies below."""

@@ -1,20 +1,94 @@
-"""What serves all visitors of a page, one of each, as its tabs ask for it."""
+"""What serves all visitors of a page, one of each, as tabs ask for it; uploads are checked."""
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
+import gradio as gr
+
+from app import text
 from app.config import AppConfig
+from app.errors import RunError, visitor_sentence
 from app.live.sessions import LiveSessions
+from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
+from app.page.parts.html_parts import PRIVATE, shown
 from app.page.player.first_look_shown import FirstLooks
 from app.page.queue.jobs import JobBook
 from app.page.queue.run_processes import RunProcesses
 from app.page.results.kept_runs import KeptRuns
 from app.page.results.study_preview import StudyPreviews
 from app.page.routes.media import MediaAddresses
-from app.page.tabs.upload_check import UploadCheck
 from app.page.visitors.researcher_part import Handover
+from app.run.requests.upload_check import UploadKind
+
+log = logging.getLogger(__name__)
+Refuse = Callable[[UploadKind, Sequence[Path], float], str]
+"""As `app.run.requests.upload_check.refusal_of`, in a process of its own."""
+
+
+class UploadCheck:
+    """Watches the fields of a page."""
+
+    def __init__(self, refuse: Refuse, max_speech_s: float) -> None:
+        self._refuse = refuse
+        self._max_speech_s = max_speech_s
+        self._refusals: list[gr.HTML] = []
+
+    def file(
+        self, kind: UploadKind, label: str, file_types: list[str], elem_id: str, **options: Any
+    ) -> gr.File:
+        """A watched field for files; ``options`` are Gradio's."""
+        field = gr.File(
+            label=label, file_types=file_types, type="filepath", elem_id=elem_id, **options
+        )
+        self.watch(field, kind)
+        return field
+
+    def watch(self, field: gr.Audio | gr.File, kind: UploadKind) -> None:
+        """Say under a field why what was put there cannot be used; called right after the field."""
+        name = f"{field.elem_id}-refusal" if field.elem_id else None
+        refusal = gr.HTML("", visible=False, elem_id=name)
+        self._refusals.append(refusal)
+        field.change(
+            lambda value: self._told(kind, value), field, refusal,
+            **PRIVATE, concurrency_limit=4,
+        )  # fmt: skip
+
+    @staticmethod
+    def reason() -> gr.HTML:
+        """Where it is said why a button is disabled."""
+        return gr.HTML("", visible=False)
+
+    def guard(self, button: gr.Button, reason: gr.HTML) -> None:
+        """Disable the button of a form while a file in one of its fields cannot be used: of those
+        that are watched since the last form."""
+        refusals, self._refusals = self._refusals, []
+
+        def held(*sentences: str) -> tuple[Any, Any]:
+            is_held = any(sentences)
+            why = markup.refusal(text.UNUSABLE) if is_held else ""
+            return gr.update(interactive=not is_held), shown(why)
+
+        gr.on(
+            [refusal.change for refusal in refusals], held, refusals, [button, reason],
+            **PRIVATE, queue=False,
+        )  # fmt: skip
+
+    def _told(self, kind: UploadKind, value: str | list[str] | None) -> Any:
+        paths = [Path(path) for path in ([value] if isinstance(value, str) else value or ())]
+        try:
+            sentence = self._refuse(kind, paths, self._max_speech_s) if paths else ""
+        except Exception as error:  # of the checking, which took too long or failed itself
+            log.warning("an upload could not be checked: %s", error)
+            sentence = ""
+        if sentence:
+            sentence = visitor_sentence(RunError(sentence))
+        return shown(markup.refusal(sentence))
 
 
 @dataclass(frozen=True)

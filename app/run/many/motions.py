@@ -15,22 +15,20 @@ from typing import Any
 
 from app.errors import RunError, sentence_of
 from app.run.diagnostics import onsets_of
-from app.run.many.distances import moments_of, why_left_out
-from app.run.many.emage_distance import (
+from app.run.many.distances import (
     EmageDistances,
     check_weights,
     codes_path,
     emage_distances,
     keep_codes,
+    moments_of,
+    why_left_out,
 )
-from app.run.many.origin import file_sha256, origin_of
-from app.run.many.record import is_kept, keep, read_records, stamp_of
+from app.run.many.record import file_sha256, is_kept, keep, origin_of, read_records, stamp_of
 from app.run.many.speeches import ENDINGS as SOUND_ENDINGS
-from app.run.many.spread import draw_spread
-from app.run.many.table import numbers_of, write_tables
+from app.run.many.table import draw_spread, numbers_of, write_tables
 from app.run.many.unpacked import unpacked_sets
-from app.run.output.held_folder import held_folder
-from app.run.output.result_folder import remove_unfinished
+from app.run.output.result_folder import held_folder, remove_unfinished
 from conventions.names import REFERENCE_NAME, printable
 from processes.job import Job
 from processes.pool import JobPool

@@ -15,8 +15,7 @@ from typing import Any
 from app.errors import RunError, sentence_of
 from app.run.many.record import is_kept, keep, read_records, stamp_of
 from app.run.many.table import numbers_of, write_tables
-from app.run.output.held_folder import held_folder
-from app.run.output.result_folder import remove_unfinished
+from app.run.output.result_folder import held_folder, remove_unfinished
 from app.run.requests.request import GenerateRequest, check_request
 from conventions.names import REFERENCE_NAME, printable
 from model.generation.clip_noise import clip_seed

@@ -6,6 +6,7 @@ the same for all videos of a comparison. None of it is in a user study.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
@@ -13,7 +14,6 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 from app.errors import RunError
 from app.flags import flag
 from app.run.body_motion import body_motion
-from app.run.requests.client_numbers import finite, whole
 
 if TYPE_CHECKING:
     import numpy as np
@@ -21,6 +21,33 @@ if TYPE_CHECKING:
     from model.motion.motion import Motion
     from renderer.body.body import Body
     from renderer.video.marks import Heat, Marks, Trail
+
+
+def finite(value: object) -> float:
+    """A number of a client's.
+
+    Raises:
+        ValueError: if it is none.
+    """
+    try:
+        if not isinstance(value, bool) and isinstance(value, int | float) and math.isfinite(value):
+            return float(value)
+    except OverflowError:  # JSON has whole numbers of any length
+        raise ValueError("A whole number of hundreds of digits is no number.") from None
+    raise ValueError(f"{value!r} is no number.")
+
+
+def whole(value: object) -> int:
+    """A whole number of a client's.
+
+    Raises:
+        ValueError: if it is none.
+    """
+    number = finite(value)
+    if number != int(number):
+        raise ValueError(f"{number:g} is no whole number.")
+    return int(number)
+
 
 Coloring = Literal["natural", "jerk"]
 COLORINGS: tuple[Coloring, ...] = get_args(Coloring)

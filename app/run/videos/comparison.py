@@ -1,4 +1,4 @@
-"""Pictures of motions: a video of each, all of them side by side, and the poses of Figure 6."""
+"""Pictures of motions: a video of each, all side by side, and Figure 6's poses with their jerk."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from app.run.body_motion import body_motion
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
@@ -17,10 +19,8 @@ from app.run.output.telling import Reporter
 from app.run.requests.display import displayed, marks_of
 from app.run.requests.request import MAX_COMPARED, GenerateRequest
 from app.run.videos.export import render_settings
-from app.run.videos.jerk_marks import jerk_marks
-from app.run.videos.posters import POSTER_SUFFIX, write_poster
-from app.run.videos.register import in_register
-from app.run.videos.videos import draw_videos
+from app.run.videos.own_videos import in_register
+from app.run.videos.videos import POSTER_SUFFIX, draw_videos, write_poster
 from conventions.names import REFERENCE_NAME, file_stem
 
 if TYPE_CHECKING:
@@ -29,7 +29,63 @@ if TYPE_CHECKING:
     from app.run.followed_point import TipSource
     from app.run.inputs import Inputs
     from model.motion.motion import Motion
+    from renderer.body.body import Body, BodyMotion
     from renderer.figures.figure6.figure6 import JointMarks
+    from renderer.scene.stage import Stage
+    from renderer.video.render import RenderSettings
+
+AROUND_FRAMES = 8
+"""Jerk of one frame is chance; the mean over about half a second around a snapshot is told."""
+LEAST_FULL_SCALE = 500.0
+"""In m/s³. Recorded speakers reach this with a hand in quick gestures: what is smooth stays pale,
+however smooth the other motions are."""
+_PERCENTILE = 98.0
+
+
+def jerk_marks(
+    body: Body,
+    motions: Mapping[str, BodyMotion],
+    frames: Sequence[int],
+    settings: RenderSettings,
+    stage: Stage,
+) -> JointMarks:
+    """Marks for the snapshots of these motions at some frames, all on one scale.
+
+    The full scale is a round number that nearly all values stay under.
+    """
+    from renderer.figures.figure6.figure6 import JointMarks
+    from renderer.video.render import projected_joints
+
+    values = {name: _jerk_around(body, motion, frames) for name, motion in motions.items()}
+    highest = float(np.percentile(np.concatenate(list(values.values())), _PERCENTILE))
+    return JointMarks(
+        pixels={
+            name: projected_joints(body, motion, frames, settings, stage)
+            for name, motion in motions.items()
+        },
+        values=values,
+        full_scale=_round_up(max(highest, LEAST_FULL_SCALE)),
+    )
+
+
+def _jerk_around(body: Body, motion: BodyMotion, frames: Sequence[int]) -> np.ndarray:
+    """Mean jerk of each joint around each frame, (N, J) in m/s³; 0 in a clip under 4 frames."""
+    from model.measures.smoothness import derivative_magnitudes
+    from renderer.scene.stage import frames_of
+
+    found = []
+    for frame in frames:
+        near = slice(max(0, frame - AROUND_FRAMES), frame + AROUND_FRAMES + 1)
+        jerk = derivative_magnitudes(body.joint_positions(frames_of(motion, near)), 3)
+        found.append(jerk.mean(axis=0) if len(jerk) else np.zeros(jerk.shape[1]))
+    return np.stack(found)
+
+
+def _round_up(value: float) -> float:
+    """The next of 1, 2 and 5 times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value))
+
 
 STILL_SIZE_PX = 512
 _POLL_S = 0.1
@@ -71,8 +127,8 @@ def draw_all(
         CancelledRun, BodyError, GLError, VideoError: see `app.run.videos.videos.draw_videos`.
     """
     from renderer.figures.figure6.figure6 import choose_snapshot_frames
-    from renderer.video.frames import stage_for
     from renderer.video.pool import RenderJob
+    from renderer.video.render import stage_for
 
     reporter.progress("video", 0.0)
     placed = {row.name: in_register(row.shown) for row in rows}

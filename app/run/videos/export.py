@@ -241,8 +241,8 @@ def _draw(
     request: RenderRequest, read: Motion, body: Body, on_progress: Callable[[float], None]
 ) -> tuple[Path, ...]:
     from app.run.followed_point import choose_tip_source
-    from renderer.video.frames import stage_for
     from renderer.video.pool import RenderJob, RenderPool
+    from renderer.video.render import stage_for
 
     tip = choose_tip_source(body, request.body, request.joint)
     motion = body_motion(displayed(read, request.display))
@@ -318,7 +318,7 @@ def _write_stills(out: Path, pictures: np.ndarray, *, has_sheet: bool) -> list[P
 
 
 def _write_sheet(out: Path, pictures: np.ndarray, frames: tuple[int, ...]) -> list[Path]:
-    from renderer.video.sheet import contact_sheet
+    from renderer.video.compose import contact_sheet
 
     if not frames:
         return []

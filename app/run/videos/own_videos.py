@@ -1,9 +1,9 @@
-"""Videos of anyone's motion files, as they are of generated motion: in register, with close-ups."""
+"""Videos of anyone's motion files, laid onto each other and with close-ups."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,9 +12,7 @@ from app.run.output.result_folder import ResultFolder
 from app.run.requests.display import Display, displayed, marks_of
 from app.run.requests.request import Artefact
 from app.run.videos.export import render_settings
-from app.run.videos.posters import POSTER_SUFFIX, write_poster
-from app.run.videos.register import in_register
-from app.run.videos.videos import draw_videos
+from app.run.videos.videos import POSTER_SUFFIX, draw_videos, write_poster
 from conventions.names import file_stem
 from conventions.views import CLOSE_UPS, CloseUp, Framing
 
@@ -22,6 +20,61 @@ if TYPE_CHECKING:
     from app.run.followed_point import TipSource
     from model.motion.motion import Motion
     from renderer.body.body import Body
+
+SOLE_M = 0.05
+"""Of the foot joint over the floor; that of recorded clips."""
+
+
+def in_register(motion: Motion) -> Motion:
+    """The same motion, moved and turned about the vertical as a whole: the pelvis is over the
+    origin in the median, the lower foot on the floor, and the hips face z on average.
+
+    All bodies are of one size here, whoever moves them.
+    """
+    import numpy as np
+    from scipy.spatial.transform import Rotation
+
+    from model.motion.kinematics import open_body_skeleton
+
+    register = register_of(motion)
+    turn = Rotation.from_rotvec([0.0, register.turn_rad, 0.0])
+    rest = open_body_skeleton().rest_joints[0].double().numpy()  # the pelvis turns about this
+    poses = motion.poses.reshape(len(motion.poses), -1, 3).copy()
+    poses[:, 0] = (turn * Rotation.from_rotvec(poses[:, 0])).as_rotvec()
+    trans = turn.apply(motion.trans + rest) - rest + np.array(register.shift_m)
+    return replace(
+        motion, poses=poses.reshape(len(poses), -1), trans=trans.astype(motion.trans.dtype)
+    )
+
+
+@dataclass(frozen=True)
+class Register:
+    """How a motion is laid onto the others: turned about the world's vertical, then shifted."""
+
+    turn_rad: float
+    shift_m: tuple[float, float, float]
+
+
+def register_of(motion: Motion) -> Register:
+    """What `in_register` does to a motion."""
+    import numpy as np
+    from scipy.spatial.transform import Rotation
+
+    from conventions.joints import JOINT_INDEX
+    from model.measures.posture import FEET
+    from model.motion.kinematics import open_body_skeleton
+    from model.motion.tracks import track_points
+
+    skeleton = open_body_skeleton()
+    joints = track_points(motion, skeleton).joints
+    across = (joints[:, JOINT_INDEX["left_hip"]] - joints[:, JOINT_INDEX["right_hip"]]).mean(axis=0)
+    facing = np.arctan2(-across[2], across[0])  # of the left hip, which is at x for who faces z
+    turn = Rotation.from_rotvec([0.0, -facing, 0.0])
+    rest = skeleton.rest_joints[0].double().numpy()
+    pelvis = np.median(turn.apply(motion.trans + rest), axis=0)
+    floor = float(np.median(joints[:, list(FEET), 1].min(axis=1)))
+    return Register(float(-facing), (-float(pelvis[0]), SOLE_M - floor, -float(pelvis[2])))
+
 
 MAX_FRAMES = 10_800
 """Of all videos of a run together: six of one minute."""
@@ -99,8 +152,8 @@ def draw_own_videos(
     Raises:
         BodyError, GLError, VideoError: see `app.run.videos.videos.draw_videos`.
     """
-    from renderer.video.frames import stage_for
     from renderer.video.pool import RenderJob
+    from renderer.video.render import stage_for
 
     settings = render_settings(
         "front", options.size, close_ups=options.close_ups, framing=options.framing

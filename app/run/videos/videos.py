@@ -1,9 +1,11 @@
-"""Several videos drawn at once in child processes, each told of as soon as it is whole."""
+"""Several videos drawn at once in child processes, each told of as soon as it is whole; posters."""
 
 from __future__ import annotations
 
+import subprocess
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.errors import CancelledRun
@@ -64,3 +66,30 @@ def draw_videos(
             if len(results) < len(jobs):
                 time.sleep(_POLL_S)
     return results
+
+
+POSTER_SUFFIX = ".jpg"
+WIDTH_PX = 240
+_QUALITY = 4
+"""Of ffmpeg's JPEG, from 2, the best, to 31."""
+
+
+def write_poster(video: Path, out: Path) -> None:
+    """
+    Raises:
+        VideoError: if ffmpeg cannot read what this program has drawn.
+    """
+    from processes.ended import Ended
+    from renderer.video.encoder import VideoError, ffmpeg_path
+
+    command = [
+        *(ffmpeg_path(), "-hide_banner", "-loglevel", "error", "-nostats", "-y"),
+        *("-i", str(video), "-frames:v", "1", "-vf", f"scale={WIDTH_PX}:-2"),
+        *("-q:v", str(_QUALITY), "-f", "mjpeg", str(out)),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        end, said = Ended(done.returncode).how, done.stderr.strip() or "it said nothing"
+        raise VideoError(
+            f"The picture of {video.name} cannot be written: ffmpeg ended {end}; {said}"
+        )

@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 
 from app.errors import RunError
 from app.study.design.key import Expected, Key, Trial, Video
-from app.study.design.plan import Plan
+from app.study.design.plan import ATTENTION_QUESTION, Plan, questions_of
 from app.study.design.tells import order_tells
 from app.study.design.trials import Design, Stimulus
-from app.study.design.wording import ATTENTION_QUESTION, questions_of
 
 NOT_MADE = "not made yet"
 """In place of a video's sha256 while the export has not finished."""

@@ -1,7 +1,8 @@
-"""The plan of a study: a small TOML file, read and checked before anything is made from it."""
+"""The plan of a study: a small TOML file, read and checked before anything is made; its wording."""
 
 from __future__ import annotations
 
+import functools
 import re
 import tomllib
 from collections.abc import Mapping
@@ -12,7 +13,7 @@ from urllib.parse import urlsplit
 
 from app.errors import RunError
 from app.study.design.fields import FieldError, Fields, is_number
-from app.study.design.key import MAX_SYSTEMS, PROTOCOLS
+from app.study.design.key import MAX_SYSTEMS, PROTOCOLS, Question
 from conventions.names import POST_FILTERS, PostFilter
 from conventions.views import VIEWS, View
 from model.systems.registry import families, planning_systems
@@ -375,3 +376,19 @@ def _flag(fields: Fields, name: str, default: bool) -> bool:
     if not isinstance(value, bool):
         raise FieldError(f"`{name}` must be true or false")
     return value
+
+
+QUESTIONS = Path(__file__).with_name("questions.toml")
+CHOICE_VALUES = ("left", "right", "tie")
+ATTENTION_QUESTION = "attention"
+
+
+@functools.cache
+def wording() -> dict[str, Any]:
+    """All sentences that a participant reads."""
+    return tomllib.loads(QUESTIONS.read_text("utf-8"))
+
+
+def questions_of(protocol: str) -> tuple[Question, ...]:
+    """What each trial of the protocol asks."""
+    return tuple(Question(**item) for item in wording()["protocols"][protocol]["questions"])

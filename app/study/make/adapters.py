@@ -17,9 +17,8 @@ from typing import Any
 
 from app.study.design.blinding import Blinding
 from app.study.design.key import Question
-from app.study.design.plan import Plan
+from app.study.design.plan import Plan, questions_of, wording
 from app.study.design.trials import Design, Page
-from app.study.design.wording import questions_of, wording
 from app.study.make.workspace import Workspace
 from model.storage.harmless import csv_text
 

@@ -20,8 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from app.errors import RunError
-from app.study.make.h264 import frames_of, joined
-from app.study.make.mp4 import blank_user_data
+from app.study.make.mp4 import blank_user_data, frames_of, joined
 from conventions.rates import FPS
 from model.speech.audio import write_wav
 from model.storage.files import written_atomically

@@ -9,10 +9,9 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from app.study.design.blinding import Blinding
-from app.study.design.plan import Plan
+from app.study.design.plan import Plan, questions_of, wording
 from app.study.design.size import size_of
 from app.study.design.trials import KIND_OF_PROTOCOL, Design
-from app.study.design.wording import questions_of, wording
 from app.study.make.media import set_time
 from app.study.make.workspace import Workspace
 

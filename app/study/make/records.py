@@ -10,15 +10,12 @@ from typing import Any
 
 from app.run.models import get_body, get_system
 from app.run.output.provenance import describe_systems, versions
-from app.study.design.balance import Balance, measure_balance
 from app.study.design.blinding import Blinding
-from app.study.design.plan import Plan
-from app.study.design.trials import Design
-from app.study.design.wording import questions_of
+from app.study.design.plan import Plan, questions_of
+from app.study.design.trials import Balance, Design, measure_balance
 from app.study.make import media
 from app.study.make.motions import Source
-from app.study.make.options import ExportOptions
-from app.study.make.workspace import Workspace
+from app.study.make.workspace import ExportOptions, Workspace
 from model.storage.harmless import markdown
 
 

@@ -15,8 +15,8 @@ from app.run.videos.videos import draw_videos
 from app.study.design.plan import Clip, Plan
 from app.study.design.trials import Stimulus
 from app.study.make import media
-from app.study.make.h264 import fill_alike
 from app.study.make.motions import Source, read_source, shown_motions
+from app.study.make.mp4 import fill_alike
 from app.study.make.workspace import Workspace
 from processes.job import Job
 from processes.pool import JobPool

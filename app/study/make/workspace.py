@@ -1,16 +1,20 @@
-"""The folder of an export: what is hosted, what stays with the researcher, what is half done."""
+"""The folder of an export: what it may be told, what is hosted, what stays, what is half done."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
+from app.run.videos.videos import PARALLEL_VIDEOS
 from app.study.design.fields import FieldError, read_object
 from model.storage.files import written_atomically
+from processes.pool import JobPool
 
 BUNDLE = "participant_bundle"
 PRIVATE = "researcher_only"
@@ -125,3 +129,16 @@ def sha256(path: Path) -> str:
     """Of a file's bytes."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """What does not change what the study is."""
+
+    weights: Path = BUNDLED_WEIGHTS
+    body: Path | None = None
+    """A licensed SMPL-X npz; None is the open body."""
+    parallel: int = PARALLEL_VIDEOS
+    """Videos drawn at once."""
+    pool: JobPool | None = None
+    """Who makes the clips, several at once; None makes one after the other, here."""

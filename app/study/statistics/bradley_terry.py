@@ -18,8 +18,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Float
 
-from app.study.statistics.preference import Interval
-from app.study.statistics.resampling import participant_weights, percentile_intervals
+from app.study.statistics.preference import Interval, participant_weights, percentile_intervals
 from app.study.statistics.votes import Votes
 
 PRIOR_SD = 2.0

@@ -1,19 +1,20 @@
-"""Rankings and ratings: one mean for each participant and system, then tests for paired samples.
+"""Rankings and ratings: means, tests for paired samples, and how far raters agree.
 
 The participant is the unit: their answers over clips are averaged first, because they are alike.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Literal, assert_never
 
 import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
-from app.study.statistics.preference import Interval, holm
-from app.study.statistics.resampling import mean_intervals
+from app.study.statistics.preference import Interval, holm, mean_intervals
 from app.study.statistics.votes import Values
 
 
@@ -84,3 +85,48 @@ def _friedman_p(means: Float[np.ndarray, "R K"]) -> float | None:
         return 1.0
     _, p = stats.friedmanchisquare(*rounded.T)
     return float(p)  # pyright: ignore[reportArgumentType]
+
+
+Level = Literal["nominal", "ordinal", "interval"]
+
+
+def krippendorff_alpha(units: Iterable[Sequence[float]], level: Level) -> float | None:
+    """Alpha from coincidences (Krippendorff 2011, "Computing Krippendorff's Alpha-Reliability").
+
+    Args:
+        units: for each thing judged the values it got, in any order; raters may be missing.
+        level: what the values are: names, an order, or numbers.
+
+    Returns:
+        None if no unit has two values, or all values are the same: then there is nothing to agree
+        on.
+    """
+    pairable = [np.asarray(unit, dtype=float) for unit in units if len(unit) >= 2]
+    if not pairable:
+        return None
+    values, codes = np.unique(np.concatenate(pairable), return_inverse=True)
+    coincidences = np.zeros((len(values), len(values)))
+    ends = np.cumsum([len(unit) for unit in pairable])
+    for unit in np.split(codes, ends[:-1]):
+        counts = np.bincount(unit, minlength=len(values)).astype(float)
+        coincidences += (np.outer(counts, counts) - np.diag(counts)) / (len(unit) - 1)
+    totals = coincidences.sum(1)
+    difference = _squared_difference(values, totals, level)
+    expected = totals @ difference @ totals
+    if expected == 0:
+        return None
+    return float(1 - (totals.sum() - 1) * (coincidences * difference).sum() / expected)
+
+
+def _squared_difference(
+    values: Float[np.ndarray, " V"], totals: Float[np.ndarray, " V"], level: Level
+) -> Float[np.ndarray, "V V"]:
+    if level == "nominal":
+        return 1 - np.eye(len(values))
+    if level == "interval":
+        return np.subtract.outer(values, values) ** 2
+    if level == "ordinal":
+        # Sum of the totals from one value to the other, both ends counted half.
+        middle = np.cumsum(totals) - totals / 2
+        return np.subtract.outer(middle, middle) ** 2
+    assert_never(level)

@@ -1,4 +1,4 @@
-"""How often one thing is preferred to another: share, interval and test that respect raters.
+"""How often one thing is preferred to another: share, interval, test, power; persons drawn anew.
 
 Votes of one participant are alike, so a vote is not the unit that chance acts on; a participant is.
 
@@ -18,8 +18,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Int
-from scipy import stats
+from jaxtyping import Float, Int
+from scipy import optimize, stats
 
 from app.study.statistics.votes import Votes
 
@@ -176,3 +176,65 @@ def _interval_over_clips(votes: Votes) -> Interval | None:
     effective = _effective_votes(votes, variance, freedom)
     share = float(votes.score.mean())
     return clopper_pearson(share * effective, effective)
+
+
+ALPHA = 0.05
+POWER = 0.8
+
+
+def smallest_share_detected(count: int, alpha: float = ALPHA) -> float | None:
+    """The share that so many independent yes/no votes tell from one half with `POWER`.
+
+    Exact: the rejection region of the two-sided binomial test at ``alpha``.
+
+    Returns:
+        A share of 0.5 to 1; None if even unanimous votes would not reach ``alpha``.
+    """
+    tail = int(stats.binom.ppf(alpha / 2, count, 0.5)) - 1
+    while stats.binom.cdf(tail + 1, count, 0.5) <= alpha / 2:
+        tail += 1
+    if tail < 0:
+        return None
+
+    def power(share: float) -> float:
+        return float(
+            stats.binom.cdf(tail, count, share) + stats.binom.sf(count - tail - 1, count, share)
+        )
+
+    return float(optimize.root_scalar(lambda share: power(share) - POWER, bracket=(0.5, 1.0)).root)
+
+
+RESAMPLES = 2000
+SEED = 0
+"""Fixed, so that the same answers give the same report."""
+
+
+def participant_weights(num_participants: int) -> Float[np.ndarray, "B R"]:
+    """How often each participant is drawn in each resample."""
+    rng = np.random.default_rng(SEED)
+    even = np.full(num_participants, 1 / num_participants)
+    return rng.multinomial(num_participants, even, RESAMPLES).astype(float)
+
+
+def percentile_intervals(
+    samples: Float[np.ndarray, "B C"], num_participants: int
+) -> Float[np.ndarray, "2 C"]:
+    """Lower and upper limits from resampled estimates.
+
+    Percentiles are expanded for few participants (Hesterberg 2015, "What teachers should know
+    about the bootstrap", section 5.3): plain ones are too narrow by sqrt((R - 1) / R) and by what
+    the normal quantile falls short of Student's.
+    """
+    if num_participants < 2:
+        return np.stack([np.full(samples.shape[1:], -np.inf), np.full(samples.shape[1:], np.inf)])
+    freedom = num_participants - 1
+    student = stats.t.ppf((1 - CONFIDENCE) / 2, freedom)
+    tail = stats.norm.cdf(np.sqrt(num_participants / freedom) * student)
+    return np.quantile(samples, [tail, 1 - tail], axis=0)
+
+
+def mean_intervals(values: Float[np.ndarray, "R K"]) -> list[Interval]:
+    """An interval for the mean of each column over participants."""
+    weights = participant_weights(len(values))
+    low, high = percentile_intervals(weights @ values / len(values), len(values))
+    return [Interval(float(a), float(b)) for a, b in zip(low, high, strict=True)]

@@ -1,15 +1,95 @@
-"""Whose answers count: finished, and attentive by the rule that the key states."""
+"""Whose answers count: finished, attentive by the key's rule, and such as the page can have sent.
+
+Nothing here proves a forgery, and a careful one passes. So results are shown with and without.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from app.study.design.fields import is_number
 from app.study.design.key import Expected, Key
 from app.study.design.links import doubt_of
-from app.study.statistics.answers import Participant
-from app.study.statistics.plausibility import doubts
+from app.study.statistics.answers import TIE, Answer, Participant
+
+SHORTEST_VIDEO_S = 0.5
+"""Where the key does not say how long the videos are."""
+TOLERANCE = 0.9
+"""Of times: clocks of browsers are coarse."""
+HASTY_SHARE = 0.1
+"""Of trials answered sooner than their videos last, which a reload at a bad moment may cause."""
+ALIKE_FROM = 10
+"""As many answers on the same place are no chance: sides are balanced on every list."""
+COPY_FROM = 5
+"""As many answers with equal times to the millisecond are one person's, or a program's."""
+
+
+def doubts(participants: Sequence[Participant], key: Key) -> dict[str, str]:
+    """By participant why they are set aside, as the end of a sentence; nothing for the others."""
+    found = {}
+    seen: dict[tuple, str] = {}
+    for participant in participants:
+        why = _doubt(participant, key)
+        if len(participant.answers) >= COPY_FROM:
+            first = seen.setdefault(_content(participant), participant.source)
+            if first != participant.source:
+                why = why or f"the same answers in the same times as {first}"
+        if why:
+            found[participant.id] = why
+    return found
+
+
+def _doubt(participant: Participant, key: Key) -> str | None:
+    finished, started = participant.finished, participant.started
+    if finished is not None and finished < started:
+        return "finished before it was begun"
+    times = _trial_times(participant, key)
+    hasty = sum(spent < TOLERANCE * least for spent, least in times)
+    if hasty > HASTY_SHARE * len(times):
+        return f"{hasty} of {len(times)} trials answered sooner than their videos last"
+    if finished is not None:
+        spent_s = sum(spent for spent, _ in times)
+        whole_s = (finished - started).total_seconds()
+        if whole_s < TOLERANCE * spent_s:
+            return f"{spent_s:.0f} s of trials in {whole_s:.0f} s from beginning to end"
+    place = {trial: number for number, trial in enumerate(key.lists[participant.list_number])}
+    order = [place[answer.trial] for answer in participant.answers]
+    if order != sorted(order):
+        return "answers in another order than that of the list"
+    places = {_place(answer) for answer in _judged(participant.answers, key)}
+    if len(places) == 1 and len(list(_judged(participant.answers, key))) >= ALIKE_FROM:
+        return "every answer on the same place"
+    return None
+
+
+def _judged(answers: Iterable[Answer], key: Key) -> Iterable[Answer]:
+    return (answer for answer in answers if key.trials[answer.trial].expected is None)
+
+
+def _trial_times(participant: Participant, key: Key) -> list[tuple[float, float]]:
+    """Of each trial with videos the seconds spent on it, and how long they last."""
+    video_s = key.video_s or SHORTEST_VIDEO_S
+    spent = {answer.trial: answer.ms / 1000 for answer in participant.answers}
+    lasts = {answer.trial: video_s * len(answer.shown) for answer in participant.answers}
+    return [(spent[trial], lasts[trial]) for trial in spent if key.trials[trial].expected is None]
+
+
+def _place(answer: Answer) -> object:
+    """What was answered, in terms of where it stood."""
+    if isinstance(answer.value, dict):
+        return tuple(answer.value.get(video) for video in answer.shown)
+    if isinstance(answer.value, list):
+        return tuple(answer.shown.index(video) for video in answer.value)
+    return TIE if answer.value == TIE else answer.shown.index(answer.value)
+
+
+def _content(participant: Participant) -> tuple:
+    return tuple(
+        (answer.trial, answer.question, str(answer.value), answer.ms)
+        for answer in participant.answers
+    )
+
 
 SLIDER_TOLERANCE = 5
 """How far from the number asked for a slider may stand: a thumb on a phone covers as much."""
@@ -31,7 +111,7 @@ class Screened:
     dropped: tuple[Dropped, ...]
     set_aside: tuple[Dropped, ...] = ()
     """Finished and attentive, but not by a link of theirs, where the study has links, or not as
-    anyone answers (`app.study.statistics.plausibility`)."""
+    anyone answers (`app.study.statistics.screening`)."""
 
 
 def screen(participants: Iterable[Participant], key: Key) -> Screened:

@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.findings.comparison import plain
-from app.findings.points import point_title
-from app.findings.samples import Ratio, ratio_of, samples_by_system
+from app.findings.comparison import Ratio, plain, point_title, ratio_of, samples_by_system
 from app.findings.sentences import CHANCE_SHIFTS, SPEEDS_OF, sentences_of
 from model.diagnostics import Versions
 from model.measures import beats

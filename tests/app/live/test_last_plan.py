@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from app.live.last_plan import LastPlan
+from app.live.minute import LastPlan
 from app.live.session import LiveAsk, LiveSession
 from app.live.told_plan import told_plan
 from model.generation.base import PlannedAhead

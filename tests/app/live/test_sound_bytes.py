@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from app.errors import RunError
-from app.live.sound_bytes import MAX_SOUND_BYTES, read_sound
+from app.live.session import MAX_SOUND_BYTES, read_sound
 from app.run.pieces import HEADER, NUM_FACES, frames_message
 from tests.helpers import smooth_motion_example
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from app.config import BUNDLED_WEIGHTS, EXAMPLES
 from app.page.player.first_look_shown import EXAMPLE
-from app.run.first_look import STORED, FirstLook, first_look, make_first_look
+from app.run.examples import STORED, FirstLook, first_look, make_first_look
 from model.systems.registry import usual_systems
 
 

@@ -13,7 +13,7 @@ import pytest
 from app.commands.cli import main
 from app.errors import CancelledRun, RunError
 from app.run.diagnose import DiagnoseRequest, diagnose_files, unique_names
-from app.run.planted import CLEAN
+from app.run.examples import CLEAN
 from model.motion.motion import save_motion
 from model.speech.transcript import read_transcript
 from tests.helpers import smooth_motion_example

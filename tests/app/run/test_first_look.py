@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from app.config import BUNDLED_WEIGHTS
-from app.run.first_look import STEADY, STORED, TREMBLING, make_first_look, take_stored
+from app.run.examples import STEADY, STORED, TREMBLING, make_first_look, take_stored
 from model.motion.motion import load_motion
 from tests.app.run.made_first_look import look_in
 

@@ -11,7 +11,7 @@ from app.errors import CancelledRun
 from app.run.pieces import HEADER, frames_message
 from app.run.pipeline import generate_all
 from app.run.requests.request import Artefact, Event, GenerateRequest, Piece
-from app.run.videos.register import in_register, register_of
+from app.run.videos.own_videos import in_register, register_of
 from model.motion.motion import Motion, load_motion
 from model.speech.audio import write_wav
 from tests.helpers import smooth_motion_example

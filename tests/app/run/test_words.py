@@ -8,8 +8,8 @@ import pytest
 
 from app.config import EXAMPLES
 from app.errors import CancelledRun, RunError
+from app.run.examples import CLEAN
 from app.run.pipeline import generate_all
-from app.run.planted import CLEAN
 from app.run.words import SpokenWords, given_words
 from model.speech.audio import load_speech
 from model.speech.transcript import NOTHING_SAID, TranscriptError, read_transcript

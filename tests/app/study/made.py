@@ -8,8 +8,7 @@ import numpy as np
 
 from app.study.design.fields import Fields
 from app.study.design.key import Expected, Key, Question, Trial, Video, write_key
-from app.study.simulate.raters import RaterModel, World
-from app.study.simulate.simulate import answers_file
+from app.study.simulate import RaterModel, World, answers_file
 from app.study.statistics.answers import Participant, participant_of
 from app.study.statistics.votes import Votes
 

@@ -14,11 +14,10 @@ from app.errors import CancelledRun, RunError
 from app.study.design.key import read_key
 from app.study.design.plan import read_plan
 from app.study.export import export_study
-from app.study.leaks.check import check_study
+from app.study.leaks import check_study
 from app.study.make import media
 from app.study.make.mp4 import read_mp4
-from app.study.make.options import ExportOptions
-from app.study.make.workspace import Workspace, sha256
+from app.study.make.workspace import ExportOptions, Workspace, sha256
 from model.motion.motion import load_motion, save_motion
 from model.speech.audio import write_wav
 from processes.pool import JobPool

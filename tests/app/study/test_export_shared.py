@@ -7,7 +7,7 @@ import pytest
 
 from app.study.design.plan import read_plan
 from app.study.export import export_study
-from app.study.make.options import ExportOptions
+from app.study.make.workspace import ExportOptions
 from processes.pool import JobPool
 from tests.app.study.made_study import draw_noise, tree, write_inputs, write_plan
 

@@ -20,7 +20,7 @@ from tests.tools.corpus.conftest import flite
 from tests.tools.corpus.made_motion import motion_of
 from tools.corpus.clip import make_clip
 from tools.corpus.people.rig import open_body_rig
-from tools.corpus.people.speakers import SPEAKERS
+from tools.corpus.people.speaker import SPEAKERS
 
 SKELETON = open_body_skeleton()
 CUT_FRAMES = 300

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.run.planted import CLEAN
+from app.run.examples import CLEAN
 from conventions.rates import SAMPLE_RATE
 from model.speech import recognised
 from model.speech.audio import load_speech

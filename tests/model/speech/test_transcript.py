@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.run.planted import CLEAN
+from app.run.examples import CLEAN
 from model.motion.motion import load_motion
 from model.speech.audio import load_speech
 from model.speech.transcript import (

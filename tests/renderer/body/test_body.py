@@ -10,14 +10,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from conventions.joints import JOINT_INDEX, NUM_JOINTS, PARENTS
+from conventions.joints import JOINT_INDEX, NUM_JOINTS, PARENTS, TIP_VERTICES
 from conventions.views import BUILDS, LOOKS, TONES
 from model.motion import kinematics
 from renderer.body.body import Body, BodyError, BodyMotion, load_body
-from renderer.body.body_file import OPEN_BODY_PATH
-from renderer.body.body_npz import MAX_FACES, MAX_VERTICES
+from renderer.body.body_file import MAX_FACES, MAX_VERTICES, OPEN_BODY_PATH
 from renderer.body.look import CLAY, COLORS, REGION_INDEX, REGION_NAMES, look_of
-from renderer.body.tip_vertices import TIP_VERTICES
 
 NUM_FRAMES = 7
 MADE_VERTICES = 10

@@ -8,16 +8,14 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from renderer.body.normals import VertexNormals
+from renderer.body.skinning import VertexNormals
 from renderer.draw.offscreen import GLBackend, GLError, OffscreenRenderer, open_gl
 from renderer.draw.probe import choose_gl
 from renderer.draw.software import SoftwareRenderer
 from renderer.scene.camera import Camera
-from renderer.scene.ground import ShadowGround
 from renderer.scene.stage import Stage
-from renderer.scene.studio import FramePreparer, PosedFrame, Studio, Subject
-from renderer.video.frames import draw_vertices
-from renderer.video.render import RenderSettings
+from renderer.scene.studio import FramePreparer, PosedFrame, ShadowGround, Studio, Subject
+from renderer.video.render import RenderSettings, draw_vertices
 from tests.helpers import ROOT
 
 pytestmark = pytest.mark.gl
@@ -171,7 +169,7 @@ def make_subject() -> tuple[Subject, PosedFrame]:
 def test_lights_are_added_up_in_one_order_wherever_they_lie_in_memory():
     """Else some pixels would differ by a grey level from process to process."""
     open_gl(gl_backend())
-    from renderer.draw.gl_scene import BodyScene
+    from renderer.draw.gl import BodyScene
 
     scenes = [BodyScene(*make_subject(), CAMERA, 4 / 3).scene for _ in range(20)]
     orders = {tuple(node.light.intensity for node in scene.light_nodes) for scene in scenes}

@@ -5,8 +5,8 @@ import pytest
 
 from conventions.views import BUILDS
 from renderer.body.body_file import OPEN_BODY_PATH, read_body_file
-from renderer.body.normals import VertexNormals
-from renderer.files.builds import STEP_M, builds_bytes
+from renderer.body.skinning import VertexNormals
+from renderer.files.glb import STEP_M, builds_bytes
 
 
 def test_every_build_comes_back_within_a_step() -> None:
@@ -21,6 +21,6 @@ def test_every_build_comes_back_within_a_step() -> None:
 
 
 def test_what_would_not_fit_is_no_build(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("renderer.files.builds.STEP_M", 1e-7)
+    monkeypatch.setattr("renderer.files.glb.STEP_M", 1e-7)
     with pytest.raises(ValueError, match="out of range"):
         builds_bytes()

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conventions.joints import JOINT_NAMES
+from conventions.joints import JOINT_NAMES, TIP_VERTICES
 from renderer.body.body import Body, BodyMotion, load_body
-from renderer.body.tip_vertices import TIP_VERTICES
 from renderer.files.bvh import write_bvh
 from tests.renderer.body.test_body import random_motion
 

@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis.extra import numpy as hnp
 
-from conventions.joints import JOINT_INDEX
+from conventions.joints import JOINT_INDEX, TIP_VERTICES
 from conventions.views import VIEWS
 from renderer.body.body import BodyMotion, load_body
-from renderer.body.tip_vertices import TIP_VERTICES
 from renderer.scene.camera import Camera, frame_points, outermost, view_axes
 from renderer.scene.panels import lay_out
 from renderer.scene.stage import camera_track, close_up_tracks, set_stage

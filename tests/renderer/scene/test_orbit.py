@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from renderer.body.body import load_body
-from renderer.scene.camera import Camera
-from renderer.scene.orbit import FARTHEST_M, STEEPEST_RAD, ZOOMS, Orbit
+from renderer.scene.camera import FARTHEST_M, STEEPEST_RAD, ZOOMS, Camera, Orbit
 from renderer.scene.panels import Panel
 from renderer.scene.stage import MIDDLE_M, camera_track, close_up_tracks, set_stage
 from tests.renderer.scene.test_camera import waving_motion

@@ -18,10 +18,8 @@ from renderer.draw.offscreen import GLError
 from renderer.draw.probe import choose_backend
 from renderer.scene.stage import set_stage
 from renderer.video.encoder import Cancelled, VideoError, read_facts
-from renderer.video.frames import PIECE_FRAMES
-from renderer.video.parallel import processes_worth
-from renderer.video.pool import RenderJob, RenderPool, RenderResult
-from renderer.video.render import RenderSettings, render_stills
+from renderer.video.pool import RenderJob, RenderPool, RenderResult, processes_worth
+from renderer.video.render import PIECE_FRAMES, RenderSettings, render_stills
 from renderer.video.worker_process import failure
 from tests.renderer.scene.test_camera import waving_motion
 from tests.renderer.video.test_encoder import processes_that_mention, tone, write_wav
@@ -286,7 +284,7 @@ def processes_that_draw() -> list[int]:
             folder = os.readlink(entry / "cwd")
         except OSError:  # it has just ended
             continue
-        if b"renderer.video.parallel" in words and folder == str(ROOT):
+        if b"renderer.video.pool" in words and folder == str(ROOT):
             found.append(int(entry.name))
     return found
 

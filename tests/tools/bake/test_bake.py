@@ -12,7 +12,7 @@ import pytest
 from conventions.joints import JOINT_INDEX, NUM_JOINTS, PARENTS
 from conventions.views import BUILDS
 from renderer.body.body_file import OPEN_BODY_PATH
-from tools.bake import geometry, mouth
+from tools.bake import face, geometry
 from tools.bake.builds import FIGURES, Posed, on_skeleton
 from tools.bake.geometry import Mesh
 from tools.bake.makehuman import Figure, SourceError, _macro_targets, find_source
@@ -124,7 +124,7 @@ def test_closed_lips_meet_and_leave_the_rest() -> None:
     lower = np.c_[x[::-1], np.full(5, -0.001), np.zeros(5)]
     positions = np.concatenate([upper, lower, [[0.0, 0.03, 0.0]]])
     quads = np.array([[0, 1, 2, 3], [4, 5, 6, 7], [8, 9, 10, 0]])
-    closed = mouth.with_closed_lips(positions, list(range(10)), quads)
+    closed = face.with_closed_lips(positions, list(range(10)), quads)
     np.testing.assert_allclose(closed[1:4, 1], 0, atol=1e-9)
     np.testing.assert_allclose(closed[6:9, 1], 0, atol=1e-9)
     np.testing.assert_array_equal(closed[10], positions[10])
@@ -156,7 +156,7 @@ def test_edge_loop_goes_round() -> None:
     grid = np.arange(around * high).reshape(high, around)
     a, b = grid[:-1], grid[1:]
     quads = np.stack([a, b, np.roll(b, -1, 1), np.roll(a, -1, 1)], -1).reshape(-1, 4)
-    assert sorted(mouth._edge_loop(quads, (8, 9))) == list(range(8, 16))
+    assert sorted(face._edge_loop(quads, (8, 9))) == list(range(8, 16))
 
 
 def test_dual_quaternions_move_rigidly_where_one_joint_rules() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from renderer.body.body import load_body
-from renderer.body.coarser import coarser_faces
+from renderer.body.look import coarser_faces
 from tools.bake.coarser import NUM_FACES, Surface, coarser, importance
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from tools.corpus.clip import Clip, make_clip
 from tools.corpus.people.rig import open_body_rig
-from tools.corpus.people.speakers import SPEAKERS
+from tools.corpus.people.speaker import SPEAKERS
 
 LIVELY, CALM = "ewan", "hana"
 

@@ -14,7 +14,7 @@ import pytest
 from tools.corpus import __main__ as command
 from tools.corpus import build
 from tools.corpus.build import CorpusError, build_corpus, plan_jobs
-from tools.corpus.people.speakers import SPEAKERS
+from tools.corpus.people.speaker import SPEAKERS
 
 TWO_CLIPS_H = 2 / 60
 

@@ -14,7 +14,7 @@ from tools.corpus.clip import Clip, make_clip
 from tools.corpus.gesture.gestures import REST
 from tools.corpus.gesture.plan import Key, Plan
 from tools.corpus.people.rig import forward_kinematics, matrices, open_body_rig
-from tools.corpus.people.speakers import SPEAKERS, Speaker
+from tools.corpus.people.speaker import SPEAKERS, Speaker
 
 from .conftest import CALM, LIVELY
 

@@ -7,7 +7,7 @@ from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
 from tools.corpus.clip import Clip, make_clip
 from tools.corpus.people.rig import matrices, open_body_rig
-from tools.corpus.people.speakers import SPEAKERS
+from tools.corpus.people.speaker import SPEAKERS
 from tools.corpus.words.prosody import LISTENING_S
 
 from .test_clip import kinematics, speed_deg_s

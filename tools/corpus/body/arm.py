@@ -8,10 +8,65 @@ from scipy.spatial.transform import Rotation
 
 from conventions.joints import JOINT_INDEX
 from model.motion.limb import about_axis, hinge_frame, unit
-from tools.corpus.body.channels import DEVIATION, PRONATION, WRIST_FLEX
-from tools.corpus.body.ik import bone_rotations, two_bone_ik
-from tools.corpus.body.signals import low_pass
+from tools.corpus.body.signals import DEVIATION, PRONATION, WRIST_FLEX, low_pass, minimum_jerk
 from tools.corpus.people.rig import SIDE_SIGN, Rig, euler_matrices, transposed
+
+
+def two_bone_ik(
+    root: Float[np.ndarray, "T 3"],
+    target: Float[np.ndarray, "T 3"],
+    upper: Float[np.ndarray, " 3"],
+    lower: Float[np.ndarray, " 3"],
+    hinge: Float[np.ndarray, " 3"],
+    pole: Float[np.ndarray, "T 3"],
+) -> tuple[Float[np.ndarray, "T 3 3"], Float[np.ndarray, "T 3 3"], Float[np.ndarray, "T 3"]]:
+    """Rotations of both bones that bring the lower bone's end to the target.
+
+    A target near or past full stretch is approached softly, so that the middle joint never snaps.
+
+    Args:
+        root: where the upper bone begins.
+        target: where the lower bone shall end.
+        upper: the upper bone at rest.
+        lower: the lower bone at rest.
+        hinge: the middle joint's axis at rest.
+        pole: the direction in which the middle joint lies off the line from root to target.
+
+    Returns:
+        The upper bone's rotation, the lower bone's rotation, the lower bone's unit direction.
+    """
+    a, b = np.linalg.norm(upper), np.linalg.norm(lower)
+    reach = target - root
+    distance = np.linalg.norm(reach, axis=-1, keepdims=True)
+    limit = 0.985 * (a + b)
+    soft = limit - 0.06 * (a + b)
+    bent = soft + (limit - soft) * (1 - np.exp(-(distance - soft) / (limit - soft)))
+    distance = np.maximum(np.where(distance > soft, bent, distance), abs(a - b) + 0.05)
+    towards = unit(reach)
+    along = (a * a - b * b + distance**2) / (2 * distance)
+    height = np.sqrt(np.maximum(a * a - along**2, 1e-8))
+    aside = unit(pole - (pole * towards).sum(-1, keepdims=True) * towards)
+    middle = towards * along + aside * height
+    upper_direction = unit(middle)
+    lower_direction = unit(towards * distance - middle)
+    upper_rot, lower_rot = bone_rotations(upper_direction, lower_direction, upper, lower, hinge)
+    return upper_rot, lower_rot, lower_direction
+
+
+def bone_rotations(
+    upper_direction: Float[np.ndarray, "T 3"],
+    lower_direction: Float[np.ndarray, "T 3"],
+    upper: Float[np.ndarray, " 3"],
+    lower: Float[np.ndarray, " 3"],
+    hinge: Float[np.ndarray, " 3"],
+) -> tuple[Float[np.ndarray, "T 3 3"], Float[np.ndarray, "T 3 3"]]:
+    """Rotations that turn two bones there and the hinge between them across both."""
+    axis = unit(np.cross(upper_direction, lower_direction))
+    upper_rest = hinge_frame(upper[None], hinge[None])[0]
+    lower_rest = hinge_frame(lower[None], hinge[None])[0]
+    upper_rot = hinge_frame(upper_direction, axis) @ upper_rest.T
+    return upper_rot, hinge_frame(lower_direction, axis) @ lower_rest.T
+
 
 UPPER_ARM_LAG_S = 0.08
 
@@ -126,3 +181,22 @@ def with_less_twist(
     twist = Rotation.from_matrix(upper @ transposed(swing)).as_rotvec()
     along = (twist * direction).sum(axis=1, keepdims=True)
     return Rotation.from_rotvec(direction * along * share).as_matrix() @ swing
+
+
+def within_reach(arm: Arm, hand: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "T C"]:
+    """Not too far to the side, not too high, not too near to the shoulder."""
+    hand = hand.copy()
+    out = _soft_ceiling(hand[:, 0] * arm.sign, 0.33, 0.07)
+    hand[:, 0] = arm.sign * np.maximum(out, -0.05)
+    hand[:, 1] = _soft_ceiling(hand[:, 1], 0.20, 0.07)
+    # A raised hand keeps off the shoulder: the elbow would fold up and the arm spin.
+    raised = minimum_jerk((hand[:, 1] + 0.05) / 0.15)
+    nearest = 0.19 * raised - 1.0 * (1 - raised)
+    hand[:, 2] = -_soft_ceiling(-hand[:, 2], -nearest - 0.04, 0.04)
+    return hand
+
+
+def _soft_ceiling(value: np.ndarray, limit: np.ndarray | float, margin: float) -> np.ndarray:
+    """The value, bent over smoothly above ``limit`` and never past ``limit + margin``."""
+    over = np.maximum(value - limit, 0.0)
+    return np.where(value > limit, limit + margin * np.tanh(over / margin), value)

@@ -17,22 +17,26 @@ from tools.corpus.body.arm import (
     pronation_for,
     solve_arm,
     with_less_twist,
+    within_reach,
 )
-from tools.corpus.body.channels import (
+from tools.corpus.body.contact import Hips, hand_balls, push_apart, push_off_trunk
+from tools.corpus.body.hand_life import add_life, trailing
+from tools.corpus.body.signals import (
     ELBOW_OUT,
     FINGERS,
     NUM_CHANNELS,
     POSITION,
     WRIST_FLEX,
+    bump,
+    frame_times,
+    low_pass,
+    minimum_jerk,
+    smooth_noise,
 )
-from tools.corpus.body.contact import Hips, hand_balls, push_apart, push_off_trunk
-from tools.corpus.body.hand_life import add_life, trailing
-from tools.corpus.body.reach import within_reach
-from tools.corpus.body.signals import bump, frame_times, low_pass, minimum_jerk, smooth_noise
-from tools.corpus.gesture.hand_shapes import finger_rotations
+from tools.corpus.gesture.gestures import finger_rotations
 from tools.corpus.gesture.plan import CycleSpan, Key, Plan
 from tools.corpus.people.rig import SIDES, Rig, transposed
-from tools.corpus.people.speakers import Speaker
+from tools.corpus.people.speaker import Speaker
 
 SHOULDER_TWIST_SHARE = 0.3  # of the humeral twist; the elbow joint takes the rest
 STILL = 0.85  # of the hands' own life is gone while the speaker listens

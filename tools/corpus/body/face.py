@@ -11,7 +11,7 @@ from conventions.rates import FPS
 from tools.corpus.body.events import Blink, BrowMove, Fixation, Smile
 from tools.corpus.body.signals import frame_times, gaussian_bump, minimum_jerk, smooth_line
 from tools.corpus.body.trunk import Trunk
-from tools.corpus.people.speakers import Speaker
+from tools.corpus.people.speaker import Speaker
 from tools.corpus.people.voice import PAUSE
 from tools.corpus.words.prosody import Utterance
 

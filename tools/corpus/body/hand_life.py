@@ -9,11 +9,19 @@ from scipy.spatial.transform import Rotation
 
 from conventions.rates import FPS
 from tools.corpus.body.arm import Arm
-from tools.corpus.body.channels import DEVIATION, FINGERS, POSITION, PRONATION, WRIST_FLEX
-from tools.corpus.body.signals import low_pass, smooth_line, smooth_noise
-from tools.corpus.gesture.hand_shapes import ABDUCTION, FLEX, SHAPE_SIZE, THUMB
+from tools.corpus.body.signals import (
+    DEVIATION,
+    FINGERS,
+    POSITION,
+    PRONATION,
+    WRIST_FLEX,
+    low_pass,
+    smooth_line,
+    smooth_noise,
+)
+from tools.corpus.gesture.gestures import ABDUCTION, FLEX, SHAPE_SIZE, THUMB
 from tools.corpus.people.rig import SIDES
-from tools.corpus.people.speakers import Speaker
+from tools.corpus.people.speaker import Speaker
 
 
 def add_life(

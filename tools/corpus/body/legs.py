@@ -20,7 +20,7 @@ from tools.corpus.body.signals import (
 )
 from tools.corpus.body.trunk import CALMER, Trunk
 from tools.corpus.people.rig import SIDE_SIGN, SIDES, Rig, euler_matrices, transposed
-from tools.corpus.people.speakers import Speaker
+from tools.corpus.people.speaker import Speaker
 from tools.corpus.words.prosody import Span
 
 STANCE_HALF_WIDTH_M = 0.125

@@ -1,10 +1,12 @@
-"""Curves in time at 30 frames per second: minimum-jerk moves, bumps, smooth noise, sway."""
+"""Curves in time at 30 fps: moves, bumps, noise, sway, the channels of a hand, quiet."""
 
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
 from conventions.rates import FPS
+from tools.corpus.gesture.gestures import SHAPE_SIZE
+from tools.corpus.words.prosody import Utterance
 
 
 def minimum_jerk(phase: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
@@ -66,3 +68,28 @@ def sway(
 def sway_line(rng: np.random.Generator, num_frames: int, sd: float) -> Float[np.ndarray, " T"]:
     """One channel of ``sway``."""
     return sway(rng, num_frames, sd, 1)[:, 0]
+
+
+POSITION = slice(0, 3)  # metres, chest frame, x to the body's left
+PRONATION, WRIST_FLEX, DEVIATION, ELBOW_OUT = 3, 4, 5, 6  # degrees, degrees, degrees, no unit
+FINGERS = slice(7, 7 + SHAPE_SIZE)
+NUM_CHANNELS = 7 + SHAPE_SIZE
+
+
+SETTLES_S = (0.2, 1.1)  # after the last word
+WAKES_S = (0.6, 0.0)  # before the next
+
+
+def quiet(utterance: Utterance, time_s: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:
+    """0 to 1: the body settles when it begins to listen, and wakes shortly before it speaks."""
+    level = np.zeros(len(time_s))
+    for span in utterance.listening:
+        rise, fall = np.ones(len(time_s)), np.zeros(len(time_s))
+        if span.start_s > 0:
+            begin, end = SETTLES_S
+            rise = minimum_jerk((time_s - span.start_s - begin) / (end - begin))
+        if span.end_s < utterance.duration_s:
+            begin, end = WAKES_S
+            fall = minimum_jerk((time_s - span.end_s + begin) / (begin - end))
+        level += rise - fall
+    return np.clip(level, 0.0, 1.0)

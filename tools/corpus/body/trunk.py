@@ -17,7 +17,7 @@ from tools.corpus.body.signals import (
     sway_line,
 )
 from tools.corpus.people.rig import euler_matrices
-from tools.corpus.people.speakers import Speaker
+from tools.corpus.people.speaker import Speaker
 from tools.corpus.words.prosody import Utterance
 
 PELVIS_TILT_DEG = -11.0

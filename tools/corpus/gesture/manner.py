@@ -6,8 +6,16 @@ from typing import TypeVar
 
 import numpy as np
 
-from tools.corpus.gesture.gestures import NEUTRAL, REST, Gesture, HandPose
-from tools.corpus.gesture.hand_shapes import ABDUCTION, FLEX, SHAPES, THUMB
+from tools.corpus.gesture.gestures import (
+    ABDUCTION,
+    FLEX,
+    NEUTRAL,
+    REST,
+    SHAPES,
+    THUMB,
+    Gesture,
+    HandPose,
+)
 from tools.corpus.people.speaker import Speaker
 
 IDLE_SHAPES = ("relaxed", "lazy", "half_open", "bowl", "soft_pinch")

@@ -10,11 +10,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from model.plan.plan import Phase
-from tools.corpus.gesture.choice import Choice
-from tools.corpus.gesture.gestures import GESTURES, HandPose
-from tools.corpus.gesture.hand_shapes import FLEX
+from tools.corpus.gesture.choice import Choice, Places
+from tools.corpus.gesture.gestures import FLEX, GESTURES, HandPose
 from tools.corpus.gesture.manner import Manner, distance_from_neutral
-from tools.corpus.gesture.places import Places
 from tools.corpus.people.rig import SIDE_SIGN, SIDES
 from tools.corpus.people.speaker import Speaker
 from tools.corpus.words.prosody import Phrase, Utterance

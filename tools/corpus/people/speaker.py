@@ -1,8 +1,11 @@
-"""What a speaker is: a voice and a gesture style."""
+"""Who speaks: a voice and a gesture style each, as ``speakers.toml`` beside this tells them."""
 
+import tomllib
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
+from model.storage.cards import from_dict
 from tools.corpus.people.rig import SIDES
 from tools.corpus.people.voice import Voice
 
@@ -82,3 +85,10 @@ class Speaker:
         if side == self.other_hand and self.other_rest:
             return self.other_rest
         return self.ready if chance < 0.7 else self.rest
+
+
+_FILE = Path(__file__).with_name("speakers.toml")
+
+SPEAKERS: tuple[Speaker, ...] = tuple(
+    from_dict(Speaker, told) for told in tomllib.loads(_FILE.read_text("utf-8"))["speakers"]
+)

@@ -13,7 +13,7 @@ from tools.corpus.body.trunk import PELVIS_TILT_DEG, SPINE
 from tools.corpus.gesture.gestures import GESTURES, REST, HandPose
 from tools.corpus.gesture.plan import Key, Plan
 from tools.corpus.people.rig import SIDES, Rig, euler_matrices, forward_kinematics
-from tools.corpus.people.speakers import SPEAKERS
+from tools.corpus.people.speaker import SPEAKERS
 
 SIDE_COLOURS = {"left": "#0072B2", "right": "#D55E00"}
 BODY_COLOUR = "#555555"

@@ -9,7 +9,7 @@ from scipy.ndimage import map_coordinates
 from conventions.rates import SAMPLE_RATE
 from tools.corpus.people.speaker import Speaker
 from tools.corpus.people.voice import PAUSE, Phone, say, words_of
-from tools.corpus.words.texts import Split, talk
+from tools.corpus.words.grammar import Split, talk
 
 FUNCTION_WORDS = frozenset(
     """a an the and or but so of to in on at for from with by as is are was were be been am it its

@@ -13,7 +13,7 @@ from app import text
 from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.asked import form_of
-from app.page.parts.strength import USUAL, strength_choices, strength_of
+from app.page.parts.catalogue import USUAL, strength_choices, strength_of
 from app.page.tabs.services import Services
 from app.page.tabs.systems.measured_figure import FigureRunner, build_measuring_sheet
 from model.storage.cards import CALM_AND_LIVELY

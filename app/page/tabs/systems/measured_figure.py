@@ -14,14 +14,11 @@ import gradio as gr
 from app import text
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
-from app.page.parts.html_parts import mount, reveal_on_click, shown
-from app.page.parts.listeners import AT_ONCE, IN_TURN
-from app.page.parts.named_fields import named_fields
-from app.page.queue.follow import last_share
-from app.page.queue.in_turn import Updates
+from app.page.parts.html_parts import AT_ONCE, IN_TURN, mount, named_fields, reveal_on_click, shown
+from app.page.queue.in_turn import Updates, last_share
 from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner
-from app.page.results.figures_shown import FiguresShown
+from app.page.results.result_parts import FiguresShown
 from app.page.tabs.services import Services
 from app.run.output.telling import share_teller
 from app.run.requests.request import Event, OnEvent, ShouldCancel

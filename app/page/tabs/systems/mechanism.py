@@ -13,18 +13,16 @@ import gradio as gr
 
 from app import text
 from app.page.parts import markup
-from app.page.parts.html_parts import player_part, reveal_on_click, shown
-from app.page.parts.listeners import AT_ONCE
+from app.page.parts.html_parts import AT_ONCE, player_part, reveal_on_click, shown
 from app.page.player.player import NOTHING, Showing, own_writers, picture_layout
-from app.page.queue.follow import last_share
-from app.page.queue.in_turn import Updates
+from app.page.queue.in_turn import Updates, last_share
 from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner
 from app.page.routes.media import MediaAddresses
 from app.page.tabs.services import Services
+from app.run.examples import CLEAN
 from app.run.experiments.mechanism import NAMES, NOISE_RAD, MechanismRequest
 from app.run.output.telling import share_teller
-from app.run.planted import CLEAN
 from app.run.requests.request import Artefact, Event, OnEvent, ShouldCancel
 from app.run.videos.own_videos import OnFile
 

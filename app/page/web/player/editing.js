@@ -126,7 +126,7 @@ export class Editing {
     }, make("div", { class: "row head" }, this.toggle, this.said), this.body);
   }
 
-  /** What the server is asked for, as app/page/tabs/generate/takes_run.py reads it. */
+  /** What the server is asked for, as app/page/tabs/takes_run.py reads it. */
   get asked() {
     return JSON.stringify(this.#asked);
   }

@@ -17,7 +17,7 @@ const FULL = 32767; // of a normal's part
  */
 export const theBuilds = fetchedOnce(async (mesh, told) => readBuilds(await fetched(BUILDS_URL, new AbortController().signal), mesh, told));
 
-/** As renderer/files/builds.py writes them; the first of the names is the mesh itself. */
+/** As renderer/files/glb.py writes them; the first of the names is the mesh itself. */
 export function readBuilds(content, { positions, normals }, { names, step }) {
   const size = positions.length;
   if (content.byteLength !== 4 * size * (names.length - 1)) throw new Error("The page is of another version; load it again.");

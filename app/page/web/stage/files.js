@@ -2,7 +2,7 @@
 
 import { icon, make } from "../dom.js";
 
-/** By what stands behind the address of a motion, as app/page/routes/motion_files.py has them. */
+/** By what stands behind the address of a motion, as app/page/routes/media.py has them. */
 const KINDS = {
   glb: [".glb", "moving body, for 3D viewers (GLB)"],
   bvh: [".bvh", "skeleton, for animation programs (BVH)"],

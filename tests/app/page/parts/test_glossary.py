@@ -5,7 +5,7 @@ from html.parser import HTMLParser
 import pytest
 
 from app import text
-from app.page.parts.glossary import WORDS, explained
+from app.page.parts.markup import WORDS, explained
 
 
 class Read(HTMLParser):

@@ -9,8 +9,7 @@ from app.page.parts.catalogue import Catalogue, Example
 from app.page.player.first_look_shown import EXAMPLE, FirstLooks, question
 from app.page.queue.jobs import JobBook
 from app.page.routes.media import MediaAddresses
-from app.run.first_look import FACTS, STEADY, TREMBLING, FirstLook, first_look
-from app.run.planted import CLEAN
+from app.run.examples import CLEAN, FACTS, STEADY, TREMBLING, FirstLook, first_look
 from model.motion.motion import load_motion, save_motion
 from model.systems.globaldiff.config import BEST
 

@@ -1,6 +1,6 @@
 import numpy as np
 
-from app.page.player.worst import worst_seconds
+from app.page.player.timeline import worst_seconds
 
 
 def point(num_frames: int, **trembles: float) -> np.ndarray:

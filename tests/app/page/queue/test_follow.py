@@ -6,7 +6,7 @@ import pytest
 
 from app import text
 from app.errors import RunError, sentence_of, visitor_sentence
-from app.page.queue.follow import follow_run
+from app.page.queue.in_turn import follow_run
 from app.page.queue.jobs import Job, JobBook
 from app.run.requests.request import Artefact, GenerateRequest, GenerateResult, Progress
 from tests.app import fakes

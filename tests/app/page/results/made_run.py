@@ -3,9 +3,8 @@
 from pathlib import Path
 
 from app.page.queue.jobs import Job, Tab
-from app.page.results.ended_run import EndedRun
-from app.page.results.figures_shown import FiguresShown
-from app.page.results.kept_runs import KeptRun, KeptRuns
+from app.page.results.kept_runs import EndedRun, KeptRun, KeptRuns
+from app.page.results.result_parts import FiguresShown
 from app.page.routes.media import MediaAddresses
 from model.diagnostics import Diagnostics
 from tests.app.fakes import measures

@@ -1,6 +1,6 @@
 from pathlib import Path
 
-from app.page.results.figures_shown import FiguresShown
+from app.page.results.result_parts import FiguresShown
 from app.page.routes.media import MediaAddresses
 from app.run.requests.request import Artefact
 from app.text import FIGURES

@@ -11,6 +11,7 @@ from fastapi import FastAPI
 from starlette.testclient import TestClient
 
 from app.errors import RunError
+from app.page.alone import run_page_routes
 from app.page.player.player import Showing, own_writers, picture_layout
 from app.page.results.kept_runs import KeptRuns
 from app.page.results.run_file import (
@@ -22,7 +23,6 @@ from app.page.results.run_file import (
     save_run,
 )
 from app.page.routes.media import MediaAddresses
-from app.page.run_page import run_page_routes
 from app.run.diagnose import DiagnoseRequest
 from app.run.requests.request import Artefact
 from conventions.names import REFERENCE_NAME

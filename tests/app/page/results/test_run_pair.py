@@ -11,8 +11,7 @@ import pytest
 
 from app import text
 from app.page.player.player import NOTHING, Showing, Writers
-from app.page.results.ended_run import EndedRun
-from app.page.results.kept_runs import KeptRuns, address_of
+from app.page.results.kept_runs import EndedRun, KeptRuns, address_of
 from app.page.results.run_pair import (
     RunPair,
     jerk_line,

@@ -7,8 +7,7 @@ import pytest
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
-from app.page.routes.media import MediaAddresses
-from app.page.routes.motion_files import ENDINGS, motion_file_routes
+from app.page.routes.media import ENDINGS, MediaAddresses, motion_file_routes
 from app.page.visitors.visitors import COOKIE
 from model.motion.motion import save_motion
 from tests.app.fakes import made_motion

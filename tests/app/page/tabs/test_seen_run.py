@@ -11,7 +11,7 @@ import pytest
 from app import text
 from app.errors import RunError
 from app.page.results.result_parts import build_results
-from app.page.tabs.seen_run import Asked, DrawSeen, SeenRunner
+from app.page.tabs.videos_run import Asked, DrawSeen, SeenRunner
 from app.run.requests.request import OnEvent, Progress, ShouldCancel
 from app.run.videos.seen_video import SeenRequest, SeenVideo
 from tests.app.fakes import made_services

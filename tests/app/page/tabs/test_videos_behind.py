@@ -14,7 +14,7 @@ from app.errors import RunError
 from app.page.player.player import Showing, Writers
 from app.page.results.result_parts import build_results
 from app.page.routes.media import MediaAddresses
-from app.page.tabs.videos_behind import Draw, VideosBehind, Wanted
+from app.page.tabs.videos_run import Draw, VideosBehind, Wanted
 from app.run.output.result_folder import zip_files
 from app.run.requests.request import Artefact
 from app.run.videos.behind import VideosRequest

@@ -10,7 +10,7 @@ import torch
 from scipy.linalg import sqrtm
 
 from app.errors import RunError
-from app.run.many.emage_distance import LEAST_CODES, TITLE, emage_distances, keep_codes
+from app.run.many.distances import EMAGE_TITLE, LEAST_CODES, emage_distances, keep_codes
 from app.run.many.motions import ManyRequest, diagnose_folders
 from model.motion.motion import Motion, save_motion
 from model.storage.cards import CheckpointError
@@ -35,7 +35,7 @@ def weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def few_draws(monkeypatch: pytest.MonkeyPatch):
     """Which take the time."""
-    monkeypatch.setattr("app.run.many.emage_distance.DRAWS", NUM_DRAWS)
+    monkeypatch.setattr("app.run.many.distances.DRAWS", NUM_DRAWS)
 
 
 def _motions(frames: int, seed: int) -> dict[str, Motion]:
@@ -67,7 +67,7 @@ def test_distances_are_those_of_all_codes_and_of_each_draw(weights: Path, tmp_pa
     lively, apart, calm = emage_distances(["lively", "calm", "reference"], frames).rows
     for row, name, other in ((lively, "lively", ""), (calm, "calm", "")):
         wanted = [told[name][0], *np.percentile(told[name][1:], [2.5, 97.5])]
-        assert row[:4] == (TITLE, "", name, 3) and row[7] == other
+        assert row[:4] == (EMAGE_TITLE, "", name, 3) and row[7] == other
         assert row[4:7] == pytest.approx(wanted, rel=1e-5)
     values = told["lively"] - told["calm"]
     assert apart[2:7] == ("lively", 3, "", "", "") and apart[7] == "calm"
@@ -93,7 +93,7 @@ def _asked(top: Path, weights: Path) -> ManyRequest:
 def test_tables_tell_them_and_codes_are_kept(
     weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("app.run.many.emage_distance.LEAST_CODES", 8)
+    monkeypatch.setattr("app.run.many.distances.LEAST_CODES", 8)
     _save_sets(tmp_path)
     request = _asked(tmp_path, weights)
     diagnose_folders(request)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.commands.cli import main
-from app.commands.terminal import ProgressBar
+from app.commands.said import ProgressBar
 from app.errors import RunError
 from app.run.many.speeches import RECORD, find_speeches, generate_many, is_many
 from app.run.requests.request import GenerateRequest

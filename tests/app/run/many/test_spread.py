@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from app.findings.measure_rows import MEASURES
-from app.run.many.spread import LEAST_CLIPS, draw_spread
+from app.run.many.table import LEAST_CLIPS, draw_spread
 from conventions.names import REFERENCE_NAME
 
 

@@ -11,8 +11,7 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import RunError
-from app.run.output.held_folder import LOCK_NAME, held_folder
-from app.run.output.result_folder import ResultFolder, remove_unfinished
+from app.run.output.result_folder import LOCK_NAME, ResultFolder, held_folder, remove_unfinished
 from model.motion.motion import save_motion
 from tests.app.study.made_study import write_inputs, write_plan
 from tests.helpers import ROOT, smooth_motion_example

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.run.planted import CLEAN
+from app.run.examples import CLEAN
 from app.run.requests.upload_check import refusal_of
 from model.speech.audio import write_wav
 from tests.model.made import made_waveform

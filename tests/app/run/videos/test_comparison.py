@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.run.examples import CLEAN
 from app.run.followed_point import choose_tip_source
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import Reporter
-from app.run.planted import CLEAN
 from app.run.requests.request import GenerateRequest
 from app.run.videos import comparison
 from app.run.videos.comparison import Row, draw_all

@@ -3,7 +3,7 @@
 import numpy as np
 
 from app.run.body_motion import body_motion
-from app.run.videos.jerk_marks import AROUND_FRAMES, LEAST_FULL_SCALE, jerk_marks
+from app.run.videos.comparison import AROUND_FRAMES, LEAST_FULL_SCALE, jerk_marks
 from conventions.joints import JOINT_INDEX
 from renderer.body.body import load_body
 from renderer.scene.stage import set_stage

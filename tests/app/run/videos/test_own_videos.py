@@ -8,11 +8,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from app.run.diagnose import DiagnoseRequest, diagnose_files
-from app.run.planted import CLEAN, FAULTY, TWO_MINUTES, planted_files, tremble, with_faults
+from app.run.examples import CLEAN, FAULTY, TWO_MINUTES, planted_files, tremble, with_faults
 from app.run.requests.request import Artefact
 from app.run.videos import own_videos
-from app.run.videos.own_videos import VideoOptions, picture_motions
-from app.run.videos.register import SOLE_M, in_register
+from app.run.videos.own_videos import SOLE_M, VideoOptions, in_register, picture_motions
 from conventions.joints import JOINT_INDEX
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, load_motion, save_motion

@@ -6,8 +6,8 @@ import pytest
 
 from app.errors import RunError
 from app.run.requests.display import Display
-from app.run.videos.seen import BODY, MAX_BODIES, MAX_SHOWN, Mode, Seen, SeenPanel
-from renderer.scene.orbit import Orbit
+from app.run.videos.seen_video import BODY, MAX_BODIES, MAX_SHOWN, Mode, Seen, SeenPanel
+from renderer.scene.camera import Orbit
 
 PANELS = (
     SeenPanel(BODY, 0, 0, 240, 300),

@@ -11,12 +11,20 @@ from app.errors import CancelledRun, RunError
 from app.run.requests.display import Display
 from app.run.requests.request import Progress
 from app.run.videos import seen_video
-from app.run.videos.seen import BODY, Mode, Seen, SeenPanel
-from app.run.videos.seen_video import NAME, SeenBody, SeenRequest, draw_seen
+from app.run.videos.seen_video import (
+    BODY,
+    NAME,
+    Mode,
+    Seen,
+    SeenBody,
+    SeenPanel,
+    SeenRequest,
+    draw_seen,
+)
 from conventions.joints import JOINT_INDEX
 from model.motion.motion import Motion, save_motion
 from model.speech.audio import write_wav
-from renderer.scene.orbit import Orbit
+from renderer.scene.camera import Orbit
 from renderer.video.compose import band_height
 from tests.app.fakes import made_motion
 from tests.model.made import made_waveform

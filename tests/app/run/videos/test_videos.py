@@ -9,7 +9,7 @@ import pytest
 
 from app.run.videos import videos
 from renderer.video import pool
-from renderer.video.job import RenderJob, RenderResult
+from renderer.video.worker_process import RenderJob, RenderResult
 from tests.renderer.scene.test_camera import waving_motion
 
 

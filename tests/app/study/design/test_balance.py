@@ -5,7 +5,7 @@ from collections import Counter
 
 import pytest
 
-from app.study.design.balance import is_first_left, measure_balance, williams_square
+from app.study.design.trials import is_first_left, measure_balance, williams_square
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 4, 5, 6, 9, 18])

@@ -10,8 +10,7 @@ import pytest
 
 from app.errors import RunError
 from app.study.make import media
-from app.study.make.h264 import fill_alike, frames_of, num_picture_bytes
-from app.study.make.mp4 import read_mp4
+from app.study.make.mp4 import fill_alike, frames_of, num_picture_bytes, read_mp4
 from renderer.video.encoder import ffmpeg_path
 from tests.app.study.made_study import ffmpeg
 from tests.model.made import made_waveform

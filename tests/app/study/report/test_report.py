@@ -13,10 +13,8 @@ from app.study.analyse import analyse
 from app.study.design.key import Key
 from app.study.report import text
 from app.study.report.tables import latex_table
-from app.study.simulate.raters import ALIKE, RaterModel, World
-from app.study.simulate.simulate import answers_file
-from app.study.statistics.power import smallest_share_detected
-from app.study.statistics.preference import share_of
+from app.study.simulate import ALIKE, RaterModel, World, answers_file
+from app.study.statistics.preference import share_of, smallest_share_detected
 from app.study.statistics.results import PairResult, SystemResult, analyse_participants
 from tests.app.study.made import (
     STRENGTHS,

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from app.study.statistics.agreement import Level, krippendorff_alpha
+from app.study.statistics.means import Level, krippendorff_alpha
 
 # Krippendorff 2011, "Computing Krippendorff's Alpha-Reliability", example C: four observers.
 PUBLISHED = """

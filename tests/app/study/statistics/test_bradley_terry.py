@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from app.study.simulate.raters import ALIKE, davidson
+from app.study.simulate import ALIKE, davidson
 from app.study.statistics.bradley_terry import PRIOR_SD, fit_strengths
 from app.study.statistics.votes import Votes, pair_votes
 from tests.app.study.made import STRENGTHS, made_key, made_participants, made_votes

@@ -9,8 +9,7 @@ import pytest
 
 from app.study.analyse import analyse
 from app.study.statistics.answers import Participant
-from app.study.statistics.plausibility import doubts
-from app.study.statistics.screening import screen
+from app.study.statistics.screening import doubts, screen
 from tests.app.study.made import made_files, made_key, made_participants, written_study
 
 KEY = replace(made_key(num_clips=6), video_s=2.0)

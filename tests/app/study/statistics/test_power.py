@@ -1,7 +1,7 @@
 import pytest
 from scipy import stats
 
-from app.study.statistics.power import POWER, smallest_share_detected
+from app.study.statistics.preference import POWER, smallest_share_detected
 
 
 @pytest.mark.parametrize(("count", "alpha"), [(6, 0.05), (28, 0.05), (28, 0.05 / 6), (280, 0.05)])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from renderer.figures.figure6.crop import crop_alike
+from renderer.figures.figure6.snapshots import crop_alike
 
 
 def test_crop_keeps_all_content_at_one_size() -> None:

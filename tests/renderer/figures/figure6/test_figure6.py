@@ -12,10 +12,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from renderer.figures.figure6.crop import crop_alike
-from renderer.figures.figure6.draw import draw_figure6
-from renderer.figures.figure6.figure6 import figure6
-from renderer.figures.figure6.marks import JointMarks
+from renderer.figures.figure6.figure6 import draw_figure6, figure6
+from renderer.figures.figure6.snapshots import JointMarks, crop_alike
 from renderer.figures.figure6.spec import (
     ONE_SEED_CAVEAT,
     Figure6,

@@ -5,10 +5,9 @@ import pytest
 
 from conventions.joints import JOINT_INDEX, JOINT_NAMES
 from renderer.body.body import BodyMotion, load_body
-from renderer.figures.figure6.marks import CORE_RGB, mark_joints
+from renderer.figures.figure6.snapshots import CORE_RGB, mark_joints
 from renderer.scene.stage import set_stage
-from renderer.video.projection import projected_joints
-from renderer.video.render import RenderSettings, render_stills
+from renderer.video.render import RenderSettings, projected_joints, render_stills
 
 LIMBS = [
     JOINT_INDEX[name]

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from renderer.figures.figure6.draw import draw_figure6
-from renderer.figures.figure6.spec import check_figure6
-from renderer.figures.figure6.tremble import MIN_FRAMES, off_the_slow_path
+from renderer.figures.figure6.figure6 import draw_figure6
+from renderer.figures.figure6.spec import MIN_FRAMES, check_figure6, off_the_slow_path
 from renderer.figures.files import matplotlib_settings
 
 FPS = 30.0

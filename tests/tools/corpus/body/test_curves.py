@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from conventions.rates import FPS
 from model.motion.limb import HingedLimb
-from tools.corpus.body.ik import two_bone_ik
+from tools.corpus.body.arm import two_bone_ik
 from tools.corpus.body.signals import bump, minimum_jerk, smooth_noise, sway_line
 from tools.corpus.people.rig import forward_kinematics, matrices, open_body_rig
 

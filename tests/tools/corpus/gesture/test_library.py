@@ -5,17 +5,19 @@ import pytest
 
 from conventions.joints import JOINT_INDEX
 from tools.corpus.gesture.gestures import (
+    FLEX,
     GENERIC,
     GESTURES,
     KEYWORDS,
     ONLY_WHEN_STRESSED,
     REST,
+    SHAPES,
     HandPose,
+    finger_rotations,
 )
-from tools.corpus.gesture.hand_shapes import FLEX, SHAPES, finger_rotations
 from tools.corpus.gesture.manner import BEAT_SHAPES, IDLE_SHAPES
 from tools.corpus.people.rig import SIDES
-from tools.corpus.people.speakers import SPEAKERS
+from tools.corpus.people.speaker import SPEAKERS
 
 
 def test_there_are_at_least_25_hand_shapes_apart_from_each_other() -> None:

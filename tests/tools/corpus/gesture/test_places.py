@@ -4,10 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from tools.corpus.gesture.choice import STALE, Choice
+from tools.corpus.gesture.choice import (
+    STALE,
+    Choice,
+    Places,
+    contrast_halves,
+    directions,
+    list_items,
+)
 from tools.corpus.gesture.gestures import GESTURES, KEYWORDS
-from tools.corpus.gesture.places import Places, contrast_halves, directions, list_items
-from tools.corpus.people.speakers import SPEAKERS
+from tools.corpus.people.speaker import SPEAKERS
 from tools.corpus.people.voice import words_of
 from tools.corpus.words.prosody import Phrase, Word
 

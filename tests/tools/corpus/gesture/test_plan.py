@@ -6,7 +6,7 @@ import pytest
 from conventions.rates import SAMPLE_RATE
 from tools.corpus.gesture.plan import Plan, make_plan
 from tools.corpus.people.rig import SIDES
-from tools.corpus.people.speakers import SPEAKERS
+from tools.corpus.people.speaker import SPEAKERS
 from tools.corpus.words.prosody import Phrase, Utterance, Word
 
 WORD_S = 0.5

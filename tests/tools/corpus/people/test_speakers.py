@@ -6,11 +6,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from tools.corpus.gesture.gestures import GENERIC, REST
-from tools.corpus.gesture.hand_shapes import FLEX, SHAPES
+from tools.corpus.gesture.gestures import FLEX, GENERIC, REST, SHAPES
 from tools.corpus.gesture.manner import Manner
-from tools.corpus.people.speaker import Speaker
-from tools.corpus.people.speakers import SPEAKERS
+from tools.corpus.people.speaker import SPEAKERS, Speaker
 
 PEOPLE = {s.name: s for s in SPEAKERS}
 

@@ -16,7 +16,6 @@ from tools.corpus.build import build_corpus
 from tools.corpus.layout import wav_bytes
 from tools.corpus.people.rig import open_body_rig
 from tools.corpus.report import report
-from tools.corpus.report.inside import STACKS, hand_inside_share
 from tools.corpus.report.judging import (
     alignment_scores,
     area_under_curve,
@@ -24,7 +23,14 @@ from tools.corpus.report.judging import (
     separability,
     sound_features,
 )
-from tools.corpus.report.measuring import ReportError, list_clips, measure_clips, read_phrases
+from tools.corpus.report.measuring import (
+    STACKS,
+    ReportError,
+    hand_inside_share,
+    list_clips,
+    measure_clips,
+    read_phrases,
+)
 from tools.corpus.report.page import report_page
 from tools.corpus.report.statistics import (
     PosedClip,

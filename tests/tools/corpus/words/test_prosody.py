@@ -7,7 +7,7 @@ import pytest
 
 from conventions.rates import SAMPLE_RATE
 from tools.corpus.clip import Clip
-from tools.corpus.people.speakers import SPEAKERS
+from tools.corpus.people.speaker import SPEAKERS
 from tools.corpus.people.voice import PAUSE
 from tools.corpus.words.prosody import LEAD_S, MIN_ACCENT_GAP_S, speak_text
 

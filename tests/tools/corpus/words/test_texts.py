@@ -7,8 +7,16 @@ import numpy as np
 import pytest
 
 from tools.corpus.people.voice import words_of
-from tools.corpus.words.grammar import AFTER_A_QUESTION, END_MARKS, GRAMMAR, KINDS
-from tools.corpus.words.texts import SPLITS, Split, split_of, talk
+from tools.corpus.words.grammar import (
+    AFTER_A_QUESTION,
+    END_MARKS,
+    GRAMMAR,
+    KINDS,
+    SPLITS,
+    Split,
+    split_of,
+    talk,
+)
 from tools.corpus.words.topics import TOPICS
 
 

@@ -8,8 +8,8 @@ import gradio as gr
 import pytest
 
 from app.page.tabs.systems.mechanism import MechanismParts, MechanismRunner
+from app.run.examples import CLEAN
 from app.run.experiments.mechanism import NAMES, MechanismRequest
-from app.run.planted import CLEAN
 from app.run.requests.request import Artefact
 from app.run.videos.own_videos import OnFile
 from model.motion.motion import save_motion

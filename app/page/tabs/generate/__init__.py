@@ -1,1 +1,0 @@
-"""The tab of generated motion: form, run, opening example, takes; may import what tabs may."""

@@ -1,0 +1,132 @@
+"""The tab "Live": speak, and a body moves; and a run is made of the last minute."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gradio as gr
+
+from app import text
+from app.page.parts.catalogue import Catalogue
+from app.page.parts.html_parts import AT_ONCE, IN_TURN, mount, reveal_on_click
+from app.page.queue.jobs import Job
+from app.page.results.result_parts import ResultParts, build_results
+from app.page.routes.live_route import EXAMPLE_ROUTE
+from app.page.tabs.motion import PAGE_SIZE_PX, FormParts
+from app.page.tabs.motion_run import GenerateRunner
+from app.page.tabs.services import Services
+from app.page.tabs.videos_run import VideosBehind
+from app.run.requests.display import Display
+from app.run.requests.request import GenerateRequest, Take
+from conventions.views import CLOSE_UPS
+from model.systems.registry import family_of, usual_systems
+
+_MAX_TOKEN = 100
+
+
+class LiveRunner(GenerateRunner):
+    """Keeps what a visitor has spoken and seen."""
+
+    tab = "live"
+
+    def _kept_values(self, job: Job, values: tuple[Any, ...]) -> dict[str, Any]:
+        return {}  # the form of the tab "Motion" cannot ask for it again
+
+    def asked(self, job: Job, cookie: str, values: tuple[Any, ...]) -> GenerateRequest:
+        """Sound, motion and plan of the last minute, laid into the job's folder.
+
+        Raises:
+            RunError: if there is nothing to keep.
+        """
+        from model.motion.motion import save_motion
+        from model.speech.audio import write_wav
+
+        config = self._services.config
+        token = values[0] if isinstance(values[0], str) else ""
+        session, kept = self._services.live.kept(token[:_MAX_TOKEN], cookie)
+        wav, npz, plan = (job.folder / f"live.{ending}" for ending in ("wav", "npz", "plan.json"))
+        write_wav(wav, kept.minute.waveform)
+        save_motion(kept.minute.motion, npz)
+        if kept.minute.plan is not None:
+            kept.minute.plan.write(plan)
+        return GenerateRequest(
+            speech=wav,
+            out=job.folder / "results",
+            weights=config.weights,
+            systems=(session.ask.system,),
+            speaker=session.ask.speaker,
+            seed=session.ask.seed,
+            body=config.body,
+            display=Display(has_trail=True),
+            size=PAGE_SIZE_PX,
+            close_ups=CLOSE_UPS,
+            has_posters=True,
+            max_speech_s=config.max_speech_s,
+            take=Take(npz, kept.facts, kept.why_less, plan if kept.minute.plan else None),
+        )
+
+
+TAB = "Live"
+INTRODUCTION = (
+    "Speak, and a body moves to it about a second later. Sound goes to the machine that serves "
+    "this page and to no other; only the last minute is held, in memory, until ten minutes after "
+    "you stop."
+)
+KEEP = "Keep the last minute"
+NOTHING_KEPT = "Keep makes a run of the last minute: sound, video, figures, measures, downloads."
+_TOKEN_OF_PAGE = "() => [document.querySelector('.live')?.live?.kept() ?? '']"
+
+
+def build_live_tab(
+    page: gr.Blocks,
+    services: Services,
+) -> ResultParts:
+    """Lay out the tab inside the current context and wire it; returns where it shows the last
+    minute."""
+    gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
+    gr.HTML(
+        offered(services.catalogue),
+        html_template='<div class="live"></div>',
+        js_on_load=mount("live/live.js", "mountLive"),
+        apply_default_css=False,
+        elem_id="live",
+    )
+    token = gr.Textbox(visible=False)
+    with gr.Row():
+        keep = gr.Button(KEEP, variant="primary", elem_id="live-keep", scale=0, min_width=220)
+        cancel = gr.Button(
+            text.CANCEL, visible=False, elem_id="live-cancel", scale=0, min_width=110
+        )
+    results = build_results("live-", NOTHING_KEPT)
+    form = FormParts((token,), keep, cancel)
+    videos = VideosBehind(services, results, "live_videos")
+    runner = LiveRunner(services, form, results, videos)
+    reveal_on_click(keep, results.status)
+    run = keep.click(
+        runner.run,
+        inputs=[token],
+        outputs=[*results.all, keep, cancel],
+        js=_TOKEN_OF_PAGE,
+        api_visibility="private",
+        **IN_TURN,
+    )
+    videos.follow(run)
+    page.unload(videos.left)
+    cancel.click(runner.cancel, **AT_ONCE)
+    page.unload(runner.cancel)
+    return results
+
+
+def offered(catalogue: Catalogue) -> dict[str, Any]:
+    """What the browser lets a visitor choose; what is usual stands first."""
+    live = [name for name in catalogue.systems if name not in family_of(name).whole_speech]
+    usual = usual_systems("live")
+    systems = sorted(live, key=lambda name: name not in usual)
+    return {
+        "systems": systems,
+        "speakers": list(catalogue.speakers),
+        "examples": [
+            {"label": example.label, "url": f"{EXAMPLE_ROUTE.lstrip('/')}/{number}"}
+            for number, example in enumerate(catalogue.examples)
+        ],
+    }

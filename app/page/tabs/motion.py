@@ -1,0 +1,348 @@
+"""The form of the tab "Motion", and from its fields to the run that they ask for."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import gradio as gr
+
+from app import text
+from app.config import AppConfig
+from app.errors import RunError
+from app.page.parts import markup
+from app.page.parts.asked import whole_number
+from app.page.parts.catalogue import (
+    USUAL,
+    Catalogue,
+    Example,
+    about_systems,
+    default_systems,
+    point_choices,
+    strength_choices,
+    strength_of,
+    two_steps_help,
+)
+from app.page.parts.html_parts import AT_ONCE, PRIVATE, tell_chips
+from app.page.tabs.services import Services
+from app.run.followed_point import TIP
+from app.run.requests.display import Display
+from app.run.requests.request import (
+    MAX_SAMPLES,
+    MAX_STEPS,
+    GenerateRequest,
+    Steps,
+    check_request,
+    parse_steps,
+    steps_of,
+)
+from conventions.names import POST_FILTERS, REFERENCE_NAME, SampleName
+from conventions.views import CLOSE_UPS
+from model.systems.registry import sampler_title
+
+SEED_LIMIT = 2**31 - 1
+PAGE_VIDEOS = 12
+PAGE_SIZE_PX = 640
+"""Height of a body in the player."""
+
+
+@dataclass(frozen=True)
+class Form:
+    """What the visitor has filled in, as Gradio hands it over."""
+
+    speech: str | None
+    systems: list[str]
+    speaker: str | None
+    seed: float | None
+    samples: float
+    steps: str
+    sampler: str
+    is_smoothed: bool
+    reference: str | None
+    point: str
+    start_frame: float | None
+    transcript: str | None
+    body_steps: float = 0
+    """Of systems that draw the face by steps of its own, as `face_steps`; 0 as usual."""
+    face_steps: float = 0
+    guidance: float | None = USUAL
+    """Strength of the speech."""
+    has_words: bool = False
+    """Recognised, where there is no transcript."""
+    has_videos: bool = True
+    """Whether standard videos are drawn behind the stage."""
+    plan: str | None = None
+    """What the systems that perform plans are to perform."""
+
+
+def request_from_form(
+    form: Form, folder: Path, catalogue: Catalogue, config: AppConfig
+) -> GenerateRequest:
+    """The run that a form asks for.
+
+    Raises:
+        RunError: a sentence for the visitor when the form asks for something that cannot be.
+    """
+    if not form.speech:
+        raise RunError(text.NO_SPEECH)
+    if not form.systems:
+        raise RunError(text.NO_SYSTEM)
+    # Kept in the catalogue's order, so that rows stand the same way in every run.
+    systems = tuple(name for name in catalogue.systems if name in form.systems)
+    unknown = sorted(set(form.systems) - set(systems))
+    if unknown:
+        raise RunError(
+            f"There is no system {unknown[0]!r}; the systems are {', '.join(catalogue.systems)}."
+        )
+    if form.seed is None or form.seed != int(form.seed) or not 0 <= form.seed <= SEED_LIMIT:
+        raise RunError(text.BAD_SEED.format(limit=SEED_LIMIT, value=form.seed))
+    start_frame = form.start_frame or 0
+    if start_frame != int(start_frame) or start_frame < 0:
+        raise RunError(text.BAD_START.format(value=form.start_frame))
+    if form.sampler and form.sampler not in catalogue.samplers:
+        known = ", ".join(catalogue.samplers)
+        raise RunError(f"There is no sampler {form.sampler!r}; there are {known}.")
+    samples = whole_number(form.samples, text.SAMPLES_LABEL, 1, MAX_SAMPLES)
+    body_steps = whole_number(form.body_steps, text.BODY_STEPS_LABEL, 0, MAX_STEPS)
+    face_steps = whole_number(form.face_steps, text.FACE_STEPS_LABEL, 0, MAX_STEPS)
+    count = len(systems) * samples + bool(form.reference)
+    if count > PAGE_VIDEOS:
+        raise RunError(
+            text.TOO_MANY_VIDEOS.format(
+                systems=_counted(len(systems), "system"),
+                samples=_counted(samples, "sample"),
+                count=count,
+                limit=PAGE_VIDEOS,
+            )
+        )
+    apart = [name for name in systems if name in catalogue.with_face_steps]
+    request = GenerateRequest(
+        speech=Path(form.speech),
+        out=folder / "results",
+        weights=config.weights,
+        systems=systems,
+        speaker=form.speaker,
+        seed=int(form.seed),
+        samples=samples,
+        steps=_steps(form, body_steps, systems, catalogue),
+        face_steps=dict.fromkeys(apart, face_steps) if face_steps else None,
+        sampler=form.sampler or None,
+        guidance=strength_of(form.guidance),
+        post_filter=POST_FILTERS[bool(form.is_smoothed)],
+        reference=Path(form.reference) if form.reference else None,
+        transcript=Path(form.transcript) if form.transcript else None,
+        words="recognise" if form.has_words else "none",
+        plan=Path(form.plan) if form.plan else None,
+        joint=form.point,
+        start_frame=int(start_frame),
+        body=config.body,
+        display=Display(has_trail=True),
+        size=PAGE_SIZE_PX,
+        close_ups=CLOSE_UPS,  # the player shows those that are wanted
+        has_video=form.has_videos,
+        has_poses=True,
+        has_posters=True,
+        max_speech_s=config.max_speech_s,
+    )
+    check_request(request)
+    return request
+
+
+def kept_values(form: Form, folder: Path) -> dict[str, Any]:
+    """What fills the form in again where the run's link is opened: all but files that a run does
+    not show. The speech stays in the run's folder, under its own name."""
+    values = {field.name: getattr(form, field.name) for field in fields(form)}
+    for name in ("speech", "reference", "transcript", "plan"):
+        del values[name]
+    if form.speech:
+        beside = folder / "form"
+        beside.mkdir(exist_ok=True)
+        speech = beside / Path(form.speech).name
+        shutil.copyfile(form.speech, speech)
+        values["speech"] = str(speech)
+    return values
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
+def _steps(form: Form, body_steps: int, systems: tuple[str, ...], catalogue: Catalogue) -> Steps:
+    """What is written by name, whole or as the form shows it, then the slider of the systems that
+    it is for, then the rest."""
+    written = parse_steps(form.steps)
+    if isinstance(written, dict):
+        whole = dict(catalogue.system_choices)
+        written = {whole.get(name, name): count for name, count in written.items()}
+    if not body_steps:
+        return written
+    asked = {name: steps_of(written, name) for name in systems}
+    own = written if isinstance(written, Mapping) else {}
+    for name in systems:
+        if name in catalogue.with_face_steps and name not in own:
+            asked[name] = body_steps
+    return {name: count for name, count in asked.items() if count is not None}
+
+
+def row_names(request: GenerateRequest) -> tuple[str, ...]:
+    """The videos of a run in the order in which they stand on the page."""
+    names = [
+        str(SampleName(system, sample))
+        for system in request.systems
+        for sample in range(1, request.samples + 1)
+    ]
+    return (*names, REFERENCE_NAME) if request.reference else tuple(names)
+
+
+@dataclass(frozen=True)
+class FormParts:
+    """The left column."""
+
+    fields: tuple[Any, ...]
+    """In the order of `Form`."""
+    generate: gr.Button
+    cancel: gr.Button
+
+
+def build_form(services: Services) -> FormParts:
+    """The left column: speech, systems, settings, and the buttons."""
+    catalogue, config, check = services.catalogue, services.config, services.check
+    gr.HTML(markup.step(1, text.STEP_SPEECH))
+    speech = gr.Audio(
+        label=text.SPEECH_LABEL,
+        sources=["upload", "microphone"],
+        type="filepath",
+        elem_id="speech",
+        waveform_options=gr.WaveformOptions(
+            waveform_color="#9fb3c8", waveform_progress_color="#0f6d8c"
+        ),
+        buttons=[],
+    )
+    check.watch(speech, "speech")
+    limits = text.SPEECH_HELP.format(
+        min_s=config.min_speech_s, max_min=round(config.max_speech_s / 60, 1)
+    )
+    gr.HTML(f'<p class="hint">{limits}</p>')
+    if catalogue.examples:
+        _offer_examples(catalogue.examples, speech, config.cache_folder / "examples")
+    gr.HTML(markup.step(2, text.STEP_SYSTEMS))
+    systems = gr.CheckboxGroup(
+        choices=catalogue.system_choices,
+        value=default_systems(catalogue.systems),
+        label=text.SYSTEMS_LABEL,
+        info=text.SYSTEMS_HELP,
+        elem_id="systems",
+    )
+    tell_chips("systems", about_systems(catalogue.systems))
+    gr.HTML(markup.step(3, text.STEP_SETTINGS))
+    with gr.Row(elem_classes="pair"):
+        speaker = gr.Dropdown(
+            choices=list(catalogue.speakers),
+            value=catalogue.speakers[0] if catalogue.speakers else None,
+            label=text.SPEAKER_LABEL,
+            info=text.SPEAKER_HELP,
+            min_width=120,
+        )
+        seed = gr.Number(
+            value=0, minimum=0, maximum=SEED_LIMIT, label=text.SEED_LABEL,
+            info=text.SEED_HELP, min_width=100,
+        )  # fmt: skip
+    samples = gr.Slider(
+        *(1, MAX_SAMPLES), value=1, step=1, label=text.SAMPLES_LABEL, info=text.SAMPLES_HELP,
+        buttons=[],
+    )  # fmt: skip
+    guidance = gr.Dropdown(
+        choices=strength_choices((1.0, 1.5, 2.0, 2.5, 3.0, 4.0)),
+        value=USUAL,
+        label=text.GUIDANCE_LABEL,
+        info=text.GUIDANCE_HELP,
+        elem_id="guidance",
+    )
+    with gr.Column(visible=False, elem_id="two-steps") as two_steps:
+        body_steps, face_steps = (
+            gr.Slider(0, 50, value=0, step=1, label=label, info=help_, buttons=[])
+            for label, help_ in (
+                (text.BODY_STEPS_LABEL, two_steps_help(catalogue.with_face_steps)),
+                (text.FACE_STEPS_LABEL, None),
+            )
+        )
+    systems.change(
+        lambda ticked: gr.update(visible=any(name in catalogue.with_face_steps for name in ticked)),
+        systems,
+        two_steps,
+        **PRIVATE,
+    )
+    is_smoothed = gr.Checkbox(False, label=text.FILTER_LABEL, info=text.FILTER_HELP)
+    has_videos = gr.Checkbox(
+        True, label=text.VIDEOS_LABEL, info=text.VIDEOS_HELP, elem_id="has-videos"
+    )
+    with gr.Accordion(text.ADVANCED_LABEL, open=False):
+        steps = gr.Textbox(
+            "", label=text.STEPS_LABEL, info=text.STEPS_HELP, placeholder=catalogue.usual_steps,
+            max_lines=1, elem_id="steps",
+        )  # fmt: skip
+        sampler = gr.Dropdown(
+            choices=[
+                (text.USUAL_SAMPLER, ""),
+                *((sampler_title(name), name) for name in catalogue.samplers),
+            ],
+            value="",
+            label=text.SAMPLER_LABEL,
+            info=text.SAMPLER_HELP,
+        )
+        reference = check.file("reference", text.REFERENCE_LABEL, [".npz"], "reference", height=150)
+        transcript = check.file(
+            "transcript", text.TRANSCRIPT_LABEL, [".TextGrid", ".txt"], "transcript", height=150
+        )
+        plan = check.file(
+            "plan", text.PLAN_LABEL, [".json", ".TextGrid", ".eaf"], "plan", height=150
+        )
+        has_words = gr.Checkbox(
+            False, label=text.WORDS_LABEL, info=text.WORDS_HELP, elem_id="recognise-words"
+        )
+        point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
+        start_frame = gr.Number(value=0, minimum=0, label=text.START_LABEL, elem_id="start-frame")
+    reason = check.reason()
+    with gr.Row(elem_classes="actions"):
+        start = gr.Button(text.GENERATE, variant="primary", size="lg", elem_id="generate")
+        cancel = gr.Button(
+            text.CANCEL, variant="secondary", size="lg", visible=False, elem_id="cancel", scale=0
+        )
+    check.guard(start, reason)
+    fields = (
+        *(speech, systems, speaker, seed, samples, steps, sampler, is_smoothed, reference),
+        *(point, start_frame, transcript, body_steps, face_steps),
+        *(guidance, has_words, has_videos, plan),
+    )
+    return FormParts(fields, start, cancel)
+
+
+def _offer_examples(examples: Sequence[Example], speech: gr.Audio, folder: Path) -> None:
+    """Buttons that fill in the speech. Not `gr.Examples`, whose copies are made once, at the start,
+    and are swept like any upload."""
+    labels = [example.label for example in examples]
+    offered = gr.Dataset(
+        components=[gr.Textbox(visible=False)],
+        samples=[[label] for label in labels],
+        label=text.EXAMPLES_LABEL,
+        type="index",
+        elem_id="examples",
+    )
+    offered.click(
+        lambda index: str(fresh_copy(examples[index].path, folder)), offered, speech, **AT_ONCE
+    )
+
+
+def fresh_copy(path: Path, folder: Path) -> Path:
+    """A copy that is as new as an upload would be, and is kept for as long."""
+    folder.mkdir(parents=True, exist_ok=True)
+    copy = folder / path.name
+    partial = copy.with_name(f".{secrets.token_hex(8)}.partial")
+    shutil.copyfile(path, partial)
+    os.replace(partial, copy)
+    return copy

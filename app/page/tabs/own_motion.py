@@ -1,0 +1,168 @@
+"""The tab of the page that measures and compares motion files of a visitor's own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gradio as gr
+
+from app import text
+from app.page.parts.catalogue import point_choices
+from app.page.parts.html_parts import AT_ONCE, IN_TURN, PRIVATE, named_fields, reveal_on_click
+from app.page.results.result_parts import ResultParts, build_results
+from app.page.results.sets_shown import KeptSets
+from app.page.tabs.own_motion_run import (
+    ClipRunner,
+    OwnMotionForm,
+    OwnMotionRunner,
+    display_names,
+)
+from app.page.tabs.own_sets_run import SetsTools, build_sets
+from app.page.tabs.services import Services, UploadCheck
+from app.page.tabs.videos_run import VideosBehind
+from app.run.examples import planted_files
+from app.run.followed_point import TIP
+from app.run.requests.request import MAX_COMPARED
+
+TAB = "Your motion"
+WINDOWS_HELP = (
+    "If you know how long the windows are, jumps are looked for where they join. Left empty, every "
+    "period from 2 to 240 frames is tried."
+)
+PLANTED_LABEL = "Try an example with planted faults"
+SHOWN_LABEL = "Shown on the stage and in figures"
+SHOWN_HELP = "At most six with the reference; all are measured."
+INTRODUCTION = (
+    "Measures motion files of your own as it measures the systems, raw and filtered: "
+    ".npz as BEAT2, AMASS and SMPL-X have them, .npy, .bvh; 12 to 240 frames a second. A zip of "
+    "clips is measured as a set, several beside each other by the clips' names."
+)
+
+
+def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
+    """Lay out the tab inside the current context and wire it; returns where it shows results."""
+    gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
+    with gr.Row(elem_classes="columns"):
+        with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
+            form = _build_form(services.check)
+        with gr.Column(scale=9, min_width=320, elem_classes="results"):
+            of_sets = build_sets()
+            parts = build_results("own-")
+    videos = VideosBehind(services, parts, "own_videos")
+    sets = SetsTools(services.processes.measure_sets, of_sets, KeptSets())
+    runner, opener = (kind(services, parts, videos, sets) for kind in (OwnMotionRunner, ClipRunner))
+    asks = {
+        "inputs": form.fields,
+        "outputs": [*parts.all, of_sets.shown],
+        "show_progress": "hidden",
+        "concurrency_limit": None,  # JobBook lets them in one by one
+    }
+    for button in (form.start, form.planted):
+        reveal_on_click(button, parts.status)
+    started = form.start.click(
+        named_fields(runner.run, OwnMotionForm, optional=("reference", "speech", "transcript")),
+        **asks,
+        api_name="own_motion",
+        trigger_mode="once",
+    )
+    planted = form.planted.click(
+        lambda: planted_files(services.config.temp / "planted"),
+        outputs=form.of_planted,
+        **PRIVATE,
+        trigger_mode="once",
+    ).then(runner.run, **asks, api_visibility="private")
+    for run in (started, planted):
+        videos.follow(run)
+    reveal_on_click(of_sets.start, parts.status)
+    of_sets.start.click(
+        opener.run,
+        inputs=[of_sets.asked],
+        outputs=parts.all,
+        js="() => [document.querySelector('#own-sets .sets')?.asked ?? '']",
+        api_visibility="private",
+        **IN_TURN,
+    )
+    page.unload(videos.left)
+    form.cancel.click(runner.cancel, **AT_ONCE)
+    page.unload(runner.cancel)
+    return parts
+
+
+@dataclass(frozen=True)
+class FormParts:
+    """Fields in the order of `OwnMotionForm`, and the buttons."""
+
+    fields: list[Any]
+    start: gr.Button
+    cancel: gr.Button
+    planted: gr.Button
+    of_planted: list[Any]
+    """Fields that the planted example fills in."""
+
+
+def _build_form(check: UploadCheck) -> FormParts:
+    planted = gr.Button(PLANTED_LABEL, elem_id="own-planted", size="sm")
+    motions = check.file(
+        "motions",
+        "Motions (.npz, .npy, .bvh), or zips of them",
+        [".npz", ".npy", ".bvh", ".zip"],
+        "own-motions",
+        height=170,
+        file_count="multiple",
+    )
+    shown = gr.Dropdown(
+        choices=[],
+        multiselect=True,
+        max_choices=MAX_COMPARED,
+        visible=False,
+        label=SHOWN_LABEL,
+        info=SHOWN_HELP,
+        elem_id="own-shown",
+    )
+    motions.change(_choices, motions, shown, **AT_ONCE)
+    reference = check.file(
+        "motions",
+        text.REFERENCE_LABEL,
+        [".npz", ".npy", ".bvh", ".zip"],
+        "own-reference",
+        height=120,
+    )
+    speech = check.file(
+        "sounds",
+        "Speech of all of them (optional, for BeatAlign)",
+        ["audio", ".zip"],
+        "own-speech",
+        height=120,
+    )
+    transcript = check.file(
+        "transcript", text.TRANSCRIPT_LABEL, [".TextGrid", ".txt"], "own-transcript", height=120
+    )
+    has_words = gr.Checkbox(False, label=text.WORDS_LABEL, info=text.WORDS_HELP)
+    with gr.Row(elem_classes="pair"):
+        point = gr.Dropdown(choices=point_choices(), value=TIP, label=text.POINT_LABEL)
+        start_frame = gr.Number(value=0, minimum=0, label=text.START_LABEL)
+    has_videos = gr.Checkbox(
+        True, label=text.VIDEOS_LABEL, info=text.VIDEOS_HELP, elem_id="own-videos"
+    )
+    with gr.Accordion("Made of windows?", open=False):
+        gr.HTML(f'<p class="hint">{WINDOWS_HELP}</p>')
+        with gr.Row(elem_classes="pair"):
+            window = gr.Number(value=None, minimum=0, label="Frames of a window")
+            overlap = gr.Number(value=None, minimum=0, label="Shared by two")
+    reason = check.reason()
+    with gr.Row(elem_classes="actions"):
+        start = gr.Button("Measure and compare", variant="primary", elem_id="own-start")
+        cancel = gr.Button(text.CANCEL, elem_id="own-cancel", min_width=110)
+    check.guard(start, reason)
+    fields = [motions, reference, speech, point, start_frame, window, overlap, shown]
+    fields += [has_videos, transcript, has_words]
+    return FormParts(fields, start, cancel, planted, [motions, reference, speech, transcript])
+
+
+def _choices(paths: list[str] | None) -> Any:
+    """The motions that can be chosen; nothing is asked where all fit."""
+    names = display_names([Path(path).stem for path in paths or ()])
+    first = list(names[:MAX_COMPARED])
+    return gr.update(choices=list(names), value=first, visible=len(names) >= MAX_COMPARED)

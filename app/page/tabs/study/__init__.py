@@ -1,1 +1,0 @@
-"""The tab of user studies: made and evaluated; may import what tabs may, and the form of speech."""

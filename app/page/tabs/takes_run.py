@@ -1,0 +1,246 @@
+"""Gestures edited on the time line, and the motion performed again: a take beside the others."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import gradio as gr
+
+from app import text
+from app.errors import CancelledRun, RunError, visitor_sentence
+from app.page.parts.html_parts import PRIVATE
+from app.page.player.edited_runs import MAX_TAKES, EditedRun, EditedRuns, KeptTake
+from app.page.queue.in_turn import InTurn, Updates, waiting_line
+from app.page.queue.jobs import Job, JobBook
+from app.page.results.result_parts import ResultParts
+from app.page.tabs.services import Services
+from app.page.visitors.visitors import address_of, cookie_of, visitor_of
+from app.run.requests.request import Artefact, Event, OnEvent, Piece, ShouldCancel
+from app.run.takes.edits import MAX_PLAN_CHARACTERS, Edit, Locked, edits_of, locked_of
+from app.run.takes.take import Take, TakeRequest, row_of
+
+MAX_ASKED = MAX_PLAN_CHARACTERS + 100_000
+"""Characters."""
+MAX_NAME = 200
+MakeTake = Callable[[TakeRequest, OnEvent, ShouldCancel], Take]
+"""As `app.run.takes.take.make_take`."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a browser asks its editor for."""
+
+    run: str
+    start: str
+    """The row whose plan is changed."""
+    edits: tuple[Edit, ...]
+    """None only gets the row ready to be edited."""
+    locked: tuple[Locked, ...]
+
+    @classmethod
+    def of(cls, told: Mapping[str, Any]) -> Asked:
+        """
+        Args:
+            told: as `read_asked` gives it.
+
+        Raises:
+            RunError: if its edits are none.
+        """
+        edits, locked = edits_of(told.get("edits")), locked_of(told.get("locked"))
+        return cls(told["run"], told["start"], edits, locked)
+
+
+def read_asked(told: object) -> Mapping[str, Any]:
+    """What a browser sent, as far as it says of which run it is.
+
+    Args:
+        told: JSON, as app/page/web/player/editing.js writes it.
+
+    Raises:
+        RunError: if it is anything else.
+    """
+    if not isinstance(told, str) or len(told) > MAX_ASKED:
+        raise RunError(text.EDITS_DAMAGED)
+    try:
+        known = json.loads(told)
+    except (ValueError, RecursionError) as error:
+        raise RunError(text.EDITS_DAMAGED) from error
+    names = [known.get(name) for name in ("run", "start")] if isinstance(known, dict) else [None]
+    if not all(isinstance(name, str) and len(name) <= MAX_NAME for name in names):
+        raise RunError(text.EDITS_DAMAGED)
+    return known
+
+
+class TakesRunner:
+    """Makes the takes of one tab's runs."""
+
+    def __init__(self, services: Services, runs: EditedRuns, parts: ResultParts) -> None:
+        self._make: MakeTake = services.processes.make_take
+        self._runs = runs
+        self._jobs = services.jobs
+        self._parts = parts
+
+    def wire(self, page: gr.Blocks) -> None:
+        """Have the editor's button start it."""
+        parts = self._parts
+        parts.take_start.click(
+            self.run,
+            inputs=[parts.take_asked],
+            outputs=[parts.player],
+            js="() => [document.querySelector('#player .lockstep').edits()]",
+            **PRIVATE,
+            trigger_mode="multiple",
+            concurrency_limit=None,  # JobBook lets them in one by one
+        )
+        page.unload(self.left)
+
+    def left(self, request: gr.Request) -> None:
+        """The visitor has closed the page."""
+        self._jobs.cancel(visitor_of(request), "takes")
+
+    def run(self, request: gr.Request, told: object) -> Iterator[Updates]:
+        """Updates of the player while a take is made.
+
+        Raises:
+            gr.Error: with a sentence, where there is no run that could say it.
+        """
+        cookie, visitor = cookie_of(request), visitor_of(request)
+        run: EditedRun | None = None
+        try:
+            known = read_asked(told)
+            run = edited = self._runs.find(known["run"], cookie)
+            if edited is None:
+                raise RunError(text.EDITS_GONE)
+            asked = Asked.of(known)
+            yield from _Performing(self._jobs, self._parts, edited).in_turn(
+                lambda: self._jobs.open(visitor, "takes", address_of(request)),
+                lambda job: self._begin(job, edited, asked),
+            )
+        except CancelledRun:
+            if run is not None:
+                run.say(text.CANCELLED)
+                yield _shown(self._parts, run)
+        except Exception as error:
+            sentence = visitor_sentence(error)
+            if run is None:
+                raise gr.Error(sentence, print_exception=False) from error
+            run.say(sentence, is_refused=True)
+            yield _shown(self._parts, run)
+
+    @contextmanager
+    def _begin(self, job: Job, run: EditedRun, asked: Asked) -> Iterator[_Work]:
+        known = run.known.get(asked.start)
+        if known is None and asked.start not in run.showing.performed:
+            raise RunError(text.EDITS_GONE)
+        if asked.edits and run.num_takes >= MAX_TAKES:
+            raise RunError(text.TOO_MANY_TAKES.format(limit=MAX_TAKES))
+        of = asked.start if known is None else known.of
+        system, sample = row_of(of, run.request.systems, run.request.samples)
+        number = run.next_number() if asked.edits else 0
+        name = f"{of}.take{number}" if number else of
+        request = TakeRequest(
+            run=run.request,
+            system=system,
+            sample=sample,
+            name=name,
+            out=job.folder / "results",
+            plan=run.showing.performed[of] if known is None else known.take.files.plan,
+            before=None if known is None else known.take.files,
+            beside=run.showing.motions[of],
+            edits=asked.edits,
+            locked=asked.locked,
+            words=run.words,
+        )
+        work = _Work(self._make, request, self._parts, run, asked.start, of, job, number)
+        try:
+            yield work
+        finally:
+            if number and name not in run.known:
+                run.showing.drop_take(name)
+
+
+class _Performing(InTurn[Take]):
+    """What the editor says meanwhile."""
+
+    def __init__(self, jobs: JobBook, parts: ResultParts, run: EditedRun) -> None:
+        super().__init__(jobs)
+        self._parts = parts
+        self._run = run
+
+    def blank(self) -> Updates:
+        return self._says(text.TAKE_STARTING)
+
+    def waits(self, ahead: int) -> Updates:
+        return self._says(waiting_line(ahead)) if ahead else self.blank()
+
+    def stops(self, job: Job) -> Updates:
+        return self._says(text.PUT_BACK if job.is_put_back else text.STOPPING)
+
+    def _says(self, sentence: str) -> Updates:
+        self._run.say(sentence, state="working")
+        return _shown(self._parts, self._run)
+
+
+@dataclass
+class _Work:
+    """One take."""
+
+    make: MakeTake
+    request: TakeRequest
+    parts: ResultParts
+    edited: EditedRun
+    start: str
+    of: str
+    job: Job
+    number: int
+    """0 where the row is only made ready."""
+    has_row: bool = field(default=False)
+
+    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Take:
+        request = self.request
+        if request.before is None:
+            first = replace(
+                request, name=self.of, out=self.job.folder / "first", edits=(), locked=()
+            )
+            made = self.make(first, lambda event: None, should_cancel)
+            self.edited.keep(self.of, KeptTake(made, self.of))
+            if not self.number:
+                return made
+            request = replace(request, before=made.files)
+        return self.make(request, on_event, should_cancel) if self.number else self._known()
+
+    def _known(self) -> Take:
+        return self.edited.known[self.start].take
+
+    def progress(self, events: list[Event]) -> Updates:
+        showing = self.edited.showing
+        coming = [event for event in events if isinstance(event, Piece | Artefact)]
+        if not coming or not self.number:
+            return {}
+        if not self.has_row:
+            showing.add_take(self.request.name, f"take {self.number}", self.number, self.of)
+            self.has_row = True
+        for event in coming:
+            if isinstance(event, Piece):
+                showing.take_piece(event)
+            else:
+                showing.take(event)
+        self.edited.say(text.TAKE_COMING.format(number=self.number), state="working")
+        return _shown(self.parts, self.edited)
+
+    def finished(self, result: Take) -> Updates:
+        if self.number:
+            self.edited.keep(self.request.name, KeptTake(result, self.of, self.start))
+            done = text.TAKE_DONE.format(number=self.number)
+            self.edited.say(" ".join((done, *result.notes)))
+        else:
+            self.edited.say(text.EDITOR_READY)
+        return _shown(self.parts, self.edited)
+
+
+def _shown(parts: ResultParts, run: EditedRun) -> Updates:
+    return {parts.player: run.showing.value(is_over=True) | {"begins": False}}

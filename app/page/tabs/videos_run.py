@@ -1,0 +1,389 @@
+"""Videos of a run that has ended: of what the stage shows, and the standard ones, drawn last."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, field
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import gradio as gr
+
+from app import text
+from app.errors import CancelledRun, RunError, visitor_sentence
+from app.page.parts import markup
+from app.page.parts.html_parts import AT_ONCE, IN_TURN, PRIVATE, shown
+from app.page.queue.in_turn import InTurn, Updates, last_share
+from app.page.queue.jobs import Job, JobBook, Tab
+from app.page.queue.runner import TabRunner
+from app.page.results.kept_runs import KeptRun, KeptRuns
+from app.page.results.result_parts import ResultParts
+from app.page.routes.media import MEDIA_ROUTE, MediaAddresses
+from app.page.tabs.services import Services
+from app.page.visitors.visitors import address_of, visitor_of
+from app.run.output.result_folder import zip_files
+from app.run.requests.display import Display, finite, whole
+from app.run.requests.request import Artefact, Event, OnEvent, ShouldCancel
+from app.run.videos.behind import VideosRequest
+from app.run.videos.seen_video import (
+    BODY,
+    MAX_BODIES,
+    Seen,
+    SeenBody,
+    SeenPanel,
+    SeenRequest,
+    SeenVideo,
+)
+from conventions.names import printable
+from renderer.scene.camera import Orbit
+
+MAX_ASKED = 60_000
+"""Characters."""
+MAX_LABEL = 60
+DrawSeen = Callable[[SeenRequest, OnEvent, ShouldCancel], SeenVideo]
+"""As `app.run.videos.seen_video.draw_seen`."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a browser tells of its stage; addresses are those that the page gave it."""
+
+    seen: Seen
+    labels: tuple[str, ...]
+    motions: tuple[str, ...]
+    sound: str | None
+
+    @classmethod
+    def of(cls, told: object) -> Asked:
+        """
+        Args:
+            told: JSON, as app/page/web/player/player.js writes it.
+
+        Raises:
+            RunError: if it is anything else.
+        """
+        try:
+            if not isinstance(told, str) or len(told) > MAX_ASKED:
+                raise ValueError("it is too long, or no text.")
+            return cls._of(json.loads(told))
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+            why = f"it lacks {error}." if isinstance(error, KeyError) else str(error)
+            raise RunError(text.SEEN_DAMAGED.format(why=printable(why)[:200])) from error
+
+    @classmethod
+    def _of(cls, told: Mapping[str, Any]) -> Asked:
+        bodies = _list(told["bodies"], MAX_BODIES)
+        look = told["look"]
+        yaw, pitch, zoom, right, up = map(finite, _list(told["camera"], 5))
+        width, height = map(finite, _list(told["size"], 2))
+        seen = Seen(
+            shown=tuple(whole(number) for number in _list(told["shown"], MAX_BODIES)),
+            size=(width, height),
+            panels=tuple(
+                tuple(_panel(panel) for panel in _list(picture, 4))
+                for picture in _list(told["panels"], 2)
+            ),
+            columns=whole(told["columns"]),
+            mode=_words(told["mode"]),  # type: ignore[arg-type]  # checked with the rest
+            is_aligned=look["isAligned"] is True,
+            wipe=finite(told["wipe"]),
+            display=Display.of_look(look),
+            point=_words(look["point"]),
+            is_smoothed=told["isSmoothed"] is True,
+            is_whole=look["isWhole"] is True,
+            tone=_words(look["tone"]),
+            build=_words(look["build"]),
+            has_lines=look["hasBones"] is True or look["hasAxes"] is True,
+            camera=Orbit(yaw, pitch, zoom, right, up),
+        )
+        labels = tuple(printable(_words(body["label"]))[:MAX_LABEL] or "motion" for body in bodies)
+        motions = tuple(_words(body["motion"]) for body in bodies)
+        return cls(seen, labels, motions, _words(told["sound"]) if told.get("sound") else None)
+
+
+def _list(value: object, most: int) -> Sequence[Any]:
+    if not isinstance(value, list) or len(value) > most:
+        raise ValueError(f"a list of at most {most} is missing.")
+    return value
+
+
+def _words(value: object) -> str:
+    if not isinstance(value, str) or len(value) > 500:
+        raise ValueError("a text is missing or too long.")
+    return value
+
+
+def _panel(told: Mapping[str, Any]) -> SeenPanel:
+    left, top, width, height = map(finite, _list(told["rect"], 4))
+    view = BODY if told["view"] is None else _words(told["view"])
+    return SeenPanel(view, left, top, width, height)
+
+
+class SeenRunner(TabRunner[SeenVideo]):
+    """Makes videos of one tab's stage."""
+
+    tab = "seen"
+
+    def __init__(self, services: Services, parts: ResultParts) -> None:
+        super().__init__(services.jobs, parts.seen)
+        self._services = services
+        self._parts = parts
+
+    def wire(self, page: gr.Blocks, prefix: str = "") -> None:
+        """Have the stage's button start it.
+
+        Args:
+            prefix: of the ids of the tab's parts, with its hyphen.
+        """
+        parts = self._parts
+        parts.seen_start.click(
+            self.run,
+            inputs=[parts.seen_asked],
+            outputs=[parts.seen, parts.seen_cancel],
+            js=f"() => [document.querySelector('#{prefix}player .lockstep').seen()]",
+            api_visibility="private",
+            **IN_TURN,
+        )
+        parts.seen_cancel.click(self.cancel, **AT_ONCE)
+        page.unload(self.cancel)
+
+    @contextmanager
+    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_SeenWork]:
+        asked = Asked.of(values[0])
+        asked.seen.check(len(asked.motions))
+        request = SeenRequest(
+            bodies=tuple(
+                SeenBody(label, self._file(address, cookie, ".npz"))
+                for label, address in zip(asked.labels, asked.motions, strict=True)
+            ),
+            seen=asked.seen,
+            out=job.folder / "results",
+            speech=None if asked.sound is None else self._file(asked.sound, cookie, ".wav"),
+            body=self._services.config.body,
+        )
+        draw, addresses = self._services.processes.draw_seen, self._services.addresses
+        yield _SeenWork(draw, request, self._parts, addresses, cookie)
+
+    def _file(self, address: str, cookie: str, suffix: str) -> Path:
+        """What the page has given an address.
+
+        Raises:
+            RunError: if it has not, or it is kept no longer.
+        """
+        route, _, token = address.partition("/")
+        is_ours = route == MEDIA_ROUTE.strip("/")
+        path = self._services.addresses.find(token, cookie) if is_ours else None
+        if path is None or path.suffix != suffix:
+            raise RunError(text.SEEN_GONE)
+        return path
+
+    def blank(self) -> Updates:
+        return {
+            self._parts.seen: shown(told(text.SEEN_STARTING)),
+            self._parts.seen_cancel: gr.update(visible=True),
+        }
+
+    def stopped(self, status: str, message: str) -> Updates:
+        return {
+            self._parts.seen: shown(message or status),
+            self._parts.seen_cancel: gr.update(visible=False),
+        }
+
+    def says(self, line: str) -> Updates:
+        return {self._parts.seen: shown(told(line))}
+
+
+@dataclass
+class _SeenWork:
+    """One video."""
+
+    draw: DrawSeen
+    asked: SeenRequest
+    parts: ResultParts
+    addresses: MediaAddresses
+    cookie: str
+    share: float = field(default=0.0)
+
+    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> SeenVideo:
+        return self.draw(self.asked, on_event, should_cancel)
+
+    def progress(self, events: list[Event]) -> Updates:
+        share = last_share(events)
+        if share is None:
+            return {}
+        line = text.SEEN_COMING.format(share=share)
+        return {self.parts.seen: shown(told(line, share))}
+
+    def finished(self, result: SeenVideo) -> Updates:
+        from conventions.rates import FPS
+
+        count = len(self.asked.seen.shown)
+        line = text.SEEN_DONE.format(
+            bodies="one body" if count == 1 else f"{count} bodies",
+            seconds=result.num_frames / FPS,
+            megabytes=result.path.stat().st_size / 1e6,
+        )
+        address = escape(self.addresses.address(result.path, self.cookie))
+        link = f'<a href="{address}" download="{escape(result.path.name)}">{text.SEEN_SAVE}</a>'
+        return {
+            self.parts.seen: shown(told(" ".join((line, *result.notes)), more=link)),
+            self.parts.seen_cancel: gr.update(visible=False),
+        }
+
+
+def told(line: str, share: float | None = None, more: str = "") -> str:
+    """One line under the stage.
+
+    Args:
+        share: of the work done, where that is known.
+        more: HTML behind it.
+    """
+    bar = "" if share is None else f'<progress value="{share:.3f}" max="1"></progress>'
+    return f'<div class="seen-told" role="status"><p>{escape(line)}</p>{bar}{more}</div>'
+
+
+Draw = Callable[[VideosRequest, OnEvent, ShouldCancel], tuple[Path, ...]]
+"""As `app.run.videos.behind.draw_behind`."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is to be drawn of a run, and what was said when that had ended."""
+
+    kept: KeptRun
+    request: VideosRequest
+
+
+class VideosBehind:
+    """Draws what a tab's runs have left to be drawn, one visitor's newest run at a time."""
+
+    def __init__(self, services: Services, parts: ResultParts, tab: Tab) -> None:
+        """
+        Args:
+            tab: that of the videos.
+        """
+        self._services = services
+        self._jobs = services.jobs
+        self._parts = parts
+        self._tab: Tab = tab
+        self._wanted: dict[str, Wanted] = {}
+        self._lock = threading.Lock()
+
+    def want(self, visitor: str, wanted: Wanted) -> None:
+        """Have these drawn as soon as the page asks."""
+        with self._lock:
+            self._wanted[visitor] = wanted
+
+    def give_up(self, visitor: str) -> None:
+        """Another run begins: nobody wants the videos of the one before any more."""
+        with self._lock:
+            self._wanted.pop(visitor, None)
+        self._jobs.cancel(visitor, self._tab)
+
+    def left(self, request: gr.Request) -> None:
+        """The visitor has closed the page."""
+        self.give_up(visitor_of(request))
+
+    def follow(self, run: Any) -> None:
+        """Draw after each run of a button's, whose event is ``run``."""
+        run.then(
+            self.run, outputs=self._outputs, **PRIVATE,
+            trigger_mode="multiple", concurrency_limit=None,
+        )  # fmt: skip
+
+    @property
+    def _outputs(self) -> list[Any]:
+        parts = self._parts
+        return [parts.status, parts.player, parts.bundle, parts.files]
+
+    def run(self, request: gr.Request) -> Iterator[Updates]:
+        """Updates of the tab while videos of the visitor's last run are drawn, if it wants any."""
+        visitor = visitor_of(request)
+        with self._lock:
+            wanted = self._wanted.pop(visitor, None)
+        if wanted is None:
+            yield {
+                self._parts.status: gr.skip()
+            }  # of a listener that gives nothing Gradio empties all parts
+            return
+
+        try:
+            yield from _Behind(self._jobs, self._parts, wanted).in_turn(
+                lambda: self._jobs.open(visitor, self._tab, address_of(request)),
+                lambda job: nullcontext(self._work(wanted, job)),
+            )
+        except CancelledRun:
+            return  # another run has begun, and shows itself
+        except Exception as error:  # whatever it is, the run that has ended stays and says so
+            sentence = text.VIDEOS_FAILED.format(why=visitor_sentence(error))
+            yield {self._parts.status: _line(wanted, sentence)}
+
+    def _work(self, wanted: Wanted, job: Job) -> _StandardWork:
+        asked = wanted.request.within(job.folder)
+        draw = self._services.processes.draw_behind
+        return _StandardWork(draw, asked, wanted, self._parts, self._services.kept)
+
+
+class _Behind(InTurn[tuple[Path, ...]]):
+    """What is said of videos in the line of the run that they are of."""
+
+    def __init__(self, jobs: JobBook, parts: ResultParts, wanted: Wanted) -> None:
+        super().__init__(jobs)
+        self._parts = parts
+        self._wanted = wanted
+
+    def blank(self) -> Updates:
+        return {self._parts.status: gr.skip()}
+
+    def waits(self, ahead: int) -> Updates:
+        line = _line(self._wanted, text.VIDEOS_WAIT) if ahead else gr.skip()
+        return {self._parts.status: line}
+
+    def stops(self, job: Job) -> Updates:
+        return self.blank()
+
+
+@dataclass(frozen=True)
+class _StandardWork:
+    """The videos of one run."""
+
+    draw: Draw
+    asked: VideosRequest
+    wanted: Wanted
+    parts: ResultParts
+    kept: KeptRuns
+
+    def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> tuple[Path, ...]:
+        return self.draw(self.asked, on_event, should_cancel)
+
+    def progress(self, events: list[Event]) -> Updates:
+        showing = self.wanted.kept.run.showing
+        updates: Updates = {}
+        files = [event for event in events if isinstance(event, Artefact)]
+        if showing is not None and files:
+            for file in files:
+                showing.take(file)
+            updates[self.parts.player] = showing.value(is_over=True)
+        share = last_share(events)
+        if share is not None:
+            updates[self.parts.status] = _line(self.wanted, text.VIDEOS_COMING.format(share=share))
+        return updates
+
+    def finished(self, result: tuple[Path, ...]) -> Updates:
+        run = self.wanted.kept.run
+        files = (*run.files, *result)
+        bundle = zip_files(files, run.bundle)
+        self.kept.complete(self.wanted.kept.token, bundle, files)
+        return {
+            self.parts.status: _line(self.wanted, text.VIDEOS_DONE),
+            self.parts.bundle: gr.update(value=str(bundle)),
+            self.parts.files: [str(file) for file in files],
+        }
+
+
+def _line(wanted: Wanted, sentence: str) -> str:
+    return markup.sentence_status(f"{wanted.kept.run.line} {sentence}")

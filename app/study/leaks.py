@@ -1,0 +1,382 @@
+"""The leak test: whether anything that a participant can get hold of tells the method.
+
+It reads the bundle as a participant could (files, bytes, boxes, times) and holds it against the
+researcher's key. What can be equal must be equal; what must differ, such as names, is tested for an
+order that follows the method (`app.study.design.tells`).
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from app.errors import RunError
+from app.study.design.blinding import NOT_MADE
+from app.study.design.key import TRIAL_KINDS, Key, read_key
+from app.study.design.plan import CHOICE_VALUES, wording
+from app.study.design.tells import order_tells, value_tells
+from app.study.design.trials import Stimulus
+from app.study.make import media
+from app.study.make.mp4 import Mp4, num_picture_bytes, read_mp4
+from app.study.make.participant_page import (
+    DATA,
+    DATA_START,
+    INDEX,
+    SCRIPT,
+    SITE,
+    STYLE,
+    fixed_words,
+    index_html,
+)
+from app.study.make.workspace import Workspace, sha256
+
+_FREE_TEXTS = ("title", "consent", "postTo", "returnTo")
+_KNOWN_KEYS = {
+    *("study", "sound", "minutes", "trials", "lists", "instruction", "questions", "words"),
+    "reasons",
+    *_FREE_TEXTS,
+}
+_VOCABULARY = {"kind", "press", *TRIAL_KINDS, *CHOICE_VALUES}
+"""What a trial may say of itself."""
+_LEAST_PART = 4
+
+
+def text_leaks(
+    bundle: Path,
+    data: dict[str, Any],
+    protocol: str,
+    systems: Sequence[str],
+    clips: Sequence[str],
+) -> Iterator[str]:
+    """Names of systems and clips, addresses and unknown fields in what the page consists of.
+
+    The page's own files hold no word of a study; they must be as this program has them. Sentences
+    from `questions.toml` may hold any word. Everything else is searched: ids and structure for
+    names and parts of names, what the researcher wrote for whole names.
+    """
+    for name in (SCRIPT, STYLE):
+        if (bundle / name).read_bytes() != (SITE / name).read_bytes():
+            yield f"page: {name} is not the file of this program."
+    if (bundle / INDEX).read_text("utf-8") != index_html(data.get("title", ""), data.get("postTo")):
+        yield f"page: {INDEX} is not the file of this program."
+    for key in sorted(set(data) - _KNOWN_KEYS):
+        yield f"JSON: the field `{key}` is unknown."
+    parts = [data.get(key) for key in ("study", "trials", "lists")]
+    standard = {**fixed_words(protocol), "reasons": wording()["reasons"]}
+    parts += [
+        data.get(key) for key, value in standard.items() if data.get(key) not in (None, value)
+    ]
+    structure = "\n".join(sorted(set(_strings(parts)) - _VOCABULARY))
+    for name in _words(systems, clips):
+        if _holds(structure, name):
+            yield f"JSON: the page's data hold {name!r}."
+    written = {key: str(data.get(key) or "") for key in _FREE_TEXTS}
+    for key, text in written.items():
+        for name in (*systems, *clips):
+            if _holds(text, name):
+                what = "URL" if key == "postTo" else "text"
+                yield f"{what}: `{key}` holds {name!r}, the name of a system or clip; rename one."
+    if re.search(r"https?:", structure):
+        yield "URL: the page's data hold an address."
+
+
+def _strings(value: Any) -> Iterator[str]:
+    """All texts and names of fields inside a JSON value."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict):
+        for key, item in value.items():
+            yield key
+            yield from _strings(item)
+    elif isinstance(value, list):
+        for item in value:
+            yield from _strings(item)
+
+
+def _words(systems: Sequence[str], clips: Sequence[str]) -> list[str]:
+    """Whole names, and parts that are long enough to mean something."""
+    names = {*systems, *clips}
+    parts = {part for name in names for part in re.split(r"[\s/_.,-]+", name)}
+    return sorted(names | {part for part in parts if len(part) >= _LEAST_PART})
+
+
+def _holds(text: str, name: str) -> bool:
+    """Whether the name occurs as a word, whatever its case."""
+    return re.search(rf"(?<!\w){re.escape(name)}(?!\w)", text, re.IGNORECASE) is not None
+
+
+MAX_SIZE_SPREAD = 0.02
+"""Of file sizes and bit rates within a scene."""
+MAX_PACKED_SPREAD = 0.001
+"""Of the sizes that videos of a scene have once compressed by zlib, beyond `PACKED_CHANCE`."""
+PACKED_CHANCE = 64
+"""Bytes by which compressed sizes of equally filled videos differ by chance."""
+MAX_FILLING_SPREAD = 0.1
+"""Of the bytes of the pictures alone, without what fills them up, beyond `FILLING_CHANCE`."""
+FILLING_CHANCE = 512
+"""Bytes by which the encoder misses its rate: a step of its quantiser in one key frame, which is
+much of a video of half a second and nothing of one of ten."""
+MAX_LOUDNESS_ERROR = 1.0
+"""LU around -23 LUFS, after AAC."""
+_MAX_FIRST_SHARE_ERROR = 0.1
+_QUIET_HANDLERS = {b"VideoHandler", b"SoundHandler"}
+_TELLING_BOXES = {"udta", "meta", "uuid", "ilst", "mdta"}
+_ENCODER_NOTES = (b"x264 - core", b"Lavf", b"Lavc")
+
+
+@dataclass(frozen=True)
+class Study:
+    """An export, as the checks see it."""
+
+    workspace: Workspace
+    key: Key
+    stimuli: Mapping[Stimulus, str]
+    """Blind ids."""
+
+    @cached_property
+    def files(self) -> dict[Stimulus, Mp4]:
+        """Every video, taken apart."""
+        return {
+            stimulus: read_mp4(self.workspace.video(blind))
+            for stimulus, blind in self.stimuli.items()
+        }
+
+    @cached_property
+    def scenes(self) -> list[list[Stimulus]]:
+        """Videos that are compared with one another."""
+        scenes: dict[tuple[str, str], list[Stimulus]] = {}
+        for stimulus in self.stimuli:
+            scenes.setdefault((stimulus.clip, stimulus.view), []).append(stimulus)
+        return list(scenes.values())
+
+    @cached_property
+    def data(self) -> dict[str, Any]:
+        """What the page's script reads."""
+        text = (self.workspace.bundle / DATA).read_text("utf-8")
+        if not text.startswith(DATA_START):
+            raise RunError(f"{DATA} is not what the export wrote.")
+        try:
+            return json.loads(text.removeprefix(DATA_START).rstrip().removesuffix(";"))
+        except ValueError as error:
+            raise RunError(f"{DATA} is not what the export wrote: {error}.") from error
+
+
+def check_study(folder: Path) -> list[str]:
+    """Test an export folder.
+
+    Returns:
+        One sentence for each leak; empty when none was found.
+
+    Raises:
+        RunError: if the folder holds no finished export.
+    """
+    workspace = Workspace(folder)
+    if not workspace.key.is_file():
+        raise RunError(f"There is no study in {folder}: {workspace.key} is missing.")
+    key = read_key(workspace.key)
+    if any(video.sha256 == NOT_MADE for video in key.videos.values()):
+        raise RunError(f"The export in {folder} is not finished; run it again first.")
+    stimuli = {
+        Stimulus(video.system, video.clip, video.speech, video.view): blind
+        for blind, video in key.videos.items()
+    }
+    study = Study(workspace, key, stimuli)
+    leaks = list(_stray_files(study))
+    if leaks:  # what is missing or foreign cannot be tested further
+        return leaks
+    return [leak for find in _CHECKS for leak in find(study)]
+
+
+def _stray_files(study: Study) -> Iterator[str]:
+    """Anything in the bundle that is not part of it, or not as the key says."""
+    bundle = study.workspace.bundle
+    wanted = {INDEX, SCRIPT, STYLE, DATA, *(f"media/{name}.mp4" for name in study.key.videos)}
+    found = {
+        path.relative_to(bundle).as_posix()
+        for path in bundle.rglob("*")
+        if path.is_symlink() or not path.is_dir() or path != study.workspace.media
+    }
+    for name in sorted(found - wanted):
+        yield f"stray file: {name} does not belong into the bundle."
+    for name in sorted(wanted - found):
+        yield f"missing file: {name} is not in the bundle."
+    for name, video in study.key.videos.items():
+        path = study.workspace.video(name)
+        if path.is_file() and sha256(path) != video.sha256:
+            yield f"changed file: media/{name}.mp4 is not the file that the key names."
+
+
+def _names(study: Study) -> Iterator[str]:
+    for name in study.key.videos:
+        if not re.fullmatch(r"[0-9a-f]{16}", name):
+            yield f"file name: media/{name}.mp4 is not 16 random hexadecimal digits."
+    yield from (f"{tell}." for tell in order_tells(study.stimuli))
+
+
+def _times(study: Study) -> Iterator[str]:
+    """Copies made later would show the order of making, which is the order of the systems."""
+    bundle = study.workspace.bundle
+    for path in sorted(bundle.rglob("*")):
+        if path.stat().st_mtime != media.LONG_AGO_S:
+            yield (
+                f"time stamp: {path.relative_to(bundle)} has a time of its own; all files must "
+                "have the same."
+            )
+
+
+def _metadata(study: Study) -> Iterator[str]:
+    secrets = [name for name in (*study.key.systems, *_clips(study)) if len(name) >= 6]
+    for stimulus, file in study.files.items():
+        name = f"media/{study.stimuli[stimulus]}.mp4"
+        telling = sorted(_TELLING_BOXES & set(file.boxes))
+        if telling:
+            yield f"metadata: {name} has a `{telling[0]}` box."
+        if file.has_times:
+            yield f"metadata: {name} holds the time at which it was made."
+        if set(file.names) - _QUIET_HANDLERS:
+            yield f"metadata: {name} names its streams {b', '.join(file.names).decode('latin-1')}."
+        data = study.workspace.video(study.stimuli[stimulus]).read_bytes()
+        for note in _ENCODER_NOTES:
+            if note in data:
+                yield f"metadata: {name} holds an encoder's note ({note.decode()})."
+        for secret in secrets:
+            if secret.encode().lower() in data.lower():
+                yield f"metadata: {name} holds the name {secret!r}."
+
+
+def _sizes(study: Study) -> Iterator[str]:
+    for what, measure in (
+        ("size", lambda file: float(file.num_bytes)),
+        ("bit rate", _picture_bit_rate),
+    ):
+        values = {stimulus: measure(file) for stimulus, file in study.files.items()}
+        for scene in study.scenes:
+            found = [values[stimulus] for stimulus in scene]
+            spread = (max(found) - min(found)) / min(found)
+            if spread > MAX_SIZE_SPREAD:
+                yield (
+                    f"{what}: the videos of clip {scene[0].clip!r} differ by {100 * spread:.1f} %; "
+                    f"at most {100 * MAX_SIZE_SPREAD:g} % is allowed."
+                )
+        yield from (f"{tell}." for tell in value_tells(values, what))
+
+
+def _picture_bit_rate(file: Mp4) -> float:
+    """Bytes per second of the picture alone."""
+    track = file.track("vide")
+    if track is None or track.duration <= 0:
+        raise RunError("A video of the bundle has no picture.")
+    return track.num_bytes / track.duration
+
+
+def _streams(study: Study) -> Iterator[str]:
+    """What lies below the file: how large each picture is, how much of it only fills it up, and
+    how well it can be compressed, which shows filling of another kind."""
+    own: dict[Stimulus, float] = {}
+    packed: dict[Stimulus, float] = {}
+    for stimulus, blind in study.stimuli.items():
+        stream = media.picture_stream(study.workspace.video(blind))
+        own[stimulus] = float(num_picture_bytes(stream))
+        packed[stimulus] = float(len(zlib.compress(stream)))
+    for scene in study.scenes:
+        tracks = [study.files[stimulus].track("vide") for stimulus in scene]
+        sizes = {track.sizes for track in tracks if track is not None}
+        if len(sizes) > 1:
+            yield f"packet sizes: the videos of clip {scene[0].clip!r} differ in them."
+        for what, values, allowed, chance in (
+            ("filling", own, MAX_FILLING_SPREAD, FILLING_CHANCE),
+            ("compressed size", packed, MAX_PACKED_SPREAD, PACKED_CHANCE),
+        ):
+            found = [values[stimulus] for stimulus in scene]
+            spread = (max(found) - min(found) - chance) / max(min(found), 1)
+            if spread > allowed:
+                yield (
+                    f"{what}: the videos of clip {scene[0].clip!r} differ by {100 * spread:.2g} %; "
+                    f"at most {100 * allowed:g} % is allowed."
+                )
+    steps = {stimulus: num_bytes // FILLING_CHANCE for stimulus, num_bytes in own.items()}
+    yield from (f"{tell}." for tell in value_tells(steps, "filling"))
+
+
+def _formats(study: Study) -> Iterator[str]:
+    """Length, number of frames, picture size and codec settings are equal within a scene."""
+    for scene in study.scenes:
+        files = [study.files[stimulus] for stimulus in scene]
+        for what, facts in _FORMAT_FACTS.items():
+            if any(facts(file) != facts(files[0]) for file in files):
+                yield f"{what}: the videos of clip {scene[0].clip!r} differ in it."
+
+
+_FORMAT_FACTS: dict[str, Callable[[Mp4], object]] = {
+    "duration": lambda file: tuple(track.duration for track in file.tracks),
+    "frames": lambda file: tuple(track.num_samples for track in file.tracks),
+    "streams": lambda file: tuple(track.handler for track in file.tracks),
+    "encoding": lambda file: [t.description for t in file.tracks if t.handler == "vide"],
+    "file structure": lambda file: tuple(box for box in file.boxes if box != "free"),
+}
+
+
+def _sounds(study: Study) -> Iterator[str]:
+    """One stream for each speech, of the right loudness; none where the study is silent."""
+    digests: dict[str, dict[str, str]] = {}
+    for stimulus, blind in study.stimuli.items():
+        digest = media.sound_digest(study.workspace.video(blind))
+        if (digest is None) != (stimulus.speech is None):
+            state = "no sound" if digest is None else "sound"
+            yield f"sound: media/{blind}.mp4 has {state}, unlike the others."
+        elif digest is not None and stimulus.speech is not None:
+            track = study.files[stimulus].track("soun")
+            stream = f"{digest} {track.description.hex() if track else ''}"
+            digests.setdefault(stimulus.speech, {})[stream] = blind
+    for speech, found in digests.items():
+        if len(found) > 1:
+            yield f"sound: the speech of clip {speech!r} is not the same stream in every video."
+        for blind in found.values():
+            loudness = media.measure_loudness(study.workspace.video(blind))
+            if abs(loudness - media.TARGET_LUFS) > MAX_LOUDNESS_ERROR:
+                yield (
+                    f"sound: the speech of clip {speech!r} has {loudness:.1f} LUFS in place of "
+                    f"{media.TARGET_LUFS:g}."
+                )
+
+
+def _lists(study: Study) -> Iterator[str]:
+    """Nothing in the order of ids or on the screen follows the method."""
+    trials = list(study.data.get("trials", {}))
+    if trials != sorted(trials):
+        yield "JSON: the trials do not stand in the order of their random ids."
+    excess: dict[tuple[str, bool], list[float]] = {}
+    for page in (page for pages in study.data.get("lists", []) for page in pages):
+        shown = page[1]
+        for place, blind in enumerate(shown):
+            video = study.key.videos.get(blind)
+            if video is None:
+                yield f"JSON: a list shows {str(blind)!r}, which is no video of the study."
+                continue
+            cells = excess.setdefault((video.system, video.is_matched), [])
+            cells.append((place == 0) - 1 / len(shown))
+    for (system, _), cells in sorted(excess.items()):
+        if abs(sum(cells)) > 1 + _MAX_FIRST_SHARE_ERROR * len(cells):
+            yield (
+                f"order on the screen: {system!r} stands first {sum(c > 0 for c in cells)} times "
+                f"in {len(cells)}."
+            )
+
+
+def _texts(study: Study) -> Iterator[str]:
+    yield from text_leaks(
+        study.workspace.bundle, study.data, study.key.protocol, study.key.systems, _clips(study)
+    )
+
+
+def _clips(study: Study) -> tuple[str, ...]:
+    return tuple(sorted({video.clip for video in study.key.videos.values()}))
+
+
+_CHECKS = (_names, _times, _metadata, _sizes, _streams, _formats, _sounds, _lists, _texts)

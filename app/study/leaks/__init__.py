@@ -1,1 +1,0 @@
-"""What would tell participants the systems; may import `make` and `design`."""

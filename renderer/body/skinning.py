@@ -1,0 +1,116 @@
+"""Linear blend skinning and vertex normals, frame after frame.
+
+The same formulas as the ``smplx`` package: rest joints follow betas and expressions, pose
+correctives are linear in ``R - I``, vertices are blended joint transforms of the corrected rest
+shape. Column vectors, metres, radians.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from jaxtyping import Float, Float32, Float64, Int, Int32
+from scipy import sparse
+
+from conventions.joints import NUM_JOINTS, PARENTS
+
+
+def matrix_from_axis_angle(axis_angle: Float[np.ndarray, "*batch 3"]) -> np.ndarray:
+    """(*batch, 3, 3) float64 rotation matrices; exact at and near zero angle."""
+    rotvec = np.asarray(axis_angle, np.float64)
+    angle_squared = (rotvec**2).sum(-1)[..., None, None]
+    angle = np.sqrt(angle_squared)
+    sine = np.sinc(angle / np.pi)  # sin(angle) / angle
+    cosine = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2  # (1 - cos(angle)) / angle^2
+    cross = np.zeros((*rotvec.shape, 3))
+    cross[..., 0, 1], cross[..., 0, 2] = -rotvec[..., 2], rotvec[..., 1]
+    cross[..., 1, 0], cross[..., 1, 2] = rotvec[..., 2], -rotvec[..., 0]
+    cross[..., 2, 0], cross[..., 2, 1] = -rotvec[..., 1], rotvec[..., 0]
+    return np.eye(3) + sine * cross + cosine * (cross @ cross)
+
+
+def global_transforms(
+    local_rot: Float64[np.ndarray, "T J 3 3"], rest_joints: Float64[np.ndarray, "T J 3"]
+) -> tuple[Float64[np.ndarray, "T J 3 3"], Float64[np.ndarray, "T J 3"]]:
+    """World rotation and position of each joint; the root stays at its rest position."""
+    global_rot = np.empty_like(local_rot)
+    positions = np.empty_like(rest_joints)
+    global_rot[:, 0], positions[:, 0] = local_rot[:, 0], rest_joints[:, 0]
+    for joint in range(1, NUM_JOINTS):
+        parent = PARENTS[joint]
+        global_rot[:, joint] = global_rot[:, parent] @ local_rot[:, joint]
+        bone = (rest_joints[:, joint] - rest_joints[:, parent])[:, :, None]
+        positions[:, joint] = positions[:, parent] + (global_rot[:, parent] @ bone)[:, :, 0]
+    return global_rot, positions
+
+
+def skin(
+    rest_vertices: Float32[np.ndarray, "T V 3"],
+    weights: sp.csr_array,
+    global_rot: Float[np.ndarray, "T J 3 3"],
+    translations: Float[np.ndarray, "T J 3"],
+) -> Float32[np.ndarray, "T V 3"]:
+    """``sum_j weight[v, j] (global_rot[j] rest[v] + translations[j])`` for each vertex."""
+    transforms = np.concatenate([global_rot, translations[..., None]], -1).astype(np.float32)
+    posed = np.empty_like(rest_vertices)
+    # One frame at a time: its blended matrices stay in the cache, which is six times as fast as
+    # blending a block of frames at once.
+    for frame, by_joint in enumerate(transforms.reshape(-1, NUM_JOINTS, 12)):
+        blended = (weights @ by_joint).reshape(-1, 3, 4)
+        np.einsum("vab,vb->va", blended[..., :3], rest_vertices[frame], out=posed[frame])
+        posed[frame] += blended[..., 3]
+    return posed
+
+
+def add_pose_correctives(
+    rest_vertices: Float32[np.ndarray, "T V 3"],
+    pose_vertices: Int32[np.ndarray, " P"],
+    pose_dirs: sp.csr_array | Float32[np.ndarray, "P3 N"],
+    local_rot: Float64[np.ndarray, "T J 3 3"],
+) -> None:
+    """Add the correctives of the pose to ``rest_vertices``, in place."""
+    num_frames = len(local_rot)
+    features = (local_rot[:, 1:] - np.eye(3)).reshape(num_frames, -1).astype(np.float32)
+    offsets = (pose_dirs @ features.T).T  # (T, 3 P)
+    rest_vertices[:, pose_vertices] += offsets.reshape(num_frames, -1, 3)
+
+
+class VertexNormals:
+    """Area-weighted vertex normals: ``n_v = normalize(sum of the cross products of v's faces)``.
+
+    The faces of a clip never change, so the sum is a sparse product that is laid out once.
+    """
+
+    def __init__(self, faces: Int[np.ndarray, "F 3"], num_vertices: int) -> None:
+        """
+        Raises:
+            ValueError: if a face names a vertex that does not exist.
+        """
+        if faces.size and not 0 <= int(faces.min()) <= int(faces.max()) < num_vertices:
+            raise ValueError(
+                f"The faces name vertices {int(faces.min())} to {int(faces.max())}; "
+                f"the body has {num_vertices}."
+            )
+        num_faces = len(faces)
+        self._corners = np.ascontiguousarray(faces.T.astype(np.intp))
+        self._sum_over_faces = sparse.csr_matrix(
+            (
+                np.ones(3 * num_faces, np.float32),
+                (faces.ravel(), np.repeat(np.arange(num_faces), 3)),
+            ),
+            shape=(num_vertices, num_faces),
+        )
+
+    def __call__(self, vertices: Float[np.ndarray, "V 3"]) -> Float32[np.ndarray, "V 3"]:
+        """Unit normals; a vertex without faces, or with faces of no area, gets zeros."""
+        planes = np.ascontiguousarray(vertices.T, dtype=np.float32)  # (3, V): one axis, one row
+        a, b, c = (planes[:, corner] for corner in self._corners)  # each (3, F)
+        u, v = b - a, c - a
+        cross = np.empty((u.shape[1], 3), np.float32)
+        cross[:, 0] = u[1] * v[2] - u[2] * v[1]
+        cross[:, 1] = u[2] * v[0] - u[0] * v[2]
+        cross[:, 2] = u[0] * v[1] - u[1] * v[0]
+        normals = self._sum_over_faces @ cross
+        length = np.sqrt(np.einsum("vi,vi->v", normals, normals))
+        normals /= np.maximum(length, np.finfo(np.float32).tiny)[:, None]
+        return normals

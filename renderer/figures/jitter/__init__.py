@@ -1,1 +1,0 @@
-"""The sheet that shows where the jitter sits; may import `figures`, not `figure6`."""

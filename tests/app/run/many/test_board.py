@@ -1,0 +1,141 @@
+"""Entries of a leaderboard: taken in, put together, refused."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.commands.cli import main
+from app.errors import RunError
+from app.run.many.board import Entry, Value, board_page, entries_of, merged, read_board, write_board
+from app.run.many.motions import ManyRequest, diagnose_folders
+from model.motion.motion import save_motion
+from tests.helpers import smooth_motion_example
+
+
+def entry(**changes: Any) -> Entry:
+    told = Entry(
+        "ours", "a test", "f" * 64, 2, "2026-01-02T00:00:00+00:00", "abc",
+        {"All joints: Mean jerk": Value(3.0, 2.0, 4.0, "m/s³", 2)}, {"jerk": 1}, "first",
+    )  # fmt: skip
+    return replace(told, **changes)
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two systems on two clips beside recorded ones, and the first alone on the same."""
+    root = tmp_path_factory.mktemp("sets")
+    for place, name in enumerate(("calm", "other", "recorded")):
+        (root / name).mkdir()
+        for clip in range(2):
+            motion = smooth_motion_example(70, seed=10 * place + clip)
+            save_motion(motion, root / name / f"clip{clip}.npz")
+    recorded = root / "recorded"
+    both = (root / "calm", root / "other")
+    diagnose_folders(ManyRequest(both, root / "both", recorded))
+    diagnose_folders(ManyRequest(both[:1], root / "one", recorded))
+    return root
+
+
+def test_the_same_clips_measured_again_are_the_same_test(measured: Path) -> None:
+    board = entries_of(measured / "both", "a note")
+    assert [each.system for each in board] == ["calm", "other", "reference"]
+    assert len({each.test for each in board}) == 1 and board[2].note == ""
+    assert board[0].measures["All joints: Mean jerk"].clips == 2
+    again = entries_of(measured / "one")
+    put = merged([board, again])
+    assert [(one.system, one.note) for one in put] == [
+        ("calm", "a note"), ("other", "a note"), ("reference", ""),
+    ]  # fmt: skip
+    assert [one.system for one in entries_of(measured / "both", names=["other"])] == [
+        "other", "reference",
+    ]  # fmt: skip
+
+
+def test_another_recorded_clip_is_another_test(measured: Path, tmp_path: Path) -> None:
+    (tmp_path / "recorded").mkdir()
+    for clip in range(2):
+        save_motion(smooth_motion_example(70, seed=clip), tmp_path / "recorded" / f"clip{clip}.npz")
+    request = ManyRequest((measured / "calm",), tmp_path / "out", tmp_path / "recorded")
+    diagnose_folders(request)
+    (calm, _) = entries_of(tmp_path / "out")
+    (known, *_) = entries_of(measured / "one")
+    assert calm.test != known.test and calm.files == known.files
+
+
+def test_the_latest_measurement_wins_and_a_note_stays() -> None:
+    old, new = entry(), entry(made_at="2026-02-01T00:00:00+00:00", note="", clips=3)
+    assert merged([[new], [old]]) == merged([[old], [new]]) == [replace(new, note="first")]
+    other = entry(files="e" * 64)
+    assert len(merged([[old, other]])) == 2
+
+
+def test_a_board_comes_back_as_it_was(tmp_path: Path) -> None:
+    write_board([entry()], tmp_path / "board.json")
+    assert read_board(tmp_path / "board.json") == [entry()]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"format": 9}, "no leaderboard"),
+        ({"entries": {}}, "no leaderboard"),
+        ({"entries": [{"system": "x"}]}, "damaged"),
+        ({"entries": [{**json.loads("{}"), "system": 5}]}, "damaged"),
+    ],
+)
+def test_what_is_no_board_is_refused(change: dict[str, Any], words: str, tmp_path: Path) -> None:
+    path = tmp_path / "board.json"
+    write_board([entry()], path)
+    path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
+    with pytest.raises(RunError, match=words):
+        read_board(path)
+
+
+@pytest.mark.parametrize(
+    "field, value", [("clips", "2"), ("clips", True), ("note", 3), ("mean", "1")]
+)
+def test_an_entry_of_other_kinds_is_refused(field: str, value: Any, tmp_path: Path) -> None:
+    path = tmp_path / "board.json"
+    write_board([entry()], path)
+    told = json.loads(path.read_text())
+    (one,) = told["entries"]
+    target = one["measures"]["All joints: Mean jerk"] if field == "mean" else one
+    target[field] = value
+    path.write_text(json.dumps(told))
+    with pytest.raises(RunError, match="damaged"):
+        read_board(path)
+
+
+def test_results_without_a_recorded_set_are_refused(measured: Path, tmp_path: Path) -> None:
+    diagnose_folders(ManyRequest((measured / "calm",), tmp_path / "alone"))
+    with pytest.raises(RunError, match="without a recorded set"):
+        entries_of(tmp_path / "alone")
+    with pytest.raises(RunError, match=r"no 'nobody'; it has calm"):
+        entries_of(measured / "one", names=["nobody"])
+    with pytest.raises(RunError, match="could not be read"):
+        entries_of(tmp_path)
+
+
+def test_the_command_keeps_merges_and_shows(measured: Path, tmp_path: Path) -> None:
+    first, second, put = (str(tmp_path / f"{name}.json") for name in ("a", "b", "c"))
+    assert main(["leaderboard", "add", first, str(measured / "both"), "--note", "x <b> y"]) == 0
+    assert main(["leaderboard", "add", second, str(measured / "one")]) == 0
+    assert main(["leaderboard", "merge", first, second, "--out", put]) == 0
+    page = tmp_path / "board.html"
+    assert main(["leaderboard", "page", put, "--out", str(page)]) == 0
+    html = page.read_text()
+    assert html.count("<tr") == 4 and "x &lt;b&gt; y" in html and "x <b> y" not in html
+    assert main(["leaderboard", "page", put, "--out", str(tmp_path / "board.txt")]) == 1
+
+
+def test_values_say_how_far_they_are_from_recorded() -> None:
+    """What the page sorts by."""
+    recorded = entry(system="reference", measures={"All joints: Mean jerk": Value(5, 5, 5, "", 2)})
+    fgd = {"Distribution: FGD": Value(7, 6, 8, "", 2)}
+    html = board_page([entry(measures={**entry().measures, **fgd}), recorded])
+    apart = [float(cell.split('"')[0]) for cell in html.split('data-apart="')[1:]]
+    assert np.allclose(apart, [2.0, 7.0, 0.0])

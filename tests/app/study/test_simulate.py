@@ -1,0 +1,100 @@
+import json
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.errors import RunError
+from app.study.simulate import ALIKE, RaterModel, davidson, simulate
+from app.study.statistics.answers import TIE, collect
+from app.study.statistics.screening import screen
+from app.study.statistics.votes import match_votes, pair_votes
+from tests.app.study.made import STRENGTHS, made_key, made_participants, written_study
+
+
+@pytest.mark.parametrize("protocol", ["pairwise", "matched", "ranking", "rating"])
+def test_what_is_simulated_reads_back_whole(tmp_path: Path, protocol: str) -> None:
+    key = made_key(protocol)
+    written_study(tmp_path, key, [])
+    out = tmp_path / "simulated"
+    simulate(tmp_path / "study", 9, STRENGTHS, 4, out)
+    collected = collect([out], key)
+    assert collected.left_out == ()
+    assert len(collected.participants) == 9
+    on_lists = Counter(one.list_number for one in collected.participants)
+    assert on_lists == {0: 3, 1: 2, 2: 2, 3: 2}
+    truth = json.loads((out / "truth.json").read_text())
+    assert truth["strengths"] == STRENGTHS
+    assert truth["model"]["tie"] == RaterModel().tie
+
+
+def test_a_seed_makes_the_same_answers_and_another_does_not(tmp_path: Path) -> None:
+    written_study(tmp_path, made_key(), [])
+    texts = []
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        simulate(tmp_path / "study", 2, STRENGTHS, seed, tmp_path / name)
+        texts.append((tmp_path / name / "simulated00001.json").read_text())
+    assert texts[0] == texts[1] != texts[2]
+
+
+def test_answers_of_two_runs_do_not_mix(tmp_path: Path) -> None:
+    written_study(tmp_path, made_key(), [])
+    simulate(tmp_path / "study", 1, STRENGTHS, 1, tmp_path / "out")
+    with pytest.raises(RunError, match="holds answers already"):
+        simulate(tmp_path / "study", 1, STRENGTHS, 2, tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("raters", "strengths", "seed", "says"),
+    [
+        (0, STRENGTHS, 0, "Raters must be 1 to 10000; got 0"),
+        (1, STRENGTHS, -1, "seed must not be negative"),
+        (1, {"local": 1.0}, 0, "exactly local, global, rival; got local"),
+        (1, STRENGTHS | {"other": 1.0}, 0, "exactly local, global, rival"),
+        (1, STRENGTHS | {"local": float("nan")}, 0, "strength of local must be within ±20"),
+        (1, STRENGTHS | {"local": 21.0}, 0, "strength of local must be within ±20"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused(
+    tmp_path: Path, raters: int, strengths: dict[str, float], seed: int, says: str
+) -> None:
+    written_study(tmp_path, made_key(), [])
+    with pytest.raises(RunError, match=says):
+        simulate(tmp_path / "study", raters, strengths, seed, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_raters_choose_as_often_as_the_model_says() -> None:
+    key = made_key(num_clips=10)
+    votes = pair_votes(made_participants(key, 300, ALIKE), key, "realism")
+    score = votes[(votes.left == 0) & (votes.right == 1)].score
+    seen = [(score == value).mean() for value in (1, 0.5, 0)]
+    assert seen == pytest.approx(list(davidson(-1.0 + ALIKE.left_advantage, 0.5)), abs=0.03)
+
+
+def test_matched_strength_is_the_log_odds_of_the_right_choice() -> None:
+    key = made_key("matched", num_clips=10)
+    people = made_participants(key, 200, ALIKE)
+    by_system = match_votes(people, key, "match")
+    assert set(by_system) == set(STRENGTHS)
+    for name, votes in by_system.items():
+        score = votes.between(0, 1).score
+        odds = (score == 1).mean() / (score == 0).mean()
+        assert np.log(odds) == pytest.approx(STRENGTHS[name], abs=0.15)
+
+
+def test_sides_are_balanced_and_ties_happen() -> None:
+    key = made_key(num_clips=10)
+    people = made_participants(key, 4)
+    votes = pair_votes(people, key, "realism")
+    assert ((votes.left == 0) & (votes.right == 1)).sum() == 20
+    assert ((votes.left == 1) & (votes.right == 0)).sum() == 20
+    assert any(answer.value == TIE for one in people for answer in one.answers)
+
+
+def test_lapses_fail_checks_as_often_as_said() -> None:
+    key = made_key()
+    screened = screen(made_participants(key, 200, RaterModel(lapse=0.5)), key)
+    assert len(screened.dropped) == pytest.approx(50, abs=20)  # both of two checks failed
+    assert not screen(made_participants(key, 200, RaterModel(lapse=0)), key).dropped
