@@ -11,8 +11,15 @@ from typing import TYPE_CHECKING, Any
 from app.errors import RunError
 from app.flags import OUT_FOLDER, flag, names_of
 from app.run.body_motion import body_motion
-from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
-from app.run.figures import check_start, draw_error_growth, draw_figure6, draw_jitter
+from app.run.diagnostics import (
+    check_start,
+    draw_error_growth,
+    draw_figure6,
+    draw_jitter,
+    measure_motions,
+    onsets_of,
+    write_diagnostics,
+)
 from app.run.followed_point import TIP, TipSource, choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder

@@ -1,4 +1,5 @@
-"""The numbers of motions beside each other: measured, told in ``diagnostics.json`` and a table.
+"""The numbers of motions beside each other, told in ``diagnostics.json`` and a table, and their
+figures.
 
 Generated motion and anyone else's go this one way.
 """
@@ -7,26 +8,31 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from app.errors import RunError
+from app.findings.sentences import sentences_of
 from app.run.followed_point import TipSource
 from app.run.output.result_folder import ResultFolder
-from conventions.names import REFERENCE_NAME
+from app.run.videos.comparison import Snapshots
+from conventions.names import REFERENCE_NAME, VERSIONS, PostFilter, Version
 from model.speech.transcript import NOTHING_SAID
 from model.storage.harmless import csv_text
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from model.diagnostics import Diagnostics
+    from model.diagnostics import Diagnostics, Versions
+    from model.measures.results import Measures
     from model.measures.seams import Windows
     from model.motion.motion import Motion
     from model.motion.tracks import Tracks
     from model.speech.audio import Speech
     from model.speech.transcript import Transcript
+    from renderer.figures.jitter_series import Jitter
 
 CSV_HEADER = ("name", "post_filter", "measure", "index", "value")
 _KEPT_CLIPS = 8
@@ -139,3 +145,123 @@ def _numbers(value: Any, index: str = "") -> Iterator[tuple[str, float]]:
         return
     for key, inner in items:
         yield from _numbers(inner, f"{index}/{key}" if index else str(key))
+
+
+def check_start(start_frame: int, num_frames: int) -> None:
+    """Refuse a start of Figure 6 behind the end of the shortest motion, before anything is made.
+
+    Raises:
+        RunError: naming the last frame.
+    """
+    if not 0 <= start_frame < num_frames:
+        raise RunError(f"Figure 6 must start at frame 0 to {num_frames - 1}; got {start_frame}.")
+
+
+def draw_figure6(
+    motions: Mapping[str, Motion],
+    snapshots: Snapshots,
+    tip: TipSource,
+    folder: ResultFolder,
+    start_frame: int,
+    *,
+    is_generated: bool,
+    post_filter: PostFilter = "none",
+    clip: str = "",
+    on_piece: Callable[[], None] = lambda: None,
+) -> list[Path]:
+    """Trajectories of the followed point, with poses where there are any, in all three formats.
+
+    Args:
+        motions: as they are shown; the recorded one as `REFERENCE_NAME`.
+        is_generated: whether the caption tells that each system was drawn with one seed.
+        post_filter: what they have been through.
+        clip: name of the speech.
+        on_piece: called at least once for each motion; what it raises ends the work.
+    """
+    from renderer.figures.figure6.figure6 import ONE_SEED_CAVEAT, WINDOW_FRAMES, figure6
+
+    end = start_frame + WINDOW_FRAMES
+    files = figure6(
+        {name: tip.track(motion, end, on_piece) for name, motion in motions.items()},
+        {name: found for name, found in snapshots.pictures.items() if name in motions},
+        snapshots.frames,
+        30.0,
+        folder.path("figure6.png").with_suffix(""),
+        reference=REFERENCE_NAME if REFERENCE_NAME in motions else None,
+        start_frame=start_frame,
+        point=tip.title,
+        tip_source=tip.name,
+        post_filter=post_filter,
+        clip=clip,
+        caveat=ONE_SEED_CAVEAT if is_generated else "",
+        marks=snapshots.marks.of(motions) if snapshots.marks else None,
+    )
+    return [folder.path(path.name) for path in files]
+
+
+def draw_jitter(
+    diagnostics: Diagnostics,
+    tip: TipSource,
+    folder: ResultFolder,
+    names: Sequence[str],
+    clip: str = "",
+) -> list[Path]:
+    """The jitter sheet of some systems, with what its numbers say, in all three formats."""
+    from renderer.figures.jitter import jitter_sheet
+    from renderer.figures.jitter_series import JitterSheet
+
+    sentences = sentences_of(diagnostics)
+    reference = {} if diagnostics.reference is None else {REFERENCE_NAME: diagnostics.reference}
+    shown = reference | {name: diagnostics.systems[name] for name in names}
+    windows = diagnostics.windows
+    files = jitter_sheet(
+        JitterSheet(
+            {name: _jitter_of(versions) for name, versions in shown.items()},
+            point=tip.title.lower(),
+            window_advance=windows.advance if windows else 0,
+            window_overlap=windows.overlap if windows else 0,
+        ),
+        folder.path("jitter.png").with_suffix(""),
+        clip=clip,
+        sentence=f"{sentences['trajectory']} {sentences['depth']}",
+    )
+    return [folder.path(path.name) for path in files]
+
+
+def _jitter_of(versions: Versions) -> dict[Version, Jitter]:
+    from renderer.figures.jitter_series import Jitter
+
+    def of(measures: Measures) -> Jitter:
+        spectrum, period = measures.point.tip_spectrum, measures.seams.period
+        return Jitter(
+            by_depth=measures.positions.jerk_by_depth_m_s3,
+            by_joint=measures.positions.joint_jerk_m_s3,
+            spectrum=spectrum and (spectrum.frequency_hz, spectrum.velocity_power),
+            chain=measures.point.tip_jerk_attribution.joints,
+            chain_drop=measures.point.tip_jerk_attribution.share,
+            by_phase=measures.seams.jerk_by_window_phase_m_s3,
+            period=period and (period.frames, period.part),
+        )
+
+    return {kind: of(versions.of(kind)) for kind in VERSIONS}
+
+
+def draw_error_growth(
+    growth: Mapping[str, Any], names: Sequence[str], folder: ResultFolder
+) -> list[Path]:
+    """The experiment on the recorded motion, or on the first where there is none.
+
+    Args:
+        growth: the content of ``error_growth.json``.
+        names: of the motions in it.
+    """
+    from renderer.figures.error_growth import error_growth_figure
+
+    name = REFERENCE_NAME if REFERENCE_NAME in names else names[0]
+    measured = growth["motions"][name]
+    files = error_growth_figure(
+        measured,
+        folder.path("error_growth.png").with_suffix(""),
+        sentence=f"{name}: {measured['sentence']}",
+    )
+    return [folder.path(path.name) for path in files]

@@ -13,8 +13,14 @@ from typing import TYPE_CHECKING
 
 from app.errors import CancelledRun
 from app.run.body_motion import body_motion
-from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
-from app.run.figures import check_start, draw_figure6, draw_jitter
+from app.run.diagnostics import (
+    check_start,
+    draw_figure6,
+    draw_jitter,
+    measure_motions,
+    onsets_of,
+    write_diagnostics,
+)
 from app.run.followed_point import TipSource, choose_tip_source
 from app.run.inputs import Inputs, read_inputs
 from app.run.output.provenance import make_provenance

@@ -8,18 +8,19 @@ generation; each as generated and behind one and the same filter, with the recor
 black.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from conventions.joints import JOINT_NAMES
 from conventions.names import REFERENCE_NAME, VERSIONS, Version
 from renderer.figures import style
 from renderer.figures.files import FigureFiles, matplotlib_settings, write_figure
-from renderer.figures.jitter_series import Curves, JitterSheet, read_sheet
+from renderer.figures.jitter_series import JOINT_ORDER, Curves, JitterSheet
 from renderer.figures.page import (
     CAPTION_GAP,
     MARGIN,
@@ -121,7 +122,7 @@ def draw_sheet(sheet: JitterSheet, caption: str) -> "Figure":
     from matplotlib.figure import Figure
 
     lines = caption_lines(caption)
-    layout = plan_sheet(tuple(sheet.measures), len(lines))
+    layout = plan_sheet(tuple(sheet.jitter), len(lines))
     figure = Figure(figsize=(style.FIGURE_WIDTH_IN, layout.height), facecolor="white")
     for key in layout.legend:
         draw_key(figure, key, sheet.styles[key.name])
@@ -158,7 +159,7 @@ def _draw_joints(figure: "Figure", layout: SheetLayout, sheet: JitterSheet) -> N
         y_label=_JERK,
         is_dense=True,
     )
-    names = [short_name(sheet.joint_names[joint]) for joint in sheet.joint_order]
+    names = [short_name(JOINT_NAMES[joint]) for joint in JOINT_ORDER]
     _name_x(axes, names, size=5.2)
     _share_log([axes], [sheet.by_joint("raw")])
 
@@ -335,32 +336,17 @@ def _write_y_label(figure: "Figure", rect: Rect, text: str) -> None:
     )
 
 
-__all__ = ["jitter_sheet"]
-
-
 def jitter_sheet(
-    diagnostics: Mapping[str, Any],
-    out_stem: Path,
-    *,
-    names: Sequence[str] | None = None,
-    point: str = "",
-    clip: str = "",
-    sentence: str = "",
+    sheet: JitterSheet, out_stem: Path, *, clip: str = "", sentence: str = ""
 ) -> FigureFiles:
     """Write ``<out_stem>.png``, ``.svg`` and ``.pdf``; each appears whole or not at all.
 
     Args:
-        diagnostics: the content of a ``diagnostics.json``; what it lacks is told in the caption.
+        sheet: the numbers; what they lack is told in the caption.
         out_stem: path without an extension; its folder is made.
-        names: systems to show, at most six; by default the first six.
-        point: the followed point, for the titles.
         clip: name of the clip, for the caption.
         sentence: what the numbers say, at the end of the caption.
-
-    Raises:
-        FigureError: what was given cannot be drawn; one sentence says why.
     """
-    sheet = read_sheet(diagnostics, names, point)
     caption = _caption(sheet, clip, sentence)
     with matplotlib_settings():
         return write_figure(draw_sheet(sheet, caption), out_stem, description=caption)
@@ -368,7 +354,7 @@ def jitter_sheet(
 
 def _caption(sheet: JitterSheet, clip: str, sentence: str) -> str:
     parts = [f"Jitter{f' of {clip}' if clip else ''}, left as generated, right after the filter."]
-    if REFERENCE_NAME in sheet.measures:
+    if REFERENCE_NAME in sheet.jitter:
         parts.append("Black: the recorded reference, which has no windows and so no seams.")
     measures = {
         "jerk by depth": sheet.by_depth("raw"),
@@ -378,7 +364,7 @@ def _caption(sheet: JitterSheet, clip: str, sentence: str) -> str:
     if sheet.window_advance:
         measures["seams"] = sheet.by_phase("raw")
     for title, curves in measures.items():
-        lacking = [name for name in sheet.measures if name not in curves]
+        lacking = [name for name in sheet.jitter if name not in curves]
         if lacking and curves:
             parts.append(f"No {title} of {', '.join(lacking)}: too short, or nothing moved.")
     if sheet.window_advance == 0:
@@ -386,7 +372,7 @@ def _caption(sheet: JitterSheet, clip: str, sentence: str) -> str:
             f"The {part} of {name} jerk anew every {frames} frames."
             for name, (frames, part) in sheet.periods.items()
         ]
-        without = [name for name in sheet.measures if name not in sheet.periods]
+        without = [name for name in sheet.jitter if name not in sheet.periods]
         if without:
             parts.append(f"No period of 2 to 240 frames in {', '.join(without)}.")
     return " ".join([*parts, sentence]).strip()

@@ -1,16 +1,16 @@
-"""The curves of the jitter sheet, taken out of the numbers of ``diagnostics.json``.
+"""What the jitter sheet shows of each motion, and the curves made of it.
 
-What was not measured, because a clip is too short or nothing moved, is NaN here and a gap in the
-plot; a measure that a file does not have at all gives no curve.
+What was not measured, because a clip is too short or nothing moved, is NaN and a gap in the plot; a
+motion of which nothing was measured has no curve.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from conventions.joints import JOINT_NAMES
 from conventions.names import REFERENCE_NAME, Version
 from renderer.figures.files import FigureError
 from renderer.figures.style import MAX_SYSTEMS, SeriesStyle, styles_of
@@ -23,27 +23,56 @@ _GROUP_ENDS = ("_hip", "_collar", "index1", "middle1", "pinky1", "ring1", "thumb
 
 
 @dataclass(frozen=True)
-class JitterSheet:
-    """What one sheet shows, as :func:`read_sheet` returns it."""
+class Jitter:
+    """Of one motion, as generated or filtered."""
 
-    measures: dict[str, Mapping[Version, Mapping[str, Any]]]
-    """Name to the numbers as generated and filtered; the reference comes first."""
-    joint_names: tuple[str, ...]
-    point: str
-    window_advance: int
-    window_overlap: int
+    by_depth: Float[np.ndarray, " depths"]
+    """Mean jerk of the joints so many bones from the pelvis, m/s^3."""
+    by_joint: Float[np.ndarray, " 55"]
+    """Jerk of each of the 55 joints, m/s^3."""
+    spectrum: tuple[Float[np.ndarray, " bins"], Float[np.ndarray, " bins"]] | None
+    """Frequencies in Hz, and the share of the followed point's velocity power at each."""
+    chain: tuple[str, ...]
+    """The joints from the pelvis to the followed point."""
+    chain_drop: Float[np.ndarray, " chain"]
+    """Of the point's jerk when that joint alone is smoothed; 1 is all of it."""
+    by_phase: Float[np.ndarray, " frames"]
+    """Mean jerk in m/s^3 for each frame of the window, or of the period found; empty without."""
+    period: tuple[int, str] | None
+    """Frames after which jerk comes again, and the part of the body that shows it."""
+
+
+@dataclass(frozen=True)
+class JitterSheet:
+    """What one sheet shows.
+
+    Raises:
+        FigureError: if there are no systems or too many.
+    """
+
+    jitter: Mapping[str, Mapping[Version, Jitter]]
+    """By name; the reference comes first where there is one."""
+    point: str = "followed point"
+    window_advance: int = 0
+    """0 where windows are not known."""
+    window_overlap: int = 0
+
+    def __post_init__(self) -> None:
+        num = len([name for name in self.jitter if name != REFERENCE_NAME])
+        if not 1 <= num <= MAX_SYSTEMS:
+            raise FigureError(f"The jitter sheet holds 1 to {MAX_SYSTEMS} systems; got {num}.")
 
     @property
     def styles(self) -> dict[str, SeriesStyle]:
-        return styles_of(self.measures, REFERENCE_NAME)
+        return styles_of(self.jitter, REFERENCE_NAME)
 
     def by_depth(self, kind: Version) -> Curves:
         """Bones from the pelvis, and the mean jerk of the joints there in m/s^3."""
-        return self._curves(kind, "jerk_by_depth_m_s3")
+        return _curves({name: each.by_depth for name, each in self._of(kind).items()})
 
     def by_phase(self, kind: Version) -> Curves:
         """Frame of the window, or of the period found, and mean jerk in m/s^3."""
-        return self._curves(kind, "jerk_by_window_phase_m_s3")
+        return _curves({name: each.by_phase for name, each in self._of(kind).items()})
 
     @property
     def periods(self) -> dict[str, tuple[int, str]]:
@@ -51,116 +80,43 @@ class JitterSheet:
         body that shows it."""
         if self.window_advance:
             return {}
-        found = {name: _of(m, "raw").get("period") for name, m in self.measures.items()}
-        return {
-            name: (int(period["frames"]), str(period["part"]))
-            for name, period in found.items()
-            if period
-        }
+        return {name: each.period for name, each in self._of("raw").items() if each.period}
 
     def by_joint(self, kind: Version) -> Curves:
-        """Place in :meth:`joint_order`, and jerk in m/s^3; a gap of NaN wherever a limb ends."""
-        order = self.joint_order
-        curves = {}
-        for name, (_, jerk) in self._curves(kind, "joint_jerk_m_s3").items():
-            if len(jerk) == len(order):
-                places = np.arange(len(order), dtype=float)
-                starts = [place for place in places if self._begins_limb(order[int(place)])]
-                at = np.searchsorted(places, starts)
-                curves[name] = (
-                    np.insert(places, at, np.nan),
-                    np.insert(jerk[list(order)], at, np.nan),
-                )
-        return curves
-
-    @property
-    def joint_order(self) -> tuple[int, ...]:
-        """The joints limb by limb: trunk and head, left leg, right leg, left arm, right arm."""
-        return tuple(sorted(range(len(self.joint_names)), key=lambda j: _limb(self.joint_names[j])))
-
-    def _begins_limb(self, joint: int) -> bool:
-        return self.joint_names[joint].endswith(_GROUP_ENDS)
+        """Place in `JOINT_ORDER`, and jerk in m/s^3; a gap of NaN wherever a limb ends."""
+        places = np.arange(len(JOINT_ORDER), dtype=float)
+        starts = [k for k, j in enumerate(JOINT_ORDER) if JOINT_NAMES[j].endswith(_GROUP_ENDS)]
+        x = np.insert(places, starts, np.nan)
+        return _with_numbers(
+            {
+                name: (x, np.insert(each.by_joint[list(JOINT_ORDER)], starts, np.nan))
+                for name, each in self._of(kind).items()
+            }
+        )
 
     def spectrum(self, kind: Version) -> Curves:
         """Frequency in Hz, and share of the point's velocity power in each bin in percent."""
-        found = {}
-        for name, measures in self.measures.items():
-            spectrum = _of(measures, kind).get("tip_spectrum") or {}
-            if spectrum.get("velocity_power") and spectrum.get("frequency_hz"):
-                power = 100.0 * _array(spectrum["velocity_power"])
-                found[name] = (_array(spectrum["frequency_hz"]), power)
-        return _with_numbers(found)
+        spectra = {name: each.spectrum for name, each in self._of(kind).items()}
+        return _with_numbers(
+            {name: (found[0], 100.0 * found[1]) for name, found in spectra.items() if found}
+        )
 
     def attribution(self, kind: Version) -> Curves:
         """Place in :attr:`chain`, and relative drop of the point's jerk in percent."""
-        found = {}
-        for name, measures in self.measures.items():
-            attribution = _of(measures, kind).get("tip_jerk_attribution") or {}
-            joints = attribution.get("joints") or ()
-            share: dict[str, float | None] = {}
-            share.update(zip(joints, attribution.get("share") or (), strict=False))
-            if share:
-                drop = 100.0 * _array([share.get(joint) for joint in self.chain])
-                found[name] = (np.arange(len(self.chain), dtype=float), drop)
-        return _with_numbers(found)
+        found = self._of(kind).items()
+        return _curves({name: 100.0 * each.chain_drop for name, each in found})
 
     @property
     def chain(self) -> tuple[str, ...]:
-        """The joints from the pelvis to the followed point; empty where no motion names them."""
-        for measures in self.measures.values():
-            for kind in ("raw", "savgol"):
-                joints = (_of(measures, kind).get("tip_jerk_attribution") or {}).get("joints")
-                if joints:
-                    return tuple(joints)
-        return ()
+        """The joints from the pelvis to the followed point."""
+        return next((each.chain for each in self._of("raw").values() if each.chain), ())
 
-    def _curves(self, kind: Version, measure: str) -> Curves:
-        values = {name: _of(m, kind).get(measure) for name, m in self.measures.items()}
-        arrays = {name: _array(value) for name, value in values.items() if value}
-        return _with_numbers(
-            {name: (np.arange(len(y), dtype=float), y) for name, y in arrays.items()}
-        )
+    def _of(self, kind: Version) -> dict[str, Jitter]:
+        return {name: versions[kind] for name, versions in self.jitter.items()}
 
 
-def read_sheet(
-    diagnostics: Mapping[str, Any], names: Sequence[str] | None = None, point: str = ""
-) -> JitterSheet:
-    """The numbers of some systems, and of the reference where there is one.
-
-    Args:
-        diagnostics: the content of a ``diagnostics.json``.
-        names: systems to show; by default the first six.
-        point: the followed point, for the titles; by default its name in the file.
-
-    Raises:
-        FigureError: if there are no systems or too many, or one of the names is none of them.
-    """
-    systems = diagnostics["systems"]
-    names = list(systems)[:MAX_SYSTEMS] if names is None else list(names)
-    if not 1 <= len(names) <= MAX_SYSTEMS:
-        raise FigureError(f"The jitter sheet holds 1 to {MAX_SYSTEMS} systems; got {len(names)}.")
-    unknown = [name for name in names if name not in systems]
-    if unknown:
-        raise FigureError(
-            f"There are no numbers of {unknown[0]!r}; there are {', '.join(systems)}."
-        )
-    reference = diagnostics.get("reference")
-    measures = {REFERENCE_NAME: reference} if reference else {}
-    return JitterSheet(
-        measures={**measures, **{name: systems[name] for name in names}},
-        joint_names=tuple(diagnostics.get("joint_names") or ()),
-        point=point or str(diagnostics.get("joint") or diagnostics.get("tip") or "followed point"),
-        window_advance=int(diagnostics.get("window_advance_frames") or 0),
-        window_overlap=int(diagnostics.get("window_overlap_frames") or 0),
-    )
-
-
-def _of(measures: Mapping[Version, Mapping[str, Any]], kind: Version) -> Mapping[str, Any]:
-    return measures.get(kind) or {}
-
-
-def _array(values: Sequence[float | None]) -> Float[np.ndarray, " N"]:
-    return np.array([np.nan if value is None else value for value in values], dtype=float)
+def _curves(values: Mapping[str, np.ndarray]) -> Curves:
+    return _with_numbers({name: (np.arange(len(y), dtype=float), y) for name, y in values.items()})
 
 
 def _with_numbers(curves: Curves) -> Curves:
@@ -173,3 +129,7 @@ def _limb(joint_name: str) -> tuple[int, int]:
         return 0, 0
     is_leg = part in ("hip", "knee", "ankle", "foot")
     return 1 if is_leg else 2, 0 if side == "left" else 1
+
+
+JOINT_ORDER = tuple(sorted(range(len(JOINT_NAMES)), key=lambda j: _limb(JOINT_NAMES[j])))
+"""The joints limb by limb: trunk and head, left leg, right leg, left arm, right arm."""

@@ -1,10 +1,13 @@
-"""Made-up numbers like those of ``diagnostics.json``: the sheet is drawn from such a dict."""
+"""Made-up numbers like those of a run, for the jitter sheet."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from conventions.joints import JOINT_NAMES, PARENTS
+from conventions.names import Version
+from renderer.figures.jitter_series import Jitter, JitterSheet
 
 NAMES = (
     "globaldiff/local",
@@ -27,31 +30,31 @@ def depth_of_joints() -> np.ndarray:
     return depth
 
 
-def example_diagnostics(
+def example_sheet(
     num_systems: int = 2, has_reference: bool = True, names: tuple[str, ...] = NAMES
-) -> dict[str, Any]:
+) -> JitterSheet:
     depth = depth_of_joints()
-    return {
-        "fps": 30,
-        "tip": "right_middle",
-        "joint_names": list(JOINT_NAMES),
-        "depth_of_joint": depth.tolist(),
-        "window_advance_frames": 52,
-        "window_overlap_frames": 8,
-        "systems": {
-            name: _both(depth, seed, 1.0 + 1.4 * (num_systems - seed))
-            for seed, name in enumerate(names[:num_systems])
-        },
-        "reference": _both(depth, 99, 1.0) if has_reference else None,
+    systems = {
+        name: _both(depth, seed, 1.0 + 1.4 * (num_systems - seed))
+        for seed, name in enumerate(names[:num_systems])
     }
+    reference = {"reference": _both(depth, 99, 1.0)} if has_reference else {}
+    return JitterSheet(reference | systems, "right middle fingertip", 52, 8)
 
 
-def _both(depth: np.ndarray, seed: int, roughness: float) -> dict[str, dict[str, Any]]:
-    raw = _measures(depth, seed, roughness)
-    return {"raw": raw, "savgol": _measures(depth, seed, 1.0 + 0.25 * (roughness - 1.0))}
+def with_numbers(sheet: JitterSheet, name: str, kind: Version, **numbers: Any) -> JitterSheet:
+    """The sheet with other numbers of one motion."""
+    versions = sheet.jitter[name]
+    versions = {**versions, kind: replace(versions[kind], **numbers)}
+    return replace(sheet, jitter={**sheet.jitter, name: versions})
 
 
-def _measures(depth: np.ndarray, seed: int, roughness: float) -> dict[str, Any]:
+def _both(depth: np.ndarray, seed: int, roughness: float) -> dict[Version, Jitter]:
+    raw = _jitter(depth, seed, roughness)
+    return {"raw": raw, "savgol": _jitter(depth, seed, 1.0 + 0.25 * (roughness - 1.0))}
+
+
+def _jitter(depth: np.ndarray, seed: int, roughness: float) -> Jitter:
     rng = np.random.default_rng(seed)
     jerk = (8.0 + 12.0 * depth) * roughness ** (depth / 10.0) * np.exp(rng.normal(0, 0.15, 55))
     frequency = np.linspace(0.0, 15.0, 65)
@@ -59,16 +62,12 @@ def _measures(depth: np.ndarray, seed: int, roughness: float) -> dict[str, Any]:
     phase = 40.0 * roughness * rng.gamma(30.0, 1 / 30.0, 52)
     phase[:9] *= 1.0 + 0.5 * (roughness - 1.0)
     share = rng.dirichlet(np.ones(len(CHAIN))) - 0.02
-    return {
-        "tip_jerk_m_s3": 120.0 * roughness,
-        "tip_velocity_power_above_5hz": 0.006 * roughness,
-        "seam_jerk_ratio": 1.0 + 0.3 * (roughness - 1.0),
-        "joint_jerk_m_s3": jerk.tolist(),
-        "jerk_by_depth_m_s3": [float(jerk[depth == d].mean()) for d in range(11)],
-        "tip_spectrum": {
-            "frequency_hz": frequency.tolist(),
-            "velocity_power": (power / power.sum()).tolist(),
-        },
-        "tip_jerk_attribution": {"joints": list(CHAIN), "share": share.tolist()},
-        "jerk_by_window_phase_m_s3": phase.tolist(),
-    }
+    return Jitter(
+        by_depth=np.array([jerk[depth == d].mean() for d in range(11)]),
+        by_joint=jerk,
+        spectrum=(frequency, power / power.sum()),
+        chain=CHAIN,
+        chain_drop=share,
+        by_phase=phase,
+        period=None,
+    )

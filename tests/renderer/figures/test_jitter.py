@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,13 @@ import pytest
 from PIL import Image
 
 from conventions.joints import JOINT_INDEX
+from conventions.names import VERSIONS, Version
 from renderer.figures.files import FigureError, matplotlib_settings
 from renderer.figures.jitter import NO_DATA, NO_PERIOD, ROWS, draw_sheet, jitter_sheet
-from renderer.figures.jitter_series import read_sheet
+from renderer.figures.jitter_series import Jitter, JitterSheet
 from renderer.figures.style import FIGURE_WIDTH_IN
 from tests.renderer.figures.figure_checks import drawn_texts, overlap
-from tests.renderer.figures.jitter_example import NAMES, example_diagnostics
+from tests.renderer.figures.jitter_example import NAMES, example_sheet, with_numbers
 
 
 @pytest.fixture
@@ -35,7 +37,7 @@ def lines_of(axes: Any) -> dict[str, Any]:
 def test_writes_three_formats_with_fonts_and_the_sentence(tmp_path: Path) -> None:
     sentence = "On this clip a has 1.6 times the jerk of b."
     files = jitter_sheet(
-        example_diagnostics(), tmp_path / "new" / "jitter", clip="2_scott_0_1_1", sentence=sentence
+        example_sheet(), tmp_path / "new" / "jitter", clip="2_scott_0_1_1", sentence=sentence
     )
     assert sorted(path.name for path in files.png.parent.iterdir()) == [
         "jitter.pdf",
@@ -53,28 +55,22 @@ def test_writes_three_formats_with_fonts_and_the_sentence(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("kind", ["raw", "savgol"])
-def test_curves_are_the_numbers(settings: None, kind: str) -> None:
-    numbers = example_diagnostics(3)
-    panels = panels_of(draw_sheet(read_sheet(numbers), ""))
-    motions = {"reference": numbers["reference"], **numbers["systems"]}
-
-    for name, measures in motions.items():
-        measured = measures[kind]
+def test_curves_are_the_numbers(settings: None, kind: Version) -> None:
+    sheet = example_sheet(3)
+    panels = panels_of(draw_sheet(sheet, ""))
+    for name, versions in sheet.jitter.items():
+        measured = versions[kind]
         curves = {row: lines_of(panels[f"{row} {kind}"])[name] for row in ROWS if row != "joints"}
-        np.testing.assert_allclose(curves["depth"].get_ydata(), measured["jerk_by_depth_m_s3"])
-        phase = measured["jerk_by_window_phase_m_s3"]
-        np.testing.assert_allclose(curves["seams"].get_ydata(), phase)
-        share = 100 * np.array(measured["tip_jerk_attribution"]["share"])
-        np.testing.assert_allclose(curves["attribution"].get_ydata(), share)
-        frequency = measured["tip_spectrum"]["frequency_hz"]
-        np.testing.assert_allclose(curves["spectrum"].get_xdata(), frequency)
+        np.testing.assert_allclose(curves["depth"].get_ydata(), measured.by_depth)
+        np.testing.assert_allclose(curves["seams"].get_ydata(), measured.by_phase)
+        np.testing.assert_allclose(curves["attribution"].get_ydata(), 100 * measured.chain_drop)
+        assert measured.spectrum is not None
+        np.testing.assert_allclose(curves["spectrum"].get_xdata(), measured.spectrum[0])
 
 
 def test_every_joint_has_its_own_value_over_its_own_name(settings: None) -> None:
-    numbers = example_diagnostics(1)
-    for joint in range(55):
-        numbers["systems"][NAMES[0]]["raw"]["joint_jerk_m_s3"][joint] = 100.0 + joint
-    axes = panels_of(draw_sheet(read_sheet(numbers), ""))["joints raw"]
+    sheet = with_numbers(example_sheet(1), NAMES[0], "raw", by_joint=100.0 + np.arange(55))
+    axes = panels_of(draw_sheet(sheet, ""))["joints raw"]
     line = lines_of(axes)[NAMES[0]]
     value_at = dict(zip(line.get_xdata(), line.get_ydata(), strict=True))
     place = {label.get_text(): x for x, label in enumerate(axes.get_xticklabels())}
@@ -92,8 +88,8 @@ def test_every_joint_has_its_own_value_over_its_own_name(settings: None) -> None
 
 
 def test_the_shared_frames_are_shaded_and_5_hz_is_marked(settings: None) -> None:
-    numbers = {**example_diagnostics(1), "window_overlap_frames": 6}
-    panels = panels_of(draw_sheet(read_sheet(numbers), ""))
+    sheet = replace(example_sheet(1), window_overlap=6)
+    panels = panels_of(draw_sheet(sheet, ""))
     (shade,) = panels["seams raw"].patches
     assert (shade.get_x(), shade.get_width()) == (-0.5, 6.0)
     marks = [line.get_xdata() for line in panels["spectrum raw"].get_lines()]
@@ -101,16 +97,18 @@ def test_the_shared_frames_are_shaded_and_5_hz_is_marked(settings: None) -> None
 
 
 def test_raw_and_filtered_panels_have_one_scale(settings: None) -> None:
-    panels = panels_of(draw_sheet(read_sheet(example_diagnostics(6)), ""))
+    panels = panels_of(draw_sheet(example_sheet(6), ""))
     for row in ROWS:
         if row != "joints":
             assert panels[f"{row} raw"].get_ylim() == panels[f"{row} savgol"].get_ylim()
 
 
 def test_zero_jerk_is_a_gap_on_a_logarithmic_axis(settings: None) -> None:
-    numbers = example_diagnostics(1, has_reference=False)
-    numbers["systems"][NAMES[0]]["raw"]["jerk_by_depth_m_s3"][3] = 0.0
-    axes = panels_of(draw_sheet(read_sheet(numbers), ""))["depth raw"]
+    sheet = example_sheet(1, has_reference=False)
+    jerk = sheet.jitter[NAMES[0]]["raw"].by_depth.copy()
+    jerk[3] = 0.0
+    sheet = with_numbers(sheet, NAMES[0], "raw", by_depth=jerk)
+    axes = panels_of(draw_sheet(sheet, ""))["depth raw"]
     drawn = np.asarray(lines_of(axes)[NAMES[0]].get_ydata(), dtype=float)
     assert np.flatnonzero(np.isnan(drawn)).tolist() == [3]
     low, high = axes.get_ylim()
@@ -118,36 +116,30 @@ def test_zero_jerk_is_a_gap_on_a_logarithmic_axis(settings: None) -> None:
 
 
 def test_periods_found_are_folded_and_named(settings: None) -> None:
-    numbers = example_diagnostics(2, has_reference=False)
-    numbers |= {"window_advance_frames": None, "window_overlap_frames": None}
-    for index, name in enumerate(NAMES[:2]):
-        for kind in ("raw", "savgol"):
-            numbers["systems"][name][kind] |= {
-                "jerk_by_window_phase_m_s3": [3.0, 1.0, 2.0, 1.0] if index else [],
-                "period": {"frames": 4, "part": "legs"} if index else None,
-            }
-    axes = panels_of(draw_sheet(read_sheet(numbers), ""))["seams raw"]
+    sheet = replace(example_sheet(2, has_reference=False), window_advance=0, window_overlap=0)
+    for kind in VERSIONS:
+        sheet = with_numbers(sheet, NAMES[0], kind, by_phase=np.zeros(0))
+        phase = np.array([3.0, 1.0, 2.0, 1.0])
+        sheet = with_numbers(sheet, NAMES[1], kind, by_phase=phase, period=(4, "legs"))
+    axes = panels_of(draw_sheet(sheet, ""))["seams raw"]
     assert axes.get_xlabel() == "frame of the period found"
     assert list(lines_of(axes)) == [NAMES[1]]
     assert not axes.patches  # no frames are shared that one knows of
-    for kind in ("raw", "savgol"):
-        numbers["systems"][NAMES[1]][kind] |= {"jerk_by_window_phase_m_s3": [], "period": None}
-    axes = panels_of(draw_sheet(read_sheet(numbers), ""))["seams raw"]
+    for kind in VERSIONS:
+        sheet = with_numbers(sheet, NAMES[1], kind, by_phase=np.zeros(0), period=None)
+    axes = panels_of(draw_sheet(sheet, ""))["seams raw"]
     assert " ".join(axes.texts[0].get_text().split()) == NO_PERIOD
 
 
 # ---------------------------------------------------------------------------- legibility
 
 
-def check_legible(
-    numbers: dict[str, Any], monkeypatch: pytest.MonkeyPatch, words: int = 60
-) -> None:
-    sheet = read_sheet(numbers)
+def check_legible(sheet: JitterSheet, monkeypatch: pytest.MonkeyPatch, words: int = 60) -> None:
     figure = draw_sheet(sheet, "word " * words)
     figure.set_dpi(144)
     texts = drawn_texts(figure, monkeypatch)
     written = "".join(text for text, _ in texts).replace(" ", "")
-    assert all(name.replace(" ", "") in written for name in sheet.measures)
+    assert all(name.replace(" ", "") in written for name in sheet.jitter)
 
     for (text_a, box_a), (text_b, box_b) in itertools.combinations(texts, 2):
         assert not overlap(box_a, box_b), f"{text_a!r} covers {text_b!r}"
@@ -170,7 +162,7 @@ def check_legible(
 def test_nothing_overlaps(
     settings: None, monkeypatch: pytest.MonkeyPatch, num_systems: int, has_reference: bool
 ) -> None:
-    check_legible(example_diagnostics(num_systems, has_reference), monkeypatch)
+    check_legible(example_sheet(num_systems, has_reference), monkeypatch)
 
 
 def test_long_and_odd_names_stay_whole_and_apart(
@@ -184,21 +176,20 @@ def test_long_and_odd_names_stay_whole_and_apart(
         "éàü",
         "b",
     )
-    check_legible(example_diagnostics(6, names=names), monkeypatch, words=150)
+    check_legible(example_sheet(6, names=names), monkeypatch, words=150)
 
 
 @pytest.mark.parametrize("factor", [0.0, 1e-4, 1e3])
 def test_numbers_of_any_size_fit(
     settings: None, monkeypatch: pytest.MonkeyPatch, factor: float
 ) -> None:
-    numbers = example_diagnostics(2)
-    for motion in [*numbers["systems"].values(), numbers["reference"]]:
-        for measures in motion.values():
-            for name in ("joint_jerk_m_s3", "jerk_by_depth_m_s3", "jerk_by_window_phase_m_s3"):
-                measures[name] = [factor * value for value in measures[name]]
-            shares = measures["tip_jerk_attribution"]["share"]
-            measures["tip_jerk_attribution"]["share"] = [-min(factor, 3.0) * s for s in shares]
-    check_legible(numbers, monkeypatch)
+    sheet = example_sheet(2)
+    for name, kind in itertools.product(list(sheet.jitter), VERSIONS):
+        jitter = sheet.jitter[name][kind]
+        jerk = {key: factor * getattr(jitter, key) for key in ("by_joint", "by_depth", "by_phase")}
+        drop = -min(factor, 3.0) * jitter.chain_drop
+        sheet = with_numbers(sheet, name, kind, chain_drop=drop, **jerk)
+    check_legible(sheet, monkeypatch)
 
 
 # ---------------------------------------------------------------------------- what is missing
@@ -207,50 +198,34 @@ def test_numbers_of_any_size_fit(
 def test_missing_numbers_leave_a_stated_gap(
     settings: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    numbers = example_diagnostics(1, has_reference=False)
-    short = {
-        "jerk_by_depth_m_s3": [None] * 11,
-        "joint_jerk_m_s3": [None] * 55,
-        "jerk_by_window_phase_m_s3": None,
-        "tip_spectrum": None,
-        "tip_jerk_attribution": {"joints": ["pelvis"], "share": [None]},
-    }
-    numbers["systems"] = {NAMES[0]: {"raw": short, "savgol": {}}}
-    check_legible(numbers, monkeypatch)
-    figure = draw_sheet(read_sheet(numbers), "")
-    assert [[text.get_text() for text in axes.texts if text.get_text() == NO_DATA]
-            for axes in figure.axes] == [[NO_DATA]] * 9  # fmt: skip
+    nothing = Jitter(
+        by_depth=np.full(11, np.nan),
+        by_joint=np.full(55, np.nan),
+        spectrum=None,
+        chain=("pelvis",),
+        chain_drop=np.full(1, np.nan),
+        by_phase=np.zeros(0),
+        period=None,
+    )
+    sheet = JitterSheet({NAMES[0]: {"raw": nothing, "savgol": nothing}}, window_advance=52)
+    check_legible(sheet, monkeypatch)
+    figure = draw_sheet(sheet, "")
+    said = [[t.get_text() for t in axes.texts if t.get_text() == NO_DATA] for axes in figure.axes]
+    assert said == [[NO_DATA]] * 9
 
 
 def test_the_caption_names_who_lacks_what(tmp_path: Path) -> None:
-    numbers = example_diagnostics(2)
-    numbers["systems"][NAMES[1]]["raw"]["tip_spectrum"] = None
-    files = jitter_sheet(numbers, tmp_path / "jitter")
+    sheet = with_numbers(example_sheet(2), NAMES[1], "raw", spectrum=None)
+    files = jitter_sheet(sheet, tmp_path / "jitter")
     with Image.open(files.png) as picture:
         description = picture.info["Description"]
     assert f"No spectrum of {NAMES[1]}: too short, or nothing moved." in description
     assert description.count("No ") == 1
 
 
-def test_a_file_of_an_older_version_is_drawn(settings: None) -> None:
-    numbers = example_diagnostics(1)
-    for measures in numbers["systems"][NAMES[0]].values():
-        del measures["tip_spectrum"], measures["tip_jerk_attribution"]
-    del numbers["joint_names"], numbers["depth_of_joint"]
-    panels = panels_of(draw_sheet(read_sheet(numbers), ""))
-    assert NAMES[0] in lines_of(panels["depth raw"])
-    assert NAMES[0] not in lines_of(panels["spectrum raw"])
-    assert not lines_of(panels["joints raw"])
-
-
-def test_more_systems_than_fit_are_refused_or_chosen() -> None:
-    numbers = example_diagnostics(6)
-    numbers["systems"]["seventh"] = numbers["systems"][NAMES[0]]
-    assert list(read_sheet(numbers).measures) == ["reference", *NAMES]
-    assert list(read_sheet(numbers, ["seventh"]).measures) == ["reference", "seventh"]
+def test_more_systems_than_fit_are_refused() -> None:
+    jitter = example_sheet(6).jitter
     with pytest.raises(FigureError, match="1 to 6 systems; got 7"):
-        read_sheet(numbers, list(numbers["systems"]))
-    with pytest.raises(FigureError, match="no numbers of 'other'"):
-        read_sheet(numbers, ["other"])
+        JitterSheet({**jitter, "seventh": jitter[NAMES[0]]})
     with pytest.raises(FigureError, match="got 0"):
-        read_sheet({**numbers, "systems": {}})
+        JitterSheet({"reference": jitter["reference"]})
