@@ -15,7 +15,7 @@ from app.page.tabs.videos_run import Asked
 from app.run.requests import display
 from model.motion.motion import Motion, save_motion
 from model.speech.audio import write_wav
-from renderer.scene.camera import Camera, Orbit, view_axes
+from renderer.scene.camera import FARTHEST_M, STEEPEST_RAD, ZOOMS, Camera, Orbit, view_axes
 from renderer.video.compose import band_height
 from tests.app.fakes import made_motion
 from tests.browser.conftest import PATIENCE_MS, STAGED, Stage, faked, open_page, start
@@ -229,8 +229,7 @@ def test_limits_and_cameras_are_those_of_the_stage(browser: Browser, fake_addres
         pixels = [each.project(points, 640, 480) for each in (moved, theirs)]
         assert np.allclose(*pixels, atol=1e-4, equal_nan=True), "a known point, in both pictures"
     farthest = page.evaluate(MOVED, [[[0, 9, 99, 9, -9]], *before])
-    far = camera.FARTHEST_M
-    edge = Orbit(0.0, camera.STEEPEST_RAD, camera.ZOOMS[1], far, -far).moved(camera, around)
+    edge = Orbit(0.0, STEEPEST_RAD, ZOOMS[1], FARTHEST_M, -FARTHEST_M).moved(camera, around)
     assert edge.eye == pytest.approx(np.reshape(farthest, (3, 4))[:, 3]), "the same limits"
     page.context.close()
 
