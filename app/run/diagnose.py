@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 
     from model.diagnostics import Diagnostics
     from model.formats.numbers import ReadOptions
+    from model.measures.error_growth import ErrorGrowth
     from model.measures.seams import Windows
     from model.motion.motion import Motion
 
@@ -220,11 +221,12 @@ def _diagnose(
         if request.is_played:
             pictured.tell(folder, on_file)
         diagnostics = _measure(request, read, tip, words, on_measured)
-        growth = _grow_errors(read.all, request.joint, on_measured)
+        errors = _grow_errors(read.all, request.joint, on_measured)
+        growth = _growth_content(errors, request.joint) if errors else None
         if growth is not None:
             text = json.dumps(growth, indent=1, allow_nan=False) + "\n"
             folder.path("error_growth.json").write_text(text)
-            draw_error_growth(growth, list(read.all), folder)
+            draw_error_growth(errors, folder)
             on_measured(_GROWTH_DRAWN)
         systems = [name for name in shown if name != REFERENCE_NAME]
         draw_jitter(diagnostics, tip, folder, systems)
@@ -422,20 +424,26 @@ def _lengths_apart(speech_s: float, motions: Mapping[str, Motion]) -> list[str]:
 
 def _grow_errors(
     motions: Mapping[str, Motion], joint: str, on_progress: OnShare
-) -> dict[str, Any] | None:
-    """The content of error_growth.json."""
-    from model.measures.error_growth import DRAWS, NOISE_RAD, growth_sentence, measure_error_growth
-    from model.measures.results import as_json
+) -> dict[str, ErrorGrowth]:
+    """By name; empty where nothing moves the followed joint."""
+    from model.measures.error_growth import measure_error_growth
     from model.motion.kinematics import open_body_skeleton
     from model.motion.tracks import moving_chain
 
-    if not moving_chain(joint):
-        return None
     found = {}
-    for done, (name, motion) in enumerate(motions.items()):
-        on_progress(_MEASURED + (_GROWN - _MEASURED) * done / len(motions))
-        found[name] = measure_error_growth(motion, open_body_skeleton(), joint)
-    on_progress(_GROWN)
+    if moving_chain(joint):
+        for done, (name, motion) in enumerate(motions.items()):
+            on_progress(_MEASURED + (_GROWN - _MEASURED) * done / len(motions))
+            found[name] = measure_error_growth(motion, open_body_skeleton(), joint)
+        on_progress(_GROWN)
+    return found
+
+
+def _growth_content(errors: Mapping[str, ErrorGrowth], joint: str) -> dict[str, Any]:
+    """The content of error_growth.json."""
+    from model.measures.error_growth import DRAWS, NOISE_RAD, growth_sentence
+    from model.measures.results import as_json
+
     return {
         "noise_rad": NOISE_RAD,
         "draws": DRAWS,
@@ -445,7 +453,7 @@ def _grow_errors(
             name: as_json(vars(growth))
             | {"ratio": growth.ratio, "predicted_ratio": growth.predicted_ratio}
             | {"sentence": growth_sentence(growth, NOISE_RAD)}
-            for name, growth in found.items()
+            for name, growth in errors.items()
         },
     }
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from model.diagnostics import Diagnostics, Versions
+    from model.measures.error_growth import ErrorGrowth
     from model.measures.results import Measures
     from model.measures.seams import Windows
     from model.motion.motion import Motion
@@ -246,22 +247,22 @@ def _jitter_of(versions: Versions) -> dict[Version, Jitter]:
     return {kind: of(versions.of(kind)) for kind in VERSIONS}
 
 
-def draw_error_growth(
-    growth: Mapping[str, Any], names: Sequence[str], folder: ResultFolder
-) -> list[Path]:
-    """The experiment on the recorded motion, or on the first where there is none.
+def draw_error_growth(errors: Mapping[str, ErrorGrowth], folder: ResultFolder) -> list[Path]:
+    """The experiment on the recorded motion, or on the first where there is none."""
+    from model.measures.error_growth import NOISE_RAD, growth_sentence
+    from renderer.figures.error_growth import Spreads, error_growth_figure
 
-    Args:
-        growth: the content of ``error_growth.json``.
-        names: of the motions in it.
-    """
-    from renderer.figures.error_growth import error_growth_figure
-
-    name = REFERENCE_NAME if REFERENCE_NAME in names else names[0]
-    measured = growth["motions"][name]
+    name = REFERENCE_NAME if REFERENCE_NAME in errors else next(iter(errors))
+    growth = errors[name]
     files = error_growth_figure(
-        measured,
+        Spreads(
+            growth.points,
+            local=growth.local_spread_m,
+            world=growth.global_spread_m,
+            predicted_local=growth.predicted_local_spread_m,
+            predicted_world=growth.predicted_global_spread_m,
+        ),
         folder.path("error_growth.png").with_suffix(""),
-        sentence=f"{name}: {measured['sentence']}",
+        sentence=f"{name}: {growth_sentence(growth, NOISE_RAD)}",
     )
     return [folder.path(path.name) for path in files]

@@ -71,18 +71,18 @@ def loop(signature: str) -> Callable[[Callable[..., None]], Loop]:
     return made
 
 
-def prepare(loops: Sequence[Loop], source: Path, trial: Callable[[], None]) -> None:
+def prepare(loops: Sequence[Loop], sources: Sequence[Path], trial: Callable[[], None]) -> None:
     """Read the loops' machine code, or make it where there is none; other processes wait for it.
 
     Args:
-        source: the file in which all loops and what they call stand.
+        sources: the files in which all loops, what they call and their numbers stand.
         trial: calls each loop once.
     """
     place = _writable_folder()
     if place is None:
         _compile(loops, None)
         return
-    name = _key_of(source)
+    name = _key_of(sources)
     try:
         # Whoever only reads holds it for a moment, so that nobody else removes what it reads.
         with FileLock(place / f"{name}.lock", timeout=WAIT_S):
@@ -177,11 +177,10 @@ def _is_alive(number: str) -> bool:
     return int(number) != os.getpid()  # a note of an earlier process of this number
 
 
-def _key_of(source: Path) -> str:
+def _key_of(sources: Sequence[Path]) -> str:
     """What the code depends on; numba looks for the file's path and time of change, too."""
-    status = source.stat()
     parts = (
-        *(str(source), str(status.st_mtime_ns), source.read_text("utf-8")),
+        *(f"{path}\0{path.stat().st_mtime_ns}\0{path.read_text('utf-8')}" for path in sources),
         *(numba.__version__, platform.python_version(), platform.machine()),
         *(llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()),
     )

@@ -1,7 +1,5 @@
 """pyrender with OpenGL loaded. Import it only through ``offscreen.open_gl(backend)``."""
 
-from pathlib import Path
-
 import numpy as np
 import pyrender
 from jaxtyping import Float, UInt8
@@ -10,10 +8,9 @@ from pyrender.constants import RenderFlags
 from pyrender.shader_program import ShaderProgramCache
 
 from renderer.draw.antialias import SUPERSAMPLE, Antialias
+from renderer.draw.light import SHADERS
 from renderer.scene.camera import Z_NEAR_M, Camera
 from renderer.scene.studio import ROUGHNESS, Light, PosedFrame, Subject
-
-_SHADERS = Path(__file__).with_name("shaders")
 
 
 class FrameRenderer(pyrender.Renderer):
@@ -28,7 +25,7 @@ class FrameRenderer(pyrender.Renderer):
     ) -> None:
         scale = 1 if antialias == "none" else SUPERSAMPLE
         super().__init__(width * scale, height * scale)
-        self._program_cache = ShaderProgramCache(shader_dir=str(_SHADERS))
+        self._program_cache = ShaderProgramCache(shader_dir=str(SHADERS))
         self._picture_size = (width, height)
         self._format = GL.GL_RGBA if has_alpha else GL.GL_RGB
         self._pixels = np.empty((height, width, 4 if has_alpha else 3), np.uint8)

@@ -1,8 +1,7 @@
 """Triangles to pixels without OpenGL: the inner loops, compiled by numba.
 
-The light is that of ``shaders/mesh.vert``, once per vertex that is seen; the picture is what the
-OpenGL backends draw, to a grey level or two. A change to one is a change to the other; a test
-compares their pictures.
+The light is that of `renderer.draw.light`, once per vertex that is seen; the picture is what the
+OpenGL backends draw, to a grey level or two. A test compares their pictures.
 
 Depth is kept as its inverse ``1 / z``, which is linear across the picture: 0 is infinitely far.
 """
@@ -13,16 +12,17 @@ from pathlib import Path
 import numpy as np
 
 from renderer.draw.compiled import inner, loop, prepare
+from renderer.draw.light import MESH_FRAGMENT, MESH_SHADER, constants
+from renderer.scene import studio
 
-_GROUND_BOUNCE = (0.72, 0.68, 0.65)
-_SKY = (1.05, 1.10, 1.20)
-_WRAP = 0.20
-_SPECULAR = 0.06
-_GLOSS = 96.0 + 0.7 * (8.0 - 96.0)  # of roughness 0.7
+_STATED = constants()
+_GROUND_BOUNCE, _SKY = _STATED["GROUND_BOUNCE"], _STATED["SKY"]
+_WRAP, _SPECULAR, _POLISHED, _MATT, _EDGE, _EXPOSURE, _ROLL_OFF, _INSIDE = (
+    _STATED[name][0] for name in "WRAP SPECULAR POLISHED MATT EDGE EXPOSURE ROLL_OFF INSIDE".split()
+)
+_GLOSS = _POLISHED + studio.ROUGHNESS * (_MATT - _POLISHED)
 _DULL = 0.8
 """Facing below which nothing gleams: its power is less than a tenth of a grey level."""
-_EDGE = 0.10
-_INSIDE = 0.35
 _OUTSIDE = -1e9
 _SLIVER = 1e-7
 """Of a sample, by which each row of a triangle is wider, lest rounding leaves a crack."""
@@ -82,7 +82,7 @@ def _shade(point, normal, base, eye, towards, lights, ambient, lit):
     ):
         sky = ambient * (_GROUND_BOUNCE[channel] * (1.0 - up) + _SKY[channel] * up)
         value = base[channel] * (sky + direct + rim) + gleam
-        value = 1.12 * value / (1.0 + 0.22 * value)  # rolls off the highlights
+        value = _EXPOSURE * value / (1.0 + _ROLL_OFF * value)  # rolls off the highlights
         lit[channel] = np.sqrt(min(max(value, 0.0), 1.0))
 
 
@@ -328,7 +328,8 @@ def lay_body(canvas, inverse_depth, spans, scale, ray, floor, pixels):
 @functools.cache
 def make_ready() -> None:
     """Have the loops' machine code at hand, as every process must before it calls one."""
-    prepare((project, fill_triangles, fill_floor, lay_body), Path(__file__), _draw_one_triangle)
+    sources = (Path(__file__), MESH_SHADER, MESH_FRAGMENT, Path(studio.__file__))
+    prepare((project, fill_triangles, fill_floor, lay_body), sources, _draw_one_triangle)
 
 
 def _draw_one_triangle() -> None:

@@ -3,9 +3,10 @@
 Drawn from plain numbers, as those of ``app.run.experiments.step_curve.StepPoint``.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -38,12 +39,23 @@ REAL_TIME_MS = 1000.0 / FPS
 _LEFT, _HEIGHT, _BETWEEN, _TIMES = 0.38, 2.1, 0.45, 0.36
 
 
-def step_curve_figure(points: Sequence[Mapping[str, Any]], out_stem: Path) -> FigureFiles:
+@dataclass(frozen=True)
+class Mark:
+    """One system with one number of steps."""
+
+    system: str
+    steps: int
+    ms_per_frame: float
+    tip_jerk_m_s3: float
+    distance_cm: float
+    """Of its joints to where the most steps bring them."""
+
+
+def step_curve_figure(points: Sequence[Mark], out_stem: Path) -> FigureFiles:
     """Write ``<out_stem>.png``, ``.svg`` and ``.pdf``; each appears whole or not at all.
 
     Args:
-        points: each with ``system``, ``steps``, ``ms_per_frame``, ``tip_jerk_m_s3`` and
-            ``distance_cm``; those of one system by rising ``steps``.
+        points: those of one system by rising steps.
         out_stem: path without an extension; its folder is made.
 
     Raises:
@@ -52,10 +64,10 @@ def step_curve_figure(points: Sequence[Mapping[str, Any]], out_stem: Path) -> Fi
     if not points:
         raise FigureError("There is no point to draw.")
     for point in points:
-        numbers = [point["ms_per_frame"], *(point[key] for key, _ in PANELS)]
-        if not np.isfinite(numbers).all() or point["ms_per_frame"] <= 0:
+        numbers = [point.ms_per_frame, point.tip_jerk_m_s3, point.distance_cm]
+        if not np.isfinite(numbers).all() or point.ms_per_frame <= 0:
             raise FigureError(
-                f"{point['system']} with {point['steps']} steps has a number that cannot be drawn."
+                f"{point.system} with {point.steps} steps has a number that cannot be drawn."
             )
     caption = (
         "Each mark is one motion of the same speech, with its number of steps beside it; time is by"
@@ -67,11 +79,11 @@ def step_curve_figure(points: Sequence[Mapping[str, Any]], out_stem: Path) -> Fi
         return write_figure(draw_step_curve(points, caption), out_stem, description=caption)
 
 
-def draw_step_curve(points: Sequence[Mapping[str, Any]], caption: str = "") -> "Figure":
+def draw_step_curve(points: Sequence[Mark], caption: str = "") -> "Figure":
     """The figure, without a canvas."""
     from matplotlib.figure import Figure
 
-    names = tuple(dict.fromkeys(str(point["system"]) for point in points))
+    names = tuple(dict.fromkeys(point.system for point in points))
     styles = style.styles_of(names, None)
     lines = caption_lines(caption) if caption else []
     keys, below_keys = place_legend(names)
@@ -81,24 +93,24 @@ def draw_step_curve(points: Sequence[Mapping[str, Any]], caption: str = "") -> "
     for key in keys:
         draw_key(figure, key, styles[key.name])
     width = (style.FIGURE_WIDTH_IN - 2 * MARGIN - 2 * _LEFT - _BETWEEN) / 2
-    times = [float(point["ms_per_frame"]) for point in points]
+    times = [point.ms_per_frame for point in points]
     for number, (quantity, title) in enumerate(PANELS):
         left = MARGIN + _LEFT + number * (width + _LEFT + _BETWEEN)
         axes = figure.add_axes(Rect(left, top, width, _HEIGHT).fraction_of(height), label=quantity)
         write_title(figure, left - _LEFT, top - 0.06, title)
         for name in names:
-            own = [point for point in points if point["system"] == name]
-            x = [float(point["ms_per_frame"]) for point in own]
-            y = [float(point[quantity]) for point in own]
+            own = [point for point in points if point.system == name]
+            x = [point.ms_per_frame for point in own]
+            y = [getattr(point, quantity) for point in own]
             axes.plot(x, y, label=name, **styles[name].line_properties)
             for point, at_x, at_y in zip(own, x, y, strict=True):
                 axes.annotate(
-                    str(point["steps"]), (at_x, at_y), xytext=(2.5, 2.5),
+                    str(point.steps), (at_x, at_y), xytext=(2.5, 2.5),
                     textcoords="offset points", size=style.SMALL_PT - 1, color=styles[name].color,
                 )  # fmt: skip
         axes.set_xscale("log")
         axes.set_xlim(min(times) / 1.3, max(times) * 1.5)
-        highest = max(float(point[quantity]) for point in points)
+        highest = max(getattr(point, quantity) for point in points)
         axes.set_ylim(0.0, 1.12 * highest or 1.0)
         axes.grid(axis="y")
         axes.set_axisbelow(True)

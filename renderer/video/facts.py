@@ -1,16 +1,13 @@
 """What a browser must know to draw bodies as the videos do: the same numbers, from one place."""
 
 from dataclasses import asdict
-from pathlib import Path
 
-import renderer.draw
 from conventions.joints import JOINT_INDEX, JOINT_NAMES, TIP_VERTICES
+from renderer.draw.light import lighting_source
 from renderer.scene import camera, stage, studio
 from renderer.scene.panels import CLOSE_UP_VIEWS, drawn_joints
 from renderer.scene.studio import ROUGHNESS, Studio
 from renderer.video.marks import HEAT_COLORS, SPEED_COLORS, SPIKE_COLOR, TRAIL_FRAMES
-
-_BEGIN, _END = "// Browsers light bodies by the same lines", "// As far as here."
 
 
 def drawing_facts() -> dict:
@@ -63,10 +60,3 @@ def drawing_facts() -> dict:
             },
         },
     }
-
-
-def lighting_source() -> str:
-    """How a body is lit, in what the shading languages of OpenGL and WebGL have in common."""
-    source = Path(renderer.draw.__path__[0], "shaders", "mesh.vert").read_text("utf-8")
-    between = source.partition(_BEGIN)[2].partition(_END)[0]
-    return between.partition("\n")[2]

@@ -101,7 +101,7 @@ def measure_step_curve(
         RunError, SpeechError, UnknownNameError, CheckpointError, WriteError: with a sentence.
     """
     from model.speech.audio import SAMPLE_RATE, SpeechLimits, load_speech
-    from renderer.figures.step_curve import step_curve_figure
+    from renderer.figures.step_curve import Mark, step_curve_figure
 
     whole = load_speech(request.speech, SpeechLimits(max_s=request.max_speech_s))
     speech = replace(whole, waveform=whole.waveform[: int(MAX_S * SAMPLE_RATE)])
@@ -118,9 +118,11 @@ def measure_step_curve(
         path = folder.path("steps.json")
         path.write_text(json.dumps([asdict(point) for point in points], indent=1) + "\n")
         _write_csv(points, folder.path("steps.csv"))
-        for file in step_curve_figure(
-            [asdict(point) for point in points], folder.path("steps.png").with_suffix("")
-        ):
+        marks = [
+            Mark(each.system, each.steps, each.ms_per_frame, each.tip_jerk_m_s3, each.distance_cm)
+            for each in points
+        ]
+        for file in step_curve_figure(marks, folder.path("steps.png").with_suffix("")):
             folder.path(file.name)
         return StepCurve(tuple(points), folder.publish())
 

@@ -37,11 +37,16 @@ const vec3 GROUND_BOUNCE = vec3(0.72, 0.68, 0.65);
 const vec3 SKY = vec3(1.05, 1.10, 1.20);
 const float WRAP = 0.20;       // light reaches a little beyond the terminator, as on skin
 const float SPECULAR = 0.06;
+const float POLISHED = 96.0;   // gloss of roughness 0
+const float MATT = 8.0;        // and of roughness 1
+const float EDGE = 0.10;       // how much brighter a body is where it turns away
+const float EXPOSURE = 1.12;
+const float ROLL_OFF = 0.22;
 
 vec3 shade(vec3 point, vec3 n, vec3 base) {
     vec3 to_eye = normalize(cam_pos - point);
     vec3 color = base * ambient_light * mix(GROUND_BOUNCE, SKY, n.y * 0.5 + 0.5);
-    float gloss = mix(96.0, 8.0, material.roughness_factor);
+    float gloss = mix(POLISHED, MATT, material.roughness_factor);
     for (int i = 0; i < n_directional_lights; i++) {
         vec3 to_light = -directional_lights[i].direction;
         float diffuse = max((dot(n, to_light) + WRAP) / (1.0 + WRAP), 0.0);
@@ -51,12 +56,12 @@ vec3 shade(vec3 point, vec3 n, vec3 base) {
             * directional_lights[i].color * (directional_lights[i].intensity / 3.14159265);
     }
     float edge = 1.0 - max(dot(n, to_eye), 0.0);
-    return color + base * 0.10 * edge * edge * edge * edge;
+    return color + base * EDGE * edge * edge * edge * edge;
 }
 
 // Roll off the highlights, then to display colours (gamma 2).
 vec3 to_display(vec3 color) {
-    return sqrt(clamp(1.12 * color / (1.0 + 0.22 * color), 0.0, 1.0));
+    return sqrt(clamp(EXPOSURE * color / (1.0 + ROLL_OFF * color), 0.0, 1.0));
 }
 // As far as here.
 #endif

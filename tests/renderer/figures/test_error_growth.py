@@ -2,14 +2,13 @@
 
 import itertools
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from renderer.figures.error_growth import draw_error_growth, error_growth_figure
-from renderer.figures.files import FigureError, matplotlib_settings
+from renderer.figures.error_growth import Spreads, draw_error_growth, error_growth_figure
+from renderer.figures.files import matplotlib_settings
 from tests.renderer.figures.figure_checks import drawn_texts, overlap
 
 POINTS = (
@@ -18,35 +17,29 @@ POINTS = (
 )
 
 
-def growth(scale: float = 1.0) -> dict[str, Any]:
+def growth(scale: float = 1.0) -> Spreads:
     local = scale * 0.042 * np.linspace(0.05, 1.0, len(POINTS)) ** 1.5
     world = scale * 0.013 * np.linspace(0.1, 1.0, len(POINTS)) ** 0.5
-    return {
-        "points": list(POINTS),
-        "local_spread_m": (1.02 * local).tolist(),
-        "global_spread_m": (0.99 * world).tolist(),
-        "predicted_local_spread_m": local.tolist(),
-        "predicted_global_spread_m": world.tolist(),
-    }
+    return Spreads(POINTS, 1.02 * local, 0.99 * world, local, world)
 
 
 def test_curves_are_the_numbers_in_centimetres() -> None:
-    numbers = {key: 100.0 * np.array(v) for key, v in growth().items() if key != "points"}
+    spreads = growth()
     with matplotlib_settings():
-        (axes,) = draw_error_growth(POINTS, numbers, "").axes
+        (axes,) = draw_error_growth(spreads, "").axes
     drawn = {line.get_label(): line.get_ydata() for line in axes.get_lines()}
-    for form in ("local", "global"):
-        np.testing.assert_array_equal(drawn[f"{form} noise, measured"], numbers[f"{form}_spread_m"])
-        np.testing.assert_array_equal(
-            drawn[f"{form} noise, predicted"], numbers[f"predicted_{form}_spread_m"]
-        )
+    assert {label: y.tolist() for label, y in drawn.items()} == {
+        "local noise, measured": (100.0 * spreads.local).tolist(),
+        "global noise, measured": (100.0 * spreads.world).tolist(),
+        "local noise, predicted": (100.0 * spreads.predicted_local).tolist(),
+        "global noise, predicted": (100.0 * spreads.predicted_world).tolist(),
+    }
 
 
 @pytest.mark.parametrize("scale", [0.0, 1.0, 300.0])
 def test_nothing_overlaps(monkeypatch: pytest.MonkeyPatch, scale: float) -> None:
-    numbers = {key: 100.0 * np.array(v) for key, v in growth(scale).items() if key != "points"}
     with matplotlib_settings():
-        figure = draw_error_growth(POINTS, numbers, "Noise of 0.02 rad moves the fingertip. " * 4)
+        figure = draw_error_growth(growth(scale), "Noise of 0.02 rad moves the fingertip. " * 4)
         figure.set_dpi(144)
         texts = drawn_texts(figure, monkeypatch)
         legend = figure.axes[0].get_legend().get_window_extent()
@@ -67,9 +60,3 @@ def test_writes_three_formats_with_the_sentence(tmp_path: Path) -> None:
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".pdf", ".png", ".svg"]
     with Image.open(files.png) as picture:
         assert picture.info["Description"] == "3.2 times as far."
-
-
-@pytest.mark.parametrize("changes", [{"points": []}, {"local_spread_m": [0.1]}, {"points": ["a"]}])
-def test_lists_of_other_lengths_are_refused(tmp_path: Path, changes: dict[str, Any]) -> None:
-    with pytest.raises(FigureError, match="one number for each of the"):
-        error_growth_figure({**growth(), **changes}, tmp_path / "error_growth")
