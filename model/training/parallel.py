@@ -104,6 +104,7 @@ def joined_processes() -> Iterator[Shard]:
     dist.init_process_group("nccl" if on_gpu else "gloo")
     try:
         yield Shard(dist.get_rank(), dist.get_world_size(), device)
+        dist.barrier()  # nobody leaves while another is still being heard
     finally:
         dist.destroy_process_group()
 

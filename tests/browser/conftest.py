@@ -48,6 +48,8 @@ BUILDS_ARE_THERE = """() => performance.getEntriesByType('resource').some(
 GRADIO_CAUGHT = "Error in watch callback"
 """What Gradio writes to the console where a part of the page throws on a new value."""
 
+Motion = Literal["reduce", "no-preference"]
+"""Whether examples and runs play by themselves: bodies that nobody looks at cost a core."""
 Scheme = Literal["light", "dark"]
 SCHEMES: tuple[Scheme, ...] = ("light", "dark")
 WINDOWS = ((390, 844), (1280, 900), (1600, 1000))
@@ -183,8 +185,9 @@ def visit(
     monkeypatch.setenv("GRADIO_TEMP_DIR", str(page_config.cache_folder))
     contexts: list[BrowserContext] = []
 
-    def open_page(width: int = 1280, height: int = 900) -> Page:
-        contexts.append(browser.new_context(viewport={"width": width, "height": height}))
+    def open_page(width: int = 1280, height: int = 900, motion: Motion = "reduce") -> Page:
+        viewport = {"width": width, "height": height}
+        contexts.append(browser.new_context(viewport=viewport, reduced_motion=motion))
         page = watched(contexts[-1].new_page())
         page.goto(address)
         page.get_by_role("button", name="Generate motion").wait_for()
@@ -223,8 +226,9 @@ class Stage:
                 event.clear()
 
 
-def open_page(browser: Browser, address: str, width: int = 1280) -> Page:
-    page = watched(browser.new_context(viewport={"width": width, "height": 900}).new_page())
+def open_page(browser: Browser, address: str, width: int = 1280, motion: Motion = "reduce") -> Page:
+    viewport = {"width": width, "height": 900}
+    page = watched(browser.new_context(viewport=viewport, reduced_motion=motion).new_page())
     page.goto(address)
     page.get_by_role("button", name=text.GENERATE).wait_for()
     return page
