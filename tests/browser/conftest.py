@@ -185,7 +185,7 @@ def visit(
     monkeypatch.setenv("GRADIO_TEMP_DIR", str(page_config.cache_folder))
     contexts: list[BrowserContext] = []
 
-    def open_page(width: int = 1280, height: int = 900, motion: Motion = "reduce") -> Page:
+    def open_page(width: int = 1280, height: int = 900, motion: Motion = "no-preference") -> Page:
         viewport = {"width": width, "height": height}
         contexts.append(browser.new_context(viewport=viewport, reduced_motion=motion))
         page = watched(contexts[-1].new_page())
@@ -226,7 +226,9 @@ class Stage:
                 event.clear()
 
 
-def open_page(browser: Browser, address: str, width: int = 1280, motion: Motion = "reduce") -> Page:
+def open_page(
+    browser: Browser, address: str, width: int = 1280, motion: Motion = "no-preference"
+) -> Page:
     viewport = {"width": width, "height": 900}
     page = watched(browser.new_context(viewport=viewport, reduced_motion=motion).new_page())
     page.goto(address)

@@ -103,7 +103,7 @@ def saved(page: Page, ending: str, folder: Path) -> Path:
 def test_three_edits_are_performed_beside_each_other_and_saved(
     browser: Browser, planned_address: str, files: dict[str, Path], tmp_path: Path
 ) -> None:
-    page = open_page(browser, planned_address)
+    page = open_page(browser, planned_address, motion="reduce")
     run(page, files)
 
     stroke(page, "offer").click()
@@ -146,7 +146,7 @@ def test_three_edits_are_performed_beside_each_other_and_saved(
 def test_a_stroke_is_dragged_to_another_time_and_moved_by_keys(
     browser: Browser, planned_address: str, files: dict[str, Path], tmp_path: Path
 ) -> None:
-    page = open_page(browser, planned_address)
+    page = open_page(browser, planned_address, motion="reduce")
     run(page, files)
     one = stroke(page, "offer")
     one.scroll_into_view_if_needed()
@@ -177,7 +177,7 @@ def hold_ends(page: Page, tmp_path: Path) -> float:
 def test_the_end_of_a_hold_is_dragged_and_moved_by_keys_and_undone(
     browser: Browser, planned_address: str, files: dict[str, Path], tmp_path: Path
 ) -> None:
-    page = open_page(browser, planned_address)
+    page = open_page(browser, planned_address, motion="reduce")
     run(page, files)
     hold = page.locator("#player .timeline .event.hold").first
     hold.scroll_into_view_if_needed()
@@ -227,7 +227,7 @@ def test_the_end_of_a_hold_is_dragged_and_moved_by_keys_and_undone(
 def test_what_cannot_be_is_refused_in_a_sentence_and_changes_nothing(
     browser: Browser, planned_address: str, files: dict[str, Path], tmp_path: Path
 ) -> None:
-    page = open_page(browser, planned_address)
+    page = open_page(browser, planned_address, motion="reduce")
     run(page, files)
     editor(page).get_by_label("Plan from a file").set_input_files(
         {"name": "x.json", "mimeType": "application/json", "buffer": b"[]"}
@@ -256,7 +256,7 @@ def test_on_a_phone_a_gesture_is_added_and_deleted(
     planned_address: str,
     files: dict[str, Path],
 ) -> None:
-    page = open_page(browser, planned_address, width=390)
+    page = open_page(browser, planned_address, width=390, motion="reduce")
     run(page, files)
     editor(page).get_by_label("Where").select_option("1")
     editor(page).get_by_label("With", exact=True).select_option("left")

@@ -64,7 +64,7 @@ def test_two_files_of_ones_own_are_measured_and_drawn(
         save_motion(smooth_motion_example(45, seed=seed), path)
     transcript = tmp_path / "said.TextGrid"
     transcript.write_text(GESTURES)
-    page = visit()
+    page = visit(motion="reduce")
     page.get_by_role("tab", name=TAB).click()
     page.get_by_role("button", name="Measure and compare").click()
     expect(page.locator("#own-message")).to_contain_text("at least one", timeout=PATIENCE_MS)
@@ -90,7 +90,7 @@ def test_two_files_of_ones_own_are_measured_and_drawn(
 
     # The link, in a second browser: in the tab that it came from.
     href = page.locator("#own-runs .link a").evaluate("link => link.href")
-    other = visit()
+    other = visit(motion="reduce")
     other.goto(href)
     expect(other.locator("#own-numbers thead th[data-name]")).to_have_text(["mine", "theirs"])
     expect(other.get_by_role("tab", name=TAB)).to_have_attribute("aria-selected", "true")
@@ -147,7 +147,7 @@ def test_a_zip_is_measured_as_a_set_and_its_worst_clip_opens_on_the_stage(
         for clip, motion in (("calm", clean), ("wild", tremble(clean))):
             save_motion(motion, tmp_path / f"{clip}.npz")
             archive.write(tmp_path / f"{clip}.npz", f"results/{clip}.npz")
-    page = visit()
+    page = visit(motion="reduce")
     page.get_by_role("tab", name=TAB).click()
     page.set_input_files("#own-motions input[type=file]", str(zipped))
     expect(page.locator("#own-motions")).to_contain_text("mine")
@@ -172,7 +172,7 @@ def test_a_zip_is_measured_as_a_set_and_its_worst_clip_opens_on_the_stage(
     with page.expect_download() as alone:
         page.locator("#own-runs").get_by_role("link", name=text.SAVE_PAGE).click()
     assert alone.value.suggested_filename.endswith(".run.html")
-    other = visit()
+    other = visit(motion="reduce")
     content = base64.b64encode(download.value.path().read_bytes()).decode("ascii")
     other.wait_for_function(TAKES_FILES)
     other.evaluate(DROPPED, content)
@@ -188,7 +188,7 @@ def test_the_gravest_findings_stand_beside_the_stage_and_lead_to_their_moment(
     visit: Callable[..., Page], tmp_path: Path
 ) -> None:
     save_motion(slide(load_motion(CLEAN)), tmp_path / "sliding feet.npz")
-    page = visit()
+    page = visit(motion="reduce")
     page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     page.get_by_role("tab", name=TAB).click()
     page.locator("#own-videos input").uncheck()
@@ -213,7 +213,7 @@ def test_the_gravest_findings_stand_beside_the_stage_and_lead_to_their_moment(
     player.locator(".controls .more").click()
     player.get_by_role("button", name="Copy link to this picture").click()
     link = page.evaluate("navigator.clipboard.readText()")
-    other = visit()
+    other = visit(motion="reduce")
     other.goto(link)
     expect(other.locator("#own-player .gravest li").first).to_contain_text("Feet on the ground")
     other.wait_for_function(

@@ -28,7 +28,7 @@ def download(page: Page, selector: str, out: Path) -> Path:
 
 @pytest.mark.parametrize("width", [1280, 390])
 def test_the_tab_is_no_wider_than_the_window(visit: Callable[..., Page], width: int) -> None:
-    page = visit(width=width)
+    page = visit(width=width, motion="reduce")
     page.get_by_role("tab", name=text.STUDY_TAB).click()
     expect(page.locator("#study-make")).to_be_visible()
     assert page.evaluate("document.documentElement.scrollWidth") <= width
@@ -37,7 +37,7 @@ def test_the_tab_is_no_wider_than_the_window(visit: Callable[..., Page], width: 
 def test_a_study_is_made_on_the_page(
     visit: Callable[..., Page], wav: Callable[[float], Path], tmp_path: Path
 ) -> None:
-    page = visit()
+    page = visit(motion="reduce")
     page.get_by_role("tab", name=text.STUDY_TAB).click()
     page.set_input_files("#study-speech input[type=file]", [str(wav(0.6)), str(wav(0.7))])
     expect(page.locator("#study-speech")).to_contain_text("speech-0.7")
@@ -97,7 +97,7 @@ def test_a_study_is_made_on_the_page(
 def test_a_study_that_is_ready_is_filled_in_by_the_click_itself(
     browser: Browser, planned_address: str, tmp_path: Path
 ) -> None:
-    page = open_page(browser, planned_address)
+    page = open_page(browser, planned_address, motion="reduce")
     page.get_by_role("tab", name=text.STUDY_TAB).click()
     page.route("**/queue/join*", lambda route: None)  # a server too busy to answer
     page.get_by_role("button", name="Do words matter?").click()
@@ -120,7 +120,7 @@ def test_a_study_that_is_ready_is_filled_in_by_the_click_itself(
 
 
 def test_without_speech_the_tab_says_so(visit: Callable[..., Page]) -> None:
-    page = visit()
+    page = visit(motion="reduce")
     page.get_by_role("tab", name=text.STUDY_TAB).click()
     page.locator("#study-make").click()
     expect(page.locator("#study-status")).to_contain_text(
