@@ -15,7 +15,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 export PYTHON
 BIN := .venv/bin
 
-.PHONY: demo test check fuzz soak slow bench golden lock audit sbom clean
+.PHONY: demo test check style types imports javascript fuzz soak slow bench golden lock audit sbom clean
 .DEFAULT_GOAL := demo
 
 .venv/.run-ready: locks/run.txt .ci/venv .ci/system-packages
@@ -32,10 +32,17 @@ demo: .venv/.run-ready
 	$(BIN)/python app.py
 
 check: .venv/.test-ready
+	@$(MAKE) --no-print-directory --jobs 2 types style imports javascript
+
+style types imports javascript: .venv/.test-ready
+style:
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+types:
 	$(BIN)/pyright
+imports:
 	$(BIN)/lint-imports
+javascript:
 	@.ci/javascript
 
 test: check
