@@ -2,8 +2,7 @@
 
 Its keys are a public format, documented in ``docs/formats.md``. Jitter is always measured raw and
 once more behind one and the same filter, the official GlobalDiff inference's
-(`model.motion.filtering`),
-here applied to the stitched sequence.
+(`model.motion.filtering`), here applied to the stitched sequence.
 """
 
 import math
@@ -95,8 +94,6 @@ def measure_tracks(
         diversity(tracks.joints),
     )
 
-
-__all__ = ["diagnose", "first_frames", "measures", "smooth_motion", "track_points"]
 
 JERK_FRAMES = 4
 

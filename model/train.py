@@ -13,7 +13,7 @@ from pathlib import Path
 import torch
 
 from conventions.names import printable
-from model.data.prepared import DataError
+from model.data.recordings import DataError
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, with_setting
 from model.systems.registry import families, family_of, left_out, usual_systems
 from model.training.loop import train

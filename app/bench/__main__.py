@@ -108,7 +108,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def repeat_speech(path: Path, duration_s: float, out: Path) -> Path:
     """Speech of exactly that length, made by cutting or repeating ``path``."""
-    from model.speech.audio import SAMPLE_RATE, load_speech, write_wav
+    from conventions.rates import SAMPLE_RATE
+    from model.speech.audio import load_speech, write_wav
 
     waveform = load_speech(path).waveform
     num_samples = round(duration_s * SAMPLE_RATE)
@@ -362,7 +363,7 @@ def time_rendering(weights: Path, folder: Path) -> list[Figure]:
 def _video_rates(motion: BodyMotion, folder: Path) -> list[Figure]:
     """Frames of finished video in a second, as the app draws them."""
     from app.bench.drawing import end_to_end_cost
-    from renderer.video.render import RenderSettings
+    from renderer.video.settings import RenderSettings
 
     figures = []
     for title, count, settings, aim in (
@@ -380,7 +381,7 @@ def _other_backends(motion: BodyMotion, folder: Path) -> list[Figure]:
     """The same video by each backend that works, whichever is used here."""
     from app.bench.drawing import end_to_end_cost
     from renderer.draw.probe import probe_backends
-    from renderer.video.render import RenderSettings
+    from renderer.video.settings import RenderSettings
 
     figures = []
     for report in probe_backends():
@@ -395,7 +396,7 @@ def _stages(motion: BodyMotion, folder: Path) -> list[Figure]:
     """What each stage costs, with and without anti-aliasing, against the usual loop."""
     from app.bench.drawing import naive_cost, stage_costs
     from renderer.draw.offscreen import GLError
-    from renderer.video.render import RenderSettings
+    from renderer.video.settings import RenderSettings
 
     body = get_body(None)
     try:

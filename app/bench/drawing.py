@@ -19,8 +19,9 @@ from renderer.scene.studio import FramePreparer, Subject
 from renderer.video.compose import compose_videos
 from renderer.video.encoder import VideoWriter
 from renderer.video.naive import draw_naively
-from renderer.video.pool import RenderJob, RenderPool
-from renderer.video.render import RenderSettings
+from renderer.video.pool import RenderPool
+from renderer.video.settings import RenderSettings
+from renderer.video.worker_process import RenderJob
 
 _CHUNK_FRAMES = 16
 Result = TypeVar("Result")

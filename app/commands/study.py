@@ -56,7 +56,8 @@ def _add_export(parts) -> None:
 def _export(options: argparse.Namespace) -> None:
     from app.commands.said import ProgressBar
     from app.study.design.plan import read_plan
-    from app.study.export import ExportOptions, export_study
+    from app.study.export import export_study
+    from app.study.make.workspace import ExportOptions
 
     if options.workers < 1:
         raise RunError(f"--workers must be at least 1; got {options.workers}.")

@@ -465,7 +465,7 @@ def _draw_figure6(
     folder: ResultFolder,
     on_progress: OnShare,
 ) -> None:
-    from renderer.figures.figure6.figure6 import choose_snapshot_frames
+    from renderer.figures.figure6.spec import choose_snapshot_frames
 
     shortest = min(motion.num_frames for motion in motions.values())
     frames = choose_snapshot_frames(shortest, request.start_frame)

@@ -179,7 +179,8 @@ def draw_figure6(
         clip: name of the speech.
         on_piece: called at least once for each motion; what it raises ends the work.
     """
-    from renderer.figures.figure6.figure6 import ONE_SEED_CAVEAT, WINDOW_FRAMES, figure6
+    from renderer.figures.figure6.figure6 import figure6
+    from renderer.figures.figure6.spec import ONE_SEED_CAVEAT, WINDOW_FRAMES
 
     end = start_frame + WINDOW_FRAMES
     files = figure6(

@@ -208,9 +208,10 @@ def make_first_look(
         RunError, SpeechError: each with one sentence.
     """
     from app.run.pipeline import generate_all
+    from conventions.rates import SAMPLE_RATE
     from model.measures.smoothness import derivative_magnitudes
     from model.motion.motion import load_motion, save_motion
-    from model.speech.audio import SAMPLE_RATE, load_speech, write_wav
+    from model.speech.audio import load_speech, write_wav
 
     tip = choose_tip_source(get_body(None), None)
     look.folder.parent.mkdir(parents=True, exist_ok=True)

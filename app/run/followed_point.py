@@ -113,8 +113,8 @@ def choose_tip_source(body: Body, body_path: Path | None, point: str = TIP) -> T
 
 def open_point(motion: Motion, point: str) -> Iterator[np.ndarray]:
     """A joint or rigid fingertip of the open skeleton, (T, 3) metres, in pieces."""
-    from model.diagnostics import track_points
     from model.motion.kinematics import open_body_skeleton
+    from model.motion.tracks import track_points
 
     skeleton = open_body_skeleton()
     return (track_points(part, skeleton).point(point).copy() for part in _motion_pieces(motion))

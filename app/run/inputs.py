@@ -187,8 +187,7 @@ def _read_reference(request: GenerateRequest, speech: Speech, reporter: Reporter
     """The recorded motion, no longer than the speech."""
     if request.reference is None:
         return None
-    from model.diagnostics import first_frames
-    from model.motion.motion import load_motion
+    from model.motion.motion import first_frames, load_motion
 
     motion = load_motion(request.reference)
     if motion.num_frames != speech.num_frames:

@@ -67,9 +67,10 @@ def warming_up(weights: Path, body: Path | None) -> Iterator[None]:
     """
     import numpy as np
 
+    from conventions.rates import SAMPLE_RATE
     from model.generation.family import FamilyError
     from model.generation.windows import GenerateOptions, generate_motion
-    from model.speech.audio import SAMPLE_RATE, Speech
+    from model.speech.audio import Speech
     from model.systems.registry import list_systems
     from renderer.draw.offscreen import GLError
     from renderer.draw.probe import choose_backend

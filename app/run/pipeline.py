@@ -155,7 +155,7 @@ def _generate(
     reporter: Reporter,
 ) -> list[Row]:
     """Motion of all systems from the same noise; the reference is the last row."""
-    from model.diagnostics import smooth_motion
+    from model.motion.filtering import smooth_motion
     from model.motion.motion import load_motion, save_motion
     from model.plan.plan import read_plan
 
@@ -323,7 +323,7 @@ def _windows(rows: Sequence[Row], inputs: Inputs) -> dict[str, Windows]:
 
 def _draw_poses(request: GenerateRequest, rows: Sequence[Row], reporter: Reporter) -> Snapshots:
     """For Figure 6, without any video."""
-    from renderer.figures.figure6.figure6 import choose_snapshot_frames
+    from renderer.figures.figure6.spec import choose_snapshot_frames
 
     def on_share(part: float) -> None:
         reporter.stop_if_asked()

@@ -1,4 +1,4 @@
-"""Do the report's 95 % intervals hold the truth 95 times in 100? ``python -m app.study.coverage``.
+"""Do the report's 95 % intervals hold the truth 95 times in 100?
 
 ``python -m app.study.coverage`` simulates whole studies, runs each through the reading
 and the analysis of the report, and prints how often intervals held what they claim to hold. Four

@@ -31,10 +31,11 @@ from model.data.recordings import (
     speaker_of,
 )
 from model.motion.kinematics import mirror_face_units, mirror_poses, mirror_transl
-from model.motion.motion import Motion, MotionError
+from model.motion.motion import Motion
 from model.speech.audio import Speech, SpeechError
 from model.speech.encoder import SpeechEncoder
 from model.storage.files import written_atomically
+from model.storage.npz import MotionError
 
 log = logging.getLogger(__name__)
 

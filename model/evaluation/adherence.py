@@ -33,7 +33,7 @@ from model.generation.base import System
 from model.generation.windows import GenerateOptions, draw_plans
 from model.measures.posture import foot_slide
 from model.motion.kinematics import open_body_skeleton
-from model.motion.motion import Motion, MotionError, first_frames
+from model.motion.motion import Motion, first_frames
 from model.motion.tracks import Tracks, track_points
 from model.networks.autoencoder import FrozenEncoder, load_encoder
 from model.plan.editing import (
@@ -56,6 +56,7 @@ from model.plan.tracks import hand_tracks, tracks_of
 from model.speech.audio import Speech, SpeechError
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from model.storage.files import written_atomically
+from model.storage.npz import MotionError
 from model.systems.autoencoders.config import FGD_ENCODER
 from model.systems.registry import load_system, usual_planner
 

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
-from model.diagnostics import measures, track_points
+from model.diagnostics import measures
 from model.evaluation import frechet, matching
 from model.evaluation.frechet import window_diversity
 from model.evaluation.matching import coupling, frame_loudness, matched, speech_tracks, voiced
@@ -28,6 +28,7 @@ from model.measures.face import face_and_hands, face_measures
 from model.measures.hearing import SILENCE_S, speed_in_silence
 from model.motion.kinematics import RestSkeleton, open_body_skeleton
 from model.motion.motion import Motion
+from model.motion.tracks import track_points
 from model.networks.autoencoder import FrozenEncoder
 from model.networks.matching import MatchingJudge
 from model.speech.features import MelEncoder

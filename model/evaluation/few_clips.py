@@ -18,8 +18,9 @@ from model.generation.base import System
 from model.generation.clip_noise import clip_seed
 from model.generation.windows import GenerateOptions, generate_motion
 from model.measures.hearing import LEAST_FRAMES, SILENCE_S, speed_in_silence
-from model.motion.motion import Motion, MotionError, first_frames
+from model.motion.motion import Motion, first_frames
 from model.speech.audio import Speech, SpeechError
+from model.storage.npz import MotionError
 
 NUM_CLIPS = 6
 SPEECH_S = 10.0

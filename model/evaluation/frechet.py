@@ -1,4 +1,4 @@
-"""Frechet distances (AsynFusion eq. 16) and Div (eq. 17), by encoders that were trained here.
+"""Fréchet distances (AsynFusion eq. 16) and Div (eq. 17), by encoders that were trained here.
 
 FGD (Yoon et al. 2020) is that of the body: codes of local rotations and root motion, one for every
 8 frames. FED is that of the face units, FMD that of both together. Numbers of another encoder, or

@@ -1,13 +1,14 @@
 """Whose manner a motion takes on: what the speaker decides of it, and a judge of speakers.
 
-Fisher's linear discriminant, fitted to recorded motion of the training split alone: to each piece
-of 10 s it assigns one of the speakers. Chance is one over their number. It sees mean and spread of
-the rotations from pelvis to wrists, where the wrists are, and how fast all of it moves; no speech.
+The judge is Fisher's linear discriminant, fitted to recorded motion of the training split alone: to
+each piece of 10 s it assigns one of the speakers. Chance is one over their number. It sees mean and
+spread of the rotations from pelvis to wrists, where the wrists are, and how fast all of it moves;
+no speech.
 
-One speech, moved by several speakers under several noise seeds. As `model.measures.hearing` asks of
-speech: two motions that share the speaker and not the noise, less two that share neither, are alike
-in what the speaker decides. And of a calm speaker and a lively one: how much less the calm one
-moves.
+What the speaker decides is asked of one speech, moved by several speakers under several noise
+seeds. As `model.measures.hearing` asks of speech: two motions that share the speaker and not the
+noise, less two that share neither, are alike in what the speaker decides. And of a calm speaker and
+a lively one: how much less the calm one moves.
 """
 
 from collections.abc import Sequence
@@ -21,13 +22,14 @@ from jaxtyping import Float64
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
 from model.data.recordings import DataError, read_files, read_split, speaker_of
-from model.diagnostics import track_points
 from model.evaluation.matching import PIECE_FRAMES, cut
 from model.measures.face import wrist_speed
 from model.measures.hearing import Grid, arm_rotations_same_noise, decided
 from model.motion.kinematics import open_body_skeleton
-from model.motion.motion import Motion, MotionError
+from model.motion.motion import Motion
+from model.motion.tracks import track_points
 from model.speech.audio import SpeechError
+from model.storage.npz import MotionError
 
 RECORDINGS = 6
 """Of each speaker, at most."""

@@ -4,9 +4,9 @@ A network tells rotations, and a foot is the end of four of them: it slides and 
 should stand. Here the plan says when a foot is planted, and the network where: it stays where it
 lands, with its sole flat, and the leg's two bones follow from hip and ankle in closed form.
 
-A network hears the plan and comes near it, but a stroke may land late, or not at all. Here the
-wrist is led most of the way to the planned path, in closed form: the elbow opens or closes as far
-as it must and the whole arm turns, with the hand's pose as it was.
+Of hands: a network hears the plan and comes near it, but a stroke may land late, or not at all.
+Here the wrist is led most of the way to the planned path, in closed form: the elbow opens or closes
+as far as it must and the whole arm turns, with the hand's pose as it was.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

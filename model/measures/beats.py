@@ -1,13 +1,13 @@
 """BeatAlign: do beats of motion and of speech fall together? In both directions, with chance.
 
 Motion beats are local minima of a joint's speed (in a neighbourhood of 7 frames on either side)
-above 0.3 of that joint's mean speed; speech beats are onsets as librosa
-finds them at 512 samples (`model.speech.acoustics`). The
-direction of EMAGE asks for each onset how near the next motion beat is (sigma 0.3 s; mean over
-onsets, then over the 13 upper-body joints; a joint without beats counts 0). That of AsynFusion asks
-for each motion beat how near the next onset is (here sigma 0.1 s; the paper names none). Onsets in
-the first and last 2 s do not count. More beats, and jitter makes beats, raise the first score:
-compare with the recorded motion and with chance, never as "higher is better".
+above 0.3 of that joint's mean speed; speech beats are onsets as librosa finds them at 512 samples
+(`model.speech.acoustics`). The direction of EMAGE asks for each onset how near the next motion beat
+is (sigma 0.3 s; mean over onsets, then over the 13 upper-body joints; a joint without beats counts
+0). That of AsynFusion asks for each motion beat how near the next onset is (here sigma 0.1 s; the
+paper names none). Onsets in the first and last 2 s do not count. More beats, and jitter makes
+beats, raise the first score: compare with the recorded motion and with chance, never as "higher is
+better".
 
 Whose mean speeds decide what is slow changes every value. Papers on BEAT2 take those that EMAGE
 published (`read_mean_speeds`); without them, the reference's or the motion's own are taken.

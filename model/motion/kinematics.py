@@ -5,7 +5,7 @@ Local rotations are composed along the chain, one batched product for each of th
 (GlobalDiff eqs. 1 and 3). Positions follow from *global* rotations in the additive form
 (GlobalDiff eq. 5), which is linear in them: one product with a constant matrix of rest bones.
 
-The mirror plane is the body's middle, x = 0. `model.motion.kinematics` has the same for matrices.
+The mirror plane is the body's middle, x = 0.
 """
 
 from dataclasses import dataclass

@@ -1,12 +1,12 @@
 """The style of a whole performance: measured, changed, wished for in a file, and led by sliders
 while it goes on.
 
-TOML. Numbers are those of `Style`; in the table ``times`` they say how many times what each plan
-asks for itself. ``excite`` goes from -1 (calm) to 1 (excited). With ``wrong_words`` strokes land
-where nothing called for them.
+A style file is TOML. Its numbers are those of `Style`; in the table ``times`` they say how many
+times what each plan asks for itself. ``excite`` goes from -1 (calm) to 1 (excited). With
+``wrong_words`` strokes land where nothing called for them.
 
-Nobody knows yet what a plan of live speech will be like, so all of them say how many times as much
-as the speech asks for.
+Nobody knows yet what a plan of live speech will be like, so sliders (`Manner`) say how many times
+as much as the speech asks for.
 """
 
 from __future__ import annotations

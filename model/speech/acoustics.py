@@ -1,15 +1,16 @@
 """What sound is made of: mel bands, pitch, and the moments at which sounds begin.
 
-The scale is linear up to 1 kHz (200/3 Hz a mel) and logarithmic above it (27 mels from 1 to 6.4
-kHz), as in Slaney, *Auditory Toolbox*, 1998.
+Mel: the scale is linear up to 1 kHz (200/3 Hz a mel) and logarithmic above it (27 mels from 1 to
+6.4 kHz), as in Slaney, *Auditory Toolbox*, 1998.
 
-A window is compared with itself, later by a lag; the least lag at which the difference is small
-against its mean over all smaller lags (equation 8 there) is the period, refined by a parabola.
+Pitch is that of YIN (de Cheveigne and Kawahara, JASA 2002): a window is compared with itself, later
+by a lag; the least lag at which the difference is small against its mean over all smaller lags
+(equation 8 there) is the period, refined by a parabola.
 
-BeatAlign is defined by these onsets (512 samples a step), so a paper's numbers ask for the same:
-the flux is the mean rise of 128 mel powers in dB from one step to the next (Boeck and Widmer,
-DAFx 2013, without its filter), scaled to 0 to 1; a peak is the largest in its surroundings and
-stands out of their mean.
+Onsets are those of librosa's ``onset_detect``. BeatAlign is defined by them (512 samples a step),
+so a paper's numbers ask for the same: the flux is the mean rise of 128 mel powers in dB from one
+step to the next (Boeck and Widmer, DAFx 2013, without its filter), scaled to 0 to 1; a peak is the
+largest in its surroundings and stands out of their mean.
 """
 
 import functools

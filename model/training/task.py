@@ -12,7 +12,8 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from model.data.prepared import Batch, DataError, PreparedData
+from model.data.prepared import Batch, PreparedData
+from model.data.recordings import DataError
 from model.motion.packing import Normaliser
 from model.networks.speech_codes import Listener, load_codes
 from model.sampling.prior import GaussianPrior

@@ -21,8 +21,6 @@ from renderer.body import skinning
 from renderer.body.body_file import OPEN_BODY_PATH, BodyArrays, BodyError, read_body_file
 from renderer.body.look import USUAL_LOOK, Look, look_of
 
-__all__ = ["Body", "BodyError", "BodyMotion", "load_body"]
-
 EXPRESSION_BASES = ("flame100", "arkit52")
 NUM_EXPRESSIONS = 100
 MAX_DISTANCE_M = 100.0

@@ -1,10 +1,9 @@
 """Reading a body from disk: the open body, or a licensed SMPL-X ``.npz``, and what is wrong with
 it.
 
-Nothing is ever unpickled, and no memory is taken before the size of an array is known.
-
-Both become one :class:`BodyArrays`. Nothing in a file is ever unpickled: licensed files hold a
-few pickled arrays, and those are not needed to pose the body.
+Both become one :class:`BodyArrays`. Nothing in a file is ever unpickled (licensed files hold a few
+pickled arrays, which are not needed to pose the body), and no memory is taken before the size of an
+array is known.
 """
 
 from __future__ import annotations

@@ -325,11 +325,14 @@ def lay_body(canvas, inverse_depth, spans, scale, ray, floor, pixels):
             pixels[row, column, 2] = np.uint8(by * blue + behind * pixels[row, column, 2] + half)
 
 
+LOOPS = (project, fill_triangles, fill_floor, lay_body)
+SOURCES = (Path(__file__), MESH_SHADER, MESH_FRAGMENT, Path(studio.__file__))
+
+
 @functools.cache
 def make_ready() -> None:
     """Have the loops' machine code at hand, as every process must before it calls one."""
-    sources = (Path(__file__), MESH_SHADER, MESH_FRAGMENT, Path(studio.__file__))
-    prepare((project, fill_triangles, fill_floor, lay_body), sources, _draw_one_triangle)
+    prepare(LOOPS, SOURCES, _draw_one_triangle)
 
 
 def _draw_one_triangle() -> None:

@@ -28,7 +28,6 @@ from renderer.figures.page import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["SHOWN_PERCENT", "SpreadPanel", "distributions_figure", "draw_distributions"]
 
 SHOWN_PERCENT = 99.0
 """Of all values of a panel: its axis ends there, so that one clip does not decide what is seen."""

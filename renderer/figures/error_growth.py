@@ -18,7 +18,6 @@ from renderer.figures.page import MARGIN, SMALL_LINE, Rect, short_name, write
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["error_growth_figure"]
 
 WIDTH_IN = 3.4
 """One column of a two-column page."""

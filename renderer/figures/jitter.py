@@ -1,7 +1,5 @@
 """The sheet that shows where the jitter sits: every measure as generated, and behind the filter.
 
-Call it under the settings of :mod:`renderer.figures.files`, as the layout measured text under them.
-
 Jerk by depth along the kinematic chain and of every joint, the velocity spectrum of the followed
 point, how much of its jerk each joint of its chain carries, and jerk folded on the windows of
 generation; each as generated and behind one and the same filter, with the recorded reference in

@@ -29,7 +29,6 @@ from renderer.figures.page import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["step_curve_figure"]
 
 PANELS = (
     ("tip_jerk_m_s3", "a  Fingertip jerk (m/s\N{SUPERSCRIPT THREE})"),

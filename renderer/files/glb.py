@@ -5,9 +5,9 @@ vertex, and face expressions are morph targets. The camera of the front view is 
 following as in a video. Pose correctives have no place in glTF, so elbows, knees and shoulders fold
 a little less cleanly than in the videos.
 
-Little-endian 16-bit integers; for each build of `BUILDS` after the first: offsets of all vertices
-at rest to the first build, in steps of ``STEP_M``, then their unit normals, in steps of 1 / 32767.
-All builds share skeleton, topology, weights and face, so nothing else differs.
+Other builds are little-endian 16-bit integers; for each build of `BUILDS` after the first: offsets
+of all vertices at rest to the first build, in steps of ``STEP_M``, then their unit normals, in
+steps of 1 / 32767. All builds share skeleton, topology, weights and face, so nothing else differs.
 """
 
 from __future__ import annotations

@@ -193,8 +193,6 @@ def _rule_off(picture: UInt8[np.ndarray, "H W 3"], panels: Sequence[Panel]) -> N
             picture[rows, panel.left - _LINE_PX // 2 : panel.left + _LINE_PX // 2] = _LINE
 
 
-__all__ = ["Cancelled", "RenderSettings", "draw_motion", "render_stills", "render_video"]
-
 OnProgress = Callable[[float], None]
 ShouldCancel = Callable[[], bool]
 

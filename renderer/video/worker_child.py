@@ -11,7 +11,7 @@ from jaxtyping import UInt8
 
 from processes.child import parent_channel
 from renderer.body.body import load_body
-from renderer.video.pool import draw_in_processes
+from renderer.video.parallel import draw_in_processes
 from renderer.video.render import render_stills, render_video
 from renderer.video.worker_process import KNOWN_ERRORS, RenderJob, RenderResult
 

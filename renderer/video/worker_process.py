@@ -11,12 +11,13 @@ from jaxtyping import UInt8
 from conventions.views import LOOKS
 from processes.child import Child, Gone
 from processes.ended import Ended
-from renderer.body.body import BodyError, BodyMotion
+from renderer.body.body import BodyMotion
+from renderer.body.body_file import BodyError
 from renderer.draw.offscreen import Backend, GLError
 from renderer.scene.stage import Stage
-from renderer.video.encoder import VideoError, partial_path
+from renderer.video.encoder import Cancelled, VideoError, partial_path
 from renderer.video.marks import Marks
-from renderer.video.render import Cancelled, RenderSettings
+from renderer.video.settings import RenderSettings
 
 KNOWN_ERRORS: dict[str, type[Exception]] = {
     error.__name__: error for error in (BodyError, Cancelled, GLError, ValueError, VideoError)

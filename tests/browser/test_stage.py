@@ -20,7 +20,8 @@ from renderer.body.body import load_body
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera import frame_points, view_axes
 from renderer.scene.stage import set_stage
-from renderer.video.render import RenderSettings, render_stills
+from renderer.video.render import render_stills
+from renderer.video.settings import RenderSettings
 from tests.browser.conftest import (
     BUILDS_ARE_THERE,
     PATIENCE_MS,

@@ -11,14 +11,16 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from conventions.joints import FINGERTIP_NAMES, chain_to_root
-from model.diagnostics import diagnose, measures, smooth_motion, track_points
+from model.diagnostics import diagnose, measures
 from model.measures import smoothness
 from model.measures.posture import foot_slide
 from model.measures.seams import jerk_by_window_phase, seam_jerk_ratio
 from model.measures.smoothness import velocity_spectrum
 from model.motion import tracks
+from model.motion.filtering import smooth_motion
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames, load_motion
+from model.motion.tracks import track_points
 from tests.helpers import ROOT, beat2_folder, smooth_motion_example
 
 SKELETON = open_body_skeleton()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from model.data.prepared import DataError
+from model.data.recordings import DataError
 from model.evaluate import evaluate, main
 from model.evaluation import speakers
 from model.evaluation.clips import ClipRow, as_table

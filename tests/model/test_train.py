@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from model.data.prepared import DataError, prepare, read_split
+from model.data.prepared import prepare
+from model.data.recordings import DataError, read_split
 from model.motion.packing import to_vectors
 from model.networks.autoencoder import load_encoder
 from model.speech.features import MelEncoder

@@ -247,7 +247,7 @@ class Showing:
         """The recorded motion, as soon as its length is known."""
         if self._reference is None or REFERENCE_NAME in self._frames:
             return
-        from model.diagnostics import smooth_motion
+        from model.motion.filtering import smooth_motion
         from model.motion.motion import first_frames, save_motion
 
         recorded = first_frames(_load(self._reference), num_frames)

@@ -38,8 +38,7 @@ if TYPE_CHECKING:
     from app.run.takes.take import Take, TakeRequest
     from app.run.videos.behind import VideosRequest
     from app.run.videos.seen_video import SeenRequest, SeenVideo
-    from app.study.export import ExportOptions
-    from app.study.make.workspace import Workspace
+    from app.study.make.workspace import ExportOptions, Workspace
 
 OnFile = Callable[[Artefact], None]
 

@@ -22,10 +22,11 @@ from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
-from app.errors import RunError, printable
+from app.errors import RunError
 from app.page.visitors.uploads import MAX_FILES, NO_ROOM, TOO_MANY_AT_ONCE
 from app.page.visitors.visitor_files import VisitorFiles
 from app.page.visitors.visitors import address_of
+from conventions.names import printable
 
 OWN_ROUTES = ("/media/", "/live/", "/study/")
 """Gradio asks for a login before its own routes; these stand beside them."""

@@ -5,8 +5,8 @@ A browser must be able to ask for a part of a file, or it cannot seek in a video
 256 random bits and no path. It is told to the page that started the run alone; where that browser
 keeps the page's cookie, the cookie is asked for as well. It dies with the run's folder.
 
-They are made of a file that the page has given an address, motion always with the open body: the
-mesh of a licensed one is not handed to visitors.
+Files for other programs are made of one that the page has given an address, motion always with the
+open body: the mesh of a licensed one is not handed to visitors.
 """
 
 from __future__ import annotations

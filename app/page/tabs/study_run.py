@@ -35,7 +35,7 @@ from app.study.make.workspace import Workspace
 from model.systems.registry import usual_planner
 
 if TYPE_CHECKING:
-    from app.study.export import ExportOptions
+    from app.study.make.workspace import ExportOptions
 
 SEPARATOR = "--"
 PROTOCOLS = {
@@ -242,7 +242,7 @@ class StudyRunner(TabRunner[Workspace]):
 
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
-        from app.study.export import ExportOptions  # brings torch: only once it is needed
+        from app.study.make.workspace import ExportOptions
 
         if not cookie:
             raise RunError(NO_COOKIE)

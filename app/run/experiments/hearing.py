@@ -54,12 +54,12 @@ def draw_hearing_videos(
     Raises:
         BodyError, GLError, VideoError: see `app.run.videos.videos.draw_videos`.
     """
-    from conventions.rates import FPS
+    from conventions.rates import FPS, SAMPLE_RATE
     from model.motion.motion import first_frames
-    from model.speech.audio import SAMPLE_RATE, write_wav
+    from model.speech.audio import write_wav
     from renderer.video.compose import compose_videos
-    from renderer.video.pool import RenderJob
     from renderer.video.render import stage_for
+    from renderer.video.worker_process import RenderJob
 
     names = list(speeches)[:EACH_WAY]
     seconds = min(SHOWN_S, *(speeches[name].duration_s for name in names))
@@ -285,7 +285,8 @@ class _Made:
 
 def _speeches(request: HearingRequest) -> dict[str, Speech]:
     """By name; no more of each than is heard."""
-    from model.speech.audio import SAMPLE_RATE, SpeechLimits, load_speech
+    from conventions.rates import SAMPLE_RATE
+    from model.speech.audio import SpeechLimits, load_speech
 
     limits = SpeechLimits(max_s=request.max_speech_s)
     whole = {path.stem: load_speech(path, limits) for path in request.speeches}

@@ -115,8 +115,8 @@ def _draw(
     on_progress: Callable[[float], None],
 ) -> None:
     from renderer.video.compose import compose_videos
-    from renderer.video.pool import RenderJob
     from renderer.video.render import stage_for
+    from renderer.video.worker_process import RenderJob
 
     body = get_body(request.body)
     tip = choose_tip_source(body, request.body, request.joint)

@@ -100,7 +100,8 @@ def measure_step_curve(
     Raises:
         RunError, SpeechError, UnknownNameError, CheckpointError, WriteError: with a sentence.
     """
-    from model.speech.audio import SAMPLE_RATE, SpeechLimits, load_speech
+    from conventions.rates import SAMPLE_RATE
+    from model.speech.audio import SpeechLimits, load_speech
     from renderer.figures.step_curve import Mark, step_curve_figure
 
     whole = load_speech(request.speech, SpeechLimits(max_s=request.max_speech_s))
@@ -164,9 +165,9 @@ def _points_of(
 
 
 def _places_and_jerk(motion: Motion) -> tuple[np.ndarray, float]:
-    from model.diagnostics import track_points
     from model.measures.smoothness import derivative_magnitudes, mean_over_time
     from model.motion.kinematics import open_body_skeleton
+    from model.motion.tracks import track_points
 
     tracks = track_points(motion, open_body_skeleton())
     tip = tracks.point(FINGERTIP)

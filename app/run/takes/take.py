@@ -117,7 +117,6 @@ def _performed(
 ) -> Take:
     from app.run.models import get_system
     from conventions.rates import FPS
-    from model.diagnostics import smooth_motion
     from model.generation.again import (
         ENDING,
         load_performance,
@@ -126,6 +125,7 @@ def _performed(
         save_performance,
     )
     from model.generation.windows import Cancelled
+    from model.motion.filtering import smooth_motion
     from model.motion.motion import load_motion, save_motion
     from model.plan.plan import read_plan
     from model.speech.audio import SpeechLimits, load_speech

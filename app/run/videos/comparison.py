@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from app.run.inputs import Inputs
     from model.motion.motion import Motion
     from renderer.body.body import Body, BodyMotion
-    from renderer.figures.figure6.figure6 import JointMarks
+    from renderer.figures.figure6.snapshots import JointMarks
     from renderer.scene.stage import Stage
-    from renderer.video.render import RenderSettings
+    from renderer.video.settings import RenderSettings
 
 AROUND_FRAMES = 8
 """Jerk of one frame is chance; the mean over about half a second around a snapshot is told."""
@@ -53,7 +53,7 @@ def jerk_marks(
 
     The full scale is a round number that nearly all values stay under.
     """
-    from renderer.figures.figure6.figure6 import JointMarks
+    from renderer.figures.figure6.snapshots import JointMarks
     from renderer.video.render import projected_joints
 
     values = {name: _jerk_around(body, motion, frames) for name, motion in motions.items()}
@@ -126,9 +126,9 @@ def draw_all(
     Raises:
         CancelledRun, BodyError, GLError, VideoError: see `app.run.videos.videos.draw_videos`.
     """
-    from renderer.figures.figure6.figure6 import choose_snapshot_frames
-    from renderer.video.pool import RenderJob
+    from renderer.figures.figure6.spec import choose_snapshot_frames
     from renderer.video.render import stage_for
+    from renderer.video.worker_process import RenderJob
 
     reporter.progress("video", 0.0)
     placed = {row.name: in_register(row.shown) for row in rows}
@@ -265,7 +265,7 @@ def draw_poses(
         BodyError, GLError: see `app.run.videos.videos.draw_videos`.
     """
     from renderer.scene.stage import set_stage
-    from renderer.video.pool import RenderJob
+    from renderer.video.worker_process import RenderJob
 
     body = get_body(body_path)
     posed = {name: body_motion(motion) for name, motion in motions.items()}

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from model.motion.motion import Motion
     from model.plan.plan import GesturePlan
     from renderer.body.body import Body, BodyMotion
-    from renderer.video.render import RenderSettings
+    from renderer.video.settings import RenderSettings
 
 Background = Literal["studio", "transparent"]
 BACKGROUNDS: tuple[Background, ...] = get_args(Background)
@@ -185,7 +185,7 @@ def render_settings(
     Raises:
         RunError: if the size cannot be drawn or encoded.
     """
-    from renderer.video.render import RenderSettings
+    from renderer.video.settings import RenderSettings
 
     try:
         return RenderSettings(
@@ -241,8 +241,9 @@ def _draw(
     request: RenderRequest, read: Motion, body: Body, on_progress: Callable[[float], None]
 ) -> tuple[Path, ...]:
     from app.run.followed_point import choose_tip_source
-    from renderer.video.pool import RenderJob, RenderPool
+    from renderer.video.pool import RenderPool
     from renderer.video.render import stage_for
+    from renderer.video.worker_process import RenderJob
 
     tip = choose_tip_source(body, request.body, request.joint)
     motion = body_motion(displayed(read, request.display))

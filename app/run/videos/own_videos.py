@@ -152,8 +152,8 @@ def draw_own_videos(
     Raises:
         BodyError, GLError, VideoError: see `app.run.videos.videos.draw_videos`.
     """
-    from renderer.video.pool import RenderJob
     from renderer.video.render import stage_for
+    from renderer.video.worker_process import RenderJob
 
     settings = render_settings(
         "front", options.size, close_ups=options.close_ups, framing=options.framing

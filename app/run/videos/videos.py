@@ -12,7 +12,7 @@ from app.errors import CancelledRun
 from app.run.requests.request import ShouldCancel
 
 if TYPE_CHECKING:
-    from renderer.video.pool import RenderJob, RenderResult
+    from renderer.video.worker_process import RenderJob, RenderResult
 
 PARALLEL_VIDEOS = 2
 _POLL_S = 0.05

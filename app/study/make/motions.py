@@ -222,9 +222,9 @@ def _generate(
     Args:
         given: what is performed; None draws it from the speech.
     """
-    from model.diagnostics import smooth_motion
     from model.generation.clip_noise import clip_seed
     from model.generation.windows import Cancelled, GenerateOptions, draw_plans, generate_motion
+    from model.motion.filtering import smooth_motion
 
     assert source.speech is not None
     system = get_system(generator.system, weights)

@@ -195,7 +195,7 @@ class Maker:
     ) -> dict[str, Path]:
         """The picture of each system as a stream; the n-th pictures have equally many bytes."""
         from renderer.scene.stage import set_stage
-        from renderer.video.pool import RenderJob
+        from renderer.video.worker_process import RenderJob
 
         settings = replace(render_settings(view, self.plan.size), crf=0)  # encoded once more
         stage = set_stage(get_body(self.body_path), list(motions.values()), view, settings.aspect)

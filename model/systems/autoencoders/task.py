@@ -3,7 +3,8 @@
 import torch
 from torch import nn
 
-from model.data.prepared import Batch, DataError, PreparedData
+from model.data.prepared import Batch, PreparedData
+from model.data.recordings import DataError
 from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import Normaliser, decode
 from model.networks.autoencoder import MotionAutoencoder, input_vectors

@@ -6,7 +6,7 @@ variance-preserving: ``x_t = signal(t) x_0 + noise(t) eps`` with t from 0 (data)
 ``log signal(t)^2 = -(beta_min t + (beta_max - beta_min) t^2 / 2)``. A sampling of T steps visits
 t = 1, (T - 1) / T, ..., 1 / T. Time is continuous, so that one network serves every T.
 
-All follow the probability-flow ODE of `model.systems.gan.sampling`. Of first order they are one
+The solvers follow the probability-flow ODE of that schedule. Of first order they are one
 formula at other times: DDIM (Song et al. 2021) visits equal steps of diffusion time, DPM-Solver++
 (Lu et al. 2022) equal steps of log(signal / noise), Euler of flow matching equal steps of flow
 time. DPM-Solver++ of second order (2M) carries the last prediction on, Heun evaluates twice a step

@@ -31,7 +31,6 @@ from renderer.figures.figure6.spec import (
     WINDOW_FRAMES,
     Figure6,
     check_figure6,
-    choose_snapshot_frames,
 )
 from renderer.figures.files import FigureFiles, matplotlib_settings, write_figure
 from renderer.figures.page import (
@@ -235,9 +234,6 @@ def _draw_snapshots(
             image.set_label(f"{name} at frame {frame}")
     axes.set_xlim(0.0, style.FIGURE_WIDTH_IN)
     axes.set_ylim(layout.height, 0.0)
-
-
-__all__ = ["WINDOW_FRAMES", "JointMarks", "choose_snapshot_frames", "figure6"]
 
 
 def figure6(

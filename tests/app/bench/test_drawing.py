@@ -9,7 +9,8 @@ from renderer.body.body import load_body
 from renderer.draw.probe import choose_backend, choose_gl
 from renderer.scene.stage import set_stage
 from renderer.video.naive import draw_naively
-from renderer.video.render import RenderSettings, render_stills
+from renderer.video.render import render_stills
+from renderer.video.settings import RenderSettings
 from tests.renderer.scene.test_camera import waving_motion
 
 pytestmark = pytest.mark.gl

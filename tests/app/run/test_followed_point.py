@@ -10,9 +10,9 @@ from app.errors import RunError
 from app.run.body_motion import body_motion
 from app.run.followed_point import choose_tip_source
 from conventions.joints import FINGERTIP_JOINTS, FINGERTIP_NAMES, JOINT_NAMES, TIP_VERTICES
-from model.diagnostics import track_points
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
+from model.motion.tracks import track_points
 from renderer.body.body import load_body
 from tests.helpers import smooth_motion_example
 

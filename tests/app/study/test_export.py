@@ -275,7 +275,7 @@ def test_the_body_face_and_place_are_the_same_for_every_system(
 @pytest.mark.gl
 def test_the_real_renderer_makes_a_blind_study(weights: Path, tmp_path: Path) -> None:
     """Generated motion beside a file, drawn by worker processes; systems hear the excerpt."""
-    from app.study.export import ExportOptions
+    from app.study.make.workspace import ExportOptions
 
     write_inputs(tmp_path, ["recorded"], ["one"], frames=24)
     text = write_plan(tmp_path, ["recorded"], ["one"], "length_s = 0.5").read_text()

@@ -6,10 +6,11 @@ import torch
 from scipy.linalg import sqrtm
 
 from model.evaluation import frechet
-from model.evaluation.clips import face_error, l1_to_mean, mean_pairwise_l1
+from model.evaluation.clips import face_error, mean_pairwise_l1
 from model.evaluation.frechet import window_diversity
 from model.evaluation.matching import coupling, frame_loudness, speech_tracks
 from model.measures import beats, differences
+from model.measures.differences import l1_to_mean
 from model.motion.motion import first_frames
 from model.motion.packing import MOTION_DIM, Normaliser
 from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder

@@ -2,15 +2,11 @@ import numpy as np
 import pytest
 
 from conventions.joints import JOINT_INDEX
-from model.evaluation.speakers import (
-    PIECE_FRAMES,
-    SpeakerJudge,
-    discriminant,
-    judge_of,
-    manner_numbers,
-)
+from model.evaluation.matching import PIECE_FRAMES
+from model.evaluation.speakers import SpeakerJudge, discriminant, judge_of, manner_numbers
 from model.motion.motion import Motion, save_motion
-from tests.model.made import make_data_folder, smooth_motion_example
+from tests.helpers import smooth_motion_example
+from tests.model.made import make_data_folder
 
 
 def moved(seconds: float, seed: int, size: float) -> Motion:

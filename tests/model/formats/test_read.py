@@ -16,8 +16,9 @@ from model.formats.numbers import ROTATIONS, ReadOptions
 from model.formats.read import CONVERT, read_any_motion
 from model.measures.smoothness import derivative_magnitudes
 from model.motion.kinematics import open_body_skeleton
-from model.motion.motion import Motion, MotionError
+from model.motion.motion import Motion
 from model.motion.tracks import track_points
+from model.storage.npz import MotionError
 from renderer.body.body import load_body
 from renderer.files.bvh import write_bvh
 from tests.helpers import foreign_folder, smooth_motion_example

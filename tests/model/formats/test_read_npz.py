@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from model.formats.read import read_any_motion
-from model.motion.motion import MotionError, load_motion, save_motion
+from model.motion.motion import load_motion, save_motion
+from model.storage.npz import MotionError
 from tests.helpers import smooth_motion_example
 
 

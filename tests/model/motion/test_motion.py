@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from model.motion import motion as motion_module
-from model.motion.motion import Motion, MotionError, load_motion, save_motion
+from model.motion.motion import Motion, load_motion, save_motion
 from model.storage import npz
 from model.storage.files import WriteError, written_atomically
+from model.storage.npz import MotionError
 from tests.helpers import ROOT, beat2_folder, smooth_motion_example
 
 

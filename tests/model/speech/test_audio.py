@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
+from conventions.rates import SAMPLE_RATE
 from model.speech import audio
-from model.speech.audio import SAMPLE_RATE, SpeechError, SpeechLimits, load_speech, write_wav
+from model.speech.audio import SpeechError, SpeechLimits, load_speech, write_wav
 from model.storage.files import WriteError
 from tests.helpers import beat2_folder
 

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from conventions.joints import JOINT_INDEX, NUM_JOINTS, PARENTS, TIP_VERTICES
 from conventions.views import BUILDS, LOOKS, TONES
 from model.motion import kinematics
-from renderer.body.body import Body, BodyError, BodyMotion, load_body
-from renderer.body.body_file import MAX_FACES, MAX_VERTICES, OPEN_BODY_PATH
+from renderer.body.body import Body, BodyMotion, load_body
+from renderer.body.body_file import MAX_FACES, MAX_VERTICES, OPEN_BODY_PATH, BodyError
 from renderer.body.look import CLAY, COLORS, REGION_INDEX, REGION_NAMES, look_of
 
 NUM_FRAMES = 7

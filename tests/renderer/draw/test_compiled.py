@@ -94,8 +94,7 @@ CRASH = """
 import os, signal
 from renderer.draw import compiled, rasteriser
 def crash(): os.kill(os.getpid(), signal.SIGSEGV)
-loops = rasteriser.project, rasteriser.fill_triangles, rasteriser.fill_floor, rasteriser.lay_body
-compiled.prepare(loops, [__import__("pathlib").Path(rasteriser.__file__)], crash)
+compiled.prepare(rasteriser.LOOPS, rasteriser.SOURCES, crash)
 """
 
 

@@ -15,7 +15,8 @@ from renderer.draw.software import SoftwareRenderer
 from renderer.scene.camera import Camera
 from renderer.scene.stage import Stage
 from renderer.scene.studio import FramePreparer, PosedFrame, ShadowGround, Studio, Subject
-from renderer.video.render import RenderSettings, draw_vertices
+from renderer.video.render import draw_vertices
+from renderer.video.settings import RenderSettings
 from tests.helpers import ROOT
 
 pytestmark = pytest.mark.gl

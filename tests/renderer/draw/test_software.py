@@ -17,7 +17,8 @@ from renderer.draw.software import OPENING_EDGES, SoftwareRenderer, near_opening
 from renderer.scene.camera import Z_NEAR_M, Camera
 from renderer.scene.stage import Stage
 from renderer.scene.studio import PosedFrame, Subject
-from renderer.video.render import RenderSettings, draw_vertices, render_stills
+from renderer.video.render import draw_vertices, render_stills
+from renderer.video.settings import RenderSettings
 from tests.golden.regenerate import PICTURES, posed
 
 ROOT = Path(__file__).resolve().parents[3]

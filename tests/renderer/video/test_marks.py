@@ -9,7 +9,8 @@ from conventions.joints import JOINT_INDEX, NUM_JOINTS
 from renderer.body.body import BodyMotion, load_body
 from renderer.draw.probe import choose_backend
 from renderer.video.marks import Heat, MarkPainter, Marks, Trail, heat_colors
-from renderer.video.render import RenderSettings, render_stills, stage_for
+from renderer.video.render import render_stills, stage_for
+from renderer.video.settings import RenderSettings
 
 pytestmark = pytest.mark.gl
 

@@ -13,14 +13,17 @@ import pytest
 
 from processes import ended
 from processes.ended import Ended
-from renderer.body.body import BodyError, load_body
+from renderer.body.body import load_body
+from renderer.body.body_file import BodyError
 from renderer.draw.offscreen import GLError
 from renderer.draw.probe import choose_backend
 from renderer.scene.stage import set_stage
 from renderer.video.encoder import Cancelled, VideoError, read_facts
-from renderer.video.pool import RenderJob, RenderPool, RenderResult, processes_worth
-from renderer.video.render import PIECE_FRAMES, RenderSettings, render_stills
-from renderer.video.worker_process import failure
+from renderer.video.parallel import processes_worth
+from renderer.video.pool import RenderPool
+from renderer.video.render import PIECE_FRAMES, render_stills
+from renderer.video.settings import RenderSettings
+from renderer.video.worker_process import RenderJob, RenderResult, failure
 from tests.renderer.scene.test_camera import waving_motion
 from tests.renderer.video.test_encoder import processes_that_mention, tone, write_wav
 
@@ -284,7 +287,7 @@ def processes_that_draw() -> list[int]:
             folder = os.readlink(entry / "cwd")
         except OSError:  # it has just ended
             continue
-        if b"renderer.video.pool" in words and folder == str(ROOT):
+        if b"renderer.video.parallel" in words and folder == str(ROOT):
             found.append(int(entry.name))
     return found
 

@@ -10,16 +10,10 @@ from renderer.body.body import BodyMotion, load_body
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera import frame_points
 from renderer.scene.stage import Stage, set_stage
-from renderer.video.pool import draw_in_processes
-from renderer.video.render import (
-    Cancelled,
-    RenderSettings,
-    draw_motion,
-    draw_vertices,
-    render_stills,
-    render_video,
-    stage_for,
-)
+from renderer.video.encoder import Cancelled
+from renderer.video.parallel import draw_in_processes
+from renderer.video.render import draw_motion, draw_vertices, render_stills, render_video, stage_for
+from renderer.video.settings import RenderSettings
 from tests.renderer.scene.test_camera import waving_motion
 from tests.renderer.video.test_encoder import (
     SAMPLE_RATE,

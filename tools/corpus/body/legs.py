@@ -8,7 +8,8 @@ from jaxtyping import Float
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
 from model.motion.limb import HingedLimb
-from tools.corpus.body.events import Leg, Stance
+from model.plan.plan import Leg
+from tools.corpus.body.events import Stance
 from tools.corpus.body.signals import (
     bump,
     frame_times,

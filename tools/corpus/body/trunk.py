@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from conventions.joints import JOINT_INDEX
-from tools.corpus.body.events import Fixation, Nod
+from model.plan.plan import Nod
+from tools.corpus.body.events import Fixation
 from tools.corpus.body.signals import (
     frame_times,
     gaussian_bump,

@@ -1,6 +1,6 @@
 """The gesture library: wrist targets, palms, hand shapes, and the words that call for them.
 
-A shape is 19 numbers in degrees: flexion of the three joints of index, middle, ring and pinky
+A hand shape is 19 numbers in degrees: flexion of the three joints of index, middle, ring and pinky
 (12), abduction of each of these fingers (4, positive away from the middle finger's line towards
 the pinky), and the thumb's flexion, opposition and tip bend (3).
 

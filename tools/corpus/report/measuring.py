@@ -16,8 +16,8 @@ from tqdm import tqdm
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
-from model.motion.motion import MotionError
 from model.speech.audio import SpeechError
+from model.storage.npz import MotionError
 from tools.corpus.layout import MOTION, SOUND, SPLIT_TABLE, ClipPaths, clip_paths
 from tools.corpus.people.rig import Rig
 from tools.corpus.report.judging import hand_speed, sound_features

@@ -10,9 +10,10 @@ import pytest
 from app.errors import CancelledRun, RunError
 from app.run.experiments.step_curve import MAX_S, StepCurveRequest, measure_step_curve
 from app.run.models import get_system
-from model.diagnostics import diagnose, track_points
+from model.diagnostics import diagnose
 from model.generation.windows import GenerateOptions, generate_motion
 from model.motion.kinematics import open_body_skeleton
+from model.motion.tracks import track_points
 from model.speech.audio import load_speech, write_wav
 
 

@@ -12,10 +12,11 @@ from app.errors import RunError
 from app.run.diagnose import DiagnoseRequest, diagnose_files
 from app.run.many.motions import ManyRequest, diagnose_folders
 from app.run.many.table import interval
+from conventions.rates import SAMPLE_RATE
 from model.evaluation.frechet import Features, distance, motion_features
 from model.motion.motion import load_motion, save_motion
 from model.networks.autoencoder import load_encoder
-from model.speech.audio import SAMPLE_RATE, write_wav
+from model.speech.audio import write_wav
 from model.storage.cards import BUNDLED_WEIGHTS
 from processes.pool import JobPool
 from tests.helpers import smooth_motion_example

@@ -11,8 +11,9 @@ import pytest
 from app.errors import RunError
 from app.run.many.motions import ManyRequest, diagnose_folders
 from app.run.many.sets import SetsRequest, measure_sets
+from conventions.rates import SAMPLE_RATE
 from model.motion.motion import save_motion
-from model.speech.audio import SAMPLE_RATE, write_wav
+from model.speech.audio import write_wav
 from processes.pool import JobPool
 from tests.helpers import smooth_motion_example
 

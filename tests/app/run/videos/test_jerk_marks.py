@@ -7,7 +7,7 @@ from app.run.videos.comparison import AROUND_FRAMES, LEAST_FULL_SCALE, jerk_mark
 from conventions.joints import JOINT_INDEX
 from renderer.body.body import load_body
 from renderer.scene.stage import set_stage
-from renderer.video.render import RenderSettings
+from renderer.video.settings import RenderSettings
 from tests.helpers import smooth_motion_example
 
 

@@ -6,7 +6,8 @@ import pytest
 import torch
 
 from model.data.annotated import prepare_plans
-from model.data.prepared import DataError, prepare
+from model.data.prepared import prepare
+from model.data.recordings import DataError
 from model.speech.features import MelEncoder
 from model.storage.cards import BUNDLED_WEIGHTS
 from model.systems.planned.config import PLANNED, PLANNER

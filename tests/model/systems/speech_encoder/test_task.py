@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from model.data.annotated import annotated_speech, prepare_plans
-from model.data.prepared import DataError, PreparedData, prepare
+from model.data.prepared import PreparedData, prepare
+from model.data.recordings import DataError
 from model.networks.speech_codes import Reading, load_codes
 from model.speech.codes import PHONES, SPEECH_ENCODER, TOLD
 from model.speech.features import MelEncoder

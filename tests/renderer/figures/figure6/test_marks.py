@@ -7,7 +7,8 @@ from conventions.joints import JOINT_INDEX, JOINT_NAMES
 from renderer.body.body import BodyMotion, load_body
 from renderer.figures.figure6.snapshots import CORE_RGB, mark_joints
 from renderer.scene.stage import set_stage
-from renderer.video.render import RenderSettings, projected_joints, render_stills
+from renderer.video.render import projected_joints, render_stills
+from renderer.video.settings import RenderSettings
 
 LIMBS = [
     JOINT_INDEX[name]
