@@ -30,8 +30,8 @@ from model.motion.kinematics import RestSkeleton, open_body_skeleton
 from model.motion.motion import Motion
 from model.motion.tracks import track_points
 from model.networks.autoencoder import FrozenEncoder
-from model.networks.matching import MatchingJudge
 from model.speech.features import MelEncoder
+from model.systems.matching.network import MatchingJudge
 
 _ANKLES = [JOINT_INDEX["left_ankle"], JOINT_INDEX["right_ankle"]]
 MOTION_MEASURES = (

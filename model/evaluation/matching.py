@@ -2,9 +2,9 @@
 test.
 
 GENEA's question to its raters (Kucherenko et al. 2023), put to a judge that was trained on recorded
-motion alone (`model.networks.matching`): it is given 10 s of motion and two speeches of 10 s.
-Chance is .5. Pieces are cut from where speech begins to where it ends, so that silence before and
-after it tells nothing.
+motion alone (`model.systems.matching.network`): it is given 10 s of motion and two speeches of 10
+s. Chance is .5. Pieces are cut from where speech begins to where it ends, so that silence before
+and after it tells nothing.
 """
 
 from collections.abc import Mapping
@@ -18,9 +18,9 @@ from conventions.rates import FPS, SAMPLE_RATE
 from model.generation.base import Features
 from model.measures.face import SHIFT_S, lagged_correlation, wrist_speed
 from model.motion.motion import Motion
-from model.networks.matching import MatchingJudge, agreement
 from model.speech.features import NUM_MELS
 from model.systems.matching.config import HEARING_JUDGE
+from model.systems.matching.network import MatchingJudge, agreement
 
 PIECE_FRAMES = 300
 MEASURES: Mapping[str, tuple[str, ...]] = {

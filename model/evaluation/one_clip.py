@@ -19,10 +19,10 @@ from model.generation.clip_noise import clip_seed
 from model.generation.windows import GenerateOptions, generate_motion
 from model.motion.motion import Motion, first_frames
 from model.networks.autoencoder import FrozenEncoder
-from model.networks.matching import MatchingJudge
 from model.speech.audio import Speech
 from model.speech.encoder import SpeechEncoder
 from model.storage.files import written_atomically
+from model.systems.matching.network import MatchingJudge
 
 _NUMBERS = ("measures", "by_depth", "couplings", "errors")
 

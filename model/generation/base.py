@@ -19,6 +19,7 @@ from model.plan.style import Manner
 from model.sampling.flow import seeded_noise
 from model.sampling.samplers import Sampler, UnknownNameError
 from model.speech.encoder import SpeechEncoder
+from model.storage.cards import Card
 
 Features = Float[np.ndarray, "_ dim"]
 FLOW_TIMES = (0.0, 0.2, 0.4)
@@ -155,7 +156,7 @@ class System(ABC):
     window_type: ClassVar[type[Window]] = Window
     """Of what its `window` makes."""
     name: str
-    card: Mapping[str, Any]
+    card: Card
     sha256s: Mapping[str, str]
     """Of every file of weights that it moves with: its own first."""
     speakers: Mapping[str, int]

@@ -8,11 +8,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from conventions.names import file_stem
 from model.sampling.samplers import Sampler
-from model.storage.cards import load_card
+from model.storage.cards import Card, load_card
 
 if TYPE_CHECKING:
     from model.data.prepared import PreparedData
@@ -224,7 +224,7 @@ class Family:
         """What is found of the files that were named; nothing where none were. Never raises."""
         return ()
 
-    def card(self, name: str, folder: Path) -> dict[str, Any]:
+    def card(self, name: str, folder: Path) -> Card:
         """The card of the weights that a generator or a helper has.
 
         Raises:

@@ -48,10 +48,6 @@ def count_blinks(lids: Float[np.ndarray, " T"]) -> int:
     return count
 
 
-def _correlation(a: np.ndarray, b: np.ndarray) -> float:
-    return 0.0 if a.std() == 0 or b.std() == 0 else float(np.corrcoef(a, b)[0, 1])
-
-
 MAX_LAG_S = 0.5
 SMOOTHING_FRAMES = 9
 
@@ -63,10 +59,10 @@ def lagged_correlation(a: Float[np.ndarray, " N"], b: Float[np.ndarray, " M"]) -
     box = np.ones(SMOOTHING_FRAMES) / SMOOTHING_FRAMES
     a, b = (np.convolve(track[:frames], box, "valid") for track in (a, b))
     lags = range(-round(MAX_LAG_S * FPS), round(MAX_LAG_S * FPS) + 1)
-    return max(_correlation_at(a, b, lag) for lag in lags)
+    return max(_correlation(a, b, lag) for lag in lags)
 
 
-def _correlation_at(a: np.ndarray, b: np.ndarray, lag: int) -> float:
+def _correlation(a: np.ndarray, b: np.ndarray, lag: int = 0) -> float:
     a, b = (a[lag:], b[: len(b) - lag]) if lag >= 0 else (a[:lag], b[-lag:])
     if len(a) < 2 or a.std() == 0 or b.std() == 0:
         return 0.0

@@ -17,7 +17,6 @@ from torch import Tensor, nn
 
 from model.motion.packing import Normaliser, to_vectors
 from model.networks.config import AutoencoderConfig
-from model.storage.cards import from_dict
 from model.storage.checkpoint import load_into, load_weights
 
 CPU = torch.device("cpu")
@@ -169,8 +168,8 @@ def load_encoder(folder: Path, name: str, device: torch.device = CPU) -> FrozenE
         CheckpointError: if its files are missing or damaged.
     """
     tensors, card = load_weights(folder, name)
-    network = MotionAutoencoder(from_dict(AutoencoderConfig, card["config"]["autoencoder"]))
+    network = MotionAutoencoder(card.config(AutoencoderConfig, "autoencoder"))
     load_into(network, tensors, "network.", name)
     network.to(device).eval().requires_grad_(False)
     normaliser = Normaliser(tensors["normaliser.mean"], tensors["normaliser.std"]).to(device)
-    return FrozenEncoder(network, normaliser, card["sha256"])
+    return FrozenEncoder(network, normaliser, card.sha256)

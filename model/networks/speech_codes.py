@@ -21,7 +21,6 @@ from model.speech.audio import Speech
 from model.speech.codes import PHONES, SPEECH_ENCODER, TOLD, CodesConfig
 from model.speech.features import MelEncoder
 from model.speech.transcript import Accent
-from model.storage.cards import CheckpointError, from_dict
 from model.storage.checkpoint import load_into, load_weights
 
 
@@ -127,15 +126,10 @@ def load_codes(folder: Path) -> SpeechCodes:
         CheckpointError: if its files are missing or damaged.
     """
     tensors, card = load_weights(folder, SPEECH_ENCODER)
-    try:
-        config = from_dict(CodesConfig, card["config"]["codes"])
-    except (KeyError, TypeError) as error:
-        message = f"The card of {SPEECH_ENCODER} lacks or misstates {error}."
-        raise CheckpointError(message) from None
-    network = CodesNetwork(config)
+    network = CodesNetwork(card.config(CodesConfig, "codes"))
     load_into(network, tensors, "network.", SPEECH_ENCODER)
     network.eval().requires_grad_(False)
-    return SpeechCodes(network, Normaliser.of_tensors(tensors), card["sha256"])
+    return SpeechCodes(network, Normaliser.of_tensors(tensors), card.sha256)
 
 
 SURE = 0.6

@@ -4,6 +4,8 @@ offers.
 Nothing here imports torch."""
 
 import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
@@ -19,8 +21,87 @@ class CheckpointError(ValueError):
     """Weights that are missing, damaged or of another shape than their card says."""
 
 
-def load_card(folder: Path, system: str) -> dict[str, Any]:
-    """The JSON card of a system.
+T = TypeVar("T")
+
+
+class Card(dict[str, Any]):
+    """The JSON object beside weights: which they are, of what, and how they were trained.
+
+    What every card states has a name here; whoever reads what one lacks gets a sentence.
+    """
+
+    def __init__(self, content: Mapping[str, Any], weights: str) -> None:
+        super().__init__(content)
+        self.weights = weights
+        """As its files are called."""
+
+    @contextmanager
+    def reading(self) -> Iterator[None]:
+        """Within it, whatever the card or the weights lack is told of.
+
+        Raises:
+            CheckpointError: with what is missing, or of another kind.
+        """
+        try:
+            yield
+        except (KeyError, TypeError, AttributeError) as error:
+            sentence = f"The card of {self.weights} lacks or misstates {error}."
+            raise CheckpointError(sentence) from None
+
+    @property
+    def sha256(self) -> str:
+        """Of the weights."""
+        with self.reading():
+            return str(self["sha256"])
+
+    @property
+    def speakers(self) -> dict[str, int]:
+        """Whose manners the weights know, by their place in the network's table."""
+        with self.reading():
+            return {str(name): int(place) for name, place in self["speakers"].items()}
+
+    @property
+    def encoder(self) -> str:
+        """Name of the speech encoder that the network hears by."""
+        return str(self.setting("encoder"))
+
+    def setting(self, name: str) -> Any:
+        """One of the training's settings."""
+        with self.reading():
+            return self["config"][name]
+
+    def config(self, kind: type[T], part: str) -> T:
+        """A part of the training's settings, as its type.
+
+        Raises:
+            CheckpointError: if there is none, or it has fields that this version does not know.
+        """
+        try:
+            with self.reading():
+                return from_dict(kind, self["config"][part])
+        except CheckpointError:
+            raise
+        except ValueError as error:
+            raise CheckpointError(f"The card of {self.weights} misstates: {error}") from None
+
+    @property
+    def training_hours(self) -> float:
+        """0 where that is not known."""
+        return float(self.get("training_hours") or 0.0)
+
+    @property
+    def steps(self) -> int | None:
+        """Of the training."""
+        return self.get("steps")
+
+    @property
+    def whose(self) -> str | None:
+        """Where weights are not of this project: what they are."""
+        return self.get("weights_are")
+
+
+def load_card(folder: Path, system: str) -> Card:
+    """The card of a system.
 
     Raises:
         CheckpointError: if it is missing or no JSON object.
@@ -34,10 +115,7 @@ def load_card(folder: Path, system: str) -> dict[str, Any]:
         raise CheckpointError(f"{path} cannot be read: {error}") from None
     if not isinstance(card, dict) or "sha256" not in card:
         raise CheckpointError(f"{path} is no weights card: it has no sha256.")
-    return card
-
-
-T = TypeVar("T")
+    return Card(card, system)
 
 
 def with_setting(config: T, setting: str) -> T:

@@ -4,7 +4,6 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import torch
 from safetensors import SafetensorError
@@ -12,7 +11,7 @@ from safetensors.torch import load, save
 from torch import Tensor
 
 from conventions.names import file_stem
-from model.storage.cards import CheckpointError, load_card
+from model.storage.cards import Card, CheckpointError, load_card
 from model.storage.files import written_atomically
 
 KEEP_FLOAT32 = ("normaliser.", "prior.")
@@ -35,7 +34,7 @@ def save_weights(folder: Path, system: str, tensors: dict[str, Tensor], card: di
             temporary.write_bytes(data)
 
 
-def load_weights(folder: Path, system: str) -> tuple[dict[str, Tensor], dict[str, Any]]:
+def load_weights(folder: Path, system: str) -> tuple[dict[str, Tensor], Card]:
     """Tensors (as float32) and card of a system.
 
     Raises:
@@ -48,9 +47,9 @@ def load_weights(folder: Path, system: str) -> tuple[dict[str, Tensor], dict[str
     except OSError as error:
         raise CheckpointError(f"{path} cannot be read: {error.strerror}.") from None
     found = hashlib.sha256(content).hexdigest()
-    if found != card["sha256"]:
+    if found != card.sha256:
         raise CheckpointError(
-            f"{path} has sha256 {found[:12]}..., its card says {card['sha256'][:12]}...; "
+            f"{path} has sha256 {found[:12]}..., its card says {card.sha256[:12]}...; "
             "restore both files from the same source."
         )
     try:

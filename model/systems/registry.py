@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import model.systems
 from model.generation.family import Family, FamilyError, Use
 from model.sampling.samplers import UnknownNameError
-from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
+from model.storage.cards import BUNDLED_WEIGHTS, Card, CheckpointError
 
 if TYPE_CHECKING:
     from model.generation.base import System
@@ -158,7 +158,7 @@ def list_systems(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
     return tuple(name for family in _FAMILIES for name in family.systems_in(folder))
 
 
-def read_card(name: str, folder: Path = BUNDLED_WEIGHTS) -> dict[str, Any]:
+def read_card(name: str, folder: Path = BUNDLED_WEIGHTS) -> Card:
     """The card of the weights that a system moves with.
 
     Raises:
@@ -173,7 +173,7 @@ def list_speakers(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
     other packages are asked only where there are no others."""
     names = list_systems(folder)
     own = [name for name in names if family_of(name) in _BUNDLED]
-    tables = [read_card(name, folder)["speakers"] for name in own or names]
+    tables = [read_card(name, folder).speakers for name in own or names]
     if not tables:
         return ()
     shared = [name for name in tables[0] if all(name in table for table in tables)]

@@ -134,7 +134,7 @@ def make_card(
 def origin_of(start: Start) -> dict[str, Any]:
     """Which weights a training begins with, for its card."""
     card = load_card(start.folder, start.system)
-    return {"system": start.system, "sha256": card["sha256"], "steps": card.get("steps")}
+    return {"system": start.system, "sha256": card.sha256, "steps": card.steps}
 
 
 def revision() -> str:

@@ -6,13 +6,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from app import text
 from app.errors import RunError
 from app.findings.comparison import point_title
 from app.findings.verdict import short_names
 from conventions.joints import JOINT_NAMES, TIP_VERTICES
+from model.storage.cards import Card
 from model.systems.registry import (
     family_of,
     list_speakers,
@@ -110,11 +110,11 @@ def point_choices() -> list[tuple[str, str]]:
     return [(point_title(point), point) for point in (*TIP_VERTICES, *JOINT_NAMES)]
 
 
-def _trained_on(cards: list[dict[str, Any]]) -> str:
+def _trained_on(cards: list[Card]) -> str:
     """How much of what; told from the cards, so that other weights are described as they are."""
-    cards = [card for card in cards if "weights_are" not in card]  # not those of others
-    hours = [float(card.get("training_hours") or 0.0) for card in cards]
-    if max(hours, default=0.0) == 0.0 or not any(card.get("steps") for card in cards):
+    cards = [card for card in cards if card.whose is None]  # not those of others
+    hours = [card.training_hours for card in cards]
+    if max(hours, default=0.0) == 0.0 or not any(card.steps for card in cards):
         return ""
     data = cards[0].get("training_data")
     # A corpus made by this project describes itself; of any other folder only the name is known.

@@ -81,7 +81,7 @@ def origin_of(
         "project": revision(),
         "systems": digests,
         "reference": digests.get(REFERENCE_NAME),
-        "encoders": {"FGD": load_card(BUNDLED_WEIGHTS, FGD_ENCODER)["sha256"]},
+        "encoders": {"FGD": load_card(BUNDLED_WEIGHTS, FGD_ENCODER).sha256},
         "mean_speeds": mean_speeds and file_sha256(mean_speeds),
         "measures": measures,
     }

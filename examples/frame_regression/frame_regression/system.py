@@ -56,14 +56,14 @@ def load(name: str, folder: Path) -> RegressionSystem:
     """See `Family.load`."""
     weights = FAMILY.weights_of(name)
     tensors, card = load_weights(folder, weights)
-    encoder = make_encoder(card["config"]["encoder"])
-    network = Regression(encoder.dim, card["config"]["width"])
+    encoder = make_encoder(card.encoder)
+    network = Regression(encoder.dim, card.setting("width"))
     load_into(network, tensors, "network.", weights)
     return RegressionSystem(
         name=name,
         card=card,
-        sha256s={weights: card["sha256"]},
-        speakers=card["speakers"],
+        sha256s={weights: card.sha256},
+        speakers=card.speakers,
         encoder=encoder,
         windowing=Windowing(frames=60, overlap=8, context=CONTEXT),
         samplers=FAMILY.samplers_of(name),

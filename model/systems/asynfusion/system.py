@@ -15,7 +15,6 @@ from model.motion.packing import rotations
 from model.motion.spaces import ROOT_DIM
 from model.sampling.flow import SpeechGuide, seeded_noise
 from model.speech.encoders import make_encoder
-from model.storage.cards import CheckpointError, from_dict
 from model.storage.checkpoint import load_into, load_weights
 from model.systems.asynfusion import FAMILY
 from model.systems.asynfusion.config import DualBranchConfig
@@ -99,15 +98,12 @@ def load(name: str, folder: Path) -> AsynFusionSystem:
     """
     weights = FAMILY.weights_of(name)
     tensors, card = load_weights(folder, weights)
-    try:
-        config = from_dict(DualBranchConfig, card["config"]["network"])
-        speakers = {str(k): int(v) for k, v in card["speakers"].items()}
-        encoder = make_encoder(card["config"]["encoder"])
+    with card.reading():
+        config = card.config(DualBranchConfig, "network")
+        speakers, encoder = card.speakers, make_encoder(card.encoder)
         streams = read_streams(tensors, config.seed_frames)
-        consistent = card["config"]["aim"] == "teacher"
-        learned_deaf = card["config"]["speech_dropout"] > 0
-    except (KeyError, TypeError, AttributeError) as error:
-        raise CheckpointError(f"The card of {weights} lacks or misstates {error}.") from None
+        consistent = card.setting("aim") == "teacher"
+        learned_deaf = card.setting("speech_dropout") > 0
     priors = [stream.prior for stream in streams]
     network = DualBranchNetwork(config, priors, consistent=consistent)
     load_into(network, tensors, "network.", weights)
@@ -115,7 +111,7 @@ def load(name: str, folder: Path) -> AsynFusionSystem:
     return AsynFusionSystem(
         name=name,
         card=card,
-        sha256s={weights: card["sha256"]},
+        sha256s={weights: card.sha256},
         speakers=speakers,
         encoder=encoder,
         windowing=Windowing(config.window_frames, config.seed_frames, config.speech_context),

@@ -28,7 +28,7 @@ from model.networks.config import BranchConfig
 from model.plan.tracks import NUM_FACE_TRACKS
 from model.sampling.flow import seeded_noise
 from model.sampling.prior import GaussianPrior
-from model.storage.cards import CheckpointError, from_dict, load_card
+from model.storage.cards import CheckpointError, load_card
 from model.storage.checkpoint import load_into, load_weights
 from model.systems.face.config import EXPRESSION, ExpressionConfig
 
@@ -163,18 +163,16 @@ def load_face(folder: Path) -> Face:
     Raises:
         CheckpointError: if its files are missing or damaged.
     """
-    return _load(folder, load_card(folder, EXPRESSION)["sha256"])
+    return _load(folder, load_card(folder, EXPRESSION).sha256)
 
 
 @functools.lru_cache(maxsize=4)
 def _load(folder: Path, sha256: str) -> Face:
     tensors, card = load_weights(folder, EXPRESSION)
-    try:
-        config = from_dict(ExpressionConfig, card["config"]["expression"])
+    with card.reading():
+        config = card.config(ExpressionConfig, "expression")
         normaliser = Normaliser.of_tensors(tensors)
         prior = GaussianPrior(tensors["prior.covariance"], config.seed_frames)
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise CheckpointError(f"The card of {EXPRESSION} lacks or misstates {error}.") from None
     network = FaceNetwork(config, prior)
     load_into(network, tensors, "network.", EXPRESSION)
     network.eval().requires_grad_(False)

@@ -14,7 +14,6 @@ from model.networks.branch import shown
 from model.sampling.flow import SpeechGuide, seeded_noise
 from model.sampling.prior import GaussianPrior
 from model.speech.encoders import make_encoder
-from model.storage.cards import CheckpointError, from_dict
 from model.storage.checkpoint import load_into, load_weights
 from model.systems.face.config import EXPRESSION
 from model.systems.face.face import BodyWindow, FacedSystem, load_face, shared_windowing
@@ -115,14 +114,11 @@ def load(name: str, folder: Path) -> GanSystem:
     """
     weights = FAMILY.weights_of(name)
     tensors, card = load_weights(folder, weights)
-    try:
-        config = from_dict(GeneratorConfig, card["config"]["generator"])
-        speakers = {str(k): int(v) for k, v in card["speakers"].items()}
-        encoder = make_encoder(card["config"]["encoder"])
+    with card.reading():
+        config = card.config(GeneratorConfig, "generator")
+        speakers, encoder = card.speakers, make_encoder(card.encoder)
         normaliser = Normaliser.of_tensors(tensors)
         prior = GaussianPrior(tensors["prior.covariance"], config.seed_frames)
-    except (KeyError, TypeError, AttributeError) as error:
-        raise CheckpointError(f"The card of {weights} lacks or misstates {error}.") from None
     network = Generator(config, prior, normaliser)
     load_into(network, tensors, "network.", weights)
     network.eval().requires_grad_(False)
@@ -130,7 +126,7 @@ def load(name: str, folder: Path) -> GanSystem:
     return GanSystem(
         name=name,
         card=card,
-        sha256s={weights: card["sha256"], EXPRESSION: face.sha256},
+        sha256s={weights: card.sha256, EXPRESSION: face.sha256},
         speakers=speakers,
         encoder=encoder,
         windowing=shared_windowing(weights, config, face),

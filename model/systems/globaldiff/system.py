@@ -20,7 +20,6 @@ from model.sampling.flow import SpeechGuide, sample
 from model.sampling.prior import GaussianPrior
 from model.sampling.samplers import FLOW_SAMPLERS
 from model.speech.encoders import make_encoder
-from model.storage.cards import CheckpointError, from_dict
 from model.storage.checkpoint import load_into, load_weights
 from model.systems.face.config import EXPRESSION
 from model.systems.face.face import BodyWindow, FacedSystem, load_face, shared_windowing
@@ -161,10 +160,9 @@ def load(name: str, folder: Path) -> GlobalDiffSystem:
         CheckpointError: if its files are missing or damaged, or its windows are not the face's.
     """
     tensors, card = load_weights(folder, name)
-    try:
-        config = from_dict(NetworkConfig, card["config"]["network"])
-        speakers = {str(k): int(v) for k, v in card["speakers"].items()}
-        encoder = make_encoder(card["config"]["encoder"])
+    with card.reading():
+        config = card.config(NetworkConfig, "network")
+        speakers, encoder = card.speakers, make_encoder(card.encoder)
         normaliser = Normaliser.of_tensors(tensors)
         if config.prior:
             network: MotionNetwork | PriorNetwork = PriorNetwork(
@@ -175,15 +173,13 @@ def load(name: str, folder: Path) -> GlobalDiffSystem:
             )
         else:
             network = MotionNetwork(config)
-    except (KeyError, TypeError, AttributeError) as error:
-        raise CheckpointError(f"The card of {name} lacks or misstates {error}.") from None
     load_into(network, tensors, "network.", name)
     network.eval().requires_grad_(False)
     face = load_face(folder)
     return GlobalDiffSystem(
         name=name,
         card=card,
-        sha256s={name: card["sha256"], EXPRESSION: face.sha256},
+        sha256s={name: card.sha256, EXPRESSION: face.sha256},
         speakers=speakers,
         encoder=encoder,
         windowing=shared_windowing(name, config, face),

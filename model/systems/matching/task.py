@@ -7,7 +7,8 @@ from torch import Tensor, nn
 
 from model.data.prepared import Batch, PreparedData
 from model.motion.packing import Normaliser
-from model.networks.matching import (
+from model.systems.matching.config import MatchingTrainConfig
+from model.systems.matching.network import (
     PARTS,
     TRACKS,
     MatchingNetwork,
@@ -15,7 +16,6 @@ from model.networks.matching import (
     arm_speed,
     motion_tracks,
 )
-from model.systems.matching.config import MatchingTrainConfig
 from model.training.parallel import WHOLE, Shard
 from model.training.statistics import statistics_batch
 from model.training.targets import heard

@@ -6,11 +6,10 @@ by the tests.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from model.generation.family import Family, FileFlag, FileReport
 from model.sampling.samplers import SAMPLER_TITLES, Sampler
-from model.storage.cards import load_card
+from model.storage.cards import Card, load_card
 from model.systems.official.files import (
     FOLDER_VARIABLE,
     SEED_VARIABLE,
@@ -76,7 +75,7 @@ class OfficialFamily(Family):
         files = official_files()
         return () if files is None else tuple(reports_of(files))
 
-    def card(self, name: str, folder: Path) -> dict[str, Any]:
+    def card(self, name: str, folder: Path) -> Card:
         """What is known of the checkpoints, from their names. Speakers of the other systems are
         no speaker to these.
 
@@ -84,12 +83,13 @@ class OfficialFamily(Family):
             CheckpointError: if no folder was named, or it holds too little.
         """
         motion = require_official().path("motion")
-        return {
+        content = {
             "system": name,
             "speakers": SPEAKERS | {name: 0 for name in _speakers_in(folder)},
             "training_data": f"what the authors' checkpoint {motion.name} was trained on",
             "weights_are": f"the authors' checkpoint {motion.name}, run by this project's code",
         }
+        return Card(content, name)
 
 
 def _speakers_in(folder: Path) -> list[str]:

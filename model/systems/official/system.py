@@ -141,7 +141,7 @@ def load(name: str, folder: Path) -> OfficialSystem:
         name=name,
         card=card,
         sha256s={name: sha256_of(motion), "official expression": sha256_of(expression)},
-        speakers=card["speakers"],
+        speakers=card.speakers,
         encoder=official_encoder(),
         windowing=Windowing(WINDOW_FRAMES, SEED_FRAMES, 0),
         samplers=FAMILY.samplers_of(name),

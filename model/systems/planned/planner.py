@@ -21,7 +21,6 @@ from model.plan.kinds import KindTable, Spoken, drawn_by
 from model.plan.plan import GesturePlan
 from model.plan.tiers import BY_NAME, TIERS, Begun, plan_of, seen_of
 from model.speech.codes import SPEECH_ENCODER
-from model.storage.cards import CheckpointError, from_dict
 from model.storage.checkpoint import load_into, load_weights
 from model.systems.planned.config import PLANNER, PlannerConfig
 from model.systems.planned.network import PlannerNetwork, TierHead
@@ -326,14 +325,12 @@ def load_planner(folder: Path) -> Planner:
         CheckpointError: if its files are missing or damaged.
     """
     tensors, card = load_weights(folder, PLANNER)
-    try:
-        config = from_dict(PlannerConfig, card["config"]["planner"])
+    with card.reading():
+        config = card.config(PlannerConfig, "planner")
         kinds = KindTable.of_tensors(tensors)
         goals = tensors["begins.goals"]
-    except (KeyError, TypeError, AttributeError) as error:
-        raise CheckpointError(f"The card of {PLANNER} lacks or misstates {error}.") from None
     network = PlannerNetwork(config)
     load_into(network, tensors, "network.", PLANNER)
     network.eval().requires_grad_(False)
     codes = load_codes(folder) if config.codes else None
-    return Planner(network, Normaliser.of_tensors(tensors), codes, goals, kinds, card["sha256"])
+    return Planner(network, Normaliser.of_tensors(tensors), codes, goals, kinds, card.sha256)

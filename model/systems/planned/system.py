@@ -19,7 +19,7 @@ from model.plan.tracks import FACE_TRACKS, NUM_TRACKS, at_rest, tracks_of
 from model.sampling.flow import SpeechGuide
 from model.sampling.prior import GaussianPrior
 from model.speech.encoders import make_encoder
-from model.storage.cards import CheckpointError, from_dict
+from model.storage.cards import CheckpointError
 from model.storage.checkpoint import load_into, load_weights
 from model.systems.face.config import EXPRESSION
 from model.systems.face.face import load_face, shared_windowing
@@ -145,14 +145,11 @@ def load(name: str, folder: Path) -> PlannedSystem:
     """
     tensors, card = load_weights(folder, name)
     planner = load_planner(folder)
-    try:
-        config = from_dict(PlannedNetworkConfig, card["config"]["network"])
-        speakers = {str(k): int(v) for k, v in card["speakers"].items()}
-        encoder = make_encoder(card["config"]["encoder"])
+    with card.reading():
+        config = card.config(PlannedNetworkConfig, "network")
+        speakers, encoder = card.speakers, make_encoder(card.encoder)
         prior = GaussianPrior(tensors["prior.covariance"], config.seed_frames)
         known = tensors["kinds.names"]
-    except (KeyError, TypeError, AttributeError) as error:
-        raise CheckpointError(f"The card of {name} lacks or misstates {error}.") from None
     if not torch.equal(known, planner.kinds.tensors()["kinds.names"].float()):
         raise CheckpointError(f"{name} and {PLANNER} were trained on other gestures.")
     network = PlannedNetwork(config, prior)
@@ -162,7 +159,7 @@ def load(name: str, folder: Path) -> PlannedSystem:
     return PlannedSystem(
         name=name,
         card=card,
-        sha256s={name: card["sha256"], EXPRESSION: face.sha256, **planner.sha256s},
+        sha256s={name: card.sha256, EXPRESSION: face.sha256, **planner.sha256s},
         speakers=speakers,
         encoder=encoder,
         windowing=shared_windowing(name, config, face),

@@ -12,11 +12,11 @@ from model.evaluation.clips import ClipContext
 from model.evaluation.matching import MEASURES, matched, pieces, preferred, spoken
 from model.evaluation.one_clip import read_recording
 from model.motion.motion import first_frames, load_motion
-from model.networks.matching import load_judge
 from model.speech.audio import load_speech
 from model.speech.features import MelEncoder
 from model.storage.cards import BUNDLED_WEIGHTS
 from model.systems.matching.config import HEARING_JUDGE
+from model.systems.matching.network import load_judge
 from tests.helpers import ROOT, beat2_folder
 from tests.model.made import make_data_folder, make_weights
 from tests.model.systems.matching.made import (

@@ -1,7 +1,8 @@
 import pytest
 import torch
 
-from model.storage.cards import CheckpointError
+from model.networks.config import MatchingConfig
+from model.storage.cards import Card, CheckpointError
 from model.storage.checkpoint import load_into, load_weights, save_weights
 
 
@@ -33,3 +34,20 @@ def test_weights_that_do_not_fit_are_told_by_the_first_that_differs(saved, said)
     tensors = {f"network.{name}": tensor for name, tensor in saved.items()}
     with pytest.raises(CheckpointError, match="of toy do not fit their card: " + said):
         load_into(torch.nn.Linear(3, 2), tensors, "network.", "toy")
+
+
+def test_what_a_card_lacks_or_misstates_is_told_with_the_weights_name():
+    card = Card({"config": {"network": {"hidden": 8}}, "speakers": ["hana"]}, "globaldiff/local")
+    for read, what in (
+        (lambda: card.sha256, "'sha256'"),
+        (lambda: card.encoder, "'encoder'"),
+        (lambda: card.speakers, "'list' object has no attribute 'items'"),
+        (lambda: card.config(MatchingConfig, "matching"), "'matching'"),
+        (lambda: card.config(MatchingConfig, "network"), "MatchingConfig has no field hidden"),
+    ):
+        with pytest.raises(CheckpointError, match="The card of globaldiff/local") as caught:
+            read()
+        assert what in str(caught.value)
+    assert (card.training_hours, card.steps, card.whose) == (0.0, None, None)
+    told = Card({"speakers": {"hana": 3}, "training_hours": 2.5, "steps": 9}, "gan/5")
+    assert (told.speakers, told.training_hours, told.steps) == ({"hana": 3}, 2.5, 9)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from model.networks.matching import TRACKS
 from model.systems.matching.config import HEARING_JUDGE
+from model.systems.matching.network import TRACKS
 from model.systems.matching.task import contrastive_loss, make_task, share_right
 from model.systems.registry import family_of
 from model.training.task import TaskSetup

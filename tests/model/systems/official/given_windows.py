@@ -11,6 +11,7 @@ from torch import Tensor
 from model.generation.base import Draw, Windowing
 from model.generation.stitching import SpeechWindow
 from model.motion.motion import Motion
+from model.storage.cards import Card
 from model.systems.official import FAMILY
 from model.systems.official.networks import OfficialExpressionNetwork, OfficialMotionNetwork
 from model.systems.official.seed import seed_of
@@ -87,7 +88,7 @@ def _system(networks: Networks, seed: Tensor, is_filtered: bool) -> OfficialSyst
     motion, expression = networks
     return OfficialSystem(
         name="official",
-        card={},
+        card=Card({}, "given"),
         sha256s={},
         speakers={},
         encoder=OfficialEncoder(lambda windows: made("heard", (len(windows), 60, 1024))),

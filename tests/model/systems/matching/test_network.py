@@ -6,7 +6,7 @@ from conventions.joints import JOINT_INDEX
 from model.motion.packing import Normaliser
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
 from model.networks.config import MatchingConfig
-from model.networks.matching import (
+from model.systems.matching.network import (
     PARTS,
     STILL_RAD_S,
     TRACKS,

@@ -21,7 +21,6 @@ from conventions.rates import FPS
 from model.motion.packing import Normaliser
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
 from model.networks.config import MatchingConfig
-from model.storage.cards import from_dict
 from model.storage.checkpoint import load_into, load_weights
 
 _ARM_JOINTS = ("collar", "shoulder", "elbow", "wrist", "index1", "middle1")
@@ -210,7 +209,7 @@ def load_judge(folder: Path, name: str) -> MatchingJudge:
         CheckpointError: if its files are missing or damaged.
     """
     tensors, card = load_weights(folder, name)
-    network = MatchingNetwork(from_dict(MatchingConfig, card["config"]["matching"]))
+    network = MatchingNetwork(card.config(MatchingConfig, "matching"))
     load_into(network, tensors, "network.", name)
     network.eval().requires_grad_(False)
-    return MatchingJudge(network, Normaliser.of_tensors(tensors), card["sha256"])
+    return MatchingJudge(network, Normaliser.of_tensors(tensors), card.sha256)
