@@ -204,8 +204,13 @@ def time_training(weights: Path) -> list[Figure]:
             "from pathlib import Path; from app.bench.generation import training_rate; "
             f"print(training_rate({name!r}, Path({str(weights.resolve())!r})))"
         )
-        environment = {"ONEDNN_MAX_CPU_ISA": instructions, "ATEN_CPU_CAPABILITY": capability}
-        rate = float(_told("-c", code, **environment))
+        with tempfile.TemporaryDirectory(prefix="bench-compiled-") as compiled:
+            environment = {
+                "ONEDNN_MAX_CPU_ISA": instructions,
+                "ATEN_CPU_CAPABILITY": capability,
+                "TORCHINDUCTOR_CACHE_DIR": compiled,  # code kept for other instructions crashes
+            }
+            rate = float(_told("-c", code, **environment))
         title = f"training, {name}, demo size, {instructions}"
         figures.append(Figure(title, rate, "windows/s"))
     return figures
