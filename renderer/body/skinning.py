@@ -8,7 +8,6 @@ shape. Column vectors, metres, radians.
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse as sp
 from jaxtyping import Float, Float32, Float64, Int, Int32
 from scipy import sparse
 
@@ -46,7 +45,7 @@ def global_transforms(
 
 def skin(
     rest_vertices: Float32[np.ndarray, "T V 3"],
-    weights: sp.csr_array,
+    weights: sparse.csr_array,
     global_rot: Float[np.ndarray, "T J 3 3"],
     translations: Float[np.ndarray, "T J 3"],
 ) -> Float32[np.ndarray, "T V 3"]:
@@ -65,7 +64,7 @@ def skin(
 def add_pose_correctives(
     rest_vertices: Float32[np.ndarray, "T V 3"],
     pose_vertices: Int32[np.ndarray, " P"],
-    pose_dirs: sp.csr_array | Float32[np.ndarray, "P3 N"],
+    pose_dirs: sparse.csr_array | Float32[np.ndarray, "P3 N"],
     local_rot: Float64[np.ndarray, "T J 3 3"],
 ) -> None:
     """Add the correctives of the pose to ``rest_vertices``, in place."""

@@ -235,9 +235,6 @@ def label_band(
     return np.asarray(band)
 
 
-_TIME_INK = (38, 42, 50)
-
-
 def contact_sheet(pictures: UInt8[np.ndarray, "N H W C"], frames: Sequence[int]) -> Image.Image:
     """All pictures in rows no wider than a screen, on white, or on nothing if they have alpha.
 
@@ -263,5 +260,5 @@ def contact_sheet(pictures: UInt8[np.ndarray, "N H W C"], frames: Sequence[int])
             sheet.paste(Image.fromarray(pictures[index]), (left, top))
             middle = (left + width / 2, top + height + band / 2)
             time = f"{frames[index] / FPS:.2f} s"
-            draw.text(middle, time, fill=(*_TIME_INK, 255)[:channels], font=font, anchor="mm")
+            draw.text(middle, time, fill=(*_INK, 255)[:channels], font=font, anchor="mm")
     return sheet
