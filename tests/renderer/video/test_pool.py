@@ -101,6 +101,11 @@ def test_errors_come_back_as_they_were_raised(changes, error, message):
 
 
 def children_of_this_process() -> list[int]:
+    return children_of(os.getpid(), b"renderer.video.worker_child")
+
+
+def children_of(process_id: int, module: bytes) -> list[int]:
+    """Those that run a module of ours; other tests draw beside this one."""
     found = []
     for entry in Path("/proc").glob("[0-9]*"):
         try:
@@ -108,7 +113,7 @@ def children_of_this_process() -> list[int]:
             command = (entry / "cmdline").read_bytes()
         except OSError:  # it has just ended
             continue
-        if int(parent) == os.getpid() and b"renderer.video.worker_child" in command:
+        if int(parent) == process_id and module in command.split(b"\0"):
             found.append(int(entry.name))
     return found
 
@@ -278,18 +283,12 @@ def test_a_further_process_has_to_be_worth_its_start(num_frames, cores, processe
     assert processes_worth(num_frames, cores) == processes
 
 
-def processes_that_draw() -> list[int]:
-    """Processes, of whatever parent, that draw shares of a video."""
-    found = []
-    for entry in Path("/proc").glob("[0-9]*"):
-        try:
-            words = (entry / "cmdline").read_bytes().split(b"\0")
-            folder = os.readlink(entry / "cwd")
-        except OSError:  # it has just ended
-            continue
-        if b"renderer.video.parallel" in words and folder == str(ROOT):
-            found.append(int(entry.name))
-    return found
+def draws(process_id: int) -> bool:
+    """Whether it draws a share of a video still."""
+    try:
+        return b"renderer.video.parallel" in Path(f"/proc/{process_id}/cmdline").read_bytes()
+    except OSError:  # it has ended
+        return False
 
 
 @pytest.mark.parametrize("end", ["cancel", "crash", "kill the leader"])
@@ -299,9 +298,9 @@ def test_processes_that_share_a_video_end_together(tmp_path, end):
     with RenderPool() as pool:
         task = pool.submit(job, lambda share: running.set())
         assert running.wait(PATIENCE_S)
-        painters = processes_that_draw()
-        assert len(painters) == 2
         (leader,) = children_of_this_process()
+        painters = children_of(leader, b"renderer.video.parallel")
+        assert len(painters) == 2
         if end == "cancel":
             task.cancel()
         else:
@@ -309,8 +308,8 @@ def test_processes_that_share_a_video_end_together(tmp_path, end):
         with pytest.raises(Cancelled if end == "cancel" else GLError):
             task.result(PATIENCE_S)
     deadline = time.monotonic() + 20
-    while processes_that_draw() and time.monotonic() < deadline:
+    while any(map(draws, painters)) and time.monotonic() < deadline:
         time.sleep(0.05)
-    assert processes_that_draw() == []
+    assert not any(map(draws, painters))
     assert list(tmp_path.iterdir()) == []
     assert processes_that_mention(tmp_path) == []
