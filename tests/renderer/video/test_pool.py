@@ -29,7 +29,6 @@ from tests.renderer.video.test_encoder import processes_that_mention, tone, writ
 
 pytestmark = pytest.mark.gl
 
-ROOT = Path(__file__).resolve().parents[3]
 PATIENCE_S = 300.0
 """A busy machine may be slow to start a process; a test that hangs still ends."""
 
