@@ -86,9 +86,11 @@ EMPTY_TITLE = "Nothing generated yet"
 EMPTY_STEPS = (
     ("Give it speech", "Upload, record, or take one of the examples."),
     ("Choose systems", "The tab “Systems” tells what each adds."),
-    ("Press Generate motion", "Bodies move as soon as their motion is there; measures, figures "
-     "and videos follow."),
-)  # fmt: skip
+    (
+        "Press Generate motion",
+        "Bodies move as soon as their motion is there; measures, figures and videos follow.",
+    ),
+)
 ENLARGE_FIGURE = "Show large: {title}"
 
 

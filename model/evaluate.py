@@ -66,9 +66,11 @@ def main(arguments: list[str] | None = None) -> int:
         "--guidance", type=float, help="strength of the speech (default: each system's usual one)"
     )
     parser.add_argument(
-        "--speakers", default=",".join(CALM_AND_LIVELY), metavar="CALM,LIVELY",
+        "--speakers",
+        default=",".join(CALM_AND_LIVELY),
+        metavar="CALM,LIVELY",
         help="two speakers whose manner is compared on a few clips (default: %(default)s)",
-    )  # fmt: skip
+    )
     parser.add_argument("--clips", type=int, help="only the first so many clips")
     parser.add_argument("--processes", type=int, help="on this machine (default: all cores)")
     parser.add_argument("--scheduler", help="a Dask scheduler, such as tcp://head:8786")

@@ -29,22 +29,28 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--data", type=Path, required=True, help="folder in BEAT2's layout")
     parser.add_argument("--out", type=Path, required=True, help="folder for state and weights")
     parser.add_argument(
-        "--system", default=usual_systems("training")[0],
+        "--system",
+        default=usual_systems("training")[0],
         help=f"one of {', '.join(_trained())}",
-    )  # fmt: skip
+    )
     parser.add_argument("--steps", type=int, help="instead of the config's number")
     parser.add_argument(
         "--set", action="append", default=[], metavar="FIELD=VALUE", dest="settings",
         help="another value of one of the config's fields, e.g. network.width=64; can be repeated",
     )  # fmt: skip
     parser.add_argument(
-        "--helpers", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR",
+        "--helpers",
+        type=Path,
+        default=BUNDLED_WEIGHTS,
+        metavar="DIR",
         help="folder with the weights of networks that a system needs",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--start-from", type=Path, metavar="DIR",
+        "--start-from",
+        type=Path,
+        metavar="DIR",
         help="begin with the weights of this folder and a fresh optimizer",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--start-system", metavar="NAME", help="whose weights of that folder; --system if not given"
     )

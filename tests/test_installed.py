@@ -105,9 +105,12 @@ def test_the_command_works_where_nothing_but_its_output_can_be_written(
         site,
         *("generate", str(speech), "--systems", "globaldiff/global", "--steps", "1"),
         *("--out", "results", "--no-video"),
-        cwd=tmp_path, one_core=True,
-        HOME=str(home), XDG_CACHE_HOME=str(home), XDG_CONFIG_HOME=str(home),
-    )  # fmt: skip
+        cwd=tmp_path,
+        one_core=True,
+        HOME=str(home),
+        XDG_CACHE_HOME=str(home),
+        XDG_CONFIG_HOME=str(home),
+    )
     resource.prlimit(child.pid, resource.RLIMIT_DATA, (3 * GIGABYTE, 3 * GIGABYTE))
     answer(child)
     assert (tmp_path / "results" / "globaldiff-global.npz").is_file()
@@ -138,11 +141,14 @@ def test_a_family_that_pip_installs_trains_and_generates_beside_a_broken_one(
     flags = ("smoke", "--system", "regression/mean", "--data", str(data), "--out", "run")
     answer(installed(site, "train", *flags, cwd=tmp_path, PYTHONPATH=with_a_family))
     child = installed(
-        site, "generate", str(data / "wave16k" / "1_ann_0_0_0.wav"),
+        site,
+        "generate",
+        str(data / "wave16k" / "1_ann_0_0_0.wav"),
         *("--systems", "regression/mean,regression/drawn", "--weights", "run/weights"),
         *("--out", "results", "--no-video", "--no-figures"),
-        cwd=tmp_path, PYTHONPATH=with_a_family,
-    )  # fmt: skip
+        cwd=tmp_path,
+        PYTHONPATH=with_a_family,
+    )
     _, error = child.communicate(timeout=300)
     assert child.returncode == 0, error
     assert (

@@ -73,8 +73,11 @@ def test_git_hides_no_source_file() -> None:
     sources = "app/new.py model/data/new.py model/runs/new.py renderer/out/new.py".split()
     hidden = subprocess.run(
         ["git", "check-ignore", "--no-index", *sources],
-        cwd=ROOT, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     if hidden.returncode == 128:
         pytest.skip("this is no checkout of git")
     assert hidden.stdout.split() == []
@@ -84,8 +87,11 @@ def test_git_ignores_what_runs_leave() -> None:
     left = ["data/a.npz", "runs/a/state.pt", "out/a.mp4"]
     hidden = subprocess.run(
         ["git", "check-ignore", "--no-index", *left],
-        cwd=ROOT, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     if hidden.returncode == 128:
         pytest.skip("this is no checkout of git")
     assert hidden.stdout.split() == left

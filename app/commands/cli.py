@@ -122,21 +122,26 @@ def _add_diagnose(commands) -> None:
     )
     add_flags(parser, DiagnoseRequest)
     parser.add_argument(
-        "--emage-weights", type=Path, metavar="BIN",
+        "--emage-weights",
+        type=Path,
+        metavar="BIN",
         help="folders beside --reference: EMAGE's AESKConv_240_100.bin, for FGD as papers on BEAT2 "
         "tell it (docs/many-clips.md)",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--fps", type=float, metavar="N", help="frame rate of files that do not tell theirs, or lie"
     )
     parser.add_argument(
-        "--rotations", choices=_ROTATIONS, metavar="FORM",
+        "--rotations",
+        choices=_ROTATIONS,
+        metavar="FORM",
         help=f"of the joints, where their number says too little: {', '.join(_ROTATIONS)}",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--videos", action="store_true",
+        "--videos",
+        action="store_true",
         help="a video of each motion that figures show, with close-ups and trail, in register",
-    )  # fmt: skip
+    )
     add_pool(parser)
     parser.set_defaults(command=_diagnose)
 

@@ -62,9 +62,12 @@ def _python() -> Finding:
     version = platform.python_version()
     tested = version.startswith("3.11.")
     return Finding(
-        "Python", tested, version + ("" if tested else " (untested)"),
-        "this project is made for Python 3.11", is_needed=False,
-    )  # fmt: skip
+        "Python",
+        tested,
+        version + ("" if tested else " (untested)"),
+        "this project is made for Python 3.11",
+        is_needed=False,
+    )
 
 
 def _backends() -> list[Finding]:
@@ -160,18 +163,22 @@ def _memory() -> Finding:
         pass
     cores = os.cpu_count() or 1
     return Finding(
-        "memory", free_gb >= MIN_MEMORY_GB, f"{free_gb:.1f} GB free, {cores} cores",
+        "memory",
+        free_gb >= MIN_MEMORY_GB,
+        f"{free_gb:.1f} GB free, {cores} cores",
         f"{MIN_MEMORY_GB:g} GB are needed; close other programs",
-    )  # fmt: skip
+    )
 
 
 def _disk() -> Finding:
     folder = Path(tempfile.gettempdir())
     free_gb = shutil.disk_usage(folder).free / 1e9
     return Finding(
-        "disk", free_gb >= MIN_DISK_GB, f"{free_gb:.1f} GB free in {folder}",
+        "disk",
+        free_gb >= MIN_DISK_GB,
+        f"{free_gb:.1f} GB free in {folder}",
         f"{MIN_DISK_GB:g} GB are needed; free some, or set TMPDIR to another disk",
-    )  # fmt: skip
+    )
 
 
 def _told(error: Exception) -> str:

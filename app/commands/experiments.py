@@ -21,9 +21,12 @@ def add_hearing(commands) -> None:
         "called SYSTEM__SPEECH__SEED.npz.",
     )
     parser.add_argument(
-        "given", type=Path, nargs="+", metavar="SPEECH",
+        "given",
+        type=Path,
+        nargs="+",
+        metavar="SPEECH",
         help="two sound files or more, or one folder of motions",
-    )  # fmt: skip
+    )
     add_flags(parser, HearingRequest)
     add_family_files(parser)
     parser.set_defaults(command=_hearing)

@@ -16,14 +16,17 @@ from processes.pool import JobPool
 def add_pool(parser: argparse.ArgumentParser) -> None:
     """Flags that say who works on many clips."""
     parser.add_argument(
-        "--processes", type=_count, metavar="N",
+        "--processes",
+        type=_count,
+        metavar="N",
         help="many clips: processes on this machine, one thread each",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--scheduler", metavar="ADDRESS",
+        "--scheduler",
+        metavar="ADDRESS",
         help="many clips: a Dask scheduler such as tcp://head:8786, whose workers see the same "
         "files (docs/many-clips.md)",
-    )  # fmt: skip
+    )
 
 
 def pool_of(options: argparse.Namespace) -> JobPool:

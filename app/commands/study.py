@@ -40,9 +40,12 @@ def _add_export(parts) -> None:
         "--out", type=Path, required=True, metavar="DIR", help="folder of the study"
     )
     parser.add_argument(
-        "--body", type=Path, default=default_body(), metavar="FILE",
+        "--body",
+        type=Path,
+        default=default_body(),
+        metavar="FILE",
         help="licensed SMPLX_NEUTRAL*.npz (default: $SMPLX_MODEL, else the open body)",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR", help="default: bundled"
     )
@@ -162,10 +165,12 @@ def _add_analyse(parts) -> None:
     parser.add_argument("--key", type=Path, required=True, help="researcher_only/key.json")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of results")
     parser.add_argument(
-        "--diagnostics", type=Path, metavar="DIR",
+        "--diagnostics",
+        type=Path,
+        metavar="DIR",
         help="folder with CLIP/diagnostics.json or CLIP.json for each clip, whose jitter is held "
         "against the reasons people gave",
-    )  # fmt: skip
+    )
     parser.set_defaults(command=_analyse)
 
 

@@ -68,35 +68,53 @@ def parse_config(argv: list[str] | None = None) -> AppConfig:
         "--port", type=int, default=default_port(), help="port (default: %(default)s)"
     )
     parser.add_argument(
-        "--body", type=Path, default=default_body(), metavar="FILE",
+        "--body",
+        type=Path,
+        default=default_body(),
+        metavar="FILE",
         help="licensed SMPLX_NEUTRAL*.npz (default: $SMPLX_MODEL, else the open body)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--weights", type=Path, default=BUNDLED_WEIGHTS, metavar="DIR",
+        "--weights",
+        type=Path,
+        default=BUNDLED_WEIGHTS,
+        metavar="DIR",
         help="folder of trained systems (default: the bundled ones)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--host-name", action="append", default=[], metavar="NAME",
+        "--host-name",
+        action="append",
+        default=[],
+        metavar="NAME",
         help="a name under which the page is reached, as people type it; may be given again\n"
         "(default: this machine's own and --host)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--proxy", action="append", default=[], metavar="ADDRESS",
+        "--proxy",
+        action="append",
+        default=[],
+        metavar="ADDRESS",
         help="address of a proxy whose X-Forwarded headers are believed; may be given again\n"
         "(default: one on this machine, without X-Forwarded-Host)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--embed-in", action="append", default=[], metavar="ORIGIN",
+        "--embed-in",
+        action="append",
+        default=[],
+        metavar="ORIGIN",
         help="a site that may show the page in a frame, as https://lab.example; may be given\n"
         "again (default: none but the page itself; for a hosted space its host's too)",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--auth", type=Path, metavar="FILE", help="lines of NAME:PASSWORD; visitors must log in"
     )
     parser.add_argument(
-        "--max-minutes", type=float, default=10.0, metavar="N",
+        "--max-minutes",
+        type=float,
+        default=10.0,
+        metavar="N",
         help="longest speech accepted (default: %(default)g)",
-    )  # fmt: skip
+    )
     add_family_files(parser)
     options = parser.parse_args(argv)
     use_family_files(options)

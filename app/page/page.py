@@ -41,9 +41,12 @@ def build_app(services: Services) -> gr.Blocks:
     ) as page:
         gr.HTML(markup.header(services.catalogue.trained_on))
         gr.HTML(
-            own_motion_tab.TAB, html_template="", js_on_load=mount("reopen.js", "mountReopen"),
-            apply_default_css=False, elem_classes="told-elsewhere",
-        )  # fmt: skip
+            own_motion_tab.TAB,
+            html_template="",
+            js_on_load=mount("reopen.js", "mountReopen"),
+            apply_default_css=False,
+            elem_classes="told-elsewhere",
+        )
         with gr.Tabs(overflow_behavior="wrap") as tabs:  # a phone would hide some in a menu
             with gr.Tab(text.MOTION_TAB, id="generate"), gr.Row(elem_classes="columns"):
                 with gr.Column(scale=4, min_width=320, elem_classes="sheet"):

@@ -79,8 +79,9 @@ class Plans:
         mark: dict[str, list[np.ndarray]] = {tier.name: [] for tier in TIERS}
         for clip, rows in zip(which, batch.frames, strict=True):
             frames = rows - self._starts[clip]
-            found = {tier.name: frames_of(tier, self.chains[clip][tier.name], frames)
-                     for tier in TIERS}  # fmt: skip
+            found = {
+                tier.name: frames_of(tier, self.chains[clip][tier.name], frames) for tier in TIERS
+            }
             for name, numbers in seen_together(found).items():
                 seen[name].append(numbers)
                 event[name].append(found[name].event)
@@ -112,9 +113,10 @@ def prepare_plans(data: PreparedData, num_speakers: int) -> Plans:
     origin = {"format": PLANS_FORMAT, "tracks": NUM_TRACKS}
     plans = [_annotated(data, clip) for clip in data.clips]
     learned = [
-        (plan, clip) for clip, plan in zip(data.clips, plans, strict=True)
+        (plan, clip)
+        for clip, plan in zip(data.clips, plans, strict=True)
         if clip.copy == 0 and clip.split == "train"
-    ]  # fmt: skip
+    ]
     said = Counter(word for _, clip in learned for word in _said(textgrid_of(data, clip)))
     table = KindTable.fit(((plan, clip.speaker) for plan, clip in learned), num_speakers, said)
     if not index.is_file() or json.loads(index.read_text()) != origin:
@@ -124,8 +126,9 @@ def prepare_plans(data: PreparedData, num_speakers: int) -> Plans:
             tracks_path.open("wb") as tracks_file,
             kinds_path.open("wb") as kinds_file,
         ):
-            for clip, plan in tqdm(zip(data.clips, plans, strict=True), desc="plans",
-                                   total=len(plans)):  # fmt: skip
+            for clip, plan in tqdm(
+                zip(data.clips, plans, strict=True), desc="plans", total=len(plans)
+            ):
                 tracks_file.write(tracks_of(plan, clip.num_frames).tobytes())
                 kinds_file.write(kinds_of(plan, clip.num_frames, table).tobytes())
         with written_atomically(index) as path:

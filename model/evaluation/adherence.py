@@ -222,8 +222,9 @@ class Asked:
         """Mean and number of the answers by question."""
         return {
             name: {"mean": float(np.nanmean(values)), "count": len(values)}
-            for name, values in sorted(self.answers.items()) if values
-        }  # fmt: skip
+            for name, values in sorted(self.answers.items())
+            if values
+        }
 
 
 def _in_time(lags: Sequence[float]) -> list[float]:

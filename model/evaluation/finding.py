@@ -178,8 +178,10 @@ def fit(folder: Path, names: Sequence[str], out: Path, seed: int = 0) -> None:
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, RATE, total_steps=STEPS)
     long = [k for k, one in enumerate(features) if len(one) >= FRAMES]
     for _ in tqdm(range(STEPS), desc="steps"):
-        x, y = zip(*(_drawn(features[k], states[k], std, rng) for k in rng.choice(long, BATCH)),
-                   strict=True)  # fmt: skip
+        x, y = zip(
+            *(_drawn(features[k], states[k], std, rng) for k in rng.choice(long, BATCH)),
+            strict=True,
+        )
         batch = torch.from_numpy((np.stack(x) - mean) / std).float().transpose(1, 2)
         scores = network(batch)
         loss = nn.functional.cross_entropy(

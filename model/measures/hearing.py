@@ -83,8 +83,11 @@ def _jaw(motion: Motion) -> Float[np.ndarray, " T"]:
 
 
 TRACKS: Mapping[str, Callable[[Motion], np.ndarray | None]] = {
-    "arms": arm_speed, "head": _head_speed, "brows": _brows, "jaw": _jaw,
-}  # fmt: skip
+    "arms": arm_speed,
+    "head": _head_speed,
+    "brows": _brows,
+    "jaw": _jaw,
+}
 """By part of the body; None where a motion has no such part."""
 
 

@@ -109,10 +109,13 @@ def tiers_of(plan: GesturePlan) -> tuple[NamedTier, ...]:
         "blinks": ((blink.time_s, "shut") for blink in plan.blinks),
     }
     tiers += [
-        NamedTier(name, tuple(Row(round(at, 4), round(at, 4), label) for at, label in sorted(rows)),
-                  has_points=True)
+        NamedTier(
+            name,
+            tuple(Row(round(at, 4), round(at, 4), label) for at, label in sorted(rows)),
+            has_points=True,
+        )
         for name, rows in moments.items()
-    ]  # fmt: skip
+    ]
     tiers += [
         NamedTier("gaze", _in_turn("looks", [
             _row(look, _numbered([look.yaw_deg, look.pitch_deg])) for look in plan.looks])),
@@ -165,11 +168,14 @@ _LETTERS: Mapping[str, Phase] = {
     "p": "preparation", "s": "stroke", "h": "hold", "b": "beat", "r": "retraction",
 }  # fmt: skip
 _WHAT: Mapping[str, set[str]] = {
-    "nods": {"nod", "nods"}, "gaze": {"gaze", "look", "looks"},
-    "brows": {"brow", "brows", "eyebrow", "eyebrows"}, "smile": {"smile", "smiles"},
-    "blinks": {"blink", "blinks"}, "weight": {"weight", "stand", "stands"},
+    "nods": {"nod", "nods"},
+    "gaze": {"gaze", "look", "looks"},
+    "brows": {"brow", "brows", "eyebrow", "eyebrows"},
+    "smile": {"smile", "smiles"},
+    "blinks": {"blink", "blinks"},
+    "weight": {"weight", "stand", "stands"},
     "foot": {"foot", "feet"},
-}  # fmt: skip
+}
 
 
 def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> PlanRead:
@@ -217,8 +223,10 @@ class _Named:
         self._body: dict[str, list[Row]] = {}
         marks = [
             (row.end_s, row.label.split(" "))
-            for tier in tiers if tier.name == "apex" for row in tier.rows
-        ]  # fmt: skip
+            for tier in tiers
+            if tier.name == "apex"
+            for row in tier.rows
+        ]
         self._apexes = {
             side: {at: mark[2] for at, mark in marks if len(mark) == 3 and mark[1] == side}
             for side in SIDES
@@ -411,9 +419,12 @@ def _place(row: Row) -> Place:
 
 
 _DIRECTIONS: Mapping[str, tuple[float, float]] = {
-    "left": (12.0, 0.0), "right": (-12.0, 0.0), "up": (0.0, -8.0), "down": (0.0, 10.0),
+    "left": (12.0, 0.0),
+    "right": (-12.0, 0.0),
+    "up": (0.0, -8.0),
+    "down": (0.0, 10.0),
     "away": (14.0, 5.0),
-}  # fmt: skip
+}
 
 
 def _direction(row: Row) -> tuple[float, float]:

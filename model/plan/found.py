@@ -188,9 +188,10 @@ def _beats(speed: Float[np.ndarray, " T"], first: int, stop: int) -> list[int]:
 
 def _spans(is_on: Bool[np.ndarray, " T"], least_s: float) -> list[tuple[int, int]]:
     return [
-        (first, stop) for first, stop in _runs(is_on.astype(int))
+        (first, stop)
+        for first, stop in _runs(is_on.astype(int))
         if is_on[first] and (stop - first) / FPS >= least_s
-    ]  # fmt: skip
+    ]
 
 
 def _seconds(frames: np.ndarray) -> list[float]:
@@ -240,10 +241,15 @@ def _face(
     raised = gaussian_filter1d(unit("browInnerUp"), 1.0) - frown
     ups, _ = find_peaks(raised, prominence=BROW)
     downs, _ = find_peaks(frown, prominence=FROWN)
-    brows = [Brow(at, round(min(1.0, float(raised[k])), 4))
-             for k, at in zip(ups, _seconds(ups), strict=True) if raised[k] > 0]  # fmt: skip
-    brows += [Brow(at, round(max(-1.0, -float(frown[k])), 4))
-              for k, at in zip(downs, _seconds(downs), strict=True)]  # fmt: skip
+    brows = [
+        Brow(at, round(min(1.0, float(raised[k])), 4))
+        for k, at in zip(ups, _seconds(ups), strict=True)
+        if raised[k] > 0
+    ]
+    brows += [
+        Brow(at, round(max(-1.0, -float(frown[k])), 4))
+        for k, at in zip(downs, _seconds(downs), strict=True)
+    ]
     lids = np.pad(unit("eyeBlinkLeft", "eyeBlinkRight"), 1)
     shut, _ = find_peaks(lids, height=BLINK, prominence=0.3)
     smile = gaussian_filter1d(unit("mouthSmileLeft", "mouthSmileRight"), 6.0)

@@ -152,11 +152,14 @@ class KindTable:
             **{
                 f"kinds.{name}": torch.from_numpy(np.asarray(array, np.float32))
                 for name, array in {
-                    "by_speaker": self.by_speaker, "goal": self.goal, "spread": self.spread,
-                    "both": self.both, "called": called,
+                    "by_speaker": self.by_speaker,
+                    "goal": self.goal,
+                    "spread": self.spread,
+                    "both": self.both,
+                    "called": called,
                 }.items()
             },
-        }  # fmt: skip
+        }
 
     @staticmethod
     def of_tensors(tensors: Mapping[str, Tensor]) -> "KindTable":
@@ -292,9 +295,10 @@ def _calls(
 
 def _word_at(words: Sequence[Spoken], time_s: float) -> str:
     near = [
-        word for word in words
+        word
+        for word in words
         if word.start_s - BEFORE_WORD_S <= time_s <= word.end_s + AFTER_WORD_S
-    ]  # fmt: skip
+    ]
     nearest = min(
         near, key=lambda word: abs(0.5 * (word.start_s + word.end_s) - time_s), default=None
     )

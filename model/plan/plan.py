@@ -159,8 +159,11 @@ class GesturePlan:
         """The same plan performed ``speed`` times as fast."""
 
         def faster(event: Any) -> Any:
-            times = {f.name: getattr(event, f.name) / speed
-                     for f in dataclasses.fields(event) if f.name.endswith("_s")}  # fmt: skip
+            times = {
+                f.name: getattr(event, f.name) / speed
+                for f in dataclasses.fields(event)
+                if f.name.endswith("_s")
+            }
             return replace(event, **times)
 
         lists = {name: tuple(map(faster, events)) for name, events in self._lists()}

@@ -155,9 +155,10 @@ def with_style(
 def differing(style: Style, other: Style) -> tuple[str, ...]:
     """The names of what differs."""
     return tuple(
-        each.name for each in fields(Style)
+        each.name
+        for each in fields(Style)
         if _differs(getattr(style, each.name), getattr(other, each.name))
-    )  # fmt: skip
+    )
 
 
 def _differs(wish: float, now: float) -> bool:
@@ -296,9 +297,10 @@ def on_wrong_words(plan: GesturePlan, words: Sequence[Spoken] = ()) -> Edited:
         at_s = group[0].lands_s
         wished = places or [at_s + sign * step for step in steps for sign in (1, -1)]
         free = [
-            to for to in wished
+            to
+            for to in wished
             if np.abs(called - to).min() >= AWAY_S and abs(to - at_s) <= FARTHEST_S
-        ]  # fmt: skip
+        ]
         for to_s in sorted(free, key=lambda to: abs(to - at_s)):
             try:
                 plan = _all_moved(plan, group, to_s - at_s, texts.get(to_s, ""))

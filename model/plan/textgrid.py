@@ -78,8 +78,10 @@ def _joined(tiers: Sequence[NamedTier]) -> list[NamedTier]:
     their ends."""
     kinds = {
         (tier.parent, row.end_s): row.label
-        for tier in tiers if tier.name.startswith("kind_") for row in tier.rows
-    }  # fmt: skip
+        for tier in tiers
+        if tier.name.startswith("kind_")
+        for row in tier.rows
+    }
     found = []
     for tier in tiers:
         if tier.name.startswith("kind_"):
@@ -89,10 +91,13 @@ def _joined(tiers: Sequence[NamedTier]) -> list[NamedTier]:
             tier = NamedTier(tier.name, points, has_points=True)
         elif tier.name.startswith(PHASE_TIER):
             rows = (
-                Row(row.start_s, row.end_s,
-                    f"{row.label} {kinds.get((tier.name, row.end_s), '')}".rstrip(" "))
+                Row(
+                    row.start_s,
+                    row.end_s,
+                    f"{row.label} {kinds.get((tier.name, row.end_s), '')}".rstrip(" "),
+                )
                 for row in tier.rows
-            )  # fmt: skip
+            )
             tier = NamedTier(tier.name, tuple(rows))
         found.append(tier)
     return found
@@ -103,9 +108,12 @@ def _written(tier: NamedTier, end_s: float) -> str:
     what = "points" if tier.has_points else "intervals"
     rows = tier.rows if tier.has_points else _covering(tier.rows, end_s)
     lines = [
-        f'        class = "{kind}"', f'        name = "{tier.name}"', "        xmin = 0",
-        f"        xmax = {end_s:.4f}", f"        {what}: size = {len(rows)}",
-    ]  # fmt: skip
+        f'        class = "{kind}"',
+        f'        name = "{tier.name}"',
+        "        xmin = 0",
+        f"        xmax = {end_s:.4f}",
+        f"        {what}: size = {len(rows)}",
+    ]
     for number, row in enumerate(rows, 1):
         label = row.label.replace('"', '""')
         lines.append(f"        {what} [{number}]:")
@@ -113,9 +121,10 @@ def _written(tier: NamedTier, end_s: float) -> str:
             lines += [f"            number = {row.start_s:.4f}", f'            mark = "{label}"']
         else:
             lines += [
-                f"            xmin = {row.start_s:.4f}", f"            xmax = {row.end_s:.4f}",
+                f"            xmin = {row.start_s:.4f}",
+                f"            xmax = {row.end_s:.4f}",
                 f'            text = "{label}"',
-            ]  # fmt: skip
+            ]
     return "\n".join(lines) + "\n"
 
 

@@ -234,10 +234,13 @@ def _fitted(decoder: Any, sound: bytes) -> list[HeardWord]:
         fit = sum(score for *_, score in phones) / max(1, end - start)
         found.append(
             HeardWord(
-                word.name, start, end, fit,
+                word.name,
+                start,
+                end,
+                fit,
                 [(name, begin, begin + length) for name, begin, length, _ in phones],
             )
-        )  # fmt: skip
+        )
     return found
 
 

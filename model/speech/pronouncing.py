@@ -77,9 +77,11 @@ def _spoken(piece: str, lookup: Lookup) -> Spoken | None:
         return Spoken(written, plain, phones)
     parts = [
         _sound_of(part, lookup)
-        for part in re.findall(r"\d[\d,]*(?:\.\d+)?|[A-Z]+(?![a-z])|[A-Za-z'][a-z']*|[&%+@=]",
-                               _without_accents(written))
-    ]  # fmt: skip
+        for part in re.findall(
+            r"\d[\d,]*(?:\.\d+)?|[A-Z]+(?![a-z])|[A-Za-z'][a-z']*|[&%+@=]",
+            _without_accents(written),
+        )
+    ]
     phones = " ".join(part for part in parts if part)
     return Spoken(written, None, phones) if phones else None
 

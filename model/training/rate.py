@@ -46,8 +46,10 @@ def can_compile() -> bool:
     try:
         torch.compile(lambda x: (x + 1).relu().sum(), dynamic=False)(torch.ones(8))
     except Exception as error:  # whatever the compiler's tool chain may raise
-        log.info("torch.compile does not work here (%s): the training step is not compiled.",
-                 str(error).splitlines()[0])  # fmt: skip
+        log.info(
+            "torch.compile does not work here (%s): the training step is not compiled.",
+            str(error).splitlines()[0],
+        )
         return False
     return True
 

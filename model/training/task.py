@@ -209,9 +209,11 @@ class DescentTask:
             self.network, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(config.ema_decay)
         )
         self.optimizer = torch.optim.AdamW(
-            self.network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay,
+            self.network.parameters(),
+            lr=config.learning_rate,
+            weight_decay=config.weight_decay,
             fused=True,
-        )  # fmt: skip
+        )
         if self.compiles:
             self.network.compile(dynamic=False)
 
@@ -281,8 +283,11 @@ def check_speakers(data: PreparedData, table_size: int) -> None:
     Raises:
         DataError: with the speakers that do not fit.
     """
-    outside = [f"{number} ({name})" for number, name in data.speakers.items()
-               if not 0 < number < table_size]  # fmt: skip
+    outside = [
+        f"{number} ({name})"
+        for number, name in data.speakers.items()
+        if not 0 < number < table_size
+    ]
     if outside:
         raise DataError(
             f"The speakers {', '.join(outside)} do not fit the table of {table_size}; number them "

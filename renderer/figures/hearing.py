@@ -108,10 +108,12 @@ def _draw_speeds(axes: "Axes", row: HearingRow, highest: float, shown_s: float) 
         if speech in speeches and seed in seeds:
             shown = _shown(speed)
             axes.plot(
-                np.arange(len(shown)) / FPS, shown, linewidth=0.8,
+                np.arange(len(shown)) / FPS,
+                shown,
+                linewidth=0.8,
                 color=SPEECH_COLORS[speeches.index(speech)],
                 linestyle=NOISE_LINES[seeds.index(seed)],
-            )  # fmt: skip
+            )
     axes.set_xlim(0.0, shown_s)
     axes.set_ylim(0.0, highest)
     axes.set_ylabel("arm speed (\N{DEGREE SIGN}/s)", size=style.SMALL_PT, labelpad=2.0)

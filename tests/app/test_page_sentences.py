@@ -16,6 +16,6 @@ from app.errors import RunError, visitor_sentence
         ("It is longer than the limit (--max-minutes).", "It is longer than the limit."),
         ("Rates are 12 to 240 (30 usually).", "Rates are 12 to 240 (30 usually)."),
     ],
-)  # fmt: skip
+)
 def test_what_is_for_the_command_line_is_left_out(told: str, on_page: str) -> None:
     assert visitor_sentence(RunError(told)) == on_page

@@ -84,8 +84,9 @@ def landing(page: Page, tmp_path: Path) -> dict[str, list[float]]:
     """Where the gestures of the plan that is edited land, by hand, as its file says it."""
     plan = saved(page, ".eaf", tmp_path)
     read = read_plan_file(plan).plan
-    return {side: [round(one.lands_s, 2) for one in gestures(read, side)]
-            for side in ("left", "right")}  # fmt: skip
+    return {
+        side: [round(one.lands_s, 2) for one in gestures(read, side)] for side in ("left", "right")
+    }
 
 
 def saved(page: Page, ending: str, folder: Path) -> Path:

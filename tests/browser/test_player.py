@@ -146,8 +146,10 @@ def test_keys_play_step_hop_loop_and_enlarge(player: Page) -> None:
     player.keyboard.press("l")
     assert player.evaluate("document.querySelector('.lockstep').lockstep.loop") == [4, 6]
     player.keyboard.press("Space")
-    player.wait_for_function("() => { const l = document.querySelector('.lockstep').lockstep;"
-                             " return l.isPlaying && l.time >= 4 && l.time < 5.5; }")  # fmt: skip
+    player.wait_for_function(
+        "() => { const l = document.querySelector('.lockstep').lockstep;"
+        " return l.isPlaying && l.time >= 4 && l.time < 5.5; }"
+    )
     player.keyboard.press("Space")
     assert not player.evaluate("document.querySelector('.lockstep').lockstep.isPlaying")
     player.keyboard.press("2")

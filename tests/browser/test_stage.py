@@ -340,8 +340,10 @@ def test_pictures_look_as_those_of_videos(done: Page, is_slow: bool) -> None:
     settings = RenderSettings(SIZE_PX, SIZE_PX, backend=choose_backend())
     wanted = render_stills(body, moved, [0], settings, stage=stage)[0].astype(int)
     ground = {
-        "centre": stage.centre_xz, "floor": stage.floor_m, "halfSize": 2.0 + stage.extent_m / 2,
-    }  # fmt: skip
+        "centre": stage.centre_xz,
+        "floor": stage.floor_m,
+        "halfSize": 2.0 + stage.extent_m / 2,
+    }
     arguments = [told(motion), list(stage.camera.eye), SIZE_PX, is_slow, ground]
     pixels = np.array(done.evaluate(PICTURE, arguments)).reshape(SIZE_PX, SIZE_PX, 4)
     found = pixels[::-1, :, :3]

@@ -214,7 +214,9 @@ def test_two_participants_complete_a_study_and_their_answers_are_read(
     collected = collect([tmp_path], key)
     assert collected.left_out == ()
     assert [p.list_number for p in sorted(collected.participants, key=lambda p: p.list_number)] == [
-        0, 1]  # fmt: skip
+        0,
+        1,
+    ]
     for participant in collected.participants:
         assert participant.finished is not None
         assert sorted(answer.trial for answer in participant.answers) == sorted(

@@ -114,8 +114,10 @@ def test_a_study_that_is_ready_is_filled_in_by_the_click_itself(
     plan = tomllib.loads(download(page, "#study-plan", tmp_path).read_text())
     assert plan["protocol"] == "rating"
     assert [each["name"].split()[-1] for each in plan["systems"]] == [
-        "workbench/planned", "smaller", "larger"
-    ]  # fmt: skip
+        "workbench/planned",
+        "smaller",
+        "larger",
+    ]
     page.context.close()
 
 

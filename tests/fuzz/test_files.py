@@ -245,13 +245,15 @@ def test_wild_answers_and_keys(protocol: str, tmp_path: Path) -> None:
         other.write_text(json.dumps(answers))
         screen(collect([other], changed).participants, changed)
 
-    @given(st.one_of(
-        with_wild_values(answers).map(lambda it: (read_answers, as_json(it))),
-        damaged(as_json(answers)).map(lambda it: (read_answers, it)),
-        with_wild_values(whole_key).map(lambda it: (read_both, as_json(it))),
-        damaged(as_json(whole_key)).map(lambda it: (read_both, it)),
-        st.tuples(st.sampled_from([read_answers, read_both]), st.sampled_from(DEEP)),
-    ))  # fmt: skip
+    @given(
+        st.one_of(
+            with_wild_values(answers).map(lambda it: (read_answers, as_json(it))),
+            damaged(as_json(answers)).map(lambda it: (read_answers, it)),
+            with_wild_values(whole_key).map(lambda it: (read_both, as_json(it))),
+            damaged(as_json(whole_key)).map(lambda it: (read_both, it)),
+            st.tuples(st.sampled_from([read_answers, read_both]), st.sampled_from(DEEP)),
+        )
+    )
     def check(found: tuple[Callable[[Path], object], bytes]) -> None:
         read, content = found
         is_read_or_refused(read, tmp_path / "it.json", content)

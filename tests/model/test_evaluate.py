@@ -82,8 +82,9 @@ def judged(folders, system) -> dict:
 
 def test_table_has_recorded_and_generated_rows_with_intervals(folders, tmp_path, capsys):
     data, weights = folders
-    status = main(["--data", str(data), "--weights", str(weights), "--out", str(tmp_path),
-                   "--seeds", "1"])  # fmt: skip
+    status = main(
+        ["--data", str(data), "--weights", str(weights), "--out", str(tmp_path), "--seeds", "1"]
+    )
     assert status == 0
     table = json.loads((tmp_path / "evaluation.json").read_text())
     assert table["clips"] == CLIPS  # eve's clip is of no known speaker

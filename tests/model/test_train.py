@@ -47,8 +47,7 @@ def root(tmp_path_factory):
 
 
 def run(root, name: str, config: TrainConfig, **options) -> dict:
-    train(config, root / "data", root / name,
-          helpers=root / "expression" / "weights", **options)  # fmt: skip
+    train(config, root / "data", root / name, helpers=root / "expression" / "weights", **options)
     return torch.load(root / name / "state.pt", weights_only=True)
 
 

@@ -90,8 +90,10 @@ def test_a_lost_scheduler_is_told_by_one_sentence_and_no_traceback(tmp_path: Pat
     with scheduler(tmp_path) as (head, file), workers(file, 1):
         child = subprocess.Popen(
             [sys.executable, "-m", "tests.processes.made", str(tmp_path), file],
-            cwd=ROOT, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
+            cwd=ROOT,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
         wait_for(lambda: len(done(tmp_path)) >= 2)
         os.kill(head.pid, signal.SIGKILL)
         said = child.communicate(timeout=60)[1]

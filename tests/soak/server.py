@@ -83,8 +83,11 @@ def server(folder: Path, keep_s: float = 3600.0, weights: Path | None = None) ->
     with log.open("w") as told:
         process = subprocess.Popen(
             [sys.executable, "-c", _START, *arguments],
-            cwd=ROOT, env=environment, stderr=told, text=True,
-        )  # fmt: skip
+            cwd=ROOT,
+            env=environment,
+            stderr=told,
+            text=True,
+        )
     try:
         _wait_for(lambda: "open at" in log.read_text(), process)
         if weights is None:

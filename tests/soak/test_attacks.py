@@ -65,10 +65,13 @@ def motion(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 def an_hour_of_nothing() -> bytes:
     file = io.BytesIO()
     np.savez_compressed(
-        file, poses=np.zeros((LONGEST, 165), np.float32), trans=np.zeros((LONGEST, 3), np.float32),
-        expressions=np.zeros((LONGEST, 100), np.float32), betas=np.zeros(300, np.float32),
+        file,
+        poses=np.zeros((LONGEST, 165), np.float32),
+        trans=np.zeros((LONGEST, 3), np.float32),
+        expressions=np.zeros((LONGEST, 100), np.float32),
+        betas=np.zeros(300, np.float32),
         mocap_frame_rate=30,
-    )  # fmt: skip
+    )
     return file.getvalue()
 
 

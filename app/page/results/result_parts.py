@@ -84,9 +84,12 @@ def build_results(prefix: str = "", ready: str = text.READY, empty: str = "") ->
     in_between = (seen, seen_asked, seen_start, seen_cancel, take_asked, take_start)
     verdict = gr.HTML("", visible=False, elem_id=prefix + "verdict")
     runs = gr.HTML(
-        "", visible=False, js_on_load=mount("runs.js", "mountRuns"), apply_default_css=False,
+        "",
+        visible=False,
+        js_on_load=mount("runs.js", "mountRuns"),
+        apply_default_css=False,
         elem_id=prefix + "runs",
-    )  # fmt: skip
+    )
     rest = results_parts(prefix)
     return ResultParts(message, status, runs, empty_part, verdict, player, *in_between, *rest)
 

@@ -101,8 +101,11 @@ ENDINGS = {"glb": ".glb", "bvh": ".bvh", "blender": ".blender.npz"}
 """By what stands behind the address of a motion; app/page/web/stage/files.js has them too."""
 
 PLAN_ENDINGS = {
-    "json": ".json", "textgrid": ".TextGrid", "elan": ".eaf", "markers": MARKERS_ENDING,
-}  # fmt: skip
+    "json": ".json",
+    "textgrid": ".TextGrid",
+    "elan": ".eaf",
+    "markers": MARKERS_ENDING,
+}
 """The same of a plan."""
 PLAN_SUFFIX = ".tiers.json"
 """Of plans as the page shows them."""

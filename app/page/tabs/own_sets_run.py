@@ -56,9 +56,12 @@ class SetsParts:
 def build_sets() -> SetsParts:
     """Lay them out; hidden until there are any."""
     part = gr.HTML(
-        "", visible=False, js_on_load=mount("sets.js", "mountSets"), apply_default_css=False,
+        "",
+        visible=False,
+        js_on_load=mount("sets.js", "mountSets"),
+        apply_default_css=False,
         elem_id="own-sets",
-    )  # fmt: skip
+    )
     return SetsParts(
         part,
         gr.Textbox(visible=False),

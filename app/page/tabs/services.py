@@ -55,9 +55,12 @@ class UploadCheck:
         refusal = gr.HTML("", visible=False, elem_id=name)
         self._refusals.append(refusal)
         field.change(
-            lambda value: self._told(kind, value), field, refusal,
-            **PRIVATE, concurrency_limit=4,
-        )  # fmt: skip
+            lambda value: self._told(kind, value),
+            field,
+            refusal,
+            **PRIVATE,
+            concurrency_limit=4,
+        )
 
     @staticmethod
     def reason() -> gr.HTML:

@@ -76,9 +76,11 @@ def build_study_tab(page: gr.Blocks, services: Services) -> None:
         filled = json.dumps([asked, [usual_planner()], changes])
         # By the browser itself: who makes the study right after the click means this one.
         button.click(
-            None, outputs=[protocol, systems, changed], js=f"() => {filled}",
+            None,
+            outputs=[protocol, systems, changed],
+            js=f"() => {filled}",
             api_visibility="private",
-        )  # fmt: skip
+        )
         button.click(
             _SpeechOrExamples(catalogue, services.config.cache_folder / "examples").given,
             speeches,
@@ -152,10 +154,13 @@ def _build_materials(
     )
     planner = usual_planner()
     changed = gr.CheckboxGroup(
-        list(CHANGES), value=[], label=text.STUDY_CHANGED,
-        info=text.STUDY_CHANGED_HELP.format(system=planner), visible=planner in catalogue.systems,
+        list(CHANGES),
+        value=[],
+        label=text.STUDY_CHANGED,
+        info=text.STUDY_CHANGED_HELP.format(system=planner),
+        visible=planner in catalogue.systems,
         elem_id="study-changed",
-    )  # fmt: skip
+    )
     motions = check.file(
         "motion",
         f"Other motion, each file named <system>{SEPARATOR}<clip>.npz (optional)",
@@ -190,8 +195,11 @@ def _build_results() -> StudyParts:
     return StudyParts(
         status=gr.HTML(markup.idle_status(text.READY), elem_id="study-status"),
         researcher=gr.HTML(
-            "", visible=False, js_on_load=mount("study_key.js", "mountKey"),
-            apply_default_css=False, elem_id="study-researcher",
+            "",
+            visible=False,
+            js_on_load=mount("study_key.js", "mountKey"),
+            apply_default_css=False,
+            elem_id="study-researcher",
         ),
         preview=gr.HTML("", visible=False, elem_id="study-preview"),
         participants=gr.DownloadButton(
@@ -201,7 +209,7 @@ def _build_results() -> StudyParts:
             elem_id="study-participants",
         ),
         plan=gr.DownloadButton("The plan (TOML)", visible=False, elem_id="study-plan"),
-    )  # fmt: skip
+    )
 
 
 TITLE = "Analyse the answers"

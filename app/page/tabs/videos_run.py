@@ -291,9 +291,12 @@ class VideosBehind:
     def follow(self, run: Any) -> None:
         """Draw after each run of a button's, whose event is ``run``."""
         run.then(
-            self.run, outputs=self._outputs, **PRIVATE,
-            trigger_mode="multiple", concurrency_limit=None,
-        )  # fmt: skip
+            self.run,
+            outputs=self._outputs,
+            **PRIVATE,
+            trigger_mode="multiple",
+            concurrency_limit=None,
+        )
 
     @property
     def _outputs(self) -> list[Any]:

@@ -112,9 +112,12 @@ def measure_step_curve(
     with ResultFolder(request.out) as folder:
         for number, system in enumerate(systems):
             points += _points_of(
-                system, speech, counts, request,
+                system,
+                speech,
+                counts,
+                request,
                 lambda part, number=number: on_progress((number + part) / len(systems)),
-            )  # fmt: skip
+            )
         on_progress(1.0)
         path = folder.path("steps.json")
         path.write_text(json.dumps([asdict(point) for point in points], indent=1) + "\n")

@@ -124,8 +124,10 @@ def check_weights(weights: Path | None, reference: Path | None) -> None:
     if weights is None:
         return
     if reference is None:
-        raise RunError("EMAGE's encoder tells how far a set is from the recorded one; give it, too "
-                       "(--reference FOLDER).")  # fmt: skip
+        raise RunError(
+            "EMAGE's encoder tells how far a set is from the recorded one; give it, too "
+            "(--reference FOLDER)."
+        )
     _emage_encoder(weights.absolute())
 
 
@@ -163,10 +165,12 @@ def emage_distances(systems: Sequence[str], frames: Mapping[Path, int]) -> Emage
     records = [record for record, count in frames.items() if count >= WHOLE_FRAMES]
     codes = sum(count // WHOLE_FRAMES for count in frames.values()) * WHOLE_FRAMES // FRAMES_A_CODE
     if codes < LEAST_CODES:
-        return EmageDistances(note=(
-            f"FGD by EMAGE's encoder is left out: all clips together have {codes} codes, one for "
-            f"every {FRAMES_A_CODE} frames; at least {LEAST_CODES} are needed."
-        ))  # fmt: skip
+        return EmageDistances(
+            note=(
+                f"FGD by EMAGE's encoder is left out: all clips together have {codes} codes, one "
+                f"for every {FRAMES_A_CODE} frames; at least {LEAST_CODES} are needed."
+            )
+        )
     recorded = _drawn_moments(sorted(systems).index(REFERENCE_NAME), records)
     sets = {
         name: _distances(recorded, _drawn_moments(sorted(systems).index(name), records))

@@ -132,13 +132,15 @@ _FIELDS: dict[str, dict[str, Callable[[object], Any]]] = {
     "nod": {"at": _second, "depth": _number(1.0, 30.0)},
     "blink": {"at": _second},
     "look": {
-        "at": _second, "lasts": _number(0.2, 60.0), "yaw": _number(-60, 60),
+        "at": _second,
+        "lasts": _number(0.2, 60.0),
+        "yaw": _number(-60, 60),
         "pitch": _number(-40, 40),
     },
     "remove": {"list": _one_of(LISTS), "at": _second},
     "style": {**dict.fromkeys(SLIDERS, _number(-1000, 1000)), "excite": _number(-1.0, 1.0)},
     "plan": {"name": _words(200), "text": _words(MAX_PLAN_CHARACTERS)},
-}  # fmt: skip
+}
 _NEEDED: dict[str, tuple[str, ...]] = {
     "move": ("side", "lands"), "delete": ("side", "lands"), "add": ("kind",),
     "hands": ("side", "lands", "hands"), "hold": ("side", "lands", "hold"),

@@ -57,7 +57,10 @@ def make_key(plan: Plan, design: Design, blinding: Blinding, sha256: Mapping[str
         questions=questions,
         videos={
             blind: Video(
-                stimulus.system, stimulus.clip, stimulus.speech, stimulus.view,
+                stimulus.system,
+                stimulus.clip,
+                stimulus.speech,
+                stimulus.view,
                 sha256.get(blind, NOT_MADE),
             )
             for stimulus, blind in sorted(blinding.videos.items(), key=lambda item: item[1])
@@ -79,7 +82,7 @@ def make_key(plan: Plan, design: Design, blinding: Blinding, sha256: Mapping[str
         max_failed=plan.max_failed,
         participants=plan.participants,
         video_s=plan.length_s,
-    )  # fmt: skip
+    )
 
 
 def blinding_of(key: Key, plan: Plan, design: Design) -> Blinding:

@@ -59,12 +59,18 @@ def value_tells(values: Mapping[Stimulus, float], what: str) -> list[str]:
     For matched and mismatched speech the two conditions of a motion are compared as well.
     """
     tells = []
-    by_system = _scenes(values, lambda stimulus: (stimulus.clip, stimulus.view, stimulus.speech),
-                        lambda stimulus: stimulus.system)  # fmt: skip
+    by_system = _scenes(
+        values,
+        lambda stimulus: (stimulus.clip, stimulus.view, stimulus.speech),
+        lambda stimulus: stimulus.system,
+    )
     if (chance := order_probability(by_system)) < LEVEL:
         tells.append(f"{what}: its order follows the system (probability {chance:.2g} by chance)")
-    by_match = _scenes(values, lambda stimulus: (stimulus.clip, stimulus.view, stimulus.system),
-                       lambda stimulus: str(stimulus.speech == stimulus.clip))  # fmt: skip
+    by_match = _scenes(
+        values,
+        lambda stimulus: (stimulus.clip, stimulus.view, stimulus.system),
+        lambda stimulus: str(stimulus.speech == stimulus.clip),
+    )
     if (chance := order_probability(by_match)) < LEVEL:
         tells.append(
             f"{what}: its order tells matched from mismatched speech (probability {chance:.2g} "

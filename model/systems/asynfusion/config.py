@@ -109,11 +109,13 @@ def named_config(preset: str, system: str) -> AsynFusionConfig:
             return config
         case "small":
             shape = replace(config.network, width=64, num_heads=2)
-            return replace(config, network=shape, steps=500, batch_size=32, save_every=500,
-                           validate_every=500)  # fmt: skip
+            return replace(
+                config, network=shape, steps=500, batch_size=32, save_every=500, validate_every=500
+            )
         case "paper":
-            shape = replace(config.network, width=512, num_blocks=8, num_heads=8, conv_kernel=0,
-                            speech_dim=1024)  # fmt: skip
+            shape = replace(
+                config.network, width=512, num_blocks=8, num_heads=8, conv_kernel=0, speech_dim=1024
+            )
             return replace(config, network=shape, **PAPER)
         case "smoke":
             shape = replace(config.network, width=32, num_heads=2)

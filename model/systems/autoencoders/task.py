@@ -56,8 +56,9 @@ def fit_input(config: AutoencoderTrainConfig, batch: Batch) -> Normaliser:
         if not (face != face[0]).any():
             raise DataError(f"{config.system} learns from faces in ARKit's units; these have none.")
         parts.append(Normaliser.fit(face, groups=[range(shape.face_channels)]))
-    return Normaliser(torch.cat([part.mean for part in parts]),
-                      torch.cat([part.std for part in parts]))  # fmt: skip
+    return Normaliser(
+        torch.cat([part.mean for part in parts]), torch.cat([part.std for part in parts])
+    )
 
 
 def autoencoder_step(config: AutoencoderTrainConfig, normaliser: Normaliser) -> StepFunction:
@@ -82,10 +83,13 @@ def autoencoder_step(config: AutoencoderTrainConfig, normaliser: Normaliser) -> 
             hidden = shard.of(draw < shape.mask_share)
             if shape.kl_weight > 0:
                 noise = [
-                    shard.of(torch.randn(size, num_frames // scale, shape.latent_dim,
-                                         generator=generator))
+                    shard.of(
+                        torch.randn(
+                            size, num_frames // scale, shape.latent_dim, generator=generator
+                        )
+                    )
                     for scale in sorted(shape.scales)
-                ]  # fmt: skip
+                ]
         with shard.autocast():
             restored, codes = network(seen, hidden, noise)
         restored = restored.float()

@@ -44,8 +44,9 @@ def named_config(preset: str, system: str) -> FaceTrainConfig:
         case "demo":
             return config
         case "paper":
-            shape = replace(config.expression, width=384, num_blocks=4, num_heads=8,
-                            speech_dim=1024)  # fmt: skip
+            shape = replace(
+                config.expression, width=384, num_blocks=4, num_heads=8, speech_dim=1024
+            )
             return replace(config, expression=shape, plan_dropout=1.0, **PAPER)
         case "smoke":
             shape = replace(config.expression, width=32, num_blocks=1, num_heads=2)

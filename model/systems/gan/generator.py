@@ -120,10 +120,11 @@ class Generator(ConditionedNetwork):
         body = torch.cat([known, face], dim=-1)
         in_channels = x_t @ self.unmix
         said = [
-            branch(in_channels[..., region], body, tokens, seed, has_seed, condition,
-                   self.positions)
+            branch(
+                in_channels[..., region], body, tokens, seed, has_seed, condition, self.positions
+            )
             for branch, region in zip(self.branches, self.regions, strict=True)
-        ]  # fmt: skip
+        ]
         unit = said[0].float()
         if len(said) == 2:
             unit = torch.lerp(said[1].float(), unit, self.balance.sigmoid())

@@ -100,11 +100,14 @@ class GanTask:
         self.average = torch.optim.swa_utils.AveragedModel(self.generator, multi_avg_fn=decay)
         self.optimizers = [
             torch.optim.AdamW(
-                network.parameters(), lr=rate, betas=config.betas,
-                weight_decay=config.weight_decay, fused=True,
+                network.parameters(),
+                lr=rate,
+                betas=config.betas,
+                weight_decay=config.weight_decay,
+                fused=True,
             )
             for network, rate in zip(self.networks, self.rates, strict=True)
-        ]  # fmt: skip
+        ]
         self.watch = Watch()
         self.training_terms = compiled(self.explicit_terms) if compiles else self.explicit_terms
         if compiles:

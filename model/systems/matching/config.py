@@ -29,8 +29,9 @@ def named_config(preset: str, system: str) -> MatchingTrainConfig:
     Raises:
         ValueError: if there are none.
     """
-    config = MatchingTrainConfig(system=system, steps=300, batch_size=16, learning_rate=1e-3,
-                                 warmup_steps=30, ema_decay=0.98)  # fmt: skip
+    config = MatchingTrainConfig(
+        system=system, steps=300, batch_size=16, learning_rate=1e-3, warmup_steps=30, ema_decay=0.98
+    )
     match preset:
         case "demo":
             return config

@@ -16,9 +16,11 @@ from model.systems.official.files import SEED_VARIABLE
 from model.systems.official.sizes import SEED_FRAMES
 
 STANDING = {
-    "left_shoulder": (0.0, -0.1, -1.0), "right_shoulder": (0.0, 0.1, 1.0),
-    "left_elbow": (0.3, -0.45, 0.0), "right_elbow": (0.3, 0.45, 0.0),
-}  # fmt: skip
+    "left_shoulder": (0.0, -0.1, -1.0),
+    "right_shoulder": (0.0, 0.1, 1.0),
+    "left_elbow": (0.3, -0.45, 0.0),
+    "right_elbow": (0.3, 0.45, 0.0),
+}
 """Axis-angles, radians: arms that hang down; all other joints are as the body rests."""
 PLACE_M = (0.0, 1.29, 0.0)
 """Of who stands there, as tall as BEAT2's speakers."""

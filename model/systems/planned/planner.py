@@ -277,11 +277,14 @@ class Planner:
         heard = self.hear(features[rows], speaker, guidance)
         goals = self.first_goals[speaker].tolist()
         begins = {
-            "left": Begun(0, 0, tuple(goals[0])), "right": Begun(0, 0, tuple(goals[1])),
-            "look": Begun(0, 0, (0.0, 0.0)), "nod": Begun(0, 0, (0.0,)),
-            "brow": Begun(0, 0, (0.0,)), "smile": Begun(0, 0, (0.0,)),
+            "left": Begun(0, 0, tuple(goals[0])),
+            "right": Begun(0, 0, tuple(goals[1])),
+            "look": Begun(0, 0, (0.0, 0.0)),
+            "nod": Begun(0, 0, (0.0,)),
+            "brow": Begun(0, 0, (0.0,)),
+            "smile": Begun(0, 0, (0.0,)),
             **{f"{side} foot": Begun(0, 1) for side in ("left", "right")},
-        }  # fmt: skip
+        }
         drawers = {}
         for number, tier in enumerate(TIERS):
             head = self.network.heads[tier.name]

@@ -117,9 +117,11 @@ def draw_strips(figure: "Figure", layout: Layout, contents: Figure6) -> None:
     top = layout.strips[0].top - TITLE_GAP
     letter = "d" if contents.snapshots else "c"
     write_title(
-        figure, MARGIN, top,
+        figure,
+        MARGIN,
+        top,
         f"{letter}  Tremble: how far off its own path below {CUT_OFF_HZ:g} Hz, in mm",
-    )  # fmt: skip
+    )
     sizes = np.abs(np.concatenate(list(contents.tremble.values())))
     reach = max(_HEADROOM * float(np.percentile(sizes, _SHOWN)), _SMALLEST_MM)
     tick = float(style.ROUND_NUMBERS[style.ROUND_NUMBERS <= 0.8 * reach][-1])

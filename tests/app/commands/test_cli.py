@@ -91,8 +91,9 @@ def test_generate_follows_another_point_and_takes_words(
         'class = "IntervalTier"\nname = "words"\nintervals [1]:\nxmin = 0.1\nxmax = 0.4\n'
         'text = "hello"\n'
     )
-    argv = generate(speech, out, weights, "--joint", "left_wrist", "--start", "5",
-                    "--transcript", str(words))  # fmt: skip
+    argv = generate(
+        speech, out, weights, "--joint", "left_wrist", "--start", "5", "--transcript", str(words)
+    )
     assert main(argv) == 0
     found = json.loads((out / "diagnostics.json").read_text())
     assert found["joint"] == "left_wrist"

@@ -104,8 +104,9 @@ def test_folders_with_hostile_names_are_held_beside_each_other(
         folder.mkdir()
         for clip in ("a", FORMULA, TITLE):
             save_motion(smooth_motion_example(60, seed), folder / f"{clip}.npz")
-    run(["diagnose", *map(str, folders), "--out", str(tmp_path / "out"), "--processes", "1"],
-        capsys)  # fmt: skip
+    run(
+        ["diagnose", *map(str, folders), "--out", str(tmp_path / "out"), "--processes", "1"], capsys
+    )
     names = check_folder(tmp_path / "out")
     assert {"many.csv", "sheet.md"} <= {*names}
     sheet = (tmp_path / "out" / "sheet.md").read_text("utf-8").splitlines()
@@ -200,9 +201,12 @@ def test_a_terminal_is_sent_no_control_characters(name: str, tmp_path: Path) -> 
     ):
         ours, theirs = pty.openpty()
         child = subprocess.Popen(
-            [sys.executable, "-m", "app", *argv], cwd=ROOT, stdin=theirs, stdout=theirs,
+            [sys.executable, "-m", "app", *argv],
+            cwd=ROOT,
+            stdin=theirs,
+            stdout=theirs,
             stderr=theirs,
-        )  # fmt: skip
+        )
         os.close(theirs)
         said = b""
         while True:

@@ -39,8 +39,10 @@ def test_each_plan_takes_the_place_of_the_one_before_from_its_first_frame_on() -
     plan = last.part(0, 45)
     assert plan.duration_s == 1.5 and not plan.nods, "the nod was planned otherwise later"
     assert told(plan) == [
-        ("rest", 0.0, 0.8), ("preparation", 0.8, 1.2), ("stroke", 1.2, 1.5),
-    ]  # fmt: skip
+        ("rest", 0.0, 0.8),
+        ("preparation", 0.8, 1.2),
+        ("stroke", 1.2, 1.5),
+    ]
     last.go_on(ahead(-30, phase(2.2, 2.9, "stroke"), blinks=(Blink(2.5),)), 40)
     assert told(last.part(0, 60))[2:] == [("stroke", 1.2, 1.9)]
     assert [one.time_s for one in last.part(30, 30).blinks] == [pytest.approx(0.5)]

@@ -56,7 +56,9 @@ def test_the_table_marks_the_nearest_and_leaves_out_what_nobody_has() -> None:
     assert jerk.nearest == ("calm",) and jerk.values["shaken"] > 3 * jerk.values["calm"]
     assert not any("BeatAlign" in row.title for row in found.rows)
     assert set(found.apart_deg) == {
-        ("calm", "shaken"), ("calm", "reference"), ("shaken", "reference"),
-    }  # fmt: skip
+        ("calm", "shaken"),
+        ("calm", "reference"),
+        ("shaken", "reference"),
+    }
     assert f"<b>{jerk.values['calm']:.3g}</b>" in found._repr_html_()
     assert found.as_dict()[jerk.title] == jerk.values

@@ -33,8 +33,10 @@ def children() -> str:
     """Command lines of the processes that this one has started."""
     found = subprocess.run(
         ["ps", "--ppid", str(os.getpid()), "-o", "args="],
-        check=True, capture_output=True, text=True,
-    )  # fmt: skip
+        check=True,
+        capture_output=True,
+        text=True,
+    )
     return found.stdout
 
 

@@ -279,8 +279,10 @@ def test_cancelling_ends_the_children_and_leaves_nothing(ask: Ask) -> None:
     time.sleep(0.1)
     found = subprocess.run(
         ["ps", "--ppid", str(os.getpid()), "-o", "args="],
-        check=True, capture_output=True, text=True,
-    ).stdout  # fmt: skip
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
     assert "renderer.video.worker_child" not in found
 
 

@@ -226,9 +226,11 @@ def _one_frame_less(study: Workspace) -> None:
 
 def _sound(study: Workspace) -> None:
     change_video(
-        study, "localnet", "garden",
+        study,
+        "localnet",
+        "garden",
         *("-f", "lavfi", "-i", "sine=duration=0.5", "-map", "0:v", "-map", "1:a", "-c:v", "copy"),
-    )  # fmt: skip
+    )
 
 
 def _other_sound(study: Workspace) -> None:

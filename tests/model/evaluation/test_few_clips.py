@@ -70,8 +70,11 @@ def test_the_table_has_manner_beside_that_of_recordings(folders, system):
     wanted = calm_over_lively([calm], [lively])  # bob has one recording
     assert motion["recorded"]["calm_over_lively"]["mean"] == pytest.approx(wanted, rel=1e-6)
     assert set(motion["globaldiff/local"]) >= {
-        "calm_over_lively", "arms_by_speaker", "arm_rotations_other_speaker", "arms_in_silence",
-    }  # fmt: skip
+        "calm_over_lively",
+        "arms_by_speaker",
+        "arm_rotations_other_speaker",
+        "arms_in_silence",
+    }
     assert "arms_in_silence" not in motion["recorded"], "no silence of 5 s is recorded"
     assert UNKNOWN_SPEAKERS not in table["left_out"]
 

@@ -55,9 +55,10 @@ def test_what_is_fitted_is_what_is_computed_without_torch(tmp_path, monkeypatch)
     monkeypatch.setattr(finding, "STEPS", 3)
     kept = {}
     monkeypatch.setattr(
-        PhaseNetwork, "state_dict",
+        PhaseNetwork,
+        "state_dict",
         lambda self: kept.setdefault("net", self) and torch.nn.Module.state_dict(self),
-    )  # fmt: skip
+    )
     finding.fit(tmp_path, ["a"], tmp_path / "w.npz")
     monkeypatch.setattr(found, "WEIGHTS", tmp_path / "w.npz")
     found._weights.cache_clear()

@@ -76,9 +76,10 @@ def test_silence_around_the_speech_is_cut_away(judge):
     motion = made_motion(ENVELOPES[0])
     late = replace(
         first_frames(made_motion(np.zeros(FRAMES + 400)), FRAMES + 400),
-        poses=np.concatenate([motion.poses[:1].repeat(200, 0), motion.poses,
-                              motion.poses[-1:].repeat(200, 0)]),
-    )  # fmt: skip
+        poses=np.concatenate(
+            [motion.poses[:1].repeat(200, 0), motion.poses, motion.poses[-1:].repeat(200, 0)]
+        ),
+    )
     padded = np.concatenate([silence, OWN, silence])
     assert spoken(padded) == slice(200, 200 + FRAMES)
     found = matched(judge, late, padded, np.concatenate([silence, FOREIGN]))

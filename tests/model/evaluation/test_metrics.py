@@ -137,8 +137,9 @@ def slow_diversity(windows: np.ndarray) -> float:
 
 def test_div_is_the_mean_of_eq_17_over_batches():
     rng = np.random.default_rng(0)
-    clips = [rng.normal(k, 1.0, (num, 2, 217)).astype(np.float32)
-             for k, num in enumerate((40, 35, 25))]  # fmt: skip
+    clips = [
+        rng.normal(k, 1.0, (num, 2, 217)).astype(np.float32) for k, num in enumerate((40, 35, 25))
+    ]
     found = window_diversity(clips)
     order = np.random.default_rng(0).permutation(100)
     halves = [np.concatenate(clips)[batch] for batch in (order[:50], order[50:])]

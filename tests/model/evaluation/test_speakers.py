@@ -13,8 +13,11 @@ def moved(seconds: float, seed: int, size: float) -> Motion:
     """Arms that swing ``size`` times as far."""
     motion = smooth_motion_example(round(30 * seconds), seed)
     poses = motion.poses.reshape(motion.num_frames, -1, 3).copy()
-    arms = [JOINT_INDEX[f"{side}_{part}"] for side in ("left", "right")
-            for part in ("shoulder", "elbow")]  # fmt: skip
+    arms = [
+        JOINT_INDEX[f"{side}_{part}"]
+        for side in ("left", "right")
+        for part in ("shoulder", "elbow")
+    ]
     mean = poses[:, arms].mean(0)
     poses[:, arms] = mean + size * (poses[:, arms] - mean)
     return Motion(**{**vars(motion), "poses": poses.reshape(motion.poses.shape)})

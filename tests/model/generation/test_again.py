@@ -81,7 +81,7 @@ def test_the_same_plan_again_is_the_same_motion(system, plan, first):
         (lambda p: with_event(p, Nod(13.8, 6.0)).plan, 13.8),
     ],
     ids=["middle", "start", "end"],
-)  # fmt: skip
+)
 def test_only_what_was_changed_is_performed_anew(system, plan, first, change, at):
     again = perform_again(system, SPEECH, options(change(plan)), first)
     (fresh,) = again.fresh

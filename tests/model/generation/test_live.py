@@ -50,8 +50,10 @@ def streamed(system, features, sizes, pace=PACE):
 
 
 def joined(pieces):
-    return [np.concatenate([getattr(p, name) for p in pieces]) for name in
-            ("poses", "trans", "expressions")]  # fmt: skip
+    return [
+        np.concatenate([getattr(p, name) for p in pieces])
+        for name in ("poses", "trans", "expressions")
+    ]
 
 
 def test_frames_are_final_ten_at_a_time_and_twelve_behind_the_speech(system):

@@ -46,9 +46,12 @@ def moving(speeds: np.ndarray, joint: str) -> Motion:
     poses = np.zeros((frames, 165), np.float32)
     poses[:, 3 * JOINT_INDEX[joint]] = np.deg2rad(np.cumsum(speeds))
     return Motion(
-        poses, np.zeros((frames, 3), np.float32), np.zeros((frames, 100), np.float32), "arkit52",
+        poses,
+        np.zeros((frames, 3), np.float32),
+        np.zeros((frames, 100), np.float32),
+        "arkit52",
         np.zeros(300, np.float32),
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize(("joint", "part"), [("left_elbow", "arms"), ("jaw", "jaw")])

@@ -57,9 +57,11 @@ def test_hands_have_phases_goals_kinds_and_words(tmp_path):
     assert plan.duration_s == 3.0
     told = [(p.phase, p.start_s, p.end_s, p.kind, p.word) for p in plan.right]
     assert told == [
-        ("rest", 0, 1, "", ""), ("preparation", 1, 1.5, "offer", ""),
-        ("stroke", 1.5, 2, "offer", "whole"), ("retraction", 2.4, 3, "", ""),
-    ]  # fmt: skip
+        ("rest", 0, 1, "", ""),
+        ("preparation", 1, 1.5, "offer", ""),
+        ("stroke", 1.5, 2, "offer", "whole"),
+        ("retraction", 2.4, 3, "", ""),
+    ]
     goals = [(0.2, -0.3, 0.1), (0.2, 0.1, 0.3), (0.1, 0.0, 0.4), (0.2, -0.3, 0.1)]
     np.testing.assert_allclose([p.goal for p in plan.right], goals)
     assert [p.phase for p in plan.left] == ["rest"]
@@ -85,8 +87,10 @@ def test_the_rest_of_the_body_is_told(tmp_path):
     assert plan.blinks == (Blink(0.5),)
     assert plan.stands == (Stand(0.0, 2.0, "left"), Stand(2.0, 3.0, "both"))
     assert plan.planted == (
-        Planted(0.0, 3.0, "left"), Planted(0.0, 1.0, "right"), Planted(1.5, 3.0, "right"),
-    )  # fmt: skip
+        Planted(0.0, 3.0, "left"),
+        Planted(0.0, 1.0, "right"),
+        Planted(1.5, 3.0, "right"),
+    )
 
 
 def test_a_grid_without_goals_is_no_plan(tmp_path):

@@ -166,7 +166,7 @@ def test_places_out_of_reach_or_inside_the_body_are_mended_and_told():
         (lambda p: with_event(p, Nod(11.0, 3.0)), "The speech goes from 0 to 10.00 s"),
         (lambda p: without_event(p, Nod(1.0, 3.0)), "has no such nod"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_is_refused(edit, says):
     with pytest.raises(PlanError, match=says):
         edit(busy_plan())
@@ -204,9 +204,11 @@ def test_locked_gestures_stay():
 
 EDITS = st.tuples(
     st.sampled_from(["move", "delete", "add", "hands", "hold", "size", "raise", "speed"]),
-    st.floats(0.0, 10.0), st.sampled_from(sorted(PLACES)),
-    st.sampled_from(["left", "right", "both"]), st.floats(0.3, 2.5),
-)  # fmt: skip
+    st.floats(0.0, 10.0),
+    st.sampled_from(sorted(PLACES)),
+    st.sampled_from(["left", "right", "both"]),
+    st.floats(0.3, 2.5),
+)
 
 
 def edited(plan: GesturePlan, edit: tuple[str, float, str, str, float]) -> Edited:
@@ -272,11 +274,14 @@ def test_sliders_stand_where_the_plan_is_and_leave_it_there():
 @pytest.mark.parametrize(
     ("name", "values"),
     [
-        ("gestures_per_min", (0.0, 6.0, 36.0)), ("size_m", (0.1, 0.25, 0.4)),
-        ("height_m", (-0.25, -0.05, 0.1)), ("stroke_s", (0.22, 0.3, 0.45)),
-        ("both", (0.0, 0.7, 1.0)), ("smile", (0.0, 0.2, 0.6)),
+        ("gestures_per_min", (0.0, 6.0, 36.0)),
+        ("size_m", (0.1, 0.25, 0.4)),
+        ("height_m", (-0.25, -0.05, 0.1)),
+        ("stroke_s", (0.22, 0.3, 0.45)),
+        ("both", (0.0, 0.7, 1.0)),
+        ("smile", (0.0, 0.2, 0.6)),
     ],
-)  # fmt: skip
+)
 def test_sliders_bring_what_they_say(name, values):
     plan = busy_plan()
     for value in values:

@@ -29,30 +29,38 @@ def plan() -> GesturePlan:
 def test_a_longer_hold_moves_the_way_back_into_the_rest_and_leaves_the_next_gesture(plan):
     longer = ended(plan, "right", 2.3, 3.5)
     assert told(longer.plan)[3:6] == [
-        ("hold", 2.0, 3.5), ("retraction", 3.5, 4.3), ("rest", 4.3, 5.7),
-    ]  # fmt: skip
+        ("hold", 2.0, 3.5),
+        ("retraction", 3.5, 4.3),
+        ("rest", 4.3, 5.7),
+    ]
     assert longer.plan.right[6:] == plan.right[6:] and longer.plan.left == plan.left
     assert longer.notes == ()
     assert told(ended(longer.plan, "right", 3.5, 2.3).plan) == told(plan)
     short = ended(plan, "right", 2.3, 2.12).plan
     assert told(short)[3:6] == [
-        ("hold", 2.0, 2.12), ("retraction", 2.12, 2.92), ("rest", 2.92, 5.7),
-    ]  # fmt: skip
+        ("hold", 2.0, 2.12),
+        ("retraction", 2.12, 2.92),
+        ("rest", 2.92, 5.7),
+    ]
 
 
 def test_a_way_back_shortens_before_it_goes_and_that_is_said(plan):
     tight = ended(plan, "right", 2.3, 4.9)
     assert told(tight.plan)[3:6] == [
-        ("hold", 2.0, 4.9), ("retraction", 4.9, 5.5), ("rest", 5.5, 5.7),
-    ]  # fmt: skip
+        ("hold", 2.0, 4.9),
+        ("retraction", 4.9, 5.5),
+        ("rest", 5.5, 5.7),
+    ]
     stays = ended(plan, "right", 2.3, 5.3)
     assert told(stays.plan)[3:5] == [("hold", 2.0, 5.7), ("preparation", 5.7, 6.19)]
     (note,) = stays.notes
     assert note.endswith("back to rest: the hold lasts until the next gesture begins, 5.70 s.")
     again = ended(stays.plan, "right", 5.7, 4.0)
     assert told(again.plan)[3:6] == [
-        ("hold", 2.0, 4.0), ("retraction", 4.0, 4.8), ("rest", 4.8, 5.7),
-    ]  # fmt: skip
+        ("hold", 2.0, 4.0),
+        ("retraction", 4.0, 4.8),
+        ("rest", 4.8, 5.7),
+    ]
     assert again.plan.right[4].goal == again.plan.right[5].goal == plan.right[4].goal
     last = held(plan, Gesture("right", 6.5), 1.0).plan
     until_end = ended(last, "right", 7.5, 9.8)
@@ -122,8 +130,9 @@ def test_whatever_ends_elsewhere_phases_follow_on_one_another(moves):
         assert after[0].start_s == 0 and after[-1].end_s == plan.duration_s
         for one, other in pairwise(after):
             assert other.start_s == one.end_s
-        before = {p.phase: min(q.end_s - q.start_s for q in phases if q.phase == p.phase)
-                  for p in phases}  # fmt: skip
+        before = {
+            p.phase: min(q.end_s - q.start_s for q in phases if q.phase == p.phase) for p in phases
+        }
         for one in after:
             least = min(LEAST_S[one.phase], before.get(one.phase, LEAST_S[one.phase]))
             assert one.end_s - one.start_s >= least - 1e-6

@@ -85,18 +85,24 @@ def test_annotators_names_and_short_labels_are_understood(name: str) -> None:
     assert phases[2].goal == phases[3].goal == PLACES["you"]
     assert phases[0].goal == phases[-1].goal == REST_PLACE
     assert read.plan.left == ()
-    assert read.notes == ("No places are told for the right hand; it goes where such gestures "
-                          "usually do.",)  # fmt: skip
+    assert read.notes == (
+        "No places are told for the right hand; it goes where such gestures usually do.",
+    )
 
 
 def test_a_tier_for_each_phase_is_put_in_time() -> None:
     read = told(
-        tier("LH Stroke", (1.4, 1.8, "no"), (3.0, 3.3, "")), tier("LH Prep", (1.0, 1.4, "")),
-        tier("LH Retraction", (1.8, 2.4, "")), tier("Notes", (0.0, 1.0, "windy")),
-    )  # fmt: skip
+        tier("LH Stroke", (1.4, 1.8, "no"), (3.0, 3.3, "")),
+        tier("LH Prep", (1.0, 1.4, "")),
+        tier("LH Retraction", (1.8, 2.4, "")),
+        tier("Notes", (0.0, 1.0, "windy")),
+    )
     assert [(p.phase, p.start_s) for p in read.plan.left] == [
-        ("preparation", 1.0), ("stroke", 1.4), ("retraction", 1.8), ("stroke", 3.0),
-    ]  # fmt: skip
+        ("preparation", 1.0),
+        ("stroke", 1.4),
+        ("retraction", 1.8),
+        ("stroke", 3.0),
+    ]
     assert read.plan.left[1].kind == "no"
     assert "Left out, for they tell of no plan: 'Notes'." in read.notes
 
@@ -109,17 +115,20 @@ def test_phrases_are_strokes_alone_and_kinds_beside_phases() -> None:
     assert any(note.startswith("Taken as kinds of strokes: 'Deictic'") for note in alone.notes)
     beside = told(phrase, tier("Phase", (1.0, 1.5, "prep"), (1.5, 2.0, "stroke")))
     assert [(p.phase, p.kind) for p in beside.plan.right] == [
-        ("preparation", "Deictic"), ("stroke", "Deictic"),
-    ]  # fmt: skip
+        ("preparation", "Deictic"),
+        ("stroke", "Deictic"),
+    ]
 
 
 def test_heads_and_faces_need_no_numbers() -> None:
     read = told(
-        tier("phases both hands", (0.0, 1.0, "rest")), tier("head nod", (1.0, 1.4, "nod")),
+        tier("phases both hands", (0.0, 1.0, "rest")),
+        tier("head nod", (1.0, 1.4, "nod")),
         tier("Gaze", (0.0, 1.0, "listener"), (1.0, 2.0, "looks left")),
-        tier("eyebrows", (1.0, 2.0, "frown")), tier("blink", (2.0, 2.2, "")),
+        tier("eyebrows", (1.0, 2.0, "frown")),
+        tier("blink", (2.0, 2.2, "")),
         tier("weight", (0.0, 2.0, "on the left leg")),
-    )  # fmt: skip
+    )
     plan = read.plan
     assert plan.left == plan.right and len(plan.left) == 1
     assert (plan.nods[0].time_s, plan.nods[0].depth_deg) == (1.2, annotation.USUAL_NOD_DEG)
@@ -139,7 +148,7 @@ def test_heads_and_faces_need_no_numbers() -> None:
         ([tier("phase R"), tier("nods", (0, 2, "nan"))], "is not finite"),
         ([tier("phase R"), tier("smile", (2, 1, ".5"))], "must end after it begins"),
     ],
-)  # fmt: skip
+)
 def test_what_tells_no_plan_is_refused(tiers: list[NamedTier], says: str) -> None:
     with pytest.raises(PlanError, match=says):
         told(*tiers)

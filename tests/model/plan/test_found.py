@@ -23,9 +23,10 @@ def gestures_at(*times: float) -> GesturePlan:
         phases += [
             phase(at, lands - 0.8, "rest", REST),
             phase(lands - 0.8, lands - 0.32, "preparation", HIGH),
-            phase(lands - 0.32, lands, "stroke", LOW), phase(lands, lands + 0.6, "hold", LOW),
+            phase(lands - 0.32, lands, "stroke", LOW),
+            phase(lands, lands + 0.6, "hold", LOW),
             phase(lands + 0.6, lands + 1.4, "retraction", REST),
-        ]  # fmt: skip
+        ]
         at = lands + 1.4
     phases.append(phase(at, float(SECONDS), "rest", REST))
     return GesturePlan(float(SECONDS), right=tuple(phases))
@@ -80,9 +81,12 @@ def made_motion(frames: int, basis="arkit52") -> Motion:
     for joint in (23, 24):  # eyes turn to the left
         poses[:, joint, 1] = np.radians(15) * (time_s > 2.5)
     return Motion(
-        poses=poses.reshape(frames, 165), trans=np.zeros((frames, 3), np.float32),
-        expressions=face, expression_basis=basis, betas=np.zeros(300, np.float32),
-    )  # fmt: skip
+        poses=poses.reshape(frames, 165),
+        trans=np.zeros((frames, 3), np.float32),
+        expressions=face,
+        expression_basis=basis,
+        betas=np.zeros(300, np.float32),
+    )
 
 
 def test_heads_and_faces_are_found():

@@ -54,9 +54,12 @@ def test_gaps_are_holds_and_rests():
     told = (phase(1.0, 1.5, "stroke", HIGH, "offer"), phase(3.0, 3.5, "retraction"))
     found = without_gaps(told, 5.0)
     assert [(p.phase, p.start_s, p.end_s) for p in found] == [
-        ("rest", 0.0, 1.0), ("stroke", 1.0, 1.5), ("hold", 1.5, 3.0), ("retraction", 3.0, 3.5),
+        ("rest", 0.0, 1.0),
+        ("stroke", 1.0, 1.5),
+        ("hold", 1.5, 3.0),
+        ("retraction", 3.0, 3.5),
         ("rest", 3.5, 5.0),
-    ]  # fmt: skip
+    ]
     assert found[2].goal == HIGH and found[2].kind == "offer" and found[4].kind == ""
     assert without_gaps((), 2.0) == (HandPhase(0.0, 2.0, "rest", HANGING),)
 

@@ -14,8 +14,9 @@ def test_weights_come_back_as_fp16_rounds_them(tmp_path):
     torch.testing.assert_close(back["network.a"], tensors["network.a"].half().float())
     torch.testing.assert_close(back["normaliser.mean"], tensors["normaliser.mean"])
     assert sorted(p.name for p in tmp_path.iterdir()) == [
-        "globaldiff-global.json", "globaldiff-global.safetensors",
-    ]  # fmt: skip
+        "globaldiff-global.json",
+        "globaldiff-global.safetensors",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -77,9 +77,12 @@ def test_latex_shows_the_name_and_reads_no_file(tmp_path: Path) -> None:
         f"{cells}\n\\end{{tabular}}\\end{{document}}\n"
     )
     made = subprocess.run(
-        [pdflatex, "-interaction=nonstopmode", "a.tex"], cwd=tmp_path, capture_output=True,
-        text=True, check=False,
-    )  # fmt: skip
+        [pdflatex, "-interaction=nonstopmode", "a.tex"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert made.returncode == 0, made.stdout[-2000:]
     assert "passwd" not in (tmp_path / "a.log").read_text()
 

@@ -39,8 +39,9 @@ def test_mapped_targets_equal_converted_windows(data, space, rotations):
         torch.testing.assert_close(
             found.global_vectors[..., :ROTATION_DIM],
             wanted.global_vectors[..., :ROTATION_DIM],
-            atol=1e-5, rtol=1e-4,
-        )  # fmt: skip
+            atol=1e-5,
+            rtol=1e-4,
+        )
 
 
 def test_places_are_from_where_each_clip_is_at_home(data):

@@ -246,8 +246,9 @@ def judge_realism(real: list[Figures], corpus: dict[str, list[Figures]]) -> Real
         for owner, table in zip(owners[half::2], tables[half::2], strict=True):
             areas[owner].append(judge.area_under_curve(windows, table))
     both, every = np.concatenate([first, second]), np.concatenate(halves)
-    gaps = [judge.contributions(every).mean(0) - judge.contributions(both).mean(0)
-            for judge in judges]  # fmt: skip
+    gaps = [
+        judge.contributions(every).mean(0) - judge.contributions(both).mean(0) for judge in judges
+    ]
     share = np.mean([gap / max(gap.sum(), 1e-9) for gap in gaps], axis=0)
     features = [
         FeatureGap(

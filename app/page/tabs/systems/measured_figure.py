@@ -93,10 +93,13 @@ def _build_figure_parts(name: str) -> FigureParts:
         gr.HTML(markup.idle_status(text.READY), elem_id=f"{name}-status"),
         gr.HTML("", visible=False),
         gr.HTML(
-            "", visible=False, js_on_load=mount("figures.js", "mountFigures"),
-            apply_default_css=False, elem_id=f"{name}-figures",
+            "",
+            visible=False,
+            js_on_load=mount("figures.js", "mountFigures"),
+            apply_default_css=False,
+            elem_id=f"{name}-figures",
         ),
-    )  # fmt: skip
+    )
 
 
 class FigureRunner(TabRunner[Found], Generic[Asked, Found]):

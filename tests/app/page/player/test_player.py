@@ -76,8 +76,11 @@ def test_motion_is_there_window_by_window_and_in_the_end_as_the_whole_is(
         path = tmp_path / "globaldiff-local.frames"
         size = path.stat().st_size
         assert first["there"] == {
-            "end": end, "num_frames": 37, "bytes": size, "place": [0.1, 0.0, 0.2, 0.0],
-        }  # fmt: skip
+            "end": end,
+            "num_frames": 37,
+            "bytes": size,
+            "place": [0.1, 0.0, 0.2, 0.0],
+        }
         assert "there" not in second and "motion" not in first
         assert recorded["there"]["end"] == 37, "cut to the speech, and there from the first"
     url = first["frames"]

@@ -26,10 +26,13 @@ LONGEST = 108_000
 def zeros(path: Path, frames: int) -> Path:
     """An hour of nothing, in 100 kB."""
     np.savez_compressed(
-        path, poses=np.zeros((frames, 165), np.float32), trans=np.zeros((frames, 3), np.float32),
-        expressions=np.zeros((frames, 100), np.float32), betas=np.zeros(300, np.float32),
+        path,
+        poses=np.zeros((frames, 165), np.float32),
+        trans=np.zeros((frames, 3), np.float32),
+        expressions=np.zeros((frames, 100), np.float32),
+        betas=np.zeros(300, np.float32),
         mocap_frame_rate=30,
-    )  # fmt: skip
+    )
     return path
 
 

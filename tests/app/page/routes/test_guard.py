@@ -234,8 +234,11 @@ def test_whoever_asks_it_to_end_again_and_again_leaves_nothing_either(
     environment = {**os.environ, "TMPDIR": str(tmp_path), "OMP_NUM_THREADS": "1"}
     child = subprocess.Popen(
         [sys.executable, "app.py", "--port", "0", "--weights", str(weights)],
-        cwd=ROOT, env=environment, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        cwd=ROOT,
+        env=environment,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     assert child.stderr is not None
     line = next(line for line in child.stderr if "open at" in line)
     address = line.split()[-1]
@@ -258,8 +261,11 @@ def test_a_server_that_is_ended_leaves_nothing(weights: Path, tmp_path: Path) ->
     environment = {**os.environ, "TMPDIR": str(tmp_path), "OMP_NUM_THREADS": "1"}
     child = subprocess.Popen(
         [sys.executable, "app.py", "--port", "0", "--weights", str(weights)],
-        cwd=ROOT, env=environment, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        cwd=ROOT,
+        env=environment,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     assert child.stderr is not None
     line = next(line for line in child.stderr if "open at" in line)
     address = line.split()[-1]

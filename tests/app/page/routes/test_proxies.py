@@ -49,8 +49,9 @@ def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
             *("-subj", f"/CN={NAME}", "-addext", f"subjectAltName=DNS:{NAME}"),
             *("-keyout", str(key), "-out", str(cert)),
         ],
-        check=True, capture_output=True,
-    )  # fmt: skip
+        check=True,
+        capture_output=True,
+    )
     return cert, key
 
 

@@ -46,8 +46,10 @@ def test_everything_that_is_seen_is_read() -> None:
     asked = Asked.of(json.dumps(told()))
     seen = asked.seen
     assert (asked.labels, asked.motions, asked.sound) == (
-        ("local", "full"), ("media/a", "media/b"), "media/c",
-    )  # fmt: skip
+        ("local", "full"),
+        ("media/a", "media/b"),
+        "media/c",
+    )
     assert (seen.shown, seen.columns, seen.mode, seen.size) == ((1,), 2, "grid", (240, 420))
     assert (seen.is_smoothed, seen.is_aligned, seen.is_whole) == (True, False, True)
     display = seen.display

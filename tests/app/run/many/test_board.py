@@ -48,11 +48,14 @@ def test_the_same_clips_measured_again_are_the_same_test(measured: Path) -> None
     again = entries_of(measured / "one")
     put = merged([board, again])
     assert [(one.system, one.note) for one in put] == [
-        ("calm", "a note"), ("other", "a note"), ("reference", ""),
-    ]  # fmt: skip
+        ("calm", "a note"),
+        ("other", "a note"),
+        ("reference", ""),
+    ]
     assert [one.system for one in entries_of(measured / "both", names=["other"])] == [
-        "other", "reference",
-    ]  # fmt: skip
+        "other",
+        "reference",
+    ]
 
 
 def test_another_recorded_clip_is_another_test(measured: Path, tmp_path: Path) -> None:

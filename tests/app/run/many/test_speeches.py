@@ -119,9 +119,12 @@ def test_clips_that_cannot_be_made_hold_up_no_other(
 
 
 def test_a_person_who_stops_it_is_told_that_it_goes_on(
-    speeches: Path, weights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    speeches: Path,
+    weights: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+) -> None:
     def press_control_c(bar: ProgressBar, share: float) -> None:
         raise KeyboardInterrupt
 

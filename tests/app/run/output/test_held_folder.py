@@ -31,9 +31,12 @@ with ResultFolder(Path(sys.argv[1])) as folder:
 def owner(out: Path) -> subprocess.Popen[str]:
     """A command that is in the middle of its work in ``out``; a line tells it to end well."""
     child = subprocess.Popen(
-        [sys.executable, "-c", HOLD, str(out)], cwd=ROOT, stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        [sys.executable, "-c", HOLD, str(out)],
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     assert child.stdout is not None and child.stdout.readline() == "holds\n"
     return child
 

@@ -66,8 +66,9 @@ def test_lists_are_balanced_in_order_and_side(tmp_path: Path, protocol: str) -> 
     assert balance.first_place_spread_within_trial == 0
     assert balance.first_place_unfairness <= 1.0
     fair = 0.25 if protocol in ("ranking", "rating") else 0.5
-    assert balance.first_place_shares.values() == pytest.approx([fair] * len(
-        balance.first_place_shares))  # fmt: skip
+    assert balance.first_place_shares.values() == pytest.approx(
+        [fair] * len(balance.first_place_shares)
+    )
 
 
 def test_every_participant_gets_all_attention_checks_spread_out(tmp_path: Path) -> None:

@@ -65,15 +65,20 @@ def make_asynfusion(folder: Path, speech_dropout: float = 0.1) -> Path:
     """Weights of the teacher and of the student."""
     face, body = made_streams()
     config = {
-        "encoder": "mel64", "network": vars(tiny_config()), "speech_dropout": speech_dropout,
-    }  # fmt: skip
+        "encoder": "mel64",
+        "network": vars(tiny_config()),
+        "speech_dropout": speech_dropout,
+    }
     for name, aim in ((DDIM, "noise"), (LCM_SYNC, "teacher")):
         state = tiny_network().state_dict()
         tensors = {f"network.{key}": tensor for key, tensor in state.items()}
         tensors |= body.tensors() | face_tensors(face)
         card = {
-            "config": config | {"aim": aim}, "speakers": {"ann": 1, "bob": 2}, "steps": 0,
-            "training_data": "none", "date": "-",
-        }  # fmt: skip
+            "config": config | {"aim": aim},
+            "speakers": {"ann": 1, "bob": 2},
+            "steps": 0,
+            "training_data": "none",
+            "date": "-",
+        }
         save_weights(folder, name, tensors, card)
     return folder

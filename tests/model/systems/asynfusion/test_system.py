@@ -28,8 +28,10 @@ def test_three_systems_move_by_two_files(folder):
     ddim, sync, apart = (load_system(name, folder) for name in list_systems(folder))
     assert sync.sha256s == apart.sha256s != ddim.sha256s
     assert [(s.samplers[0].steps, s.samplers[0].face_steps) for s in (ddim, sync, apart)] == [
-        (25, 25), (8, 8), (8, 4),
-    ]  # fmt: skip
+        (25, 25),
+        (8, 8),
+        (8, 4),
+    ]
     assert sync.network.consistent and not ddim.network.consistent
 
 

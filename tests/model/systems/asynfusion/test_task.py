@@ -33,8 +33,9 @@ MEAN_WEIGHT = math.atan(1 / math.sqrt(0.1)) / math.sqrt(0.1)
 
 
 def command(data, out, system, *more):
-    return main(["smoke", "--system", system, "--data", str(data), "--out", str(out),
-                 "--no-compile", *more])  # fmt: skip
+    return main(
+        ["smoke", "--system", system, "--data", str(data), "--out", str(out), "--no-compile", *more]
+    )
 
 
 @pytest.fixture(scope="module")

@@ -75,10 +75,12 @@ def test_before_training_a_plan_says_nothing():
     with torch.no_grad():
         network.branch.out.weight.normal_()
     asked = {
-        "speech": torch.randn(2, HEARD, 68), "seed": torch.zeros(2, 8, 52),
-        "speaker": torch.tensor([1, 2]), "has_seed": torch.zeros(2, dtype=torch.bool),
+        "speech": torch.randn(2, HEARD, 68),
+        "seed": torch.zeros(2, 8, 52),
+        "speaker": torch.tensor([1, 2]),
+        "has_seed": torch.zeros(2, dtype=torch.bool),
         "has_speech": torch.ones(2, dtype=torch.bool),
-    }  # fmt: skip
+    }
     x_t, t = torch.randn(2, 60, 52), torch.tensor([0.1, 0.6])
     tracks = torch.randn(2, HEARD, NUM_FACE_TRACKS)
     plain = network(x_t, t, **asked)

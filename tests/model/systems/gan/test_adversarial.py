@@ -33,8 +33,9 @@ def test_gradient_penalty_is_r1_and_can_be_descended():
 def test_losses_are_logistic_and_the_generators_does_not_saturate():
     scores = torch.tensor([-20.0, 0.0, 20.0])
     found = discriminator_loss(scores, torch.zeros(3))
-    torch.testing.assert_close(found - torch.log(torch.tensor(2.0)), torch.tensor(
-        [20.0, 0.6931472, 0.0]))  # fmt: skip
+    torch.testing.assert_close(
+        found - torch.log(torch.tensor(2.0)), torch.tensor([20.0, 0.6931472, 0.0])
+    )
     caught = torch.tensor([-20.0], requires_grad=True)
     generator_loss(caught).sum().backward()
     assert caught.grad is not None and float(caught.grad) == pytest.approx(-1)

@@ -160,8 +160,9 @@ def test_weight_zero_leaves_the_adversary_alone(root):
 
 def test_without_branches_latent_or_differences_it_trains_too(root):
     shape = replace(quick().generator, decoupled=False, latent=False)
-    terms = replace(GanConfig(WEIGHTS).loss.terms, position=0.0, velocity=0.0, acceleration=0.0,
-                    contact=0.0)  # fmt: skip
+    terms = replace(
+        GanConfig(WEIGHTS).loss.terms, position=0.0, velocity=0.0, acceleration=0.0, contact=0.0
+    )
     config = quick(generator=shape, loss=replace(GanConfig(WEIGHTS).loss, terms=terms), steps=2)
     run(root, "plain", config)
     (row, *_) = log_of(root / "plain")

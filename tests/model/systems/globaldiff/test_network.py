@@ -103,8 +103,11 @@ def test_each_rung_differs_from_the_one_before_in_one_thing(regime):
         [name for name in differing_fields(a, b) if name != "system"] for a, b in pairwise(rungs)
     ]
     assert changes == [
-        ["network.rotation_space"], ["loss.joint"], ["loss.skeleton"], ["loss.motion"],
-    ]  # fmt: skip
+        ["network.rotation_space"],
+        ["loss.joint"],
+        ["loss.skeleton"],
+        ["loss.motion"],
+    ]
     first, last = rungs[0]["loss"], rungs[-1]["loss"]
     assert first["joint"] == first["skeleton"] == first["motion"] == 0
     assert min(last[name] for name in ("simple", "position", "joint", "skeleton", "motion")) > 0

@@ -93,8 +93,10 @@ def test_a_model_hears_each_window_on_its_own(tmp_path, kind):
 def test_models_that_the_networks_do_not_know_are_told(tmp_path):
     with pytest.raises(EncoderError, match=r"holds no config.json of a speech model"):
         official_encoder(tmp_path)
-    for config in ({"model_type": "whisper", "hidden_size": 1024},
-                   {"model_type": "wavlm", "hidden_size": 768}):  # fmt: skip
+    for config in (
+        {"model_type": "whisper", "hidden_size": 1024},
+        {"model_type": "wavlm", "hidden_size": 768},
+    ):
         (tmp_path / "config.json").write_text(json.dumps(config))
         told = f"holds a {config['model_type']} of width {config['hidden_size']}; the authors'"
         with pytest.raises(EncoderError, match=told):

@@ -74,14 +74,17 @@ def test_where_all_speech_is_known_a_plan_is_that_of_whole_speech(planner):
             (round(p.start_s * 30), p.phase) for p in whole.hand(side) if p.start_s * 30 < LONG - 1
         ]
         made = [
-            (at, next(iter(phases))[1]) for (hand, at), phases in sorted(found.items())
+            (at, next(iter(phases))[1])
+            for (hand, at), phases in sorted(found.items())
             if hand == side and at < LONG - 1
-        ]  # fmt: skip
+        ]
         assert made == expected
     moving = {
         (side, round(p.start_s * 30)): (round(p.end_s * 30), p.goal)
-        for side in SIDES for p in whole.hand(side) if p.phase not in STILL
-    }  # fmt: skip
+        for side in SIDES
+        for p in whole.hand(side)
+        if p.phase not in STILL
+    }
     for key, phases in found.items():
         if key in moving and key[1] < LONG - 30:
             ((end, _, goal),) = phases
@@ -96,9 +99,11 @@ def test_a_movement_that_has_begun_is_carried_out_whatever_is_said(planner):
     for number, first in enumerate(range(0, LONG, HOP)):
         supposed = features(1000, number)
         plan = stream.go_on(
-            lambda a, b, known=supposed: known[torch.arange(a, b).clamp(0)], first, first + HOP,
+            lambda a, b, known=supposed: known[torch.arange(a, b).clamp(0)],
+            first,
+            first + HOP,
             first + 80,
-        )  # fmt: skip
+        )
         for side in SIDES:
             for phase in plan.plan.hand(side):
                 begins, ends = (round(at * 30) + plan.origin for at in (phase.start_s, phase.end_s))

@@ -91,6 +91,9 @@ def test_data_without_plans_is_refused_in_a_sentence(tmp_path):
     config = replace(family_of(PLANNER).config("smoke", PLANNER), **QUICK)
     with pytest.raises(DataError, match="1_ann_0_0_0 has no annotated plan"):
         train(
-            config, family_of(PLANNER).make_task, tmp_path / "data", tmp_path / "out",
+            config,
+            family_of(PLANNER).make_task,
+            tmp_path / "data",
+            tmp_path / "out",
             helpers=BUNDLED_WEIGHTS,
-        )  # fmt: skip
+        )

@@ -37,10 +37,7 @@ def test_unstressed_words_bring_no_gesture_and_no_beat():
 def test_every_stressed_chunk_brings_a_stroke_on_its_stressed_vowel():
     for seed in range(10):
         keys = plan([0.0, 0.0, 1.0, 0.0], seed).keys
-        apexes = [
-            key.arrive_s for side in SIDES for key in keys[side]
-            if key.phase == "stroke"
-        ]  # fmt: skip
+        apexes = [key.arrive_s for side in SIDES for key in keys[side] if key.phase == "stroke"]
         assert any(abs(apex - 1.5) < 0.15 for apex in apexes), (seed, apexes)
 
 

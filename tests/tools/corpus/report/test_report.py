@@ -149,8 +149,11 @@ def test_trunk_and_thighs_have_the_open_bodys_measures() -> None:
         moved_by = body["weight_joints"][np.arange(len(mesh)), strongest]
     trunk = [JOINT_INDEX[name] for name in ("pelvis", "spine1", "spine2", "spine3", "neck")]
     collars_hips = [JOINT_INDEX[f"{s}_{p}"] for s in ("left", "right") for p in ("collar", "hip")]
-    joints = {"trunk": trunk + collars_hips, "left thigh": [JOINT_INDEX["left_hip"]],
-              "right thigh": [JOINT_INDEX["right_hip"]]}  # fmt: skip
+    joints = {
+        "trunk": trunk + collars_hips,
+        "left thigh": [JOINT_INDEX["left_hip"]],
+        "right thigh": [JOINT_INDEX["right_hip"]],
+    }
     for name, rows in STACKS.items():
         for height, *ellipse in rows:
             level = np.abs(mesh[:, 1] - height) < 0.012
