@@ -31,9 +31,8 @@ LOOK_S = 2.0
 EACH_ONCE: list[tuple[int, int, Scheme]] = [
     (390, 844, "dark"),
     (1280, 900, "light"),
-    (1600, 1000, "dark"),
 ]
-"""Looks of every run of the tests: each width, and both schemes; the others are slow."""
+"""Looks of every run of the tests: a phone and a window, and both schemes; the others are slow."""
 MOVES = "() => document.querySelector('#player .lockstep')?.stage?.pictures > 5"
 """Whether some pictures of the stage have been drawn."""
 Walk = tuple[str, list[GenerateRequest]]
