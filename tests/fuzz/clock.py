@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from hypothesis import HealthCheck, Phase, seed, settings
 
-SECONDS = float(os.environ.get("FUZZ_SECONDS", "60"))
+SECONDS = float(os.environ.get("FUZZ_SECONDS", "30"))
 """Of all fuzzing together; `make fuzz` gives an hour."""
 FIRST_SEED = int(os.environ.get("FUZZ_SEED", "0"))
 SLOWEST_S = 20
