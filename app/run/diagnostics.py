@@ -180,15 +180,14 @@ def draw_figure6(
         on_piece: called at least once for each motion; what it raises ends the work.
     """
     from renderer.figures.figure6.figure6 import figure6
-    from renderer.figures.figure6.spec import ONE_SEED_CAVEAT, WINDOW_FRAMES
+    from renderer.figures.figure6.spec import ONE_SEED_CAVEAT, WINDOW_FRAMES, check_figure6
 
     end = start_frame + WINDOW_FRAMES
-    files = figure6(
+    contents = check_figure6(
         {name: tip.track(motion, end, on_piece) for name, motion in motions.items()},
         {name: found for name, found in snapshots.pictures.items() if name in motions},
         snapshots.frames,
         30.0,
-        folder.path("figure6.png").with_suffix(""),
         reference=REFERENCE_NAME if REFERENCE_NAME in motions else None,
         start_frame=start_frame,
         point=tip.title,
@@ -198,6 +197,7 @@ def draw_figure6(
         caveat=ONE_SEED_CAVEAT if is_generated else "",
         marks=snapshots.marks.of(motions) if snapshots.marks else None,
     )
+    files = figure6(contents, folder.path("figure6.png").with_suffix(""))
     return [folder.path(path.name) for path in files]
 
 

@@ -135,19 +135,37 @@ def check_figure6(
     snapshot_frames: Sequence[int],
     fps: float,
     *,
-    reference: str | None,
-    start_frame: int,
-    window_frames: int,
-    point: str,
-    tip_source: str,
-    post_filter: PostFilter,
-    clip: str,
-    caveat: str,
+    reference: str | None = None,
+    start_frame: int = 0,
+    window_frames: int = WINDOW_FRAMES,
+    point: str = "Right middle fingertip",
+    tip_source: str = "",
+    post_filter: PostFilter = "none",
+    clip: str = "",
+    caveat: str = ONE_SEED_CAVEAT,
     marks: JointMarks | None = None,
 ) -> Figure6:
     """Cut the trajectories to the window, put the reference first, refuse what cannot be drawn.
 
-    Arguments are those of :func:`renderer.figures.figure6.figure6.figure6`.
+    Args:
+        trajectories: name to positions (T, 3) of the point in metres, y up, from the clip's first
+            frame. One to six systems, and the reference. Motions of different length are cut to
+            the shortest, and the caption says so.
+        snapshots: name to pictures (N, H, W, 3) uint8 of one camera, for the same names; empty
+            for a figure without pictures. Margins that are empty in all of them are cut off.
+        snapshot_frames: the N frames of the clip at which the snapshots were taken, at most 7;
+            see :func:`choose_snapshot_frames`.
+        fps: frames per second of the trajectories.
+        reference: which of the names is recorded motion; drawn first and in black.
+        start_frame: first frame of the window.
+        window_frames: longest window; a shorter clip gives a shorter one.
+        point: what the trajectories are of, for the title.
+        tip_source: where the point sits on the body, such as ``rigid`` or ``vertex 7794``.
+        post_filter: the filter that all trajectories have been through; only named here.
+        clip: name of the clip, for the caption.
+        caveat: last sentence of the caption.
+        marks: values at the joints of the snapshots, of the same names; see
+            :func:`renderer.video.render.projected_joints` for where the joints are.
 
     Raises:
         FigureError: with one sentence that names the limit and what was found.

@@ -30,10 +30,7 @@ def test_a_tremble_on_a_wide_path_is_told_in_millimetres() -> None:
 
 
 def figure_of(tracks: dict[str, np.ndarray], start_frame: int = 0):
-    contents = check_figure6(
-        tracks, {}, (), FPS, reference=None, start_frame=start_frame, window_frames=300,
-        point="Right middle fingertip", tip_source="", post_filter="none", clip="", caveat="",
-    )  # fmt: skip
+    contents = check_figure6(tracks, {}, (), FPS, start_frame=start_frame)
     with matplotlib_settings():
         return draw_figure6(contents)
 
