@@ -59,13 +59,21 @@ def textgrid_of(plan: GesturePlan) -> str:
         PlanError: if events overlap that one tier must hold.
     """
     end_s = max([plan.duration_s, *_ends(plan)])
-    tiers = _joined(tiers_of(plan))
+    return textgrid_of_tiers(_joined(tiers_of(plan)), plan.duration_s, end_s)
+
+
+def textgrid_of_tiers(
+    tiers: Sequence[NamedTier], duration_s: float, end_s: float | None = None
+) -> str:
+    """Tiers in Praat's long text format. Gaps between intervals are filled with empty ones up to
+    ``end_s``, usually the duration."""
     head = (
         'File type = "ooTextFile"\nObject class = "TextGrid"\n\n'
-        f"xmin = 0\nxmax = {plan.duration_s:.4f}\ntiers? <exists>\nsize = {len(tiers)}\nitem []:\n"
+        f"xmin = 0\nxmax = {duration_s:.4f}\ntiers? <exists>\nsize = {len(tiers)}\nitem []:\n"
     )
     return head + "".join(
-        f"    item [{number}]:\n{_written(tier, end_s)}" for number, tier in enumerate(tiers, 1)
+        f"    item [{number}]:\n{_written(tier, end_s or duration_s)}"
+        for number, tier in enumerate(tiers, 1)
     )
 
 

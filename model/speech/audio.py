@@ -6,6 +6,7 @@ holds the mono result and one block, whatever the file's rate, channels or lengt
 """
 
 import hashlib
+import io
 import re
 import struct
 import subprocess
@@ -130,13 +131,20 @@ def write_wav(path: str | Path, waveform: Float[np.ndarray, " N"]) -> None:
     Raises:
         WriteError: if the file cannot be written; the message says why.
     """
+    with written_atomically(path) as temporary:
+        temporary.write_bytes(wav_bytes(waveform))
+
+
+def wav_bytes(waveform: Float[np.ndarray, " N"]) -> bytes:
+    """A file of 16-bit PCM, 16 kHz mono; values beyond full scale are clipped."""
     samples = np.rint(np.clip(waveform, -1, 1) * 32767).astype("<i2")
-    with written_atomically(path) as temporary, open(temporary, "wb") as file:
-        with wave.open(file, "wb") as wav:
-            wav.setnchannels(1)
-            wav.setsampwidth(2)
-            wav.setframerate(SAMPLE_RATE)
-            wav.writeframes(samples.tobytes())
+    buffer = io.BytesIO()
+    with wave.open(buffer, "wb") as wav:
+        wav.setnchannels(1)
+        wav.setsampwidth(2)
+        wav.setframerate(SAMPLE_RATE)
+        wav.writeframes(samples.tobytes())
+    return buffer.getvalue()
 
 
 def _shown(path: Path) -> str:

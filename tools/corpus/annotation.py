@@ -5,6 +5,8 @@ Times are seconds. Nothing is measured in the motion: tiers hold what the motion
 
 from itertools import pairwise
 
+from model.plan.annotation import NamedTier, Row
+from model.plan.textgrid import textgrid_of_tiers
 from tools.corpus.clip import Clip
 from tools.corpus.gesture.plan import Key
 from tools.corpus.people.rig import SIDES
@@ -19,12 +21,19 @@ def textgrid(clip: Clip) -> str:
     utterance, events = clip.utterance, clip.events
     duration_s = utterance.duration_s
 
-    def intervals(name: str, rows: list[Interval]) -> str:
-        return interval_tier(name, rows, duration_s)
+    def intervals(name: str, rows: list[Interval]) -> NamedTier:
+        found: list[Row] = []
+        for row in rows:
+            clipped = _clipped(row, found[-1].end_s if found else 0.0, duration_s)
+            if clipped is not None:
+                found.append(Row(*clipped))
+        return NamedTier(name, tuple(found))
 
-    def points(name: str, rows: list[Point]) -> str:
-        inside = sorted(row for row in rows if 0 <= row[0] < duration_s)
-        return _point_tier(name, inside, duration_s)
+    def moments(name: str, rows: list[Point]) -> NamedTier:
+        return NamedTier(name, tuple(Row(at, at, label) for at, label in rows), has_points=True)
+
+    def points(name: str, rows: list[Point]) -> NamedTier:
+        return moments(name, sorted(row for row in rows if 0 <= row[0] < duration_s))
 
     moves = {side: hand_moves(clip.plan.keys[side], duration_s) for side in SIDES}
     tiers = [
@@ -32,7 +41,7 @@ def textgrid(clip: Clip) -> str:
         intervals("phones", [(p.start_s, p.end_s, p.name) for p in utterance.phones]),
         points("accents", [(w.beat_s, f"{w.accent:.3f}") for w in utterance.words if w.accent > 0]),
         *(intervals(f"gesture_{side}", moves[side][0]) for side in SIDES),
-        *(_point_tier(f"goal_{side}", moves[side][1], duration_s) for side in SIDES),
+        *(moments(f"goal_{side}", moves[side][1]) for side in SIDES),
         points("apex", [apex for side in SIDES for apex in _apexes(clip.plan.keys[side], side)]),
         points("nods", [(nod.time_s, f"{nod.depth_deg:.3f}") for nod in events.nods]),
         intervals(
@@ -49,13 +58,7 @@ def textgrid(clip: Clip) -> str:
         *(intervals(f"foot_{side}", _between(clip, side, duration_s)) for side in SIDES),
         intervals("listening", [(s.start_s, s.end_s, "listening") for s in utterance.listening]),
     ]
-    head = (
-        'File type = "ooTextFile"\nObject class = "TextGrid"\n\n'
-        f"xmin = 0\nxmax = {duration_s:.4f}\ntiers? <exists>\nsize = {len(tiers)}\nitem []:\n"
-    )
-    return head + "".join(
-        f"    item [{number}]:\n{tier}" for number, tier in enumerate(tiers, start=1)
-    )
+    return textgrid_of_tiers(tiers, round(duration_s, 4))
 
 
 def hand_moves(keys: list[Key], duration_s: float) -> tuple[list[Interval], list[Point]]:
@@ -113,56 +116,3 @@ def _clipped(row: Interval, from_s: float, duration_s: float) -> Interval | None
     """The part of an interval after ``from_s`` and within the clip, to a tenth of a millisecond."""
     start_s, end_s = max(round(row[0], 4), from_s), min(round(row[1], 4), round(duration_s, 4))
     return (start_s, end_s, row[2]) if end_s > start_s else None
-
-
-def _covering(rows: list[Interval], duration_s: float) -> list[Interval]:
-    """The intervals one after the other, with empty ones in the gaps, over the whole clip."""
-    filled: list[Interval] = []
-    end_s = 0.0
-    for row in rows:
-        clipped = _clipped(row, end_s, duration_s)
-        if clipped is not None:
-            if clipped[0] > end_s:
-                filled.append((end_s, clipped[0], ""))
-            filled.append(clipped)
-            end_s = clipped[1]
-    if end_s < round(duration_s, 4):
-        filled.append((end_s, round(duration_s, 4), ""))
-    return filled
-
-
-def interval_tier(name: str, intervals: list[Interval], duration_s: float) -> str:
-    """An interval tier that covers the whole clip: gaps are filled with empty intervals."""
-    rows = _covering(intervals, duration_s)
-    lines = [
-        '        class = "IntervalTier"',
-        f'        name = "{name}"',
-        "        xmin = 0",
-        f"        xmax = {duration_s:.4f}",
-        f"        intervals: size = {len(rows)}",
-    ]
-    for number, (start, end, label) in enumerate(rows, start=1):
-        lines += [
-            f"        intervals [{number}]:",
-            f"            xmin = {start:.4f}",
-            f"            xmax = {end:.4f}",
-            f'            text = "{label}"',
-        ]
-    return "\n".join(lines) + "\n"
-
-
-def _point_tier(name: str, rows: list[Point], duration_s: float) -> str:
-    lines = [
-        '        class = "TextTier"',
-        f'        name = "{name}"',
-        "        xmin = 0",
-        f"        xmax = {duration_s:.4f}",
-        f"        points: size = {len(rows)}",
-    ]
-    for number, (time, label) in enumerate(rows, start=1):
-        lines += [
-            f"        points [{number}]:",
-            f"            number = {time:.4f}",
-            f'            mark = "{label}"',
-        ]
-    return "\n".join(lines) + "\n"

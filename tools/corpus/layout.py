@@ -5,15 +5,14 @@ so that the same clip gives the same bytes.
 """
 
 import io
-import wave
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
-from conventions.rates import FPS, SAMPLE_RATE
+from conventions.rates import FPS
+from model.speech.audio import wav_bytes
 from model.storage.files import write_error, written_atomically
 from tools.corpus.annotation import textgrid
 from tools.corpus.clip import Clip
@@ -84,18 +83,6 @@ def npz_bytes(arrays: dict[str, np.ndarray]) -> bytes:
             content = io.BytesIO()
             np.lib.format.write_array(content, np.asarray(array, order="C"), allow_pickle=False)
             archive.writestr(zipfile.ZipInfo(f"{name}.npy"), content.getvalue())
-    return buffer.getvalue()
-
-
-def wav_bytes(waveform: Float[np.ndarray, " N"]) -> bytes:
-    """A 16 kHz mono PCM_16 wav file; samples beyond -1 to 1 are clipped."""
-    samples = np.round(np.clip(waveform, -1.0, 1.0) * 32767.0).astype("<i2")
-    buffer = io.BytesIO()
-    with wave.open(buffer, "wb") as file:
-        file.setnchannels(1)
-        file.setsampwidth(2)
-        file.setframerate(SAMPLE_RATE)
-        file.writeframes(samples.tobytes())
     return buffer.getvalue()
 
 

@@ -15,9 +15,10 @@ from app.errors import CancelledRun, RunError
 from app.run.diagnose import DiagnoseRequest, diagnose_files, unique_names
 from app.run.examples import CLEAN
 from model.motion.motion import save_motion
+from model.plan.annotation import NamedTier, Row
+from model.plan.textgrid import textgrid_of_tiers
 from model.speech.transcript import read_transcript
 from tests.helpers import smooth_motion_example
-from tools.corpus.annotation import interval_tier
 
 FIGURES = ("figure6", "jitter", "error_growth")
 
@@ -58,11 +59,8 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
     poses += (0.05 * np.random.default_rng(0).standard_normal(poses.shape)).astype(np.float32)
     reference, words, out = (folder / name for name in ("recorded.npz", "clip.TextGrid", "out"))
     np.savez(reference, poses=poses, trans=100 * theirs.trans, mocap_framerate=np.array(30))
-    words.write_text(
-        'File type = "ooTextFile"\nObject class = "TextGrid"\n\nxmin = 0\nxmax = 2\n'
-        "tiers? <exists>\nsize = 1\nitem []:\n    item [1]:\n"
-        + interval_tier("words", [(0.2, 0.5, "hello")], 2.0)
-    )
+    tier = NamedTier("words", (Row(0.2, 0.5, "hello"),))
+    words.write_text(textgrid_of_tiers([tier], 2.0))
     argv = ["diagnose", str(motion), "--reference", str(reference), "--speech", str(speech)]
     argv += ["--transcript", str(words), "--joint", "left_wrist", "--start", "20"]
     assert main([*argv, "--out", str(out), "--no-pictures"]) == 0

@@ -7,6 +7,8 @@ import pytest
 
 from app.run.examples import CLEAN
 from model.motion.motion import load_motion
+from model.plan.annotation import NamedTier, Row
+from model.plan.textgrid import textgrid_of_tiers
 from model.speech.audio import load_speech
 from model.speech.transcript import (
     MAX_GESTURE_TIERS,
@@ -19,21 +21,14 @@ from model.speech.transcript import (
     read_transcript,
     read_words,
 )
-from tools.corpus.annotation import interval_tier
 
-HEAD = (
-    'File type = "ooTextFile"\nObject class = "TextGrid"\n\nxmin = 0\nxmax = 2\n'
-    "tiers? <exists>\nsize = 2\nitem []:\n"
-)
-SPOKEN = [(0.1, 0.4, "hello"), (0.5, 1.25, 'so-called ""art""')]
+SPOKEN = [(0.1, 0.4, "hello"), (0.5, 1.25, 'so-called "art"')]
 PHONES = [(0.1, 0.2, "h"), (0.2, 0.4, "o")]
 
 
 def grid(*tiers: tuple[str, list]) -> str:
-    return HEAD + "".join(
-        f"    item [{number}]:\n{interval_tier(name, intervals, 2.0)}"
-        for number, (name, intervals) in enumerate(tiers, start=1)
-    )
+    named = [NamedTier(name, tuple(Row(*row) for row in rows)) for name, rows in tiers]
+    return textgrid_of_tiers(named, 2.0)
 
 
 def refusal(path: Path) -> str:

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
 from model.motion.motion import save_motion
+from model.speech.audio import wav_bytes
 from tests.helpers import ROOT, smooth_motion_example
 from tools.corpus.build import build_corpus
-from tools.corpus.layout import wav_bytes
 from tools.corpus.people.rig import open_body_rig
 from tools.corpus.report import report
 from tools.corpus.report.judging import (
