@@ -19,21 +19,6 @@ def octahedron_anchors() -> Float[Tensor, "6 3"]:
     return ANCHOR_DISTANCE_M * torch.cat([axes, -axes])
 
 
-def check_anchors(anchors: Float[Tensor, "N 3"]) -> None:
-    """Refuse anchors that do not span space.
-
-    Raises:
-        ValueError: if all of them lie in one plane or on one line.
-    """
-    spread = torch.linalg.svdvals(anchors - anchors.mean(0))
-    rank = int((spread > 1e-3 * anchors.norm(dim=-1).max()).sum())
-    if rank < 3:
-        shape = ("in one point", "on one line", "in one plane")[rank]
-        raise ValueError(
-            f"The {len(anchors)} anchors lie {shape}; L_j needs anchors that span space."
-        )
-
-
 def joint_structure_loss(
     rotmat: Float[Tensor, "B T J 3 3"],
     target: Float[Tensor, "B T J 3 3"],
@@ -52,30 +37,25 @@ def joint_structure_loss(
 
 
 def bone_directions(
-    positions: Float[Tensor, "*batch J 3"], parents: Sequence[int] = PARENTS
+    positions: Float[Tensor, "*batch J 3"],
 ) -> tuple[Float[Tensor, "*batch bones 3"], Float[Tensor, "*batch bones"]]:
     """Unit vectors from parents to joints (GlobalDiff eq. 11), and each bone's length in metres.
 
     A degenerate bone gets the zero vector.
     """
-    bones = positions[..., 1:, :] - positions[..., list(parents[1:]), :]
+    bones = positions[..., 1:, :] - positions[..., list(PARENTS[1:]), :]
     length = bones.square().sum(-1).clamp_min(1e-18).sqrt()
     is_valid = length > SHORTEST_BONE_M
     safe = torch.where(is_valid, length, torch.ones_like(length))
     return bones / safe[..., None] * is_valid[..., None], length
 
 
-def angular_matrix(directions: Float[Tensor, "*batch bones 3"]) -> Float[Tensor, "*batch b1 b2"]:
-    """GlobalDiff eq. 12: cosine between every two bones."""
-    return directions @ directions.transpose(-1, -2)
-
-
 def skeleton_structure_loss(
     positions: Float[Tensor, "B T J 3"],
     target: Float[Tensor, "B T J 3"],
-    parents: Sequence[int] = PARENTS,
 ) -> Float[Tensor, " B"]:
-    """L_s, GlobalDiff eq. 13: mean squared difference of `angular_matrix` over valid bone pairs.
+    """L_s, GlobalDiff eq. 13: mean squared difference of the cosines between every two bones (the
+    angular matrix D D^T of eq. 12), over valid pairs.
 
     Valid are the ordered pairs of two different bones that have a direction in prediction and
     target. The matrices are never formed: with D and E the masked directions, S = D + E and
@@ -86,8 +66,8 @@ def skeleton_structure_loss(
     holds for any number of bones, needs 3 x 3 products only, and loses no digits where the two are
     nearly equal.
     """
-    predicted, length = bone_directions(positions, parents)
-    wanted, wanted_length = bone_directions(target, parents)
+    predicted, length = bone_directions(positions)
+    wanted, wanted_length = bone_directions(target)
     is_valid = (length > SHORTEST_BONE_M) & (wanted_length > SHORTEST_BONE_M)
     predicted, wanted = predicted * is_valid[..., None], wanted * is_valid[..., None]
     total, difference = predicted + wanted, predicted - wanted

@@ -100,7 +100,6 @@ def motion_step(
         compile_step: compile the terms of training steps; the network compiles itself.
         told: what else the network is told of a batch, by name.
     """
-    constraints.check_anchors(constraints.octahedron_anchors())
     weights = config.loss
     seed_frames = config.network.seed_frames
     needs_rotations = weights.joint > 0 or weights.motion > 0

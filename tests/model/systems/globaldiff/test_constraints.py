@@ -1,4 +1,3 @@
-import pytest
 import torch
 from torch import Tensor
 
@@ -53,21 +52,8 @@ def test_anchor_gradient_of_a_twist_is_about_its_axis():
     assert angle.grad is not None and angle.grad > 1e-6
 
 
-@pytest.mark.parametrize(
-    ("anchors", "shape"),
-    [
-        (torch.tensor([[1.0, 2, 3]]).repeat(6, 1), "in one point"),
-        (torch.arange(6.0)[:, None] * torch.tensor([[1.0, 2, 3]]), "on one line"),
-        (torch.eye(3)[[0, 1, 0, 1, 0, 1]] * torch.arange(1.0, 7)[:, None], "in one plane"),
-    ],
-)
-def test_anchors_that_do_not_span_space_are_refused(anchors, shape):
-    with pytest.raises(ValueError, match=f"6 anchors lie {shape}"):
-        constraints.check_anchors(0.05 * anchors)
-
-
 def test_the_six_anchors_span_space():
-    constraints.check_anchors(ANCHORS)
+    assert torch.linalg.matrix_rank(ANCHORS) == 3
     assert ANCHORS.shape == (6, 3)
     torch.testing.assert_close(ANCHORS.norm(dim=-1), torch.full((6,), 0.05))
 
@@ -82,7 +68,8 @@ def test_collinear_anchors_would_miss_a_twist_about_their_line():
 
 def test_skeleton_loss_equals_the_matrices_of_equation_13():
     a, b = positions_of(rotations(0)), positions_of(rotations(1))
-    matrices = [constraints.angular_matrix(constraints.bone_directions(p)[0]) for p in (a, b)]
+    directions = [constraints.bone_directions(p)[0] for p in (a, b)]
+    matrices = [each @ each.mT for each in directions]
     squared = (matrices[0] - matrices[1]).square()
     expected = squared.sum((-1, -2)).mean(-1) / (54 * 53)  # the diagonal is 1 in both
     torch.testing.assert_close(constraints.skeleton_structure_loss(a, b), expected)
@@ -106,7 +93,7 @@ def test_degenerate_bones_count_in_neither_sum_nor_number():
     a[:, :, foot] = a[:, :, PARENTS[foot]]  # a bone without length, in the prediction only
     directions = [constraints.bone_directions(p)[0] for p in (a, b)]
     keep = [joint - 1 for joint in range(1, 55) if joint != foot]
-    first, second = (constraints.angular_matrix(d[..., keep, :]) for d in directions)
+    first, second = (d[..., keep, :] @ d[..., keep, :].mT for d in directions)
     expected = (first - second).square().sum((-1, -2)).mean(-1) / (53 * 52)
     torch.testing.assert_close(constraints.skeleton_structure_loss(a, b), expected)
 
