@@ -1,4 +1,3 @@
-import csv
 import errno
 import json
 import logging
@@ -24,6 +23,7 @@ from model.training.parallel import WHOLE
 from model.training.run_folder import TrainingError
 from model.training.task import Start, TaskSetup, learning_rate_factor
 from tests.model.made import make_data_folder
+from tests.model.training.made import killed_at, log_of
 
 QUICK = {"steps": 6, "save_every": 3, "validate_every": 6, "warmup_steps": 2, "batch_size": 2}
 
@@ -67,8 +67,7 @@ def test_training_leaves_weights_that_load(root, system):
     loaded = load_system(system, weights)
     assert loaded.speakers == {"ann": 1, "bob": 2}
     assert loaded.card["steps"] == 6 and loaded.card["validation"]["total"] > 0
-    with (root / system.replace("/", "-") / "log.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    rows = log_of(root / system.replace("/", "-"))
     assert [(r["step"], r["split"]) for r in rows] == [("3", "train"), ("6", "val"), ("6", "train")]
 
 
@@ -78,24 +77,8 @@ def test_a_killed_and_resumed_run_equals_one_that_was_not(root, system):
     name = f"killed-{system.replace('/', '-')}"
     whole = run(root, f"whole-{name}", config)
 
-    class Killed(Exception):
-        pass
-
-    import model.training.task as module
-
-    real = module.losses.finite_or_raise
-
-    def die_at_five(numbers, step, clips):
-        if step == 5:
-            raise Killed
-        real(numbers, step, clips)
-
-    module.losses.finite_or_raise = die_at_five
-    try:
-        with pytest.raises(Killed):
-            run(root, name, config)
-    finally:
-        module.losses.finite_or_raise = real
+    with killed_at(5):
+        run(root, name, config)
     resumed = run(root, name, config, resume=True)
     assert resumed["step"] == whole["step"] == 6
     assert same_weights(whole, resumed)
@@ -116,8 +99,7 @@ def test_validation_loss_falls(root):
     config = quick("globaldiff/global", steps=60, learning_rate=1e-3, validate_every=12,
                    batch_size=4, ema_decay=0.8)  # fmt: skip
     run(root, "falling", config)
-    with (root / "falling" / "log.csv").open() as file:
-        rows = [r for r in csv.DictReader(file) if r["split"] == "val"]
+    rows = log_of(root / "falling", "val")
     assert float(rows[-1]["simple"]) < 0.9 * float(rows[0]["simple"])
 
 
@@ -164,8 +146,7 @@ def test_full_trains_against_a_frozen_encoder_and_begins_with_another_rung(root,
     run(root, "ground", quick("globaldiff/global"))
     start = Start(root / "ground" / "weights", "globaldiff/global")
     run(root, "full", quick("globaldiff/full"), start=start)
-    with (root / "full" / "log.csv").open() as file:
-        (row, *_) = csv.DictReader(file)
+    row = log_of(root / "full")[0]
     parts = {"simple", "seed", "position", "velocity", "acceleration", "joint", "skeleton",
              "motion"}  # fmt: skip
     assert sum(float(row[part]) for part in parts) == pytest.approx(float(row["total"]), rel=1e-4)
@@ -202,8 +183,7 @@ def test_a_resumed_run_keeps_the_statistics_it_began_with(root):
 )
 def test_encoders_of_distances_train_and_load(root, system, dim):
     train(quick(system, steps=60, learning_rate=1e-2), root / "data", root / system)
-    with (root / system / "log.csv").open() as file:
-        rows = [r for r in csv.DictReader(file) if r["split"] == "train"]
+    rows = log_of(root / system, "train")
     parts = {name for name, value in rows[0].items() if value} - {"step", "split", "total"}
     assert ("position" in parts) == (dim > 52) and ("face" in parts) == (dim != 333)
     assert "kl" not in parts

@@ -1,9 +1,3 @@
-import csv
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 import torch
 
@@ -14,13 +8,8 @@ from model.train import main
 from model.training.loop import train
 from model.training.parallel import WHOLE, Shard
 from model.training.run_folder import TrainingError
-from tests.helpers import ROOT
 from tests.model.made import make_data_folder
-
-
-def log_of(out: Path) -> list[dict[str, str]]:
-    with (out / "log.csv").open() as file:
-        return list(csv.DictReader(file))
+from tests.model.training.made import log_of, train_in_two_processes
 
 
 def test_shards_share_a_batch_without_overlap():
@@ -52,17 +41,7 @@ def test_two_processes_train_as_one_does(tmp_path):
     arguments = ["smoke", "--system", "motion-vae", "--steps", "6", "--data", str(data)]
     arguments += ["--fp32"]  # bf16 rounds the sums of another batch differently
     assert main([*arguments, "--out", str(tmp_path / "one")]) == 0
-    launched = ["-m", "torch.distributed.run", "--standalone", "--nproc_per_node=2"]
-    done = subprocess.run(
-        [sys.executable, *launched, "-m", "model.train", *arguments, "--out", tmp_path / "two"],
-        cwd=ROOT,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stderr
+    train_in_two_processes(arguments, tmp_path / "two")
     one, two = log_of(tmp_path / "one"), log_of(tmp_path / "two")
     assert [row["split"] for row in one] == [row["split"] for row in two] == ["val", "train"]
     for row, other in zip(one, two, strict=True):

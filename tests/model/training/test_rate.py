@@ -1,6 +1,5 @@
 """The fast training step beside the plain one."""
 
-import csv
 import subprocess
 import sys
 from dataclasses import replace
@@ -19,6 +18,7 @@ from model.training.parallel import WHOLE
 from model.training.task import TaskSetup
 from tests.helpers import ROOT
 from tests.model.made import make_data_folder
+from tests.model.training.made import log_of
 
 
 def test_attention_written_out_is_torchs_own():
@@ -76,9 +76,7 @@ def test_a_compiled_step_is_the_step(tmp_path):
         command = [sys.executable, "-m", "model.train", "smoke", "--fp32", "--steps", "3", *flags,
                    "--data", str(data), "--out", str(tmp_path / name)]  # fmt: skip
         subprocess.run(command, cwd=ROOT, check=True, capture_output=True, timeout=900)
-    plain, compiled = (
-        list(csv.DictReader((tmp_path / name / "log.csv").open())) for name in ("plain", "compiled")
-    )
+    plain, compiled = (log_of(tmp_path / name) for name in ("plain", "compiled"))
     for row, other in zip(plain, compiled, strict=True):
         for column in (name for name in row if row[name] and name != "split"):
             assert float(other[column]) == pytest.approx(float(row[column]), rel=2e-3, abs=1e-7)

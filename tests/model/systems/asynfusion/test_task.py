@@ -27,6 +27,7 @@ from tests.model.systems.asynfusion.made import (
     made_streams,
     tiny_network,
 )
+from tests.model.training.made import killed_at
 
 MEAN_WEIGHT = math.atan(1 / math.sqrt(0.1)) / math.sqrt(0.1)
 """Of 1 / ((1 - t)^2 + .1) over t."""
@@ -67,28 +68,17 @@ def test_the_student_begins_as_its_teacher(trained, tmp_path):
 
 
 @pytest.mark.parametrize("system", [DDIM, LCM_SYNC])
-def test_a_killed_and_resumed_run_equals_one_that_was_not(trained, tmp_path, monkeypatch, system):
+def test_a_killed_and_resumed_run_equals_one_that_was_not(trained, tmp_path, system):
     data, teacher, _ = trained
     config = replace(named_config("smoke", system), steps=6, save_every=3, batch_size=2)
-    real = losses.finite_or_raise
-
-    class Killed(Exception):
-        pass
-
-    def die_at_five(numbers, step, clips):
-        if step == 5:
-            raise Killed
-        real(numbers, step, clips)
 
     def run(name: str, **options) -> dict:
         train(config, make_task, data, tmp_path / name, helpers=teacher / "weights", **options)
         return torch.load(tmp_path / name / "state.pt", weights_only=True)
 
     whole = run("whole")
-    with monkeypatch.context() as patch:
-        patch.setattr(losses, "finite_or_raise", die_at_five)
-        with pytest.raises(Killed):
-            run("killed")
+    with killed_at(5):
+        run("killed")
     resumed = run("killed", resume=True)
     assert resumed["step"] == whole["step"] == 6
     for name, tensor in whole["average"].items():

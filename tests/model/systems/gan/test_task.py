@@ -1,8 +1,4 @@
-import csv
 import json
-import os
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -23,9 +19,9 @@ from model.training.loop import train
 from model.training.parallel import WHOLE
 from model.training.run_folder import TrainingError
 from model.training.task import Start, Task, TaskSetup
-from tests.helpers import ROOT
 from tests.model.made import make_data_folder
 from tests.model.systems.gan.made_generator import make_gan_weights
+from tests.model.training.made import killed_at, log_of, train_in_two_processes
 
 
 def quick(**changes) -> GanConfig:
@@ -55,18 +51,13 @@ def task_of(root, config: GanConfig) -> tuple[GanTask, Batch]:
     return task, batch
 
 
-def log_of(folder) -> list[dict[str, str]]:
-    with (folder / "log.csv").open() as file:
-        return list(csv.DictReader(file))
-
-
 def test_training_leaves_weights_that_load_and_a_log_of_both_sides(root):
     run(root, "first", quick())
     weights = root / "first" / "weights"
     for file in make_gan_weights(root / "others").glob("expression.*"):
         (weights / file.name).write_bytes(file.read_bytes())
     assert load_system("gan/10", weights).speakers == {"ann": 1, "bob": 2}
-    rows = [row for row in log_of(root / "first") if row["split"] == "train"]
+    rows = log_of(root / "first", "train")
     for column in ("score_real", "score_fake", "accuracy_real", "accuracy_fake",
                    "gradient_penalty", "discriminator", "adversarial", "liveliness"):  # fmt: skip
         assert all(np.isfinite(float(row[column])) for row in rows)
@@ -78,25 +69,12 @@ def test_training_leaves_weights_that_load_and_a_log_of_both_sides(root):
     assert not any("discriminator" in name for name in load_weights(weights, WEIGHTS)[0])
 
 
-def test_a_killed_and_resumed_run_equals_one_that_was_not(root, monkeypatch):
+def test_a_killed_and_resumed_run_equals_one_that_was_not(root):
     """In fp32: bf16 would blow the order in which sums are taken up to something that is seen."""
     config, shard = quick(), replace(WHOLE, bf16=False)
     whole = run(root, "whole", config, shard=shard)
 
-    class Killed(Exception):
-        pass
-
-    import model.systems.gan.task as module
-
-    real = module.losses.finite_or_raise
-
-    def die_at_five(numbers, step, clips):
-        if step == 5:
-            raise Killed
-        real(numbers, step, clips)
-
-    with monkeypatch.context() as patch, pytest.raises(Killed):
-        patch.setattr(module.losses, "finite_or_raise", die_at_five)
+    with killed_at(5):
         run(root, "killed", config, shard=shard)
     resumed = run(root, "killed", config, resume=True, shard=shard)
     assert resumed["step"] == whole["step"] == 6
@@ -235,18 +213,13 @@ def test_resuming_with_other_settings_names_them(root):
         run(root, "settled", changed, resume=True)
 
 
+@pytest.mark.slow  # as the motion autoencoder of tests/model/training/test_parallel.py
 def test_two_processes_train_as_one_does(root):
     """Both networks' gradients are averaged: same losses, same weights, up to rounding."""
     arguments = ["smoke", "--system", WEIGHTS, "--steps", "4", "--data", str(root / "data")]
     arguments += ["--fp32", "--no-compile"]
     assert main([*arguments, "--out", str(root / "one")]) == 0
-    launched = ["-m", "torch.distributed.run", "--standalone", "--nproc_per_node=2"]
-    done = subprocess.run(
-        [sys.executable, *launched, "-m", "model.train", *arguments, "--out", root / "two"],
-        cwd=ROOT, env={**os.environ, "OMP_NUM_THREADS": "1"}, capture_output=True, text=True,
-        check=False, timeout=600,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    train_in_two_processes(arguments, root / "two")
     for row, other in zip(log_of(root / "one"), log_of(root / "two"), strict=True):
         for column in ("total", "simple", "discriminator", "gradient_penalty", "score_real"):
             if row[column]:
