@@ -51,7 +51,7 @@ def textgrid(clip: Clip) -> str:
         points("brows", [(b.time_s, f"{b.height:.3f} {b.width_s:.3f}") for b in events.brows]),
         intervals(
             "smile",
-            [(s.start_s, s.end_s, f"{s.level:.3f}") for s in events.smiles if s.level > NO_SMILE],
+            [(s.start_s, s.end_s, f"{s.size:.3f}") for s in events.smiles if s.size > NO_SMILE],
         ),
         points("blinks", [(b.time_s, f"{b.duration_s:.3f}") for b in events.blinks]),
         intervals("weight", [(s.start_s, s.end_s, s.leg) for s in events.stances]),

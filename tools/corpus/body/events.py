@@ -2,18 +2,8 @@
 
 from dataclasses import dataclass
 
-from model.plan.plan import Leg, Nod
+from model.plan.plan import Look, Nod, Smile, Stand
 from tools.corpus.words.prosody import Span
-
-
-@dataclass(frozen=True)
-class Fixation(Span):
-    """The eyes rest on one point; the saccade to it begins at ``start_s``."""
-
-    yaw_deg: float
-    """To the body's left."""
-    pitch_deg: float
-    """Downwards."""
 
 
 @dataclass(frozen=True)
@@ -28,13 +18,6 @@ class BrowMove:
 
 
 @dataclass(frozen=True)
-class Smile(Span):
-    """A level from 0 to 1, held; the curve goes over to the next level within `SMILE_CHANGE_S`."""
-
-    level: float
-
-
-@dataclass(frozen=True)
 class Blink:
     """Lids are shut at ``time_s``; ``duration_s`` is how long they are half shut or more."""
 
@@ -43,21 +26,14 @@ class Blink:
 
 
 @dataclass(frozen=True)
-class Stance(Span):
-    """The leg that the body stands on."""
-
-    leg: Leg
-
-
-@dataclass(frozen=True)
 class BodyEvents:
     """Everything of one clip that is not a hand's."""
 
     nods: tuple[Nod, ...]
-    gaze: tuple[Fixation, ...]
+    gaze: tuple[Look, ...]
     brows: tuple[BrowMove, ...]
     smiles: tuple[Smile, ...]
     blinks: tuple[Blink, ...]
-    stances: tuple[Stance, ...]
+    stances: tuple[Stand, ...]
     steps: dict[str, tuple[Span, ...]]
     """By side: while the foot is in the air."""

@@ -8,7 +8,8 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
 from conventions.rates import FPS
-from tools.corpus.body.events import Blink, BrowMove, Fixation, Smile
+from model.plan.plan import Look, Smile
+from tools.corpus.body.events import Blink, BrowMove
 from tools.corpus.body.signals import frame_times, gaussian_bump, minimum_jerk, smooth_line
 from tools.corpus.body.trunk import Trunk
 from tools.corpus.people.speaker import Speaker
@@ -17,7 +18,7 @@ from tools.corpus.words.prosody import Utterance
 
 FINE = 4  # the mouth is computed at 120 frames a second
 MAX_JAW_DEG = 13.0
-SMILE_CHANGE_S = 0.8
+SMILE_CHANGE_S = 0.8  # of the curve, about the end of one size and the beginning of the next
 SMILE_HALF_S = 1.0  # of a smile about the end of a phrase
 WIDE_DEG = 14.0  # of the gaze shifts that draw a blink to themselves
 
@@ -163,15 +164,15 @@ def _smile_curve(
     smiles: tuple[Smile, ...], time_s: Float[np.ndarray, " T"]
 ) -> Float[np.ndarray, " T"]:
     """From level to level, each change centred on the end of a smile."""
-    curve = np.full(len(time_s), smiles[0].level)
+    curve = np.full(len(time_s), smiles[0].size)
     for before, after in pairwise(smiles):
         phase = (time_s - after.start_s) / SMILE_CHANGE_S + 0.5
-        curve += (after.level - before.level) * minimum_jerk(phase)
+        curve += (after.size - before.size) * minimum_jerk(phase)
     return curve
 
 
 def _blinks(
-    gaze: tuple[Fixation, ...], duration_s: float, rng: np.random.Generator
+    gaze: tuple[Look, ...], duration_s: float, rng: np.random.Generator
 ) -> tuple[Blink, ...]:
     """About twenty a minute, evenly enough for any ten seconds; some go with a wide gaze shift."""
     wide = [

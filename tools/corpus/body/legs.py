@@ -8,8 +8,7 @@ from jaxtyping import Float
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
 from model.motion.limb import HingedLimb
-from model.plan.plan import Leg
-from tools.corpus.body.events import Stance
+from model.plan.plan import Leg, Stand
 from tools.corpus.body.signals import (
     bump,
     frame_times,
@@ -39,7 +38,7 @@ class Legs:
 
     rotations: dict[int, Float[np.ndarray, "T 3 3"]]
     trans: Float[np.ndarray, "T 3"]
-    stances: tuple[Stance, ...]
+    stances: tuple[Stand, ...]
     """They cover the clip."""
     steps: dict[str, tuple[Span, ...]]
     """By side: while the foot is in the air."""
@@ -113,7 +112,7 @@ class _Feet:
     yaw_deg: dict[str, Float[np.ndarray, " T"]]
     lift: dict[str, Float[np.ndarray, " T"]]
     shift: Float[np.ndarray, "T 3"]
-    stances: tuple[Stance, ...]
+    stances: tuple[Stand, ...]
     steps: dict[str, tuple[Span, ...]]
 
 
@@ -173,9 +172,9 @@ def _footsteps(calm: Float[np.ndarray, " T"], speaker: Speaker, rng: np.random.G
     )
 
 
-def _stances(changes: list[tuple[float, Leg]], duration_s: float) -> tuple[Stance, ...]:
+def _stances(changes: list[tuple[float, Leg]], duration_s: float) -> tuple[Stand, ...]:
     """The leg stood on from each change to the next."""
     changes = sorted(changes, key=lambda change: change[0])
     ends = [*(time for time, _ in changes[1:]), duration_s]
     spans = zip(changes, ends, strict=True)
-    return tuple(Stance(start, end, leg) for (start, leg), end in spans if end > start)
+    return tuple(Stand(start, end, leg) for (start, leg), end in spans if end > start)
