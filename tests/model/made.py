@@ -3,9 +3,11 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import torch
+from torch import Tensor, nn
 
 from model.motion.motion import save_motion
 from model.motion.packing import MOTION_DIM, Normaliser
@@ -18,6 +20,7 @@ from model.systems.face.config import ExpressionConfig, FaceTrainConfig
 from model.systems.face.face import FaceNetwork
 from model.systems.globaldiff.config import GlobalDiffConfig, NetworkConfig
 from model.systems.globaldiff.network import MotionNetwork
+from model.training.config import TrainConfig
 from tests.helpers import smooth_motion_example
 
 TINY_NETWORK = NetworkConfig(width=16, num_blocks=1, num_heads=2, num_speakers=4)
@@ -75,17 +78,35 @@ def make_data_folder(folder: Path, seconds: float = 4.0) -> Path:
     return folder
 
 
+Network = TypeVar("Network", bound=nn.Module)
+
+
+def shaken(network: Network, by: float = 0.05) -> Network:
+    """Its weights moved, so that layers that begin at zero say something."""
+    with torch.no_grad():
+        for parameter in network.parameters():
+            parameter += by * torch.randn_like(parameter)
+    return network.eval()
+
+
+def save_made(
+    folder: Path, config: TrainConfig, network: nn.Module, statistics: dict[str, Tensor]
+) -> None:
+    """A network as trained weights, with a complete card."""
+    tensors = {f"network.{name}": tensor for name, tensor in network.state_dict().items()}
+    card = {"config": json.loads(to_json(config)), "speakers": {"ann": 1, "bob": 2}, "steps": 0}
+    card |= {"training_data": "none", "date": "-"}
+    save_weights(folder, config.system, tensors | statistics, card)
+
+
 def make_weights(folder: Path, systems: dict[str, NetworkConfig] = TINY_SYSTEMS) -> Path:
     """Systems and the expression network with random tiny weights and complete cards."""
     torch.manual_seed(0)
-    common = {"speakers": {"ann": 1, "bob": 2}, "steps": 0, "training_data": "none", "date": "-"}
     prior = made_prior(52)
     expression = FaceNetwork(TINY_EXPRESSION, prior)
     config = FaceTrainConfig(system="expression", expression=TINY_EXPRESSION)
-    tensors = {f"network.{k}": v for k, v in expression.state_dict().items()}
-    tensors |= made_components(torch.full((52,), 0.2), 0.1).tensors()
-    tensors |= {"prior.covariance": prior.covariance}
-    save_weights(folder, "expression", tensors, {"config": json.loads(to_json(config)), **common})
+    statistics = made_components(torch.full((52,), 0.2), 0.1).tensors()
+    save_made(folder, config, expression, statistics | {"prior.covariance": prior.covariance})
     for system, network_config in systems.items():
         if network_config.prior:
             mean = torch.zeros(network_config.motion_dim)
@@ -102,11 +123,6 @@ def make_weights(folder: Path, systems: dict[str, NetworkConfig] = TINY_SYSTEMS)
             mean[331] = 1.2
             normaliser = Normaliser(mean, torch.full((MOTION_DIM,), 0.1))
             network, more = MotionNetwork(network_config), {}
-        with torch.no_grad():
-            for parameter in network.parameters():  # outputs and FiLM layers start at zero
-                parameter += 0.05 * torch.randn_like(parameter)
-        tensors = {f"network.{k}": v for k, v in network.state_dict().items()}
-        tensors |= normaliser.tensors() | more
         config = GlobalDiffConfig(system=system, network=network_config)
-        save_weights(folder, system, tensors, {"config": json.loads(to_json(config)), **common})
+        save_made(folder, config, shaken(network), normaliser.tensors() | more)
     return folder

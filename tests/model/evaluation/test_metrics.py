@@ -16,6 +16,7 @@ from model.motion.packing import MOTION_DIM, Normaliser
 from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
 from model.systems.autoencoders.config import JUDGE, JUDGES
 from tests.helpers import smooth_motion_example
+from tests.model.made import shaken
 
 
 def moving_at(stops_s: list[float], seconds: float = 12.0) -> np.ndarray:
@@ -92,9 +93,7 @@ def test_split_half_floor_is_above_zero_and_below_another_distribution():
 
 def test_features_are_one_for_every_eight_frames_and_the_same_for_any_cut():
     torch.manual_seed(0)
-    network = MotionAutoencoder(JUDGE).eval().requires_grad_(False)
-    for parameter in network.parameters():  # residual blocks begin as nothing
-        parameter += 0.05 * torch.randn_like(parameter)
+    network = shaken(MotionAutoencoder(JUDGE)).requires_grad_(False)
     statistics = Normaliser(torch.zeros(MOTION_DIM), torch.ones(MOTION_DIM))
     encoder = FrozenEncoder(network, statistics, "")
     motion = smooth_motion_example(400)

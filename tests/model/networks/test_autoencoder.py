@@ -7,20 +7,17 @@ from model.networks.autoencoder import MotionAutoencoder, input_vectors, load_en
 from model.networks.config import AutoencoderConfig
 from model.storage.cards import BUNDLED_WEIGHTS
 from model.systems.autoencoders.config import JUDGE, JUDGES, MOTION_VAE, named_config
+from tests.model.made import shaken
 
 TINY = AutoencoderConfig(width=8, blocks_per_scale=1, latent_dim=4)
 
 
-def shaken(config: AutoencoderConfig) -> MotionAutoencoder:
-    network = MotionAutoencoder(config)
-    with torch.no_grad():
-        for parameter in network.parameters():
-            parameter += 0.1 * torch.randn_like(parameter)
-    return network.eval()
+def made_network(config: AutoencoderConfig) -> MotionAutoencoder:
+    return shaken(MotionAutoencoder(config), by=0.1)
 
 
 def test_codes_lie_at_their_scales_and_decode_to_every_frame():
-    network = shaken(replace(TINY, scales=(2, 8)))
+    network = made_network(replace(TINY, scales=(2, 8)))
     restored, codes = network(torch.randn(3, 64, 333), None, None)
     assert [mean.shape for mean, _ in codes] == [(3, 32, 4), (3, 8, 4)]
     assert restored.shape == (3, 64, 333)
@@ -30,7 +27,7 @@ def test_codes_lie_at_their_scales_and_decode_to_every_frame():
 
 
 def test_codes_of_a_frame_do_not_depend_on_batch_or_distant_frames():
-    network = shaken(TINY)
+    network = made_network(TINY)
     motion = torch.randn(4, 240, 333)
     whole = network.encode(motion)[-1][0]
     alone = network.encode(motion[1:2, :120])[-1][0]
@@ -38,7 +35,7 @@ def test_codes_of_a_frame_do_not_depend_on_batch_or_distant_frames():
 
 
 def test_hidden_frames_do_not_reach_the_codes():
-    network = shaken(TINY)
+    network = made_network(TINY)
     motion, hidden = torch.randn(2, 60, 333), torch.zeros(2, 60, dtype=torch.bool)
     hidden[:, 20:40] = True
     other = motion.clone()
@@ -51,7 +48,7 @@ def test_hidden_frames_do_not_reach_the_codes():
 
 
 def test_noise_is_scaled_by_the_codes_own_spread():
-    network = shaken(TINY)
+    network = made_network(TINY)
     motion = torch.randn(2, 60, 333)
     codes = network.encode(motion)
     noise = [torch.ones_like(mean) for mean, _ in codes]
@@ -75,7 +72,7 @@ def test_what_each_network_sees(system, body, face):
     assert (other_body != seen).any() == (body > 0)
     changed = (other_face != seen).any(dim=(0, 1))
     assert changed.tolist() == [False] * body + [True] * face
-    restored, _ = shaken(shape)(seen, None, None)
+    restored, _ = made_network(shape)(seen, None, None)
     assert restored.shape == seen.shape
 
 

@@ -6,11 +6,16 @@ import torch
 from torch import Tensor
 
 from model.motion.spaces import AXIS_ANGLE_MOTION_DIM
-from model.storage.checkpoint import save_weights
-from model.systems.asynfusion.config import DDIM, LCM_SYNC, DualBranchConfig, Interaction
+from model.systems.asynfusion.config import (
+    DDIM,
+    LCM_SYNC,
+    AsynFusionConfig,
+    DualBranchConfig,
+    Interaction,
+)
 from model.systems.asynfusion.network import DualBranchNetwork, Pair
 from model.systems.asynfusion.streams import Stream, face_tensors
-from tests.model.made import made_components, made_prior
+from tests.model.made import made_components, made_prior, save_made, shaken
 
 FACE, BODY = 52, AXIS_ANGLE_MOTION_DIM
 
@@ -29,10 +34,7 @@ def tiny_network(
     torch.manual_seed(0)
     priors = made_prior(FACE), made_prior(BODY)
     network = DualBranchNetwork(tiny_config(interaction), priors, consistent=consistent)
-    with torch.no_grad():
-        for parameter in network.parameters():
-            parameter.add_(0.1 * torch.randn_like(parameter))
-    return network.eval().requires_grad_(False)
+    return shaken(network, by=0.1).requires_grad_(False)
 
 
 def made_pair(size: int = 2, seed: int = 0) -> Pair:
@@ -64,21 +66,9 @@ def made_streams() -> tuple[Stream, Stream]:
 def make_asynfusion(folder: Path, speech_dropout: float = 0.1) -> Path:
     """Weights of the teacher and of the student."""
     face, body = made_streams()
-    config = {
-        "encoder": "mel64",
-        "network": vars(tiny_config()),
-        "speech_dropout": speech_dropout,
-    }
     for name, aim in ((DDIM, "noise"), (LCM_SYNC, "teacher")):
-        state = tiny_network().state_dict()
-        tensors = {f"network.{key}": tensor for key, tensor in state.items()}
-        tensors |= body.tensors() | face_tensors(face)
-        card = {
-            "config": config | {"aim": aim},
-            "speakers": {"ann": 1, "bob": 2},
-            "steps": 0,
-            "training_data": "none",
-            "date": "-",
-        }
-        save_weights(folder, name, tensors, card)
+        config = AsynFusionConfig(
+            system=name, network=tiny_config(), aim=aim, speech_dropout=speech_dropout
+        )
+        save_made(folder, config, tiny_network(), body.tensors() | face_tensors(face))
     return folder

@@ -1,15 +1,12 @@
 """A small generator with random weights, alone and saved beside an expression network."""
 
-import json
 from pathlib import Path
 
 import torch
 
-from model.storage.cards import to_json
-from model.storage.checkpoint import save_weights
 from model.systems.gan.config import WEIGHTS, GanConfig, GeneratorConfig
 from model.systems.gan.generator import Generator
-from tests.model.made import made_components, made_prior, make_weights
+from tests.model.made import made_components, made_prior, make_weights, save_made, shaken
 
 TINY = GeneratorConfig(width=16, num_blocks=1, num_heads=2, num_speakers=4, speech_context=6)
 
@@ -20,15 +17,6 @@ def made_generator(config: GeneratorConfig = TINY) -> Generator:
     return Generator(config, made_prior(config.channels), made_components(mean, 0.1))
 
 
-def shaken(generator: Generator) -> Generator:
-    """Its weights moved, so that its branches say something."""
-    generator.eval()
-    with torch.no_grad():
-        for parameter in generator.parameters():
-            parameter += 0.05 * torch.randn_like(parameter)
-    return generator
-
-
 def make_gan_weights(folder: Path) -> Path:
     """The family's weights and the expression network with complete cards."""
     make_weights(folder, {})
@@ -36,12 +24,9 @@ def make_gan_weights(folder: Path) -> Path:
     generator = shaken(made_generator())
     mean = torch.zeros(TINY.channels)
     mean[-2] = 1.2
-    tensors = {f"network.{k}": v for k, v in generator.state_dict().items()}
-    tensors |= made_components(mean, 0.1).tensors()
-    tensors["prior.covariance"] = generator.prior.covariance
-    config = GanConfig(system=WEIGHTS, generator=TINY)
-    card = {"config": json.loads(to_json(config)), "speakers": {"ann": 1, "bob": 2}, "steps": 0}
-    save_weights(folder, WEIGHTS, tensors, card)
+    statistics = made_components(mean, 0.1).tensors()
+    statistics["prior.covariance"] = generator.prior.covariance
+    save_made(folder, GanConfig(system=WEIGHTS, generator=TINY), generator, statistics)
     return folder
 
 

@@ -7,8 +7,8 @@ from model.networks.layers import RecurrentBlock
 from model.systems.gan.config import STEP_COUNTS
 from model.systems.gan.generator import FINGERS, Generator
 from model.systems.gan.sampling import posterior, signal_and_noise, times
-from tests.model.made import made_components, made_prior
-from tests.model.systems.gan.made_generator import TINY, made_generator, shaken, told
+from tests.model.made import made_components, made_prior, shaken
+from tests.model.systems.gan.made_generator import TINY, made_generator, told
 
 FEW = replace(TINY, channels=3, decoupled=False)
 

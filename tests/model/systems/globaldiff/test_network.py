@@ -18,7 +18,7 @@ from model.systems.globaldiff.config import (
 from model.systems.globaldiff.network import MotionNetwork
 from model.systems.registry import family_of
 from model.training.run_folder import differing_fields
-from tests.model.made import TINY_NETWORK
+from tests.model.made import TINY_NETWORK, shaken
 
 
 def inputs(size: int = 2, config: NetworkConfig = TINY_NETWORK) -> dict:
@@ -40,11 +40,7 @@ def inputs(size: int = 2, config: NetworkConfig = TINY_NETWORK) -> dict:
 @pytest.fixture
 def network() -> MotionNetwork:
     torch.manual_seed(0)
-    network = MotionNetwork(TINY_NETWORK)
-    with torch.no_grad():
-        for parameter in network.parameters():  # outputs and FiLM layers start at zero
-            parameter += 0.1 * torch.randn_like(parameter)
-    return network
+    return shaken(MotionNetwork(TINY_NETWORK), by=0.1)
 
 
 def test_an_untrained_network_predicts_the_mean_pose():

@@ -16,6 +16,7 @@ from model.systems.matching.network import (
     arm_speed,
     motion_tracks,
 )
+from tests.model.made import shaken
 
 SHAPE = MatchingConfig(speech_width=16, motion_width=16, dilations=(1, 2), track_dim=4)
 ALL = tuple(PARTS)
@@ -44,12 +45,9 @@ def wandering(batch: int, frames: int = 300, seed: int = 0) -> torch.Tensor:
 @pytest.fixture(scope="module")
 def judge() -> MatchingJudge:
     torch.manual_seed(0)
-    network = MatchingNetwork(SHAPE)
-    with torch.no_grad():
-        for parameter in network.parameters():
-            parameter += 0.1 * torch.randn_like(parameter)
+    network = shaken(MatchingNetwork(SHAPE), by=0.1).requires_grad_(False)
     statistics = Normaliser(torch.full((len(TRACKS),), -1.0), torch.full((len(TRACKS),), 0.5))
-    return MatchingJudge(network.eval().requires_grad_(False), statistics, "")
+    return MatchingJudge(network, statistics, "")
 
 
 @pytest.mark.parametrize("rad_s", [0.0, 0.5, 4.0])

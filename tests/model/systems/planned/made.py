@@ -1,14 +1,11 @@
 """A tiny planner and a tiny system that performs its plans, and annotated data to train them."""
 
-import json
 from pathlib import Path
 
 import torch
 
 from model.motion.packing import Normaliser
 from model.plan.kinds import KindTable
-from model.storage.cards import to_json
-from model.storage.checkpoint import save_weights
 from model.systems.planned.config import (
     PLANNED,
     PLANNER,
@@ -24,6 +21,8 @@ from tests.model.made import (
     made_prior,
     make_data_folder,
     make_weights,
+    save_made,
+    shaken,
 )
 from tests.model.plan.made import made_plan
 from tests.model.plan.test_annotation import HANDS, grid
@@ -36,30 +35,23 @@ def make_planned_weights(folder: Path) -> Path:
     """Random weights with complete cards, beside an expression network."""
     make_weights(folder, {})
     torch.manual_seed(1)
-    common = {"speakers": {"ann": 1, "bob": 2}, "steps": 0, "training_data": "none", "date": "-"}
     kinds = KindTable.fit([(made_plan(), 1), (made_plan().at_speed(1.1), 2)], num_speakers=4)
     planner = PlannerNetwork(TINY_PLANNER)
     with torch.no_grad():
         for name, head in planner.heads.items():  # something begins now and then
             head.event_out.bias[0] = 2.0 if name in ("left", "right") else 4.0
-    tensors = {f"network.{k}": v for k, v in planner.state_dict().items()}
-    tensors |= Normaliser(torch.zeros(68), torch.ones(68)).tensors() | kinds.tensors()
-    tensors |= {"begins.goals": torch.tensor([[1.0, -1.5, 0.5]] * 2).repeat(4, 1, 1)}
+    statistics = Normaliser(torch.zeros(68), torch.ones(68)).tensors() | kinds.tensors()
+    statistics |= {"begins.goals": torch.tensor([[1.0, -1.5, 0.5]] * 2).repeat(4, 1, 1)}
     config = PlannerTrainConfig(system=PLANNER, planner=TINY_PLANNER)
-    save_weights(folder, PLANNER, tensors, {"config": json.loads(to_json(config)), **common})
+    save_made(folder, config, planner, statistics)
 
     prior = made_prior(TINY_NETWORK.motion_dim)
     mean = torch.zeros(TINY_NETWORK.motion_dim)
     mean[-2] = 1.2
-    network = PlannedNetwork(TINY_NETWORK, prior)
-    with torch.no_grad():
-        for parameter in network.parameters():
-            parameter += 0.05 * torch.randn_like(parameter)
-    tensors = {f"network.{k}": v for k, v in network.state_dict().items()}
-    tensors |= made_components(mean, 0.1).tensors() | {"prior.covariance": prior.covariance}
-    tensors |= {"kinds.names": kinds.tensors()["kinds.names"]}
-    config = PlannedConfig(system=PLANNED, network=TINY_NETWORK)
-    save_weights(folder, PLANNED, tensors, {"config": json.loads(to_json(config)), **common})
+    network = shaken(PlannedNetwork(TINY_NETWORK, prior))
+    statistics = made_components(mean, 0.1).tensors() | {"prior.covariance": prior.covariance}
+    statistics |= {"kinds.names": kinds.tensors()["kinds.names"]}
+    save_made(folder, PlannedConfig(system=PLANNED, network=TINY_NETWORK), network, statistics)
     return folder
 
 

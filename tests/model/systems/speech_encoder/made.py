@@ -1,6 +1,5 @@
 """Annotated speech, and a tiny encoder trained on it."""
 
-import json
 from pathlib import Path
 
 import torch
@@ -8,10 +7,8 @@ import torch
 from model.motion.packing import Normaliser
 from model.networks.speech_codes import CodesNetwork
 from model.speech.codes import SPEECH_ENCODER, CodesConfig
-from model.storage.cards import to_json
-from model.storage.checkpoint import save_weights
 from model.systems.speech_encoder.config import SpeechEncoderConfig
-from tests.model.made import make_data_folder
+from tests.model.made import make_data_folder, save_made
 from tests.model.plan.test_annotation import HANDS, grid, interval_tier, point_tier
 
 TINY_CODES = CodesConfig(width=16, codes=8, dilations=(1, 2))
@@ -35,8 +32,7 @@ def make_spoken_folder(folder: Path, *tiers: str) -> Path:
 def make_encoder_weights(folder: Path) -> Path:
     """Random weights with a complete card."""
     torch.manual_seed(2)
-    tensors = {f"network.{k}": v for k, v in CodesNetwork(TINY_CODES).state_dict().items()}
-    tensors |= Normaliser(torch.zeros(68), torch.ones(68)).tensors()
+    statistics = Normaliser(torch.zeros(68), torch.ones(68)).tensors()
     config = SpeechEncoderConfig(system=SPEECH_ENCODER, codes=TINY_CODES)
-    save_weights(folder, SPEECH_ENCODER, tensors, {"config": json.loads(to_json(config))})
+    save_made(folder, config, CodesNetwork(TINY_CODES), statistics)
     return folder
