@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import torch
@@ -39,34 +40,6 @@ _MOVING = tuple(name for name in PHASES if name not in STILL)
 _PREPARATION, _STROKE = (1 + PHASES.index(name) for name in ("preparation", "stroke"))
 _NUM_EVENTS = 1 + len(PHASES)
 _SMILE = 1 + BY_NAME["smile"].states.index("smile")
-
-
-@dataclass(frozen=True)
-class _Leans:
-    """What a manner makes likelier."""
-
-    manner: Manner
-
-    def log_odds(
-        self, tier: str, frame: int, now: Begun, others: Mapping[str, Begun]
-    ) -> Float[np.ndarray, " events"] | None:
-        """See `Leaning.log_odds`."""
-        manner = self.manner
-        if tier == "smile" and manner.smile > 0:
-            odds = np.zeros(1 + len(BY_NAME["smile"].states))
-            odds[_SMILE] = math.log(manner.smile)
-            return odds
-        if tier not in SIDES:
-            return None
-        odds = np.zeros(_NUM_EVENTS)
-        if PHASES[now.state] in _MOVING:
-            odds[1:] = math.log(manner.fast)
-        else:
-            odds[[_PREPARATION, _STROKE]] = math.log(manner.often)
-            other = others[SIDES[1 - SIDES.index(tier)]]
-            if 1 + other.state == _PREPARATION and frame - other.frame <= _TOGETHER_FRAMES:
-                odds[_PREPARATION] += math.log(manner.both)
-        return odds
 
 
 class CausalPlanner:
@@ -140,7 +113,7 @@ class CausalPlanner:
         heard = self._planner.hear(
             speech(begin - 2 * context, stop + context), self._speaker, self._guidance
         )
-        leans = _Leans(self.manner)
+        leans = partial(_leans, self.manner)
         for name, drawer in self._drawers.items():
             drawer.hear(heard[name][:, context:], begin)
         for frame in range(begin, stop):
@@ -215,6 +188,27 @@ class CausalPlanner:
                 shaped = replace(shaped, kind=FOLLOWING)
             found.append(shaped)
         return tuple(found)
+
+
+def _leans(
+    manner: Manner, tier: str, frame: int, now: Begun, others: Mapping[str, Begun]
+) -> Float[np.ndarray, " events"] | None:
+    """What a manner makes likelier, see `Leaning`."""
+    if tier == "smile" and manner.smile > 0:
+        odds = np.zeros(1 + len(BY_NAME["smile"].states))
+        odds[_SMILE] = math.log(manner.smile)
+        return odds
+    if tier not in SIDES:
+        return None
+    odds = np.zeros(_NUM_EVENTS)
+    if PHASES[now.state] in _MOVING:
+        odds[1:] = math.log(manner.fast)
+    else:
+        odds[[_PREPARATION, _STROKE]] = math.log(manner.often)
+        other = others[SIDES[1 - SIDES.index(tier)]]
+        if 1 + other.state == _PREPARATION and frame - other.frame <= _TOGETHER_FRAMES:
+            odds[_PREPARATION] += math.log(manner.both)
+    return odds
 
 
 def _finishes(tier: str, state: int) -> bool:

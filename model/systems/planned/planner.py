@@ -4,10 +4,10 @@ A drawer may look ahead and go back: what is drawn of frames whose speech nobody
 drawn anew when it has come, under the same chances.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 import torch
@@ -32,20 +32,10 @@ _BLOCK = 512
 """Frames that chances are drawn for at once."""
 
 
-@runtime_checkable
-class Leaning(Protocol):
-    """What makes events more likely than the speech does."""
-
-    def log_odds(
-        self, tier: str, frame: int, now: Begun, others: Mapping[str, Begun]
-    ) -> Float[np.ndarray, " events"] | None:
-        """To be added to the logarithm of each event's share; None adds nothing.
-
-        Args:
-            now: what the tier is in.
-            others: what all tiers are in.
-        """
-        ...
+Leaning = Callable[[str, int, Begun, Mapping[str, Begun]], Float[np.ndarray, " events"] | None]
+"""Makes events more likely than the speech does: from a tier's name, the frame, what the tier is in
+and what all are in comes what is added to the logarithm of each event's share. None adds nothing.
+"""
 
 
 class Drawer:
@@ -92,7 +82,7 @@ class Drawer:
         log[1:] -= HOLD_BACK * self._excess
         shares = _shares(log)
         self._excess += float(shares[1:].sum() - np.exp(logs[0, 1:]).sum())
-        chance = self._chances.at(frame)
+        chance, which, normal = self._chances.at(frame)
         if self._forced is not None:
             if frame >= self._forced.frame:
                 self.chain.append(self._forced)
@@ -100,17 +90,17 @@ class Drawer:
             return
         if leaning is not None:
             all_now = {name: each.chain[-1] for name, each in others.items()}
-            odds = leaning.log_odds(head.tier.name, frame, now, all_now)
+            odds = leaning(head.tier.name, frame, now, all_now)
             shares = shares if odds is None else _shares(log + odds)
-        event = drawn_by(shares, chance.event)
+        event = drawn_by(shares, chance)
         if event == 0:
             return
         mark: Any = ()
         if head.tier.units:
             marks = head.marks(torch.from_numpy(state[:1]), torch.tensor([event - 1]))
-            k = drawn_by(torch.softmax(marks.logits[0], 0).numpy(), chance.which)
+            k = drawn_by(torch.softmax(marks.logits[0], 0).numpy(), which)
             mean, spread = marks.mean[0, k].numpy(), marks.spread[0, k].numpy()
-            mark = tuple((mean + spread * chance.normal).tolist())
+            mark = tuple((mean + spread * normal).tolist())
         self.chain.append(Begun(frame, event - 1, mark))
 
     def chain_at(self, frame: int) -> Begun:
@@ -138,40 +128,28 @@ class Drawer:
         del self.chain[: max(0, old - keep)]
 
 
-@dataclass(frozen=True)
-class _Chance:
-    event: float
-    which: float
-    normal: Float[np.ndarray, " units"]
-
-
-@dataclass
 class _Chances:
     """Of every frame, in blocks; a longer stretch has the same at first."""
 
-    rng: np.random.Generator
-    units: int
-    _streams: list[np.random.Generator] = field(init=False)
-    _blocks: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(init=False)
-    _drawn: int = field(default=0, init=False)
-    """Blocks so far."""
+    def __init__(self, rng: np.random.Generator, units: int) -> None:
+        self._streams, self._units = rng.spawn(3), units
+        self._blocks: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+        self._drawn = 0
+        """Blocks so far."""
 
-    def __post_init__(self) -> None:
-        self._streams = self.rng.spawn(3)
-        self._blocks = {}
-
-    def at(self, frame: int) -> _Chance:
+    def at(self, frame: int) -> tuple[float, float, Float[np.ndarray, " units"]]:
+        """Uniform ones for the event and for which mark it has, and normal ones for the mark."""
         number, place = divmod(frame, _BLOCK)
         while self._drawn <= number:
             event, which, normal = self._streams
             self._blocks[self._drawn] = (
                 event.random(_BLOCK),
                 which.random(_BLOCK),
-                normal.standard_normal((_BLOCK, self.units)),
+                normal.standard_normal((_BLOCK, self._units)),
             )
             self._drawn += 1
         events, whiches, normals = self._blocks[number]
-        return _Chance(float(events[place]), float(whiches[place]), normals[place])
+        return float(events[place]), float(whiches[place]), normals[place]
 
     def forget_before(self, frame: int) -> None:
         for number in [each for each in self._blocks if (each + 1) * _BLOCK <= frame]:
@@ -279,10 +257,6 @@ class Planner:
         begins = {
             "left": Begun(0, 0, tuple(goals[0])),
             "right": Begun(0, 0, tuple(goals[1])),
-            "look": Begun(0, 0, (0.0, 0.0)),
-            "nod": Begun(0, 0, (0.0,)),
-            "brow": Begun(0, 0, (0.0,)),
-            "smile": Begun(0, 0, (0.0,)),
             **{f"{side} foot": Begun(0, 1) for side in ("left", "right")},
         }
         drawers = {}
@@ -290,7 +264,7 @@ class Planner:
             head = self.network.heads[tier.name]
             assert isinstance(head, TierHead)
             rng = np.random.default_rng([*noise_key, number])
-            begun = begins.get(tier.name, Begun(0, 0))
+            begun = begins.get(tier.name, Begun(0, 0, (0.0,) * len(tier.units)))
             drawers[tier.name] = Drawer(head, heard[tier.name], guidance, begun, rng)
         return drawers
 
