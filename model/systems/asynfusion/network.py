@@ -2,7 +2,6 @@
 CoSync."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import torch
@@ -100,23 +99,8 @@ def both(function: Callable[..., Any], *pairs: tuple) -> tuple:
     return tuple(function(*parts) for parts in zip(*pairs, strict=True))
 
 
-@dataclass
-class FeatureBuffer:
-    """Each branch's latest features after every block, before it heard of the other."""
-
-    features: tuple[list[Tensor], list[Tensor]] = field(default_factory=lambda: ([], []))
-
-    def put(self, branch: int, layer: int, features: Float[Tensor, "B T width"]) -> None:
-        """Keep the features of one block in place of older ones."""
-        kept = self.features[branch]
-        if layer < len(kept):
-            kept[layer] = features
-        else:
-            kept.append(features)
-
-    def get(self, branch: int, layer: int) -> Float[Tensor, "B T width"]:
-        """The latest features of one block."""
-        return self.features[branch][layer]
+FeatureBuffer = dict[tuple[int, int], Tensor]
+"""The latest features by branch and block, from before the branch heard of the other."""
 
 
 class Branch(MotionBranch):
@@ -179,7 +163,7 @@ class DualBranchNetwork(ConditionedNetwork):
             has_speech: false hides the speech from both branches.
         """
         found = self.evaluate(
-            BRANCHES, x_t, t, FeatureBuffer(),
+            BRANCHES, x_t, t, {},
             heard=self.hear(speech, has_speech), seed=seed, speaker=speaker, has_seed=has_seed,
         )  # fmt: skip
         return found[EXPRESSION], found[GESTURE]
@@ -216,10 +200,10 @@ class DualBranchNetwork(ConditionedNetwork):
             for which in active:
                 block = self.branches[which].blocks[layer]
                 frames[which] = block(frames[which], *entered[which][1:])
-                buffer.put(which, layer, frames[which])
+                buffer[which, layer] = frames[which]
             for which in active:
                 exchange = self.branches[which].exchanges[layer]
-                frames[which] = exchange(frames[which], buffer.get(1 - which, layer))
+                frames[which] = exchange(frames[which], buffer[1 - which, layer])
         found = {}
         for which in active:
             branch = self.branches[which]

@@ -157,7 +157,7 @@ def sample(
     own = [turns(count, max(counts)) for count in counts]
     x = [noise(which, 0) for which in BRANCHES]
     t = [torch.full((len(x[which]),), grids[which][0]) for which in BRANCHES]
-    buffer = FeatureBuffer()
+    buffer: FeatureBuffer = {}
     for k in range(max(counts)):
         moving = [which for which in BRANCHES if k in own[which]]
         asked = BRANCHES if way.idle == "recomputed" else moving

@@ -3,7 +3,7 @@ import torch
 
 from conventions.joints import FACE as FACE_JOINTS
 from model.sampling.flow import SpeechGuide, seeded_noise
-from model.systems.asynfusion.network import BRANCHES, EXPRESSION, GESTURE, FeatureBuffer
+from model.systems.asynfusion.network import BRANCHES, EXPRESSION, GESTURE
 from model.systems.asynfusion.sampling import WAYS, GuidedNetwork, sample
 from tests.model.systems.asynfusion.made import (
     BODY,
@@ -44,9 +44,7 @@ def test_speech_moves_the_body_further_and_leaves_jaw_and_face(strength):
     told = made_conditions() | {"seed": (seed[0][:, :8], seed[1][:, :8])}
     heard = network(x_t, T, **told)
     deaf = network(x_t, T, **told | {"has_speech": torch.zeros(2, dtype=torch.bool)})
-    found = GuidedNetwork(network, guide).evaluate(
-        BRANCHES, x_t, T, FeatureBuffer(), **asked(guide)
-    )
+    found = GuidedNetwork(network, guide).evaluate(BRANCHES, x_t, T, {}, **asked(guide))
     torch.testing.assert_close(found[EXPRESSION], heard[EXPRESSION], atol=1e-5, rtol=1e-4)
     body, with_speech, without = (
         NORMALISER.restore(x) for x in (found[GESTURE], heard[GESTURE], deaf[GESTURE])

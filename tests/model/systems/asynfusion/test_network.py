@@ -50,17 +50,17 @@ def test_alone_a_branch_hears_what_the_buffer_holds():
     conditions = made_conditions()
     heard = network.hear(conditions.pop("speech"), conditions.pop("has_speech"))
     asked = {"heard": heard, "seed": seed_of(x_t), **conditions}
-    buffer = FeatureBuffer()
+    buffer: FeatureBuffer = {}
     both = network.evaluate(BRANCHES, x_t, T, buffer, **asked)
     for which in BRANCHES:
         torch.testing.assert_close(
             network.evaluate([which], x_t, T, buffer, **asked)[which], both[which]
         )
     for layer in range(2):
-        buffer.put(0, layer, torch.zeros_like(buffer.get(0, layer)))
+        buffer[0, layer] = torch.zeros_like(buffer[0, layer])
     alone = network.evaluate([1], x_t, T, buffer, **asked)
     assert list(alone) == [1] and (alone[1] - both[1]).abs().max() > 1e-4
-    assert not buffer.get(0, 0).any()
+    assert not buffer[0, 0].any()
 
 
 def test_a_sample_does_not_depend_on_the_others():

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from model.sampling.flow import interpolate, seeded_noise
-from model.systems.asynfusion.network import BRANCHES, DualBranchNetwork, FeatureBuffer
+from model.systems.asynfusion.network import BRANCHES, EXPRESSION, DualBranchNetwork, FeatureBuffer
 from model.systems.asynfusion.sampling import (
     WAYS,
     Way,
@@ -58,7 +58,7 @@ def test_equal_counts_are_the_usual_sampler(kind):
     times = [*flow_times()[trailing_steps(5)].tolist(), 1.0]
     for k in range(5):
         t = torch.full((2,), times[k]), torch.full((2,), times[k])
-        found = network.evaluate(BRANCHES, x, t, FeatureBuffer(), **conditions)
+        found = network.evaluate(BRANCHES, x, t, {}, **conditions)
         later = torch.full((2,), times[k + 1])
         kept = [
             noise_of(x[b], found[b], t[b]) if kind == "ddim" else noise(b, k + 1) for b in BRANCHES
@@ -105,17 +105,18 @@ def test_what_is_stale_is_the_last_step_of_the_idle_branch():
     times = flow_times()
     start = torch.full((2,), float(times[999]))
     half = torch.full((2,), float(times[499]))
-    buffer = FeatureBuffer()
+    buffer: FeatureBuffer = {}
     x = noise(0, 0), noise(1, 0)
     first = network.evaluate(BRANCHES, x, (start, start), buffer, **conditions)
-    heard = [features.clone() for features in buffer.features[0]]
+    heard = {at: features.clone() for at, features in buffer.items() if at[0] == EXPRESSION}
+    assert len(heard) == 2
     body = interpolate(noise(1, 1), first[1], half)
     second = network.evaluate([1], (first[0], body), (half, half), buffer, **conditions)
     made = sample(network, noise, (1, 2), WAYS["lcm"], **conditions)
     torch.testing.assert_close(made[0], first[0])
     torch.testing.assert_close(made[1], second[1])
-    for kept, now in zip(heard, buffer.features[0], strict=True):
-        torch.testing.assert_close(kept, now)
+    for at, kept in heard.items():
+        torch.testing.assert_close(kept, buffer[at])
 
 
 def test_noise_does_not_depend_on_how_many_steps_are_taken():
