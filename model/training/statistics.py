@@ -14,9 +14,10 @@ from model.motion.spaces import Representation
 from model.networks.config import BranchConfig
 from model.sampling.prior import GaussianPrior, fit_components, fit_prior
 from model.training.targets import Targets
+from model.training.task import Given
 
 WINDOWS = 400
-FEATURE_STD_FLOOR = 0.02
+STD_FLOOR = 0.02
 """What hardly ever changes is not blown up to unit variance."""
 PRIOR_BATCHES, PRIOR_BATCH_SIZE = 12, 256
 
@@ -30,7 +31,7 @@ def statistics_batch(data: PreparedData, window_frames: int, mirror: float) -> B
 def fit_features(data: PreparedData) -> Normaliser:
     """Statistics of the speech features, of every hundredth frame."""
     told = torch.from_numpy(np.array(data.speech[::100], np.float32))
-    return Normaliser(told.mean(0), told.std(0).clamp_min(FEATURE_STD_FLOOR))
+    return Normaliser(told.mean(0), told.std(0).clamp_min(STD_FLOOR))
 
 
 def prior_batches(data: PreparedData, window_frames: int) -> Iterator[Batch]:
@@ -55,11 +56,26 @@ def fit_normaliser(
 
 
 def fit_motion_prior(
-    data: PreparedData, targets: Targets, shape: BranchConfig, mirror: float
+    data: PreparedData, targets: Targets, shape: BranchConfig, mirror: float, given: Given | None
 ) -> tuple[Normaliser, GaussianPrior]:
-    """Components of motion and their linear-Gaussian prior, from windows of the training split."""
+    """Components of motion and their linear-Gaussian prior, from windows of the training split,
+    or those that given weights learned with."""
+    if given is not None:
+        return given.normaliser, given.prior(shape.seed_frames)
     windows = [targets.windows(batch) for batch in prior_batches(data, shape.window_frames)]
     normaliser = fit_normaliser(data, targets, shape.window_frames, mirror)
+    return with_components(normaliser, windows, shape.seed_frames)
+
+
+def fit_face_prior(
+    data: PreparedData, shape: BranchConfig, given: Given | None = None
+) -> tuple[Normaliser, GaussianPrior]:
+    """The same of face units."""
+    if given is not None:
+        return given.normaliser, given.prior(shape.seed_frames)
+    windows = [batch.expression for batch in prior_batches(data, shape.window_frames)]
+    units = torch.cat([batch.flatten(0, 1) for batch in windows])
+    normaliser = Normaliser(units.mean(0), units.std(0).clamp_min(STD_FLOOR))
     return with_components(normaliser, windows, shape.seed_frames)
 
 

@@ -11,11 +11,9 @@ from model.data.prepared import PreparedData
 from model.motion.packing import AXIS_ANGLE_GROUPS, Normaliser
 from model.sampling.prior import GaussianPrior
 from model.systems.asynfusion.config import DualBranchConfig
-from model.training.statistics import prior_batches, with_components
+from model.training.statistics import fit_face_prior, prior_batches, with_components
 from model.training.targets import Targets
 
-UNIT_STD_FLOOR = 0.02
-"""Face units that hardly ever move are not blown up to unit variance."""
 _FACE = ".face."
 
 
@@ -62,15 +60,10 @@ def read_streams(tensors: Mapping[str, Tensor], seed_frames: int) -> Streams:
 
 def fit_streams(config: DualBranchConfig, data: PreparedData, targets: Targets) -> Streams:
     """Components of face and body and their priors, from windows of the training split."""
-    faces, bodies = [], []
-    for batch in prior_batches(data, config.window_frames):
-        faces.append(batch.expression)
-        bodies.append(targets.windows(batch))
-    units = torch.cat([face.flatten(0, 1) for face in faces])
-    face = Normaliser(units.mean(0), units.std(0).clamp_min(UNIT_STD_FLOOR))
+    bodies = [targets.windows(batch) for batch in prior_batches(data, config.window_frames)]
     vectors: Float[Tensor, "N C"] = torch.cat([body.flatten(0, 1) for body in bodies])
     body = Normaliser.fit(vectors, groups=AXIS_ANGLE_GROUPS)
     return (
-        Stream(*with_components(face, faces, config.seed_frames)),
+        Stream(*fit_face_prior(data, config)),
         Stream(*with_components(body, bodies, config.seed_frames)),
     )

@@ -31,8 +31,7 @@ def make_task(config: AutoencoderTrainConfig, data: PreparedData, setup: TaskSet
         statistics = given.normaliser
     normaliser = statistics.to(setup.shard.device)
     network = MotionAutoencoder(config.autoencoder)
-    if given is not None:
-        given.load_into(network)
+    setup.put_weights_into(network, given)
     return DescentTask(
         config, network, autoencoder_step(config, normaliser), normaliser, config.window_frames,
         shard=setup.shard,

@@ -8,12 +8,11 @@ from model.data.prepared import Batch, PreparedData
 from model.motion.packing import Normaliser
 from model.plan.tracks import FACE_TRACKS
 from model.sampling.flow import interpolate, time_weight
-from model.sampling.prior import GaussianPrior
 from model.systems.face.config import FaceTrainConfig
 from model.systems.face.face import FaceNetwork
 from model.training import losses
 from model.training.parallel import WHOLE, Draws, Shard
-from model.training.statistics import prior_batches, with_components
+from model.training.statistics import fit_face_prior
 from model.training.targets import heard
 from model.training.task import (
     DescentTask,
@@ -22,9 +21,6 @@ from model.training.task import (
     TaskSetup,
     check_speakers,
 )
-
-STD_FLOOR = 0.02
-"""Face units that hardly ever move are not blown up to unit variance."""
 
 
 def make_task(config: FaceTrainConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
@@ -39,10 +35,7 @@ def make_task(config: FaceTrainConfig, data: PreparedData, setup: TaskSetup) -> 
     check_speakers(data, shape.num_speakers)
     torch.manual_seed(config.random_seed)
     given = setup.given()
-    if given is None:
-        statistics, prior = fit_face(config, data)
-    else:
-        statistics, prior = given.normaliser, given.prior(shape.seed_frames)
+    statistics, prior = fit_face_prior(data, shape, given)
     normaliser = statistics.to(setup.shard.device)
     network = FaceNetwork(shape, prior)
     setup.put_weights_into(network, given, may_lack=True)
@@ -52,15 +45,6 @@ def make_task(config: FaceTrainConfig, data: PreparedData, setup: TaskSetup) -> 
         shape.window_frames, shape.speech_context, setup.shard,
         statistics={"prior.covariance": prior.covariance},
     )  # fmt: skip
-
-
-def fit_face(config: FaceTrainConfig, data: PreparedData) -> tuple[Normaliser, GaussianPrior]:
-    """Components of face units and their linear-Gaussian prior, from the training split."""
-    shape = config.expression
-    batches = [batch.expression for batch in prior_batches(data, shape.window_frames)]
-    flat = torch.cat([batch.flatten(0, 1) for batch in batches])
-    normaliser = Normaliser(flat.mean(0), flat.std(0).clamp_min(STD_FLOOR))
-    return with_components(normaliser, batches, shape.seed_frames)
 
 
 def expression_step(

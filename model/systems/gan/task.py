@@ -46,10 +46,7 @@ def make_task(config: GanConfig, data: PreparedData, setup: TaskSetup) -> "GanTa
     torch.manual_seed(config.random_seed)
     given = setup.given()
     targets = prepare_targets(data, "axis-angle", "place", open_body_skeleton())
-    if given is None:
-        normaliser, prior = fit_motion_prior(data, targets, shape, config.mirror)
-    else:
-        normaliser, prior = given.normaliser, given.prior(shape.seed_frames)
+    normaliser, prior = fit_motion_prior(data, targets, shape, config.mirror, given)
     generator = Generator(shape, prior, normaliser)
     discriminator = Discriminator(config.discriminator, shape)
     setup.put_weights_into(generator, given)

@@ -50,10 +50,7 @@ def make_task(config: GlobalDiffConfig, data: PreparedData, setup: TaskSetup) ->
     targets = prepare_targets(data, shape.rotation_space, shape.root, open_body_skeleton())
     statistics: dict[str, Tensor] = {}
     if shape.prior:
-        if given is None:
-            known, prior = fit_motion_prior(data, targets, shape, config.mirror)
-        else:
-            known, prior = given.normaliser, given.prior(shape.seed_frames)
+        known, prior = fit_motion_prior(data, targets, shape, config.mirror, given)
         statistics["prior.covariance"] = prior.covariance
         network: nn.Module = PriorNetwork(
             shape, prior, channels=shape.motion_dim, expression_dim=shape.expression_dim

@@ -40,8 +40,7 @@ def make_task(config: MatchingTrainConfig, data: PreparedData, setup: TaskSetup)
         statistics = given.normaliser
     normaliser = statistics.to(setup.shard.device)
     network = MatchingNetwork(config.matching)
-    if given is not None:
-        given.load_into(network)
+    setup.put_weights_into(network, given)
     return DescentTask(
         config, network, matching_step(config, normaliser), normaliser,
         config.pieces * config.piece_frames, shard=setup.shard,

@@ -46,8 +46,7 @@ def _planner_task(config: PlannerTrainConfig, data: PreparedData, setup: TaskSet
     check_speakers(data, shape.num_speakers)
     plans = prepare_plans(data, shape.num_speakers)
     network = PlannerNetwork(shape)
-    if given is not None:  # which may know of fewer tiers and hear no codes
-        given.load_known_into(network)
+    setup.put_weights_into(network, given, may_lack=True)  # trained with fewer tiers, or no codes
     normaliser = given.normaliser if given else fit_features(data)
     codes = load_codes(setup.helpers) if shape.codes else None
     return DescentTask(
@@ -104,10 +103,7 @@ def _motion_task(config: PlannedConfig, data: PreparedData, setup: TaskSetup) ->
     check_speakers(data, shape.num_speakers)
     plans = prepare_plans(data, shape.num_speakers)
     targets = prepare_targets(data, shape.rotation_space, shape.root, open_body_skeleton())
-    if given is None:
-        known, prior = fit_motion_prior(data, targets, shape, config.mirror)
-    else:
-        known, prior = given.normaliser, given.prior(shape.seed_frames)
+    known, prior = fit_motion_prior(data, targets, shape, config.mirror, given)
     network = PlannedNetwork(shape, prior)
     setup.put_weights_into(network, given, may_lack=True)  # they may know of no plans
     normaliser = known.to(setup.shard.device)

@@ -31,8 +31,7 @@ def make_task(config: SpeechEncoderConfig, data: PreparedData, setup: TaskSetup)
     given, shape = setup.given(), config.codes
     spoken = annotated_speech(data, prepare_plans(data, 1 + max(data.speakers)))
     network = CodesNetwork(shape)
-    if given is not None:
-        given.load_into(network)
+    setup.put_weights_into(network, given)
     fitted = given.normaliser if given else fit_features(data)
     normaliser = fitted.to(setup.shard.device)
     return DescentTask(
