@@ -31,6 +31,7 @@ def test_the_tab_is_no_wider_than_the_window(visit: Callable[..., Page], width: 
     page = visit(width=width, motion="reduce")
     page.get_by_role("tab", name=text.STUDY_TAB).click()
     expect(page.locator("#study-make")).to_be_visible()
+    expect(page.get_by_text("Drop in what participants sent or saved")).to_be_visible()
     assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 

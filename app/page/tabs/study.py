@@ -251,7 +251,7 @@ class AnalysisParts:
 
 def build_analysis(page: gr.Blocks, services: Services) -> None:
     """Lay out the part inside the current context and wire it."""
-    gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{INTRODUCTION}</p>')
+    gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{ANALYSIS_INTRODUCTION}</p>')
     with gr.Row(elem_classes="columns"):
         with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
             answers = gr.File(
