@@ -10,7 +10,7 @@ from app.errors import RunError
 from app.study.design.key import Expected, Key, Trial, Video
 from app.study.design.plan import ATTENTION_QUESTION, Plan, questions_of
 from app.study.design.tells import order_tells
-from app.study.design.trials import Design, Stimulus
+from app.study.design.trials import Design, Page, Stimulus
 
 NOT_MADE = "not made yet"
 """In place of a video's sha256 while the export has not finished."""
@@ -41,6 +41,15 @@ def draw_blinding(design: Design) -> Blinding:
             return blinding
 
 
+def blind_lists(design: Design, blinding: Blinding) -> list[list[tuple[str, list[str]]]]:
+    """Of each list its pages: the trial and the videos that it shows, none where it is a check."""
+
+    def blind(page: Page) -> tuple[str, list[str]]:
+        return blinding.trials[page.trial], [blinding.videos[each] for each in page.shown]
+
+    return [[blind(page) for page in pages] for pages in design.lists]
+
+
 def make_key(plan: Plan, design: Design, blinding: Blinding, sha256: Mapping[str, str]) -> Key:
     """The key. Videos are listed by id, so that their order says nothing.
 
@@ -56,13 +65,7 @@ def make_key(plan: Plan, design: Design, blinding: Blinding, sha256: Mapping[str
         systems=tuple(system.name for system in plan.systems),
         questions=questions,
         videos={
-            blind: Video(
-                stimulus.system,
-                stimulus.clip,
-                stimulus.speech,
-                stimulus.view,
-                sha256.get(blind, NOT_MADE),
-            )
+            blind: Video(**vars(stimulus), sha256=sha256.get(blind, NOT_MADE))
             for stimulus, blind in sorted(blinding.videos.items(), key=lambda item: item[1])
         },
         trials={

@@ -15,10 +15,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from app.study.design.blinding import Blinding
+from app.study.design.blinding import Blinding, blind_lists
 from app.study.design.key import Question
 from app.study.design.plan import Plan, questions_of, wording
-from app.study.design.trials import Design, Page
+from app.study.design.trials import Design
 from app.study.make.workspace import Workspace
 from model.storage.harmless import csv_text
 
@@ -26,8 +26,8 @@ from model.storage.harmless import csv_text
 def write_adapters(plan: Plan, design: Design, blinding: Blinding, workspace: Workspace) -> None:
     """Write ``researcher_only/adapters``: one file for each participant, or one table for all."""
     folder = workspace.private / "adapters"
-    for number, pages in enumerate(design.lists):
-        shown = _shown(pages, blinding)
+    for number, pages in enumerate(blind_lists(design, blinding)):
+        shown = [(trial, videos) for trial, videos in pages if videos]  # no checks
         hemvip = hemvip_config(plan, shown)
         workspace.write_json(folder / "hemvip" / f"subj_{number:03d}.json", hemvip)
         timeline = jspsych_timeline(plan, shown)
@@ -153,15 +153,6 @@ def _jspsych_questions(
             "html": ranks,
             "data": data,
         }
-
-
-def _shown(pages: Sequence[Page], blinding: Blinding) -> list[tuple[str, list[str]]]:
-    """Trial and videos of each page; attention checks have none and are left out."""
-    return [
-        (blinding.trials[page.trial], [blinding.videos[stimulus] for stimulus in page.shown])
-        for page in pages
-        if page.shown
-    ]
 
 
 def _consent(plan: Plan) -> str:

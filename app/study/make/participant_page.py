@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from app.study.design.blinding import Blinding
+from app.study.design.blinding import Blinding, blind_lists
 from app.study.design.plan import Plan, questions_of, wording
 from app.study.design.size import size_of
 from app.study.design.trials import KIND_OF_PROTOCOL, Design
@@ -49,13 +49,6 @@ def index_html(title: str, post_to: str | None) -> str:
 def page_data(plan: Plan, design: Design, blinding: Blinding) -> dict[str, Any]:
     """What the page's script reads. Trials stand in the order of their random ids."""
     words = wording()
-    pages = [
-        [
-            [blinding.trials[page.trial], [blinding.videos[stimulus] for stimulus in page.shown]]
-            for page in pages
-        ]
-        for pages in design.lists
-    ]
     trials = {
         trial_id: {"kind": trial.kind, **({"press": trial.press} if trial.press else {})}
         for trial_id, trial in sorted(zip(blinding.trials, design.trials, strict=True))
@@ -70,7 +63,7 @@ def page_data(plan: Plan, design: Design, blinding: Blinding) -> dict[str, Any]:
         "minutes": size_of(plan, design).minutes,
         "consent": plan.consent,
         "trials": trials,
-        "lists": pages,
+        "lists": blind_lists(design, blinding),
         **fixed_words(plan.protocol),
         "reasons": words["reasons"] if has_reasons else None,
     }

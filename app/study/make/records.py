@@ -10,7 +10,7 @@ from typing import Any
 
 from app.run.models import get_body, get_system
 from app.run.output.provenance import describe_systems, versions
-from app.study.design.blinding import Blinding
+from app.study.design.blinding import Blinding, blind_lists
 from app.study.design.plan import Plan, questions_of
 from app.study.design.trials import Balance, Design, measure_balance
 from app.study.make import media
@@ -46,14 +46,8 @@ def write_records(
             for stimulus, blind in sorted(blinding.videos.items(), key=lambda item: item[1])
         },
         "lists": {
-            str(number): [
-                {
-                    "trial": blinding.trials[page.trial],
-                    "shown": [blinding.videos[stimulus] for stimulus in page.shown],
-                }
-                for page in pages
-            ]
-            for number, pages in enumerate(design.lists)
+            str(number): [{"trial": trial, "shown": shown} for trial, shown in pages]
+            for number, pages in enumerate(blind_lists(design, blinding))
         },
         "balance": asdict(balance),
     }
@@ -65,13 +59,6 @@ def write_records(
 
 def reached_balance(design: Design, blinding: Blinding) -> Balance:
     """The balance of the lists as they are; conditions of matched studies are told apart."""
-    lists = [
-        [
-            (blinding.trials[page.trial], tuple(blinding.videos[each] for each in page.shown))
-            for page in pages
-        ]
-        for pages in design.lists
-    ]
     is_matched = any(trial.kind == "match" for trial in design.trials)
     system_of = {
         blind: (
@@ -81,7 +68,7 @@ def reached_balance(design: Design, blinding: Blinding) -> Balance:
         )
         for stimulus, blind in blinding.videos.items()
     }
-    return measure_balance(lists, system_of)
+    return measure_balance(blind_lists(design, blinding), system_of)
 
 
 def _provenance(plan: Plan, sources: Sequence[Source], options: ExportOptions) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from app.study.design.blinding import Blinding, draw_blinding
+from app.study.design.blinding import Blinding, blind_lists, draw_blinding
 from app.study.design.plan import Plan, read_plan
 from app.study.design.trials import Design, make_design
 from app.study.make.adapters import genea_tables, hemvip_config, jspsych_timeline
@@ -22,11 +22,7 @@ def design_of(folder: Path, settings: str) -> tuple[Plan, Design, Blinding]:
 
 
 def shown_in(design: Design, blinding: Blinding) -> list[tuple[str, list[str]]]:
-    return [
-        (blinding.trials[page.trial], [blinding.videos[each] for each in page.shown])
-        for page in design.lists[0]
-        if page.shown
-    ]
+    return [(trial, videos) for trial, videos in blind_lists(design, blinding)[0] if videos]
 
 
 @pytest.mark.parametrize(
