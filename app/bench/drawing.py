@@ -101,7 +101,7 @@ def end_to_end_cost(
         motions: of equal length.
 
     Raises:
-        BodyError, GLError, VideoError: as ``RenderTask.result``.
+        BodyError, GLError, VideoError: as ``render_video``.
     """
     settings = settings or RenderSettings()
     settings = replace(settings, backend=settings.backend or choose_backend())

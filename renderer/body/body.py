@@ -13,13 +13,13 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int32
+from jaxtyping import Float32, Float64
 
 from conventions.joints import NUM_JOINTS
 from conventions.views import LOOKS
 from renderer.body import skinning
 from renderer.body.body_file import OPEN_BODY_PATH, BodyArrays, BodyError, read_body_file
-from renderer.body.look import USUAL_LOOK, Look, look_of
+from renderer.body.look import vertex_colors
 
 EXPRESSION_BASES = ("flame100", "arkit52")
 NUM_EXPRESSIONS = 100
@@ -106,62 +106,26 @@ class BodyMotion:
         )
 
 
-class Body:
+@dataclass(frozen=True, eq=False)
+class Body(BodyArrays):
     """A body model: mesh, joints and how they follow a motion. Read-only and stateless."""
 
-    def __init__(self, arrays: BodyArrays, look: Look = USUAL_LOOK) -> None:
-        self._arrays = arrays
-        self._look = look
-
-    @property
-    def name(self) -> str:
-        return self._arrays.name
-
-    @property
-    def sha256(self) -> str:
-        """Of the body file, for the record of what a video shows."""
-        return self._arrays.sha256
+    shown: str = LOOKS[0]
+    """One of ``LOOKS``: how it is coloured where the body file names painted regions."""
 
     @property
     def look(self) -> str | None:
         """Its name among ``LOOKS``, or None where the body file names no painted regions."""
-        return None if self._arrays.regions is None else self._look.name
-
-    @property
-    def expression_basis(self) -> str:
-        return self._arrays.expression_basis
-
-    @property
-    def expression_names(self) -> tuple[str, ...]:
-        return self._arrays.expression_names
-
-    @property
-    def faces(self) -> Int32[np.ndarray, "F 3"]:
-        return self._arrays.faces
+        return None if self.regions is None else self.shown
 
     @property
     def num_vertices(self) -> int:
-        return len(self._arrays.template)
-
-    @property
-    def template(self) -> Float32[np.ndarray, "V 3"]:
-        """Vertices in the zero pose."""
-        return self._arrays.template
-
-    @property
-    def rest_joints(self) -> Float32[np.ndarray, "J 3"]:
-        return self._arrays.rest_joints
-
-    @property
-    def arrays(self) -> BodyArrays:
-        """The parts of the body, for exporters."""
-        return self._arrays
+        return len(self.template)
 
     @cached_property
     def vertex_colors(self) -> Float32[np.ndarray, "V 3"] | None:
         """Linear RGB in 0 to 1, or None where the body file names no painted regions."""
-        regions = self._arrays.regions
-        return None if regions is None else self._look.vertex_colors(regions)
+        return None if self.regions is None else vertex_colors(self.shown, self.regions)
 
     def expression_note(self, motion: BodyMotion) -> str | None:
         """One sentence where this body cannot show the face of ``motion``, else None."""
@@ -174,7 +138,7 @@ class Body:
 
     def betas_note(self, motion: BodyMotion) -> str | None:
         """One sentence where this body has no use for the shape in ``motion``, else None."""
-        num_betas = self._arrays.shape_dirs.shape[2]
+        num_betas = self.shape_dirs.shape[2]
         if not motion.betas[num_betas:].any():
             return None
         if num_betas == 0:
@@ -212,15 +176,14 @@ class Body:
         self, motion: BodyMotion
     ) -> tuple[Float32[np.ndarray, "V 3"], Float64[np.ndarray, "J 3"]]:
         """Vertices and joints of the zero pose with the betas of ``motion``, metres."""
-        arrays = self._arrays
-        count = min(arrays.shape_dirs.shape[2], len(motion.betas))
+        count = min(self.shape_dirs.shape[2], len(motion.betas))
         betas = motion.betas[:count]
-        vertices = arrays.template + arrays.shape_dirs[:, :, :count] @ betas
-        joints = arrays.rest_joints + arrays.shape_joints[:, :, :count] @ betas
+        vertices = self.template + self.shape_dirs[:, :, :count] @ betas
+        joints = self.rest_joints + self.shape_joints[:, :, :count] @ betas
         return vertices, joints.astype(np.float64)
 
     def _expressions(self, motion: BodyMotion, frames: slice) -> Float32[np.ndarray, "T E"]:
-        num_components = len(self._arrays.expression_dirs)
+        num_components = len(self.expression_dirs)
         if motion.expression_basis != self.expression_basis:
             return np.zeros((frames.stop - frames.start, num_components), np.float32)
         return motion.expressions[frames, :num_components]
@@ -231,7 +194,7 @@ class Body:
         """Local rotations, and rest joints after the expression of each frame."""
         local_rot = skinning.matrix_from_axis_angle(motion.poses[frames].reshape(-1, NUM_JOINTS, 3))
         expressions = self._expressions(motion, frames)
-        shift = np.tensordot(expressions, self._arrays.expression_joints, 1)
+        shift = np.tensordot(expressions, self.expression_joints, 1)
         return local_rot, shaped_joints + shift
 
     def _pose(
@@ -241,21 +204,18 @@ class Body:
         shaped_vertices: Float32[np.ndarray, "V 3"],
         shaped_joints: Float64[np.ndarray, "J 3"],
     ) -> Float32[np.ndarray, "T V 3"]:
-        arrays = self._arrays
         local_rot, joints = self._joints(motion, frames, shaped_joints)
         rest_vertices = np.repeat(shaped_vertices[None], len(local_rot), axis=0)
         expressions = self._expressions(motion, frames)
         if expressions.any():
-            rest_vertices[:, arrays.expression_vertices] += np.tensordot(
-                expressions, arrays.expression_dirs, 1
+            rest_vertices[:, self.expression_vertices] += np.tensordot(
+                expressions, self.expression_dirs, 1
             )
-        skinning.add_pose_correctives(
-            rest_vertices, arrays.pose_vertices, arrays.pose_dirs, local_rot
-        )
+        skinning.add_pose_correctives(rest_vertices, self.pose_vertices, self.pose_dirs, local_rot)
         global_rot, positions = skinning.global_transforms(local_rot, joints)
         translations = positions - (global_rot @ joints[..., None])[..., 0]
         translations += motion.trans[frames, None]
-        return skinning.skin(rest_vertices, arrays.weights, global_rot, translations)
+        return skinning.skin(rest_vertices, self.weights, global_rot, translations)
 
 
 def load_body(path: Path | None = None, look: str = LOOKS[0]) -> Body:
@@ -268,10 +228,11 @@ def load_body(path: Path | None = None, look: str = LOOKS[0]) -> Body:
     if look not in LOOKS:
         raise BodyError(f"Unknown look '{look}'; known are {', '.join(LOOKS)}.")
     if path is None:
-        return Body(read_body_file(OPEN_BODY_PATH, look_of(look).build), look_of(look))
+        arrays = read_body_file(OPEN_BODY_PATH, look.partition("-")[0])
+        return Body(**vars(arrays), shown=look)
     if look != LOOKS[0]:
         raise BodyError(
             f"The look '{look}' belongs to the open body; {Path(path).name} is always shown as "
             "plain clay, so leave one of the two out."
         )
-    return Body(read_body_file(Path(path)))
+    return Body(**vars(read_body_file(Path(path))))

@@ -6,8 +6,6 @@ pickled arrays, which are not needed to pose the body), and no memory is taken b
 array is known.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 import tokenize
@@ -148,7 +146,7 @@ _DAMAGE = (
 """What a damaged archive raises while it is read."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BodyArrays:
     """What linear blend skinning needs, in metres, y up, in the zero pose."""
 

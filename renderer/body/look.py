@@ -7,13 +7,10 @@ depend on it. Colours are linear RGB (not sRGB), 0 to 1, as a shader multiplies 
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float32, Int, UInt16
-
-from conventions.views import LOOKS
 
 Color = tuple[float, float, float]
 
@@ -76,31 +73,14 @@ COLORS: dict[str, dict[str, Color]] = {
 """Colour of each region by tone."""
 
 
-@dataclass(frozen=True)
-class Look:
-    """A build of the open body in a tone."""
+def vertex_colors(look: str, regions: Int[np.ndarray, " V"]) -> Float32[np.ndarray, "V 3"]:
+    """Linear RGB of each vertex from its region index (an index into ``REGION_NAMES``).
 
-    build: str
-    """One of `conventions.views.BUILDS`."""
-    tone: str
-    """One of `conventions.views.TONES`."""
-
-    @property
-    def name(self) -> str:
-        return f"{self.build}-{self.tone}"
-
-    def vertex_colors(self, regions: Int[np.ndarray, " V"]) -> Float32[np.ndarray, "V 3"]:
-        """Linear RGB of each vertex from its region index (an index into ``REGION_NAMES``)."""
-        colors = COLORS[self.tone]
-        return np.array([colors[name] for name in REGION_NAMES], np.float32)[regions]
-
-
-def look_of(name: str) -> Look:
-    """One of `conventions.views.LOOKS`, which are called ``BUILD-TONE``."""
-    return Look(*name.split("-"))
-
-
-USUAL_LOOK = look_of(LOOKS[0])
+    Args:
+        look: one of `conventions.views.LOOKS`, which are called ``BUILD-TONE``.
+    """
+    colors = COLORS[look.partition("-")[2]]
+    return np.array([colors[name] for name in REGION_NAMES], np.float32)[regions]
 
 
 COARSER_PATH = Path(__file__).parents[1] / "assets" / "coarser.npz"

@@ -12,18 +12,7 @@ import numpy as np
 
 from renderer.figures import style
 from renderer.figures.files import FigureError, FigureFiles, matplotlib_settings, write_figure
-from renderer.figures.page import (
-    CAPTION_GAP,
-    MARGIN,
-    SMALL_LINE,
-    TITLE,
-    Rect,
-    caption_lines,
-    draw_key,
-    place_legend,
-    write_caption,
-    write_title,
-)
+from renderer.figures.page import MARGIN, TITLE, Rect, begin_page, write_title
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -78,25 +67,16 @@ def draw_distributions(
     panels: Sequence[SpreadPanel], caption: str = "", reference: str | None = None
 ) -> "Figure":
     """The figure, without a canvas."""
-    from matplotlib.figure import Figure
-
     names = _names(panels)
-    styles = style.styles_of(names, reference)
-    lines = caption_lines(caption) if caption else []
-    keys, top = place_legend(names)
     num_rows = -(-len(panels) // _COLUMNS)
     row_height = TITLE + 0.06 + _HEIGHT + _BELOW
-    bottom = top + num_rows * row_height
-    height = bottom + CAPTION_GAP + len(lines) * SMALL_LINE + MARGIN
-    figure = Figure(figsize=(style.FIGURE_WIDTH_IN, height), facecolor="white")
-    for key in keys:
-        draw_key(figure, key, styles[key.name])
+    figure, top, styles = begin_page(names, reference, num_rows * row_height, caption)
     step = (style.FIGURE_WIDTH_IN - 2 * MARGIN + _BETWEEN) / _COLUMNS
     for number, panel in enumerate(panels):
         row, column = divmod(number, _COLUMNS)
         left, at = MARGIN + column * step, top + row * row_height + TITLE + 0.06
         where = Rect(left + _LEFT, at, step - _BETWEEN - _LEFT, _HEIGHT)
-        axes = figure.add_axes(where.fraction_of(height), label=panel.title)
+        axes = figure.add_axes(where.fraction_of(figure.get_figheight()), label=panel.title)
         write_title(figure, left, at - 0.06, panel.title)
         for name in names:
             if panel.values.get(name):
@@ -109,8 +89,6 @@ def draw_distributions(
         axes.grid(axis="y")
         axes.set_axisbelow(True)
         axes.locator_params(axis="x", nbins=4)
-    if lines:
-        write_caption(figure, lines, bottom + CAPTION_GAP)
     return figure
 
 

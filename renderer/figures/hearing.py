@@ -15,16 +15,7 @@ from jaxtyping import Float
 from conventions.rates import FPS
 from renderer.figures import style
 from renderer.figures.files import FigureError, FigureFiles, matplotlib_settings, write_figure
-from renderer.figures.page import (
-    CAPTION_GAP,
-    MARGIN,
-    SMALL_LINE,
-    TITLE,
-    Rect,
-    caption_lines,
-    write_caption,
-    write_title,
-)
+from renderer.figures.page import MARGIN, TITLE, Rect, begin_page, write_title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,18 +63,15 @@ def hearing_figure(rows: Sequence[HearingRow], out_stem: Path) -> FigureFiles:
 
 def draw_hearing(rows: Sequence[HearingRow]) -> "Figure":
     """The figure, without a canvas."""
-    from matplotlib.figure import Figure
-
     shown_s = min(
         SHOWN_S, max(len(speed) for row in rows for speed in row.arm_speed.values()) / FPS
     )
-    lines = caption_lines(_CAPTION.format(seconds=shown_s))
     row_height = TITLE + _ROW + _BOTTOM
-    height = MARGIN + _KEYS + len(rows) * row_height + CAPTION_GAP + len(lines) * SMALL_LINE
-    height += MARGIN
-    figure = Figure(figsize=(style.FIGURE_WIDTH_IN, height), facecolor="white")
+    body_height, caption = _KEYS + len(rows) * row_height, _CAPTION.format(seconds=shown_s)
+    figure, top, _ = begin_page((), None, body_height, caption)
+    height = figure.get_figheight()
     wide = style.FIGURE_WIDTH_IN - 2 * MARGIN - _LEFT - _SHARES - _BETWEEN
-    top = MARGIN + _KEYS
+    top += _KEYS
     highest = max(_shown(speed).max() for row in rows for speed in row.arm_speed.values())
     for number, row in enumerate(rows):
         place = Rect(MARGIN + _LEFT, top + TITLE, wide, _ROW)
@@ -98,7 +86,6 @@ def draw_hearing(rows: Sequence[HearingRow]) -> "Figure":
         if number == len(rows) - 1:
             axes.set_xlabel("seconds", size=style.LABEL_PT, labelpad=1.0)
         top += row_height
-    write_caption(figure, lines, top + CAPTION_GAP)
     return figure
 
 

@@ -64,8 +64,8 @@ def place_legend(names: tuple[str, ...]) -> tuple[tuple[Key, ...], float]:
     """Keys in equal columns across the figure, as many as fit; and where they end."""
     usable = FIGURE_WIDTH_IN - 2 * MARGIN
     wrapped = [wrap_name(name, usable - SWATCH - SWATCH_GAP) for name in names]
-    widest = max(text_width_in(line, LABEL_PT) for lines in wrapped for line in lines)
-    key_width = SWATCH + SWATCH_GAP + widest
+    widths = [text_width_in(line, LABEL_PT) for lines in wrapped for line in lines]
+    key_width = SWATCH + SWATCH_GAP + max(widths, default=0.0)
     columns = max(1, min(len(names), int((usable + KEY_GAP) / (key_width + KEY_GAP))))
     keys, top = [], MARGIN
     for start in range(0, len(names), columns):
@@ -76,6 +76,25 @@ def place_legend(names: tuple[str, ...]) -> tuple[tuple[Key, ...], float]:
             keys.append(Key(names[start + column], lines, Rect(left, top, key_width, height)))
         top += height
     return tuple(keys), top
+
+
+def begin_page(
+    names: tuple[str, ...], reference: str | None, body_height: float, caption: str
+) -> tuple["Figure", float, dict[str, style.SeriesStyle]]:
+    """A figure of one body, with the keys of ``names`` above and its caption below: where the body
+    begins, and how each name is drawn."""
+    from matplotlib.figure import Figure
+
+    styles = style.styles_of(names, reference)
+    keys, top = place_legend(names)
+    lines = caption_lines(caption)
+    caption_top = top + body_height + CAPTION_GAP
+    height = caption_top + len(lines) * SMALL_LINE + MARGIN
+    figure = Figure(figsize=(FIGURE_WIDTH_IN, height), facecolor="white")
+    for key in keys:
+        draw_key(figure, key, styles[key.name])
+    write_caption(figure, lines, caption_top)
+    return figure, top, styles
 
 
 def wrap_name(name: str, width: float) -> tuple[str, ...]:

@@ -13,18 +13,7 @@ import numpy as np
 from conventions.rates import FPS
 from renderer.figures import style
 from renderer.figures.files import FigureError, FigureFiles, matplotlib_settings, write_figure
-from renderer.figures.page import (
-    CAPTION_GAP,
-    MARGIN,
-    SMALL_LINE,
-    TITLE,
-    Rect,
-    caption_lines,
-    draw_key,
-    place_legend,
-    write_caption,
-    write_title,
-)
+from renderer.figures.page import MARGIN, TITLE, Rect, begin_page, write_title
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -80,17 +69,11 @@ def step_curve_figure(points: Sequence[Mark], out_stem: Path) -> FigureFiles:
 
 def draw_step_curve(points: Sequence[Mark], caption: str = "") -> "Figure":
     """The figure, without a canvas."""
-    from matplotlib.figure import Figure
-
     names = tuple(dict.fromkeys(point.system for point in points))
-    styles = style.styles_of(names, None)
-    lines = caption_lines(caption) if caption else []
-    keys, below_keys = place_legend(names)
-    top = below_keys + 0.06 + TITLE
-    height = top + _HEIGHT + _TIMES + CAPTION_GAP + len(lines) * SMALL_LINE + MARGIN
-    figure = Figure(figsize=(style.FIGURE_WIDTH_IN, height), facecolor="white")
-    for key in keys:
-        draw_key(figure, key, styles[key.name])
+    above = 0.06 + TITLE
+    figure, top, styles = begin_page(names, None, above + _HEIGHT + _TIMES, caption)
+    top += above
+    height = figure.get_figheight()
     width = (style.FIGURE_WIDTH_IN - 2 * MARGIN - 2 * _LEFT - _BETWEEN) / 2
     times = [point.ms_per_frame for point in points]
     for number, (quantity, title) in enumerate(PANELS):
@@ -121,6 +104,4 @@ def draw_step_curve(points: Sequence[Mark], caption: str = "") -> "Figure":
                 "real time", (REAL_TIME_MS, highest), size=style.SMALL_PT, rotation=90, va="top",
                 ha="right", color=style.FAINT_INK,
             )  # fmt: skip
-    if lines:
-        write_caption(figure, lines, top + _HEIGHT + _TIMES + CAPTION_GAP)
     return figure

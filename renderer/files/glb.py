@@ -211,7 +211,7 @@ def _used_expressions(body: Body, motion: BodyMotion) -> list[int]:
     """Expression components that this motion moves and that move this body."""
     if motion.expression_basis != body.expression_basis:
         return []
-    directions = body.arrays.expression_dirs
+    directions = body.expression_dirs
     strongest = np.abs(motion.expressions[:, : len(directions)]).max(0)
     moving = np.abs(directions).max((1, 2)) > 0 if len(directions) else np.zeros(0, bool)
     return np.flatnonzero((strongest > SMALLEST_EXPRESSION) & moving).tolist()
@@ -227,9 +227,8 @@ def _mesh(
     linear = body.vertex_colors if body.vertex_colors is not None else np.array([CLAY])
     colors[:, :3] = np.round(linear * 65535)
     index_type = np.uint16 if num_vertices <= 65535 else np.uint32
-    arrays = body.arrays
     vertex_type = np.uint16 if num_vertices <= 65535 else np.uint32
-    moved = arrays.expression_vertices.astype(vertex_type)
+    moved = body.expression_vertices.astype(vertex_type)
     primitive: dict = {
         "attributes": {
             "POSITION": buffer.accessor(vertices, target=_ARRAY_BUFFER, bounds=True),
@@ -244,7 +243,7 @@ def _mesh(
     mesh: dict = {"name": "body", "primitives": [primitive]}
     if used:
         primitive["targets"] = [
-            {"POSITION": buffer.sparse_accessor(moved, arrays.expression_dirs[k], num_vertices)}
+            {"POSITION": buffer.sparse_accessor(moved, body.expression_dirs[k], num_vertices)}
             for k in used
         ]
         mesh["weights"] = [0.0] * len(used)
@@ -265,7 +264,7 @@ def _coarser_mesh(buffer: _Buffer, mesh: dict, faces: UInt16[np.ndarray, "F 3"])
 
 def _four_strongest(body: Body) -> tuple[np.ndarray, np.ndarray]:
     """Joint numbers (V, 4) uint8 and shares (V, 4) uint16 that sum to 65535."""
-    weights = body.arrays.weights.toarray()
+    weights = body.weights.toarray()
     joints = np.argsort(-weights, axis=1, kind="stable")[:, :INFLUENCES]
     shares = np.take_along_axis(weights, joints, axis=1)
     levels = np.round(shares / shares.sum(1, keepdims=True) * 65535).astype(np.int64)

@@ -94,7 +94,7 @@ def drawn_joints(view: str) -> list[int]:
 
 def cut_out(body: Body, view: str) -> Cutout:
     """The part of a body that a close-up shows."""
-    is_kept = np.isin(body.arrays.main_joints, drawn_joints(view))
+    is_kept = np.isin(body.main_joints, drawn_joints(view))
     faces = body.faces[is_kept[body.faces].all(axis=1)]
     vertices = np.unique(faces)
     place = np.zeros(body.num_vertices, np.int32)

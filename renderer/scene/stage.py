@@ -241,7 +241,7 @@ def _steady_track(positions: Float[np.ndarray, "T J 3"], view: str) -> Float[np.
 
 def _reach(body: Body) -> Float[np.ndarray, " J"]:
     """Distance from each joint to the farthest vertex that mainly follows it, at rest."""
-    owner = body.arrays.main_joints
+    owner = body.main_joints
     distance = np.linalg.norm(body.template - body.rest_joints[owner], axis=1)
     reach = np.zeros(len(body.rest_joints))
     np.maximum.at(reach, owner, distance)

@@ -89,7 +89,7 @@ def heat_colors(
 ) -> Iterator[Float32[np.ndarray, "V 3"]]:
     """Linear RGB of each vertex: the share of the joints that it follows, by how much it does."""
     for of_joint in shares:
-        yield (_along(HEAT_COLORS, body.arrays.weights @ of_joint) ** 2).astype(np.float32)
+        yield (_along(HEAT_COLORS, body.weights @ of_joint) ** 2).astype(np.float32)
 
 
 def _along(colors: np.ndarray, shares: np.ndarray) -> np.ndarray:

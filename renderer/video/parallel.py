@@ -15,14 +15,16 @@ import sys
 import threading
 from collections.abc import Generator
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from multiprocessing.connection import Connection
+from typing import Any
 
 import numpy as np
 from jaxtyping import UInt8
 
 from processes.child import Child, Gone, parent_channel
 from renderer.body.body import Body, BodyMotion
+from renderer.draw.offscreen import Backend
 from renderer.draw.probe import choose_backend
 from renderer.scene.stage import Stage
 from renderer.video.marks import Marks
@@ -35,18 +37,6 @@ MIN_FRAMES_EACH = 300
 the driver's threads and ffmpeg busy beside its own."""
 MAX_PROCESSES = 4
 """More draw faster than ffmpeg encodes, and each takes a quarter of a gigabyte."""
-
-
-@dataclass(frozen=True)
-class Share:
-    """What one of several processes draws."""
-
-    body: Body
-    motion: BodyMotion
-    frames: tuple[int, ...]
-    settings: RenderSettings
-    stage: Stage
-    marks: Marks | None = None
 
 
 def processes_worth(num_frames: int, num_cores: int) -> int:
@@ -76,39 +66,26 @@ def draw_in_processes(
         children = []
         for number in range(count):
             frames = tuple(frame for frame, turn in enumerate(turns) if turn == number)
-            share = Share(body, motion, frames, settings, stage, marks)
-            children.append(stack.enter_context(_Painter(share)))
+            # Of this process's own group: whoever ends that, ends them all.
+            child = Child("renderer.video.parallel", has_group=False)
+            stack.callback(child.end)
+            child.send((body, motion, frames, settings, stage, marks))
+            children.append(child)
         for turn in turns:
-            yield children[turn].picture(shape)
+            pixels = _received(children[turn], settings.backend)
+            yield np.frombuffer(pixels, np.uint8).reshape(shape)
 
 
-class _Painter:
-    """A child that draws a share. Use it in ``with``."""
-
-    def __init__(self, share: Share) -> None:
-        self._share = share
-
-    def __enter__(self) -> "_Painter":
-        # Of this process's own group: whoever ends that, ends them all.
-        self._child = Child("renderer.video.parallel", has_group=False)
-        self._child.send(self._share)
-        return self
-
-    def picture(self, shape: tuple[int, int, int]) -> UInt8[np.ndarray, "H W C"]:
-        """The next picture of the share."""
-        try:
-            pixels = self._child.receive_bytes()
-        except Gone as error:
-            backend = self._share.settings.backend
-            raise failure("A process that draws", self._child.ended(), backend) from error
-        return np.frombuffer(pixels, np.uint8).reshape(shape)
-
-    def __exit__(self, *exception: object) -> None:
-        self._child.end()
+def _received(child: Child, backend: Backend | None) -> bytes:
+    try:
+        return child.receive_bytes()
+    except Gone as error:
+        raise failure("A process that draws", child.ended(), backend) from error
 
 
-def _paint(share: Share, channel: Connection) -> None:
-    """Draw ahead of the reader by one piece, which has to wait for its turn."""
+def _paint(share: tuple[Any, ...], channel: Connection) -> None:
+    """Draw what `draw_frames` is asked for, ahead of the reader by one piece, which has to wait for
+    its turn."""
     done: queue.Queue[bytes | None] = queue.Queue(maxsize=PIECE_FRAMES)
 
     def write() -> None:
@@ -121,10 +98,7 @@ def _paint(share: Share, channel: Connection) -> None:
     writer = threading.Thread(target=write)
     writer.start()
     try:
-        pictures = draw_frames(
-            *(share.body, share.motion, share.frames, share.settings, share.stage, share.marks)
-        )
-        for picture in pictures:
+        for picture in draw_frames(*share):
             done.put(picture.tobytes())
     finally:
         done.put(None)
@@ -141,7 +115,7 @@ def _stop_with_parent(channel: Connection) -> None:
 def main() -> int:
     """Draw the share that comes first, and send pixels back."""
     channel, _ = parent_channel()
-    share: Share = channel.recv()
+    share: tuple[Any, ...] = channel.recv()
     threading.Thread(target=_stop_with_parent, args=(channel,), daemon=True).start()
     _paint(share, channel)
     return 0

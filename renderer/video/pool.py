@@ -20,33 +20,9 @@ from renderer.video.parallel import processes_worth
 from renderer.video.worker_process import RenderJob, RenderResult, WorkerProcess
 
 
-class RenderTask:
-    """A submitted job."""
-
-    def __init__(self, future: Future[RenderResult], cancelled: threading.Event) -> None:
-        self._future = future
-        self._cancelled = cancelled
-
-    def result(self, timeout_s: float | None = None) -> RenderResult:
-        """Wait for the end.
-
-        Raises:
-            Cancelled: if it was cancelled.
-            BodyError, GLError, ValueError, VideoError: as ``render_video``.
-            TimeoutError: if it is not done after ``timeout_s``.
-        """
-        return self._future.result(timeout_s)
-
-    def done(self) -> bool:
-        return self._future.done()
-
-    def cancel(self) -> None:
-        """End the child; ``result`` raises ``Cancelled`` and no file is left."""
-        self._cancelled.set()
-
-
 class RenderPool:
-    """Runs jobs in child processes, at most ``max_workers`` at once. Use it in ``with``."""
+    """Runs jobs in child processes, at most ``max_workers`` at once. Use it in ``with``: an error
+    inside cancels all jobs, ends their processes and leaves no file of theirs."""
 
     def __init__(self, max_workers: int | None = None) -> None:
         """
@@ -56,7 +32,7 @@ class RenderPool:
         max_workers = max_workers or num_cores()
         self._cores_each = max(1, num_cores() // max_workers)
         self._threads = ThreadPoolExecutor(max_workers, thread_name_prefix="render")
-        self._tasks: list[RenderTask] = []
+        self._cancelled = threading.Event()
         self._idle: list[WorkerProcess] = []
         self._idle_lock = threading.Lock()
 
@@ -65,34 +41,28 @@ class RenderPool:
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
         if kind is not None:
-            for task in self._tasks:
-                task.cancel()
+            self._cancelled.set()
         self._threads.shutdown(wait=True)
         for worker in self._idle:
             worker.close()
 
     def submit(
         self, job: RenderJob, on_progress: Callable[[float], None] | None = None
-    ) -> RenderTask:
-        """Start the job as soon as a core is free. ``on_progress`` is called from a thread."""
-        cancelled = threading.Event()
-        future = self._threads.submit(self._run, job, on_progress, cancelled)
-        task = RenderTask(future, cancelled)
-        self._tasks.append(task)
-        return task
+    ) -> Future[RenderResult]:
+        """Start the job as soon as a core is free. ``on_progress`` is called from a thread.
 
-    def _run(
-        self,
-        job: RenderJob,
-        on_progress: Callable[[float], None] | None,
-        cancelled: threading.Event,
-    ) -> RenderResult:
+        Its result raises Cancelled, or BodyError, GLError, ValueError and VideoError as
+        ``render_video``.
+        """
+        return self._threads.submit(self._run, job, on_progress)
+
+    def _run(self, job: RenderJob, on_progress: Callable[[float], None] | None) -> RenderResult:
         job, backend = _ready(job, self._cores_each)
-        if cancelled.is_set():
+        if self._cancelled.is_set():
             raise Cancelled("Rendering was cancelled.")
         worker = self._idle_worker(backend) or WorkerProcess(backend)
         try:
-            return worker.run(job, on_progress, cancelled)
+            return worker.run(job, on_progress, self._cancelled)
         finally:
             if worker.is_idle:
                 with self._idle_lock:

@@ -49,11 +49,10 @@ class Surface:
 
 def surface_of(body: Body) -> Surface:
     """Of the open body, as its file has it."""
-    arrays = body.arrays
-    weights = arrays.weights.toarray()
+    weights = body.weights.toarray()
     moved = np.zeros(body.num_vertices, bool)
-    largest = np.abs(arrays.expression_dirs).max((0, 2))
-    moved[arrays.expression_vertices] = largest > _FACE_MOVES_M
+    largest = np.abs(body.expression_dirs).max((0, 2))
+    moved[body.expression_vertices] = largest > _FACE_MOVES_M
     colors = np.asarray(body.vertex_colors, np.float64)
     matters = importance(JOINT_NAMES, weights.argmax(1), moved)
     return Surface(

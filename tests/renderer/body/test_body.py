@@ -15,7 +15,7 @@ from conventions.views import BUILDS, LOOKS, TONES
 from model.motion import kinematics
 from renderer.body.body import Body, BodyMotion, load_body
 from renderer.body.body_file import MAX_FACES, MAX_VERTICES, OPEN_BODY_PATH, BodyError
-from renderer.body.look import CLAY, COLORS, REGION_INDEX, REGION_NAMES, look_of
+from renderer.body.look import CLAY, COLORS, REGION_INDEX, REGION_NAMES
 
 NUM_FRAMES = 7
 MADE_VERTICES = 10
@@ -110,8 +110,8 @@ def test_vertices_of_one_joint_move_rigidly_with_it(body: Body) -> None:
     posed = all_vertices(body, motion)
     for name in ("left_eye", "right_eye"):
         joint = JOINT_INDEX[name]
-        eyeball = body.arrays.weights[:, [joint]].toarray()[:, 0] == 1
-        white = eyeball & (body.arrays.regions == REGION_INDEX["eye_white"])
+        eyeball = body.weights[:, [joint]].toarray()[:, 0] == 1
+        white = eyeball & (body.regions == REGION_INDEX["eye_white"])
         assert white.sum() > 50
         at_rest = np.linalg.norm(body.template[white] - body.rest_joints[joint], axis=-1)
         moved = np.linalg.norm(posed[:, white] - joints[:, [joint]], axis=-1)
@@ -137,20 +137,19 @@ def test_skeleton_of_the_model_is_that_of_the_body(body: Body) -> None:
 
 def expanded_to_smplx(body: Body, path: Path) -> Path:
     """The open body's first vertices as an SMPL-X file: dense weights, a joint regressor."""
-    arrays = body.arrays
     num_vertices = COMPARED_VERTICES
-    columns = slice(300, 300 + len(arrays.expression_dirs))
-    moved = arrays.expression_vertices < num_vertices
+    columns = slice(300, 300 + len(body.expression_dirs))
+    moved = body.expression_vertices < num_vertices
     shapedirs = np.zeros((num_vertices, 3, 400), np.float32)
-    shapedirs[arrays.expression_vertices[moved], :, columns] = arrays.expression_dirs[
+    shapedirs[body.expression_vertices[moved], :, columns] = body.expression_dirs[
         :, moved
     ].transpose(1, 2, 0)
-    corrected = arrays.pose_vertices[arrays.pose_vertices < num_vertices]
+    corrected = body.pose_vertices[body.pose_vertices < num_vertices]
     posedirs = np.zeros((num_vertices, 3, 486), np.float32)
-    posedirs[corrected] = arrays.pose_dirs[: 3 * len(corrected)].toarray().reshape(-1, 3, 486)
+    posedirs[corrected] = body.pose_dirs[: 3 * len(corrected)].toarray().reshape(-1, 3, 486)
     faces = body.faces[(body.faces < num_vertices).all(1)]
     # A regressor that gives the rest joints from vertices that no expression moves.
-    still = np.setdiff1d(np.arange(num_vertices), arrays.expression_vertices)
+    still = np.setdiff1d(np.arange(num_vertices), body.expression_vertices)
     points = np.c_[body.template[still].astype(np.float64), np.ones(len(still))]
     regressor = np.zeros((NUM_JOINTS, num_vertices))
     regressor[:, still] = np.c_[body.rest_joints, np.ones(NUM_JOINTS)] @ np.linalg.pinv(points)
@@ -159,7 +158,7 @@ def expanded_to_smplx(body: Body, path: Path) -> Path:
         path,
         v_template=body.template[:num_vertices],
         f=faces.astype(np.uint32),
-        weights=arrays.weights[:num_vertices].toarray(),
+        weights=body.weights[:num_vertices].toarray(),
         J_regressor=regressor,
         kintree_table=np.stack([np.array(PARENTS), np.arange(NUM_JOINTS)]).astype(np.uint32),
         shapedirs=shapedirs,
@@ -360,7 +359,7 @@ def test_a_file_of_full_size_is_posed_as_published(
         plain.poses, plain.trans, plain.expressions, "flame100", rng.normal(size=300)
     )
     licensed = load_body(made)
-    assert licensed.arrays.shape_dirs.shape[2] == num_betas
+    assert licensed.shape_dirs.shape[2] == num_betas
     chosen = [*TIP_VERTICES.values(), 0, SMPLX_VERTICES - 1]
     with np.load(made, allow_pickle=False) as file:
         held = {key: file[key] for key in file.files if key != "part2num"}
@@ -374,8 +373,8 @@ def test_a_licensed_file_agrees_with_the_smplx_package() -> None:
     if path.suffix != ".npz" or not path.is_file():
         pytest.skip("SMPLX_MODEL names no licensed SMPL-X .npz.")
     licensed = load_body(path)
-    num_betas = licensed.arrays.shape_dirs.shape[2]
-    num_expressions = len(licensed.arrays.expression_dirs)
+    num_betas = licensed.shape_dirs.shape[2]
+    num_expressions = len(licensed.expression_dirs)
     plain = random_motion(basis="flame100", num_expressions=num_expressions)
     betas = np.random.default_rng(1).normal(size=num_betas)
     motion = BodyMotion(plain.poses, plain.trans, plain.expressions, "flame100", betas)
@@ -438,17 +437,16 @@ def test_builds_differ_in_girth(body: Body) -> None:
 
 def test_eyes_turn_in_place_in_every_build() -> None:
     for build in BUILDS:
-        arrays = load_body(look=f"{build}-light").arrays
+        body = load_body(look=f"{build}-light")
         for name in ("left_eye", "right_eye"):
             joint = JOINT_INDEX[name]
-            eyeball = arrays.template[arrays.weights[:, [joint]].toarray()[:, 0] == 1]
+            eyeball = body.template[body.weights[:, [joint]].toarray()[:, 0] == 1]
             middle = (eyeball.min(0) + eyeball.max(0)) / 2
-            assert max_distance_mm(middle, arrays.rest_joints[joint]) < 1.0
+            assert max_distance_mm(middle, body.rest_joints[joint]) < 1.0
 
 
 def test_looks_are_every_build_in_every_tone() -> None:
     assert set(COLORS) == set(TONES) and LOOKS[0] == "average-light" and len(LOOKS) == 12
-    assert all(look_of(name).name == name for name in LOOKS)
     for colors in COLORS.values():
         assert tuple(colors) == REGION_NAMES
         assert all(0 <= channel <= 1 for color in colors.values() for channel in color)
@@ -456,7 +454,7 @@ def test_looks_are_every_build_in_every_tone() -> None:
 
 def test_clay_has_one_hue_and_a_readable_mouth() -> None:
     body = load_body(look="broad-clay")
-    colors, regions = body.vertex_colors, body.arrays.regions
+    colors, regions = body.vertex_colors, body.regions
     assert colors is not None
     np.testing.assert_allclose(
         colors / colors[:, :1], np.tile(CLAY, (len(colors), 1)) / CLAY[0], rtol=1e-5

@@ -113,7 +113,7 @@ def test_file_read_back_stands_where_the_body_stands(body: Body) -> None:
     motion = random_motion(num_frames=5)
     glb = Glb(glb_bytes(body, motion))
     posed = np.concatenate(list(body.vertices(motion)))
-    corrected = body.arrays.pose_vertices
+    corrected = body.pose_vertices
     for frame in (0, 4):
         distance_mm = 1e3 * np.linalg.norm(glb.posed(frame) - posed[frame], axis=-1)
         assert np.median(distance_mm) < 0.5

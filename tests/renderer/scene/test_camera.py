@@ -131,7 +131,7 @@ def test_no_vertex_of_a_motion_leaves_the_picture(view, size):
 
 def test_from_the_knees_up_a_body_is_larger_and_nothing_above_them_is_cut():
     body, motion = load_body(), waving_motion(60)
-    owner = np.asarray(body.arrays.weights.argmax(axis=1)).ravel()
+    owner = np.asarray(body.weights.argmax(axis=1)).ravel()
     legs = [JOINT_INDEX[f"{s}_{n}"] for s in ("left", "right") for n in ("knee", "ankle", "foot")]
     above = ~np.isin(owner, legs)
     camera = set_stage(body, [motion], aspect=0.75, framing="knees").camera

@@ -60,7 +60,7 @@ def test_what_jerks_is_coloured_and_the_rest_is_grey():
     hand = [i for name, i in JOINT_INDEX.items() if name.startswith("right_") and name[-1] in "123"]
     shares[0, [JOINT_INDEX["right_wrist"], *hand]] = 1.0
     (colors,) = heat_colors(body, shares)
-    owner = np.asarray(body.arrays.weights.argmax(axis=1)).ravel()
+    owner = np.asarray(body.weights.argmax(axis=1)).ravel()
     still = colors[owner == JOINT_INDEX["head"]]
     moving = colors[owner == JOINT_INDEX["right_middle2"]]
     assert np.ptp(still, axis=1).max() < 0.03, "grey"
