@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
+from typing import ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -77,7 +77,7 @@ class Draw:
 @dataclass(frozen=True)
 class Window:
     """Motion of one window, before it is joined to the others. A family may add to it what its
-    next window needs to know: that starts from the last ``overlap`` frames there are."""
+    next window needs to know, tensors (B, n, ...): that starts from the last ``overlap`` frames."""
 
     rotmat: Float[Tensor, "B n 55 3 3"]
     """In the system's `frame`."""
@@ -90,13 +90,9 @@ class Window:
         """Some of its frames."""
         return replace(self, **self.fields_of(frames))
 
-    def fields_of(self, frames: slice) -> dict[str, Any]:
-        """Some frames of each field that has frames."""
-        return {
-            "rotmat": self.rotmat[:, frames],
-            "root": self.root[:, frames],
-            "expression": self.expression[:, frames],
-        }
+    def fields_of(self, frames: slice) -> dict[str, Tensor]:
+        """Some frames of each tensor."""
+        return {name: x[:, frames] for name, x in vars(self).items() if isinstance(x, Tensor)}
 
 
 @dataclass(frozen=True)

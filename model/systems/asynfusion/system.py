@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -18,7 +17,7 @@ from model.speech.encoders import make_encoder
 from model.storage.checkpoint import load_into, load_weights
 from model.systems.asynfusion import FAMILY
 from model.systems.asynfusion.config import DualBranchConfig
-from model.systems.asynfusion.network import GESTURE, DualBranchNetwork, Pair
+from model.systems.asynfusion.network import GESTURE, DualBranchNetwork
 from model.systems.asynfusion.sampling import WAYS, GuidedNetwork, sample
 from model.systems.asynfusion.streams import Streams, read_streams
 
@@ -27,13 +26,10 @@ from model.systems.asynfusion.streams import Streams, read_streams
 class DualWindow(Window):
     """A window, and what the next one starts from."""
 
-    clean: Pair
-    """Normalised frames of face and body, before they are joined."""
-
-    def fields_of(self, frames: slice) -> dict[str, Any]:
-        """See `Window.fields_of`."""
-        face, body = self.clean
-        return super().fields_of(frames) | {"clean": (face[:, frames], body[:, frames])}
+    face: Float[Tensor, "B n E"]
+    """Normalised face units of its frames, before they are joined."""
+    body: Float[Tensor, "B n C"]
+    """And its normalised motion."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +49,7 @@ class AsynFusionSystem(System):
         if before is None:
             seed = [torch.zeros(size, config.seed_frames, count) for count in channels]
         else:
-            seed = [stream[:, -config.seed_frames :] for stream in before.clean]
+            seed = [stream[:, -config.seed_frames :] for stream in (before.face, before.body)]
         around = speech.around(config.speech_context, config.window_frames)
         guide = SpeechGuide(draw.guidance, self.streams[GESTURE].normaliser, "axis-angle")
         heard = self.network.hear(guide.twice(around[None]), guide.hears(1))
@@ -79,7 +75,8 @@ class AsynFusionSystem(System):
             rotmat=rotations(vectors, "axis-angle"),
             root=vectors[..., -ROOT_DIM:],
             expression=units,
-            clean=(face, body),
+            face=face,
+            body=body,
         )
 
     def _noise(self, draw: Draw, which: int, step: int) -> Float[Tensor, "B T C"]:

@@ -14,7 +14,7 @@ from abc import abstractmethod
 from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import torch
 from jaxtyping import Bool, Float
@@ -185,10 +185,6 @@ class BodyWindow(Window):
 
     clean: Float[Tensor, "B n C"]
     """Normalised motion of its frames, before they are joined."""
-
-    def fields_of(self, frames: slice) -> dict[str, Any]:
-        """See `Window.fields_of`."""
-        return super().fields_of(frames) | {"clean": self.clean[:, frames]}
 
 
 @dataclass(frozen=True, kw_only=True)

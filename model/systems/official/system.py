@@ -3,7 +3,7 @@
 import functools
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, cast
+from typing import ClassVar, cast
 
 import torch
 from jaxtyping import Float
@@ -33,10 +33,6 @@ class OfficialWindow(Window):
     """A window, and its motion vectors: those of joined frames are means, and no rotations yet."""
 
     vectors: Float[Tensor, "B n 333"]
-
-    def fields_of(self, frames: slice) -> dict[str, Any]:
-        """See `Window.fields_of`."""
-        return super().fields_of(frames) | {"vectors": self.vectors[:, frames]}
 
 
 @dataclass(frozen=True, kw_only=True)
