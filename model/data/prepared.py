@@ -7,7 +7,6 @@ may be stored several times, at other speeds and as other microphones would have
 
 import json
 import logging
-from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -301,17 +300,3 @@ def _check_lengths(motion: Motion, speech: Speech, min_frames: int) -> None:
             f"its motion lasts {motion.duration_s:.1f} s and its sound {speech.duration_s:.1f} s;"
             f" more than {MAX_MISMATCH_S:g} s apart, they hardly belong together."
         )
-
-
-def validation_batches(
-    data: PreparedData,
-    clips: tuple[Clip, ...],
-    window: int,
-    size: int,
-    count: int,
-    context: int = 0,
-) -> Iterator[Batch]:
-    """The same ``count`` batches every time."""
-    for k in range(count):
-        rng = np.random.default_rng([k, 91])
-        yield data.window_batch(clips, window, size, rng, context=context)

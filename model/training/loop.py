@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from model.data.prepared import PreparedData, prepare, validation_batches
+from model.data.prepared import PreparedData, prepare
 from model.speech.encoders import make_encoder
 from model.storage.cards import load_card
 from model.storage.checkpoint import save_weights
@@ -95,13 +95,13 @@ def train(
         done = step + 1
         last = done == config.steps
         if last or done % config.validate_every == 0:
-            batches = validation_batches(
-                data, val_clips, task.window_frames, config.batch_size, VALIDATION_BATCHES,
-                task.context,
-            )  # fmt: skip
             sums: dict[str, Tensor] = {}
-            for k, found in enumerate(batches):
-                parts = task.validate(found, torch.Generator().manual_seed(k))
+            for k in range(VALIDATION_BATCHES):  # the same every time
+                rng = np.random.default_rng([k, 91])
+                batch = data.window_batch(
+                    val_clips, task.window_frames, config.batch_size, rng, context=task.context
+                )
+                parts = task.validate(batch, torch.Generator().manual_seed(k))
                 sums = {name: sums.get(name, 0.0) + value for name, value in parts.items()}
             means = {name: total / VALIDATION_BATCHES for name, total in shard.mean(sums).items()}
             history.add_validation(step, means)

@@ -9,7 +9,7 @@ from torch.nn import functional as F
 
 from model.data.prepared import Batch, PreparedData
 from model.motion.kinematics import open_body_skeleton
-from model.motion.packing import Decoded, Normaliser, decode
+from model.motion.packing import Normaliser, decode
 from model.sampling.flow import SpeechGuide, interpolate, time_weight
 from model.storage.checkpoint import load_into, load_weights
 from model.systems.asynfusion.config import DDIM, AsynFusionConfig, LossConfig
@@ -84,12 +84,6 @@ def branches_step(
     seed_frames = config.network.seed_frames
     times = flow_times()
 
-    def measured_feet(
-        body: Float[Tensor, "B T C"], recorded: Decoded, t: Float[Tensor, " B"]
-    ) -> dict[str, Float[Tensor, " B"]]:
-        told = decode(body, targets.space, targets.skeleton, targets.root)
-        return foot_terms(config.loss, told.positions, recorded.positions, t)
-
     def step(
         network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard = WHOLE
     ) -> StepLoss:
@@ -131,7 +125,9 @@ def branches_step(
             terms |= {f"{NAMES[which]}_{name}": term.mean() for name, term in found.items()}
         if config.loss.feet or config.loss.contact:
             body = normalisers[GESTURE].restore(predicted[GESTURE])
-            found = measured_feet(body, recorded.to(shard.device), t[GESTURE])
+            told = decode(body, targets.space, targets.skeleton, targets.root)
+            recorded = recorded.to(shard.device)
+            found = foot_terms(config.loss, told.positions, recorded.positions, t[GESTURE])
             terms |= {name: term.mean() for name, term in found.items()}
         return StepLoss.of(terms)
 
@@ -142,16 +138,12 @@ def draw_steps(
     size: int, config: AsynFusionConfig, generator: torch.Generator
 ) -> tuple[Int[Tensor, " B"], Int[Tensor, " B"]]:
     """Diffusion steps of expression and gesture: the same, or apart in a share of the samples."""
-    first = _smallest_step(config)
+    # A student needs one step of the solver below it.
+    first = NUM_STEPS // config.solver_steps if config.aim == "teacher" else 0
     gesture = torch.randint(first, NUM_STEPS, (size,), generator=generator)
     other = torch.randint(first, NUM_STEPS, (size,), generator=generator)
     is_apart = torch.rand(size, generator=generator) < config.apart
     return torch.where(is_apart, other, gesture), gesture
-
-
-def _smallest_step(config: AsynFusionConfig) -> int:
-    """A student needs one step of the solver below it."""
-    return NUM_STEPS // config.solver_steps if config.aim == "teacher" else 0
 
 
 def noise_terms(

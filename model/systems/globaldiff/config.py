@@ -111,7 +111,7 @@ def named_config(name: str, system: str) -> GlobalDiffConfig:
     Args:
         name: ``paper-regime`` is how the bundled ladder was trained, ``demo`` the regime with
             normalised channels and differences of positions, each also as ``-small``; ``paper`` is
-            the paper's size, ``smoke`` trains for a minute.
+            the size of the paper and the official code, ``smoke`` trains for a minute.
 
     Raises:
         ValueError: if the name is unknown; the message lists the valid ones.
@@ -137,9 +137,13 @@ def named_config(name: str, system: str) -> GlobalDiffConfig:
         case "paper-regime-small" if system in LADDER:
             return _small(_paper_regime(config))
         case "paper":
-            return _paper_size(config)
+            shape = replace(
+                config.network, width=384, num_blocks=6, num_heads=8, conv_kernel=0, speech_dim=1024
+            )
+            return replace(config, network=shape, **PAPER)
         case "smoke":
-            return _smoke_size(config)
+            shape = replace(config.network, width=48, num_blocks=1, num_heads=2)
+            return replace(config, network=shape, **SMOKE)
     raise ValueError(
         f"There is no config {name!r} for {system}; choose one of {', '.join(PRESETS)}."
     )
@@ -200,22 +204,3 @@ def _best(config: GlobalDiffConfig) -> GlobalDiffConfig:
         save_every=500,
         validate_every=1000,
     )  # fmt: skip
-
-
-def _paper_size(config: GlobalDiffConfig) -> GlobalDiffConfig:
-    """Sizes of the paper and the official code: width 384, 6 blocks, WavLM, batches of 128."""
-    return replace(
-        config,
-        network=replace(
-            config.network, width=384, num_blocks=6, num_heads=8, conv_kernel=0, speech_dim=1024
-        ),
-        **PAPER,
-    )
-
-
-def _smoke_size(config: GlobalDiffConfig) -> GlobalDiffConfig:
-    return replace(
-        config,
-        network=replace(config.network, width=48, num_blocks=1, num_heads=2),
-        **SMOKE,
-    )
