@@ -9,6 +9,7 @@ around them, nor on the batch.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import torch
 import torch.nn.functional as F
@@ -25,12 +26,17 @@ Codes = tuple[Float[Tensor, "B _ dim"], Float[Tensor, "B _ dim"]]
 
 
 class ResidualBlock(nn.Module):
-    """Two convolutions over three frames each, pre-activated."""
+    """Two convolutions over three frames each, pre-activated; those of the first are ``dilation``
+    frames apart."""
 
-    def __init__(self, width: int) -> None:
+    def __init__(
+        self, width: int, dilation: int = 1, ends: Literal["zeros", "replicate"] = "zeros"
+    ) -> None:
         super().__init__()
-        self.first = nn.Conv1d(width, width, 3, padding=1)
-        self.second = nn.Conv1d(width, width, 3, padding=1)
+        self.first = nn.Conv1d(
+            width, width, 3, padding=dilation, dilation=dilation, padding_mode=ends
+        )
+        self.second = nn.Conv1d(width, width, 3, padding=1, padding_mode=ends)
         for parameter in self.second.parameters():
             nn.init.zeros_(parameter)
 

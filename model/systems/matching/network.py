@@ -20,6 +20,7 @@ from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
 from model.motion.packing import Normaliser
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
+from model.networks.autoencoder import ResidualBlock
 from model.networks.config import MatchingConfig
 from model.storage.checkpoint import load_into, load_weights
 
@@ -92,34 +93,17 @@ def arm_speed(tracks: Float[Tensor, "B T tracks"]) -> Float[Tensor, "B T2 1"]:
     return centred(F.avg_pool1d(mean, STRIDE, ceil_mode=True).transpose(1, 2))
 
 
-def _conv(channels: int, width: int, kernel: int, **options: int) -> nn.Conv1d:
-    """Ends are held, so that what does not move gives a track that does not move either."""
-    return nn.Conv1d(channels, width, kernel, padding_mode="replicate", **options)  # type: ignore[arg-type]
-
-
-class DilatedBlock(nn.Module):
-    """Two convolutions over three frames, those of the first ``dilation`` frames apart."""
-
-    def __init__(self, width: int, dilation: int) -> None:
-        super().__init__()
-        self.first = _conv(width, width, 3, padding=dilation, dilation=dilation)
-        self.second = _conv(width, width, 3, padding=1)
-        for parameter in self.second.parameters():
-            nn.init.zeros_(parameter)
-
-    def forward(self, x: Float[Tensor, "B width T"]) -> Float[Tensor, "B width T"]:
-        return x + self.second(F.silu(self.first(F.silu(x))))
-
-
 class Tower(nn.Module):
-    """Frames to a centred track at half their rate, one for each name."""
+    """Frames to a centred track at half their rate, one for each name. Ends are held, so that what
+    does not move gives a track that does not move either."""
 
     def __init__(
         self, channels: int, width: int, names: Sequence[str], config: MatchingConfig
     ) -> None:
         super().__init__()
-        self.inside = _conv(channels, width, 5, stride=STRIDE, padding=2)
-        self.blocks = nn.Sequential(*(DilatedBlock(width, d) for d in config.dilations))
+        held = "replicate"
+        self.inside = nn.Conv1d(channels, width, 5, STRIDE, padding=2, padding_mode=held)
+        self.blocks = nn.Sequential(*(ResidualBlock(width, d, held) for d in config.dilations))
         self.out = nn.ModuleDict({name: nn.Conv1d(width, config.track_dim, 1) for name in names})
 
     def forward(self, x: Float[Tensor, "B T C"]) -> dict[str, Float[Tensor, "B T2 dim"]]:
