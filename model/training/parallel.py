@@ -8,7 +8,6 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 import torch.distributed as dist
@@ -62,14 +61,6 @@ class Shard:
         if self.count > 1:
             dist.all_reduce(stacked)
         return dict(zip(values, (stacked / self.count).tolist(), strict=True))
-
-    def gather(self, value: Any) -> list[Any]:
-        """The values of all processes, by rank."""
-        if self.count == 1:
-            return [value]
-        gathered: list[Any] = [None] * self.count
-        dist.all_gather_object(gathered, value)
-        return gathered
 
     @contextmanager
     def first_alone(self) -> Iterator[None]:

@@ -160,11 +160,6 @@ def stepped(
     return signal_before * x_0 + noise_before / noise * (x - signal * x_0)
 
 
-def evaluations(solver: str, steps: int) -> int:
-    """Passes through the network in so many steps."""
-    return 2 * steps - 1 if solver == "heun" else steps
-
-
 def _trapezoid(
     x: Tensor, x_0: Tensor, guess: Tensor, after: Tensor, now: float, before: float
 ) -> Float[Tensor, "B T C"]:

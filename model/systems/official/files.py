@@ -46,11 +46,6 @@ class OfficialFiles:
             raise CheckpointError(_missing(self.folder, part))
         return self.found[part]
 
-    @property
-    def moves(self) -> bool:
-        """Whether there is enough to make motion."""
-        return {"motion", "expression"} <= self.found.keys()
-
 
 def official_files(folder: Path | None = None) -> OfficialFiles | None:
     """The checkpoints in a folder, by default in that of ``OFFICIAL_DIR``; None if none is named.
