@@ -1,7 +1,7 @@
 """What all readers share: what the user says of a file, rotations of any form, frame rates."""
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import torch
@@ -17,9 +17,7 @@ from model.motion.rotations import axis_angle_from_matrix, matrix_from_rot6d
 from model.storage.npz import MotionError
 
 Rotations = Literal["axis-angle", "6d", "quaternion-wxyz", "quaternion-xyzw", "matrix"]
-ROTATIONS: tuple[Rotations, ...] = (
-    *("axis-angle", "6d", "quaternion-wxyz", "quaternion-xyzw", "matrix"),
-)
+ROTATIONS: tuple[Rotations, ...] = get_args(Rotations)
 WIDTHS: dict[Rotations, int] = {
     "axis-angle": 3,
     "6d": 6,

@@ -206,15 +206,14 @@ class _Reader:
         cut = None if expressions is None else expressions[:shortest]
         return poses[:shortest], trans[:shortest], cut
 
-    def _rows(self, key: str, *columns: int) -> Float32[np.ndarray, "T columns"]:
-        """An array with one row for each frame and one of these numbers of columns."""
+    def _rows(self, key: str, columns: int) -> Float32[np.ndarray, "T columns"]:
+        """An array with one row for each frame."""
         shape, _ = self._headers[key]
         has_batch = len(shape) == 3 and shape[0] == 1
         shape = shape[1:] if has_batch else shape
-        if len(shape) != 2 or shape[1] not in columns:
-            wanted = " or ".join(f"(frames, {count})" for count in columns)
+        if len(shape) != 2 or shape[1] != columns:
             raise MotionError(
-                f"{self._name}: `{key}` must have the shape {wanted}; it has {shape}."
+                f"{self._name}: `{key}` must have the shape (frames, {columns}); it has {shape}."
             )
         if shape[0] == 0:
             raise MotionError(f"{self._name} has no frames in `{key}`; at least 1 is needed.")

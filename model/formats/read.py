@@ -1,11 +1,8 @@
 """One door for all files: by its ending each has its reader, and a body that lies is turned
 upright."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,9 +13,6 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
 from model.motion.tracks import track_points
 from model.storage.npz import MotionError
-
-if TYPE_CHECKING:
-    from model.formats.numbers import ReadMotion
 
 ALONG = 0.9
 """Cosine between the mean spine and the axis that is taken as up. A body that lies, on its back or

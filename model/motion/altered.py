@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 from scipy.signal import butter, sosfiltfilt
 
-from conventions.joints import JOINT_INDEX, NUM_JOINTS
+from conventions.joints import FACE, NUM_JOINTS
 from conventions.rates import FPS
 from model.motion.kinematics import global_from_local, local_from_global
 from model.motion.motion import Motion
@@ -19,9 +19,6 @@ from model.motion.rotations import (
     matrix_from_rot6d,
     rot6d_from_matrix,
 )
-
-_LEFT_ALONE = [JOINT_INDEX[name] for name in ("jaw", "left_eye", "right_eye")]
-"""Nothing hangs on them, and a face that trembles distracts."""
 
 
 def noisy_motions(motion: Motion, noise_rad: float, seed: int = 0) -> tuple[Motion, Motion]:
@@ -37,11 +34,11 @@ def noisy_motions(motion: Motion, noise_rad: float, seed: int = 0) -> tuple[Moti
     generator = torch.Generator().manual_seed(seed)
     local_rot = motion.local_rotations().double()
     turn = noise_rad * torch.randn(local_rot.shape[:-1], generator=generator).double()
-    turn[:, _LEFT_ALONE] = 0.0
+    turn[:, list(FACE)] = 0.0  # nothing hangs on it, and a face that trembles distracts
     noise = matrix_from_axis_angle(turn)
     on_global = local_from_global(global_from_local(local_rot) @ noise)
     # The head's own turn is not handed on to what stays as it is in the head.
-    on_global[:, _LEFT_ALONE] = local_rot[:, _LEFT_ALONE]
+    on_global[:, list(FACE)] = local_rot[:, list(FACE)]
     return _with_rotations(motion, local_rot @ noise), _with_rotations(motion, on_global)
 
 
@@ -83,8 +80,6 @@ _ORDER = 4
 _PADDING_FRAMES = 15
 MAX_TURN_RAD = 0.8
 """A multiplied residual is no larger than this, so that no joint turns over."""
-_AS_THEY_ARE = tuple(JOINT_INDEX[name] for name in ("jaw", "left_eye", "right_eye"))
-"""Speech and gaze are quick by nature."""
 
 
 def exaggerate(motion: Motion, factor: float | int, cutoff_hz: float | int = CUTOFF_HZ) -> Motion:
@@ -99,7 +94,7 @@ def exaggerate(motion: Motion, factor: float | int, cutoff_hz: float | int = CUT
         return motion
     poses = motion.poses.copy()
     for joint in range(NUM_JOINTS):  # one at a time: memory stays small for long clips
-        if joint in _AS_THEY_ARE:
+        if joint in FACE:  # speech and gaze are quick by nature
             continue
         columns = slice(3 * joint, 3 * joint + 3)
         rotmat = matrix_from_axis_angle(torch.tensor(motion.poses[:, columns], dtype=torch.float64))

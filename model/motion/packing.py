@@ -8,7 +8,7 @@ where the body is at home.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
@@ -201,16 +201,8 @@ class Decoded:
 
     def to(self, device: torch.device) -> "Decoded":
         """The same on a device."""
-
-        def moved(part: Tensor | None) -> Tensor | None:
-            return None if part is None else part.to(device)
-
-        return Decoded(
-            global_rot=moved(self.global_rot),
-            rooted=self.rooted.to(device),
-            root=self.root.to(device),
-            global_vectors=moved(self.global_vectors),
-        )
+        parts = {name: part.to(device) for name, part in vars(self).items() if part is not None}
+        return replace(self, **parts)
 
     @property
     def positions(self) -> Float[Tensor, "B T 55 3"]:

@@ -22,23 +22,11 @@ from model.storage.npz import MotionError
 from renderer.body.body import load_body
 from renderer.files.bvh import write_bvh
 from tests.helpers import foreign_folder, smooth_motion_example
+from tests.model.formats.test_read_npz import written
 
 FRAMES = 60
 MOTION = smooth_motion_example(FRAMES, expression_basis="flame100")
 ROTATION = Rotation.from_rotvec(MOTION.poses.reshape(-1, 3).astype(np.float64))
-
-
-def written(folder: Path, **changes: np.ndarray | None) -> Path:
-    arrays = {
-        "poses": MOTION.poses,
-        "trans": MOTION.trans,
-        "expressions": MOTION.expressions,
-        "betas": MOTION.betas,
-        "mocap_frame_rate": np.array(30),
-    }
-    path = folder / "theirs.npz"
-    np.savez(path, **{k: v for k, v in (arrays | changes).items() if v is not None})
-    return path
 
 
 def assert_same(motion: Motion, atol: float = 2e-3) -> None:
