@@ -122,12 +122,6 @@ class Family:
     name: str
     title: str
     """What a person calls it."""
-    systems: tuple[str, ...]
-    """Its generators, in the order in which they are shown."""
-    about: dict[str, str]
-    """One sentence for a person on each generator."""
-    samplers: tuple[Sampler, ...]
-    """Of the systems that are not in `own_samplers`; the first is the usual one."""
     presets: tuple[str, ...]
     """Names of settings that `config` knows."""
     config: "Callable[[str, str], TrainConfig]"
@@ -135,6 +129,12 @@ class Family:
     package: str
     """Its folder as Python imports it: ``package.task.make_task(config, data, setup)`` makes
     what is trained, ``package.system.load(name, folder)`` reads a generator."""
+    systems: tuple[str, ...] = ()
+    """Its generators, in the order in which they are shown."""
+    about: Mapping[str, str] = field(default_factory=dict)
+    """One sentence for a person on each generator."""
+    samplers: tuple[Sampler, ...] = ()
+    """Of the systems that are not in `own_samplers`; the first is the usual one."""
     place: int = 100
     """Where its systems are shown among the families': the least first."""
     helpers: tuple[str, ...] = ()

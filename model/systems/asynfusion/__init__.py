@@ -34,7 +34,6 @@ FAMILY = Family(
         LCM_ASYNC: "The same distilled network. The face takes 4 steps while the body takes 8; in "
         "between, the body reads what the face was at last.",
     },
-    samplers=(),
     presets=PRESETS,
     config=named_config,
     package="model.systems.asynfusion",

@@ -6,9 +6,6 @@ from model.systems.autoencoders.config import JUDGES, MOTION_VAE, PRESETS, named
 FAMILY = Family(
     name="autoencoders",
     title="Autoencoders",
-    systems=(),
-    about={},
-    samplers=(),
     presets=PRESETS,
     config=named_config,
     package="model.systems.autoencoders",

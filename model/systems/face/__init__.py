@@ -6,9 +6,6 @@ from model.systems.face.config import EXPRESSION, PRESETS, named_config
 FAMILY = Family(
     name="face",
     title="The face",
-    systems=(),
-    about={},
-    samplers=(),
     presets=PRESETS,
     config=named_config,
     package="model.systems.face",

@@ -6,9 +6,6 @@ from model.systems.matching.config import HEARING_JUDGE, PRESETS, named_config
 FAMILY = Family(
     name="matching",
     title="The judge of matched speech",
-    systems=(),
-    about={},
-    samplers=(),
     presets=PRESETS,
     config=named_config,
     package="model.systems.matching",

@@ -7,9 +7,6 @@ from model.systems.speech_encoder.config import PRESETS, named_config
 FAMILY = Family(
     name="speech-encoder",
     title="The speech encoder",
-    systems=(),
-    about={},
-    samplers=(),
     presets=PRESETS,
     config=named_config,
     package="model.systems.speech_encoder",
