@@ -91,8 +91,8 @@ class Window:
         return replace(self, **self.fields_of(frames))
 
     def fields_of(self, frames: slice) -> dict[str, Tensor]:
-        """Some frames of each tensor."""
-        return {name: x[:, frames] for name, x in vars(self).items() if isinstance(x, Tensor)}
+        """Some frames of each of its tensors."""
+        return {name: tensor[:, frames] for name, tensor in vars(self).items()}
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ def test_a_click_is_timed_to_movement_measures_and_figures_and_pictures_are_coun
     speech: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(bench_browser, "_FIRST_S", 1.0)
-    monkeypatch.setattr(bench_browser, "_LATER_S", 3.0)
+    monkeypatch.setattr(bench_browser, "_FIRST_S", 0.5)
+    monkeypatch.setattr(bench_browser, "_LATER_S", 1.0)
     windows.let(8)
     windows.may_draw.set()
     page = watched(bench_browser.opened_page(browser, windowed_address))

@@ -45,7 +45,7 @@ CLIPS = ["1_ann_0_0_0", "2_bob_0_1_1"]
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
     root = tmp_path_factory.mktemp("evaluation")
-    data = make_data_folder(root / "data", seconds=5)
+    data = make_data_folder(root / "data", seconds=4)
     split = (data / "train_test_split.csv").read_text()
     (data / "train_test_split.csv").write_text(split.replace("train\n", "test\n"))
     return data, make_weights(root / "weights")
