@@ -1,7 +1,7 @@
 # make demo    set everything up and open the page on http://127.0.0.1:7860
 # make test    set everything up and pass the checks and tests
 # make check   the quick part of it: style, types, import rules, the page's JavaScript
-# make slow    tests that take minutes each and decide little
+# make slow    all tests, those too that take minutes each or decide little (before a release)
 # make bench   milliseconds per frame by stage, against the naive loops: a table and bench.json
 # make fuzz    an hour of damaged files and wild requests (make test gives it half a minute)
 # make soak    half an hour of four visitors at once: memory and files; then twenty and an attacker;
@@ -56,7 +56,8 @@ soak: .venv/.test-ready
 		tests/soak tests/renderer/draw/test_compiled.py
 
 slow: .venv/.test-ready
-	$(BIN)/python -m pytest -m slow
+	CHECK_SHAPES=everywhere $(BIN)/python -m pytest -m "slow or not slow" -n auto --maxprocesses 4 \
+		--dist loadfile --timeout 1800
 
 bench: .venv/.run-ready
 	$(BIN)/python -m app.bench

@@ -1,16 +1,36 @@
-"""Settings for every test."""
+"""Settings of every test, and what several files need but nobody changes: made once a run."""
 
 import os
-from collections.abc import Iterator
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
+import jaxtyping
 import pytest
 import torch
+from filelock import FileLock
 from threadpoolctl import threadpool_limits
+
+from model.speech.audio import write_wav
+from tests.helpers import ROOT
+from tests.model.made import made_waveform, make_data_folder, make_weights
+from tests.model.systems.planned.made import make_annotated_folder, make_planned_weights
 
 # Of this process and of all that it starts, workers of pytest-xdist among them: threads of several
 # that wait for each other on the same cores make small matrices many times slower.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 threadpool_limits(1, user_api="blas")
+
+SHAPES = (ROOT / "tests" / "model", ROOT / "tests" / "renderer")
+"""Where shapes and types are checked at each call; `make slow` checks them everywhere."""
+MadeOnce = Callable[[str, Callable[[Path], object]], Path]
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """A call of a checked function costs several times one that is not."""
+    checked = "CHECK_SHAPES" in os.environ or any(room in item.path.parents for room in SHAPES)
+    jaxtyping.config.update("jaxtyping_disable", not checked)
 
 
 @pytest.fixture(autouse=True)
@@ -19,3 +39,68 @@ def _fixed_seed_and_one_thread() -> Iterator[None]:
     torch.manual_seed(0)
     torch.set_num_threads(1)
     yield
+
+
+def _state(folder: Path) -> list[tuple[str, int, int]]:
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    return [(str(path), path.stat().st_size, path.stat().st_mtime_ns) for path in files]
+
+
+@pytest.fixture(scope="session")
+def made_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[MadeOnce]:
+    """``made_once(name, make)``: the folder that ``make(folder)`` fills, for the first worker of
+    this run that asks; the others wait and read it. Whoever writes into it fails the suite."""
+    root = tmp_path_factory.getbasetemp()
+    shared = (root.parent if "PYTEST_XDIST_WORKER" in os.environ else root) / "made-once"
+    shared.mkdir(exist_ok=True)
+    states: dict[Path, list[tuple[str, int, int]]] = {}
+
+    def get(name: str, make: Callable[[Path], object]) -> Path:
+        folder = shared / name
+        with FileLock(shared / f"{name}.lock"):
+            if not folder.is_dir():
+                begun = shared / f"{name}.begun"
+                shutil.rmtree(begun, ignore_errors=True)
+                begun.mkdir()
+                make(begun)
+                begun.rename(folder)
+        states.setdefault(folder, _state(folder))
+        return folder
+
+    yield get
+    for folder, state in states.items():
+        assert _state(folder) == state, f"a test has changed {folder}, which others read"
+
+
+@pytest.fixture(scope="session")
+def weights(made_once: MadeOnce) -> Path:
+    """globaldiff/local, globaldiff/global and the face: real config classes, tiny and random."""
+    return made_once("weights", make_weights)
+
+
+@pytest.fixture(scope="session")
+def planned_weights(made_once: MadeOnce) -> Path:
+    """A planner, what performs its plans, and the face: tiny, random."""
+    return made_once("planned-weights", make_planned_weights)
+
+
+@pytest.fixture(scope="session")
+def data_folder(made_once: MadeOnce) -> Path:
+    """BEAT2's layout with four clips of four seconds (`make_data_folder`)."""
+    return made_once("data", make_data_folder)
+
+
+@pytest.fixture(scope="session")
+def annotated_folder(made_once: MadeOnce) -> Path:
+    """The same with the plan of three seconds beside each clip."""
+    return made_once("annotated", make_annotated_folder)
+
+
+@pytest.fixture(scope="session")
+def speech(made_once: MadeOnce) -> Path:
+    """A second and a bit of something that is no silence: 37 frames."""
+    folder = made_once(
+        "speech",
+        lambda folder: write_wav(folder / "speech.wav", made_waveform(round(16_000 * 37 / 30))),
+    )
+    return folder / "speech.wav"

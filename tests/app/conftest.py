@@ -10,28 +10,13 @@ import numpy as np
 import pytest
 
 from app.run.requests.request import GenerateRequest
-from model.speech.audio import write_wav
-from tests.model.made import made_waveform, make_weights
+from tests.model.made import made_waveform
 
 
 @pytest.fixture(autouse=True)
 def _any_machine_is_quick_enough_to_be_live(monkeypatch: pytest.MonkeyPatch) -> None:
     """Busy machines refuse live systems by time; the test of that asks for it."""
     monkeypatch.setattr("app.live.session.MAX_WINDOW_MS", 1e6)
-
-
-@pytest.fixture(scope="session")
-def weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Both systems from the real config classes, tiny and random."""
-    return make_weights(tmp_path_factory.mktemp("weights"))
-
-
-@pytest.fixture(scope="session")
-def speech(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A second and a bit of something that is no silence: 37 frames."""
-    path = tmp_path_factory.mktemp("speech") / "speech.wav"
-    write_wav(path, made_waveform(round(16_000 * 37 / 30)))
-    return path
 
 
 @pytest.fixture
