@@ -22,6 +22,8 @@ pytest.importorskip("distributed", reason="Dask is not installed (requirements-c
 
 from tests.processes.test_cluster import scheduler, workers
 
+pytestmark = pytest.mark.slow
+
 CLIPS = int(os.environ.get("LAB_CLIPS", "6"))
 SECONDS = 10 if CLIPS > 20 else 2
 WORKERS = 4 if CLIPS > 20 else 2
