@@ -54,11 +54,12 @@ def workers(file: str, count: int) -> Iterator[list[subprocess.Popen]]:
 def test_a_killed_worker_costs_no_job_and_none_is_done_twice(tmp_path: Path) -> None:
     told: list[str] = []
     with scheduler(tmp_path) as (_, file), workers(file, 2) as (struck, _):
-        jobs = [*make_jobs(tmp_path, 6, 0.2), made_job(tmp_path, "bad", work=fail)]
+        jobs = [*make_jobs(tmp_path, 6, held_from=2), made_job(tmp_path, "bad", work=fail)]
 
         def strike() -> None:
-            wait_for(lambda: len(done(tmp_path)) >= 2)
+            wait_for(lambda: len(done(tmp_path)) == 2)
             os.kill(struck.pid, signal.SIGKILL)
+            (tmp_path / "go").touch()
 
         threading.Thread(target=strike, daemon=True).start()
         failed = JobPool(scheduler=file).do_all(jobs, told.append)
@@ -78,9 +79,10 @@ def test_after_a_kill_of_the_scheduler_a_sentence_says_so_and_the_same_call_goes
             stderr=subprocess.PIPE,
             text=True,
         )
-        wait_for(lambda: len(done(tmp_path)) >= 2)
+        wait_for(lambda: len(done(tmp_path)) == 2)
         os.kill(head.pid, signal.SIGKILL)
         said = child.communicate(timeout=60)[1]
+        (tmp_path / "go").touch()
     assert child.returncode == 1
     assert said.startswith("The Dask scheduler at ") and said.count("\n") == 1, said
     assert "is gone; start one again" in said

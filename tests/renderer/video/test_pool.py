@@ -193,7 +193,8 @@ def test_an_error_in_the_block_ends_what_runs_and_what_waits(tmp_path):
 
 def test_several_processes_make_the_same_file_as_one(tmp_path):
     motion = waving_motion(2 * PIECE_FRAMES + 5, walk_m=4.0)  # the camera follows
-    job = RenderJob(motion, tmp_path / "1.mp4", settings=settings(), still_frames=(0, 20, 36))
+    both = settings(close_ups=("hands",))
+    job = RenderJob(motion, tmp_path / "1.mp4", settings=both, still_frames=(0, 20, 36))
     jobs, shares = [], []
     for count in (1, 2):
         jobs.append(replace(job, out=tmp_path / f"{count}.mp4", num_processes=count))

@@ -10,13 +10,10 @@ from renderer.body.body import BodyMotion, load_body
 from renderer.draw.probe import choose_backend
 from renderer.scene.stage import set_stage
 from renderer.video.encoder import Cancelled
-from renderer.video.parallel import draw_in_processes
-from renderer.video.render import draw_motion, render_stills, render_video, stage_for
+from renderer.video.render import render_stills, render_video
 from renderer.video.settings import RenderSettings
 from tests.renderer.scene.test_camera import waving_motion
-from tests.renderer.video.test_encoder import (
-    processes_that_mention,
-)
+from tests.renderer.video.test_encoder import processes_that_mention
 
 pytestmark = pytest.mark.gl
 
@@ -58,6 +55,9 @@ def test_stills_come_in_the_order_asked_for():
     for frame in (-1, 10):
         with pytest.raises(ValueError, match=f"Frame {frame} was asked for; the motion has 10"):
             render_stills(body, motion, [frame], small())
+    with pytest.raises(ValueError, match="other close-ups"):
+        stage = set_stage(body, [motion])
+        render_stills(body, motion, [0], small(close_ups=("hands",)), stage=stage)
 
 
 @pytest.mark.parametrize("view", ["front", "three_quarter", "side"])
@@ -100,21 +100,6 @@ def test_a_cancelled_video_leaves_no_file_and_no_process(tmp_path):
     assert processes_that_mention(tmp_path) == []
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"width": 511}, "511 x 512 .*even"),
-        ({"width": 32}, "32 x 512 pixels is outside the limits"),
-        ({"height": 9000}, "64 to 2160"),
-        ({"view": "above"}, "'above' is unknown; choose one of front, three_quarter, side, face"),
-        ({"crf": 99}, "`crf` is 99"),
-    ],
-)
-def test_impossible_settings_are_refused(changes, message):
-    with pytest.raises(ValueError, match=message):
-        RenderSettings(**changes)
-
-
 def test_close_ups_stand_beside_a_body_that_they_leave_as_it_is():
     body, motion = load_body(), BodyMotion.resting(6)
     plain, both = small(), small(close_ups=("face", "hands"))
@@ -133,26 +118,18 @@ def test_close_ups_stand_beside_a_body_that_they_leave_as_it_is():
     assert right.shape == left.shape == (64, 64, 3)
 
 
-def test_several_processes_draw_the_same_close_ups():
-    body, motion = load_body(), waving_motion(20)
-    settings = small(close_ups=("hands",))
-    stage = stage_for(body, [motion], settings)
-    alone = [picture.copy() for picture in draw_motion(body, motion, settings, stage)]
-    shared = list(draw_in_processes(body, motion, settings, stage, 2))
-    assert np.array_equal(alone, shared)
-
-
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "message"),
     [
+        ({"width": 511}, "511 x 512 .*even"),
+        ({"width": 32}, "32 x 512 pixels is outside the limits"),
+        ({"height": 9000}, "64 to 2160"),
+        ({"view": "above"}, "'above' is unknown; choose one of front, three_quarter, side, face"),
+        ({"crf": 99}, "`crf` is 99"),
         ({"close_ups": ("feet",)}, "'feet'; choose some of face, hands"),
         ({"close_ups": ("hands",), "is_transparent": True}, "without a background"),
     ],
 )
-def test_close_ups_that_cannot_be_are_refused(changes, words):
-    with pytest.raises(ValueError, match=words):
-        small(**changes)
-    body, motion = load_body(), waving_motion(3)
-    with pytest.raises(ValueError, match="other close-ups"):
-        stage = set_stage(body, [motion])
-        render_stills(body, motion, [0], small(close_ups=("hands",)), stage=stage)
+def test_impossible_settings_are_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        RenderSettings(**changes)
