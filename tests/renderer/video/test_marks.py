@@ -7,14 +7,13 @@ import pytest
 
 from conventions.joints import JOINT_INDEX, NUM_JOINTS
 from renderer.body.body import BodyMotion, load_body
-from renderer.draw.probe import choose_backend
 from renderer.video.marks import Heat, MarkPainter, Marks, Trail, heat_colors
 from renderer.video.render import render_stills, stage_for
 from renderer.video.settings import RenderSettings
 
 pytestmark = pytest.mark.gl
 
-SETTINGS = RenderSettings(160, 160, backend=choose_backend(), close_ups=("hands",))
+SETTINGS = RenderSettings(160, 160, close_ups=("hands",))
 
 
 def drawn(marks: Marks | None, num_frames: int = 40, frame: int = 39) -> np.ndarray:

@@ -15,7 +15,6 @@ from processes.ended import Ended
 from renderer.body.body import load_body
 from renderer.body.body_file import BodyError
 from renderer.draw.offscreen import GLError
-from renderer.draw.probe import choose_backend
 from renderer.scene.stage import set_stage
 from renderer.video.encoder import Cancelled, VideoError, read_facts
 from renderer.video.parallel import processes_worth
@@ -33,7 +32,7 @@ PATIENCE_S = 60.0
 
 
 def settings(**changes) -> RenderSettings:
-    return RenderSettings(**{"width": 64, "height": 64, "backend": choose_backend(), **changes})
+    return RenderSettings(**{"width": 64, "height": 64, **changes})
 
 
 def children_of(process_id: int, module: bytes = b"renderer.video.worker_child") -> list[int]:

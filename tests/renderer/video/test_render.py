@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from renderer.body.body import BodyMotion, load_body
-from renderer.draw.probe import choose_backend
 from renderer.scene.stage import set_stage
 from renderer.video.encoder import Cancelled
 from renderer.video.render import render_stills, render_video
@@ -19,7 +18,7 @@ pytestmark = pytest.mark.gl
 
 
 def small(**changes) -> RenderSettings:
-    return replace(RenderSettings(width=128, height=128, backend=choose_backend()), **changes)
+    return replace(RenderSettings(width=128, height=128), **changes)
 
 
 def body_pixels(picture: np.ndarray) -> np.ndarray:
