@@ -17,7 +17,9 @@ from processes.pool import JobPool
 from tests.helpers import ROOT
 from tests.processes.made import done, fail, made_job, make_jobs, wait_for
 
-pytest.importorskip("distributed", reason="Dask is not installed (requirements-cluster.txt)")
+distributed = pytest.importorskip(
+    "distributed", reason="Dask is not installed (requirements-cluster.txt)"
+)
 
 
 @contextmanager
@@ -51,6 +53,18 @@ def workers(file: str, count: int) -> Iterator[list[subprocess.Popen]]:
         yield [stack.enter_context(dask("worker", *own)) for _ in range(count)]
 
 
+def test_a_cluster_does_each_job_once_and_tells_of_one_that_fails(tmp_path: Path) -> None:
+    jobs = [made_job(tmp_path, "bad", work=fail), *make_jobs(tmp_path, 4)]
+    (tmp_path / "job2.done").touch()
+    told: list[str] = []
+    here = {"n_workers": 1, "threads_per_worker": 2, "processes": False, "protocol": "tcp"}
+    with distributed.LocalCluster(**here, dashboard_address=None) as local:
+        failed = JobPool(scheduler=local.scheduler_address).do_all(jobs, told.append)
+    assert list(failed) == ["bad"] and "bad cannot be done" in str(failed["bad"]), failed
+    assert sorted(told) == sorted(done(tmp_path)) == ["job0", "job1", "job3"]
+
+
+@pytest.mark.slow
 def test_a_killed_worker_costs_no_job_and_none_is_done_twice(tmp_path: Path) -> None:
     told: list[str] = []
     with scheduler(tmp_path) as (_, file), workers(file, 2) as (struck, _):

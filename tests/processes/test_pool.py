@@ -33,15 +33,15 @@ TWO = JobPool(2, uses_torch=False)
 WHY = "terminate called after throwing an instance of 'std::bad_alloc'"
 
 
-@pytest.mark.parametrize("processes", [1, 2])
+@pytest.mark.parametrize("pool", [JobPool(1), TWO])
 def test_each_job_is_done_once_and_one_that_fails_holds_up_no_other(
-    tmp_path: Path, processes: int
+    tmp_path: Path, pool: JobPool
 ) -> None:
     jobs = [made_job(tmp_path, "bad", work=fail), *make_jobs(tmp_path, 5)]
     (tmp_path / "job3.done").touch()
     told: list[str] = []
     for _ in range(2):
-        failed = JobPool(processes).do_all(jobs, told.append)
+        failed = pool.do_all(jobs, told.append)
         assert list(failed) == ["bad"] and str(failed["bad"]) == "bad cannot be done"
         assert sorted(done(tmp_path)) == sorted(told) == ["job0", "job1", "job2", "job4"]
 

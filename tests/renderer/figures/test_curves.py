@@ -112,12 +112,10 @@ def test_nothing_overlaps(monkeypatch: pytest.MonkeyPatch, scale: float) -> None
 
 def test_files_are_written_with_what_they_show(tmp_path: Path) -> None:
     error_growth_figure(growth(), tmp_path / "growth", sentence="3.2 times as far.")
-    distributions_figure(SPREADS, tmp_path / "distributions", "reference")
     step_curve_figure(MARKS, tmp_path / "steps")
-    assert len(list(tmp_path.iterdir())) == 9
+    assert len(list(tmp_path.iterdir())) == 6
     for name, words in (
         ("growth", "3.2 times as far."),
-        ("distributions", "share of clips"),
         ("steps", "number of steps beside it"),
     ):
         with Image.open(tmp_path / f"{name}.png") as picture:

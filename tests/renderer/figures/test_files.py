@@ -63,8 +63,8 @@ def test_a_failure_leaves_old_files_and_no_half_ones(
 
 def test_figures_of_several_threads_are_those_of_one(tmp_path: Path) -> None:
     alone = [path.read_bytes() for path in write(tmp_path / "alone")]
-    with ThreadPoolExecutor(4) as threads:
-        for files in threads.map(write, [tmp_path / str(i) for i in range(8)]):
+    with ThreadPoolExecutor(3) as threads:
+        for files in threads.map(write, [tmp_path / str(i) for i in range(3)]):
             assert [path.read_bytes() for path in files] == alone
 
 

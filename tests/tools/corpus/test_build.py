@@ -227,7 +227,7 @@ def test_what_cannot_be_continued_is_said(corpus: Path, tmp_path: Path) -> None:
 
 def test_more_hours_keep_the_clips_there_are() -> None:
     root = Path("anywhere")
-    short, long = plan_jobs(root, 0.5, 1), plan_jobs(root, 3.0, 1)
+    short, long = plan_jobs(root, 0.1, 1), plan_jobs(root, 0.4, 1)
     assert short == long[: len(short)]
     assert len(long) == 180
     assert len({job.clip_id for job in long}) == 180

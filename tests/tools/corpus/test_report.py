@@ -171,6 +171,7 @@ def copies_of(corpus: Path, root: Path, names: list[str]) -> Path:
     return root
 
 
+@pytest.mark.slow
 def test_the_page_names_every_speaker_and_shows_pictures(
     corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -183,7 +184,7 @@ def test_the_page_names_every_speaker_and_shows_pictures(
     page = out.read_text()
     assert "| figure | **1_anna_0_0_0** |" in page
     assert "of seed 3 of 2 speakers" in page
-    assert page.count("Too few clips to say.") == 4
+    assert page.count("Too few clips to say.") == 2
     for name in ("corpus_gestures.png", "corpus_speakers.png"):
         assert f"(figures/{name})" in page
         assert (out.parent / "figures" / name).read_bytes().startswith(b"\x89PNG")

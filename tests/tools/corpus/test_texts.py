@@ -59,7 +59,7 @@ def test_ten_hours_hardly_repeat_a_sentence() -> None:
 
 
 def test_only_a_question_is_followed_by_an_answer() -> None:
-    drawn = list(islice(talk(np.random.default_rng(4), "train"), 1000))
+    drawn = list(islice(talk(np.random.default_rng(4), "train"), 2000))
     after = [b.startswith(("Yes, exactly", "Good question")) for b in drawn[1:]]
     asked = np.array([a.endswith("?") for a in drawn[:-1]])
     assert np.mean(np.array(after)[asked]) > 0.08

@@ -102,16 +102,19 @@ def axes_of(figure: Any) -> dict[str, Any]:
 
 def test_the_same_bytes_come_from_a_process_that_loads_no_pyplot(tmp_path: Path) -> None:
     program = (
-        "import sys; from pathlib import Path\n"
-        "import tests.renderer.figures.figure6.test_figure6 as t\n"
+        "import sys, numpy; from pathlib import Path\n"
+        "from renderer.figures.figure6.figure6 import figure6\n"
+        "from renderer.figures.figure6.spec import check_figure6\n"
         "assert 'matplotlib' not in sys.modules\n"
-        "t.figure6(t.check(**t.make_inputs(1, True, 1, 30)), Path(sys.argv[1]))\n"
+        "t = {'a': numpy.random.default_rng(0).random((5, 3))}\n"
+        "figure6(check_figure6(t, {}, (), 30.0), Path(sys.argv[1]))\n"
         "assert 'matplotlib.pyplot' not in sys.modules\n"
         "import matplotlib; assert matplotlib.rcParams['pdf.fonttype'] == 3\n"
     )
     command = [sys.executable, "-c", program, str(tmp_path / "other")]
     subprocess.run(command, check=True, cwd=ROOT)
-    for path in figure6(check(**make_inputs(1, True, 1, 30)), tmp_path / "figure6"):
+    contents = check_figure6({"a": np.random.default_rng(0).random((5, 3))}, {}, (), 30.0)
+    for path in figure6(contents, tmp_path / "figure6"):
         assert path.read_bytes() == (tmp_path / f"other{path.suffix}").read_bytes(), path.suffix
     with Image.open(tmp_path / "figure6.png") as picture:
         assert picture.width == 2016
@@ -260,7 +263,6 @@ FAR = 107_000
             for has_reference, number in ((False, 2), (True, 7), (True, 0))
         ),
     ],
-    ids=str,
 )
 def test_nothing_overlaps(
     monkeypatch: pytest.MonkeyPatch, inputs: dict[str, Any], has_marks: bool, start: int
