@@ -214,13 +214,13 @@ def test_the_face_fills_its_close_up_and_the_camera_follows_it():
 @pytest.mark.parametrize("view", ["front", "three_quarter", "side"])
 def test_a_body_that_wanders_far_stays_large_and_whole(view):
     body = load_body()
-    motions = [waving_motion(60, walk_m=9.0), waving_motion(60)]
+    motions = [waving_motion(120, walk_m=9.0), waving_motion(120)]
     stage = set_stage(body, motions, view)
     heights = []
     for motion in motions:
         track = camera_track(body, motion, view, stage)
         vertices = np.concatenate(list(body.vertices(motion)))
-        for frame in range(0, 60, 7):
+        for frame in range(0, 120, 14):
             camera = stage.camera.moved(track[frame])
             assert sees(camera, vertices[frame], 500, 500).all()
             heights.append(np.ptp(camera.project(vertices[frame], 500, 500)[:, 1]))
