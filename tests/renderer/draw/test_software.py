@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from renderer.body.body import load_body
-from renderer.draw import software
 from renderer.draw.software import OPENING_EDGES, SoftwareRenderer, near_openings
 from renderer.scene.camera import Z_NEAR_M, Camera
 from renderer.scene.stage import Stage
@@ -83,16 +82,6 @@ def test_only_near_openings_a_mesh_is_seen_from_behind():
     reach = 0.1 * (OPENING_EDGES + 1)
     is_near = (height.min(axis=1) < reach - 1e-6) | (height.max(axis=1) > 2.9 - reach + 1e-6)
     np.testing.assert_array_equal(near_openings(faces, vertices), is_near)
-
-
-def test_backs_that_are_left_out_are_not_missed(monkeypatch):
-    body, picture = load_body(), PICTURES["gesture"]
-    settings = RenderSettings(128, 128, view="right_hand", backend="software")
-    drawn = []
-    for edges in (OPENING_EDGES, 300):  # farther than any vertex is from an opening
-        monkeypatch.setattr(software, "OPENING_EDGES", edges)
-        drawn.append(render_stills(body, posed(picture, body), [0], settings)[0].astype(int))
-    assert (np.abs(drawn[0] - drawn[1]).max(axis=2) > 2).mean() < 1e-4
 
 
 def test_renderers_draw_side_by_side_in_threads():

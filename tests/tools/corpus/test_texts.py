@@ -64,9 +64,3 @@ def test_only_a_question_is_followed_by_an_answer() -> None:
     asked = np.array([a.endswith("?") for a in drawn[:-1]])
     assert np.mean(np.array(after)[asked]) > 0.08
     assert not np.any(np.array(after)[~asked])
-
-
-def test_the_shares_of_the_splits_are_eight_to_one_to_one() -> None:
-    keys = [f"sentence number {k}." for k in range(4000)]
-    shares = [np.mean([split_of(k) == s for k in keys]) for s in SPLITS]
-    np.testing.assert_allclose(shares, [0.8, 0.1, 0.1], atol=0.03)
