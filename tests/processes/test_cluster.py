@@ -83,9 +83,7 @@ def test_a_killed_worker_costs_no_job_and_none_is_done_twice(tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-def test_after_a_kill_of_the_scheduler_a_sentence_says_so_and_the_same_call_goes_on(
-    tmp_path: Path,
-) -> None:
+def test_after_a_kill_of_the_scheduler_a_sentence_says_so_and_the_same_call_goes_on(tmp_path):
     with scheduler(tmp_path) as (head, file), workers(file, 1):
         child = subprocess.Popen(
             [sys.executable, "-m", "tests.processes.made", str(tmp_path), file],
@@ -108,9 +106,7 @@ def test_after_a_kill_of_the_scheduler_a_sentence_says_so_and_the_same_call_goes
     assert sorted(done(tmp_path)) == [f"job{n}" for n in range(6)]
 
 
-def test_without_a_scheduler_a_sentence_says_so(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_scheduler_a_sentence_says_so(tmp_path, monkeypatch):
     monkeypatch.setattr(cluster, "CONNECT_S", 1)
     with pytest.raises(JobsError, match=r"No Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         JobPool(scheduler="tcp://127.0.0.1:9").do_all(make_jobs(tmp_path, 1))

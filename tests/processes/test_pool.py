@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -34,9 +33,7 @@ WHY = "terminate called after throwing an instance of 'std::bad_alloc'"
 
 
 @pytest.mark.parametrize("pool", [JobPool(1), TWO])
-def test_each_job_is_done_once_and_one_that_fails_holds_up_no_other(
-    tmp_path: Path, pool: JobPool
-) -> None:
+def test_each_job_is_done_once_and_one_that_fails_holds_up_no_other(tmp_path, pool):
     jobs = [made_job(tmp_path, "bad", work=fail), *make_jobs(tmp_path, 5)]
     (tmp_path / "job3.done").touch()
     told: list[str] = []
@@ -64,9 +61,7 @@ def test_a_killed_worker_costs_no_job(tmp_path: Path) -> None:
         (run_out_of_memory, ["for want of memory, as its log says; use fewer processes"]),
     ],
 )
-def test_a_worker_that_always_dies_ends_it_and_says_how(
-    work: Callable[..., None], words: list[str], tmp_path: Path
-) -> None:
+def test_a_worker_that_always_dies_ends_it_and_says_how(work, words, tmp_path):
     jobs = [made_job(tmp_path, name, work=work) for name in "ab"]
     with pytest.raises(JobsError) as told:
         TWO.do_all(jobs)

@@ -1,7 +1,5 @@
 """The body: zero pose, looks, agreement with ``smplx``, made SMPL-X files, and bad input."""
 
-from __future__ import annotations
-
 import os
 import tracemalloc
 import zipfile
@@ -184,9 +182,7 @@ def smplx_result(
     return result.vertices.numpy(), result.joints.numpy()
 
 
-def test_agrees_with_the_smplx_package_as_it_is_and_as_a_licensed_file(
-    body: Body, smplx_path: Path
-) -> None:
+def test_agrees_with_the_smplx_package_as_it_is_and_as_a_licensed_file(body, smplx_path):
     """The same numbers through the package, the licensed format and the compact one."""
     motion = random_motion(num_frames=3)
     vertices, joints = smplx_result(smplx_path, motion)
@@ -266,9 +262,7 @@ def posed_as_published(
 
 
 @pytest.mark.parametrize(("columns", "num_betas"), [(20, 10), (110, 10), (400, 300)])
-def test_a_licensed_file_is_posed_as_published(
-    tmp_path: Path, columns: int, num_betas: int
-) -> None:
+def test_a_licensed_file_is_posed_as_published(tmp_path, columns, num_betas):
     """Files of 2019 have 10 betas and 10 expressions, those of 2020 have 300 and 100."""
     rng = np.random.default_rng(11)
     shapedirs = 0.01 * rng.standard_normal((MADE_VERTICES, 3, columns))
@@ -430,9 +424,7 @@ def test_an_array_larger_than_its_file_takes_no_memory(tmp_path: Path) -> None:
         ({"expression_vertices": np.full(3, 65_535, np.uint16)}, "names number 65535"),
     ],
 )
-def test_bad_open_body_files(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict[str, object], words: str
-) -> None:
+def test_bad_open_body_files(tmp_path, monkeypatch, changes, words):
     with np.load(OPEN_BODY_PATH, allow_pickle=False) as file:
         arrays = {key: file[key] for key in file.files}
     for key, change in changes.items():

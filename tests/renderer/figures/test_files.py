@@ -46,9 +46,7 @@ def test_three_whole_files_need_no_font_and_nothing_else(tmp_path: Path) -> None
     assert links and all(link.startswith("data:image/") for link in links)
 
 
-def test_a_failure_leaves_old_files_and_no_half_ones(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failure_leaves_old_files_and_no_half_ones(tmp_path, monkeypatch):
     before = {path: path.read_bytes() for path in write(tmp_path / "figure")}
     from matplotlib.backends.backend_pdf import FigureCanvasPdf
 

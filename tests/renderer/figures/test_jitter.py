@@ -109,9 +109,7 @@ def test_the_caption_has_the_clip_who_lacks_what_and_the_sentence(tmp_path: Path
     assert description.count("No ") == 1
 
 
-def test_curves_are_the_numbers_and_raw_and_filtered_panels_have_one_scale(
-    settings: None,
-) -> None:
+def test_curves_are_the_numbers_and_raw_and_filtered_panels_have_one_scale(settings):
     sheet = replace(example_sheet(3), window_overlap=6)
     panels = panels_of(draw_sheet(sheet, ""))
     for name, kind in itertools.product(sheet.jitter, VERSIONS):
@@ -201,12 +199,8 @@ def check_legible(sheet: JitterSheet, monkeypatch: pytest.MonkeyPatch, words: in
     ],
 )
 def test_nothing_overlaps_whatever_the_names_and_numbers(
-    settings: None,
-    monkeypatch: pytest.MonkeyPatch,
-    names: tuple[str, ...],
-    has_reference: bool,
-    factor: float,
-) -> None:
+    settings, monkeypatch, names, has_reference, factor
+):
     sheet = example_sheet(len(names), has_reference, names)
     for name, kind in itertools.product(list(sheet.jitter), VERSIONS):
         jitter = sheet.jitter[name][kind]
@@ -216,9 +210,7 @@ def test_nothing_overlaps_whatever_the_names_and_numbers(
     check_legible(sheet, monkeypatch, words=150 if names == ODD_NAMES else 60)
 
 
-def test_missing_numbers_leave_a_stated_gap(
-    settings: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_numbers_leave_a_stated_gap(settings, monkeypatch):
     nothing = Jitter(
         by_depth=np.full(11, np.nan),
         by_joint=np.full(55, np.nan),

@@ -1,7 +1,5 @@
 """BVH files, read back by a small parser that shares no code with the writer."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """GLB files, read back and posed by a small reader that shares no code with the writer."""
 
-from __future__ import annotations
-
 import json
 import struct
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The bake: mesh operations on small meshes, coarser ones, and the committed body made again."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -71,9 +71,7 @@ LEG = HingedLimb(np.array([0.05, -0.36, -0.01]), np.array([-0.03, -0.42, -0.03])
 
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(st.floats(0.5, 0.775), coordinate, coordinate, st.floats(-0.6, 0.6))
-def test_a_leg_reaches_the_floor_by_bending_its_knee_about_one_axis(
-    length: float, x: float, z: float, aside: float
-) -> None:
+def test_a_leg_reaches_the_floor_by_bending_its_knee_about_one_axis(length, x, z, aside):
     span = length * np.array([[x, -1.0, z]]) / np.linalg.norm([x, -1.0, z])
     upper, knee = LEG.reach(span, np.array([[aside, 0.0, 1.0]]))
     np.testing.assert_allclose(upper[0] @ (LEG.upper + knee[0] @ LEG.lower), span[0], atol=1e-9)

@@ -129,12 +129,7 @@ def test_the_textgrids_read_back_whole_and_agree_with_themselves(corpus: Path) -
         assert {parts[2] for parts in landed if len(parts) == 3} <= words
 
 
-def test_a_command_that_is_stopped_goes_on_where_it_was(
-    corpus: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_command_that_is_stopped_goes_on_where_it_was(corpus, tmp_path, monkeypatch, capsys):
     out = tmp_path / "stopped"
     shutil.copytree(corpus, out)
     lost = sorted((out / "textgrid").iterdir())[1]
@@ -175,9 +170,7 @@ def test_a_folder_of_something_else_is_refused_and_left_alone(corpus: Path, tmp_
         (1.0, 1, 0, "--workers"),
     ],
 )
-def test_bad_numbers_are_refused_before_anything_is_written(
-    hours: float, seed: int, workers: int, words: str, tmp_path: Path
-) -> None:
+def test_bad_numbers_are_refused_before_anything_is_written(hours, seed, workers, words, tmp_path):
     with pytest.raises(CorpusError, match=words):
         build_corpus(tmp_path / "x", hours, seed, workers)
     assert not (tmp_path / "x").exists()
@@ -224,9 +217,7 @@ def test_the_documented_command_is_the_programs() -> None:
     assert done.returncode == 1 and "--hours must be above 0" in done.stderr
 
 
-def test_a_missing_speech_program_fails_with_a_sentence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_missing_speech_program_fails_with_a_sentence(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("PATH", str(tmp_path))
     assert command.main(["--out", str(tmp_path / "c"), "--hours", "1", "--seed", "1"]) == 1
     assert "apt-get install flite" in capsys.readouterr().err

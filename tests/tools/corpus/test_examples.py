@@ -33,9 +33,7 @@ def test_an_example_is_plain_speech_of_ten_to_sixteen_seconds_with_its_text(path
     assert path.name in (EXAMPLES / "README.md").read_text()
 
 
-def test_examples_are_read_without_the_speech_program(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_examples_are_read_without_the_speech_program(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(VoiceError, match="apt-get install flite"):
         require_flite()
@@ -47,9 +45,7 @@ def numbers(text: str) -> list[float]:
     return [float(number) for number in NUMBER.findall(text)]
 
 
-def test_the_procedural_speaker_is_what_the_corpus_program_makes(
-    tmp_path: Path, flite: None
-) -> None:
+def test_the_procedural_speaker_is_what_the_corpus_program_makes(tmp_path, flite):
     """Whoever changes the corpus makes the example anew: see `tests.tools.corpus.made_example`."""
     made = made_example(tmp_path)
     kept = ClipPaths(*(EXAMPLE / f"{NAME}.{kind}" for kind in ("npz", "wav", "TextGrid")))

@@ -172,9 +172,7 @@ def copies_of(corpus: Path, root: Path, names: list[str]) -> Path:
 
 
 @pytest.mark.slow
-def test_the_page_names_every_speaker_and_shows_pictures(
-    corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_page_names_every_speaker_and_shows_pictures(corpus, tmp_path, capsys):
     assert report.main(["--data", str(tmp_path), "--out", str(tmp_path / "page.md")]) == 1
     assert "holds no clips in BEAT2's layout" in capsys.readouterr().err
     assert not (tmp_path / "page.md").exists()
@@ -190,9 +188,7 @@ def test_the_page_names_every_speaker_and_shows_pictures(
         assert (out.parent / "figures" / name).read_bytes().startswith(b"\x89PNG")
 
 
-def test_clips_that_cannot_be_used_are_named_and_left_out(
-    corpus: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_clips_that_cannot_be_used_are_named_and_left_out(corpus, tmp_path, caplog):
     names = ["1_a_0_1_1", "1_a_0_2_2", "1_a_0_3_3", "1_a_0_4_4", "1_a_0_5_5"]
     root = copies_of(corpus, tmp_path / "real", names)
     (root / "smplxflame_30" / "1_a_0_1_1.npz").write_bytes(b"no npz")

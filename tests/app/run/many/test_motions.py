@@ -160,7 +160,7 @@ def test_beats_are_those_of_a_single_clip_beside_its_sound(folders: Path, tmp_pa
 
 
 def test_sets_too_short_for_a_distance_are_told_and_without_a_common_name_refused(
-    folders: Path, tmp_path: Path
+    folders, tmp_path
 ):
     for name in ("lively", "same", "gt"):
         (tmp_path / name).mkdir()
@@ -175,9 +175,7 @@ def test_sets_too_short_for_a_distance_are_told_and_without_a_common_name_refuse
         diagnose_folders(ManyRequest((folders / "gt", tmp_path / "none"), tmp_path / "x"))
 
 
-def test_results_as_others_name_them_are_paired_at_any_depth(
-    folders: Path, measured: Path, tmp_path: Path
-):
+def test_results_as_others_name_them_are_paired_at_any_depth(folders, measured, tmp_path):
     """As EMAGE's code leaves them: results and recordings in one folder, below other folders."""
     theirs = tmp_path / "emage" / "epoch_400"
     (theirs / ".cache").mkdir(parents=True)

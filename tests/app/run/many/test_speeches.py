@@ -39,9 +39,7 @@ def request_of(source: Path, out: Path, weights: Path, **changes) -> GenerateReq
     return GenerateRequest(source, out, weights, steps=1, has_video=False, **changes)
 
 
-def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(
-    speeches: Path, weights: Path, tmp_path: Path
-) -> None:
+def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(speeches, weights, tmp_path):
     out = tmp_path / "out"
     told: list[tuple[str, float]] = []
     asked = request_of(speeches, out, weights, has_figures=False)
@@ -77,9 +75,7 @@ def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(
     assert generate_many(replace(asked, seed=1), HERE).kept == 0
 
 
-def test_clips_that_cannot_be_made_hold_up_no_other(
-    speeches: Path, weights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_clips_that_cannot_be_made_hold_up_no_other(speeches, weights, tmp_path, capsys):
     (speeches / "b.wav").write_bytes(b"no sound at all" * 9)
     out = tmp_path / "out"
     flags = [*QUICK, "--out", str(out), "--weights", str(weights)]
@@ -97,12 +93,8 @@ def test_clips_that_cannot_be_made_hold_up_no_other(
 
 
 def test_a_person_who_stops_it_is_told_that_it_goes_on(
-    speeches: Path,
-    weights: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    speeches, weights, tmp_path, capsys, monkeypatch
+):
     def press_control_c(bar: ProgressBar, share: float) -> None:
         raise KeyboardInterrupt
 
@@ -116,9 +108,7 @@ def test_a_person_who_stops_it_is_told_that_it_goes_on(
     assert (tmp_path / "out" / "a" / RECORD).is_file()
 
 
-def test_a_list_names_files_relative_to_itself_or_is_refused(
-    speeches: Path, tmp_path: Path
-) -> None:
+def test_a_list_names_files_relative_to_itself_or_is_refused(speeches, tmp_path):
     listed = tmp_path / "list.txt"
     listed.write_text("# two of them\nspeech/c.wav\n\nspeech/a.wav\n")
     assert is_many(listed) and is_many(speeches) and not is_many(speeches / "a.wav")
@@ -145,9 +135,7 @@ def test_what_belongs_to_one_clip_is_refused(speeches: Path, weights: Path, tmp_
     assert not (tmp_path / "out").exists()
 
 
-def test_a_batch_takes_one_style_file_and_a_folder_of_plans(
-    speeches: Path, planned_weights: Path, tmp_path: Path
-) -> None:
+def test_a_batch_takes_one_style_file_and_a_folder_of_plans(speeches, planned_weights, tmp_path):
     for name in "bc":
         (speeches / f"{name}.wav").unlink()
     write_wav(speeches / "d.wav", made_waveform(16_000 * 4))

@@ -97,9 +97,7 @@ def test_limits_hold_before_a_byte_is_unpacked(folder: Path, tmp_path: Path):
 
 
 @pytest.mark.parametrize("comment", [b"", b"a comment"])
-def test_a_list_of_too_many_files_is_not_even_read(
-    comment: bytes, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_list_of_too_many_files_is_not_even_read(comment, folder, tmp_path, monkeypatch):
     path = tmp_path / "many.zip"
     with zipfile.ZipFile(path, "w") as archive:
         archive.comment = comment

@@ -156,9 +156,7 @@ def test_the_figure_is_its_input() -> None:
 
 
 @pytest.mark.parametrize(("shift", "spread"), [(0.0, 0.0), (40.0, 1e-4), (-3.0, 30.0)])
-def test_every_point_is_inside_its_axis_and_each_axis_has_a_scale(
-    shift: float, spread: float
-) -> None:
+def test_every_point_is_inside_its_axis_and_each_axis_has_a_scale(shift, spread):
     tips = make_trajectory(0, 30) * [1.0, 0.2, 0.01]
     positions = tips.astype(np.float32) * spread + shift
     inputs = {**make_inputs(1, False, 0, 30), "trajectories": {NAMES[0]: positions}}
@@ -264,9 +262,7 @@ FAR = 107_000
         ),
     ],
 )
-def test_nothing_overlaps(
-    monkeypatch: pytest.MonkeyPatch, inputs: dict[str, Any], has_marks: bool, start: int
-) -> None:
+def test_nothing_overlaps(monkeypatch, inputs, has_marks, start):
     marks = make_marks(inputs, full_scale=20000.0) if has_marks else None
     if start:  # far from the origin, with large frame numbers
         inputs = inputs | {
