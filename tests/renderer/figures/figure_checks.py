@@ -6,6 +6,10 @@ from typing import Any
 
 import pytest
 
+NAMES = (
+    *("globaldiff/local", "globaldiff/global", "globaldiff/joint", "globaldiff/skeleton.s2"),
+    *("globaldiff/full", "asynfusion/lcm"),
+)
 ODD_NAMES = (
     "globaldiff/skeleton.s2",
     "a_folder_with_a_long_name/2_scott_0_103_103_of_the_second_run_with_everything_in_it.s12",

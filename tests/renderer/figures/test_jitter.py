@@ -10,39 +10,24 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from conventions.joints import JOINT_INDEX, JOINT_NAMES, PARENTS
+from conventions.joints import JOINT_DEPTH, JOINT_INDEX
 from conventions.names import VERSIONS, Version
 from renderer.figures.files import FigureError, matplotlib_settings
 from renderer.figures.jitter import NO_DATA, NO_PERIOD, ROWS, draw_sheet, jitter_sheet
 from renderer.figures.jitter_series import Jitter, JitterSheet
 from renderer.figures.style import FIGURE_WIDTH_IN
-from tests.renderer.figures.figure_checks import ODD_NAMES, check_apart, drawn_texts
+from tests.renderer.figures.figure_checks import NAMES, ODD_NAMES, check_apart, drawn_texts
 
-NAMES = (
-    "globaldiff/local",
-    "globaldiff/global",
-    "globaldiff/joint",
-    "globaldiff/skeleton.s2",
-    "globaldiff/full",
-    "asynfusion/lcm",
-)
 CHAIN = (
     *("pelvis", "spine1", "spine2", "spine3", "right_collar", "right_shoulder", "right_elbow"),
     *("right_wrist", "right_middle1", "right_middle2", "right_middle3"),
 )
 
 
-def depth_of_joints() -> np.ndarray:
-    depth = np.zeros(len(JOINT_NAMES), dtype=int)
-    for joint, parent in enumerate(PARENTS):
-        depth[joint] = 0 if parent < 0 else depth[parent] + 1
-    return depth
-
-
 def example_sheet(
     num_systems: int = 2, has_reference: bool = True, names: tuple[str, ...] = NAMES
 ) -> JitterSheet:
-    depth = depth_of_joints()
+    depth = np.array(JOINT_DEPTH)
     systems = {
         name: both(depth, seed, 1.0 + 1.4 * (num_systems - seed))
         for seed, name in enumerate(names[:num_systems])

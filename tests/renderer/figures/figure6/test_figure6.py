@@ -23,16 +23,8 @@ from renderer.figures.files import FigureError, matplotlib_settings
 from renderer.figures.page import LINE, SWATCH
 from renderer.figures.style import FIGURE_WIDTH_IN
 from tests.helpers import ROOT
-from tests.renderer.figures.figure_checks import ODD_NAMES, check_apart, drawn_texts, overlap
+from tests.renderer.figures.figure_checks import NAMES, ODD_NAMES, check_apart, drawn_texts, overlap
 
-NAMES = (
-    "globaldiff/local",
-    "globaldiff/global",
-    "globaldiff/joint",
-    "globaldiff/skeleton.s2",
-    "globaldiff/full",
-    "asynfusion/lcm",
-)
 FRAME = (48, 64)
 SLOW = pytest.mark.slow
 
