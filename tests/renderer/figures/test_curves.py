@@ -1,5 +1,7 @@
 """The figures of one kind of panel: distributions, steps against time, error along the chain."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ from renderer.figures.distributions import SpreadPanel, distributions_figure, dr
 from renderer.figures.error_growth import Spreads, draw_error_growth, error_growth_figure
 from renderer.figures.files import FigureError, matplotlib_settings
 from renderer.figures.step_curve import PANELS, Mark, draw_step_curve, step_curve_figure
+from tests.helpers import ROOT
 from tests.renderer.figures.figure_checks import check_apart, drawn_texts
 
 RNG = np.random.default_rng(3)
@@ -110,14 +113,23 @@ def test_nothing_overlaps(monkeypatch: pytest.MonkeyPatch, scale: float) -> None
     check_apart(figure, texts, {})
 
 
-def test_files_are_written_with_what_they_show(tmp_path: Path) -> None:
-    error_growth_figure(growth(), tmp_path / "growth", sentence="3.2 times as far.")
+def test_the_same_bytes_come_from_a_process_that_loads_no_pyplot(tmp_path):
+    program = (
+        "import sys; from pathlib import Path; import numpy as np\n"
+        "import renderer.figures.figure6.figure6, renderer.figures.jitter\n"
+        "from renderer.figures.error_growth import Spreads, error_growth_figure\n"
+        "assert 'matplotlib' not in sys.modules\n"
+        "spreads = Spreads(('a', 'b'), *np.ones((4, 2)))\n"
+        "error_growth_figure(spreads, Path(sys.argv[1]), sentence='So.')\n"
+        "assert 'matplotlib.pyplot' not in sys.modules\n"
+        "import matplotlib; assert matplotlib.rcParams['pdf.fonttype'] == 3\n"
+    )
+    subprocess.run([sys.executable, "-c", program, str(tmp_path / "b")], check=True, cwd=ROOT)
+    spreads = Spreads(("a", "b"), *np.ones((4, 2)))
+    for path in error_growth_figure(spreads, tmp_path / "a", sentence="So."):
+        assert path.read_bytes() == (tmp_path / f"b{path.suffix}").read_bytes(), path.suffix
     step_curve_figure(MARKS, tmp_path / "steps")
-    assert len(list(tmp_path.iterdir())) == 6
-    for name, words in (
-        ("growth", "3.2 times as far."),
-        ("steps", "number of steps beside it"),
-    ):
+    for name, words in (("a", "So."), ("steps", "number of steps beside it")):
         with Image.open(tmp_path / f"{name}.png") as picture:
             assert words in picture.info["Description"]
 
