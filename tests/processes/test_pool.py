@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -61,13 +62,22 @@ def test_a_killed_worker_costs_no_job(tmp_path: Path) -> None:
         (run_out_of_memory, ["for want of memory, as its log says; use fewer processes"]),
     ],
 )
-def test_a_worker_that_always_dies_ends_it_and_says_how(work, words, tmp_path):
+def test_a_worker_that_always_dies_ends_it_and_says_how(work, words, tmp_path, monkeypatch):
+    begun = []
+
+    class Counted(ProcessPoolExecutor):
+        def __init__(self, *arguments):
+            begun.append(self)
+            super().__init__(*arguments)
+
+    monkeypatch.setattr("processes.pool.ProcessPoolExecutor", Counted)
     jobs = [made_job(tmp_path, name, work=work) for name in "ab"]
     with pytest.raises(JobsError) as told:
         TWO.do_all(jobs)
     sentence = str(told.value)
     assert all(word in sentence for word in words), sentence
     assert ("fewer processes" in sentence) == (work is run_out_of_memory)
+    assert len(begun) == MAX_BREAKS
 
 
 def test_a_job_that_leaves_python_fails_alone(tmp_path: Path) -> None:
