@@ -12,11 +12,11 @@ from processes.job import Job, JobsError
 from processes.pool import JobPool
 
 
-def make_jobs(folder: Path, count: int, held_from: int | None = None) -> list[Job]:
-    """Each adds its name to ``log`` and leaves a file of its own; from one on they wait until the
-    file ``go`` is there."""
-    works = [do if held_from is None or n < held_from else do_when_let for n in range(count)]
-    return [made_job(folder, f"job{number}", work) for number, work in enumerate(works)]
+def make_jobs(folder: Path, count: int, are_held: bool = False) -> list[Job]:
+    """Each adds its name to ``log`` and leaves a file of its own; those that are held wait, once
+    two are done, until the file ``go`` is there."""
+    work = do_when_let if are_held else do
+    return [made_job(folder, f"job{number}", work) for number in range(count)]
 
 
 def made_job(folder: Path, name: str, work: Callable[[Path, str], object]) -> Job:
@@ -30,7 +30,7 @@ def do(folder: Path, name: str) -> None:
 
 
 def do_when_let(folder: Path, name: str) -> None:
-    wait_for((folder / "go").exists)
+    wait_for(lambda: len(done(folder)) < 2 or (folder / "go").exists())
     do(folder, name)
 
 
@@ -92,6 +92,6 @@ if __name__ == "__main__":
     else:
         pool = JobPool(scheduler=who)
     try:
-        pool.do_all(make_jobs(place, 6, held_from=2))
+        pool.do_all(make_jobs(place, 6, are_held=True))
     except JobsError as error:
         sys.exit(str(error))

@@ -68,10 +68,10 @@ def test_a_cluster_does_each_job_once_and_tells_of_one_that_fails(tmp_path: Path
 def test_a_killed_worker_costs_no_job_and_none_is_done_twice(tmp_path: Path) -> None:
     told: list[str] = []
     with scheduler(tmp_path) as (_, file), workers(file, 2) as (struck, _):
-        jobs = [*make_jobs(tmp_path, 6, held_from=2), made_job(tmp_path, "bad", work=fail)]
+        jobs = [*make_jobs(tmp_path, 6, are_held=True), made_job(tmp_path, "bad", work=fail)]
 
         def strike() -> None:
-            wait_for(lambda: len(done(tmp_path)) == 2)
+            wait_for(lambda: len(done(tmp_path)) >= 2)
             os.kill(struck.pid, signal.SIGKILL)
             (tmp_path / "go").touch()
 
@@ -91,7 +91,7 @@ def test_after_a_kill_of_the_scheduler_a_sentence_says_so_and_the_same_call_goes
             stderr=subprocess.PIPE,
             text=True,
         )
-        wait_for(lambda: len(done(tmp_path)) == 2)
+        wait_for(lambda: len(done(tmp_path)) >= 2)
         os.kill(head.pid, signal.SIGKILL)
         said = child.communicate(timeout=60)[1]
         (tmp_path / "go").touch()

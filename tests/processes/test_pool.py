@@ -90,13 +90,13 @@ def test_a_job_that_leaves_python_fails_alone(tmp_path: Path) -> None:
 def test_after_a_kill_of_all_the_rest_is_done_and_nothing_twice(tmp_path: Path) -> None:
     asked = [sys.executable, "-m", "tests.processes.made", str(tmp_path), "2"]
     child = subprocess.Popen(asked, cwd=ROOT)
-    wait_for(lambda: len(done(tmp_path)) == 2)
+    wait_for(lambda: len(done(tmp_path)) >= 2)
     workers = children_of(child.pid)
     os.kill(child.pid, signal.SIGKILL)
     child.wait()
     wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
     before = done(tmp_path)
-    assert len(before) == 2
+    assert 2 <= len(before) < 6
     (tmp_path / "go").touch()
     subprocess.run(asked, cwd=ROOT, check=True)
     assert done(tmp_path)[: len(before)] == before
