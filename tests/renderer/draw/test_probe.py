@@ -17,6 +17,7 @@ LOADED_LATER = ["tools.bake.__main__"] + [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.gl
 def test_every_backend_is_reported():
     reports = probe_backends()
