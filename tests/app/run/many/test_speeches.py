@@ -72,6 +72,9 @@ def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(speeches, weights, t
     assert after["c"] == times["c"] and after["a"] > times["a"] and after["b"] > times["b"]
     write_wav(speeches / "c.wav", made_waveform(16_000, 9))
     assert generate_many(asked, HERE).kept == 2
+    for clip in "ab":
+        (speeches / f"{clip}.wav").unlink()
+    assert generate_many(asked, HERE).kept == 1
     assert generate_many(replace(asked, seed=1), HERE).kept == 0
 
 
