@@ -1,22 +1,27 @@
-"""The speech encoder as a part of the networks of other systems."""
+"""The speech encoder alone, and as a part of the networks of other systems."""
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
-from model.networks.speech_codes import Listener, listener_of, load_codes
+from conventions.rates import SAMPLE_RATE
+from model.data.prepared import prepare
+from model.networks.speech_codes import Listener, heard_accents, listener_of, load_codes
+from model.speech.audio import load_speech
 from model.speech.encoders import make_encoder
+from model.speech.features import MelEncoder
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from model.storage.checkpoint import load_weights
 from model.systems.gan.config import GeneratorConfig
 from model.systems.globaldiff.config import NetworkConfig
 from model.systems.globaldiff.network import MotionNetwork
 from model.systems.registry import family_of
-from model.training.loop import train
 from model.training.task import Start, TaskSetup
-from tests.model.made import made_speech, make_data_folder
+from tests.model.made import made_speech
 
 CODES = 48
 SHAPE = NetworkConfig(width=96, num_blocks=2, num_heads=3)
@@ -78,32 +83,6 @@ def test_codes_reach_the_motion_and_are_hidden_with_the_speech(features):
     assert torch.equal(deaf, still)
 
 
-@pytest.mark.parametrize(
-    ("system", "shape"),
-    [
-        ("globaldiff/local", "network"),
-        ("workbench/priorflow", "network"),
-        ("gan/20", "generator"),
-        ("asynfusion/ddim", "network"),
-        ("expression", "expression"),
-    ],
-)
-def test_every_family_trains_with_codes_and_keeps_the_encoder(tmp_path, system, shape):
-    make_data_folder(tmp_path / "data")
-    family = family_of(system)
-    config = family.config("smoke", system)
-    heard = replace(getattr(config, shape), codes=CODES)
-    config = replace(config, **{shape: heard, "steps": 2, "batch_size": 2})
-    train(config, family.make_task, tmp_path / "data", tmp_path / "out", helpers=BUNDLED_WEIGHTS)
-    tensors, card = load_weights(tmp_path / "out" / "weights", system)
-    encoder, _ = load_weights(BUNDLED_WEIGHTS, "speech-encoder")
-    kept = {key: t for key, t in tensors.items() if ".listener.network." in f".{key}"}
-    assert len(kept) == sum(key.startswith("network.") for key in encoder)
-    for key, tensor in kept.items():
-        assert torch.equal(tensor, encoder[key.replace("listener.network.", "")])
-    assert card["config"][shape]["codes"] == CODES
-
-
 def test_what_cannot_be_heard_with_is_told(tmp_path: Path):
     network = MotionNetwork(replace(SHAPE, codes=CODES // 2))
     with pytest.raises(CheckpointError, match="speech-encoder do not fit"):
@@ -112,3 +91,47 @@ def test_what_cannot_be_heard_with_is_told(tmp_path: Path):
         TaskSetup(tmp_path).put_weights_into(MotionNetwork(replace(SHAPE, codes=CODES)), None)
     with pytest.raises(ValueError, match="cepstra is 13 and codes 48"):
         GeneratorConfig(cepstra=13, codes=CODES)
+
+
+EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "three_reasons.wav"
+
+
+def test_accents_are_heard_where_somebody_speaks():
+    speech = load_speech(EXAMPLE)
+    accents = heard_accents(speech, BUNDLED_WEIGHTS)
+    assert 0.5 < len(accents) / speech.duration_s < 4
+    assert all(after.time_s - before.time_s > 0.1 for before, after in pairwise(accents))
+    loud = np.abs(speech.waveform)
+    around = [
+        loud[max(0, int(SAMPLE_RATE * (a.time_s - 0.1))) : int(SAMPLE_RATE * (a.time_s + 0.1))]
+        for a in accents
+    ]
+    assert np.mean([part.mean() for part in around]) > 1.3 * loud.mean()
+    assert all(0 <= accent.strength <= 1 for accent in accents)
+
+
+def test_without_its_weights_nothing_is_heard(tmp_path: Path):
+    assert heard_accents(load_speech(EXAMPLE), tmp_path) == ()
+
+
+@pytest.mark.parametrize(
+    ("system", "shape"),
+    [
+        ("globaldiff/local", "network"),
+        ("workbench/priorflow", "network"),
+        pytest.param("gan/20", "generator", marks=pytest.mark.slow),
+        pytest.param("asynfusion/ddim", "network", marks=pytest.mark.slow),
+        ("expression", "expression"),
+    ],
+)
+def test_every_family_can_hear_codes_and_saves_the_encoder(tmp_path, data_folder, system, shape):
+    family = family_of(system)
+    config = family.config("smoke", system)
+    heard = replace(getattr(config, shape), codes=CODES)
+    data = prepare(data_folder, tmp_path / "prepared", MelEncoder())
+    task = family.make_task(replace(config, **{shape: heard}), data, TaskSetup(BUNDLED_WEIGHTS))
+    encoder, _ = load_weights(BUNDLED_WEIGHTS, "speech-encoder")
+    kept = {key: t for key, t in task.export().items() if ".listener.network." in f".{key}"}
+    assert len(kept) == sum(key.startswith("network.") for key in encoder)
+    for key, tensor in kept.items():
+        assert torch.equal(tensor, encoder[key.replace("listener.network.", "")])
