@@ -299,8 +299,9 @@ def test_the_real_renderer_makes_a_blind_study(weights: Path, tmp_path: Path) ->
     text = write_plan(tmp_path, ["recorded"], ["one"], "length_s = 0.5").read_text()
     text += '[[systems]]\nname = "globaldiff/local"\nsteps = 1\n'
     (tmp_path / "plan.toml").write_text(text)
-    plan = read_plan(tmp_path / "plan.toml")
-    study = export_study(plan, tmp_path / "out", ExportOptions(weights=weights))
+    argv = ["study", "export", str(tmp_path / "plan.toml"), "--out", str(tmp_path / "out")]
+    assert main([*argv, "--weights", str(weights)]) == 0
+    study = Workspace(tmp_path / "out")
     assert check_study(tmp_path / "out") == []
     assert len({sha256(path) for path in study.media.iterdir()}) == 2
     provenance = json.loads((study.private / "provenance.json").read_text())
