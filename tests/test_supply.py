@@ -29,20 +29,17 @@ def wanted(file: str) -> list[Requirement]:
     return [Requirement(line) for line in lines if line and not line.startswith("-r")]
 
 
-@pytest.mark.parametrize(
-    ("lock", "files"),
-    [
+def test_the_lock_holds_what_is_required() -> None:
+    for lock, files in [
         ("run", ["requirements.txt"]),
         ("test", ["requirements.txt", "requirements-dev.txt"]),
         ("cluster", ["requirements-cluster.txt"]),
-    ],
-)
-def test_the_lock_holds_what_is_required(lock: str, files: list[str]) -> None:
-    locked = pins(lock) | {"torch": pins("torch-cpu")["torch"].split("+")[0]}
-    for requirement in [each for file in files for each in wanted(file)]:
-        assert requirement.specifier.contains(locked[requirement.name.lower()]), (
-            f"{requirement} is not {locked[requirement.name.lower()]}; run make lock"
-        )
+    ]:
+        locked = pins(lock) | {"torch": pins("torch-cpu")["torch"].split("+")[0]}
+        for requirement in [each for file in files for each in wanted(file)]:
+            assert requirement.specifier.contains(locked[requirement.name.lower()]), (
+                f"{requirement} is not {locked[requirement.name.lower()]}; run make lock"
+            )
 
 
 def test_a_cluster_stands_beside_the_rest_in_one_environment() -> None:

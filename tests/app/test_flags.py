@@ -59,9 +59,8 @@ def test_every_field_is_read_as_it_says_and_unwritten_as_it_is() -> None:
     assert names_of(" a, b,") == ("a", "b")
 
 
-@pytest.mark.parametrize(
-    ("written", "sentence"),
-    [
+def test_what_cannot_be_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    for written, sentence in [
         ("--out x", "required: FILE"),
         ("a", "required: --out"),
         ("a --out x --width 3", "argument --width: 3 is odd."),
@@ -69,12 +68,8 @@ def test_every_field_is_read_as_it_says_and_unwritten_as_it_is() -> None:
         ("a --out x --way c", "invalid choice: 'c'"),
         ("a --out x --names ,", "argument --names: name at least one"),
         ("a --out x --kept here", "unrecognized arguments: --kept"),
-    ],
-)
-def test_what_cannot_be_is_refused(
-    written: str, sentence: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as stopped:
-        _read(written)
-    assert stopped.value.code == 2
-    assert sentence in capsys.readouterr().err
+    ]:
+        with pytest.raises(SystemExit) as stopped:
+            _read(written)
+        assert stopped.value.code == 2
+        assert sentence in capsys.readouterr().err

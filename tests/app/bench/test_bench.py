@@ -18,6 +18,8 @@ from renderer.video.render import render_stills
 from renderer.video.settings import RenderSettings
 from tests.renderer.scene.test_camera import waving_motion
 
+pytestmark = pytest.mark.slow
+
 
 def test_training_rate_counts_the_windows_of_the_timed_steps(
     monkeypatch: pytest.MonkeyPatch, weights: Path
@@ -32,7 +34,6 @@ def test_training_rate_counts_the_windows_of_the_timed_steps(
         bench.training_rate("globaldiff/full", weights, "smoke", fast=False)
 
 
-@pytest.mark.slow
 @pytest.mark.gl
 def test_every_stage_costs_something_and_the_naive_loop_draws_the_same_body(tmp_path: Path) -> None:
     body, motion = load_body(), waving_motion(8)

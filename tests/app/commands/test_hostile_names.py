@@ -84,15 +84,17 @@ class Terminal(io.StringIO):
         assert shown and all(char.isprintable() for char in shown), shown
 
 
-@pytest.fixture
-def terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
+def sit_at_terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
     terminal = Terminal()
     for stream in ("sys.stdout", "sys.stderr"):
         monkeypatch.setattr(stream, terminal)
     return terminal
 
 
-def test_diagnose_tells_of_files_with_hostile_names(tmp_path: Path, terminal: Terminal) -> None:
+def test_diagnose_tells_of_files_with_hostile_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    terminal = sit_at_terminal(monkeypatch)
     motions = [tmp_path / f"{name}.npz" for name in NAMES]
     for seed, path in enumerate(motions):
         save_motion(smooth_motion_example(20, seed), path)
@@ -107,8 +109,9 @@ def test_diagnose_tells_of_files_with_hostile_names(tmp_path: Path, terminal: Te
 
 
 def test_a_terminal_is_sent_no_control_characters_by_what_fails(
-    tmp_path: Path, terminal: Terminal
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    terminal = sit_at_terminal(monkeypatch)
     name = TITLE + NO_TEXT
     argv = ["diagnose", str(tmp_path / f"none{name}.npz"), "--out", str(tmp_path / name)]
     assert main(argv) == 1

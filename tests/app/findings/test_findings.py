@@ -261,21 +261,18 @@ def test_the_issue_s_own_example() -> None:
     assert "10 clips or more" in verdict.text and "several seeds" in verdict.text
 
 
-@pytest.mark.parametrize(
-    ("jerks", "words"),
-    [
+def test_swapped_numbers_turn_the_verdict_round() -> None:
+    for jerks, words in [
         ((120, 90, 80), "claim shows: global"),
         ((100, 80, 110), "shows with global, not with full"),
         ((100, 98, 99), "does not show"),
         ((90, 100, 110), "does not show"),
-    ],
-)
-def test_swapped_numbers_turn_the_verdict_round(jerks, words) -> None:
-    numbers = zip(RUNGS, jerks, strict=True)
-    systems = {name: both(tip_jerk_m_s3=float(jerk)) for name, jerk in numbers}
-    verdict = verdict_of(diagnostics_of(**systems))
-    assert verdict is not None and words in verdict.judgement
-    assert "recorded" not in verdict.numbers
+    ]:
+        numbers = zip(RUNGS, jerks, strict=True)
+        systems = {name: both(tip_jerk_m_s3=float(jerk)) for name, jerk in numbers}
+        verdict = verdict_of(diagnostics_of(**systems))
+        assert verdict is not None and words in verdict.judgement
+        assert "recorded" not in verdict.numbers
 
 
 def test_samples_that_do_not_tell_the_systems_apart_show_nothing() -> None:
@@ -303,9 +300,7 @@ def test_without_the_ladder_nothing_is_said_of_the_paper_and_without_jerk_nothin
     assert short_names(["a/x", "b/x", "b/y"]) == {"a/x": "a/x", "b/x": "b/x", "b/y": "y"}
 
 
-@pytest.mark.parametrize(("full", "is_worse"), [(100.0, False), (104.0, False), (112.0, True)])
-def test_full_is_said_to_be_worse_than_global_where_it_clearly_is(
-    full: float, is_worse: bool
-) -> None:
-    verdict = said(globaldiff_global=100, globaldiff_full=full)
-    assert verdict is not None and ("jerks more than global" in verdict.text) == is_worse
+def test_full_is_said_to_be_worse_than_global_where_it_clearly_is() -> None:
+    for full, is_worse in [(100.0, False), (104.0, False), (112.0, True)]:
+        verdict = said(globaldiff_global=100, globaldiff_full=full)
+        assert verdict is not None and ("jerks more than global" in verdict.text) == is_worse

@@ -43,8 +43,7 @@ LOCAL, WORLD = "globaldiff/local", "globaldiff/global"
 SHORT, LONG = 16, 113
 """Frames: half a second and a little, and two windows with a rest."""
 WITHOUT_VIDEO = {
-    *("globaldiff-local.npz", "globaldiff-global.npz", "diagnostics.json", "diagnostics.csv"),
-    "provenance.json",
+    *("globaldiff-global.npz", "diagnostics.json", "diagnostics.csv", "provenance.json"),
 }
 
 
@@ -76,7 +75,7 @@ def whole(short: Path, weights: Path) -> Whole:
     """One run with everything, and all that it told."""
     events: list[Event] = []
     request = GenerateRequest(
-        short, short.with_name("out"), weights, steps=1, seed=5, post_filter="savgol",
+        short, short.with_name("out"), weights, (WORLD,), steps=1, seed=5, post_filter="savgol",
         joint="left_elbow", start_frame=5, reference=short.with_name("reference.npz"),
         size=256, views=("front", "side"),
     )  # fmt: skip
@@ -87,22 +86,20 @@ def whole(short: Path, weights: Path) -> Whole:
 def test_a_whole_run_leaves_every_file_with_exactly_the_frames_of_the_speech(whole: Whole) -> None:
     result, events = whole
     videos = {
-        f"{name}{view}.mp4"
-        for name in ("globaldiff-local", "globaldiff-global", "reference")
-        for view in ("", ".side")
+        f"{name}{view}.mp4" for name in ("globaldiff-global", "reference") for view in ("", ".side")
     }
     figures = {f"{name}.{kind}" for name in ("figure6", "jitter") for kind in ("png", "svg", "pdf")}
     assert names_in(result.out) == WITHOUT_VIDEO | figures | videos | {"comparison.mp4"}
     assert names_in(result.out) == {file.name for file in result.files}
     assert names_in(result.out) == {e.path.name for e in events if isinstance(e, Artefact)}
-    assert (result.names, result.num_frames) == ((LOCAL, WORLD, "reference"), SHORT)
+    assert (result.names, result.num_frames) == ((WORLD, "reference"), SHORT)
     for name in (*videos, "comparison.mp4"):
         with av.open(str(result.out / name)) as video:
             assert sum(1 for _ in video.decode(video=0)) == SHORT, name
             assert len(video.streams.audio) == 1
             assert abs(float(video.duration / av.time_base) - SHORT / 30) < 1 / 30
     with av.open(str(result.out / "comparison.mp4")) as video:
-        assert video.streams.video[0].width == 3 * 192
+        assert video.streams.video[0].width == 2 * 192
     assert any(f"the reference was cut to {SHORT}" in note for note in result.notes)
 
 
@@ -128,12 +125,11 @@ def test_a_whole_run_records_what_made_it_and_follows_the_point_that_was_asked_f
     assert (options["seed"], options["post_filter"], options["speaker"]) == (5, "savgol", "ann")
     assert options["live"] is None and options["reference"] == "reference.npz"
     assert record["speech"]["frames"] == SHORT and len(record["speech"]["sha256"]) == 64
-    assert set(record["weights"]) == {LOCAL, WORLD}
-    assert len(record["weights"][LOCAL]["sha256"]) == 64
+    assert set(record["weights"]) == {WORLD}
+    assert len(record["weights"][WORLD]["sha256"]) == 64
     diagnostics = json.loads((result.out / "diagnostics.json").read_text())
     assert diagnostics == result.diagnostics.as_json()
-    assert set(diagnostics["systems"]) == {LOCAL, WORLD}
-    assert "beat_align" in diagnostics["systems"][LOCAL]["raw"]
+    assert "beat_align" in diagnostics["systems"][WORLD]["raw"]
     assert result.diagnostics.point == "left_elbow"
     with Image.open(result.out / "figure6.png") as picture:
         assert picture.info["Description"].startswith(f"Left elbow, frames 5 to {SHORT - 1}")
@@ -154,14 +150,12 @@ def test_a_run_without_video_needs_no_gl_and_the_filter_changes_motion_but_no_nu
     ask: Ask, whole: Whole, short: Path, without_gl: None
 ) -> None:
     smooth, _ = whole
-    raw = generate_all(
-        ask(speech=short, seed=5, joint="left_elbow", reference=short.with_name("reference.npz"))
-    )
+    asked = {"seed": 5, "joint": "left_elbow", "reference": short.with_name("reference.npz")}
+    raw = generate_all(ask(speech=short, systems=(WORLD,), **asked))
     assert names_in(raw.out) == WITHOUT_VIDEO
     assert raw.diagnostics.as_json() == smooth.diagnostics.as_json()
-    for name in (LOCAL, WORLD):
-        jagged, filtered = (np.diff(poses(run, name), 3, axis=0) for run in (raw, smooth))
-        assert np.abs(filtered).mean() < 0.9 * np.abs(jagged).mean()
+    jagged, filtered = (np.diff(poses(run, WORLD), 3, axis=0) for run in (raw, smooth))
+    assert np.abs(filtered).mean() < 0.9 * np.abs(jagged).mean()
 
 
 def test_without_gl_a_run_with_video_says_so_before_it_generates(
@@ -194,9 +188,10 @@ def test_steps_guidance_and_samples_are_those_asked_for_and_recorded(ask: Ask, s
     assert np.abs(poses(guided, WORLD) - poses(both, WORLD)).max() > 1e-3
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
+def test_what_cannot_be_is_refused_with_a_sentence_and_leaves_nothing(
+    ask: Ask, short: Path
+) -> None:
+    for changes, words in [
         ({"systems": ("globaldiff/none",)}, "no system 'globaldiff/none'; available: globaldiff"),
         ({"speaker": "nobody"}, "no speaker 'nobody'; choose one of ann, bob"),
         ({"views": ("top",)}, "no view 'top'"),
@@ -222,16 +217,12 @@ def test_steps_guidance_and_samples_are_those_asked_for_and_recorded(ask: Ask, s
         ({"speech": Path("/nowhere/speech.wav")}, "speech.wav does not exist"),
         ({"reference": Path("/nowhere/m.npz")}, "m.npz does not exist"),
         ({"body": Path("/nowhere/body.npz")}, "body.npz"),
-    ],
-)
-def test_what_cannot_be_is_refused_with_a_sentence_and_leaves_nothing(
-    ask: Ask, short: Path, changes: dict, words: str
-) -> None:
-    request = ask(**{"speech": short, **changes})
-    with pytest.raises(Exception, match=words) as caught:
-        generate_all(request)
-    assert sentence_of(caught.value) == str(caught.value)
-    assert not request.out.exists()
+    ]:
+        request = ask(**{"speech": short, **changes})
+        with pytest.raises(Exception, match=words) as caught:
+            generate_all(request)
+        assert sentence_of(caught.value) == str(caught.value)
+        assert not request.out.exists()
 
 
 def test_too_small_a_disk_is_refused_before_anything_is_generated(
@@ -335,7 +326,7 @@ def test_a_live_take_is_kept_as_it_was_seen_and_said_to_be_live(ask: Ask, tmp_pa
     plan = GesturePlan(37 / 30, right=(phase(0.0, 1.0, "stroke", kind="you"),))
     plan.write(tmp_path / "live.plan.json")
     facts = {"frames_heard_ahead": 10, "speech_level": "running"}
-    take = Take(tmp_path / "live.npz", facts, tmp_path / "live.plan.json")
+    take = Take(tmp_path / "live.npz", facts, plan=tmp_path / "live.plan.json")
     kinds: list[str] = []
     result = generate_all(
         ask(systems=(WORLD,), take=take),
@@ -359,8 +350,7 @@ def test_figure_6_has_poses_where_no_video_is_drawn(ask: Ask, short: Path) -> No
     asked = ask(speech=short, systems=(WORLD,), has_poses=True, has_figures=True)
     result = generate_all(asked)
     assert not [path for path in result.files if path.suffix in (".mp4", ".jpg")]
-    picture = np.asarray(Image.open(asked.out / "figure6.png").convert("L"))
-    assert 0.02 < np.mean(picture < 90) < 0.5
+    assert (asked.out / "figure6.svg").read_text().count("<image") == 3
 
 
 def test_reading_stops_after_each_system_so_that_work_can_come_between(weights: Path) -> None:

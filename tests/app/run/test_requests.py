@@ -115,19 +115,18 @@ BAD_NUMBERS = {
 }
 
 
-@pytest.mark.parametrize("name", BAD_NUMBERS)
-def test_what_the_stage_does_not_tell_is_refused(name):
-    for value in BAD_NUMBERS[name]:
-        with pytest.raises(ValueError, match=r"is no (whole )?number\."):
-            Display.of_look({**LOOK, name: value})
-    for told in TOLD.values():
-        with pytest.raises(KeyError, match=told.name):
-            Display.of_look({key: value for key, value in LOOK.items() if key != told.name})
+def test_what_the_stage_does_not_tell_is_refused() -> None:
+    for name in BAD_NUMBERS:
+        for value in BAD_NUMBERS[name]:
+            with pytest.raises(ValueError, match=r"is no (whole )?number\."):
+                Display.of_look({**LOOK, name: value})
+        for told in TOLD.values():
+            with pytest.raises(KeyError, match=told.name):
+                Display.of_look({key: value for key, value in LOOK.items() if key != told.name})
 
 
-@pytest.mark.parametrize(
-    ("display", "words"),
-    [
+def test_what_cannot_be_shown_is_refused() -> None:
+    for display, words in [
         (Display(exaggeration=21), "1 to 20 times as large; got 21"),
         (Display(exaggeration=0.9), "1 to 20 times as large; got 0.9"),
         (Display(exaggeration=float("nan")), "1 to 20 times as large; got nan"),
@@ -135,13 +134,11 @@ def test_what_the_stage_does_not_tell_is_refused(name):
         (Display(trail_frames=91), "5 to 90 frames long; got 91"),
         (Display(jerk_m_s3=0), "end at 50 to 2000 m/s³; got 0"),
         (Display(coloring="rainbow"), "no colouring 'rainbow'"),  # type: ignore[arg-type]
-    ],
-)
-def test_what_cannot_be_shown_is_refused(display, words):
-    with pytest.raises(RunError, match=words):
-        check_display(display)
-    for bound in (Display(1), Display(20), Display(cutoff_hz=3), Display(cutoff_hz=8)):
-        check_display(bound)
+    ]:
+        with pytest.raises(RunError, match=words):
+            check_display(display)
+        for bound in (Display(1), Display(20), Display(cutoff_hz=3), Display(cutoff_hz=8)):
+            check_display(bound)
 
 
 def wav(path: Path, seconds: float, loudness: float = 1.0) -> Path:
@@ -165,21 +162,18 @@ def test_what_can_be_used_is_not_refused(tmp_path: Path) -> None:
     assert refusal_of("transcript", [text], MAX_S) == "said.txt holds no words."
 
 
-@pytest.mark.parametrize(
-    ("seconds", "loudness", "words"),
-    [(1.0, 0.0, "silent"), (0.2, 1.0, "0.2"), (3.0, 1.0, "2")],
-)
 def test_speech_that_is_silent_too_short_or_too_long_is_refused_in_a_sentence(
-    tmp_path: Path, seconds: float, loudness: float, words: str
+    tmp_path: Path,
 ) -> None:
-    sentence = refusal_of("speech", [wav(tmp_path / "a.wav", seconds, loudness)], MAX_S)
-    assert words in sentence and sentence.endswith(".")
+    for seconds, loudness, words in [(1.0, 0.0, "silent"), (0.2, 1.0, "0.2"), (3.0, 1.0, "2")]:
+        sentence = refusal_of("speech", [wav(tmp_path / "a.wav", seconds, loudness)], MAX_S)
+        assert words in sentence and sentence.endswith(".")
 
 
-@pytest.mark.parametrize("kind", ["speech", "reference", "motion", "transcript"])
-def test_the_first_wrong_file_is_named(tmp_path: Path, kind) -> None:
-    wrong = [tmp_path / f"{name}.npz" for name in ("first", "second")]
-    for path in wrong:
-        path.write_bytes(b"\x00" * 64)
-    sentence = refusal_of(kind, wrong, MAX_S)
-    assert "first" in sentence and "second" not in sentence
+def test_the_first_wrong_file_is_named(tmp_path: Path) -> None:
+    for kind in ["speech", "reference", "motion", "transcript"]:
+        wrong = [tmp_path / f"{name}.npz" for name in ("first", "second")]
+        for path in wrong:
+            path.write_bytes(b"\x00" * 64)
+        sentence = refusal_of(kind, wrong, MAX_S)
+        assert "first" in sentence and "second" not in sentence

@@ -149,9 +149,8 @@ def test_an_impossible_edit_is_a_sentence_and_none_of_its_batch_is_done(plan):
         done(plan, {"do": "add", "kind": "you", "word": 3})
 
 
-@pytest.mark.parametrize(
-    ("told", "match"),
-    [
+def test_what_is_no_edit_is_refused() -> None:
+    for told, match in [
         ({"do": "move"}, "lacks 'side'"),
         ({"do": "move", "side": "right", "lands": 1.0}, "to a time or a word"),
         ({"do": "add", "kind": "you", "at": 1.0, "word": 1}, "to a time or a word"),
@@ -169,11 +168,9 @@ def test_an_impossible_edit_is_a_sentence_and_none_of_its_batch_is_done(plan):
         ({"do": ["nod"]}, "There is no edit"),
         ({}, "There is no edit"),
         ("nod", "is an object"),
-    ],
-)
-def test_what_is_no_edit_is_refused(told, match):
-    with pytest.raises(RunError, match=match):
-        edits_of([told])
+    ]:
+        with pytest.raises(RunError, match=match):
+            edits_of([told])
 
 
 def test_there_is_an_end_to_how_much_comes_at_once():

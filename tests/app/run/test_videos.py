@@ -81,22 +81,22 @@ def moved(motion: Motion, degrees: float) -> Motion:
     return replace(motion, poses=poses.reshape(len(poses), -1), trans=trans.astype(np.float32))
 
 
-@pytest.mark.parametrize("degrees", [0.0, 90.0, -170.0])
-def test_motions_of_other_places_are_laid_onto_each_other(degrees: float) -> None:
-    motion = load_motion(CLEAN).part(slice(60))
-    elsewhere = moved(motion, degrees)
-    skeleton = open_body_skeleton()
-    own = track_points(in_register(motion), skeleton).joints
-    theirs = track_points(in_register(elsewhere), skeleton).joints
-    np.testing.assert_allclose(theirs, own, atol=1e-4)
-    across = own[:, JOINT_INDEX["left_hip"]] - own[:, JOINT_INDEX["right_hip"]]
-    assert abs(across[:, 2].mean()) < 1e-4 < across[:, 0].mean()
-    np.testing.assert_allclose(np.median(own[:, 0], axis=0)[[0, 2]], 0.0, atol=1e-5)
-    feet = own[:, [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]], 1].min(axis=1)
-    assert np.median(feet) == pytest.approx(SOLE_M, abs=1e-5)
-    again = register_of(in_register(elsewhere))  # what a player is told has been done
-    assert again.turn_rad == pytest.approx(0, abs=1e-4)
-    assert again.shift_m == pytest.approx((0, 0, 0), abs=1e-4)
+def test_motions_of_other_places_are_laid_onto_each_other() -> None:
+    for degrees in [0.0, 90.0, -170.0]:
+        motion = load_motion(CLEAN).part(slice(60))
+        elsewhere = moved(motion, degrees)
+        skeleton = open_body_skeleton()
+        own = track_points(in_register(motion), skeleton).joints
+        theirs = track_points(in_register(elsewhere), skeleton).joints
+        np.testing.assert_allclose(theirs, own, atol=1e-4)
+        across = own[:, JOINT_INDEX["left_hip"]] - own[:, JOINT_INDEX["right_hip"]]
+        assert abs(across[:, 2].mean()) < 1e-4 < across[:, 0].mean()
+        np.testing.assert_allclose(np.median(own[:, 0], axis=0)[[0, 2]], 0.0, atol=1e-5)
+        feet = own[:, [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]], 1].min(axis=1)
+        assert np.median(feet) == pytest.approx(SOLE_M, abs=1e-5)
+        again = register_of(in_register(elsewhere))  # what a player is told has been done
+        assert again.turn_rad == pytest.approx(0, abs=1e-4)
+        assert again.shift_m == pytest.approx((0, 0, 0), abs=1e-4)
 
 
 def test_only_what_can_be_drawn_in_time_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -178,9 +178,8 @@ def test_what_a_stage_shows_is_taken():
     replace(GRID, mode="ghost", panels=(PANELS, PANELS[:1])).check(3)
 
 
-@pytest.mark.parametrize(
-    ("changes", "num_bodies", "words"),
-    [
+def test_what_no_stage_shows_is_refused() -> None:
+    for changes, num_bodies, words in [
         ({}, 0, "no body on the stage yet"),
         ({}, MAX_BODIES + 1, "at most 64 bodies; 65"),
         ({"mode": "magic"}, 3, "no way 'magic'"),
@@ -204,11 +203,9 @@ def test_what_a_stage_shows_is_taken():
         ({"panels": ((PANELS[0], replace(PANELS[1], height=1.0)),)}, 3, "right hand has no room"),
         ({"display": Display(exaggeration=50)}, 3, "1 to 20 times as large; got 50"),
         ({"camera": Orbit(zoom=99.0)}, 3, "zoom is 0.4 to 10; got 99"),
-    ],
-)
-def test_what_no_stage_shows_is_refused(changes, num_bodies: int, words: str):
-    with pytest.raises(RunError, match=words):
-        replace(GRID, **changes).check(num_bodies)
+    ]:
+        with pytest.raises(RunError, match=words):
+            replace(GRID, **changes).check(num_bodies)
 
 
 def with_arms_down(num_frames: int = 1) -> Motion:
@@ -263,14 +260,13 @@ def test_bodies_stand_beside_each_other_with_their_hands_and_the_sound(tmp_path:
 def test_camera_framing_and_displays_are_what_was_seen(tmp_path: Path) -> None:
     plain = drawn(asked(tmp_path, replace(GRID, shown=(0,), columns=1)))[0]
     near = replace(GRID, shown=(0,), columns=1, camera=Orbit(zoom=2.0))
-    whole = replace(GRID, shown=(0,), columns=1, is_whole=True)
     jerk = replace(near, camera=Orbit(), display=Display(coloring="jerk"))
     side = replace(near, camera=Orbit(np.pi / 2))
     body = slice(0, round(plain.shape[0] * 100 / 140) - 4)
-    seen = [dark(drawn(asked(tmp_path, each))[0][body]).sum() for each in (near, whole, jerk, side)]
+    seen = [dark(drawn(asked(tmp_path, each))[0][body]).sum() for each in (near, jerk, side)]
     usual = dark(plain[body]).sum()
     assert seen[0] > 1.5 * usual, "nearer"
-    assert seen[1] != usual and seen[2] < 0.2 * usual and seen[3] < 0.9 * usual
+    assert seen[1] < 0.2 * usual and seen[2] < 0.9 * usual
 
 
 @pytest.mark.gl
@@ -279,8 +275,8 @@ def test_camera_framing_and_displays_are_what_was_seen(tmp_path: Path) -> None:
     ["ghost", *(pytest.param(mode, marks=pytest.mark.slow) for mode in ("wipe", "flicker"))],
 )
 def test_a_pair_stands_pelvis_on_pelvis(tmp_path: Path, mode: Mode) -> None:
-    first, second = with_arms_down(8), with_arms_down(8)
-    second.trans[4:, 0] += 0.8  # in register it stands 0.4 m to one side, then to the other
+    first, second = with_arms_down(20), with_arms_down(20)
+    second.trans[10:, 0] += 0.8  # in register it stands 0.4 m to one side, then to the other
     seen = replace(PAIR, mode=mode)
     frames, alone, apart = (
         drawn(asked(tmp_path, each, first, second))
@@ -288,7 +284,7 @@ def test_a_pair_stands_pelvis_on_pelvis(tmp_path: Path, mode: Mode) -> None:
     )
     wide = frames.shape[2]
     middle, beside = np.s_[:, :, wide // 4 : 3 * wide // 4], np.s_[:, :, 3 * wide // 4 + 4 :]
-    moved = np.abs(frames[[1, 6]][beside] - apart[[1, 6]][beside]).mean()
+    moved = np.abs(frames[[2, 17]][beside] - apart[[2, 17]][beside]).mean()
     assert moved < 5, "hands stay in place, but for the shadow"
     away, free = (np.abs(each[middle] - alone[middle]).mean() for each in (frames, apart))
     assert away < 0.5 * free
@@ -303,23 +299,24 @@ def test_the_second_of_a_pair_stands_where_the_first_is_drawn() -> None:
     assert np.array_equal(laid[:, 1], second.trans[:, 1]), "but not in height"
 
 
-@pytest.mark.parametrize(
-    ("size", "columns", "count"),
-    [((320.0, 476.0), 5, 5), ((1200.0, 900.0), 1, 1), ((250.0, 500.0), 6, 12)],
-)
-def test_pictures_are_as_large_as_a_screen_has_room_for_but_small_ones_half_as_large_again(
-    size: tuple[float, float], columns: int, count: int
-) -> None:
-    panels = ((SeenPanel(BODY, 0, 0, *size),),)
-    room = seen_video._Room.of(Seen(tuple(range(count)), size, panels, columns))
-    assert room.width % 2 == room.height % 2 == 0
-    assert room.width / room.height == pytest.approx(size[0] / size[1], rel=0.02)
-    rows, band = -(-count // columns), band_height(min(room.width, room.height))
-    wide, tall = columns * room.width, rows * (room.height + band)
-    assert wide <= 1920 + 2 * columns and tall <= 1080 + 2 * rows
-    assert wide > 1800 or tall > 980
-    small = seen_video._Room.of(GRID)
-    assert (small.width, small.height) == (120, 210)
+def test_pictures_are_as_large_as_a_screen_has_room_for_but_small_ones_half_as_large_again() -> (
+    None
+):
+    for size, columns, count in [
+        ((320.0, 476.0), 5, 5),
+        ((1200.0, 900.0), 1, 1),
+        ((250.0, 500.0), 6, 12),
+    ]:
+        panels = ((SeenPanel(BODY, 0, 0, *size),),)
+        room = seen_video._Room.of(Seen(tuple(range(count)), size, panels, columns))
+        assert room.width % 2 == room.height % 2 == 0
+        assert room.width / room.height == pytest.approx(size[0] / size[1], rel=0.02)
+        rows, band = -(-count // columns), band_height(min(room.width, room.height))
+        wide, tall = columns * room.width, rows * (room.height + band)
+        assert wide <= 1920 + 2 * columns and tall <= 1080 + 2 * rows
+        assert wide > 1800 or tall > 980
+        small = seen_video._Room.of(GRID)
+        assert (small.width, small.height) == (120, 210)
 
 
 def test_a_long_video_is_cut_and_says_so() -> None:

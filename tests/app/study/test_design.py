@@ -37,31 +37,31 @@ def design_of(
     return plan, make_design(plan)
 
 
-@pytest.mark.parametrize("size", [1, 2, 3, 4, 5, 6, 9, 18])
-def test_a_williams_square_balances_position_and_succession(size: int) -> None:
-    rows = williams_square(size)
-    assert len(rows) == (size if size % 2 == 0 else 2 * size)
-    assert all(sorted(row) == list(range(size)) for row in rows)
-    positions = Counter((place, name) for row in rows for place, name in enumerate(row))
-    assert len(set(positions.values())) == 1
-    follows = Counter(pair for row in rows for pair in itertools.pairwise(row))
-    assert len(follows) == size * (size - 1)
-    assert len(set(follows.values())) <= 1
+def test_a_williams_square_balances_position_and_succession() -> None:
+    for size in [1, 2, 3, 4, 5, 6, 9, 18]:
+        rows = williams_square(size)
+        assert len(rows) == (size if size % 2 == 0 else 2 * size)
+        assert all(sorted(row) == list(range(size)) for row in rows)
+        positions = Counter((place, name) for row in rows for place, name in enumerate(row))
+        assert len(set(positions.values())) == 1
+        follows = Counter(pair for row in rows for pair in itertools.pairwise(row))
+        assert len(follows) == size * (size - 1)
+        assert len(set(follows.values())) <= 1
 
 
-@pytest.mark.parametrize("num_systems", [2, 3, 4, 5, 6])
-@pytest.mark.parametrize("num_scenes", [1, 2, 4])
-def test_each_system_is_left_as_often_as_right(num_systems: int, num_scenes: int) -> None:
-    lefts = Counter()
-    for scene in range(num_scenes):
-        for first, second in itertools.combinations(range(num_systems), 2):
-            is_left = is_first_left(first, second, num_systems, scene)
-            assert is_left != is_first_left(second, first, num_systems, scene)
-            lefts[first if is_left else second] += 1
-    fair = num_scenes * (num_systems - 1) / 2
-    # An odd number of trials cannot be halved; everything else can.
-    limit = 0.5 if num_scenes % 2 and num_systems % 2 == 0 else 0.0
-    assert all(abs(lefts[system] - fair) <= limit for system in range(num_systems))
+def test_each_system_is_left_as_often_as_right() -> None:
+    for num_systems in [2, 3, 4, 5, 6]:
+        for num_scenes in [1, 2, 4]:
+            lefts = Counter()
+            for scene in range(num_scenes):
+                for first, second in itertools.combinations(range(num_systems), 2):
+                    is_left = is_first_left(first, second, num_systems, scene)
+                    assert is_left != is_first_left(second, first, num_systems, scene)
+                    lefts[first if is_left else second] += 1
+            fair = num_scenes * (num_systems - 1) / 2
+            # An odd number of trials cannot be halved; everything else can.
+            limit = 0.5 if num_scenes % 2 and num_systems % 2 == 0 else 0.0
+            assert all(abs(lefts[system] - fair) <= limit for system in range(num_systems))
 
 
 def test_the_balance_of_lists_is_told_as_it_is() -> None:
@@ -107,26 +107,26 @@ def test_matched_trials_change_the_speech_alone(tmp_path: Path) -> None:
     assert all(clip != wrong for clip, wrong in other_speech(plan).items())
 
 
-@pytest.mark.parametrize("protocol", ["ranking", "rating"])
-def test_whole_groups_are_shown_with_their_speech(tmp_path: Path, protocol: str) -> None:
-    _, design = design_of(tmp_path, protocol)
-    groups = [trial for trial in design.trials if trial.kind in ("rank", "rate")]
-    assert len(groups) == 3
-    for trial in groups:
-        assert {stimulus.system for stimulus in trial.stimuli} == set(SYSTEMS)
-        assert all(stimulus.speech == stimulus.clip for stimulus in trial.stimuli)
+def test_whole_groups_are_shown_with_their_speech(tmp_path: Path) -> None:
+    for protocol in ["ranking", "rating"]:
+        _, design = design_of(tmp_path, protocol)
+        groups = [trial for trial in design.trials if trial.kind in ("rank", "rate")]
+        assert len(groups) == 3
+        for trial in groups:
+            assert {stimulus.system for stimulus in trial.stimuli} == set(SYSTEMS)
+            assert all(stimulus.speech == stimulus.clip for stimulus in trial.stimuli)
 
 
-@pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_lists_are_balanced_in_order_and_side(tmp_path: Path, protocol: str) -> None:
-    _, design = design_of(tmp_path, protocol)
-    balance = reached_balance(design, draw_blinding(design))
-    # 36 participants are whole squares of 18, 12 and 3 trials.
-    assert balance.position_spread == balance.follows_spread == balance.appearances_spread == 0
-    assert balance.first_place_spread_within_trial == 0
-    assert balance.first_place_unfairness <= 1.0
-    fair = 0.25 if protocol in ("ranking", "rating") else 0.5
-    assert all(share == pytest.approx(fair) for share in balance.first_place_shares.values())
+def test_lists_are_balanced_in_order_and_side(tmp_path: Path) -> None:
+    for protocol in PROTOCOLS:
+        _, design = design_of(tmp_path, protocol)
+        balance = reached_balance(design, draw_blinding(design))
+        # 36 participants are whole squares of 18, 12 and 3 trials.
+        assert balance.position_spread == balance.follows_spread == balance.appearances_spread == 0
+        assert balance.first_place_spread_within_trial == 0
+        assert balance.first_place_unfairness <= 1.0
+        fair = 0.25 if protocol in ("ranking", "rating") else 0.5
+        assert all(share == pytest.approx(fair) for share in balance.first_place_shares.values())
 
 
 def test_every_participant_gets_all_attention_checks_spread_out(tmp_path: Path) -> None:
@@ -153,29 +153,29 @@ def test_a_plan_gives_the_same_design_each_time_and_its_seed_another(tmp_path: P
     assert again == first and other.lists != first.lists
 
 
-@pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_names_are_drawn_anew_and_a_key_gives_them_back(tmp_path: Path, protocol: str) -> None:
-    plan, design = design_of(tmp_path, protocol, participants=5)
-    blinding, other = draw_blinding(design), draw_blinding(design)
-    assert not set(blinding.videos.values()) & set(other.videos.values())
-    key = make_key(plan, design, blinding, {})
-    assert blinding_of(key, plan, design) == blinding
-    assert len(key.lists) == 5
+def test_names_are_drawn_anew_and_a_key_gives_them_back(tmp_path: Path) -> None:
+    for protocol in PROTOCOLS:
+        plan, design = design_of(tmp_path, protocol, participants=5)
+        blinding, other = draw_blinding(design), draw_blinding(design)
+        assert not set(blinding.videos.values()) & set(other.videos.values())
+        key = make_key(plan, design, blinding, {})
+        assert blinding_of(key, plan, design) == blinding
+        assert len(key.lists) == 5
 
 
-@pytest.mark.parametrize(
-    ("protocol", "pages", "shown"),
-    [("pairwise", 6 * 3, 2), ("matched", 4 * 3, 2), ("ranking", 3, 4), ("rating", 3, 4)],
-)
-def test_what_a_study_asks_is_counted_as_by_hand(
-    tmp_path: Path, protocol: str, pages: int, shown: int
-) -> None:
+def test_what_a_study_asks_is_counted_as_by_hand(tmp_path: Path) -> None:
     """Each of 6 pairs, 4 matches or 1 group on 3 clips, by 10 people."""
-    settings = "attention_checks = 0\nlength_s = 6"
-    found = size_of(*design_of(tmp_path, protocol, settings, participants=10))
-    minutes = math.ceil((BEFORE_S + pages * (shown * 6 + ANSWER_S)) / 60)
-    assert (found.num_pages, found.minutes) == (pages, minutes)
-    assert (found.fewest, found.most) == (10 * 3, 10 * 3)
+    for protocol, pages, shown in [
+        ("pairwise", 6 * 3, 2),
+        ("matched", 4 * 3, 2),
+        ("ranking", 3, 4),
+        ("rating", 3, 4),
+    ]:
+        settings = "attention_checks = 0\nlength_s = 6"
+        found = size_of(*design_of(tmp_path, protocol, settings, participants=10))
+        minutes = math.ceil((BEFORE_S + pages * (shown * 6 + ANSWER_S)) / 60)
+        assert (found.num_pages, found.minutes) == (pages, minutes)
+        assert (found.fewest, found.most) == (10 * 3, 10 * 3)
 
 
 def test_part_lists_share_the_votes(tmp_path: Path) -> None:

@@ -29,6 +29,8 @@ from tests.app.study.made import (
 )
 
 ATTENTIVE = RaterModel(lapse=0)
+Report = tuple[str, list[dict[str, str]], str]
+"""Page, rows of the CSV and LaTeX table."""
 
 
 def report_of(tmp_path: Path, key: Key, files: list, measured: Path | None = None) -> str:
@@ -38,9 +40,9 @@ def report_of(tmp_path: Path, key: Key, files: list, measured: Path | None = Non
     return (tmp_path / "report" / "report.html").read_text("utf-8")
 
 
-def made_report(tmp_path: Path, key: Key, count: int = 12) -> tuple[str, list[dict[str, str]], str]:
-    """Page, rows of the CSV and LaTeX table."""
-    page, out = report_of(tmp_path, key, made_files(key, count, ATTENTIVE)), tmp_path / "report"
+def made_report(tmp_path: Path, key: Key, count: int = 12, measured: Path | None = None) -> Report:
+    page = report_of(tmp_path, key, made_files(key, count, ATTENTIVE), measured)
+    out = tmp_path / "report"
     assert {path.name for path in out.iterdir()} == {
         *("preference.pdf", "report.html", "results.csv", "table.tex"),
     }
@@ -49,9 +51,29 @@ def made_report(tmp_path: Path, key: Key, count: int = 12) -> tuple[str, list[di
     return page, rows, (out / "table.tex").read_text()
 
 
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Diagnostics of each clip."""
+    folder = tmp_path_factory.mktemp("measured")
+    jerk = {"global": 50.0, "local": 90.0, "rival": 150.0}
+    for clip in range(4):
+        systems = {name: {"raw": {"tip_jerk_m_s3": value + clip}} for name, value in jerk.items()}
+        content = {"systems": systems, "reference": None}
+        (folder / f"clip{clip}.json").write_text(json.dumps(content))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def pairwise(tmp_path_factory: pytest.TempPathFactory, measured: Path) -> Report:
+    return made_report(tmp_path_factory.mktemp("pairwise"), made_key(), measured=measured)
+
+
 @pytest.mark.parametrize("protocol", ["pairwise", "matched", "ranking", "rating"])
-def test_the_page_is_whole_and_needs_nothing_beside_it(tmp_path: Path, protocol: str) -> None:
-    page, rows, table = made_report(tmp_path, made_key(protocol))
+def test_the_page_is_whole_and_needs_nothing_beside_it(
+    tmp_path: Path, pairwise: Report, protocol: str
+) -> None:
+    is_made = protocol == "pairwise"
+    page, rows, table = pairwise if is_made else made_report(tmp_path, made_key(protocol))
     tags = re.findall(r"<(/?)([a-z][\w:]*)[^>]*?(/?)>", page)
     opened = Counter(tag for end, tag, alone in tags if not (end or alone))
     assert opened - Counter(meta=9, br=9) == Counter(tag for end, tag, _ in tags if end)
@@ -67,11 +89,10 @@ def test_the_page_is_whole_and_needs_nothing_beside_it(tmp_path: Path, protocol:
 
 
 def test_the_csv_has_the_counts_of_the_answers_and_the_same_answers_make_the_same_files(
-    tmp_path: Path,
+    tmp_path: Path, pairwise: Report, measured: Path
 ) -> None:
     key = made_key()
-    report = made_report(tmp_path / "a", key)
-    assert made_report(tmp_path / "b", key) == report
+    assert made_report(tmp_path, key, measured=measured) == pairwise
     values = [
         answer.value
         for one in made_participants(key, 12, ATTENTIVE)
@@ -79,7 +100,9 @@ def test_the_csv_has_the_counts_of_the_answers_and_the_same_answers_make_the_sam
         if {key.videos[video].system for video in answer.shown} == {"local", "global"}
         and not answer.trial.startswith("check")
     ]
-    shares = {(row["first"], row["second"]): row for row in report[1] if row["measure"] == "share"}
+    shares = {
+        (row["first"], row["second"]): row for row in pairwise[1] if row["measure"] == "share"
+    }
     row = shares["local", "global"]
     assert int(row["wins"]) == sum("local" in value for value in values)
     assert int(row["ties"]) == values.count("tie")
@@ -122,22 +145,15 @@ def test_few_participants_are_enough_for_a_report_and_too_few_for_a_test(tmp_pat
     page, _, _ = made_report(tmp_path / "two", made_key(), count=2)
     assert "2 participants cannot make the sign test significant" in page
     assert "this is beyond chance" not in page
-    for protocol in ("ranking", "rating"):
-        page, _, _ = made_report(tmp_path / protocol, made_key(protocol), count=1)
-        assert "(95 % interval unknown)" in plain(page)
-        words = re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
-        assert not re.search(r"\b(inf|nan)\b", words)
+    page, _, _ = made_report(tmp_path / "one", made_key("ranking"), count=1)
+    assert "(95 % interval unknown)" in plain(page)
+    words = re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
+    assert not re.search(r"\b(inf|nan)\b", words)
 
 
-def test_measured_jitter_is_joined(tmp_path: Path) -> None:
-    key = made_key()
-    jerk = {"global": 50.0, "local": 90.0, "rival": 150.0}
-    for clip in range(4):
-        systems = {name: {"raw": {"tip_jerk_m_s3": value + clip}} for name, value in jerk.items()}
-        content = {"systems": systems, "reference": None}
-        (tmp_path / f"clip{clip}.json").write_text(json.dumps(content))
-    page = report_of(tmp_path, key, made_files(key, 12, ATTENTIVE), tmp_path)
-    # The smoother system is also the stronger one in the simulation, so it must win.
+def test_measured_jitter_is_joined(pairwise: Report) -> None:
+    """The smoother system is also the stronger one in the simulation, so it must win."""
+    page = pairwise[0]
     assert re.search(r"that named motion smoothness, \d+.% went to the video with less", page)
     assert "more often than by chance" in page
 

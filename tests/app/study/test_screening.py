@@ -174,16 +174,16 @@ def with_checks(key: Key, *values: object) -> Participant:
     return replace(whole, answers=others + given)
 
 
-@pytest.mark.parametrize(
-    ("values", "failed"),
-    [(("left", "left"), 0), (("left", "right"), 1), (("tie", "right"), 2), (("left", None), 1)],
-)
-def test_checks_count_as_failed_when_wrong_or_missing(
-    values: tuple[object, ...], failed: int
-) -> None:
-    participant = with_checks(KEY, *values)
-    assert failed_checks(participant, KEY) == failed
-    assert bool(screen([participant], KEY).kept) == (failed <= 1)
+def test_checks_count_as_failed_when_wrong_or_missing() -> None:
+    for values, failed in [
+        (("left", "left"), 0),
+        (("left", "right"), 1),
+        (("tie", "right"), 2),
+        (("left", None), 1),
+    ]:
+        participant = with_checks(KEY, *values)
+        assert failed_checks(participant, KEY) == failed
+        assert bool(screen([participant], KEY).kept) == (failed <= 1)
 
 
 def test_the_rule_of_the_key_decides_and_the_half_finished_are_listed() -> None:
@@ -198,22 +198,19 @@ def test_the_rule_of_the_key_decides_and_the_half_finished_are_listed() -> None:
     assert screen([careless], replace(KEY, max_failed=2)).kept
 
 
-@pytest.mark.parametrize(
-    ("protocol", "given", "is_failed"),
-    [
+def test_a_slider_may_stand_a_little_off() -> None:
+    for protocol, given, is_failed in [
         ("rating", 75, False),
         ("rating", 76, True),
         ("rating", True, True),
         ("rating", "70", True),
         ("pairwise", 70, False),
         ("pairwise", 71, True),
-    ],
-)
-def test_a_slider_may_stand_a_little_off(protocol: str, given: object, is_failed: bool) -> None:
-    key = made_key(protocol)
-    check = replace(LEFT_CHECK, expected=Expected("c", 70))
-    key = replace(key, trials={**key.trials, "check0": check, "check1": check})
-    assert failed_checks(with_checks(key, given, 70), key) == is_failed
+    ]:
+        key = made_key(protocol)
+        check = replace(LEFT_CHECK, expected=Expected("c", 70))
+        key = replace(key, trials={**key.trials, "check0": check, "check1": check})
+        assert failed_checks(with_checks(key, given, 70), key) == is_failed
 
 
 def each(change: Callable[[int], dict]) -> Forge:
@@ -241,22 +238,19 @@ def test_nobody_is_doubted_who_answers_as_people_do() -> None:
         assert doubts(made_participants(key, 8), key) == {}
 
 
-@pytest.mark.parametrize(
-    ("forge", "words"),
-    [
+def test_impossible_answers_are_set_aside() -> None:
+    for forge, words in [
         (lambda who: replace(who, finished=who.started - timedelta(seconds=1)), "finished before"),
         (each(lambda number: {"ms": 1}), "sooner than their videos last"),
         (each(lambda number: {"ms": 1 if number % 5 == 0 else 9_000}), "sooner than"),
         (lambda who: replace(who, finished=who.started + timedelta(seconds=60)), "in 60 s from"),
         (lambda who: replace(who, answers=who.answers[::-1]), "another order"),
         (always_left, "same place"),
-    ],
-)
-def test_impossible_answers_are_set_aside(forge: Forge, words: str) -> None:
-    forged = forge(PEOPLE[3])
-    screened = screen([*PEOPLE[:3], forged, *PEOPLE[4:]], LONG)
-    assert [one.participant.id for one in screened.set_aside] == [forged.id]
-    assert words in screened.set_aside[0].why and len(screened.kept) == 7
+    ]:
+        forged = forge(PEOPLE[3])
+        screened = screen([*PEOPLE[:3], forged, *PEOPLE[4:]], LONG)
+        assert [one.participant.id for one in screened.set_aside] == [forged.id]
+        assert words in screened.set_aside[0].why and len(screened.kept) == 7
 
 
 def test_copies_are_set_aside_but_the_first_and_one_bad_reload_is_forgiven() -> None:
@@ -307,9 +301,8 @@ def test_good_links_count_and_without_a_secret_nobody_needs_one() -> None:
     assert len(screen(made_participants(LINKED, 4), replace(LINKED, link_secret=None)).kept) == 4
 
 
-@pytest.mark.parametrize(
-    ("forge", "words"),
-    [
+def test_forged_links_are_set_aside() -> None:
+    for forge, words in [
         (lambda token: None, "without a signed link"),
         (lambda token: token[:-1] + "x", "signature of the link is wrong"),
         (lambda token: "9" + token, "signature of the link is wrong"),
@@ -317,14 +310,12 @@ def test_good_links_count_and_without_a_secret_nobody_needs_one() -> None:
         (lambda token: "no token", "signature of the link is wrong"),
         (lambda token: token_of(replace(LINKED, link_secret=new_secret()), 0), "is wrong"),
         (lambda token: token_of(replace(LINKED, study="0" * 16), 0), "is wrong"),
-    ],
-)
-def test_forged_links_are_set_aside(forge: Callable[[str], str | None], words: str) -> None:
-    first, *others = signed()
-    assert first.link is not None
-    screened = screen([replace(first, link=forge(first.link)), *others], LINKED)
-    assert [one.participant.id for one in screened.set_aside] == [first.id]
-    assert words in screened.set_aside[0].why and len(screened.kept) == 3
+    ]:
+        first, *others = signed()
+        assert first.link is not None
+        screened = screen([replace(first, link=forge(first.link)), *others], LINKED)
+        assert [one.participant.id for one in screened.set_aside] == [first.id]
+        assert words in screened.set_aside[0].why and len(screened.kept) == 3
 
 
 def test_a_link_counts_once_for_whoever_finished_first_and_for_its_own_list() -> None:
