@@ -345,6 +345,7 @@ def test_a_live_take_is_kept_as_it_was_seen_and_said_to_be_live(ask: Ask, tmp_pa
     assert not [path for path in bare.files if path.name.endswith(".plan.json")]
 
 
+@pytest.mark.slow
 @pytest.mark.gl
 def test_figure_6_has_poses_where_no_video_is_drawn(ask: Ask, short: Path) -> None:
     asked = ask(speech=short, systems=(WORLD,), has_poses=True, has_figures=True)

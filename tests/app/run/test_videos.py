@@ -269,11 +269,9 @@ def test_camera_framing_and_displays_are_what_was_seen(tmp_path: Path) -> None:
     assert seen[1] < 0.2 * usual and seen[2] < 0.9 * usual
 
 
+@pytest.mark.slow
 @pytest.mark.gl
-@pytest.mark.parametrize(
-    "mode",
-    ["ghost", *(pytest.param(mode, marks=pytest.mark.slow) for mode in ("wipe", "flicker"))],
-)
+@pytest.mark.parametrize("mode", ["ghost", "wipe", "flicker"])
 def test_a_pair_stands_pelvis_on_pelvis(tmp_path: Path, mode: Mode) -> None:
     first, second = with_arms_down(20), with_arms_down(20)
     second.trans[10:, 0] += 0.8  # in register it stands 0.4 m to one side, then to the other
