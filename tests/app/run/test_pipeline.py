@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from app.errors import CancelledRun, RunError, sentence_of
-from app.run import inputs
+from app.errors import CancelledRun, sentence_of
 from app.run.models import get_system, warming_up
 from app.run.pieces import HEADER, frames_message
 from app.run.pipeline import generate_all
@@ -223,18 +222,6 @@ def test_what_cannot_be_is_refused_with_a_sentence_and_leaves_nothing(
             generate_all(request)
         assert sentence_of(caught.value) == str(caught.value)
         assert not request.out.exists()
-
-
-def test_too_small_a_disk_is_refused_before_anything_is_generated(
-    ask: Ask, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuse(folder: Path, needed_bytes: int) -> None:
-        assert needed_bytes > 10e6
-        raise RunError("too small")
-
-    monkeypatch.setattr(inputs, "require_free_space", refuse)
-    with pytest.raises(RunError, match="too small"):
-        generate_all(ask())
 
 
 @pytest.fixture(scope="module")

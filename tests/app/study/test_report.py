@@ -14,7 +14,6 @@ from app.errors import RunError
 from app.study.analyse import analyse
 from app.study.design.key import Key
 from app.study.report import text
-from app.study.report.tables import latex_table
 from app.study.simulate import ALIKE, RaterModel, World, answers_file
 from app.study.statistics.preference import share_of, smallest_share_detected
 from app.study.statistics.results import PairResult, SystemResult, analyse_participants
@@ -222,15 +221,6 @@ def test_the_headline_of_rankings_and_ratings_agrees_with_the_strengths() -> Non
 def test_p_is_printed_as_in_papers() -> None:
     printed = [plain(text.p_value(p)) for p in (0.00049, 0.0005, 0.0416, 0.9999, 1.0)]
     assert printed == ["p < .001", "p = .001", "p = .042", "p = 1.000", "p = 1.000"]
-
-
-def test_names_do_no_harm_in_latex() -> None:
-    key = made_key()
-    results = analyse_participants(made_participants(key, 3), key)
-    named = replace(key.questions[0], id="50%_of & $x$ {\\}~^#")
-    table = latex_table([replace(results[0], question=named)], key)
-    escaped = r"50\%\_of \& \$x\$ \{\textbackslash{}\}\textasciitilde{}\textasciicircum{}\#"
-    assert f"System & {escaped} \\\\" in table
 
 
 @pytest.mark.filterwarnings("error")
