@@ -42,7 +42,7 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
     motion: Path, tmp_path: Path
 ) -> None:
     """Of two motions and a reference in another format; words are looked for in the speech."""
-    theirs = smooth_motion_example(60, seed=1, expression_basis="flame100")
+    theirs = smooth_motion_example(55, seed=1, expression_basis="flame100")
     poses = np.delete(theirs.poses, np.s_[66:75], axis=1)
     poses += (0.05 * np.random.default_rng(0).standard_normal(poses.shape)).astype(np.float32)
     reference, speech, text = (tmp_path / name for name in ("their.npz", "begin.wav", "said.txt"))
@@ -88,8 +88,8 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
     assert "frames 20 to 39" in (request.out / "figure6.svg").read_text()
     said = " ".join([*found.notes, *told_findings(found.diagnostics.findings)])
     for words_said in (
-        "The reference has 60 frames; the first 40 were measured",
-        "The speech lasts 3.0 s and 3 of the motions 1.3 to 2.0 s",
+        "The reference has 55 frames; the first 40 were measured",
+        "The speech lasts 3.0 s and 3 of the motions 1.3 to 1.8 s",
         "their.npz has the 52 joints of SMPL-H",
         "centimetres",
         "no `expressions`",
