@@ -1,18 +1,32 @@
-"""Edits as they come from outside, and what they do to a plan."""
+"""Edits as they come from outside, what they do to a plan, and the motion made again."""
 
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
 import pytest
 
-from app.errors import RunError
+from app.errors import CancelledRun, RunError
+from app.run.pipeline import generate_all
+from app.run.requests.request import Artefact, Event, GenerateRequest, Piece
 from app.run.takes.apply import edited
-from app.run.takes.edits import MAX_EDITS, edits_of, locked_of
+from app.run.takes.edits import MAX_EDITS, Edit, edits_of, locked_of
+from app.run.takes.take import TakeRequest, make_take, row_of
+from model.motion.motion import load_motion
 from model.plan.editing import added, gestures
-from model.plan.plan import GesturePlan, PlanError
+from model.plan.plan import GesturePlan, PlanError, read_plan
 from model.plan.style import style_of
+from model.speech.audio import write_wav
 from model.speech.transcript import Word
+from model.systems.planned.config import PLANNED
+from tests.model.made import made_waveform
 from tests.model.plan.made import phase
 
 SECONDS = 14.0
+SPOKEN = 12.0
 WORDS = (Word(1.0, 1.4, "and"), Word(4.0, 4.5, "You"), Word(9.0, 9.5, "there"))
+FIRST = {"side": "right", "lands": 2.0}
 
 
 @pytest.fixture
@@ -57,15 +71,13 @@ def test_a_point_is_added_on_a_word_with_the_hand_that_is_asked_for(plan):
 
 
 def test_size_height_speed_and_hold_change_the_gesture(plan):
-    which = {"side": "right", "lands": 2.0}
-
     def stroke(of):
         return next(one for one in of.right if one.phase == "stroke")
 
-    large = done(plan, {"do": "size", **which, "size": 1.3}).plan
-    high = done(plan, {"do": "height", **which, "by": 0.1}).plan
-    slow = done(plan, {"do": "speed", **which, "speed": 0.8}).plan
-    held = done(plan, {"do": "hold", **which, "hold": 1.0}).plan
+    large = done(plan, {"do": "size", **FIRST, "size": 1.3}).plan
+    high = done(plan, {"do": "height", **FIRST, "by": 0.1}).plan
+    slow = done(plan, {"do": "speed", **FIRST, "speed": 0.8}).plan
+    held = done(plan, {"do": "hold", **FIRST, "hold": 1.0}).plan
     before = stroke(plan)
     assert stroke(high).goal[1] == pytest.approx(before.goal[1] + 0.1)
     assert stroke(large).goal != before.goal
@@ -113,11 +125,8 @@ def test_sliders_change_the_whole_and_leave_what_is_locked(plan):
     assert large.right[1:3] == plan.right[1:3]
     calm = done(plan, {"do": "style", "excite": -1.0}).plan
     assert style_of(calm).size_m < style_of(plan).size_m
-
-
-def test_what_is_locked_is_not_moved(plan):
     with pytest.raises(PlanError, match=r"right hand's gesture at 2.00 s is locked"):
-        done(plan, {"do": "delete", "side": "right", "lands": 2.0}, locked=[["right", 2.0]])
+        done(plan, {"do": "delete", **FIRST}, locked=[["right", 2.0]])
 
 
 def test_a_plan_from_a_file_takes_its_place(plan):
@@ -135,18 +144,13 @@ def test_a_plan_from_a_file_takes_its_place(plan):
 
 def test_an_impossible_edit_is_a_sentence_and_none_of_its_batch_is_done(plan):
     with pytest.raises(PlanError, match="there is no time for a gesture"):
-        done(
-            plan,
-            {"do": "nod", "at": 3.0},
-            {"do": "move", "side": "right", "lands": 2.0, "at": 6.1},
-        )
+        done(plan, {"do": "nod", "at": 3.0}, {"do": "move", **FIRST, "at": 6.1})
     with pytest.raises(RunError, match="The speech has 3 words"):
         done(plan, {"do": "add", "kind": "you", "word": 3})
 
 
-@pytest.mark.parametrize(
-    ("told", "match"),
-    [
+def test_what_is_no_edit_is_refused() -> None:
+    for told, match in [
         ({"do": "move"}, "lacks 'side'"),
         ({"do": "move", "side": "right", "lands": 1.0}, "to a time or a word"),
         ({"do": "add", "kind": "you", "at": 1.0, "word": 1}, "to a time or a word"),
@@ -164,11 +168,9 @@ def test_an_impossible_edit_is_a_sentence_and_none_of_its_batch_is_done(plan):
         ({"do": ["nod"]}, "There is no edit"),
         ({}, "There is no edit"),
         ("nod", "is an object"),
-    ],
-)
-def test_what_is_no_edit_is_refused(told, match):
-    with pytest.raises(RunError, match=match):
-        edits_of([told])
+    ]:
+        with pytest.raises(RunError, match=match):
+            edits_of([told])
 
 
 def test_there_is_an_end_to_how_much_comes_at_once():
@@ -179,3 +181,70 @@ def test_there_is_an_end_to_how_much_comes_at_once():
             edits_of(told)
     with pytest.raises(RunError, match="A locked gesture"):
         locked_of([["left"]])
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory, planned_weights: Path) -> TakeRequest:
+    """A request that changes nothing, of a run that is there."""
+    folder = tmp_path_factory.mktemp("take")
+    write_wav(folder / "talk.wav", made_waveform(round(16_000 * SPOKEN)))
+    still = (phase(0.0, SPOKEN, "rest"),)
+    plan = added(GesturePlan(SPOKEN, left=still, right=still), "offer", 9.0, "right").plan
+    plan.write(folder / "plan.json")
+    run = GenerateRequest(
+        folder / "talk.wav", folder / "run", planned_weights, (PLANNED,), seed=4,
+        plan=folder / "plan.json", steps=2, has_video=False, has_figures=False,
+    )  # fmt: skip
+    generate_all(run)
+    stem = "workbench-planned"
+    return TakeRequest(
+        run, PLANNED, 1, PLANNED, folder / "first", run.out / f"{stem}.plan.json", None,
+        run.out / f"{stem}.npz",
+    )  # fmt: skip
+
+
+def test_a_take_changes_what_was_edited_and_keeps_the_rest(
+    made: TakeRequest, tmp_path: Path
+) -> None:
+    first = make_take(made, lambda event: None, lambda: False)
+    old = load_motion(first.files.motion)
+    for name in ("poses", "trans", "expressions"):  # the plan as it is: the motion of the run
+        np.testing.assert_array_equal(getattr(load_motion(made.beside), name), getattr(old, name))
+    events: list[Event] = []
+    edit = Edit("move", {"side": "right", "lands": 9.0, "at": 9.5})
+    asked = replace(made, name="x.take1", out=tmp_path / "out", before=first.files, edits=(edit,))
+    take = make_take(asked, events.append, lambda: False)
+    (part,) = take.fresh_s
+    assert 5 < part[0] < 9 and part[1] == SPOKEN
+    new = load_motion(take.files.motion)
+    stays = round(30 * part[0])
+    np.testing.assert_array_equal(old.poses[:stays], new.poses[:stays])
+    assert not np.array_equal(old.poses[stays:], new.poses[stays:])
+    pieces = [event for event in events if isinstance(event, Piece)]
+    assert pieces[-1].end == old.num_frames and {one.name for one in pieces} == {"x.take1"}
+    assert len({(one.turn_rad, one.shift_m) for one in pieces}) == 1  # where the run's stands
+    assert {one.kind for one in events if isinstance(one, Artefact)} == {"plan", "motion"}
+    assert [one.lands_s for one in gestures(read_plan(take.files.plan), "right")] == [9.5]
+    (gesture,) = json.loads(take.told.read_text())["gestures"]
+    assert (gesture["lands"], gesture["kind"], gesture["partner"]) == (9.5, "offer", None)
+    back = Edit("move", {"side": "right", "lands": 9.5, "at": 9.0})
+    plan, out = take.files.plan, tmp_path / "back"
+    again = replace(made, out=out, before=take.files, plan=plan, edits=(back,))
+    other = make_take(again, lambda event: None, lambda: False)
+    assert [one.lands_s for one in gestures(read_plan(other.files.plan), "right")] == [9.0]
+
+
+def test_what_cannot_be_leaves_nothing(made: TakeRequest, tmp_path: Path) -> None:
+    late = Edit("move", {"side": "right", "lands": 9.0, "at": 40.0})
+    asked = replace(made, out=tmp_path / "out", edits=(late,))
+    with pytest.raises(PlanError, match=r"the end at 12.00 s"):
+        make_take(asked, lambda event: None, lambda: False)
+    with pytest.raises(CancelledRun):
+        make_take(replace(asked, edits=()), lambda event: None, lambda: True)
+    assert not list(tmp_path.rglob("*.npz"))
+
+
+def test_a_row_says_which_motion_it_is() -> None:
+    assert row_of("a/b.s2", ("a/x", "a/b"), 2) == ("a/b", 2)
+    with pytest.raises(RunError, match="no such motion"):
+        row_of("a/b.s3", ("a/x", "a/b"), 2)

@@ -1,8 +1,10 @@
+"""The report is whole, holds the numbers of the answers, and says what they show."""
+
 import csv
 import json
 import re
+from collections import Counter
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,6 @@ from app.errors import RunError
 from app.study.analyse import analyse
 from app.study.design.key import Key
 from app.study.report import text
-from app.study.report.tables import latex_table
 from app.study.simulate import ALIKE, RaterModel, World, answers_file
 from app.study.statistics.preference import share_of, smallest_share_detected
 from app.study.statistics.results import PairResult, SystemResult, analyse_participants
@@ -27,53 +28,58 @@ from tests.app.study.made import (
 )
 
 ATTENTIVE = RaterModel(lapse=0)
+Report = tuple[str, list[dict[str, str]], str]
+"""Page, rows of the CSV and LaTeX table."""
 
 
-class Page(HTMLParser):
-    """What a browser would find: ids, references, and whether every tag is closed."""
-
-    def __init__(self, page: str) -> None:
-        super().__init__()
-        self.ids: list[str] = []
-        self.open: list[str] = []
-        self.feed(page)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.ids += [value or "" for name, value in attrs if name == "id"]
-        if tag not in ("meta", "br"):
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.ids += [value or "" for name, value in attrs if name == "id"]
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
+def report_of(tmp_path: Path, key: Key, files: list, measured: Path | None = None) -> str:
+    """The page; tables lie beside it."""
+    key_path, answers = written_study(tmp_path, key, files)
+    analyse([answers], key_path, tmp_path / "report", measured)
+    return (tmp_path / "report" / "report.html").read_text("utf-8")
 
 
-def made_report(tmp_path: Path, key: Key, count: int = 12) -> tuple[str, list[dict[str, str]], str]:
-    """Page, rows of the CSV and LaTeX table."""
-    key_path, answers = written_study(tmp_path, key, made_files(key, count, ATTENTIVE))
+def made_report(tmp_path: Path, key: Key, count: int = 12, measured: Path | None = None) -> Report:
+    page = report_of(tmp_path, key, made_files(key, count, ATTENTIVE), measured)
     out = tmp_path / "report"
-    analyse([answers], key_path, out)
-    assert sorted(path.name for path in out.iterdir()) == [
-        "preference.pdf",
-        "report.html",
-        "results.csv",
-        "table.tex",
-    ]
+    assert {path.name for path in out.iterdir()} == {
+        *("preference.pdf", "report.html", "results.csv", "table.tex"),
+    }
     with (out / "results.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    return (out / "report.html").read_text("utf-8"), rows, (out / "table.tex").read_text()
+    return page, rows, (out / "table.tex").read_text()
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Diagnostics of each clip."""
+    folder = tmp_path_factory.mktemp("measured")
+    jerk = {"global": 50.0, "local": 90.0, "rival": 150.0}
+    for clip in range(4):
+        systems = {name: {"raw": {"tip_jerk_m_s3": value + clip}} for name, value in jerk.items()}
+        content = {"systems": systems, "reference": None}
+        (folder / f"clip{clip}.json").write_text(json.dumps(content))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def pairwise(tmp_path_factory: pytest.TempPathFactory, measured: Path) -> Report:
+    return made_report(tmp_path_factory.mktemp("pairwise"), made_key(), measured=measured)
 
 
 @pytest.mark.parametrize("protocol", ["pairwise", "matched", "ranking", "rating"])
-def test_the_page_is_whole_and_needs_nothing_beside_it(tmp_path: Path, protocol: str) -> None:
-    page, rows, table = made_report(tmp_path, made_key(protocol))
-    found = Page(page)
-    assert found.open == []
-    assert len(set(found.ids)) == len(found.ids)
+def test_the_page_is_whole_and_needs_nothing_beside_it(
+    tmp_path: Path, pairwise: Report, protocol: str
+) -> None:
+    is_made = protocol == "pairwise"
+    page, rows, table = pairwise if is_made else made_report(tmp_path, made_key(protocol))
+    tags = re.findall(r"<(/?)([a-z][\w:]*)[^>]*?(/?)>", page)
+    opened = Counter(tag for end, tag, alone in tags if not (end or alone))
+    assert opened - Counter(meta=9, br=9) == Counter(tag for end, tag, _ in tags if end)
+    ids = re.findall(r' id="([^"]*)"', page)
+    assert len(set(ids)) == len(ids)
     references = set(re.findall(r'(?:href="#|url\(#)([^")]+)', page))
-    assert references and references <= set(found.ids)
+    assert references and references <= set(ids)
     assert not re.search(r'(src|href)="(?!#)', page)
     assert "<script" not in page
     assert "Three &lt;systems&gt; &amp; a study" in page and "<systems>" not in page
@@ -81,18 +87,21 @@ def test_the_page_is_whole_and_needs_nothing_beside_it(tmp_path: Path, protocol:
     assert table.count("\\\\") == 1 + len(SYSTEMS)
 
 
-def test_the_csv_has_the_counts_of_the_answers(tmp_path: Path) -> None:
+def test_the_csv_has_the_counts_of_the_answers_and_the_same_answers_make_the_same_files(
+    tmp_path: Path, pairwise: Report, measured: Path
+) -> None:
     key = made_key()
-    _, rows, _ = made_report(tmp_path, key)
-    shares = {(row["first"], row["second"]): row for row in rows if row["measure"] == "share"}
-    people = made_participants(key, 12, ATTENTIVE)
+    assert made_report(tmp_path, key, measured=measured) == pairwise
     values = [
         answer.value
-        for one in people
+        for one in made_participants(key, 12, ATTENTIVE)
         for answer in one.answers
         if {key.videos[video].system for video in answer.shown} == {"local", "global"}
         and not answer.trial.startswith("check")
     ]
+    shares = {
+        (row["first"], row["second"]): row for row in pairwise[1] if row["measure"] == "share"
+    }
     row = shares["local", "global"]
     assert int(row["wins"]) == sum("local" in value for value in values)
     assert int(row["ties"]) == values.count("tie")
@@ -100,11 +109,6 @@ def test_the_csv_has_the_counts_of_the_answers(tmp_path: Path) -> None:
     share = (int(row["wins"]) + int(row["ties"]) / 2) / 48
     assert float(row["value"]) == pytest.approx(share, abs=1e-5)
     assert float(row["low"]) < share < float(row["high"])
-
-
-def test_the_same_answers_make_the_same_files(tmp_path: Path) -> None:
-    first = made_report(tmp_path / "a", made_key())
-    assert first == made_report(tmp_path / "b", made_key())
 
 
 def test_who_and_what_is_left_out_is_told(tmp_path: Path) -> None:
@@ -117,7 +121,8 @@ def test_who_and_what_is_left_out_is_told(tmp_path: Path) -> None:
     files[2]["study"] = "another"
     files[3]["answers"][0]["value"] = "edited"
     key_path, answers = written_study(tmp_path, key, files)
-    (answers / "<cut>.json").write_text('{"format": 1')
+    for name in ("<cut>", "\udcff"):  # the last is no text
+        (answers / f"{name}.json").write_text('{"format": 1')
     analyse([answers], key_path, tmp_path / "report")
     page = (tmp_path / "report" / "report.html").read_text("utf-8")
     assert "3 of 5 participants count; 4 were planned." in page
@@ -127,46 +132,27 @@ def test_who_and_what_is_left_out_is_told(tmp_path: Path) -> None:
         "simulated00002.json is left out: it belongs to another study.",
         "simulated00003.json: 1 of 14 answers is left out",
         "&lt;cut&gt;.json is left out: it is no whole JSON file",
+        "?.json is left out",
     ):
         assert told in page
-
-
-def test_a_study_without_answers_that_count_has_no_report(tmp_path: Path) -> None:
-    key = made_key()
-    files = made_files(key, 1, ATTENTIVE)
-    files[0]["finished"] = None
-    key_path, answers = written_study(tmp_path, key, files)
     with pytest.raises(RunError, match=r"No answers are left.*simulated00000.json: not finished"):
-        analyse([answers], key_path, tmp_path / "report")
-    assert not (tmp_path / "report").exists()
+        report_of(tmp_path / "none", key, files[:1])
+    assert not (tmp_path / "none" / "report").exists()
 
 
-def test_two_participants_are_enough_for_a_report_and_too_few_for_a_test(tmp_path: Path) -> None:
-    page, _, _ = made_report(tmp_path, made_key(), count=2)
+def test_few_participants_are_enough_for_a_report_and_too_few_for_a_test(tmp_path: Path) -> None:
+    page, _, _ = made_report(tmp_path / "two", made_key(), count=2)
     assert "2 participants cannot make the sign test significant" in page
     assert "this is beyond chance" not in page
-
-
-@pytest.mark.parametrize("protocol", ["ranking", "rating"])
-def test_one_participant_has_means_and_no_intervals(tmp_path: Path, protocol: str) -> None:
-    page, _, _ = made_report(tmp_path, made_key(protocol), count=1)
+    page, _, _ = made_report(tmp_path / "one", made_key("ranking"), count=1)
     assert "(95 % interval unknown)" in plain(page)
-    assert not re.search(r"\b(inf|nan)\b", re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL))
+    words = re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
+    assert not re.search(r"\b(inf|nan)\b", words)
 
 
-def test_measured_jitter_is_joined(tmp_path: Path) -> None:
-    key = made_key()
-    key_path, answers = written_study(tmp_path, key, made_files(key, 12, ATTENTIVE))
-    measured = tmp_path / "measured"
-    measured.mkdir()
-    jerk = {"global": 50.0, "local": 90.0, "rival": 150.0}
-    for clip in range(4):
-        systems = {name: {"raw": {"tip_jerk_m_s3": value + clip}} for name, value in jerk.items()}
-        content = {"systems": systems, "reference": None}
-        (measured / f"clip{clip}.json").write_text(json.dumps(content))
-    analyse([answers], key_path, tmp_path / "report", measured)
-    page = (tmp_path / "report" / "report.html").read_text("utf-8")
-    # The smoother system is also the stronger one in the simulation, so it must win.
+def test_measured_jitter_is_joined(pairwise: Report) -> None:
+    """The smoother system is also the stronger one in the simulation, so it must win."""
+    page = pairwise[0]
     assert re.search(r"that named motion smoothness, \d+.% went to the video with less", page)
     assert "more often than by chance" in page
 
@@ -204,12 +190,15 @@ def test_the_sentence_of_a_match_follows_its_numbers() -> None:
         assert told in text.match(SystemResult(0, share, share.p), key)
 
 
-def test_the_headline_says_who_came_first_and_how_surely() -> None:
+def test_headline_and_power_say_who_came_first_and_how_surely() -> None:
     key = made_key(num_clips=10)
     strong = analyse_participants(made_participants(key, 28, ALIKE), key)[0]
     assert text.headline(strong, key) == (
         "realism: global came first, ahead of every other system beyond chance."
     )
+    share = smallest_share_detected(28)
+    assert share is not None
+    assert f"a side that {text.percent(share)} of participants lean to" in text.power(strong.power)
     weak = analyse_participants(made_participants(key, 4, ALIKE), key)[0]
     assert text.headline(weak, key) == (
         "realism: global came first, but is not told apart from local and rival."
@@ -229,34 +218,9 @@ def test_the_headline_of_rankings_and_ratings_agrees_with_the_strengths() -> Non
     assert STRENGTHS["global"] == max(STRENGTHS.values())
 
 
-def test_power_in_words_is_the_number() -> None:
-    key = made_key()
-    result = analyse_participants(made_participants(key, 28, ALIKE), key)[0]
-    share = smallest_share_detected(28)
-    assert share is not None
-    assert f"a side that {text.percent(share)} of participants lean to" in text.power(result.power)
-
-
 def test_p_is_printed_as_in_papers() -> None:
     printed = [plain(text.p_value(p)) for p in (0.00049, 0.0005, 0.0416, 0.9999, 1.0)]
     assert printed == ["p < .001", "p = .001", "p = .042", "p = 1.000", "p = 1.000"]
-
-
-def test_names_do_no_harm_in_latex() -> None:
-    key = made_key()
-    results = analyse_participants(made_participants(key, 3), key)
-    named = replace(key.questions[0], id="50%_of & $x$ {\\}~^#")
-    table = latex_table([replace(results[0], question=named)], key)
-    escaped = r"50\%\_of \& \$x\$ \{\textbackslash{}\}\textasciitilde{}\textasciicircum{}\#"
-    assert f"System & {escaped} \\\\" in table
-
-
-def test_a_file_name_that_is_no_text_does_not_stop_the_report(tmp_path: Path) -> None:
-    key = made_key()
-    key_path, answers = written_study(tmp_path, key, made_files(key, 2, ATTENTIVE))
-    (answers / "\udcff.json").write_text("{}")
-    analyse([answers], key_path, tmp_path / "report")
-    assert "?.json is left out" in (tmp_path / "report" / "report.html").read_text("utf-8")
 
 
 @pytest.mark.filterwarnings("error")
@@ -269,8 +233,5 @@ def test_any_name_of_a_system_can_be_drawn(tmp_path: Path) -> None:
     key = replace(key, systems=tuple(names.values()), videos=videos)
     strengths = {names[name]: value for name, value in STRENGTHS.items()}
     world = World(key, strengths, ATTENTIVE, np.random.default_rng(0))
-    files = [answers_file(world, rater) for rater in range(4)]
-    key_path, answers = written_study(tmp_path, key, files)
-    analyse([answers], key_path, tmp_path / "report")
-    page = (tmp_path / "report" / "report.html").read_text("utf-8")
+    page = report_of(tmp_path, key, [answers_file(world, rater) for rater in range(4)])
     assert all(f">{name}</td>" in page for name in names.values())
