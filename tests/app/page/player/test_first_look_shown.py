@@ -3,6 +3,8 @@
 import shutil
 from pathlib import Path
 
+import pytest
+
 from app import text
 from app.config import EXAMPLES, AppConfig
 from app.page.parts.catalogue import Catalogue, Example
@@ -13,11 +15,12 @@ from app.run.examples import CLEAN, FACTS, STEADY, TREMBLING, FirstLook, first_l
 from model.motion.motion import load_motion, save_motion
 from model.systems.globaldiff.config import BEST
 
-JERK = {STEADY: 110, TREMBLING: 2300}
+SPEECH = EXAMPLES / f"{EXAMPLE}.wav"
+CARD = f"{BEST.replace('/', '-')}.json"
 
 
 def test_other_weights_or_speech_are_another_example(tmp_path: Path) -> None:
-    speech, card = tmp_path / "s.wav", tmp_path / f"{BEST.replace('/', '-')}.json"
+    speech, card = tmp_path / "s.wav", tmp_path / CARD
     speech.write_bytes(b"1")
     card.write_text("{}")
     folder = first_look(tmp_path, tmp_path, BEST, speech).folder
@@ -29,28 +32,42 @@ def test_other_weights_or_speech_are_another_example(tmp_path: Path) -> None:
     assert len({folder, other, first_look(tmp_path, tmp_path, BEST, speech).folder}) == 3
 
 
-def made_already(look: FirstLook, weights: Path) -> None:
-    raise AssertionError("it was there")
+@pytest.fixture
+def media() -> MediaAddresses:
+    return MediaAddresses()
 
 
-def test_what_has_been_made_is_shown_to_every_visitor_without_a_cookie(tmp_path: Path) -> None:
+@pytest.fixture
+def config(tmp_path: Path) -> AppConfig:
     weights = tmp_path / "weights"
     weights.mkdir()
-    (weights / f"{BEST.replace('/', '-')}.json").write_text("{}")
-    speech = EXAMPLES / f"{EXAMPLE}.wav"
-    config = AppConfig(weights=weights, kept=tmp_path / "kept")
-    look = first_look(config.kept, weights, BEST, speech)
+    (weights / CARD).write_text("{}")
+    return AppConfig(weights=weights, kept=tmp_path / "kept")
+
+
+@pytest.fixture
+def looks(config: AppConfig, media: MediaAddresses, tmp_path: Path) -> FirstLooks:
+    """Whose example cannot be made, and may be there already."""
+
+    def fail(look: FirstLook, weights: Path) -> None:
+        raise AssertionError("it was there, or cannot be made")
+
+    catalogue = Catalogue((BEST,), ("ann",), "", (Example("Three reasons", SPEECH),))
+    return FirstLooks(config, catalogue, JobBook(tmp_path / "jobs"), media, fail)
+
+
+def test_what_has_been_made_is_shown_to_every_visitor_without_a_cookie(
+    looks: FirstLooks, config: AppConfig, media: MediaAddresses
+) -> None:
+    look = first_look(config.kept, config.weights, BEST, SPEECH)
     look.folder.mkdir(parents=True)
-    shutil.copyfile(speech, look.beginning)
+    shutil.copyfile(SPEECH, look.beginning)
     clean = load_motion(CLEAN).part(slice(40))
     for name in (STEADY, TREMBLING):
         save_motion(clean, look.folder / f"{name}.npz")
     (look.folder / FACTS).write_text(
         '{"jerk_m_s3": {"A": 110, "B": 2300}, "noise_rad": 0.012, "provenance": {}}'
     )
-    media = MediaAddresses()
-    catalogue = Catalogue((BEST,), ("ann",), "", (Example("Three reasons", speech),))
-    looks = FirstLooks(config, catalogue, JobBook(tmp_path / "jobs"), media, made_already)
     assert not isinstance(looks.updates()[0].get("rows"), list)
     assert looks.is_coming and text.LOOK_COMING in looks.updates()[1]
     looks.make()
@@ -62,26 +79,16 @@ def test_what_has_been_made_is_shown_to_every_visitor_without_a_cookie(tmp_path:
         assert not row["is_drawn"] and "video" not in row
     assert media.find(value["timeline"].rsplit("/", 1)[-1], "") is not None
     assert "Which hand trembles?" in told
-    shutil.rmtree(look.folder)
 
 
-def test_an_example_that_cannot_be_made_is_awaited_no_longer(tmp_path: Path) -> None:
-    weights = tmp_path / "weights"
-    weights.mkdir()
-    (weights / f"{BEST.replace('/', '-')}.json").write_text("{}")
-    config = AppConfig(weights=weights, kept=tmp_path / "kept")
-    example = Example("Three reasons", EXAMPLES / f"{EXAMPLE}.wav")
-    catalogue = Catalogue((BEST,), ("ann",), "", (example,))
-    looks = FirstLooks(
-        config, catalogue, JobBook(tmp_path / "jobs"), MediaAddresses(), made_already
-    )
+def test_an_example_that_cannot_be_made_is_awaited_no_longer(looks: FirstLooks) -> None:
     assert looks.is_coming
     looks.make()
     assert not looks.is_coming and not isinstance(looks.updates()[1], str)
 
 
 def test_the_answer_is_folded_away_and_has_the_numbers() -> None:
-    told = question({"jerk_m_s3": JERK, "noise_rad": 0.012}, "a<b")
+    told = question({"jerk_m_s3": {STEADY: 110, TREMBLING: 2300}, "noise_rad": 0.012}, "a<b")
     before, after = told.split("<summary>")
     assert TREMBLING not in before.split("<p>")[0] and "2,300" not in before
     assert "2,300" in after and "110" in after and "a&lt;b" in before

@@ -175,7 +175,6 @@ def test_whoever_has_the_link_can_save_the_run(showing: Showing, tmp_path: Path)
 
 
 def test_a_file_is_called_as_its_run() -> None:
-    assert (
-        file_name("my speech: local, global; seed 0") == "my speech- local, global- seed 0.run.zip"
-    )
+    named = file_name("my speech: local, global; seed 0")
+    assert named == "my speech- local, global- seed 0.run.zip"
     assert file_name("../..") == "run.run.zip"

@@ -1,12 +1,12 @@
 """The page behind nginx and Caddy with the files of the docs: TLS, uploads, runs, live speech."""
 
+import contextlib
 import shutil
 import socket
 import ssl
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
@@ -14,14 +14,18 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from app.config import AppConfig
+from app.page.launch import launch
 from app.page.routes import guard
 from app.page.visitors.visitors import address_of
 from model.motion.motion import save_motion
-from tests.app.page.routes.test_guard import UPLOAD, served
+from tests.app.page.conftest import UPLOAD
+from tests.app.page.made import until
 from tests.helpers import ROOT, smooth_motion_example
 from tests.model.made import made_waveform
 from tests.soak.visitor import Visitor
 
+pytestmark = pytest.mark.slow
 NAME = "lab.example"
 ACCOUNT = ("ann", "her pass:word")
 HOSTING = ROOT / "docs" / "hosting"
@@ -105,17 +109,18 @@ def caddy(folder: Path, certificate: tuple[Path, Path], page: str, port: int) ->
     return [program, "run", "--config", str(folder / "Caddyfile"), "--adapter", "caddyfile"]
 
 
-@contextmanager
+@contextlib.contextmanager
 def behind(command: list[str], folder: Path, port: int) -> Iterator[None]:
     with (folder / "told").open("w") as told:
         proxy = subprocess.Popen(command, stdout=told, stderr=told, env={"HOME": str(folder)})
     try:
-        for _ in range(200):
+
+        def listens() -> bool:
             assert proxy.poll() is None, (folder / "told").read_text()
             with socket.socket() as one:
-                if one.connect_ex(("127.0.0.1", port)) == 0:
-                    break
-            time.sleep(0.1)
+                return one.connect_ex(("127.0.0.1", port)) == 0
+
+        until(listens)
         yield
     finally:
         proxy.terminate()
@@ -151,23 +156,26 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 @pytest.mark.usefixtures("name_of_the_page")
-@pytest.mark.parametrize("proxy", [nginx, pytest.param(caddy, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("proxy", [nginx, caddy])
 def test_behind_a_proxy_as_the_docs_say(
     proxy: Command,
     certificate: tuple[Path, Path],
     weights: Path,
     tmp_path: Path,
     seen: list[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     port = free_port()
     address = f"https://{NAME}:{port}/"
     trusted = ssl.create_default_context(cafile=str(certificate[0]))
+    monkeypatch.setenv("GRADIO_TEMP_DIR", "")  # launching sets it for the whole process
     settings = {"host_names": (NAME,), "accounts": (ACCOUNT,)}
+    config = AppConfig(port=0, weights=weights, temp=tmp_path / "page", **settings)
     save_motion(smooth_motion_example(45), tmp_path / "a.npz")
     motion = (tmp_path / "a.npz").read_bytes()
     sound = (30_000 * made_waveform(16_000 * 3)).astype("<i2").tobytes()
-    with served(weights, tmp_path / "page", **settings) as inside:
-        command = proxy(tmp_path, certificate, str(inside.base_url).rstrip("/"), port)
+    with contextlib.closing(launch(config, is_warmed_up=False)) as inside:
+        command = proxy(tmp_path, certificate, inside.local_url.rstrip("/"), port)
         with behind(command, tmp_path, port):
             stranger = httpx.Client(base_url=address, verify=trusted, timeout=20)
             assert stranger.get("config").status_code == 401

@@ -1,10 +1,9 @@
-"""The tab for motion of one's own: what the form asks for, and what the tab then shows."""
+"""Motion of one's own: what the tab shows of a run, of sets, and of a clip that is opened."""
 
 import json
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import gradio as gr
@@ -18,81 +17,44 @@ from app.page.results.kept_runs import KeptRuns
 from app.page.results.result_parts import ResultParts, build_results
 from app.page.results.sets_shown import KeptSets
 from app.page.tabs.own_motion import build_own_motion_tab
-from app.page.tabs.own_motion_run import (
-    MAX_NAME,
-    ClipRunner,
-    OwnMotionForm,
-    OwnMotionRunner,
-    display_names,
-)
+from app.page.tabs.own_motion_run import ClipRunner, OwnMotionRunner
 from app.page.tabs.own_sets_run import SetsTools, build_sets
-from app.page.tabs.services import UploadCheck
 from app.page.tabs.videos_run import VideosBehind
-from app.page.visitors.visitors import COOKIE
 from app.run.diagnose import DiagnoseRequest, Diagnosis, OnShare
 from app.run.many.sets import Sets, SetsRequest, measure_sets
-from app.run.requests.upload_check import refusal_of
 from app.run.videos.own_videos import OnFile
 from tests.app import fakes
 from tests.app.fakes import measures
 from tests.app.measured import diagnostics_of
+from tests.app.page.made import VISITOR, browser, updates_of
 
-CONFIG = AppConfig()
-KEPT = KeptRuns(CONFIG.keep_results_s)
-CHECK = UploadCheck(refusal_of, 60.0)
-VISITOR = SimpleNamespace(session_hash="visitor", cookies={})
-
-
-def form(*motions: str, **changes: Any) -> OwnMotionForm:
-    values = {"motions": list(motions), "reference": None, "speech": None}
-    return OwnMotionForm(**{**values, "point": "right_middle", "start_frame": 0, **changes})
+ONE = (None, None, "right_middle", 0)
+"""The rest of a form: no reference, no speech, point and start."""
 
 
-def test_the_form_becomes_the_request(tmp_path: Path) -> None:
-    asked = form("/up/1/a.npz", "/up/2/a.npz", reference="/up/r.npz", start_frame=30.0).to_request(
-        tmp_path, CONFIG
-    )
-    assert asked.names == ("a", "a (2)")
-    assert asked.motions == (Path("/up/1/a.npz"), Path("/up/2/a.npz"))
-    assert (asked.reference, asked.speech) == (Path("/up/r.npz"), None)
-    assert (asked.start_frame, asked.joint, asked.out) == (30, "right_middle", tmp_path)
+@pytest.fixture
+def kept() -> KeptRuns:
+    return KeptRuns(3600.0)
 
 
-@pytest.mark.parametrize(
-    ("asked", "words"),
-    [
-        (form(), "at least one motion"),
-        (form(*"abcdefghijklmnopqrstuvwxy"), "At most 24 files are measured at once; 25"),
-        (form(*"abcdefgh", shown=[*"abcdefg"]), "At most 6 motions are shown"),
-        (form(*"abcdefgh", shown=[*"abcdef"], reference="r.npz"), "At most 5 motions"),
-        (form("a", start_frame=-1), "from 0 on; got -1"),
-        (form("a", start_frame=1.5), "from 0 on; got 1.5"),
-    ],
-)
-def test_a_form_that_cannot_be_done_gives_a_sentence(asked: OwnMotionForm, words: str) -> None:
-    with pytest.raises(RunError, match=words):
-        asked.to_request(Path("out"), CONFIG)
-
-
-def test_the_shown_are_asked_for_only_where_not_all_fit() -> None:
-    assert form(*"abcdefgh", shown=["b", "h"]).to_request(Path("out"), CONFIG).shown == ("b", "h")
-    assert form(*"abc", shown=["b"]).to_request(Path("out"), CONFIG).shown == ()
-
-
-def test_long_and_equal_names_are_told_apart() -> None:
-    names = display_names(["x" * 100, "x" * 90, "b"])
-    assert names == ("x" * MAX_NAME, "x" * MAX_NAME + " (2)", "b")
+@pytest.fixture
+def parts() -> ResultParts:
+    with gr.Blocks():
+        return build_results()
 
 
 def runner_of(
     diagnose: Any,
     folder: Path,
     parts: ResultParts,
+    kept: KeptRuns,
     sets: SetsTools | None = None,
     kind: type[OwnMotionRunner] = OwnMotionRunner,
 ) -> OwnMotionRunner:
     does = {"diagnose": diagnose, "draw_behind": fakes.make_draw()}
-    services = fakes.made_services(folder, does, config=CONFIG, jobs=JobBook(folder), kept=KEPT)
+    services = fakes.made_services(
+        folder, does, config=AppConfig(), jobs=JobBook(folder), kept=kept
+    )
     videos = VideosBehind(services, parts, "own_videos")
     if sets is None:
         with gr.Blocks():
@@ -100,41 +62,21 @@ def runner_of(
     return kind(services, parts, videos, sets)
 
 
-Runs = Callable[..., list[dict[Any, Any]]]
+def diagnose(request: DiagnoseRequest, on_progress: OnShare, on_file: OnFile) -> Diagnosis:
+    on_progress(0.5)
+    request.out.mkdir()
+    files = tuple(request.out / name for name in ("diagnostics.json", "jitter.png"))
+    for file in files:
+        file.write_bytes(b"0")
+    diagnostics = diagnostics_of(**{name: measures(120.0) for name in request.names})
+    return Diagnosis(files, ("A <note>.",), diagnostics, None)
 
 
-@pytest.fixture
-def runs(tmp_path: Path) -> Runs:
-    """Runs a diagnose of the test's own; gives the updates by the name of the part."""
-
-    def run(diagnose: Any, *values: Any) -> list[dict[Any, Any]]:
-        with gr.Blocks():
-            parts = build_results()
-        names = {getattr(parts, name): name for name in parts.__dataclass_fields__}
-        runner = runner_of(diagnose, tmp_path, parts)
-        names[runner._sets.parts.shown] = "sets"
-        updates = []
-        try:
-            for update in runner.run(VISITOR, *values):  # type: ignore[arg-type]
-                updates.append({names[part]: value for part, value in update.items()})
-        except gr.Error as error:
-            updates.append({"error": str(error.message)})
-        return updates
-
-    return run
-
-
-def test_numbers_figures_and_downloads_of_the_run_are_shown(runs: Runs) -> None:
-    def diagnose(request: DiagnoseRequest, on_progress: OnShare, on_file: OnFile) -> Diagnosis:
-        on_progress(0.5)
-        request.out.mkdir()
-        files = tuple(request.out / name for name in ("diagnostics.json", "jitter.png"))
-        for file in files:
-            file.write_bytes(b"0")
-        diagnostics = diagnostics_of(**{name: measures(120.0) for name in request.names})
-        return Diagnosis(files, ("A <note>.",), diagnostics, None)
-
-    *_, last = runs(diagnose, ["/up/<b>.npz"], None, None, "right_middle", 0)
+def test_numbers_figures_and_downloads_of_the_run_are_shown(
+    parts: ResultParts, kept: KeptRuns, tmp_path: Path
+) -> None:
+    runner = runner_of(diagnose, tmp_path, parts, kept)
+    *_, last = updates_of(runner, parts, ["/up/<b>.npz"], *ONE)
     assert "Measured 1 motion." in last["status"]
     assert "A &lt;note&gt;." in last["message"]["value"]
     assert "&lt;b&gt;" in last["numbers"]["value"] and "<b>.npz" not in last["numbers"]["value"]
@@ -145,36 +87,33 @@ def test_numbers_figures_and_downloads_of_the_run_are_shown(runs: Runs) -> None:
     assert Path(last["bundle"]["value"]).stat().st_size > 0
 
 
-def test_an_error_is_told_and_nothing_old_stays(runs: Runs) -> None:
-    def diagnose(request: DiagnoseRequest, on_progress: OnShare, on_file: OnFile) -> Diagnosis:
+def test_an_error_is_told_and_nothing_old_stays(
+    parts: ResultParts, kept: KeptRuns, tmp_path: Path
+) -> None:
+    def refuse(request: DiagnoseRequest, on_progress: OnShare, on_file: OnFile) -> Diagnosis:
         raise RunError("a.npz has 60 frames a second; 30 are needed.")
 
-    *_, shown, raised = runs(diagnose, ["/up/a.npz"], None, None, "right_middle", 0)
+    runner = runner_of(refuse, tmp_path, parts, kept)
+    *_, shown, raised = updates_of(runner, parts, ["/up/a.npz"], *ONE)
     assert raised == {"error": "a.npz has 60 frames a second; 30 are needed."}
     assert "60 frames a second" in shown["message"]["value"]
     assert not shown["numbers"]["visible"] and not shown["downloads_part"]["visible"]
 
 
-def test_cancel_is_answered_at_once_and_nothing_of_the_run_is_shown(tmp_path: Path) -> None:
-    is_at_work, may_go_on = threading.Event(), threading.Event()
+def test_cancel_is_answered_at_once_and_nothing_of_the_run_is_shown(
+    parts: ResultParts, kept: KeptRuns, tmp_path: Path
+) -> None:
+    may_go_on = threading.Event()
 
-    def diagnose(request: DiagnoseRequest, on_progress: OnShare, on_file: OnFile) -> Diagnosis:
-        is_at_work.set()
-        may_go_on.wait(20)  # a step that cannot be interrupted
+    def wait(request: DiagnoseRequest, on_progress: OnShare, on_file: OnFile) -> Diagnosis:
+        runner.cancel(VISITOR)
+        may_go_on.wait(60)  # a step that cannot be interrupted
         on_progress(0.5)
         raise AssertionError("on_progress must end a run that was cancelled")
 
-    with gr.Blocks():
-        parts = build_results()
-    runner = runner_of(diagnose, tmp_path, parts)
-
-    def cancel() -> None:
-        is_at_work.wait(20)
-        runner.cancel(VISITOR)  # type: ignore[arg-type]
-
-    threading.Thread(target=cancel).start()
+    runner = runner_of(wait, tmp_path, parts, kept)
     said = []
-    for update in runner.run(VISITOR, ["/up/a.npz"], None, None, "right_middle", 0):  # type: ignore[arg-type]
+    for update in runner.run(VISITOR, ["/up/a.npz"], *ONE):
         said.append(update[parts.status])
         if text.STOPPING in said[-1]:
             may_go_on.set()
@@ -183,11 +122,11 @@ def test_cancel_is_answered_at_once_and_nothing_of_the_run_is_shown(tmp_path: Pa
 
 def test_the_tab_is_built_with_its_endpoint(tmp_path: Path) -> None:
     with gr.Blocks() as page:
-        build_own_motion_tab(page, fakes.made_services(tmp_path, config=CONFIG))
+        build_own_motion_tab(page, fakes.made_services(tmp_path, config=AppConfig()))
     assert "own_motion" in {each.api_name for each in page.fns.values()}
 
 
-class _Measured:
+class Measured:
     """Sets that somebody has brought."""
 
     def __init__(self, folder: Path) -> None:
@@ -215,44 +154,22 @@ class _Measured:
         return Sets((table,), ("A <note>.",), told, clips, {"a": self._folder / "a.wav"})
 
 
-@pytest.fixture
-def measured(tmp_path: Path) -> _Measured:
-    return _Measured(tmp_path)
-
-
-@pytest.fixture
-def sets(measured: _Measured) -> SetsTools:
-    with gr.Blocks():
-        return SetsTools(measured, build_sets(), KeptSets())
-
-
-def all_updates(runner: OwnMotionRunner, visitor: Any, *values: Any) -> list[dict[Any, Any]]:
-    return list(runner.run(visitor, *values))
-
-
-def test_zips_are_measured_as_sets_and_any_clip_is_opened(
-    tmp_path: Path, measured: _Measured, sets: SetsTools
+def test_zips_are_measured_as_sets_and_their_browser_opens_any_clip(
+    parts: ResultParts, kept: KeptRuns, tmp_path: Path
 ) -> None:
-    with gr.Blocks():
-        parts = build_results()
-
-    def diagnose(request: DiagnoseRequest, on_progress: OnShare, on_file: OnFile) -> Diagnosis:
-        opened.append(request)
-        request.out.mkdir()
-        file = request.out / "diagnostics.json"
-        file.write_text("0")
-        return Diagnosis(
-            (file,), (), diagnostics_of(**dict.fromkeys(request.names, measures(1.0))), None
-        )
-
     opened: list[DiagnoseRequest] = []
-    runner = runner_of(diagnose, tmp_path / "jobs", parts, sets)
+
+    def noted(request: DiagnoseRequest, *how: Any) -> Diagnosis:
+        opened.append(request)
+        return diagnose(request, *how)
+
+    measured = Measured(tmp_path)
+    with gr.Blocks():
+        sets = SetsTools(measured, build_sets(), KeptSets())
+    runner = runner_of(noted, tmp_path / "jobs", parts, kept, sets)
     asked = ["/up/<i>mine.zip"], "/up/gt.zip", None, "right_middle", 0
-    mine, stranger = (
-        SimpleNamespace(session_hash=name, cookies={COOKIE: name * 20}, client=None, headers={})
-        for name in ("mine", "else")
-    )
-    first, *_, last = all_updates(runner, mine, *asked)
+    mine, stranger = browser("mine" * 20, "mine"), browser("else" * 20, "else")
+    first, *_, last = updates_of(runner, parts, *asked, visitor=mine)
     assert first[sets.parts.shown] == {"value": "", "visible": False, "__type__": "update"}
     (request,) = measured.asked
     assert (request.names, request.reference) == (("<i>mine",), Path("/up/gt.zip"))
@@ -260,53 +177,28 @@ def test_zips_are_measured_as_sets_and_any_clip_is_opened(
     assert "foot slide, jerk; jerk 2,400 m/s³" in html and 'data-clip="b&lt;u&gt;"' in html
     assert "2,350 [2,340, 2,350]" in html and "120 [119, 121]" in html
     assert "<i>" not in html and "<u>" not in html
-    assert "Measured 2 clips of 2 sets" in last[parts.status]
-    assert "A &lt;note&gt;." in last[parts.message]["value"]
+    assert "Measured 2 clips of 2 sets" in last["status"]
+    assert "A &lt;note&gt;." in last["message"]["value"]
 
     token = html.split('data-sets="')[1].split('"')[0]
-    opener = runner_of(diagnose, tmp_path / "others", parts, sets, ClipRunner)
-    *updates, end = all_updates(opener, mine, json.dumps({"sets": token, "clip": "a"}))
+    opener = runner_of(noted, tmp_path / "others", parts, kept, sets, ClipRunner)
+    good = json.dumps({"sets": token, "clip": "a"})
+    *updates, end = updates_of(opener, parts, good, visitor=mine)
     (one,) = opened
     assert (one.names, one.motions) == (("<i>mine",), (tmp_path / "<i>mine a.npz",))
     assert (one.reference, one.speech) == (tmp_path / "reference a.npz", tmp_path / "a.wav")
     assert all(sets.parts.shown not in update for update in (*updates, end)), "the sets stay"
-    assert "a of &lt;i&gt;mine" in end[parts.runs]["value"]
+    assert "a of &lt;i&gt;mine" in end["runs"]["value"]
 
     for visitor, told in (
         (mine, json.dumps({"sets": token, "clip": "../secret"})),
         (mine, json.dumps({"sets": "x" * 43, "clip": "a"})),
         (mine, json.dumps([token, "a"])),
         (mine, "[" * 1000),
-        (mine, json.dumps({"sets": token, "clip": "a"}).ljust(3000)),
+        (mine, good.ljust(3000)),
         (mine, None),
-        (stranger, json.dumps({"sets": token, "clip": "a"})),
+        (stranger, good),
     ):
-        with pytest.raises(gr.Error, match=r"kept no longer|load the page again"):
-            all_updates(opener, visitor, told)
+        error = updates_of(opener, parts, told, visitor=visitor)[-1]["error"]
+        assert "kept no longer" in error or "load the page again" in error
     assert len(opened) == 1
-
-
-@pytest.mark.parametrize(
-    ("motions", "changes", "said"),
-    [
-        (["a.zip", "b.npz"], {}, "zips of results only, or motion files only"),
-        (["a.ZIP"], {"reference": "r.npz"}, "the reference comes as a zip"),
-        (["a.zip"], {"speech": "r.wav"}, "the speech comes as a zip"),
-        ([f"{n}.zip" for n in range(7)], {}, "At most 6 motions"),
-    ],
-)
-def test_zips_beside_other_files_are_refused(
-    motions: list[str], changes: dict[str, str], said: str
-) -> None:
-    asked = form(*motions, **changes)
-    assert asked.has_sets
-    with pytest.raises(RunError, match=said):
-        asked.to_sets(Path("out"))
-
-
-def test_a_zip_beside_motion_files_is_refused() -> None:
-    for changes in ({"reference": "r.zip"}, {"speech": "r.zip"}):
-        asked = form("a.npz", **changes)
-        assert not asked.has_sets
-        with pytest.raises(RunError, match="A zip goes beside zips"):
-            asked.to_request(Path("out"), CONFIG)
