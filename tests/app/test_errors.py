@@ -22,20 +22,18 @@ from app.errors import RunError, sentence_of, visitor_sentence
         ),
     ],
 )
-def test_a_visitor_is_shown_no_option_no_folder_and_nothing_that_a_terminal_obeys(
-    told: str, on_page: str
-) -> None:
+def test_a_visitor_is_shown_no_option_no_folder_and_nothing_that_a_terminal_obeys(told, on_page):
     assert visitor_sentence(RunError(told)) == on_page
 
 
-def test_faults_get_a_number_under_which_the_log_has_them(caplog: pytest.LogCaptureFixture) -> None:
+def test_faults_get_a_number_under_which_the_log_has_them(caplog):
     shown = visitor_sentence(KeyError("secret /path"))
     assert "secret" not in shown
     number = shown.rsplit(" ", 1)[1].rstrip(".")
     assert len(number) == 8 and number in caplog.text and "secret /path" in caplog.text
 
 
-def test_of_the_systems_errors_those_are_told_that_a_person_can_do_something_about() -> None:
+def test_of_the_systems_errors_those_are_told_that_a_person_can_do_something_about():
     full = OSError(28, "No space left on device", "/results/a.mp4")
     assert sentence_of(full) == (
         "The disk at /results is full; free some space or write to another folder."

@@ -1,7 +1,5 @@
 """Files and arrays that a notebook hands over."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -15,7 +13,7 @@ from tests.helpers import smooth_motion_example
 
 @pytest.mark.parametrize("rate", [16_000, 48_000])
 @pytest.mark.parametrize("form", ["float", "int16", "stereo"])
-def test_samples_are_heard_as_a_file_of_them_is(rate: int, form: str) -> None:
+def test_samples_are_heard_as_a_file_of_them_is(rate, form):
     wave = 0.5 * np.sin(2 * np.pi * 220 * np.arange(rate) / rate)
     samples = {
         "float": wave,
@@ -28,14 +26,14 @@ def test_samples_are_heard_as_a_file_of_them_is(rate: int, form: str) -> None:
     assert np.abs(heard - expected)[200:-200].max() < 2e-3
 
 
-def test_what_is_no_sound_is_refused() -> None:
+def test_what_is_no_sound_is_refused():
     with pytest.raises(RunError, match=r"\(N,\) or \(N, channels\)"):
         read_speech((np.zeros((2, 3, 4)), 16_000))
     with pytest.raises(SpeechError, match="does not exist"):
         read_speech("nothing.wav")
 
 
-def test_motions_have_their_files_names(tmp_path: Path) -> None:
+def test_motions_have_their_files_names(tmp_path):
     motion = smooth_motion_example(40)
     save_motion(motion, tmp_path / "mine.npz")
     assert list(named_motions(tmp_path / "mine.npz")) == ["mine"]
@@ -47,7 +45,7 @@ def test_motions_have_their_files_names(tmp_path: Path) -> None:
         assert path is None
 
 
-def test_the_table_marks_the_nearest_and_leaves_out_what_nobody_has() -> None:
+def test_the_table_marks_the_nearest_and_leaves_out_what_nobody_has():
     calm, recorded = smooth_motion_example(60), smooth_motion_example(60, seed=1)
     shaken = calm.part(np.arange(60)[::2].repeat(2))  # each frame twice: steps
     found = compare({"calm": calm, "shaken": shaken, "reference": recorded})

@@ -5,8 +5,6 @@ import json
 import re
 from typing import Any
 
-import pytest
-
 from tests.helpers import ROOT
 
 CELLS = json.loads((ROOT / "docs" / "notebook.ipynb").read_text("utf-8"))["cells"]
@@ -28,7 +26,7 @@ def words(text: str) -> str:
     return "".join(NUMBER.sub("#", text).split())
 
 
-def test_it_runs_from_top_to_bottom(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_runs_from_top_to_bottom(monkeypatch):
     monkeypatch.chdir(ROOT)
     names: dict[str, Any] = {}
     shown = 0

@@ -24,8 +24,7 @@ from app.config import AppConfig
 from app.errors import RunError
 from app.page import launch as launch_module
 from app.page.launch import launch, parse_config
-from app.page.routes.media import GONE
-from tests.app.page.conftest import UPLOAD, Served
+from tests.app.page.conftest import UPLOAD
 from tests.helpers import ROOT
 
 FORM = {
@@ -43,7 +42,7 @@ FORM = {
     "body_steps": 0,
     "face_steps": 0,
 }
-ANSWERS: dict[str, int] = {}
+ANSWERS: list[int] = []
 """Of the server to what a browser asks before anything else has happened."""
 
 
@@ -55,11 +54,9 @@ def page(weights: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bl
     def start_and_ask(*args, **options):
         started = start_server(*args, **options)
         with httpx.Client(base_url=started[2], timeout=60) as client:
-            ANSWERS["module"] = client.get("web/player/player.js").status_code
-            ANSWERS["cookie"] = client.post("study/visitor").status_code
-            gone = client.get("media/none")
-            ANSWERS["media"] = gone.status_code
-            assert gone.text == GONE
+            ANSWERS.append(client.get("web/player/player.js").status_code)
+            ANSWERS.append(client.post("study/visitor").status_code)
+            ANSWERS.append(client.get("media/none").status_code)
         return started
 
     with pytest.MonkeyPatch.context() as patch:
@@ -81,13 +78,8 @@ def submit(page: Blocks, speech: Path | None, tmp_path: Path, **changes):
     return job.result(timeout=110)
 
 
-def test_every_route_is_there_as_soon_as_the_server_listens(page: Blocks) -> None:
-    assert ANSWERS == {"module": 200, "cookie": 204, "media": 404}
-
-
-def test_a_run_ends_with_every_file_and_its_record_is_not_counted_up(
-    page: Blocks, speech: Path, tmp_path: Path
-) -> None:
+def test_a_run_ends_with_every_file_and_its_record_is_not_counted_up(page, speech, tmp_path):
+    assert ANSWERS == [200, 204, 404], "every route is there as soon as the server listens"
     result = submit(page, speech, tmp_path)
     status = next(part for part in result if isinstance(part, str) and "Done in" in part)
     assert "37 frames" in status
@@ -98,7 +90,7 @@ def test_a_run_ends_with_every_file_and_its_record_is_not_counted_up(
     assert page._queue.cached_event_analytics_summary == {"functions": {}}
 
 
-def test_sentences_arrive_at_a_program(page: Blocks, speech: Path, tmp_path: Path) -> None:
+def test_sentences_arrive_at_a_program(page, speech, tmp_path):
     """Of the form, and of a file that the run reads in its process."""
     with pytest.raises(AppError) as caught:
         submit(page, None, tmp_path)
@@ -109,9 +101,7 @@ def test_sentences_arrive_at_a_program(page: Blocks, speech: Path, tmp_path: Pat
         submit(page, renamed, tmp_path)
 
 
-def test_a_frame_that_is_no_text_ends_its_socket_and_is_no_fault(
-    page: Blocks, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_frame_that_is_no_text_ends_its_socket_and_is_no_fault(page, caplog):
     address = page.local_url.replace("http", "ws")
     logger = logging.getLogger("uvicorn.error")
     logger.addHandler(caplog.handler)
@@ -127,18 +117,15 @@ def test_a_frame_that_is_no_text_ends_its_socket_and_is_no_fault(
     assert [record for record in caplog.records if record.exc_info] == []
 
 
-def test_a_program_must_name_only_what_a_run_cannot_do_without(served: Served) -> None:
-    endpoints = served.visitor().get("/gradio_api/info").json()["named_endpoints"]
+def test_what_a_stranger_may_ask_of_the_page(served, weights):
+    client = served.visitor()
+    endpoints = client.get("/gradio_api/info").json()["named_endpoints"]
     needed = {
         name: {p["parameter_name"] for p in each["parameters"] if not p["parameter_has_default"]}
         for name, each in endpoints.items()
     }
     assert (needed["/own_motion"], needed["/generate"]) == ({"motions"}, {"speech"})
-    assert needed["/study"] == set()
-
-
-def test_files_of_the_program_and_weights_are_not_served(served: Served, weights: Path) -> None:
-    client = served.visitor()
+    assert needed["/study"] == set(), "a program names only what a run cannot do without"
     for path in ("pyproject.toml", "renderer/assets/open_body.npz", "app/text.py"):
         assert (ROOT / path).exists()
         for written in (str(ROOT / path), path, f"../{path}"):
@@ -146,18 +133,13 @@ def test_files_of_the_program_and_weights_are_not_served(served: Served, weights
             assert answer.status_code in (403, 404), written
     answer = client.get(f"/gradio_api/file={weights / 'globaldiff-local.safetensors'}")
     assert answer.status_code in (403, 404)
-
-
-def test_the_page_tells_no_one_and_loads_nothing_from_elsewhere(served: Served) -> None:
-    html = served.visitor().get("/").text
+    html = client.get("/").text
     assert '"analytics_enabled":false' in html.replace(" ", "")
     for elsewhere in ("fonts.googleapis.com", "fonts.gstatic.com", "cdn.jsdelivr"):
         assert f'href="https://{elsewhere}' not in html
 
 
-def test_the_host_and_port_come_from_flags_then_environment(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_host_and_port_come_from_flags_then_environment(monkeypatch):
     monkeypatch.delenv("GRADIO_SERVER_NAME", raising=False)
     monkeypatch.delenv("GRADIO_SERVER_PORT", raising=False)
     assert (parse_config([]).host, parse_config([]).port) == ("127.0.0.1", 7860)
@@ -178,9 +160,7 @@ def test_the_host_and_port_come_from_flags_then_environment(
 
 
 @pytest.mark.parametrize("is_free_at_first", [False, True])
-def test_a_port_that_is_taken_is_told(
-    weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_free_at_first: bool
-) -> None:
+def test_a_port_that_is_taken_is_told(weights, tmp_path, monkeypatch, is_free_at_first):
     """Before anything is made, or where another page takes it meanwhile."""
     asked, check = [], launch_module.check_port
 
@@ -197,10 +177,6 @@ def test_a_port_that_is_taken_is_told(
         with pytest.raises(OSError, match=rf"Port {port} of 127\.0\.0\.1 is taken.* with --port"):
             launch(config, is_warmed_up=False)
     assert (tmp_path / "page").exists() == is_free_at_first
-
-
-def test_no_weights_gives_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("GRADIO_TEMP_DIR", "")
     with pytest.raises(RunError, match="No trained systems"):
         launch(AppConfig(port=0, weights=tmp_path, temp=tmp_path / "t"), is_warmed_up=False)
 
@@ -217,8 +193,8 @@ main(sys.argv[1:])
 
 
 def test_a_server_is_made_without_what_is_slow_to_import_and_leaves_nothing_however_it_is_ended(
-    weights: Path, tmp_path: Path
-) -> None:
+    weights, tmp_path
+):
     """torch alone takes longer to import than all of the page; the warm-up does, behind it."""
     child = subprocess.Popen(
         [sys.executable, "-c", START, "--port", "0", "--weights", str(weights)],

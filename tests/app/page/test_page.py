@@ -1,7 +1,6 @@
 """The tabs of one page beside each other: the same visitor may have a run in each."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import gradio as gr
@@ -28,9 +27,7 @@ def handler(page: gr.Blocks, button: str) -> Callable[..., Any]:
     return found
 
 
-def test_a_tabs_cancel_stops_its_own_run_alone_and_closing_the_page_those_of_all(
-    speech: Path, tmp_path: Path
-) -> None:
+def test_a_tabs_cancel_stops_its_own_run_alone_and_closing_the_page_those_of_all(speech, tmp_path):
     does = {"generate": fakes.make_generate()}
     jobs = JobBook(tmp_path / "jobs")
     page = build_app(fakes.made_services(tmp_path, does, config=AppConfig(), jobs=jobs))

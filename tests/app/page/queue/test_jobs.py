@@ -3,7 +3,6 @@
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from pathlib import Path
 
 import pytest
 
@@ -44,16 +43,29 @@ def begun_in_order(jobs: JobBook, opened: Sequence[Job]) -> tuple[list[str], lis
     return order, before
 
 
-def test_each_job_has_a_folder_of_its_own_that_others_cannot_enter(tmp_path: Path) -> None:
+def test_runs_go_one_at_a_time_in_order_of_arrival_each_in_a_folder_of_its_own(tmp_path):
     jobs = JobBook(tmp_path / "jobs")
-    one, two = jobs.open("one", "study"), jobs.open("two", "study")
-    assert one.folder != two.folder and jobs.in_use() == [one.folder, two.folder]
-    assert one.folder.stat().st_mode & 0o777 == 0o700
-    jobs.close(one)
-    assert jobs.in_use() == [two.folder] and one.folder.is_dir(), "for its downloads"
+    opened = [jobs.open(name, "generate") for name in ("first", "second", "third")]
+    folders = [job.folder for job in opened]
+    assert len(set(folders)) == 3 and jobs.in_use() == folders
+    assert all(folder.stat().st_mode & 0o777 == 0o700 for folder in folders)
+    assert begun_in_order(jobs, opened) == (["first", "second", "third"], [1, 2])
+    assert not jobs.in_use() and all(folder.is_dir() for folder in folders), "for the downloads"
 
 
-def test_cancelling_stops_the_runs_of_one_tab_of_one_visitor(tmp_path: Path) -> None:
+def test_a_waiting_run_can_be_cancelled_and_leaves_its_place(tmp_path):
+    jobs = JobBook(tmp_path)
+    first, second, third = (jobs.open(name, "generate") for name in "abc")
+    with jobs.slot(first) as turn, jobs.slot(second) as waiting, jobs.slot(third) as behind:
+        assert (list(turn), next(waiting), next(behind)) == ([], 1, 2)
+        jobs.cancel("b", "generate")
+        with pytest.raises(CancelledRun):
+            next(waiting)
+        jobs.close(second)
+        assert next(behind) == 1
+
+
+def test_cancelling_stops_the_runs_of_one_tab_of_one_visitor(tmp_path):
     jobs = JobBook(tmp_path)
     first, second, ended = (jobs.open("one", "generate") for _ in range(3))
     others = [jobs.open("one", "study"), jobs.open("two", "generate")]
@@ -64,31 +76,11 @@ def test_cancelling_stops_the_runs_of_one_tab_of_one_visitor(tmp_path: Path) -> 
     assert not jobs.cancel("one", "own_motion") and not jobs.cancel("nobody", "generate")
     jobs.cancel_all()
     assert all(other.is_cancelled() for other in others)
+    first.is_put_back = others[0].is_put_back = True
+    assert jobs.again(first) is None, "what its visitor cancels does not begin anew"
 
 
-def test_runs_go_one_at_a_time_in_order_of_arrival_and_are_told_their_place(
-    tmp_path: Path,
-) -> None:
-    jobs = JobBook(tmp_path)
-    opened = [jobs.open(name, "generate") for name in ("first", "second", "third")]
-    assert begun_in_order(jobs, opened) == (["first", "second", "third"], [1, 2])
-
-
-def test_a_waiting_run_can_be_cancelled_and_leaves_its_place(tmp_path: Path) -> None:
-    jobs = JobBook(tmp_path)
-    with jobs.slot(jobs.open("first", "generate")) as turn:
-        assert list(turn) == []
-        third = jobs.open("second", "generate"), jobs.open("third", "generate")
-        with jobs.slot(third[0]) as waiting, jobs.slot(third[1]) as behind:
-            assert (next(waiting), next(behind)) == (1, 2)
-            jobs.cancel("second", "generate")
-            with pytest.raises(CancelledRun):
-                next(waiting)
-            jobs.close(third[0])
-            assert next(behind) == 1
-
-
-def test_no_more_than_the_limit_are_let_in_however_many_come_at_once(tmp_path: Path) -> None:
+def test_no_more_than_the_limit_are_let_in_however_many_come_at_once(tmp_path):
     jobs = JobBook(tmp_path, max_waiting=3)
     barrier = threading.Barrier(20)
     let_in, turned_away = [], []
@@ -108,7 +100,7 @@ def test_no_more_than_the_limit_are_let_in_however_many_come_at_once(tmp_path: P
 
 
 @pytest.mark.parametrize("flood", ["10.0.0.1", "10.0.0.2"], ids=["same address", "another"])
-def test_many_runs_of_one_visitor_do_not_hold_up_the_others(tmp_path: Path, flood: str) -> None:
+def test_many_runs_of_one_visitor_do_not_hold_up_the_others(tmp_path, flood):
     """Behind one address pages take turns, and addresses do."""
     jobs = JobBook(tmp_path)
     opened = [jobs.open("flood", "own_motion", flood) for _ in range(4)]
@@ -120,7 +112,7 @@ def test_many_runs_of_one_visitor_do_not_hold_up_the_others(tmp_path: Path, floo
     assert order == expected
 
 
-def test_who_has_no_run_waiting_gets_a_place_of_who_has_many(tmp_path: Path) -> None:
+def test_who_has_no_run_waiting_gets_a_place_of_who_has_many(tmp_path):
     jobs = JobBook(tmp_path, max_waiting=3)
     flood = [jobs.open(f"flood {number}", "own_motion", "10.0.0.1") for number in range(4)]
     newcomer = jobs.open("newcomer", "generate", "10.0.0.2")
@@ -132,7 +124,7 @@ def test_who_has_no_run_waiting_gets_a_place_of_who_has_many(tmp_path: Path) -> 
         [jobs.open("flood", "own_motion", "10.0.0.1") for _ in range(5)]
 
 
-def test_what_was_uploaded_tells_which_runs_are_large(tmp_path: Path) -> None:
+def test_what_was_uploaded_tells_which_runs_are_large(tmp_path):
     visitor_files = VisitorFiles(AppConfig(temp=tmp_path, min_free_bytes=0))
     jobs = JobBook(tmp_path / "jobs", visitor_files=visitor_files)
     uploads = tmp_path / "gradio"
@@ -152,37 +144,13 @@ def test_what_was_uploaded_tells_which_runs_are_large(tmp_path: Path) -> None:
     assert uploads / "hour.npz" in jobs.in_use()
 
 
-def sized(jobs: JobBook, names: str, is_large: bool, address: str = "10.0.0.1") -> list[Job]:
-    opened = [jobs.open(name, "own_motion", address) for name in names]
-    for job in opened:
-        job.is_large = is_large
-    return opened
-
-
-def test_a_large_run_waits_for_small_ones_but_not_for_ever(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    jobs = JobBook(tmp_path)
-    first, large = sized(jobs, "x", False)[0], sized(jobs, "y", True)[0]
-    (small,) = sized(jobs, "z", False)
-    with jobs.slot(first) as turn, jobs.slot(large) as patient, jobs.slot(small) as waiting:
-        assert list(turn) == []
-        assert (next(patient), next(waiting)) == (2, 1)
-        monkeypatch.setattr("app.page.queue.jobs.PATIENCE_S", 0.0)
-        assert (next(patient), next(waiting)) == (1, 2)
-
-
 @pytest.mark.parametrize(
     ("visitor", "address", "is_let_through"),
     [("b", "10.0.0.2", True), ("b", "10.0.0.1", True), ("a", "10.0.0.1", False)],
 )
 def test_what_takes_long_lets_one_of_somebody_else_through(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    visitor: str,
-    address: str,
-    is_let_through: bool,
-) -> None:
+    tmp_path, monkeypatch, visitor, address, is_let_through
+):
     jobs = JobBook(tmp_path)
     long = jobs.open("a", "generate", "10.0.0.1")
     other = jobs.open(visitor, "generate", address)
@@ -199,35 +167,7 @@ def test_what_takes_long_lets_one_of_somebody_else_through(
                 next(waiting)
 
 
-def test_a_second_long_run_of_an_address_is_put_back_once_for_another_address(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("app.page.queue.jobs.LONG_S", 0.0)
-    jobs = JobBook(tmp_path)
-    one, two, near = (jobs.open(name, "generate", "10.0.0.1") for name in "abc")
-    with jobs.slot(one) as turn, jobs.slot(two) as second:
-        assert list(turn) == list(second) == [] and jobs.again(two) is None
-        with jobs.slot(near) as waiting:
-            assert next(waiting) == 1 and not two.is_put_back  # of its own address: not so soon
-        with jobs.slot(jobs.open("d", "generate", "10.0.0.2")) as far:
-            assert next(far) == 1 and two.is_put_back and two.is_cancelled()
-        anew = jobs.again(two)
-        assert anew is not None and anew.folder.is_dir() and not two.folder.exists()
-        assert (anew.visitor, anew.tab, anew.is_cancelled()) == ("b", "generate", False)
-        with jobs.slot(anew) as held:
-            assert next(held) == 0  # until the one aside has ended
-            jobs.close(one)
-            assert list(held) == []
-            with jobs.slot(jobs.open("e", "generate", "10.0.0.2")) as far:
-                assert list(far) in ([], [1]) and not anew.is_put_back
-    cancelled = jobs.open("f", "generate")
-    cancelled.is_put_back = True
-    assert jobs.cancel("f", "generate") and jobs.again(cancelled) is None
-
-
-def test_videos_come_last_and_make_way_those_that_were_asked_for_before_the_others(
-    tmp_path: Path,
-) -> None:
+def test_videos_come_last_and_make_way_those_that_were_asked_for_before_the_others(tmp_path):
     jobs = JobBook(tmp_path, max_waiting=1)
     usual, another = (jobs.open(name, "videos", f"10.0.0.{name}") for name in "12")
     with ExitStack() as at_work, jobs.slot(another) as held:

@@ -3,7 +3,6 @@
 import os
 import shutil
 import signal
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -65,8 +64,8 @@ def pid_of(processes: RunProcesses) -> int:
 
 
 def test_a_process_is_kept_and_gives_what_runs_give_their_files_sentences_and_faults(
-    processes: RunProcesses, weights: Path, speech: Path, tmp_path: Path
-) -> None:
+    processes, weights, speech, tmp_path
+):
     shares: list[float] = []
     diagnosis = processes.diagnose(small(tmp_path), shares.append)
     assert diagnosis.files and all(path.is_file() for path in diagnosis.files)
@@ -100,9 +99,7 @@ def test_a_process_is_kept_and_gives_what_runs_give_their_files_sentences_and_fa
     assert pid_of(processes) == first
 
 
-def test_cancel_ends_a_process_that_does_not_hear_it_and_a_successor_is_there_at_once(
-    processes: RunProcesses,
-) -> None:
+def test_cancel_ends_a_process_that_does_not_hear_it_and_a_successor_is_there_at_once(processes):
     look(processes)
     first, asked = pid_of(processes), iter([False, False])
     with pytest.raises(CancelledRun):
@@ -119,7 +116,7 @@ def test_cancel_ends_a_process_that_does_not_hear_it_and_a_successor_is_there_at
         (Limits(silent_s=0.5), "stopped getting on and was ended after 0 s"),
     ],
 )
-def test_what_takes_too_long_is_ended(limits: Limits, words: str) -> None:
+def test_what_takes_too_long_is_ended(limits, words):
     processes = RunProcesses(limits=limits)
     try:
         with pytest.raises(RunError, match=words):
@@ -139,12 +136,7 @@ def test_what_takes_too_long_is_ended(limits: Limits, words: str) -> None:
         (ends.take_five_gigabytes, ["ran out of memory"]),
     ],
 )
-def test_a_process_that_dies_says_how_and_the_next_run_goes_well(
-    end: Callable[[], None],
-    words: list[str],
-    processes: RunProcesses,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_process_that_dies_says_how_and_the_next_run_goes_well(end, words, processes, capsys):
     """Each ends itself in the middle of its run, but the last, which meets its limit."""
     with pytest.raises(RunError) as told:
         look(processes, end)
@@ -157,9 +149,7 @@ def test_a_process_that_dies_says_how_and_the_next_run_goes_well(
     assert look(processes) == ""
 
 
-def test_memory_is_named_where_the_kernel_has_ended_it(
-    processes: RunProcesses, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_memory_is_named_where_the_kernel_has_ended_it(processes, tmp_path, monkeypatch):
     """The counter of a control group rises while the run goes on."""
     (tmp_path / "memory.events").write_text("oom 0\noom_kill 4\n")
     monkeypatch.setattr(ended, "_counters", lambda: iter([tmp_path / "memory.events"]))
@@ -174,41 +164,10 @@ def test_memory_is_named_where_the_kernel_has_ended_it(
         look(processes, ends.wait, strike)
 
 
-def test_a_run_that_has_stepped_aside_comes_last_and_its_process_is_not_kept() -> None:
-    processes = RunProcesses(num_aside=1)
-    over, priorities = threading.Event(), []
-
-    def work() -> None:
-        with pytest.raises(CancelledRun):
-            look(processes, ends.wait, over.is_set)
-
-    def watch() -> bool:
-        found = [os.getpriority(os.PRIO_PROCESS, each.child.pid) for each in processes._busy]
-        priorities.append(tuple(found))
-        return found[0] == 19
-
-    own = os.getpriority(os.PRIO_PROCESS, 0)
-    thread = threading.Thread(target=work)
-    thread.start()
-    try:
-        while not processes._busy:
-            over.wait(0.01)
-        with pytest.raises(CancelledRun):
-            look(processes, ends.wait, watch)
-        assert priorities[-1] == (19, own)
-        over.set()
-        thread.join(60)
-        assert not thread.is_alive() and look(processes) == ""
-        assert os.getpriority(os.PRIO_PROCESS, pid_of(processes)) == own
-    finally:
-        over.set()
-        processes.close()
-
-
 @pytest.mark.slow
 def test_a_successor_is_warm_and_work_that_is_there_is_done_before_models_are_read(
-    weights: Path, tmp_path: Path
-) -> None:
+    weights, tmp_path
+):
     never = tmp_path / "weights"
     shutil.copytree(weights, never)
     for path in never.glob("*.safetensors"):

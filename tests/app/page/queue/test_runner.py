@@ -1,10 +1,12 @@
 """What all tabs do alike between a click and the end of a run, and how a run is followed."""
 
+import shutil
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import gradio as gr
@@ -31,35 +33,30 @@ VISITOR = browser("cookie")
 Do = Callable[[OnEvent, ShouldCancel], str]
 
 
-class Work:
-    """A run of the test's own."""
-
-    def __init__(self, do: Do) -> None:
-        self.run = do
-
-    def progress(self, events: list[Event]) -> Updates:
-        return {"shares": [e.fraction for e in events if isinstance(e, Progress)]} if events else {}
-
-    def finished(self, result: str) -> Updates:
-        return {"result": result}
-
-
 class Runner(TabRunner[str]):
+    """Does a run of the test's own."""
+
     tab = "study"
 
     def __init__(self, jobs: JobBook, do: Do) -> None:
         super().__init__(jobs, status="status")  # type: ignore[arg-type]
-        self.do = do
+        self.run_it = do
         self.begun: list[Any] = []
         self.has_ended = False
 
     @contextmanager
-    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[Work]:
+    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[Any]:
         if not values:
             raise RunError("The form is empty.")
         self.begun.append((cookie, values))
+
+        def shares(events: list[Event]) -> Updates:
+            found = [event.fraction for event in events if isinstance(event, Progress)]
+            return {"shares": found} if events else {}
+
         try:
-            yield Work(self.do)
+            finished = {"finished": lambda result: {"result": result}}
+            yield SimpleNamespace(run=self.run_it, progress=shares, **finished)
         finally:
             self.has_ended = True
 
@@ -80,7 +77,7 @@ def half_done(on_event: OnEvent, should_cancel: ShouldCancel) -> str:
     return "done"
 
 
-def test_a_run_is_blank_then_tells_its_news_then_its_result(jobs: JobBook) -> None:
+def test_a_run_is_blank_then_tells_its_news_then_its_result(jobs):
     runner = Runner(jobs, half_done)
     first, *between, last = list(runner.run(VISITOR, "a", 1))
     assert first == {"blank": True} and last == {"result": "done"}
@@ -88,7 +85,7 @@ def test_a_run_is_blank_then_tells_its_news_then_its_result(jobs: JobBook) -> No
     assert runner.begun == [("cookie", ("a", 1))] and runner.has_ended and not jobs.in_use()
 
 
-def test_what_goes_wrong_is_told_in_a_sentence_and_ends_what_was_begun(jobs: JobBook) -> None:
+def test_what_goes_wrong_is_told_in_a_sentence_and_ends_what_was_begun(jobs):
     def do(on_event: OnEvent, should_cancel: ShouldCancel) -> str:
         raise RunError("It is <broken>.")
 
@@ -108,7 +105,7 @@ def test_what_goes_wrong_is_told_in_a_sentence_and_ends_what_was_begun(jobs: Job
     assert runner.has_ended and not jobs.in_use()
 
 
-def test_cancel_is_heard_at_once_and_is_no_error(jobs: JobBook) -> None:
+def test_cancel_is_heard_at_once_and_is_no_error(jobs):
     has_stopped = threading.Event()
 
     def do(on_event: OnEvent, should_cancel: ShouldCancel) -> str:
@@ -130,7 +127,7 @@ def test_cancel_is_heard_at_once_and_is_no_error(jobs: JobBook) -> None:
     assert text.CANCELLED in told[-1]["status"] and told[-1]["message"] == ""
 
 
-def test_who_waits_is_told_how_many_are_before_and_can_stop_waiting(jobs: JobBook) -> None:
+def test_who_waits_is_told_how_many_are_before_and_can_stop_waiting(jobs):
     runner = Runner(jobs, half_done)
     with jobs.slot(jobs.open("another", "study")) as turn:
         list(turn)
@@ -146,7 +143,7 @@ def test_who_waits_is_told_how_many_are_before_and_can_stop_waiting(jobs: JobBoo
     assert runner.has_ended and list(third)[-1] == {"result": "done"}
 
 
-def test_a_run_that_is_put_back_begins_anew_and_comes_to_its_end(jobs: JobBook) -> None:
+def test_a_run_that_is_put_back_begins_anew_and_comes_to_its_end(jobs):
     folders: list[Path] = []
 
     def do(on_event: OnEvent, should_cancel: ShouldCancel) -> str:
@@ -164,33 +161,22 @@ def test_a_run_that_is_put_back_begins_anew_and_comes_to_its_end(jobs: JobBook) 
     assert not jobs.in_use()
 
 
-def asked(job: Job) -> GenerateRequest:
-    systems = fakes.CATALOGUE.systems
-    return GenerateRequest(Path("/speech.wav"), job.folder / "results", Path("/weights"), systems)
-
-
-def test_events_come_in_order_then_the_result_and_files_outlive_the_run(jobs: JobBook) -> None:
-    job = jobs.open("one", "generate")
-    *news, result = follow_run(partial(fakes.make_generate(), asked(job)), job)
+def test_news_come_in_order_then_the_result_and_files_outlive_the_run_that_stops_with_its_visitor(
+    jobs,
+):
+    job, systems = jobs.open("one", "generate"), fakes.CATALOGUE.systems
+    asked = GenerateRequest(Path("/speech.wav"), job.folder / "out", Path("/weights"), systems)
+    *news, result = follow_run(partial(fakes.make_generate(), asked), job)
     assert isinstance(result, GenerateResult) and result.num_frames == 30
     events = [event for batch in news for event in batch]  # type: ignore[union-attr]
     files = [event for event in events if isinstance(event, Artefact)]
-    assert [(event.kind, event.name) for event in files] == [
-        ("motion", "globaldiff/local"),
-        ("motion", "globaldiff/global"),
-        ("figure", "figure6"),
-    ]
-    assert all(event.path.is_file() and job.folder in event.path.parents for event in files)
-    assert not any(asked(job).out in event.path.parents for event in files)
+    names = ["globaldiff/local", "globaldiff/global", "figure6"]
+    assert [event.name for event in files] == names
+    assert all(event.path.is_file() and event.path.parent != asked.out for event in files)
     last = {event.stage: event.fraction for event in events if isinstance(event, Progress)}
-    assert set(last.values()) == {1.0}
-
-
-def test_a_visitor_who_leaves_stops_the_run(jobs: JobBook) -> None:
-    job = jobs.open("one", "generate")
-    generate = fakes.make_generate(hold=threading.Event())
-    following = follow_run(partial(generate, asked(job)), job)
+    assert set(last.values()) == {1.0} and not job.is_cancelled()
+    shutil.rmtree(asked.out)
+    following = follow_run(partial(fakes.make_generate(hold=threading.Event()), asked), job)
     next(following)
-    assert not job.is_cancelled()
     following.close()  # what Gradio does when the connection ends
     assert job.is_cancelled()

@@ -15,7 +15,7 @@ from app.page.routes import live_route
 from app.page.routes.live_route import FOREIGN, SPEAK_ROUTE, live_routes
 from app.page.visitors.visitors import COOKIE
 from app.run.pieces import HEADER
-from tests.app.live.test_session import sound
+from tests.app.live.test_live import sound
 from tests.app.page.made import until
 
 ASK = {"system": "globaldiff/global", "speaker": "ann", "seed": 1}
@@ -40,7 +40,7 @@ def told(socket) -> dict:
     return json.loads(socket.receive_text())
 
 
-def test_sound_goes_in_and_frames_come_out(client: TestClient, sessions: LiveSessions) -> None:
+def test_sound_goes_in_and_frames_come_out(client, sessions):
     client.cookies.update({COOKIE: "mine"})
     with client.websocket_connect(SPEAK_ROUTE, headers=OWN) as socket:
         socket.send_text(json.dumps(ASK))
@@ -57,7 +57,7 @@ def test_sound_goes_in_and_frames_come_out(client: TestClient, sessions: LiveSes
     assert len(sessions._ended) == 1
 
 
-def test_a_page_of_another_origin_is_not_let_in(client: TestClient) -> None:
+def test_a_page_of_another_origin_is_not_let_in(client):
     for headers in ({"host": "testserver"}, {**OWN, "origin": "http://testserver.evil.example"}):
         with pytest.raises(WebSocketDisconnect) as refused:
             with client.websocket_connect(SPEAK_ROUTE, headers=headers):
@@ -77,7 +77,7 @@ def test_a_page_of_another_origin_is_not_let_in(client: TestClient) -> None:
         (json.dumps({**ASK, "seed": -1}), "The seed must be"),
     ],
 )
-def test_what_cannot_be_is_told_in_a_sentence(client: TestClient, asked: str, words: str) -> None:
+def test_what_cannot_be_is_told_in_a_sentence(client, asked, words):
     with client.websocket_connect(SPEAK_ROUTE, headers=OWN) as socket:
         socket.send_text(asked)
         assert words in told(socket)["end"]
@@ -85,7 +85,7 @@ def test_what_cannot_be_is_told_in_a_sentence(client: TestClient, asked: str, wo
             socket.receive_text()
 
 
-def test_what_is_no_sound_ends_the_session(client: TestClient, sessions: LiveSessions) -> None:
+def test_what_is_no_sound_ends_the_session(client, sessions):
     for sent, words in ((b"abc", "damaged"), (bytes(2_000_000), "at most 32000"), ("a", "damaged")):
         with client.websocket_connect(SPEAK_ROUTE, headers=OWN) as socket:
             socket.send_text(json.dumps(ASK))
@@ -95,7 +95,7 @@ def test_what_is_no_sound_ends_the_session(client: TestClient, sessions: LiveSes
         assert sessions.num_open == 0
 
 
-def test_one_too_many_is_told(client: TestClient) -> None:
+def test_one_too_many_is_told(client):
     answers = []
     visitors = [TestClient(client.app, client=(f"10.0.0.{k}", 1)) for k in (1, 1, 2, 3)]
     with (
@@ -112,7 +112,7 @@ def test_one_too_many_is_told(client: TestClient) -> None:
     assert "2 visitors speak live on this machine" in answers[3]["end"]
 
 
-def test_body_and_examples_are_there_and_nothing_else(client: TestClient, speech: Path) -> None:
+def test_body_and_examples_are_there_and_nothing_else(client, speech):
     body = client.get("/live/body.glb")
     assert body.status_code == 200 and body.content[:4] == b"glTF"
     assert client.get("/live/example/0").content == speech.read_bytes()

@@ -69,7 +69,7 @@ def job(tmp_path: Path) -> Path:
 STRANGERS = ("", "min", "mine2", "yours")
 
 
-def test_a_file_is_for_the_browser_with_the_cookie(job: Path) -> None:
+def test_a_file_is_for_the_browser_with_the_cookie(job):
     files, path = TokenFiles(), job / "a.mp4"
     token, other = files.add(path, "mine"), files.add(path, "mine")
     assert token != other and len(token) >= 43  # 256 bits
@@ -83,7 +83,7 @@ def test_a_file_is_for_the_browser_with_the_cookie(job: Path) -> None:
     assert files.find(other, "mine") == path
 
 
-def test_what_is_over_or_deleted_is_had_by_nobody_and_forgotten_once(job: Path) -> None:
+def test_what_is_over_or_deleted_is_had_by_nobody_and_forgotten_once(job):
     files, path, deleted = TokenFiles(), job / "a.mp4", job / "figure6.svg"
     tokens = [
         files.add(path, "mine", keep_s=-1.0),
@@ -97,8 +97,8 @@ def test_what_is_over_or_deleted_is_had_by_nobody_and_forgotten_once(job: Path) 
 
 
 def test_another_browser_gets_nothing_of_a_run_and_nobody_once_its_folder_has_gone(
-    addresses: MediaAddresses, previews: StudyPreviews, browser: Browser, job: Path, temp: Path
-) -> None:
+    addresses, previews, browser, job, temp
+):
     motion = addresses.address(job / "globaldiff-local.npz", "mine")
     found = [
         addresses.address(job / "a.mp4", "mine"),
@@ -120,9 +120,7 @@ def test_another_browser_gets_nothing_of_a_run_and_nobody_once_its_folder_has_go
     assert not list(temp.iterdir()), "nothing stays behind"
 
 
-def test_a_part_of_a_file_can_be_asked_for(
-    addresses: MediaAddresses, previews: StudyPreviews, browser: Browser, job: Path
-) -> None:
+def test_a_part_of_a_file_can_be_asked_for(addresses, previews, browser, job):
     mine, part = browser("mine"), {"Range": "bytes=2-4"}
     answer = mine.get(f"/{addresses.address(job / 'a.mp4', 'mine')}", headers=part)
     assert (answer.status_code, answer.content) == (206, bytes([2, 3, 4]))
@@ -134,9 +132,7 @@ def test_a_part_of_a_file_can_be_asked_for(
     assert (answer.status_code, answer.content) == (206, b"234")
 
 
-def test_only_what_belongs_to_it_is_served(
-    addresses: MediaAddresses, previews: StudyPreviews, browser: Browser, job: Path, temp: Path
-) -> None:
+def test_only_what_belongs_to_it_is_served(addresses, previews, browser, job, temp):
     mine = browser("mine")
     start = previews.address(job / "bundle", "mine")
     page = mine.get(f"/{start}")
@@ -159,9 +155,7 @@ def test_only_what_belongs_to_it_is_served(
     assert not list(temp.iterdir())
 
 
-def test_a_motion_comes_as_each_program_reads_it(
-    addresses: MediaAddresses, browser: Browser, job: Path, temp: Path
-) -> None:
+def test_a_motion_comes_as_each_program_reads_it(addresses, browser, job, temp):
     address = addresses.address(job / "globaldiff-local.npz", "mine")
     came = {kind: browser("mine").get(f"/{address}/{kind}") for kind in ENDINGS}
     for kind, answer in came.items():
@@ -174,12 +168,7 @@ def test_a_motion_comes_as_each_program_reads_it(
     kept.write_bytes(came["blender"].content)
     with np.load(kept, allow_pickle=False) as content:
         assert content["poses"].shape == (8, 165)
-    assert not list(temp.iterdir()) and load_motion(job / "globaldiff-local.npz").num_frames == 8
-
-
-def test_a_motion_that_cannot_be_read_is_told_in_a_sentence_without_its_folder(
-    addresses: MediaAddresses, browser: Browser, job: Path, temp: Path
-) -> None:
+    assert load_motion(job / "globaldiff-local.npz").num_frames == 8
     damaged = job / "damaged.npz"
     damaged.write_bytes(b"PK nothing of the kind")
     answer = browser("mine").get(f"/{addresses.address(damaged, 'mine')}/bvh")

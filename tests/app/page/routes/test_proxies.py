@@ -1,6 +1,7 @@
 """The page behind nginx and Caddy with the files of the docs: TLS, uploads, runs, live speech."""
 
 import contextlib
+import os
 import shutil
 import socket
 import ssl
@@ -39,12 +40,18 @@ def free_port() -> int:
         return one.getsockname()[1]
 
 
+def program(package: str, name: str = "") -> str:
+    """Its path; the calling test is skipped where there is none."""
+    found = shutil.which(name or package, path=f"{os.environ['PATH']}:/usr/sbin")
+    if found is None:
+        pytest.skip(f"there is no {name or package} (apt-get install {package})")
+    return found
+
+
 @pytest.fixture(scope="module")
 def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Of the test's own, with its key."""
-    openssl = shutil.which("openssl")
-    if openssl is None:
-        pytest.skip("there is no openssl to make a certificate with")
+    openssl = program("openssl")
     folder = tmp_path_factory.mktemp("tls")
     cert, key = folder / "cert.pem", folder / "key.pem"
     subprocess.run(
@@ -72,9 +79,6 @@ Command = Callable[[Path, tuple[Path, Path], str, int], list[str]]
 
 def nginx(folder: Path, certificate: tuple[Path, Path], page: str, port: int) -> list[str]:
     """The command that serves docs/hosting/nginx.conf on a port of the test's."""
-    program = shutil.which("nginx") or shutil.which("nginx", path="/usr/sbin")
-    if program is None:
-        pytest.skip("there is no nginx (apt-get install nginx-light)")
     cert, key = certificate
     conf = changed(
         (HOSTING / "nginx.conf").read_text(),
@@ -89,14 +93,11 @@ def nginx(folder: Path, certificate: tuple[Path, Path], page: str, port: int) ->
         f"daemon off; pid {folder}/pid; error_log {folder}/log; events {{}}\n"
         f"http {{ access_log off; client_body_temp_path {folder}/body;\n{conf}\n}}\n"
     )
-    return [program, "-c", str(folder / "nginx.conf"), "-p", str(folder)]
+    return [program("nginx-light", "nginx"), "-c", str(folder / "nginx.conf"), "-p", str(folder)]
 
 
 def caddy(folder: Path, certificate: tuple[Path, Path], page: str, port: int) -> list[str]:
     """The command that serves docs/hosting/Caddyfile on a port of the test's."""
-    program = shutil.which("caddy")
-    if program is None:
-        pytest.skip("there is no caddy (apt-get install caddy)")
     cert, key = certificate
     conf = changed(
         (HOSTING / "Caddyfile").read_text(),
@@ -106,7 +107,14 @@ def caddy(folder: Path, certificate: tuple[Path, Path], page: str, port: int) ->
     )
     options = "{\n\tadmin off\n\tauto_https disable_redirects\n}\n"
     (folder / "Caddyfile").write_text(options + conf)
-    return [program, "run", "--config", str(folder / "Caddyfile"), "--adapter", "caddyfile"]
+    return [
+        program("caddy"),
+        "run",
+        "--config",
+        str(folder / "Caddyfile"),
+        "--adapter",
+        "caddyfile",
+    ]
 
 
 @contextlib.contextmanager
@@ -131,40 +139,21 @@ def behind(command: list[str], folder: Path, port: int) -> Iterator[None]:
             proxy.wait(5)
 
 
-@pytest.fixture
-def name_of_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The page's name leads to this machine."""
-    look_up = socket.getaddrinfo
+@pytest.mark.parametrize("proxy", [nginx, caddy])
+def test_behind_a_proxy_as_the_docs_say(proxy, certificate, weights, tmp_path, monkeypatch):
+    look_up, seen = socket.getaddrinfo, []
 
     def looked_up(host, *arguments, **options):
+        """The page's name leads to this machine."""
         return look_up("127.0.0.1" if host == NAME else host, *arguments, **options)
 
-    monkeypatch.setattr(socket, "getaddrinfo", looked_up)
-
-
-@pytest.fixture
-def seen(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Addresses of visitors who upload, as the page sees them."""
-    found: list[str] = []
-
     def noted(request) -> str:
-        found.append(address_of(request))
-        return found[-1]
+        """Addresses of visitors who upload, as the page sees them."""
+        seen.append(address_of(request))
+        return seen[-1]
 
+    monkeypatch.setattr(socket, "getaddrinfo", looked_up)
     monkeypatch.setattr(guard, "address_of", noted)
-    return found
-
-
-@pytest.mark.usefixtures("name_of_the_page")
-@pytest.mark.parametrize("proxy", [nginx, caddy])
-def test_behind_a_proxy_as_the_docs_say(
-    proxy: Command,
-    certificate: tuple[Path, Path],
-    weights: Path,
-    tmp_path: Path,
-    seen: list[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
     port = free_port()
     address = f"https://{NAME}:{port}/"
     trusted = ssl.create_default_context(cafile=str(certificate[0]))

@@ -56,7 +56,7 @@ def told(**changes: Any) -> dict[str, Any]:
     }
 
 
-def test_everything_that_is_seen_is_read() -> None:
+def test_everything_that_is_seen_is_read():
     asked = videos_run.Asked.of(json.dumps(told()))
     seen = asked.seen
     assert (asked.labels, asked.motions) == (("local", "full"), ("media/a", "media/b"))
@@ -85,7 +85,7 @@ def test_everything_that_is_seen_is_read() -> None:
     ],
     ids=lambda value: "",
 )  # fmt: skip
-def test_a_stage_that_tells_anything_else_is_refused_with_a_sentence(value: Any) -> None:
+def test_a_stage_that_tells_anything_else_is_refused_with_a_sentence(value):
     with pytest.raises(RunError, match="What the stage told of itself cannot be used"):
         videos_run.Asked.of(json.dumps(value) if isinstance(value, dict) else value)
 
@@ -119,7 +119,7 @@ def draw(request: SeenRequest, on_event: OnEvent, should_cancel: ShouldCancel) -
     return SeenVideo(video, 300, ("It is cut.",))
 
 
-def test_a_video_comes_with_its_progress_and_a_way_to_save_it(tmp_path: Path) -> None:
+def test_a_video_comes_with_its_progress_and_a_way_to_save_it(tmp_path):
     got: list[SeenRequest] = []
 
     def noted(request: SeenRequest, *how: Any) -> SeenVideo:
@@ -142,9 +142,7 @@ def test_a_video_comes_with_its_progress_and_a_way_to_save_it(tmp_path: Path) ->
     assert request.speech == stage.files["c.wav"] and not stage.jobs.in_use()
 
 
-def test_a_path_is_no_address_and_files_of_another_browser_or_kind_are_not_taken(
-    tmp_path: Path,
-) -> None:
+def test_a_path_is_no_address_and_files_of_another_browser_or_kind_are_not_taken(tmp_path):
     stage = Stage(tmp_path, draw)
     good = stage.asked["bodies"][0]["motion"]
     paths = ("", "media/", "media/../jobs", "/etc/passwd", "media/%2e%2e/b.npz", "file:///etc/a")
@@ -209,7 +207,7 @@ def rows(value: dict[str, Any]) -> list[str]:
     return [row["name"] for row in value["rows"]]
 
 
-def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path: Path) -> None:
+def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path):
     asked: list[TakeRequest] = []
 
     def noted(request: TakeRequest, *how: Any) -> Take:
@@ -236,7 +234,7 @@ def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path: Path
     assert editor.showing.drawn().keys() == {ROW}  # videos and pairs are of the run
 
 
-def test_what_cannot_be_done_is_said_and_leaves_no_row_once_it_is_ready(tmp_path: Path) -> None:
+def test_what_cannot_be_done_is_said_and_leaves_no_row_once_it_is_ready(tmp_path):
     def fails(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> Take:
         made = make(request, on_event, should_cancel)
         if request.edits:
@@ -255,7 +253,7 @@ def test_what_cannot_be_done_is_said_and_leaves_no_row_once_it_is_ready(tmp_path
     assert unknown["refused"] and unknown["said"] == text.EDITS_GONE
 
 
-def test_nobody_reaches_the_run_of_another(tmp_path: Path) -> None:
+def test_nobody_reaches_the_run_of_another(tmp_path):
     editor = Editor(tmp_path)
     for cookie in ("another", ""):
         with pytest.raises(gr.Error, match="is another browser's"):
@@ -277,7 +275,7 @@ def edits(**changes: Any) -> str:
     ],
     ids=lambda value: "",
 )  # fmt: skip
-def test_an_editor_that_tells_anything_else_is_refused_with_a_sentence(value: Any) -> None:
+def test_an_editor_that_tells_anything_else_is_refused_with_a_sentence(value):
     assert takes_run.Asked.of(read_asked(edits(edits=[NOD])))
     with pytest.raises(RunError):
         takes_run.Asked.of(read_asked(value))

@@ -10,7 +10,6 @@ from starlette.testclient import TestClient
 
 from app.page.visitors.researcher_part import FILE_NAME, Handover, study_routes
 from app.page.visitors.visitors import COOKIE
-from tests.app.page.conftest import Served
 
 SECRET = b"which video is whose"
 
@@ -39,9 +38,7 @@ def offered(handover: Handover, client: TestClient) -> tuple[str, Path]:
     return handover.offer(client.cookies[COOKIE], archive), archive
 
 
-def test_the_maker_gets_it_once_and_nobody_else_gets_it_or_takes_it_away(
-    page: FastAPI, handover: Handover
-) -> None:
+def test_the_maker_gets_it_once_and_nobody_else_gets_it_or_takes_it_away(page, handover):
     maker, other = visitor(page), visitor(page)
     assert maker.cookies[COOKIE] != other.cookies[COOKIE]
     token, archive = offered(handover, maker)
@@ -68,7 +65,7 @@ def test_the_maker_gets_it_once_and_nobody_else_gets_it_or_takes_it_away(
     assert maker.post("/study/researcher", data={"token": token}).status_code == 404
 
 
-def test_the_page_serves_no_file_of_the_private_folder(served: Served) -> None:
+def test_the_page_serves_no_file_of_the_private_folder(served):
     archive = served.temp / "private" / "abc" / FILE_NAME
     archive.parent.mkdir(parents=True)
     archive.write_bytes(SECRET)
@@ -80,7 +77,7 @@ def test_the_page_serves_no_file_of_the_private_folder(served: Served) -> None:
             assert reply.status_code in (403, 404) and SECRET not in reply.content
 
 
-def test_the_cookie_is_kept_from_scripts_and_other_sites(page: FastAPI) -> None:
+def test_the_cookie_is_kept_from_scripts_and_other_sites(page):
     reply = TestClient(page).post("/study/visitor")
     cookie = SimpleCookie(reply.headers["set-cookie"])[COOKIE]
     assert cookie["httponly"] and cookie["samesite"].lower() == "strict" and not cookie["secure"]
@@ -91,7 +88,7 @@ def test_the_cookie_is_kept_from_scripts_and_other_sites(page: FastAPI) -> None:
     assert SimpleCookie(reply.headers["set-cookie"])[COOKIE]["secure"]
 
 
-def test_what_nobody_fetches_is_deleted(tmp_path: Path) -> None:
+def test_what_nobody_fetches_is_deleted(tmp_path):
     handover = Handover(tmp_path / "private", keep_s=0.0)
     archive = handover.private_folder() / FILE_NAME
     archive.write_bytes(SECRET)
