@@ -5,8 +5,11 @@ import json
 import re
 from typing import Any
 
+import pytest
+
 from tests.helpers import ROOT
 
+pytestmark = pytest.mark.slow
 CELLS = json.loads((ROOT / "docs" / "notebook.ipynb").read_text("utf-8"))["cells"]
 NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?")
 
