@@ -78,20 +78,21 @@ def submit(page: Blocks, speech: Path | None, tmp_path: Path, **changes):
     return job.result(timeout=110)
 
 
-def test_a_run_ends_with_every_file_and_its_record_is_not_counted_up(page, speech, tmp_path):
-    assert ANSWERS == [200, 204, 404], "every route is there as soon as the server listens"
+@pytest.mark.slow
+@pytest.mark.gl
+def test_a_run_ends_with_every_file(page, speech, tmp_path):
+    """As people see in a browser in the usual tests."""
     result = submit(page, speech, tmp_path)
     status = next(part for part in result if isinstance(part, str) and "Done in" in part)
     assert "37 frames" in status
     files = next(part for part in result if isinstance(part, list) and len(part) > 5)
     names = {Path(str(file)).name for file in files}
     assert {"globaldiff-global.npz", "diagnostics.csv", "figure6.png"} <= names
-    assert len(page._queue.event_analytics) <= 1
-    assert page._queue.cached_event_analytics_summary == {"functions": {}}
 
 
-def test_sentences_arrive_at_a_program(page, speech, tmp_path):
+def test_sentences_arrive_at_a_program_and_its_clicks_are_not_counted_up(page, tmp_path):
     """Of the form, and of a file that the run reads in its process."""
+    assert ANSWERS == [200, 204, 404], "every route is there as soon as the server listens"
     with pytest.raises(AppError) as caught:
         submit(page, None, tmp_path)
     assert text.NO_SPEECH in str(caught.value)
@@ -99,6 +100,8 @@ def test_sentences_arrive_at_a_program(page, speech, tmp_path):
     renamed.write_text("eggs, milk, bread\n" * 50)
     with pytest.raises(AppError, match="not a sound file"):
         submit(page, renamed, tmp_path)
+    assert len(page._queue.event_analytics) <= 1
+    assert page._queue.cached_event_analytics_summary == {"functions": {}}
 
 
 def test_a_frame_that_is_no_text_ends_its_socket_and_is_no_fault(page, caplog):

@@ -143,24 +143,6 @@ def test_who_waits_is_told_how_many_are_before_and_can_stop_waiting(jobs):
     assert runner.has_ended and list(third)[-1] == {"result": "done"}
 
 
-def test_a_run_that_is_put_back_begins_anew_and_comes_to_its_end(jobs):
-    folders: list[Path] = []
-
-    def do(on_event: OnEvent, should_cancel: ShouldCancel) -> str:
-        (job,) = jobs._jobs
-        folders.append(job.folder)
-        if len(folders) == 1:
-            job.is_put_back = True
-            raise CancelledRun
-        return "done"
-
-    runner = Runner(jobs, do)
-    *told, last = list(runner.run(VISITOR, "form"))
-    assert last == {"result": "done"} and {"blank": True} in told[1:]
-    assert len(runner.begun) == 2 and not folders[0].exists() and folders[1].is_dir()
-    assert not jobs.in_use()
-
-
 def test_news_come_in_order_then_the_result_and_files_outlive_the_run_that_stops_with_its_visitor(
     jobs,
 ):
