@@ -180,6 +180,7 @@ def test_the_time_line_follows_the_last_motion_and_holds_the_reference(showing, 
     assert anew["curves"] == timeline["curves"]
 
 
+@pytest.mark.slow
 def test_with_a_licensed_body_the_time_line_follows_its_vertex_as_the_numbers_do(asked, tmp_path):
     path, body_path = tmp_path / "a.npz", tmp_path / "SMPLX_NEUTRAL.npz"
     save_motion(smooth_motion_example(37), path)
