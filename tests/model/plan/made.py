@@ -1,5 +1,7 @@
 """A plan with something of everything."""
 
+from dataclasses import dataclass
+
 from model.plan.plan import (
     Blink,
     Brow,
@@ -53,3 +55,12 @@ def resting(duration_s: float) -> GesturePlan:
     """Both hands at rest throughout."""
     rest = (phase(0.0, duration_s, "rest"),)
     return GesturePlan(duration_s, left=rest, right=rest)
+
+
+@dataclass(frozen=True)
+class Said:
+    """A word as it was heard."""
+
+    text: str
+    start_s: float
+    end_s: float
