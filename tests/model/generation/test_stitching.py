@@ -33,7 +33,7 @@ def test_a_fade_follows_the_geodesic_and_rises_evenly_on_both_sides():
     torch.testing.assert_close(same_root, root)
 
 
-@pytest.mark.parametrize("sizes", [[200], [1, 60, 17, 100, 22], [7] * 28 + [4]])
+@pytest.mark.parametrize("sizes", [[200], [1, 60, 17, 100, 22], [7] * 28 + [4], [1] * 200])
 def test_windows_of_a_stream_are_those_of_the_whole_with_both_ends_held(sizes):
     features = torch.arange(200.0)[:, None].expand(-1, 3)
     stream = SpeechStream(features.split(sizes), context=20)
