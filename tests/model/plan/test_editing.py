@@ -215,7 +215,7 @@ def edited(plan: GesturePlan, edit: tuple[str, float, str, str, float]) -> Edite
     }[what]()
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=15, deadline=None, derandomize=True)
 @given(st.lists(EDITS, min_size=1, max_size=6))
 def test_whatever_is_edited_hands_can_do_it(edits):
     plan = made_plan()
@@ -304,7 +304,7 @@ def test_both_hands_parts_of_a_gesture_are_found_together():
     assert counterpart(made_plan(), "right", 2.4) is None
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=20, deadline=None, derandomize=True)
 @given(st.lists(st.tuples(st.sampled_from(SIDES), st.integers(0, 30), st.floats(0, 6)), max_size=8))
 def test_whatever_ends_elsewhere_phases_follow_on_one_another(moves):
     plan = made_plan()
