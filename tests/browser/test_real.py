@@ -269,13 +269,15 @@ def test_a_run_ends_with_everything_and_its_gestures_are_edited(
     next(numbers)
     assert right_hand(page, tmp_path) == [1.89, 6.5]
 
-    # On a phone a gesture is added and deleted; one that is locked stays.
-    turn_to(page, (390, 844, "dark"))
     stroke(page, "offer").click()
     press(editor(page), "Lock")
     press(editor(page), "Delete")
     said(page, "is locked; unlock it to change it")
     next(numbers)
+    assert right_hand(page, tmp_path) == [1.89, 6.5]
+
+    # On a phone a gesture is added and deleted.
+    turn_to(page, (390, 844, "dark"))
     editor(page).get_by_label("Where").select_option("1")
     editor(page).get_by_label("With", exact=True).select_option("left")
     press(editor(page), "Add")
@@ -424,9 +426,8 @@ def test_files_of_ones_own_are_measured_seen_compared_and_made_a_video_of(
     with page.context.expect_page() as followed:
         page.locator("#own-runs").get_by_role("link", name=text.COMPARE_LAST).click()
     both = watched(followed.value)
-    names = both.locator("#player .stage-tag header b")
-    expect(names.last).to_have_text("theirs (B)")
-    expect(names.first).to_contain_text("(A)")
+    names = both.locator("#numbers thead th[data-name]")
+    expect(names).to_contain_text(["(A)", "mine (B)", "theirs (B)"])
     both.close()
 
 
