@@ -90,6 +90,11 @@ WIDTHS = """async () => {
     for (let k = 0; k < 2; k++) await new Promise(requestAnimationFrame); // what follows a resize
     return [document.documentElement.scrollWidth, innerWidth];
 }"""
+IN_SIGHT = """(what) => {
+    what.scrollIntoView({ block: "center" }); // again where the page has gone to news meanwhile
+    const { top, bottom } = what.getBoundingClientRect();
+    return top >= 0 && bottom <= innerHeight;
+}"""
 _FAILED_SCRIPTS: list[str] = []
 
 
@@ -387,5 +392,4 @@ def expect_fit(page: Page, what: Locator | None = None) -> None:
     width, window = page.evaluate(WIDTHS)
     assert width <= window
     if what is not None:
-        what.scroll_into_view_if_needed()
-        expect(what).to_be_in_viewport(ratio=0.99)
+        page.wait_for_function(IN_SIGHT, arg=what.element_handle())
