@@ -2,7 +2,7 @@
 
 import numpy as np
 import pyrender
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from OpenGL import GL
 from pyrender.constants import RenderFlags
 from pyrender.shader_program import ShaderProgramCache
@@ -98,21 +98,35 @@ class _Framebuffer:
             self._buffers = []
 
 
+OPENING_EDGES = 4
+"""How many edges from an opening the insides of sleeves and collars are drawn."""
+
+
 class DynamicMesh:
-    """A lit triangle mesh whose vertices move: pyrender's own buffer, rewritten in place."""
+    """Some faces of a body that moves, lit: pyrender's own buffer, rewritten in place."""
 
     def __init__(
         self,
-        vertices: Float[np.ndarray, "V 3"],
-        normals: Float[np.ndarray, "V 3"],
+        frame: PosedFrame,
         colors: Float[np.ndarray, "V 3"],
-        faces: np.ndarray,
+        faces: Int[np.ndarray, "F 3"],
+        *,
+        has_inside: bool,
     ) -> None:
-        rgba = np.concatenate([colors, np.ones((len(colors), 1))], axis=1).astype(np.float32)
+        """
+        Args:
+            frame: whole, as ``move`` will get it.
+            faces: among its vertices; the others are left out.
+            has_inside: whether faces are also drawn where they are turned away.
+        """
+        self._used, corners = np.unique(faces, return_inverse=True)
+        faces = corners.reshape(-1, 3)
+        rgba = np.concatenate([colors, np.ones((len(colors), 1))], axis=1)[self._used]
+        vertices, normals = frame.vertices[self._used], frame.normals[self._used]
         self._primitive = pyrender.Primitive(
             positions=vertices,
             normals=normals,
-            color_0=rgba,
+            color_0=rgba.astype(np.float32),
             # Neighbours one after the other: the driver then lights a shared vertex once.
             indices=faces[np.argsort(faces.min(axis=1), kind="stable")],
             # Float factors: pyrender divides integer ones by 255.
@@ -120,34 +134,47 @@ class DynamicMesh:
                 baseColorFactor=[1.0, 1.0, 1.0, 1.0],
                 metallicFactor=0.0,
                 roughnessFactor=ROUGHNESS,
-                doubleSided=True,  # sleeves and collars are open
+                doubleSided=has_inside,
             ),
         )
         self.mesh = pyrender.Mesh([self._primitive])
         # The layout of pyrender's vertex buffer: position, normal, colour.
         self._interleaved = np.concatenate([vertices, normals, rgba], axis=1).astype(np.float32)
 
-    def move(
-        self,
-        vertices: Float[np.ndarray, "V 3"],
-        normals: Float[np.ndarray, "V 3"],
-        colors: Float[np.ndarray, "V 3"] | None = None,
-    ) -> None:
-        """Put the vertices elsewhere, and in other colours if there are any. Before the first
+    def move(self, frame: PosedFrame) -> None:
+        """Put the vertices elsewhere, and in other colours if the frame has any. Before the first
         drawing only the next upload changes."""
-        self._interleaved[:, 0:3] = vertices
-        self._interleaved[:, 3:6] = normals
-        if colors is not None:
-            self._interleaved[:, 6:9] = colors
+        self._interleaved[:, 0:3] = frame.vertices[self._used]
+        self._interleaved[:, 3:6] = frame.normals[self._used]
+        if frame.colors is not None:
+            self._interleaved[:, 6:9] = frame.colors[self._used]
         if not self._primitive._in_context():
-            self._primitive.positions = vertices
-            self._primitive.normals = normals
-            if colors is not None:
-                self._primitive.color_0 = self._interleaved[:, 6:10].copy()
+            self._primitive.positions = self._interleaved[:, 0:3].copy()
+            self._primitive.normals = self._interleaved[:, 3:6].copy()
+            self._primitive.color_0 = self._interleaved[:, 6:10].copy()
             return
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._primitive._buffers[0])
         GL.glBufferSubData(GL.GL_ARRAY_BUFFER, 0, self._interleaved.nbytes, self._interleaved)
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, 0)
+
+
+def near_openings(
+    faces: Int[np.ndarray, "F 3"], vertices: Float[np.ndarray, "V 3"]
+) -> Bool[np.ndarray, " F"]:
+    """Faces that one may see from inside: those a few edges from where a mesh ends, as at sleeves
+    and collars. Farther in, what is turned away lies behind what is not, and need not be drawn.
+
+    Vertices in one place are one, in whatever pose: seams of colours or normals are no openings.
+    """
+    _, place = np.unique(vertices, axis=0, return_inverse=True)
+    corners = place.reshape(-1)[faces]
+    edges = np.sort(corners[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    found, count = np.unique(edges, axis=0, return_counts=True)
+    is_near = np.zeros(len(vertices), np.bool_)
+    is_near[found[count == 1]] = True
+    for _ in range(OPENING_EDGES):
+        is_near[corners[is_near[corners].any(axis=1)]] = True
+    return np.asarray(is_near[corners].any(axis=1))
 
 
 class TexturedQuad:
@@ -201,11 +228,17 @@ class BodyScene:
     def __init__(self, subject: Subject, first: PosedFrame, camera: Camera, aspect: float) -> None:
         studio = subject.studio
         colors = subject.colors_of(len(first.vertices))
-        self._body = DynamicMesh(first.vertices, first.normals, colors, subject.faces)
+        is_open = near_openings(subject.faces, first.vertices)
+        self._body = [
+            DynamicMesh(first, colors, subject.faces[is_open == has_inside], has_inside=has_inside)
+            for has_inside in (False, True)
+            if (is_open == has_inside).any()
+        ]
         self._ground = TexturedQuad(subject.ground_corners, first.ground)
         background = (0.0,) * 4 if subject.is_transparent else (*studio.background, 1.0)
         self.scene = _Scene(bg_color=list(background), ambient_light=[studio.ambient] * 3)
-        self.scene.add(self._body.mesh)
+        for part in self._body:
+            self.scene.add(part.mesh)
         if not subject.is_transparent:
             self.scene.add(self._ground.mesh)
         self._camera = self.scene.add(
@@ -224,7 +257,8 @@ class BodyScene:
     def show(self, frame: PosedFrame, camera: Camera) -> None:
         """Move the body, its shadow and the camera. The OpenGL context must be current."""
         self.scene.set_pose(self._camera, camera.pose())
-        self._body.move(frame.vertices, frame.normals, frame.colors)
+        for part in self._body:
+            part.move(frame)
         self._ground.show(frame.ground)
 
 

@@ -28,8 +28,7 @@ from renderer.scene.studio import PosedFrame, Subject
 if TYPE_CHECKING:
     from renderer.draw.gl import BodyScene
 
-GLBackend = Literal["egl", "osmesa"]
-Backend = Literal["egl", "osmesa", "software"]
+Backend = Literal["egl", "osmesa"]
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
 """In the order in which they are reported; `renderer.draw.probe.choose_backend` chooses."""
 
@@ -42,7 +41,7 @@ class GLError(RuntimeError):
     """No picture can be drawn; the message says why in one sentence."""
 
 
-def open_gl(backend: GLBackend) -> None:
+def open_gl(backend: Backend) -> None:
     """Load pyrender and PyOpenGL for one backend, once per process.
 
     PyOpenGL reads ``PYOPENGL_PLATFORM`` when it is first imported and never again; so this is the
@@ -105,12 +104,12 @@ class OffscreenRenderer:
         subject: Subject,
         width: int,
         height: int,
-        backend: GLBackend,
+        backend: Backend,
         antialias: Antialias = "supersample",
     ) -> None:
         check_picture_size(width, height)
         self.width, self.height = width, height
-        self.backend: GLBackend = backend
+        self.backend: Backend = backend
         self.antialias: Antialias = antialias
         self._subject = subject
         self._canvases: list[Canvas] = []
@@ -192,7 +191,7 @@ class Canvas:
         self._renderer.delete()
 
 
-def _new_platform(backend: GLBackend, width: int, height: int):
+def _new_platform(backend: Backend, width: int, height: int):
     """pyrender's context for a backend; EGL on its first device."""
     if backend == "egl":
         from pyrender.platforms import egl
