@@ -1,5 +1,6 @@
-"""How bodies are lit: one set of numbers and lines, in ``shaders``, for pyrender (`renderer.draw.gl`)
-and for the bodies that move in a browser (``app/page/web/stage``): both compile the same lines.
+"""How bodies are lit: one set of numbers and lines, in ``shaders``, for pyrender
+(`renderer.draw.gl`) and for the bodies that move in a browser (``app/page/web/stage``): both
+compile the same lines.
 """
 
 from pathlib import Path
