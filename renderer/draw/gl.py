@@ -2,6 +2,7 @@
 
 import numpy as np
 import pyrender
+import trimesh
 from jaxtyping import Bool, Float, Int, UInt8
 from OpenGL import GL
 from pyrender.constants import RenderFlags
@@ -106,40 +107,37 @@ class DynamicMesh:
     """Some faces of a body that moves, lit: pyrender's own buffer, rewritten in place."""
 
     def __init__(
-        self,
-        frame: PosedFrame,
-        colors: Float[np.ndarray, "V 3"],
-        faces: Int[np.ndarray, "F 3"],
-        *,
-        has_inside: bool,
+        self, frame: PosedFrame, colors: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]
     ) -> None:
         """
         Args:
             frame: whole, as ``move`` will get it.
             faces: among its vertices; the others are left out.
-            has_inside: whether faces are also drawn where they are turned away.
         """
         self._used, corners = np.unique(faces, return_inverse=True)
         faces = corners.reshape(-1, 3)
-        rgba = np.concatenate([colors, np.ones((len(colors), 1))], axis=1)[self._used]
-        vertices, normals = frame.vertices[self._used], frame.normals[self._used]
-        self._primitive = pyrender.Primitive(
-            positions=vertices,
-            normals=normals,
-            color_0=rgba.astype(np.float32),
+        held = trimesh.Trimesh(
+            frame.vertices[self._used],
             # Neighbours one after the other: the driver then lights a shared vertex once.
-            indices=faces[np.argsort(faces.min(axis=1), kind="stable")],
-            # Float factors: pyrender divides integer ones by 255.
-            material=pyrender.MetallicRoughnessMaterial(
-                baseColorFactor=[1.0, 1.0, 1.0, 1.0],
-                metallicFactor=0.0,
-                roughnessFactor=ROUGHNESS,
-                doubleSided=has_inside,
-            ),
+            faces[np.argsort(faces.min(axis=1), kind="stable")],
+            vertex_normals=frame.normals[self._used],
+            process=False,
         )
-        self.mesh = pyrender.Mesh([self._primitive])
+        rgba = np.concatenate([colors, np.ones((len(colors), 1))], axis=1)[self._used]
+        # Float factors: pyrender divides integer ones by 255.
+        white = pyrender.MetallicRoughnessMaterial(
+            baseColorFactor=[1.0, 1.0, 1.0, 1.0], metallicFactor=0.0, roughnessFactor=ROUGHNESS
+        )
+        self.mesh = pyrender.Mesh.from_trimesh(held, material=white)
+        (self._primitive,) = self.mesh.primitives
+        self._primitive.color_0 = rgba.astype(np.float32)
         # The layout of pyrender's vertex buffer: position, normal, colour.
-        self._interleaved = np.concatenate([vertices, normals, rgba], axis=1).astype(np.float32)
+        parts = [held.vertices, held.vertex_normals, rgba]
+        self._interleaved = np.concatenate(parts, axis=1).astype(np.float32)
+
+    def show_insides(self) -> None:
+        """Draw faces also where they are turned away."""
+        self._primitive.material.doubleSided = True
 
     def move(self, frame: PosedFrame) -> None:
         """Put the vertices elsewhere, and in other colours if the frame has any. Before the first
@@ -166,15 +164,14 @@ def near_openings(
 
     Vertices in one place are one, in whatever pose: seams of colours or normals are no openings.
     """
-    _, place = np.unique(vertices, axis=0, return_inverse=True)
-    corners = place.reshape(-1)[faces]
-    edges = np.sort(corners[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    found, count = np.unique(edges, axis=0, return_counts=True)
-    is_near = np.zeros(len(vertices), np.bool_)
-    is_near[found[count == 1]] = True
+    joined = trimesh.Trimesh(vertices, faces, process=False)
+    joined.merge_vertices()
+    ends = trimesh.grouping.group_rows(joined.edges_sorted, require_count=1)
+    is_near = np.zeros(len(joined.vertices), np.bool_)
+    is_near[joined.edges_sorted[ends]] = True
     for _ in range(OPENING_EDGES):
-        is_near[corners[is_near[corners].any(axis=1)]] = True
-    return np.asarray(is_near[corners].any(axis=1))
+        is_near[joined.faces[is_near[joined.faces].any(axis=1)]] = True
+    return np.asarray(is_near[joined.faces].any(axis=1))
 
 
 class TexturedQuad:
@@ -188,8 +185,14 @@ class TexturedQuad:
             corners: at texture coordinates (0,0), (1,0), (1,1), (0,1).
             pixels: row 0 lies at texture coordinate v = 0.
         """
+        held = trimesh.Trimesh(
+            corners,
+            [[0, 2, 1], [0, 3, 2]],
+            visual=trimesh.visual.TextureVisuals(uv=[[0, 0], [1, 0], [1, 1], [0, 1]]),
+            process=False,
+        )
         # pyrender puts row 0 of a texture at v = 1, OpenGL and ``show`` at v = 0.
-        self._texture = pyrender.Texture(
+        texture = pyrender.Texture(
             source=pixels[::-1],
             source_channels="RGB",
             sampler=pyrender.Sampler(
@@ -199,13 +202,9 @@ class TexturedQuad:
                 wrapT=GL.GL_CLAMP_TO_EDGE,
             ),
         )
-        primitive = pyrender.Primitive(
-            positions=corners,
-            texcoord_0=np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32),
-            indices=np.array([[0, 2, 1], [0, 3, 2]]),
-            material=pyrender.MetallicRoughnessMaterial(baseColorTexture=self._texture),
-        )
-        self.mesh = pyrender.Mesh([primitive])
+        shown = pyrender.MetallicRoughnessMaterial(baseColorTexture=texture)
+        self.mesh = pyrender.Mesh.from_trimesh(held, material=shown)
+        self._texture = self.mesh.primitives[0].material.baseColorTexture  # its own copy
 
     def show(self, pixels: UInt8[np.ndarray, "R R 3"]) -> None:
         """Another picture of the same size."""
@@ -230,10 +229,12 @@ class BodyScene:
         colors = subject.colors_of(len(first.vertices))
         is_open = near_openings(subject.faces, first.vertices)
         self._body = [
-            DynamicMesh(first, colors, subject.faces[is_open == has_inside], has_inside=has_inside)
-            for has_inside in (False, True)
-            if (is_open == has_inside).any()
+            DynamicMesh(first, colors, subject.faces[each])
+            for each in (~is_open, is_open)
+            if each.any()
         ]
+        if is_open.any():
+            self._body[-1].show_insides()
         self._ground = TexturedQuad(subject.ground_corners, first.ground)
         background = (0.0,) * 4 if subject.is_transparent else (*studio.background, 1.0)
         self.scene = _Scene(bg_color=list(background), ambient_light=[studio.ambient] * 3)

@@ -9,13 +9,10 @@ pictures. Of the other forks ``pyrender-maintained`` makes the same changes, sti
 """
 
 import importlib
-import importlib.util
 import os
 import sys
 import threading
 import types
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -62,33 +59,11 @@ def open_gl(backend: Backend) -> None:
         viewer.Viewer = None  # type: ignore[attr-defined]
         sys.modules["pyrender.viewer"] = viewer
     try:
-        with _trimesh_later():
-            importlib.import_module("renderer.draw.gl")
+        importlib.import_module("renderer.draw.gl")
     except (ImportError, OSError, AttributeError, TypeError) as error:
         raise GLError(
             f"The system libraries of OpenGL through {backend} are missing or broken ({error})."
         ) from error
-
-
-@contextmanager
-def _trimesh_later() -> Iterator[None]:
-    """Let what is imported meanwhile get trimesh only when it first uses it.
-
-    pyrender wants a module of matrices from it at once and the rest, which is a third of what a
-    process takes to start, only in functions that are not called here.
-    """
-    found = importlib.util.find_spec("trimesh")
-    if found is None or "trimesh" in sys.modules:
-        yield
-        return
-    later = types.ModuleType("trimesh")
-    later.__path__ = list(found.submodule_search_locations or ())
-    later.__getattr__ = lambda name: getattr(importlib.import_module("trimesh"), name)  # type: ignore[attr-defined]
-    sys.modules["trimesh"] = later
-    try:
-        yield
-    finally:
-        del sys.modules["trimesh"]
 
 
 class OffscreenRenderer:
