@@ -19,7 +19,6 @@ import os
 import platform
 import shutil
 import stat
-import subprocess
 import sys
 import tempfile
 import threading
@@ -48,14 +47,14 @@ def librosa() -> ModuleType:
 def _imported() -> ModuleType:
     folder = _filled_folder()
     if folder is not None:
-        os.environ["NUMBA_CACHE_DIR"] = str(folder)  # read when numba is imported
+        os.environ["NUMBA_CACHE_DIR"] = str(folder)  # read when numba is first imported
     return _import()
 
 
 def _import() -> ModuleType:
     for part in PARTS:
         importlib.import_module(part)
-    return importlib.import_module("librosa")
+    return sys.modules[PARTS[0].partition(".")[0]]
 
 
 def _filled_folder() -> Path | None:
@@ -68,23 +67,20 @@ def _filled_folder() -> Path | None:
         if not _is_whole(folder):
             try:
                 _fill(folder)
-            except (OSError, subprocess.CalledProcessError) as error:
+            except OSError as error:
                 log.warning("What librosa compiles could not be kept in %s (%s).", place, error)
                 return None
     return folder
 
 
 def _fill(folder: Path) -> None:
-    """In a process of its own, into a folder beside it that then takes its place."""
+    """By importing, into a folder beside it that then takes its place."""
     for begun in folder.parent.glob(f"{folder.name}.begun-*"):  # by who was killed
         shutil.rmtree(begun, ignore_errors=True)
     shutil.rmtree(folder, ignore_errors=True)
     begun = Path(tempfile.mkdtemp(prefix=f"{folder.name}.begun-", dir=folder.parent))
-    subprocess.run(
-        [sys.executable, "-c", f"import {', '.join(PARTS)}"],
-        env={**os.environ, "NUMBA_CACHE_DIR": str(begun)},
-        check=True,
-    )
+    os.environ["NUMBA_CACHE_DIR"] = str(begun)
+    _import()
     (begun / WHOLE).write_text(json.dumps(_checksums(begun)))
     begun.rename(folder)
 
