@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -11,59 +12,63 @@ from processes.job import Job, JobsError
 from processes.pool import JobPool
 
 
-def make_jobs(folder: Path, count: int, seconds: float = 0.0) -> list[Job]:
-    """Each takes a while, adds its name to ``log`` and leaves a file of its own."""
-    return [made_job(folder, f"job{number}", seconds) for number in range(count)]
+def make_jobs(folder: Path, count: int, are_held: bool = False) -> list[Job]:
+    """Each adds its name to ``log`` and leaves a file of its own; those that are held wait, once
+    two are done, until the file ``go`` is there."""
+    work = do_when_let if are_held else do
+    return [made_job(folder, f"job{number}", work) for number in range(count)]
 
 
-def made_job(folder: Path, name: str, seconds: float = 0.0, work=None) -> Job:
-    result = folder / f"{name}.done"
-    return Job(name, result.is_file, partial(work or do, folder, name, seconds))
+def made_job(folder: Path, name: str, work: Callable[[Path, str], object]) -> Job:
+    return Job(name, (folder / f"{name}.done").is_file, partial(work, folder, name))
 
 
-def do(folder: Path, name: str, seconds: float) -> None:
-    (folder / f"{name}.begun").touch()
-    time.sleep(seconds)
+def do(folder: Path, name: str) -> None:
     with (folder / "log").open("a") as log:
         log.write(f"{name}\n")
     (folder / f"{name}.done").touch()
 
 
-def fail(folder: Path, name: str, seconds: float) -> None:
+def do_when_let(folder: Path, name: str) -> None:
+    wait_for(lambda: len(done(folder)) < 2 or (folder / "go").exists())
+    do(folder, name)
+
+
+def fail(folder: Path, name: str) -> None:
     raise ValueError(f"{name} cannot be done")
 
 
-def kill_worker_once(folder: Path, name: str, seconds: float) -> None:
+def kill_worker_once(folder: Path, name: str) -> None:
     """The second time all is well."""
     mark = folder / f"{name}.killed"
     if not mark.exists():
         mark.touch()
         os.kill(os.getpid(), signal.SIGKILL)
-    do(folder, name, seconds)
+    do(folder, name)
 
 
-def kill_worker(folder: Path, name: str, seconds: float) -> None:
+def kill_worker(folder: Path, name: str) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def crash(folder: Path, name: str, seconds: float) -> None:
+def crash(folder: Path, name: str) -> None:
     os.kill(os.getpid(), signal.SIGSEGV)
 
 
-def leave(folder: Path, name: str, seconds: float) -> None:
+def leave(folder: Path, name: str) -> None:
     sys.stderr.write("the last words of it\n")
     sys.stderr.flush()
     os._exit(3)
 
 
-def run_out_of_memory(folder: Path, name: str, seconds: float) -> None:
+def run_out_of_memory(folder: Path, name: str) -> None:
     """As C++ does where nobody catches it."""
     sys.stderr.write("terminate called after throwing an instance of 'std::bad_alloc'\n")
     sys.stderr.flush()
     os.abort()
 
 
-def leave_python(folder: Path, name: str, seconds: float) -> None:
+def leave_python(folder: Path, name: str) -> None:
     sys.exit(3)
 
 
@@ -73,8 +78,8 @@ def done(folder: Path) -> list[str]:
     return log.read_text().split() if log.exists() else []
 
 
-def wait_for(condition, seconds: float = 60.0) -> None:
-    until = time.monotonic() + seconds
+def wait_for(condition: Callable[[], object]) -> None:
+    until = time.monotonic() + 60.0
     while not condition():
         assert time.monotonic() < until, "it did not come to that"
         time.sleep(0.05)
@@ -82,8 +87,11 @@ def wait_for(condition, seconds: float = 60.0) -> None:
 
 if __name__ == "__main__":
     place, who = Path(sys.argv[1]), sys.argv[2]
-    pool = JobPool(int(who)) if who.isdigit() else JobPool(scheduler=who)
+    if who.isdigit():
+        pool = JobPool(int(who), uses_torch=False)
+    else:
+        pool = JobPool(scheduler=who)
     try:
-        pool.do_all(make_jobs(place, 6, 0.5))
+        pool.do_all(make_jobs(place, 6, are_held=True))
     except JobsError as error:
         sys.exit(str(error))

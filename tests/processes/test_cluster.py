@@ -17,7 +17,9 @@ from processes.pool import JobPool
 from tests.helpers import ROOT
 from tests.processes.made import done, fail, made_job, make_jobs, wait_for
 
-pytest.importorskip("distributed", reason="Dask is not installed (requirements-cluster.txt)")
+distributed = pytest.importorskip(
+    "distributed", reason="Dask is not installed (requirements-cluster.txt)"
+)
 
 
 @contextmanager
@@ -51,42 +53,37 @@ def workers(file: str, count: int) -> Iterator[list[subprocess.Popen]]:
         yield [stack.enter_context(dask("worker", *own)) for _ in range(count)]
 
 
+def test_a_cluster_does_each_job_once_and_tells_of_one_that_fails(tmp_path: Path) -> None:
+    jobs = [made_job(tmp_path, "bad", work=fail), *make_jobs(tmp_path, 4)]
+    (tmp_path / "job2.done").touch()
+    told: list[str] = []
+    here = {"n_workers": 1, "threads_per_worker": 2, "processes": False, "protocol": "tcp"}
+    with distributed.LocalCluster(**here, dashboard_address=None) as local:
+        failed = JobPool(scheduler=local.scheduler_address).do_all(jobs, told.append)
+    assert list(failed) == ["bad"] and "bad cannot be done" in str(failed["bad"]), failed
+    assert sorted(told) == sorted(done(tmp_path)) == ["job0", "job1", "job3"]
+
+
+@pytest.mark.slow
 def test_a_killed_worker_costs_no_job_and_none_is_done_twice(tmp_path: Path) -> None:
     told: list[str] = []
     with scheduler(tmp_path) as (_, file), workers(file, 2) as (struck, _):
-        jobs = [*make_jobs(tmp_path, 8, 0.4), made_job(tmp_path, "bad", work=fail)]
+        jobs = [*make_jobs(tmp_path, 6, are_held=True), made_job(tmp_path, "bad", work=fail)]
 
         def strike() -> None:
-            wait_for(lambda: len(done(tmp_path)) >= 3)
+            wait_for(lambda: len(done(tmp_path)) >= 2)
             os.kill(struck.pid, signal.SIGKILL)
+            (tmp_path / "go").touch()
 
         threading.Thread(target=strike, daemon=True).start()
         failed = JobPool(scheduler=file).do_all(jobs, told.append)
         assert struck.wait() == -signal.SIGKILL
     assert list(failed) == ["bad"] and "bad cannot be done" in str(failed["bad"]), failed
-    assert sorted(told) == sorted(done(tmp_path)) == [f"job{n}" for n in range(8)]
+    assert sorted(told) == sorted(done(tmp_path)) == [f"job{n}" for n in range(6)]
 
 
-def test_after_a_kill_of_the_scheduler_the_same_call_goes_on(tmp_path: Path) -> None:
-    jobs = make_jobs(tmp_path, 6, 0.4)
-    with scheduler(tmp_path) as (head, file), workers(file, 1):
-
-        def strike() -> None:
-            wait_for(lambda: len(done(tmp_path)) >= 2)
-            os.kill(head.pid, signal.SIGKILL)
-
-        threading.Thread(target=strike, daemon=True).start()
-        with pytest.raises(JobsError, match="is gone; start one again"):
-            JobPool(scheduler=file).do_all(jobs)
-    before = done(tmp_path)
-    assert 2 <= len(before) < 6
-    with scheduler(tmp_path) as (_, file), workers(file, 1):
-        assert JobPool(scheduler=file).do_all(jobs) == {}
-    assert done(tmp_path)[: len(before)] == before
-    assert sorted(done(tmp_path)) == [f"job{n}" for n in range(6)]
-
-
-def test_a_lost_scheduler_is_told_by_one_sentence_and_no_traceback(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_after_a_kill_of_the_scheduler_a_sentence_says_so_and_the_same_call_goes_on(tmp_path):
     with scheduler(tmp_path) as (head, file), workers(file, 1):
         child = subprocess.Popen(
             [sys.executable, "-m", "tests.processes.made", str(tmp_path), file],
@@ -97,13 +94,19 @@ def test_a_lost_scheduler_is_told_by_one_sentence_and_no_traceback(tmp_path: Pat
         wait_for(lambda: len(done(tmp_path)) >= 2)
         os.kill(head.pid, signal.SIGKILL)
         said = child.communicate(timeout=60)[1]
+        (tmp_path / "go").touch()
     assert child.returncode == 1
     assert said.startswith("The Dask scheduler at ") and said.count("\n") == 1, said
+    assert "is gone; start one again" in said
+    before = done(tmp_path)
+    assert 2 <= len(before) < 6
+    with scheduler(tmp_path) as (_, file), workers(file, 1):
+        assert JobPool(scheduler=file).do_all(make_jobs(tmp_path, 6)) == {}
+    assert done(tmp_path)[: len(before)] == before
+    assert sorted(done(tmp_path)) == [f"job{n}" for n in range(6)]
 
 
-def test_without_a_scheduler_a_sentence_says_so(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_scheduler_a_sentence_says_so(tmp_path, monkeypatch):
     monkeypatch.setattr(cluster, "CONNECT_S", 1)
     with pytest.raises(JobsError, match=r"No Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         JobPool(scheduler="tcp://127.0.0.1:9").do_all(make_jobs(tmp_path, 1))

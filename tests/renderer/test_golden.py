@@ -10,7 +10,7 @@ from PIL import Image
 
 from renderer.draw.offscreen import BACKENDS
 from renderer.draw.probe import probe_backend
-from tests.golden.regenerate import GOLDEN, PICTURES, ROOT
+from tests.golden.regenerate import GOLDEN, PICTURES, ROOT, draw_all
 
 pytestmark = pytest.mark.gl
 
@@ -21,12 +21,22 @@ TILE_TOLERANCE = 0.05
 TILE_PX = 15
 
 
-@pytest.fixture(scope="module", params=BACKENDS)
+@pytest.fixture(
+    scope="module",
+    params=[
+        backend if backend == "software" else pytest.param(backend, marks=pytest.mark.slow)
+        for backend in BACKENDS
+    ],
+)
 def drawn(request, tmp_path_factory) -> Path:
     """The pictures as this backend draws them now."""
     if not probe_backend(request.param).works:
         pytest.skip(f"{request.param} does not work here")
     folder = tmp_path_factory.mktemp("golden")
+    if request.param == "software":
+        draw_all(request.param, folder / request.param)
+        return folder / request.param
+    # One process draws through one OpenGL only.
     command = [sys.executable, "-m", "tests.golden.regenerate", "--backend", request.param]
     subprocess.run([*command, "--out", str(folder)], cwd=ROOT, check=True)
     return folder / request.param

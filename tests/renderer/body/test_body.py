@@ -1,25 +1,27 @@
 """The body: zero pose, looks, agreement with ``smplx``, made SMPL-X files, and bad input."""
 
-from __future__ import annotations
-
 import os
+import tracemalloc
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from scipy.spatial.transform import Rotation
 
 from conventions.joints import JOINT_INDEX, NUM_JOINTS, PARENTS, TIP_VERTICES
-from conventions.views import BUILDS, LOOKS, TONES
+from conventions.views import BUILDS
 from model.motion import kinematics
+from model.motion.rotations import matrix_from_axis_angle
 from renderer.body.body import Body, BodyMotion, load_body
 from renderer.body.body_file import MAX_FACES, MAX_VERTICES, OPEN_BODY_PATH, BodyError
-from renderer.body.look import CLAY, COLORS, REGION_INDEX, REGION_NAMES
+from renderer.body.look import CLAY, REGION_INDEX
 
 NUM_FRAMES = 7
+SIDES = ("left", "right")
 MADE_VERTICES = 10
-SMPLX_VERTICES = 10_475
 COMPARED_VERTICES = 9930  # the smplx package takes landmarks by vertex numbers up to here
 
 
@@ -68,16 +70,11 @@ def smplx_file(path: Path, **changes: object) -> Path:
     return path
 
 
-def test_zero_pose_is_the_template(body: Body) -> None:
+def test_zero_pose_is_the_template_and_translation_moves_every_vertex(body: Body) -> None:
     (posed,) = body.vertices(BodyMotion.resting())
     np.testing.assert_allclose(posed[0], body.template, atol=1e-6)
-
-
-def test_translation_moves_every_vertex(body: Body) -> None:
-    motion = random_motion()
-    still = BodyMotion(
-        motion.poses, np.zeros_like(motion.trans), motion.expressions, "arkit52", motion.betas
-    )
+    motion = random_motion(num_frames=3)
+    still = replace(motion, trans=np.zeros_like(motion.trans))
     moved = all_vertices(body, motion) - motion.trans[:, None]
     assert max_distance_mm(moved, all_vertices(body, still)) < 1e-3
 
@@ -91,39 +88,12 @@ def test_chunk_size_does_not_change_the_result(body: Body, chunk: int) -> None:
 
 
 def test_joints_are_those_of_forward_kinematics(body: Body) -> None:
-    torch = pytest.importorskip("torch")
-    from model.motion.kinematics import joint_positions_from_local
-    from model.motion.rotations import matrix_from_axis_angle
-
     motion = random_motion()
     local_rot = matrix_from_axis_angle(torch.from_numpy(motion.poses).reshape(-1, 55, 3))
-    _, positions = joint_positions_from_local(
+    _, positions = kinematics.joint_positions_from_local(
         local_rot, kinematics.open_body_skeleton(), torch.from_numpy(motion.trans)
     )
     assert max_distance_mm(body.joint_positions(motion), positions.numpy()) < 0.02
-
-
-def test_vertices_of_one_joint_move_rigidly_with_it(body: Body) -> None:
-    """The eyeballs hang on one joint each, so their middle follows it exactly."""
-    motion = random_motion()
-    joints = body.joint_positions(motion)
-    posed = all_vertices(body, motion)
-    for name in ("left_eye", "right_eye"):
-        joint = JOINT_INDEX[name]
-        eyeball = body.weights[:, [joint]].toarray()[:, 0] == 1
-        white = eyeball & (body.regions == REGION_INDEX["eye_white"])
-        assert white.sum() > 50
-        at_rest = np.linalg.norm(body.template[white] - body.rest_joints[joint], axis=-1)
-        moved = np.linalg.norm(posed[:, white] - joints[:, [joint]], axis=-1)
-        np.testing.assert_allclose(moved, np.tile(at_rest, (NUM_FRAMES, 1)), atol=1e-5)
-
-
-def test_fingertip_vertices_are_fingertips(body: Body) -> None:
-    for name, vertex in TIP_VERTICES.items():
-        last, middle = (body.rest_joints[JOINT_INDEX[f"{name}{k}"]] for k in (3, 2))
-        tip = body.template[vertex]
-        along = (tip - last) @ (last - middle) / np.linalg.norm(last - middle)
-        assert 0.010 < along < 0.035, name
 
 
 def test_skeleton_of_the_model_is_that_of_the_body(body: Body) -> None:
@@ -133,6 +103,8 @@ def test_skeleton_of_the_model_is_that_of_the_body(body: Body) -> None:
         joint = body.rest_joints[JOINT_INDEX[f"{name}3"]]
         offset = body.template[TIP_VERTICES[name]] - joint
         assert max_distance_mm(rig.tip_offsets[k].numpy(), offset) < 0.02
+        bone = joint - body.rest_joints[JOINT_INDEX[f"{name}2"]]
+        assert 0.010 < offset @ bone / np.linalg.norm(bone) < 0.035, name
 
 
 def expanded_to_smplx(body: Body, path: Path) -> Path:
@@ -183,7 +155,6 @@ def smplx_result(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and the 55 joints from the independent ``smplx`` package."""
     smplx = pytest.importorskip("smplx")
-    torch = pytest.importorskip("torch")
     model = smplx.SMPLX(
         str(path),
         ext="npz",
@@ -211,77 +182,35 @@ def smplx_result(
     return result.vertices.numpy(), result.joints.numpy()
 
 
-def test_agrees_with_the_smplx_package(body: Body, smplx_path: Path) -> None:
-    motion = random_motion()
+def test_agrees_with_the_smplx_package_as_it_is_and_as_a_licensed_file(body, smplx_path):
+    """The same numbers through the package, the licensed format and the compact one."""
+    motion = random_motion(num_frames=3)
     vertices, joints = smplx_result(smplx_path, motion)
-    assert max_distance_mm(all_vertices(body, motion)[:, :COMPARED_VERTICES], vertices) < 0.01
+    ours = all_vertices(body, motion)
+    assert max_distance_mm(ours[:, :COMPARED_VERTICES], vertices) < 0.01
     assert max_distance_mm(body.joint_positions(motion), joints[:, :55]) < 0.01
     tip = joints[:, 73]  # the package's right middle fingertip
-    ours = all_vertices(body, motion)[:, TIP_VERTICES["right_middle"]]
-    assert max_distance_mm(ours, tip) < 0.01
-
-
-def test_a_full_smplx_file_is_posed_like_the_open_body(body: Body, smplx_path: Path) -> None:
-    """The same numbers through the licensed format and through the compact one."""
+    assert max_distance_mm(ours[:, TIP_VERTICES["right_middle"]], tip) < 0.01
     licensed = load_body(smplx_path)
     assert licensed.expression_basis == "flame100"
-    open_motion, flame_motion = random_motion(), random_motion(basis="flame100")
-    ours = all_vertices(body, open_motion)[:, :COMPARED_VERTICES]
-    assert max_distance_mm(all_vertices(licensed, flame_motion), ours) < 0.01
+    flame_motion = replace(motion, expression_basis="flame100")
+    assert max_distance_mm(all_vertices(licensed, flame_motion), vertices) < 0.01
 
 
-def test_joints_follow_betas_and_expressions_as_in_smplx(tmp_path: Path) -> None:
-    """On a random body of the 2019 format even the joints move with expressions."""
-    rng = np.random.default_rng(5)
-    num_vertices = COMPARED_VERTICES
-    weights = rng.random((num_vertices, NUM_JOINTS)) ** 8
-    regressor = rng.random((NUM_JOINTS, num_vertices)) ** 20
-    made = smplx_file(
-        tmp_path / "SMPLX_NEUTRAL.npz",
-        v_template=rng.normal(size=(num_vertices, 3)),
-        weights=weights / weights.sum(1, keepdims=True),
-        J_regressor=regressor / regressor.sum(1, keepdims=True),
-        shapedirs=rng.normal(size=(num_vertices, 3, 20)) * 0.03,
-        posedirs=np.zeros((num_vertices, 3, 486), np.float32),
-        part2num=None,
-        **dict.fromkeys(("hands_meanl", "hands_meanr"), np.zeros(45)),
-        **dict.fromkeys(("hands_componentsl", "hands_componentsr"), np.eye(45)),
-        lmk_faces_idx=np.zeros(51, np.int64),
-        lmk_bary_coords=np.zeros((51, 3)),
-    )
-    plain = random_motion(num_frames=2, basis="flame100", num_expressions=10)
-    motion = BodyMotion(
-        plain.poses, plain.trans, plain.expressions, "flame100", rng.normal(size=10)
-    )
-    vertices, joints = smplx_result(made, motion, num_betas=10, num_expressions=10)
-    licensed = load_body(made)
-    assert max_distance_mm(all_vertices(licensed, motion), vertices) < 0.02
-    assert max_distance_mm(licensed.joint_positions(motion), joints[:, :55]) < 0.02
-
-
-@pytest.mark.parametrize("finger", ["thumb", "index", "middle", "ring", "pinky"])
-def test_the_right_hand_is_the_mirror_of_the_left(body: Body, finger: str) -> None:
+def test_the_right_hand_is_the_mirror_of_the_left(body: Body) -> None:
     """Whatever is bent on one side: neither hand has a mean pose of its own."""
-    rng = np.random.default_rng(2)
-    bent = rng.normal(size=(3, 3)) * 0.4
-    mirror = np.array([1, -1, -1])  # of a turn, in the plane x = 0
-    tips = {}
-    for side, turns in (("left", bent), ("right", bent * mirror)):
-        poses = np.zeros((1, 55, 3))
-        for k, turn in enumerate(turns, start=1):
-            poses[0, JOINT_INDEX[f"{side}_{finger}{k}"]] = turn
-        motion = BodyMotion(
-            poses.reshape(1, 165), np.zeros((1, 3)), np.zeros((1, 100)), "arkit52", np.zeros(300)
-        )
-        (posed,) = all_vertices(body, motion)
-        tips[side] = posed[TIP_VERTICES[f"{side}_{finger}"]] - wrist_of(body, side)
-    at_rest = body.template[TIP_VERTICES[f"left_{finger}"]] - wrist_of(body, "left")
-    assert max_distance_mm(tips["left"], at_rest) > 10
-    assert max_distance_mm(tips["right"] * [-1, 1, 1], tips["left"]) < 1
-
-
-def wrist_of(body: Body, side: str) -> np.ndarray:
-    return body.rest_joints[JOINT_INDEX[f"{side}_wrist"]]
+    fingers = [name.removeprefix("left_") for name in TIP_VERTICES if name.startswith("left")]
+    poses = np.zeros((1, 55, 3))
+    for finger, bent in zip(fingers, np.random.default_rng(2).normal(size=(5, 3, 3)), strict=True):
+        for k, turn in enumerate(0.4 * bent, start=1):
+            poses[0, JOINT_INDEX[f"left_{finger}{k}"]] = turn
+            poses[0, JOINT_INDEX[f"right_{finger}{k}"]] = turn * [1, -1, -1]  # in the plane x = 0
+    (posed,) = all_vertices(body, replace(BodyMotion.resting(), poses=poses.reshape(1, 165)))
+    left, right = ([TIP_VERTICES[f"{side}_{name}"] for name in fingers] for side in SIDES)
+    wrists = [body.rest_joints[JOINT_INDEX[f"{side}_wrist"]] for side in SIDES]
+    assert np.linalg.norm(posed[left] - body.template[left], axis=1).min() > 0.01
+    mirrored = (posed[right] - wrists[1]) * [-1, 1, 1]
+    assert max_distance_mm(mirrored, posed[left] - wrists[0]) < 1
 
 
 def test_mean_hands_of_a_licensed_file_are_left_out(tmp_path: Path) -> None:
@@ -297,14 +226,10 @@ def test_mean_hands_of_a_licensed_file_are_left_out(tmp_path: Path) -> None:
     np.testing.assert_array_equal(one, other)
 
 
-def rodrigues(rotvec: np.ndarray) -> np.ndarray:
-    return Rotation.from_rotvec(rotvec).as_matrix()
-
-
 def posed_as_published(
-    file: dict[str, np.ndarray], motion: BodyMotion, frame: int, vertices: list[int], num_betas: int
-) -> np.ndarray:
-    """Some vertices by equations 2 to 6 of SMPL (Loper et al. 2015) with SMPL-X's expressions.
+    file: dict[str, np.ndarray], motion: BodyMotion, frame: int, num_betas: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and joints by equations 2 to 6 of SMPL (Loper et al. 2015), with expressions.
 
     One loop per joint and vertex over the arrays of the file: nothing shared with the renderer.
     """
@@ -314,7 +239,7 @@ def posed_as_published(
     blend[num_betas : num_betas + num_expressions] = motion.expressions[frame, :num_expressions]
     shaped = file["v_template"] + file["shapedirs"] @ blend
     joints = file["J_regressor"] @ shaped
-    rotations = [rodrigues(rotvec) for rotvec in motion.poses[frame].reshape(55, 3)]
+    rotations = Rotation.from_rotvec(motion.poses[frame].reshape(55, 3)).as_matrix()
     world = [np.eye(4) for _ in range(NUM_JOINTS)]
     for joint in range(NUM_JOINTS):
         local = np.eye(4)
@@ -326,46 +251,33 @@ def posed_as_published(
         world[joint] = local
     feature = np.concatenate([(rotation - np.eye(3)).ravel() for rotation in rotations[1:]])
     posed = []
-    for vertex in vertices:
+    for vertex in range(len(shaped)):
         corrected = shaped[vertex] + file["posedirs"][vertex] @ feature
         point = np.zeros(3)
         for joint in range(NUM_JOINTS):
             from_joint = np.append(corrected - joints[joint], 1.0)
             point += file["weights"][vertex, joint] * (world[joint] @ from_joint)[:3]
         posed.append(point + motion.trans[frame])
-    return np.array(posed)
+    return np.array(posed), np.stack(world)[:, :3, 3] + motion.trans[frame]
 
 
-@pytest.mark.parametrize(("columns", "num_betas"), [(20, 10), (400, 300)])
-def test_a_file_of_full_size_is_posed_as_published(
-    tmp_path: Path, columns: int, num_betas: int
-) -> None:
+@pytest.mark.parametrize(("columns", "num_betas"), [(20, 10), (110, 10), (400, 300)])
+def test_a_licensed_file_is_posed_as_published(tmp_path, columns, num_betas):
     """Files of 2019 have 10 betas and 10 expressions, those of 2020 have 300 and 100."""
     rng = np.random.default_rng(11)
-    shape = (SMPLX_VERTICES, 3)
-    weights = rng.random((SMPLX_VERTICES, NUM_JOINTS)) ** 20
-    regressor = rng.random((NUM_JOINTS, SMPLX_VERTICES)) ** 60
-    made = smplx_file(
-        tmp_path / "SMPLX_NEUTRAL.npz",
-        v_template=rng.uniform(-1, 1, shape),
-        f=rng.integers(0, SMPLX_VERTICES, (20_908, 3)).astype(np.uint32),
-        weights=weights / weights.sum(1, keepdims=True),
-        J_regressor=regressor / regressor.sum(1, keepdims=True),
-        shapedirs=0.01 * rng.standard_normal((*shape, columns), np.float32),
-        posedirs=0.01 * rng.standard_normal((*shape, 486), np.float32),
-    )
+    shapedirs = 0.01 * rng.standard_normal((MADE_VERTICES, 3, columns))
+    made = smplx_file(tmp_path / "body.npz", shapedirs=shapedirs)
     plain = random_motion(num_frames=3, basis="flame100", num_expressions=100)
-    motion = BodyMotion(
-        plain.poses, plain.trans, plain.expressions, "flame100", rng.normal(size=300)
-    )
+    motion = replace(plain, betas=rng.normal(size=300))
     licensed = load_body(made)
-    assert licensed.shape_dirs.shape[2] == num_betas
-    chosen = [*TIP_VERTICES.values(), 0, SMPLX_VERTICES - 1]
+    assert licensed.shape_dirs.shape[2] == num_betas and licensed.vertex_colors is None
     with np.load(made, allow_pickle=False) as file:
         held = {key: file[key] for key in file.files if key != "part2num"}
+    ours, our_joints = all_vertices(licensed, motion), licensed.joint_positions(motion)
     for frame in (0, 2):
-        expected = posed_as_published(held, motion, frame, chosen, num_betas)
-        assert max_distance_mm(all_vertices(licensed, motion)[frame, chosen], expected) < 0.05
+        vertices, joints = posed_as_published(held, motion, frame, num_betas)
+        assert max_distance_mm(ours[frame], vertices) < 0.05
+        assert max_distance_mm(our_joints[frame], joints) < 0.05
 
 
 def test_a_licensed_file_agrees_with_the_smplx_package() -> None:
@@ -377,39 +289,31 @@ def test_a_licensed_file_agrees_with_the_smplx_package() -> None:
     num_expressions = len(licensed.expression_dirs)
     plain = random_motion(basis="flame100", num_expressions=num_expressions)
     betas = np.random.default_rng(1).normal(size=num_betas)
-    motion = BodyMotion(plain.poses, plain.trans, plain.expressions, "flame100", betas)
+    motion = replace(plain, betas=betas)
     vertices, joints = smplx_result(path, motion, num_betas, num_expressions)
     ours = all_vertices(licensed, motion)
     assert max_distance_mm(ours, vertices) < 0.05
     assert max_distance_mm(ours[:, TIP_VERTICES["right_middle"]], joints[:, 73]) < 0.05
 
 
-@pytest.mark.parametrize("columns", [20, 110, 400])
-def test_small_made_smplx_body_works(tmp_path: Path, columns: int) -> None:
-    shapedirs = np.full((MADE_VERTICES, 3, columns), 0.001)
-    licensed = load_body(smplx_file(tmp_path / "body.npz", shapedirs=shapedirs))
-    motion = random_motion(basis="flame100", num_expressions=100)
-    assert all_vertices(licensed, motion).shape == (NUM_FRAMES, MADE_VERTICES, 3)
-    assert licensed.vertex_colors is None
-    (posed,) = licensed.vertices(BodyMotion.resting(expression_basis="flame100"))
-    np.testing.assert_allclose(posed[0], licensed.template, atol=1e-6)
-
-
-def test_other_expression_basis_is_left_out_and_said(body: Body) -> None:
+def test_what_the_open_body_cannot_show_is_left_out_and_said(body: Body) -> None:
     flame, plain = random_motion(basis="flame100"), random_motion(num_expressions=0)
     assert max_distance_mm(all_vertices(body, flame), all_vertices(body, plain)) == 0
     note = body.expression_note(flame)
     assert note is not None and "flame100" in note and "arkit52" in note
     assert body.expression_note(random_motion()) is None
     assert body.expression_note(random_motion(basis="flame100", num_expressions=0)) is None
-
-
-def test_betas_mean_nothing_on_the_open_body_and_that_is_said(body: Body) -> None:
     plain = random_motion()
-    shaped = BodyMotion(plain.poses, plain.trans, plain.expressions, "arkit52", np.full(300, 2.0))
+    shaped = replace(plain, betas=np.full(300, 2.0))
     assert max_distance_mm(all_vertices(body, shaped), all_vertices(body, plain)) == 0
     assert body.notes(plain) == ()
     assert "betas" in body.notes(shaped)[0]
+
+
+def waist_m(body: Body) -> float:
+    vertices = body.template
+    near = (np.abs(vertices[:, 1] + 0.2) < 0.02) & (np.abs(vertices[:, 0]) < 0.3)
+    return float(np.ptp(vertices[near, 0]) + np.ptp(vertices[near, 2]))
 
 
 def test_every_look_stands_on_the_same_skeleton(body: Body) -> None:
@@ -423,36 +327,18 @@ def test_every_look_stands_on_the_same_skeleton(body: Body) -> None:
         assert abs(other.template[:, 1].min() - body.template[:, 1].min()) < 1e-3, "soles"
         difference = np.linalg.norm(other.template - body.template, axis=1)
         assert difference.mean() > 0.005 and difference.max() < 0.1
-
-
-def test_builds_differ_in_girth(body: Body) -> None:
-    def waist(look: str) -> float:
-        vertices = load_body(look=look).template
-        near = (np.abs(vertices[:, 1] + 0.2) < 0.02) & (np.abs(vertices[:, 0]) < 0.3)
-        return float(np.ptp(vertices[near, 0]) + np.ptp(vertices[near, 2]))
-
-    slender, average, broad = (waist(f"{b}-light") for b in ("slender", "average", "broad"))
-    assert slender < 0.97 * average and average < 0.97 * broad
-
-
-def test_eyes_turn_in_place_in_every_build() -> None:
-    for build in BUILDS:
-        body = load_body(look=f"{build}-light")
-        for name in ("left_eye", "right_eye"):
-            joint = JOINT_INDEX[name]
-            eyeball = body.template[body.weights[:, [joint]].toarray()[:, 0] == 1]
+        girth = waist_m(other) / waist_m(body)
+        assert girth < 0.97 if build == "slender" else 1 / girth < 0.97
+        for joint in (JOINT_INDEX["left_eye"], JOINT_INDEX["right_eye"]):
+            eyeball = other.template[other.weights[:, [joint]].toarray()[:, 0] == 1]
             middle = (eyeball.min(0) + eyeball.max(0)) / 2
             assert max_distance_mm(middle, body.rest_joints[joint]) < 1.0
 
 
-def test_looks_are_every_build_in_every_tone() -> None:
-    assert set(COLORS) == set(TONES) and LOOKS[0] == "average-light" and len(LOOKS) == 12
-    for colors in COLORS.values():
-        assert tuple(colors) == REGION_NAMES
-        assert all(0 <= channel <= 1 for color in colors.values() for channel in color)
-
-
-def test_clay_has_one_hue_and_a_readable_mouth() -> None:
+def test_clay_has_one_hue_and_a_readable_mouth(body: Body) -> None:
+    colors = body.vertex_colors
+    assert colors is not None and colors.shape == (body.num_vertices, 3)
+    assert len(np.unique(colors, axis=0)) >= 10
     body = load_body(look="broad-clay")
     colors, regions = body.vertex_colors, body.regions
     assert colors is not None
@@ -470,17 +356,8 @@ def test_a_look_that_cannot_be_had_is_refused(tmp_path: Path) -> None:
         load_body(smplx_file(tmp_path / "body.npz"), look="slender-dark")
 
 
-def test_vertex_colors_cover_the_body(body: Body) -> None:
-    colors = body.vertex_colors
-    assert colors is not None
-    assert colors.shape == (body.num_vertices, 3)
-    assert colors.min() >= 0 and colors.max() <= 1
-    assert len(np.unique(colors, axis=0)) >= 10
-
-
 def test_memory_is_that_of_one_chunk(body: Body) -> None:
     """A longer motion does not make the stream hold more."""
-    import tracemalloc
 
     def peak(num_frames: int) -> int:
         motion = random_motion(num_frames=num_frames)
@@ -491,7 +368,7 @@ def test_memory_is_that_of_one_chunk(body: Body) -> None:
         tracemalloc.stop()
         return top
 
-    assert peak(160) < 1.1 * peak(32)
+    assert peak(64) < 1.1 * peak(16)
 
 
 @pytest.mark.parametrize(
@@ -500,18 +377,13 @@ def test_memory_is_that_of_one_chunk(body: Body) -> None:
         ({"v_template": None}, "no array 'v_template'"),
         ({"J_regressor": np.array([{"sparse": 1}], dtype=object)}, "pickled object"),
         ({"v_template": np.zeros((MAX_VERTICES + 1, 3), np.int8)}, "has 100001 vertices"),
-        ({"v_template": np.zeros((0, 3))}, "has 0 vertices"),
         ({"f": np.zeros((MAX_FACES + 1, 3), np.int8)}, "has 200001 faces"),
-        ({"f": np.full((4, 3), 2**32, np.int64)}, "names number 4294967296"),
         ({"f": np.full((4, 3), -1)}, "names number -1"),
         ({"shapedirs": np.full((MADE_VERTICES, 3, 20), np.inf)}, "'shapedirs' holds values"),
-        ({"kintree_table": np.zeros((2, 52), np.uint32)}, "52 joints"),
         ({"kintree_table": np.zeros((2, 55), np.uint32)}, "not the joint tree"),
         ({"f": np.full((4, 3), MADE_VERTICES, np.uint32)}, "names number 10, but only 0 to 9"),
-        ({"f": np.zeros((0, 3), np.uint32)}, "has 0 faces"),
         ({"weights": np.zeros((MADE_VERTICES, 55))}, "do not sum to one"),
         ({"posedirs": np.zeros((MADE_VERTICES, 3, 207))}, "posedirs"),
-        ({"v_template": np.full((MADE_VERTICES, 3), np.nan)}, "not finite"),
         ({"v_template": np.array([["a", "b", "c"]] * MADE_VERTICES)}, "not numbers"),
     ],
 )
@@ -552,9 +424,7 @@ def test_an_array_larger_than_its_file_takes_no_memory(tmp_path: Path) -> None:
         ({"expression_vertices": np.full(3, 65_535, np.uint16)}, "names number 65535"),
     ],
 )
-def test_bad_open_body_files(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict[str, object], words: str
-) -> None:
+def test_bad_open_body_files(tmp_path, monkeypatch, changes, words):
     with np.load(OPEN_BODY_PATH, allow_pickle=False) as file:
         arrays = {key: file[key] for key in file.files}
     for key, change in changes.items():
@@ -568,31 +438,21 @@ def test_bad_open_body_files(
 
 
 def test_files_that_are_no_body(tmp_path: Path) -> None:
-    missing = tmp_path / "nothing.npz"
-    text = tmp_path / "text.npz"
-    text.write_text("not a body")
-    other = tmp_path / "motion.npz"
-    np.savez(other, poses=np.zeros((3, 165)))
-    array = tmp_path / "array.npy"
-    np.save(array, np.zeros(3))
-    cut_short = tmp_path / "cut.npz"
-    cut_short.write_bytes(OPEN_BODY_PATH.read_bytes()[:100_000])
-    for path in (missing, text, other, array, cut_short, tmp_path):
+    np.savez(tmp_path / "motion.npz", poses=np.zeros((3, 165)))
+    np.save(tmp_path / "array.npy", np.zeros(3))
+    content = OPEN_BODY_PATH.read_bytes()
+    damaged = {"text": b"not a body", "cut": content[:100_000]}
+    for from_end in (30, 900, 2500, 3400):  # all over the archive's directory, and its middle
+        changed = bytearray(content)
+        for place in (len(content) // 2, len(content) - from_end):
+            changed[place] ^= 0xFF
+        damaged[str(from_end)] = bytes(changed)
+    for name, data in damaged.items():
+        (tmp_path / f"{name}.npz").write_bytes(data)
+    for path in (*sorted(tmp_path.iterdir()), tmp_path / "nothing.npz", tmp_path):
         with pytest.raises(BodyError) as caught:
             load_body(path)
-        assert len(str(caught.value).splitlines()) == 1
-
-
-@pytest.mark.parametrize("from_end", [30, 400, 900, 1500, 2500, 3400])
-def test_damaged_bytes_are_refused(tmp_path: Path, from_end: int) -> None:
-    """In the middle of the arrays, and all over the archive's directory."""
-    content = bytearray(OPEN_BODY_PATH.read_bytes())
-    for place in (len(content) // 2, len(content) - from_end):
-        content[place] ^= 0xFF
-    damaged = tmp_path / "open_body.npz"
-    damaged.write_bytes(content)
-    with pytest.raises(BodyError):
-        load_body(damaged)
+        assert "\n" not in str(caught.value), path
 
 
 @pytest.mark.parametrize(
@@ -610,12 +470,5 @@ def test_damaged_bytes_are_refused(tmp_path: Path, from_end: int) -> None:
     ],
 )
 def test_bad_motions(changes: dict[str, object], words: str) -> None:
-    fields: dict[str, object] = {
-        "poses": np.zeros((4, 165)),
-        "trans": np.zeros((4, 3)),
-        "expressions": np.zeros((4, 100)),
-        "expression_basis": "arkit52",
-        "betas": np.zeros(300),
-    }
     with pytest.raises(BodyError, match=words):
-        BodyMotion(**(fields | changes))  # pyright: ignore[reportArgumentType]
+        replace(BodyMotion.resting(4), **changes)

@@ -1,10 +1,27 @@
 """What tests of figures look at: the texts as they are drawn, and boxes that overlap."""
 
+import itertools
+from collections.abc import Collection
+from typing import Any
+
 import pytest
 
+NAMES = (
+    *("globaldiff/local", "globaldiff/global", "globaldiff/joint", "globaldiff/skeleton.s2"),
+    *("globaldiff/full", "asynfusion/lcm"),
+)
+ODD_NAMES = (
+    "globaldiff/skeleton.s2",
+    "a_folder_with_a_long_name/2_scott_0_103_103_of_the_second_run_with_everything_in_it.s12",
+    "$x^2$_{nothing}\\frac",
+    "x" * 130,
+    "éàü",
+    "b",
+)
 
-def drawn_texts(figure: object, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, object]]:
-    """Each text that a drawing really shows, with its box in pixels."""
+
+def drawn_texts(figure: Any, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:
+    """Each text that a drawing really shows, with its box in pixels of 1/144 inch."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.text import Text
 
@@ -16,11 +33,31 @@ def drawn_texts(figure: object, monkeypatch: pytest.MonkeyPatch) -> list[tuple[s
         if self.get_visible() and self.get_text().strip():
             drawn.append((self.get_text(), self.get_window_extent(renderer)))
 
+    figure.set_dpi(144)
     with monkeypatch.context() as patch:
         patch.setattr(Text, "draw", record)
         FigureCanvasAgg(figure).draw()
     return drawn
 
 
-def overlap(a: object, b: object, slack: float = 0.5) -> bool:
+def overlap(a: Any, b: Any, slack: float = 0.5) -> bool:
     return min(a.x1, b.x1) - max(a.x0, b.x0) > slack and min(a.y1, b.y1) - max(a.y0, b.y0) > slack
+
+
+def check_apart(
+    figure: Any,
+    texts: list[tuple[str, Any]],
+    panels: dict[str, Any],
+    within_panels: Collection[str] = (),
+) -> None:
+    """No text covers another, a panel or the edge of the figure, and no panel another."""
+    for (text_a, box_a), (text_b, box_b) in itertools.combinations(texts, 2):
+        assert not overlap(box_a, box_b), f"{text_a!r} covers {text_b!r}"
+    for (label_a, a), (label_b, b) in itertools.combinations(panels.items(), 2):
+        assert not overlap(a, b), f"{label_a} covers {label_b}"
+    for text, box in texts:
+        assert box.x0 >= 0 and box.y0 >= 0, f"{text!r} leaves the figure"
+        assert box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1, f"{text!r} leaves the figure"
+        if text not in within_panels:
+            for label, panel in panels.items():
+                assert not overlap(box, panel), f"{text!r} covers {label}"

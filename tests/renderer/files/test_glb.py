@@ -1,9 +1,8 @@
 """GLB files, read back and posed by a small reader that shares no code with the writer."""
 
-from __future__ import annotations
-
 import json
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +10,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from conventions.joints import JOINT_NAMES
+from conventions.views import BUILDS
 from renderer.body.body import Body, BodyMotion, load_body
-from renderer.files.glb import glb_bytes, write_glb
+from renderer.body.body_file import OPEN_BODY_PATH, read_body_file
+from renderer.body.skinning import VertexNormals
+from renderer.files.glb import STEP_M, builds_bytes, glb_bytes, write_glb
 from tests.renderer.body.test_body import max_distance_mm, random_motion, smplx_file
 
 DTYPES = {5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
@@ -121,14 +123,9 @@ def test_file_read_back_stands_where_the_body_stands(body: Body) -> None:
         assert distance_mm.max() < 40, "only pose correctives may be missing"
 
 
-def test_zero_pose_is_exact(body: Body) -> None:
-    glb = Glb(glb_bytes(body, BodyMotion.resting(3)))
+def test_zero_pose_timing_faces_and_colours_are_exact(body: Body) -> None:
+    glb = Glb(glb_bytes(body, BodyMotion.resting(31)))
     assert max_distance_mm(glb.posed(1), body.template) < 1e-3
-
-
-def test_timing_faces_and_colours(body: Body) -> None:
-    motion = random_motion(num_frames=31)
-    glb = Glb(glb_bytes(body, motion))
     sampler = glb.document["animations"][0]["samplers"][0]
     np.testing.assert_allclose(glb.array(sampler["input"])[:, 0], np.arange(31) / 30, atol=1e-6)
     primitive = glb.document["meshes"][0]["primitives"][0]
@@ -139,25 +136,24 @@ def test_timing_faces_and_colours(body: Body) -> None:
     assert [node["name"] for node in glb.document["nodes"][:55]] == list(JOINT_NAMES)
 
 
-def test_only_expressions_that_move_are_stored(body: Body) -> None:
-    resting = BodyMotion.resting(4)
-    expressions = resting.expressions.copy()
+def test_only_expressions_that_move_and_that_the_body_has_are_stored(body: Body) -> None:
+    expressions = BodyMotion.resting(4).expressions.copy()
     expressions[2, body.expression_names.index("jawOpen")] = 0.8
-    motion = BodyMotion(resting.poses, resting.trans, expressions, "arkit52", resting.betas)
+    motion = replace(BodyMotion.resting(4), expressions=expressions)
     glb = Glb(glb_bytes(body, motion))
     assert glb.document["meshes"][0]["extras"]["targetNames"] == ["jawOpen"]
     (opened,) = body.vertices(motion)
     assert max_distance_mm(glb.posed(2), opened[2]) < 0.01
     assert max_distance_mm(opened[2], opened[1]) > 10
-
-
-def test_flame_expressions_are_left_out(body: Body) -> None:
-    glb = Glb(glb_bytes(body, random_motion(basis="flame100")))
+    glb = Glb(glb_bytes(body, random_motion(num_frames=2, basis="flame100")))
     assert "targets" not in glb.document["meshes"][0]["primitives"][0]
 
 
-def test_trimesh_opens_it(body: Body, tmp_path: Path) -> None:
+def test_trimesh_opens_it_and_a_failure_leaves_no_file(body: Body, tmp_path: Path) -> None:
     trimesh = pytest.importorskip("trimesh")
+    with pytest.raises(OSError):
+        write_glb(body, BodyMotion.resting(), tmp_path / "missing" / "motion.glb")
+    assert list(tmp_path.iterdir()) == []
     write_glb(body, BodyMotion.resting(2), tmp_path / "body.glb")
     scene = trimesh.load(tmp_path / "body.glb")
     (mesh,) = scene.geometry.values()
@@ -172,7 +168,18 @@ def test_body_without_names_or_colours(tmp_path: Path) -> None:
     assert glb.posed(0).shape == (10, 3)
 
 
-def test_failure_leaves_no_file(body: Body, tmp_path: Path) -> None:
-    with pytest.raises(OSError):
-        write_glb(body, BodyMotion.resting(), tmp_path / "missing" / "motion.glb")
-    assert list(tmp_path.iterdir()) == []
+def test_every_build_comes_back_within_a_step() -> None:
+    first = read_body_file(OPEN_BODY_PATH)
+    normals_of = VertexNormals(first.faces, len(first.template))
+    read = np.frombuffer(builds_bytes(), "<i2").reshape(len(BUILDS) - 1, 2, *first.template.shape)
+    for build, (offsets, normals) in zip(BUILDS[1:], read, strict=True):
+        expected = read_body_file(OPEN_BODY_PATH, build).template
+        assert np.abs(expected - first.template).max() > 0.01, "it is another one"
+        np.testing.assert_allclose(first.template + STEP_M * offsets, expected, atol=STEP_M)
+        np.testing.assert_allclose(normals / 32_767, normals_of(expected), atol=2e-5)
+
+
+def test_what_would_not_fit_is_no_build(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("renderer.files.glb.STEP_M", 1e-7)
+    with pytest.raises(ValueError, match="out of range"):
+        builds_bytes()

@@ -1,4 +1,4 @@
-"""Cameras put things where they belong and keep whole motions in the picture."""
+"""Cameras put things where they belong, keep whole motions in the picture, and can be moved."""
 
 from dataclasses import replace
 
@@ -11,9 +11,18 @@ from hypothesis.extra import numpy as hnp
 from conventions.joints import JOINT_INDEX, TIP_VERTICES
 from conventions.views import VIEWS
 from renderer.body.body import BodyMotion, load_body
-from renderer.scene.camera import Camera, frame_points, outermost, view_axes
-from renderer.scene.panels import lay_out
-from renderer.scene.stage import camera_track, close_up_tracks, set_stage
+from renderer.scene.camera import (
+    FARTHEST_M,
+    STEEPEST_RAD,
+    ZOOMS,
+    Camera,
+    Orbit,
+    frame_points,
+    outermost,
+    view_axes,
+)
+from renderer.scene.panels import Panel, lay_out
+from renderer.scene.stage import MIDDLE_M, camera_track, close_up_tracks, set_stage
 
 COORDINATES = st.floats(-3.0, 3.0, width=32)
 POINTS = hnp.arrays(np.float64, st.tuples(st.integers(1, 12), st.just(3)), elements=COORDINATES)
@@ -51,7 +60,7 @@ def test_each_view_looks_from_its_side_and_a_little_down(view, towards_eye):
     np.testing.assert_allclose(np.cross(right, up), backward, atol=1e-12)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=30, deadline=None, derandomize=True)
 @given(POINTS, st.sampled_from(VIEWS), st.integers(400, 3000), st.floats(0.0, 0.4))
 def test_every_ball_lies_inside_the_picture(points, view, width, radius):
     height = 1000
@@ -75,33 +84,25 @@ def test_the_camera_comes_as_near_as_it_may():
         np.testing.assert_array_less(used, 0.9 + 1e-6)
 
 
-@settings(deadline=None)
-@given(
-    hnp.arrays(np.float64, (6, 3, 3), elements=COORDINATES),
-    st.sampled_from(VIEWS),
-    st.integers(400, 3000),
-)
-def test_the_outermost_places_give_the_same_camera_as_all(points, view, width):
-    aspect = width / 1000
+@pytest.mark.parametrize("view", VIEWS)
+def test_the_outermost_places_give_the_same_camera_as_all(view):
     radius = np.array([0.0, 0.1, 0.3])
-    eyes = [
-        frame_points(
-            places.reshape(-1, 3), view, aspect=aspect, radius_m=np.tile(radius, len(places))
-        ).eye
-        for places in (points, outermost(points, view, aspect=aspect))
-    ]
-    np.testing.assert_allclose(*eyes, rtol=0.0, atol=1e-9)
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        points, aspect = rng.normal(size=(20, 3, 3)), rng.uniform(0.3, 3.0)
+        eyes = [
+            frame_points(
+                places.reshape(-1, 3), view, aspect=aspect, radius_m=np.tile(radius, len(places))
+            ).eye
+            for places in (points, outermost(points, view, aspect=aspect))
+        ]
+        np.testing.assert_allclose(*eyes, rtol=0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "bad", [np.zeros((0, 3)), np.full((2, 3), np.nan), np.full((2, 3), np.inf)]
-)
-def test_points_that_cannot_be_framed_are_refused(bad):
-    with pytest.raises(ValueError, match=r"at least one point|NaN or infinite"):
-        frame_points(bad)
-
-
-def test_unknown_view_names_the_known_ones():
+def test_what_cannot_be_framed_is_refused():
+    for bad in (np.zeros((0, 3)), np.full((2, 3), np.nan), np.full((2, 3), np.inf)):
+        with pytest.raises(ValueError, match=r"at least one point|NaN or infinite"):
+            frame_points(bad)
     with pytest.raises(ValueError, match=r"'above' is unknown.*front.*three_quarter.*side"):
         view_axes("above")
 
@@ -119,18 +120,8 @@ def waving_motion(num_frames: int = 40, walk_m: float = 0.0) -> BodyMotion:
     return replace(motion, poses=poses.reshape(num_frames, 165), trans=trans)
 
 
-@pytest.mark.parametrize("view", ["front", "three_quarter", "side"])
-@pytest.mark.parametrize("size", [(512, 512), (320, 480), (854, 480)])
-def test_no_vertex_of_a_motion_leaves_the_picture(view, size):
-    body = load_body()
-    motion = waving_motion(walk_m=0.8)
-    stage = set_stage(body, [motion], view, size[0] / size[1])
-    for chunk in body.vertices(motion):
-        assert sees(stage.camera, chunk, *size).all()
-
-
 def test_from_the_knees_up_a_body_is_larger_and_nothing_above_them_is_cut():
-    body, motion = load_body(), waving_motion(60)
+    body, motion = load_body(), waving_motion(30)
     owner = np.asarray(body.weights.argmax(axis=1)).ravel()
     legs = [JOINT_INDEX[f"{s}_{n}"] for s in ("left", "right") for n in ("knee", "ankle", "foot")]
     above = ~np.isin(owner, legs)
@@ -156,24 +147,6 @@ def test_from_the_knees_up_a_body_is_larger_and_nothing_above_them_is_cut():
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_a_hand_never_leaves_its_close_up(side):
-    body = load_body()
-    motion = waving_motion(walk_m=1.5)
-    view = f"{side}_hand"
-    stage = set_stage(body, [motion], view)
-    track = camera_track(body, motion, view, stage)
-    tips = [vertex for name, vertex in TIP_VERTICES.items() if name.startswith(side)]
-    shown = np.concatenate([chunk[:, tips] for chunk in body.vertices(motion)])
-    hands = []
-    for vertices, offset in zip(shown, track, strict=True):
-        camera = stage.camera.moved(offset)
-        assert sees(camera, vertices, 400, 400).all()
-        hands.append(camera.project(vertices, 400, 400).mean(axis=0))
-    # The camera is slow: what jitters in the world also jitters in the picture.
-    assert np.ptp(hands, axis=0).max() > 10
-
-
-@pytest.mark.parametrize("side", ["left", "right"])
 def test_a_hand_beside_the_picture_stays_in_its_place_and_keeps_its_tremble(side):
     body, view = load_body(), f"{side}_hand"
     panels = lay_out("front", 400, 400, ["hands"])[1:]
@@ -191,12 +164,12 @@ def test_a_hand_beside_the_picture_stays_in_its_place_and_keeps_its_tremble(side
         pixels = [c.project(tip, 200, 200) for c, tip in zip(cameras, chunks, strict=True)]
         return np.mean(pixels, axis=1)
 
-    calm = waving_motion(120, walk_m=1.5)
-    poses = calm.poses.reshape(120, 55, 3).copy()
+    calm = waving_motion(90, walk_m=1.5)
+    poses = calm.poses.reshape(90, 55, 3).copy()
     poses[::2, JOINT_INDEX[f"{side}_wrist"], 2] += 0.05  # 15 Hz
     jumps = [
         np.abs(np.diff(shown(motion), n=2, axis=0)).mean()
-        for motion in (calm, replace(calm, poses=poses.reshape(120, 165)))
+        for motion in (calm, replace(calm, poses=poses.reshape(90, 165)))
     ]
     assert jumps[1] > 5 * jumps[0]
     from_middle = np.abs(shown(calm)[5:-5] - 100.0)
@@ -217,13 +190,6 @@ def test_the_face_fills_its_close_up_and_the_camera_follows_it():
     assert np.ptp(pixels[:, 1]) > 130
 
 
-def test_cameras_that_stand_still_have_no_track():
-    body, motion = load_body(), waving_motion(walk_m=1.0)
-    stage = set_stage(body, [motion])
-    assert not stage.is_following
-    assert not camera_track(body, motion, "front", stage).any()
-
-
 @pytest.mark.parametrize("view", ["front", "three_quarter", "side"])
 def test_a_body_that_wanders_far_stays_large_and_whole(view):
     body = load_body()
@@ -233,7 +199,7 @@ def test_a_body_that_wanders_far_stays_large_and_whole(view):
     for motion in motions:
         track = camera_track(body, motion, view, stage)
         vertices = np.concatenate(list(body.vertices(motion)))
-        for frame in range(0, 120, 7):
+        for frame in range(0, 120, 14):
             camera = stage.camera.moved(track[frame])
             assert sees(camera, vertices[frame], 500, 500).all()
             heights.append(np.ptp(camera.project(vertices[frame], 500, 500)[:, 1]))
@@ -241,14 +207,19 @@ def test_a_body_that_wanders_far_stays_large_and_whole(view):
     assert np.ptp(track, axis=0).max() < 0.2, "the one that stays has a camera that stays"
 
 
-def test_one_stage_shows_all_motions_of_a_comparison():
+@pytest.mark.parametrize(
+    ("view", "size"),
+    [("front", (512, 512)), ("three_quarter", (320, 480)), ("side", (854, 480))],
+)
+def test_one_stage_shows_all_of_all_motions_of_a_comparison_and_stands_still(view, size):
     body = load_body()
     motions = [waving_motion(walk_m=0.7), waving_motion(walk_m=-0.7), BodyMotion.resting(3)]
-    stage = set_stage(body, motions)
-    assert stage == set_stage(body, motions[::-1])
+    stage = set_stage(body, motions, view, size[0] / size[1])
+    assert stage == set_stage(body, motions[::-1], view, size[0] / size[1])
+    assert not stage.is_following and not camera_track(body, motions[0], view, stage).any()
     for motion in motions:
         for chunk in body.vertices(motion):
-            assert sees(stage.camera, chunk, 512, 512).all()
+            assert sees(stage.camera, chunk, *size).all()
 
 
 def test_the_floor_lies_under_the_soles():
@@ -258,3 +229,75 @@ def test_the_floor_lies_under_the_soles():
     lowest = float(body.template[:, 1].min())
     assert set_stage(body, [motion]).floor_m == pytest.approx(lowest, abs=0.01)
     assert set_stage(body, [lifted]).floor_m == pytest.approx(lowest + 0.7, abs=0.01)
+
+
+CAMERA = Camera(eye=(0.3, 1.4, 4.0), target=(0.3, 1.1, 0.0))
+AROUND = np.array([0.1, 1.0, 0.2])
+
+
+def middle_of(camera: Camera) -> np.ndarray:
+    """On the camera's axis, as deep as what it is moved around."""
+    backward = camera.axes()[2]
+    return np.asarray(camera.eye) - backward @ (np.asarray(camera.eye) - AROUND) * backward
+
+
+@pytest.mark.parametrize(
+    "orbit", [Orbit(), Orbit(-2.0, 0.4), Orbit(0.0, -0.6, 3.0), Orbit(3.0, 1.0, 0.5)]
+)
+def test_turned_and_nearer_it_keeps_its_middle_in_the_middle(orbit: Orbit):
+    moved, middle = orbit.moved(CAMERA, AROUND), middle_of(CAMERA)
+    assert moved.project(middle, 400, 300) == pytest.approx([200, 150])
+    before, after = (np.linalg.norm(np.subtract(each.eye, middle)) for each in (CAMERA, moved))
+    assert after == pytest.approx(before / orbit.zoom)
+    assert moved.axes()[0][1] == pytest.approx(0.0), "it stands upright"
+    if orbit == Orbit():
+        assert np.allclose(moved.eye, CAMERA.eye) and np.allclose(moved.axes(), CAMERA.axes())
+
+
+def test_a_quarter_turn_sees_the_left_of_the_body():
+    level = Camera(eye=(0.0, 1.0, 4.0), target=(0.0, 1.0, 0.0))
+    moved = Orbit(np.pi / 2).moved(level, np.array([0.0, 1.0, 0.0]))
+    assert moved.eye == pytest.approx((4.0, 1.0, 0.0))
+    aside = Orbit(right_m=0.5, up_m=-0.25).moved(level, np.array([0.0, 1.0, 0.0]))
+    assert aside.eye == pytest.approx((0.5, 0.75, 4.0))
+    moved = Orbit(pitch_rad=STEEPEST_RAD).moved(CAMERA, AROUND)
+    assert np.arcsin(moved.axes()[2][1]) == pytest.approx(STEEPEST_RAD)
+
+
+@pytest.mark.parametrize(
+    ("orbit", "words"),
+    [
+        (Orbit(pitch_rad=1.6), "pitch is -1.48 to 1.48; got 1.6"),
+        (Orbit(zoom=20.0), f"zoom is {ZOOMS[0]:g} to {ZOOMS[1]:g}; got 20"),
+        (Orbit(zoom=float("nan")), "got nan"),
+        (Orbit(right_m=2 * FARTHEST_M), "way to the right"),
+        (Orbit(yaw_rad=float("inf")), "yaw"),
+    ],
+)
+def test_where_no_camera_of_the_stage_stands_is_refused(orbit: Orbit, words: str):
+    with pytest.raises(ValueError, match=words):
+        orbit.check()
+
+
+def test_a_stage_is_seen_from_elsewhere_around_the_middle_of_its_bodies():
+    stage = set_stage(load_body(), [waving_motion(20)], framing="knees")
+    assert stage.seen_from(Orbit()) is stage
+    turned = stage.seen_from(Orbit(yaw_rad=np.pi, zoom=2.0))
+    pivot = np.array([stage.centre_xz[0], stage.floor_m + MIDDLE_M, stage.centre_xz[1]])
+    backward = stage.camera.axes()[2]
+    depth = float(backward @ (np.asarray(stage.camera.eye) - pivot))
+    behind = turned.camera.axes()[2]
+    assert behind[2] == pytest.approx(-backward[2]) and behind[1] == pytest.approx(backward[1])
+    middle = np.asarray(stage.camera.eye) - depth * backward
+    assert np.asarray(turned.camera.eye) == pytest.approx(middle + depth / 2 * behind)
+
+
+def test_cameras_follow_the_motion_they_are_told_to_and_no_other():
+    body = load_body()
+    calm, other = waving_motion(20), waving_motion(20, walk_m=3.0)
+    stage = set_stage(body, [calm, other], close_ups=[Panel("right_hand", 0, 0, 40, 40)])
+    assert stage.is_following
+    told, way = stage.following(body, calm), camera_track(body, calm, "front", stage)
+    assert np.array_equal(camera_track(body, other, "front", told), way)
+    assert np.array_equal(close_up_tracks(body, other, told), close_up_tracks(body, calm, stage))
+    assert not np.allclose(camera_track(body, other, "front", stage), way)

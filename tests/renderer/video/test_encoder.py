@@ -1,7 +1,5 @@
 """Videos, read back by another library than the one that wrote them."""
 
-import os
-import subprocess
 import wave
 from pathlib import Path
 
@@ -57,8 +55,7 @@ def decoded_sound(path: Path) -> tuple[np.ndarray, int]:
         return np.concatenate(blocks), rate
 
 
-@pytest.mark.parametrize("num_frames", [1, 7, 45])
-@pytest.mark.parametrize("sound_s", [None, 0.1, 4.0])
+@pytest.mark.parametrize(("num_frames", "sound_s"), [(7, None), (1, 4.0), (45, 0.1), (45, 4.0)])
 def test_frames_rate_format_and_sound(tmp_path, num_frames, sound_s):
     wav = None if sound_s is None else write_wav(tmp_path / "s.wav", tone(sound_s))
     path = write_video(tmp_path / "v.mp4", np.full(num_frames, 120), wav)
@@ -78,103 +75,74 @@ def test_frames_rate_format_and_sound(tmp_path, num_frames, sound_s):
             assert duration_s == pytest.approx(num_frames / 30, abs=1 / 30)
     assert len(decoded_frames(path)) == num_frames
     assert list(tmp_path.glob(".*")) == []
+    facts = read_facts(path)
+    assert (facts.width, facts.height, facts.num_frames) == (*SIZE, num_frames)
+    data = path.read_bytes()
+    assert 0 < data.find(b"moov") < data.find(b"mdat"), "a browser reads the index first"
 
 
-def test_the_index_stands_before_the_data(tmp_path):
-    data = write_video(tmp_path / "v.mp4", np.arange(30)).read_bytes()
-    assert 0 < data.find(b"moov") < data.find(b"mdat")
-
-
-def test_colours_and_order_survive(tmp_path):
+def test_colours_order_and_rows_survive(tmp_path):
     path = tmp_path / "v.mp4"
     colors = [(200, 40, 40), (40, 190, 60), (50, 60, 200), (228, 230, 234)]
-    with VideoWriter(path, *SIZE, 4, crf=8) as video:
+    with VideoWriter(path, *SIZE, 5, crf=8) as video:
         for color in colors:
             video.write(np.tile(np.array(color, np.uint8), (SIZE[1], SIZE[0], 1)))
-    frames = decoded_frames(path).astype(int)
-    np.testing.assert_allclose(frames.mean(axis=(1, 2)), colors, atol=4)
-
-
-def test_upper_row_first(tmp_path):
-    frame = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
-    frame[: SIZE[1] // 2] = 220
-    with VideoWriter(tmp_path / "v.mp4", *SIZE, 1) as video:
+        frame = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+        frame[: SIZE[1] // 2] = 220
         video.write(frame)
-    (decoded,) = decoded_frames(tmp_path / "v.mp4").astype(int)
-    assert decoded[5].mean() > 200 and decoded[-5].mean() < 20
+    *frames, halves = decoded_frames(path).astype(int)
+    np.testing.assert_allclose(np.mean(frames, axis=(1, 2)), colors, atol=4)
+    assert halves[5].mean() > 200 and halves[-5].mean() < 20, "the upper row first"
 
 
-@pytest.mark.parametrize("flash_frame", [0, 31, 59])
-def test_a_flash_and_a_click_coincide(tmp_path, flash_frame):
-    levels = np.zeros(60)
-    levels[flash_frame] = 255
-    waveform = np.zeros(2 * SAMPLE_RATE)
-    click = round(flash_frame / 30 * SAMPLE_RATE)
-    waveform[click : click + 80] = 0.9 * (-1.0) ** np.arange(80)
-    path = write_video(tmp_path / "v.mp4", levels, write_wav(tmp_path / "s.wav", waveform))
-    flash = int(decoded_frames(path).mean(axis=(1, 2, 3)).argmax())
-    sound, rate = decoded_sound(path)
-    assert flash == flash_frame
-    assert abs(np.abs(sound).argmax() / rate - flash / 30) < 1 / 30
+def test_flashes_and_claps_coincide_for_a_minute(tmp_path):
+    num_frames, flashes = 1800, (0, 903, 1799)
+    levels = np.isin(np.arange(num_frames), flashes) * 255
+    waveform = np.zeros(num_frames * SAMPLE_RATE // 30)
+    for frame in flashes:
+        start = round(frame / 30 * SAMPLE_RATE)
+        waveform[start : start + 80] = 0.9 * (-1.0) ** np.arange(80)
+    wav = write_wav(tmp_path / "s.wav", waveform)
+    seen = decoded_frames(write_video(tmp_path / "v.mp4", levels, wav)).mean(axis=(1, 2, 3))
+    sound, rate = decoded_sound(tmp_path / "v.mp4")
+    assert np.flatnonzero(seen > 128).tolist() == list(flashes)
+    for frame in flashes:
+        first = max(0, round((frame - 10) / 30 * rate))
+        heard = first + int(np.abs(sound[first : round((frame + 10) / 30 * rate)]).argmax())
+        assert abs(heard / rate - frame / 30) < 1 / 30
 
 
-@pytest.mark.parametrize("size", [(95, 64), (96, 63), (0, 64)])
-def test_sizes_that_cannot_be_halved_are_refused(tmp_path, size):
-    with pytest.raises(ValueError, match=f"{size[0]} x {size[1]} .*even"):
-        VideoWriter(tmp_path / "v.mp4", *size, 1)
-
-
-def test_an_exception_leaves_no_file_and_no_process(tmp_path):
-    with pytest.raises(KeyboardInterrupt), VideoWriter(tmp_path / "v.mp4", *SIZE, 90) as video:
+def test_an_exception_leaves_an_older_file_and_no_process(tmp_path):
+    path = write_video(tmp_path / "v.mp4", np.arange(3))
+    before = path.read_bytes()
+    with pytest.raises(KeyboardInterrupt), VideoWriter(path, *SIZE, 90) as video:
         video.write(np.zeros((SIZE[1], SIZE[0], 3), np.uint8))
         raise KeyboardInterrupt
-    assert list(tmp_path.iterdir()) == []
+    assert [(each, each.read_bytes()) for each in tmp_path.iterdir()] == [(path, before)]
     assert processes_that_mention(tmp_path) == []
 
 
-def test_too_few_frames_leave_no_file(tmp_path):
+def test_what_cannot_be_written_is_said_and_leaves_no_file(tmp_path):
+    for size in ((95, 64), (96, 63), (0, 64)):
+        with pytest.raises(ValueError, match=f"{size[0]} x {size[1]} .*even"):
+            VideoWriter(tmp_path / "v.mp4", *size, 1)
     message = r"2 frames came for v.mp4; 3 were promised"
     with pytest.raises(VideoError, match=message), VideoWriter(tmp_path / "v.mp4", *SIZE, 3) as v:
         v.write(np.zeros((SIZE[1], SIZE[0], 3), np.uint8))
         v.write(np.zeros((SIZE[1], SIZE[0], 3), np.uint8))
     assert list(tmp_path.iterdir()) == []
-
-
-def test_an_older_file_stays_when_the_new_one_fails(tmp_path):
-    path = write_video(tmp_path / "v.mp4", np.arange(3))
-    before = path.read_bytes()
-    with pytest.raises(ZeroDivisionError), VideoWriter(path, *SIZE, 3):
-        raise ZeroDivisionError
-    assert path.read_bytes() == before
-
-
-def test_a_missing_folder_or_sound_is_named(tmp_path):
     with pytest.raises(VideoError, match=r"nowhere is not a folder"):
         write_video(tmp_path / "nowhere" / "v.mp4", np.arange(3))
     with pytest.raises(VideoError, match=r"gone\.wav"):
         write_video(tmp_path / "v.mp4", np.arange(300), tmp_path / "gone.wav")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_full_disk_gives_one_sentence(tmp_path):
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    if os.geteuid() != 0:
-        pytest.skip("mounting a small disk needs root")
-    command = ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(disk)]
-    if subprocess.run(command, capture_output=True, check=False).returncode:
-        pytest.skip("this machine lets nobody mount a small disk")
-    rng = np.random.default_rng(0)
-    try:
-        with (
-            pytest.raises(VideoError, match=r"^v\.mp4 cannot be written: there is no space left"),
-            VideoWriter(disk / "v.mp4", *SIZE, 200, crf=0) as video,
-        ):
-            for _ in range(200):
-                video.write(rng.integers(0, 255, (SIZE[1], SIZE[0], 3)).astype(np.uint8))
-        assert list(disk.iterdir()) == []
-    finally:
-        subprocess.run(["umount", str(disk)], check=True)
+    (tmp_path / "v.mp4").mkdir()
+    with pytest.raises(VideoError, match=r"v\.mp4 cannot be written"):
+        write_video(tmp_path / "v.mp4", [10, 20])
+    assert [p.name for p in tmp_path.iterdir()] == ["v.mp4"]
+    (tmp_path / "no.mp4").write_text("no video")
+    with pytest.raises(VideoError, match=r"no\.mp4 cannot be read as a video"):
+        read_facts(tmp_path / "no.mp4")
 
 
 @pytest.mark.parametrize(
@@ -203,39 +171,23 @@ def test_a_missing_ffmpeg_is_named(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_facts_of_a_file(tmp_path):
-    path = write_video(tmp_path / "v.mp4", np.arange(37))
-    facts = read_facts(path)
-    assert (facts.width, facts.height, facts.num_frames) == (*SIZE, 37)
-    (tmp_path / "no.mp4").write_text("no video")
-    with pytest.raises(VideoError, match=r"no\.mp4 cannot be read as a video"):
-        read_facts(tmp_path / "no.mp4")
-
-
 TINTS = ((1, 0.2, 0.2), (0.2, 1, 0.2), (0.2, 0.2, 1), (1, 1, 0.2), (0.2, 1, 1), (1, 0.2, 1))
 
 
-def test_a_folder_under_the_final_name_is_refused_and_nothing_stays(tmp_path):
-    (tmp_path / "v.mp4").mkdir()
-    with pytest.raises(VideoError, match=r"v\.mp4 cannot be written"):
-        write_video(tmp_path / "v.mp4", [10, 20])
-    assert [p.name for p in tmp_path.iterdir()] == ["v.mp4"]
-
-
-@pytest.mark.parametrize("count", [1, 2, 6])
+@pytest.mark.parametrize("count", [1, 3])
 def test_videos_run_in_lock_step_under_their_labels(tmp_path, count):
-    levels = np.linspace(40, 220, 20)
+    levels = np.linspace(40, 220, 12)
     videos = [
         write_video(tmp_path / f"{i}.mp4", levels, tint=TINTS[i], size=(128, 96))
         for i in range(count)
     ]
-    wav = write_wav(tmp_path / "s.wav", tone(3.0))
+    wav = write_wav(tmp_path / "s.wav", tone(1.0))
     shares: list[float] = []
     out = tmp_path / "all.mp4"
     compose_videos(videos, [f"name/{i}" for i in range(count)], out, wav, on_progress=shares.append)
     frames = decoded_frames(out).astype(float)
     band = band_height(96)
-    assert frames.shape == (20, 96 + band, 128 * count, 3)
+    assert frames.shape == (12, 96 + band, 128 * count, 3)
     for i in range(count):
         picture = frames[:, band + 8 : -8, 128 * i + 8 : 128 * (i + 1) - 8].mean(axis=(1, 2))
         np.testing.assert_allclose(picture, levels[:, None] * TINTS[i], atol=14)
@@ -243,23 +195,19 @@ def test_videos_run_in_lock_step_under_their_labels(tmp_path, count):
         assert label.max() > 240 and label.min() < 110
     with av.open(str(out)) as file:
         audio = file.streams.audio[0]
-        assert float(audio.duration * audio.time_base) == pytest.approx(20 / 30, abs=1 / 30)
+        assert float(audio.duration * audio.time_base) == pytest.approx(12 / 30, abs=1 / 30)
     assert shares == sorted(shares) and shares[-1] == 1.0
 
 
 @pytest.mark.parametrize(
     ("count", "width", "lengths"),
     [
-        (1, 512, [1]),
         (3, 512, [3]),
         (3, 640, [3]),
         (3, 642, [2, 1]),
-        (4, 512, [2, 2]),
         (5, 512, [3, 2]),
-        (6, 512, [3, 3]),
         (6, 320, [6]),
         (5, 1080, [1, 1, 1, 1, 1]),
-        (2, 2160, [1, 1]),
     ],
 )
 def test_a_comparison_wider_than_a_screen_gets_rows(count, width, lengths):
@@ -271,13 +219,10 @@ def test_a_comparison_wider_than_a_screen_gets_rows(count, width, lengths):
 @pytest.mark.parametrize(
     ("count", "width", "height", "lengths", "picture"),
     [
-        (1, 512, 512, [1], (512, 512)),
         (3, 512, 512, [3], (512, 512)),
         (5, 640, 1280, [5], (384, 768)),  # with close-ups above and below
         (5, 640, 640, [3, 2], (494, 494)),
-        (6, 320, 640, [6], (320, 640)),
         (2, 1080, 1080, [2], (960, 960)),
-        (2, 640, 1280, [2], (516, 1034)),
         (4, 1920, 300, [1, 1, 1, 1], (1574, 246)),
     ],
 )
@@ -291,25 +236,10 @@ def test_a_comparison_fits_a_screen_with_pictures_as_large_as_can_be(
     assert len(grid.rows) * (grid.picture_height + grid.band) <= 1080
 
 
-def test_larger_videos_are_made_smaller(tmp_path, monkeypatch):
-    monkeypatch.setattr("renderer.video.compose.MAX_WIDTH_PX", 128)
-    monkeypatch.setattr("renderer.video.compose.MAX_HEIGHT_PX", 100)
-    levels = np.linspace(40, 220, 4)
-    videos = [write_video(tmp_path / f"{i}.mp4", levels, tint=TINTS[i]) for i in range(2)]
-    compose_videos(videos, ["a", "b"], tmp_path / "all.mp4")
-    frames = decoded_frames(tmp_path / "all.mp4").astype(float)
-    width, height = 64, 2 * int(64 / SIZE[0] * SIZE[1] / 2)
-    band = band_height(min(width, height))
-    assert frames.shape == (4, height + band, 2 * width, 3)
-    for i in range(2):
-        picture = frames[:, band + 8 : -8, width * i + 8 : width * (i + 1) - 8].mean(axis=(1, 2))
-        np.testing.assert_allclose(picture, levels[:, None] * TINTS[i], atol=14)
-
-
 def test_rows_stand_below_one_another_each_under_its_labels(tmp_path, monkeypatch):
     monkeypatch.setattr("renderer.video.compose.MAX_WIDTH_PX", 400)
     monkeypatch.setattr("renderer.video.compose.MAX_HEIGHT_PX", 10_000)
-    levels, size = np.linspace(40, 220, 8), (126, 96)
+    levels, size = np.linspace(40, 220, 4), (126, 96)
     videos = [
         write_video(tmp_path / f"{i}.mp4", levels, tint=TINTS[i], size=size) for i in range(5)
     ]
@@ -317,7 +247,7 @@ def test_rows_stand_below_one_another_each_under_its_labels(tmp_path, monkeypatc
     compose_videos(videos, [f"name {i}" for i in range(5)], out)
     frames = decoded_frames(out).astype(float)
     band = band_height(96)
-    assert frames.shape == (8, 2 * (96 + band), 3 * 126, 3)
+    assert frames.shape == (4, 2 * (96 + band), 3 * 126, 3)
     places = [(0, 0), (0, 126), (0, 252), (1, 62), (1, 188)]  # the short row in the middle
     for tint, (row, left) in zip(TINTS, places, strict=False):
         top = row * (96 + band) + band
@@ -326,12 +256,16 @@ def test_rows_stand_below_one_another_each_under_its_labels(tmp_path, monkeypatc
         label = frames[:, top - band : top - 2, left : left + 126]
         assert label.max() > 240 and label.min() < 110
     assert frames[:, -50:, :50].min() > 240, "beside the short row nothing is drawn"
-
-
-def test_a_label_of_several_lines_becomes_one(tmp_path):
-    one, several = (label_band([text], 300, 400) for text in ("a b c", "a\n b\r\n\tc"))
-    np.testing.assert_array_equal(one, several)
-    assert label_band(["\n"], 300, 400).min() == 255
+    monkeypatch.setattr("renderer.video.compose.MAX_WIDTH_PX", 128)
+    monkeypatch.setattr("renderer.video.compose.MAX_HEIGHT_PX", 100)
+    compose_videos(videos[:2], ["a", "b"], out)
+    frames = decoded_frames(out).astype(float)
+    height = 2 * int(64 / 126 * 96 / 2)
+    band = band_height(min(64, height))
+    assert frames.shape == (4, height + band, 128, 3), "made smaller"
+    for i in range(2):
+        picture = frames[:, band + 8 : -8, 64 * i + 8 : 64 * (i + 1) - 8].mean(axis=(1, 2))
+        np.testing.assert_allclose(picture, levels[:, None] * TINTS[i], atol=14)
 
 
 def test_a_shorter_video_holds_its_last_frame(tmp_path):
@@ -350,9 +284,12 @@ def test_labels_stay_within_their_picture():
     dark = (band.astype(int).sum(axis=2) < 380).any(axis=0)
     assert dark[:200].any() and dark[200:].any()
     assert not dark[196:203].any() and not dark[-3:].any()
+    one, several = (label_band([text], 300, 400) for text in ("a b c", "a\n b\r\n\tc"))
+    np.testing.assert_array_equal(one, several)
+    assert label_band(["\n"], 300, 400).min() == 255
 
 
-def test_what_cannot_be_composed_is_refused(tmp_path):
+def test_what_cannot_be_composed_is_refused_and_composing_can_be_cancelled(tmp_path):
     a = write_video(tmp_path / "a.mp4", np.arange(3))
     b = write_video(tmp_path / "b.mp4", np.arange(3), size=(64, 64))
     out = tmp_path / "all.mp4"
@@ -362,14 +299,9 @@ def test_what_cannot_be_composed_is_refused(tmp_path):
         compose_videos([a, b], ["a"], out)
     with pytest.raises(VideoError, match=r"b.mp4 has 64 x 64 pixels and a.mp4 96 x 64"):
         compose_videos([a, b], ["a", "b"], out)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mp4", "b.mp4"]
-
-
-def test_composing_can_be_cancelled(tmp_path):
-    videos = [write_video(tmp_path / f"{i}.mp4", np.arange(200)) for i in range(2)]
     with pytest.raises(Cancelled):
-        compose_videos(videos, ["a", "b"], tmp_path / "all.mp4", should_cancel=lambda: True)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["0.mp4", "1.mp4"]
+        compose_videos([a, a], ["a", "b"], out, should_cancel=lambda: True)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mp4", "b.mp4"]
     assert processes_that_mention(tmp_path) == []
 
 

@@ -38,17 +38,21 @@ def colour(frames: np.ndarray, frame: int, column: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("overlay", OVERLAYS)
-def test_close_ups_of_each_stand_on_their_own_side(tmp_path, overlay):
+def test_close_ups_stand_on_their_own_side_of_what_is_laid_over(tmp_path, overlay):
     frames = laid(tmp_path, overlay)
     for frame in (0, 20, 39):
         assert colour(frames, frame, SIDE // 2) == pytest.approx([LIGHT] * 3, abs=6)
         assert colour(frames, frame, WIDTH - SIDE // 2) == pytest.approx([DARK] * 3, abs=6)
-
-
-def test_a_ghost_has_the_first_in_its_red_and_the_second_in_its_other_colours(tmp_path):
-    frames = laid(tmp_path, "ghost")
-    for frame in (0, 39):
-        assert colour(frames, frame, WIDTH // 2) == pytest.approx([LIGHT, DARK, DARK], abs=10)
+        if overlay == "ghost":  # the first in its red, the second in its other colours
+            middle = colour(frames, frame, WIDTH // 2)
+            assert middle == pytest.approx([LIGHT, DARK, DARK], abs=10)
+    if overlay == "wipe":  # which ends where it was put
+        assert colour(frames, 5, SIDE + 20 - 6) == pytest.approx([LIGHT] * 3, abs=8)
+        assert colour(frames, 5, SIDE + 20 + 6) == pytest.approx([DARK] * 3, abs=8)
+        assert frames[5, 30:-30, SIDE + 20 : SIDE + 22].mean() > 215, "with a line between them"
+    if overlay == "flicker":  # turns of half a second
+        seen = [colour(frames, frame, WIDTH // 2)[0] > 130 for frame in range(40)]
+        assert seen == [frame // FLICKER_FRAMES % 2 == 0 for frame in range(40)]
 
 
 def test_two_that_agree_are_grey_in_a_ghost(tmp_path):
@@ -57,20 +61,6 @@ def test_two_that_agree_are_grey_in_a_ghost(tmp_path):
     compose_pair(videos, ["a", "b"], "ghost", PairLayout(64, 64, body), tmp_path / "out.mp4")
     frames = decoded_frames(tmp_path / "out.mp4").astype(int)[:, band_height(32) :]
     assert colour(frames, 2, 32) == pytest.approx([140] * 3, abs=4)
-
-
-def test_a_wipe_ends_where_it_was_put(tmp_path):
-    frames = laid(tmp_path, "wipe")
-    assert colour(frames, 5, SIDE + 20 - 6) == pytest.approx([LIGHT] * 3, abs=8)
-    assert colour(frames, 5, SIDE + 20 + 6) == pytest.approx([DARK] * 3, abs=8)
-    assert frames[5, 30:-30, SIDE + 20 : SIDE + 22].mean() > 215, "with a line between them"
-
-
-def test_they_take_turns_of_half_a_second(tmp_path):
-    frames = laid(tmp_path, "flicker")
-    seen = [colour(frames, frame, WIDTH // 2)[0] > 130 for frame in range(40)]
-    turns = [frame // FLICKER_FRAMES % 2 == 0 for frame in range(40)]
-    assert seen == turns
 
 
 def test_a_picture_that_does_not_fit_is_refused(tmp_path):

@@ -7,26 +7,18 @@ import numpy as np
 import pytest
 
 from renderer.body.body import BodyMotion, load_body
-from renderer.draw.probe import choose_backend
-from renderer.scene.camera import frame_points
-from renderer.scene.stage import Stage, set_stage
+from renderer.scene.stage import set_stage
 from renderer.video.encoder import Cancelled
-from renderer.video.parallel import draw_in_processes
-from renderer.video.render import draw_motion, draw_vertices, render_stills, render_video, stage_for
+from renderer.video.render import render_stills, render_video
 from renderer.video.settings import RenderSettings
 from tests.renderer.scene.test_camera import waving_motion
-from tests.renderer.video.test_encoder import (
-    SAMPLE_RATE,
-    decoded_sound,
-    processes_that_mention,
-    write_wav,
-)
+from tests.renderer.video.test_encoder import processes_that_mention
 
 pytestmark = pytest.mark.gl
 
 
 def small(**changes) -> RenderSettings:
-    return replace(RenderSettings(width=128, height=128, backend=choose_backend()), **changes)
+    return replace(RenderSettings(width=128, height=128), **changes)
 
 
 def body_pixels(picture: np.ndarray) -> np.ndarray:
@@ -53,56 +45,18 @@ def test_the_video_shows_every_frame_once_and_in_order(tmp_path):
     np.testing.assert_array_equal(stills, expected[[0, 5, 19]])
 
 
-def test_sound_and_motion_stay_together_for_a_minute(tmp_path):
-    """A body that jumps aside for one frame in the first, the middle and the last second, with a
-    clap at the same moments."""
-    num_frames, jumps = 1800, (11, 903, 1787)
-    corners = np.array([[-0.3, 0, 0], [0, 0, 0], [0, 1, 0], [-0.3, 1, 0]], np.float32)
-    aside = corners + np.array([0.5, 0, 0], np.float32)
-    frames = (aside if frame in jumps else corners for frame in range(num_frames))
-    waveform = np.zeros(num_frames * SAMPLE_RATE // 30)
-    for frame in jumps:
-        start = round(frame / 30 * SAMPLE_RATE)
-        waveform[start : start + 60] = 0.9 * (-1.0) ** np.arange(60)
-    stage = Stage(frame_points(np.concatenate([corners, aside])), 0.0, (0.0, 0.0), 0.0)
-    settings = RenderSettings(64, 64, antialias=False, backend="software")
-    pictures = draw_vertices(
-        ([frame] for frame in frames),
-        *(np.array([[0, 1, 2], [0, 2, 3]]), np.zeros((4, 3), np.float32)),
-        settings=settings,
-        stage=stage,
-    )
-    out = tmp_path / "v.mp4"
-    wav = write_wav(tmp_path / "s.wav", waveform)
-    motion = BodyMotion.resting(num_frames)
-    render_video(load_body(), motion, out, wav, settings, stage=stage, pictures=pictures)
-    with av.open(str(out)) as file:
-        left = [
-            frame.to_ndarray(format="gray")[20:44, 34:].mean() for frame in file.decode(video=0)
-        ]
-    sound, rate = decoded_sound(out)
-    assert len(left) == num_frames
-    for frame in jumps:
-        around = slice(frame - 10, frame + 10)
-        seen = frame - 10 + int(np.argmin(left[around]))
-        samples = slice(round((frame - 10) / 30 * rate), round((frame + 10) / 30 * rate))
-        heard_s = (samples.start + int(np.abs(sound[samples]).argmax())) / rate
-        assert seen == frame
-        assert abs(heard_s - seen / 30) < 1 / 30
-
-
 def test_stills_come_in_the_order_asked_for():
     body, motion = load_body(), waving_motion(10)
     stills = render_stills(body, motion, [7, 2, 7], small())
     np.testing.assert_array_equal(stills[0], stills[2])
     assert (stills[0] != stills[1]).any()
     assert render_stills(body, motion, [], small()).shape == (0, 128, 128, 3)
-
-
-@pytest.mark.parametrize("frame", [-1, 10])
-def test_a_still_outside_the_motion_is_refused(frame):
-    with pytest.raises(ValueError, match=f"Frame {frame} was asked for; the motion has 10"):
-        render_stills(load_body(), waving_motion(10), [frame], small())
+    for frame in (-1, 10):
+        with pytest.raises(ValueError, match=f"Frame {frame} was asked for; the motion has 10"):
+            render_stills(body, motion, [frame], small())
+    with pytest.raises(ValueError, match="other close-ups"):
+        stage = set_stage(body, [motion])
+        render_stills(body, motion, [0], small(close_ups=("hands",)), stage=stage)
 
 
 @pytest.mark.parametrize("view", ["front", "three_quarter", "side"])
@@ -111,17 +65,6 @@ def test_the_body_stands_whole_in_the_picture(view):
     rows, columns = np.nonzero(body_pixels(picture))
     assert np.ptp(rows) > 64 if view == "side" else np.ptp(columns) > 64
     assert rows.min() > 3 and rows.max() < 124 and columns.min() > 3 and columns.max() < 124
-
-
-def test_a_close_up_is_the_same_in_the_video_and_in_stills(tmp_path):
-    body, motion = load_body(), waving_motion(8, walk_m=1.0)
-    settings = small(view="right_hand")
-    out = tmp_path / "v.mp4"
-    shown = render_video(body, motion, out, settings=settings, still_frames=(0, 7))
-    stills = render_stills(body, motion, [0, 7], settings)
-    # Vertices of more frames at once are rounded otherwise: a grey level in a pixel.
-    np.testing.assert_allclose(shown.astype(int), stills.astype(int), rtol=0, atol=1)
-    assert (shown[0] != shown[1]).any()
 
 
 def test_right_and_left_are_not_swapped():
@@ -139,16 +82,6 @@ def test_right_and_left_are_not_swapped():
     np.testing.assert_array_equal(body_pixels(picture)[:, 90:], body_pixels(rest)[:, 90:])
 
 
-def test_equal_stages_show_equal_poses_equally():
-    body = load_body()
-    motions = [waving_motion(12), BodyMotion.resting(3)]
-    stage = set_stage(body, motions)
-    alone = render_stills(body, motions[1], [1], small(), stage=stage)
-    again = render_stills(body, BodyMotion.resting(1), [0], small(), stage=stage)
-    # blocks of other sizes round vertices differently, by one grey level here and there
-    np.testing.assert_allclose(alone.astype(int), again.astype(int), rtol=0, atol=1)
-
-
 def test_a_cancelled_video_leaves_no_file_and_no_process(tmp_path):
     asked = []
 
@@ -164,21 +97,6 @@ def test_a_cancelled_video_leaves_no_file_and_no_process(tmp_path):
     assert len(asked) == 4
     assert list(tmp_path.iterdir()) == []
     assert processes_that_mention(tmp_path) == []
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"width": 511}, "511 x 512 .*even"),
-        ({"width": 32}, "32 x 512 pixels is outside the limits"),
-        ({"height": 9000}, "64 to 2160"),
-        ({"view": "above"}, "'above' is unknown; choose one of front, three_quarter, side, face"),
-        ({"crf": 99}, "`crf` is 99"),
-    ],
-)
-def test_impossible_settings_are_refused(changes, message):
-    with pytest.raises(ValueError, match=message):
-        RenderSettings(**changes)
 
 
 def test_close_ups_stand_beside_a_body_that_they_leave_as_it_is():
@@ -199,29 +117,18 @@ def test_close_ups_stand_beside_a_body_that_they_leave_as_it_is():
     assert right.shape == left.shape == (64, 64, 3)
 
 
-def test_several_processes_draw_the_same_close_ups():
-    body, motion = load_body(), waving_motion(40)
-    settings = small(close_ups=("hands",))
-    stage = stage_for(body, [motion], settings)
-    alone = [picture.copy() for picture in draw_motion(body, motion, settings, stage)]
-    shared = list(draw_in_processes(body, motion, settings, stage, 2))
-    assert np.array_equal(alone, shared)
-
-
-def test_a_stage_for_other_close_ups_is_refused():
-    body, motion = load_body(), waving_motion(3)
-    stage = set_stage(body, [motion])
-    with pytest.raises(ValueError, match="other close-ups"):
-        render_stills(body, motion, [0], small(close_ups=("hands",)), stage=stage)
-
-
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "message"),
     [
+        ({"width": 511}, "511 x 512 .*even"),
+        ({"width": 32}, "32 x 512 pixels is outside the limits"),
+        ({"height": 9000}, "64 to 2160"),
+        ({"view": "above"}, "'above' is unknown; choose one of front, three_quarter, side, face"),
+        ({"crf": 99}, "`crf` is 99"),
         ({"close_ups": ("feet",)}, "'feet'; choose some of face, hands"),
         ({"close_ups": ("hands",), "is_transparent": True}, "without a background"),
     ],
 )
-def test_close_ups_that_cannot_be_are_refused(changes, words):
-    with pytest.raises(ValueError, match=words):
-        small(**changes)
+def test_impossible_settings_are_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        RenderSettings(**changes)

@@ -1,6 +1,4 @@
-"""The bake: mesh operations on small meshes, and the committed body made again."""
-
-from __future__ import annotations
+"""The bake: mesh operations on small meshes, coarser ones, and the committed body made again."""
 
 import subprocess
 import sys
@@ -11,16 +9,18 @@ import pytest
 
 from conventions.joints import JOINT_INDEX, NUM_JOINTS, PARENTS
 from conventions.views import BUILDS
+from renderer.body.body import load_body
 from renderer.body.body_file import OPEN_BODY_PATH
+from renderer.body.look import coarser_faces
+from tests.helpers import ROOT
 from tools.bake import face, geometry
 from tools.bake.builds import FIGURES, Posed, on_skeleton
+from tools.bake.coarser import NUM_FACES, Surface, coarser, importance
 from tools.bake.geometry import Mesh
-from tools.bake.makehuman import Figure, SourceError, _macro_targets, find_source
+from tools.bake.makehuman import SourceError, find_source
 from tools.bake.pack import write_npz
 from tools.bake.skinning import dual_quaternion_blend, linear_blend, rotate_towards
 from tools.bake.vertex_order import with_fixed_vertices
-
-REPOSITORY = Path(__file__).parents[3]
 
 
 def sheet(size: int) -> Mesh:
@@ -49,7 +49,7 @@ def test_subdivision_keeps_a_plane_flat_and_facing_the_same_way() -> None:
     np.testing.assert_allclose(inside, sheet(4).positions.reshape(5, 5, 3)[1:-1, 1:-1])
 
 
-def test_cut_follows_the_curve_and_keeps_area() -> None:
+def test_cut_follows_the_curve_leaves_no_gap_and_keeps_area() -> None:
     def field(points: np.ndarray) -> np.ndarray:
         return points[:, 0] + 0.3 * points[:, 1] - 2.6
 
@@ -60,9 +60,6 @@ def test_cut_follows_the_curve_and_keeps_area() -> None:
     assert (np.minimum(values.max(1), -values.min(1)) < 1e-9).all(), "a face crosses the cut"
     part = cut.faces_only(field(geometry.centres(cut)) > 0)
     assert area(part) == pytest.approx(25 - 5 * (2.6 - 0.75))
-
-
-def test_cut_within_a_box_leaves_no_gap() -> None:
     cut = geometry.cut(
         sheet(5), lambda p: p[:, 0] - 2.5, within=lambda p: (p[:, 1] > 1) & (p[:, 1] < 4)
     )
@@ -91,16 +88,6 @@ def test_fold_turns_the_border_in() -> None:
     outward = geometry.normals(sides)[:, :2]
     from_middle = sides.positions[:, :2] - 1.5
     assert ((outward * from_middle).sum(1) > 0).all(), "the hem faces inward"
-
-
-def test_smoothing_keeps_border_and_flattens_a_spike() -> None:
-    spiked = sheet(4)
-    positions = spiked.positions.copy()
-    positions[12, 2] = 1.0
-    smoothed = geometry.smooth(spiked.moved(positions), 3, np.ones(25, bool))
-    assert 0 < smoothed.positions[12, 2] < 0.5
-    ring = np.unique(geometry.border_edges(spiked.faces))
-    np.testing.assert_array_equal(smoothed.positions[ring], spiked.positions[ring])
 
 
 def test_smoothed_weights_spread_and_still_sum_to_one() -> None:
@@ -133,6 +120,7 @@ def test_closed_lips_meet_and_leave_the_rest() -> None:
 
 def test_a_figure_is_fitted_to_the_skeleton_of_another() -> None:
     """Points at the joints of one figure come to lie at the joints of the other."""
+    assert tuple(FIGURES) == BUILDS
     rng = np.random.default_rng(4)
     first = rng.normal(size=(NUM_JOINTS, 3))
     other = first + rng.normal(scale=0.05, size=first.shape)
@@ -144,10 +132,6 @@ def test_a_figure_is_fitted_to_the_skeleton_of_another() -> None:
     at_parents = np.eye(NUM_JOINTS)[[max(parent, 0) for parent in PARENTS]]
     fitted = on_skeleton(Posed(other, other, np.eye(3)), Posed(first, first, np.eye(3)), at_parents)
     np.testing.assert_allclose(fitted[limbs], first[limbs], atol=1e-9)
-
-
-def test_figures_are_the_builds_of_the_looks() -> None:
-    assert tuple(FIGURES) == BUILDS
 
 
 def test_edge_loop_goes_round() -> None:
@@ -166,21 +150,6 @@ def test_dual_quaternions_move_rigidly_where_one_joint_rules() -> None:
     vertices, weights = rng.normal(size=(20, 3)), np.eye(NUM_JOINTS)[rng.integers(0, 55, 20)]
     dual = dual_quaternion_blend(vertices, weights, joints, rotations)
     np.testing.assert_allclose(dual, linear_blend(vertices, weights, joints, rotations), atol=1e-9)
-
-
-def test_rotate_towards_turns_start_into_end() -> None:
-    start, end = np.array([0.0, 0.0, 2.0]), np.array([1.0, 1.0, 0.0])
-    rotation = rotate_towards(start, end)
-    np.testing.assert_allclose(rotation @ start, end * 2 / np.sqrt(2), atol=1e-12)
-    assert np.linalg.det(rotation) == pytest.approx(1)
-
-
-def test_macro_shares_are_a_partition() -> None:
-    figure = Figure(0.66, 0.03, 0.52, 0.47, 0.4, 0.6, 0.0, 0.6)
-    shares = dict(_macro_targets(figure))
-    build = [share for name, share in shares.items() if "/universal-" in name]
-    assert sum(build) == pytest.approx(1)
-    assert all(share >= 0 for share in shares.values())
 
 
 def test_fixed_vertices_reorder_without_changing_the_mesh() -> None:
@@ -209,14 +178,15 @@ def test_missing_source_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.M
         find_source()
 
 
+@pytest.mark.slow
 def test_committed_body_is_what_the_bake_makes(tmp_path: Path) -> None:
     try:
         source = find_source()
     except SourceError as error:
         pytest.skip(str(error))
     command = ["-m", "tools.bake", "--out", str(tmp_path), "--source", str(source)]
-    subprocess.run([sys.executable, *command], check=True, cwd=REPOSITORY, timeout=300)
-    for committed_path in (OPEN_BODY_PATH, REPOSITORY / "model" / "assets" / "skeleton.npz"):
+    subprocess.run([sys.executable, *command], check=True, cwd=ROOT, timeout=300)
+    for committed_path in (OPEN_BODY_PATH, ROOT / "model" / "assets" / "skeleton.npz"):
         with (
             np.load(committed_path, allow_pickle=False) as committed,
             np.load(tmp_path / committed_path.name, allow_pickle=False) as made,
@@ -233,3 +203,58 @@ def test_committed_body_is_what_the_bake_makes(tmp_path: Path) -> None:
                     assert np.abs(difference).max() <= 2, key
                 else:
                     np.testing.assert_array_equal(kept, array, err_msg=key)
+
+
+def surface(size: int) -> Surface:
+    """The sheet in triangles; its right half is of another colour."""
+    mesh = sheet(size).triangles()
+    colors = np.repeat((mesh.positions[:, :1] > size / 2).astype(float), 3, 1)
+    count = mesh.num_vertices
+    return Surface(mesh.positions, mesh.faces, colors, np.ones((count, 1)), np.ones(count))
+
+
+def areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Of each face, as a vector along its normal."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a) / 2
+
+
+def test_a_flat_sheet_keeps_its_outline_and_its_colours_apart_and_no_face_turns_over() -> None:
+    whole = surface(8)
+    (faces,) = coarser(whole, [40])
+    assert len(faces) <= 40
+    of_faces = areas(whole.vertices, faces)
+    assert (of_faces[:, 2] > 0).all()
+    np.testing.assert_allclose(of_faces[:, 2].sum(), 64)
+    assert {0, 8, 72, 80} <= set(faces.ravel().tolist()), "corners"
+    share = whole.colors[faces, 0].sum(1) / 3
+    mixed = faces[(share > 0) & (share < 1)]
+    assert len(mixed) and np.isin(whole.vertices[mixed, 0], (4.0, 5.0)).all()
+
+
+def test_hands_head_and_above_all_the_face_that_moves_matter_most() -> None:
+    names = ("pelvis", "left_index1", "head", "right_wrist")
+    plain, finger, head, lips = importance(
+        names, np.array([0, 1, 2, 2]), np.array([False, False, False, True])
+    )
+    assert plain < head < finger < lips
+
+
+def test_the_meshes_beside_the_body_have_its_surface_and_none_of_its_faces_turned() -> None:
+    body = load_body()
+    vertices = body.template.astype(np.float64)
+    whole = np.linalg.norm(areas(vertices, body.faces), axis=1).sum()
+    meshes = coarser_faces()
+    assert len(meshes) == len(NUM_FACES)
+    normals = np.zeros_like(vertices)
+    for k in range(3):
+        np.add.at(normals, body.faces[:, k], areas(vertices, body.faces))
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    limits = ((0.97, 0.01), (0.95, 0.01), (0.92, 0.01), (0.85, 0.02))  # the last casts shadows
+    for count, faces, (least, most) in zip(NUM_FACES, meshes, limits, strict=True):
+        assert 0.9 * count < len(faces) <= count
+        of_faces = areas(vertices, faces)
+        sizes = np.linalg.norm(of_faces, axis=1)
+        assert sizes.sum() > least * whole, "it has holes"
+        along = (of_faces * normals[faces].mean(1)).sum(1)
+        assert sizes[along < 0].sum() < most * whole, "faces turned over"

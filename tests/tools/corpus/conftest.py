@@ -1,14 +1,15 @@
-"""Clips that several corpus tests look at, made once."""
+"""What several tests of the corpus look at, made once."""
 
 import shutil
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
-from tools.corpus.clip import Clip, make_clip
-from tools.corpus.people.rig import open_body_rig
-from tools.corpus.people.speaker import SPEAKERS
+from tools.corpus import build
 
-LIVELY, CALM = "ewan", "hana"
+CLIP_S, TWO_CLIPS_H = 8.0, 16 / 3600
+"""Clips of seconds in place of a minute."""
 
 
 @pytest.fixture(scope="session")
@@ -19,10 +20,12 @@ def flite() -> None:
 
 
 @pytest.fixture(scope="session")
-def clips(flite: None) -> dict[str, Clip]:
-    """Half a minute of a lively, a calm and a left-handed speaker."""
-    named = {s.name: s for s in SPEAKERS}
-    return {
-        name: make_clip(open_body_rig(), named[name], "train", 30.0, [7, named[name].number])
-        for name in (LIVELY, CALM, "gus")
-    }
+def corpus(flite: None, made_once: Callable[..., Path]) -> Path:
+    """Two clips of seed 3."""
+
+    def make(folder: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(build, "CLIP_S", CLIP_S)
+            assert build.build_corpus(folder / "corpus", TWO_CLIPS_H, seed=3, workers=1) == 2
+
+    return made_once("flite-corpus", make) / "corpus"

@@ -90,9 +90,7 @@ def _asked(top: Path, weights: Path) -> ManyRequest:
 
 
 @pytest.mark.usefixtures("few_draws")
-def test_tables_tell_them_and_codes_are_kept(
-    weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_tables_tell_them_and_codes_are_kept(weights, tmp_path, monkeypatch):
     monkeypatch.setattr("app.run.many.distances.LEAST_CODES", 8)
     _save_sets(tmp_path)
     request = _asked(tmp_path, weights)

@@ -22,6 +22,8 @@ pytest.importorskip("distributed", reason="Dask is not installed (requirements-c
 
 from tests.processes.test_cluster import scheduler, workers
 
+pytestmark = pytest.mark.slow
+
 CLIPS = int(os.environ.get("LAB_CLIPS", "6"))
 SECONDS = 10 if CLIPS > 20 else 2
 WORKERS = 4 if CLIPS > 20 else 2
@@ -44,7 +46,7 @@ def test_a_labs_day(tmp_path: Path) -> None:
     with scheduler(tmp_path) as (_, file), workers(file, WORKERS) as (struck, *_):
 
         def strike() -> None:
-            wait_for(lambda: len(list(apart.glob(f"*/{RECORD}"))) >= CLIPS // 4, 600)
+            wait_for(lambda: list(apart.glob(f"*/{RECORD}")))
             os.kill(struck.pid, signal.SIGKILL)
 
         threading.Thread(target=strike, daemon=True).start()

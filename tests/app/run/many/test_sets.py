@@ -86,9 +86,7 @@ def test_a_zip_is_measured_as_its_folder(folders: Path, tmp_path: Path) -> None:
     assert named == plain
 
 
-def test_all_zips_together_hold_no_more_than_the_limit(
-    folders: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_all_zips_together_hold_no_more_than_the_limit(folders, tmp_path, monkeypatch):
     mine = zipped(folders / "mine", tmp_path / "mine.zip")
     held = sum(path.stat().st_size for path in (folders / "mine").rglob("*.npz"))
     monkeypatch.setattr("app.run.many.sets.MAX_BYTES", round(1.5 * held))
@@ -102,9 +100,7 @@ def test_all_zips_together_hold_no_more_than_the_limit(
         measure_sets(replace(asked, out=tmp_path / "three", reference=mine))
 
 
-def test_names_that_would_be_one_and_zips_without_a_common_clip_are_refused(
-    folders: Path, tmp_path: Path
-) -> None:
+def test_names_that_would_be_one_and_zips_without_a_common_clip_are_refused(folders, tmp_path):
     twice = tmp_path / "twice.zip"
     with zipfile.ZipFile(twice, "w") as archive:
         for folder in ("one", "other"):

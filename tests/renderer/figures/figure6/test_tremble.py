@@ -58,6 +58,7 @@ def test_the_window_sees_what_lies_before_it() -> None:
     figure = figure_of({"a": track}, start_frame=300)
     strip = next(a for a in figure.axes if a.get_label() == "tremble of a")
     assert np.allclose(np.asarray(strip.lines[0].get_ydata()), whole[300:, 0])
+    assert np.allclose(np.asarray(strip.lines[0].get_xdata()), np.arange(300, 600) / FPS)
 
 
 def test_too_short_a_window_has_none() -> None:

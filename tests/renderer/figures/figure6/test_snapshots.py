@@ -1,11 +1,11 @@
-"""Marks on joints: where the joint is drawn, as strong as its value."""
+"""Snapshots are cut alike and keep what they show; marks stand where the joint is drawn."""
 
 import numpy as np
 import pytest
 
 from conventions.joints import JOINT_INDEX, JOINT_NAMES
 from renderer.body.body import BodyMotion, load_body
-from renderer.figures.figure6.snapshots import CORE_RGB, mark_joints
+from renderer.figures.figure6.snapshots import CORE_RGB, crop_alike, mark_joints
 from renderer.scene.stage import set_stage
 from renderer.video.render import projected_joints, render_stills
 from renderer.video.settings import RenderSettings
@@ -65,15 +65,44 @@ def test_marks_grow_and_darken_with_the_value() -> None:
     assert look(7.0) == look(1.0)
 
 
-@pytest.mark.parametrize("place", [(-50.0, 5.0), (1e6, 5.0), (np.nan, 5.0), (5.0, -1e5)])
-def test_a_joint_outside_the_picture_marks_nothing(place: tuple[float, float]) -> None:
+def test_a_mark_at_the_edge_is_cut_and_one_outside_is_none() -> None:
     pictures = np.full((1, 40, 60, 3), 150, np.uint8)
-    marked = mark_joints(pictures, np.array([[place]]), np.ones((1, 1)))
-    np.testing.assert_array_equal(marked, pictures)
-
-
-def test_a_mark_at_the_edge_is_cut() -> None:
-    pictures = np.full((1, 40, 60, 3), 150, np.uint8)
+    for place in ((-50.0, 5.0), (1e6, 5.0), (np.nan, 5.0), (5.0, -1e5)):
+        marked = mark_joints(pictures, np.array([[place]]), np.ones((1, 1)))
+        np.testing.assert_array_equal(marked, pictures)
     marked = mark_joints(pictures, np.array([[[0.0, 39.5]]]), np.ones((1, 1)))[0]
     assert (marked[39, 0] != 150).all()
     assert (marked[:20] == 150).all()
+
+
+def test_crop_keeps_all_content_at_one_size() -> None:
+    pictures = np.full((3, 60, 80, 3), 200, dtype=np.uint8)
+    pictures += np.arange(60, dtype=np.uint8)[None, :, None, None] // 2  # a vertical gradient
+    for i, picture in enumerate(pictures):
+        picture[20:50, 10 + 20 * i : 18 + 20 * i] = 30  # walks to the right
+    other = pictures.copy()
+    other[1, 15:20, 34:36] = 60  # one row's raised hand
+
+    cropped = crop_alike({"a": pictures, "b": other})
+
+    shapes = {stack.shape for stack in cropped.values()}
+    assert len(shapes) == 1
+    _, height, width, _ = shapes.pop()
+    assert 35 <= height <= 42 and 8 <= width <= 14
+    for name, original in (("a", pictures), ("b", other)):
+        for before, after in zip(original, cropped[name], strict=True):
+            assert (after < 100).sum() == (before < 100).sum()
+    background_a, background_b = (cropped[name][1] >= 100 for name in "ab")
+    assert (background_a != background_b).any(-1).sum() == 10  # the same place in both rows
+
+
+def test_crop_keeps_empty_and_full_pictures_and_an_arm_that_leaves_whole() -> None:
+    empty = {"a": np.full((2, 30, 40, 3), 255, dtype=np.uint8)}
+    np.testing.assert_array_equal(crop_alike(empty)["a"], empty["a"])
+    rng = np.random.default_rng(0)
+    full = {"a": rng.integers(0, 255, (2, 30, 40, 3), dtype=np.uint8)}
+    np.testing.assert_array_equal(crop_alike(full)["a"], full["a"])
+    pictures = np.full((5, 30, 40, 3), 255, dtype=np.uint8)
+    pictures[:, 5:25, 18:22] = 50
+    pictures[2, 10:12, :18] = 50
+    assert (crop_alike({"a": pictures})["a"][2] == 50).sum() == (pictures[2] == 50).sum()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from conventions.rates import SAMPLE_RATE
+from tools.corpus.people.speaker import SPEAKERS
 from tools.corpus.people.voice import (
     PAUSE,
     Phone,
@@ -14,16 +15,17 @@ from tools.corpus.people.voice import (
     VoiceError,
     align,
     pronounce,
-    require_flite,
     say,
     words_of,
 )
+from tools.corpus.words.prosody import speak_text
 
 VOICE = Voice("slt", 178.0, 26.0)
 SENTENCE = "Honestly, the whole project is really important."
 
 
-def test_words_are_lower_case_and_keep_apostrophes() -> None:
+def test_stress_marks_one_vowel_and_words_keep_their_apostrophes(flite: None) -> None:
+    assert [name for name, stress in pronounce("amazing") if stress] == ["ey"]
     assert words_of("I don't know, OK?") == ["i", "don't", "know", "ok"]
 
 
@@ -78,11 +80,6 @@ def spectral_centroid(waveform: np.ndarray) -> float:
     return float((np.arange(len(power)) * power).sum() / power.sum() / len(power))
 
 
-def test_stress_marks_one_vowel_of_a_word_alone(flite: None) -> None:
-    phones = pronounce("amazing")
-    assert [name for name, stress in phones if stress] == ["ey"]
-
-
 def test_alignment_gives_a_joined_sound_to_one_of_its_words(flite: None) -> None:
     spoken = [Phone(n, float(k), k + 1.0) for k, n in enumerate("ih z ih t".split())]
     assert [p.word for p in align(["is", "it"], spoken)] == [0, 0, 1, 1]
@@ -94,14 +91,14 @@ def test_alignment_gives_a_joined_sound_to_one_of_its_words(flite: None) -> None
     assert words[2] in (0, 1)
 
 
-def test_missing_flite_is_said_with_the_way_out(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
-    monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(VoiceError, match="apt-get install flite"):
-        require_flite()
-    with pytest.raises(VoiceError, match="apt-get install flite"):
-        say("Hello.", VOICE)
-
-
 def test_a_sentence_without_sound_is_refused(flite: None) -> None:
     with pytest.raises(VoiceError, match="nothing to say"):
         say("...", VOICE)
+
+
+def test_every_speaker_has_a_voice_within_range(flite: None) -> None:
+    for speaker in SPEAKERS:
+        utterance = speak_text(speaker, ["Wow, that is amazing!"], np.random.default_rng(0))
+        assert [w.text for w in utterance.words] == ["wow", "that", "is", "amazing"]
+        assert 1.3 < utterance.duration_s < 6.0, speaker.name
+        assert 0.1 < np.abs(utterance.waveform).max() < 1.0, speaker.name

@@ -13,14 +13,12 @@ from conventions.rates import FPS
 from model.motion.motion import save_motion
 from model.speech.audio import wav_bytes
 from tests.helpers import ROOT, smooth_motion_example
-from tools.corpus.build import build_corpus
 from tools.corpus.people.rig import open_body_rig
 from tools.corpus.report import report
 from tools.corpus.report.judging import (
     alignment_scores,
     area_under_curve,
     ridge_weights,
-    separability,
     sound_features,
 )
 from tools.corpus.report.measuring import (
@@ -41,15 +39,12 @@ from tools.corpus.report.statistics import (
 )
 
 
-def test_derivatives_of_a_cubic_are_known() -> None:
+def test_derivatives_of_a_cubic_and_degrees_a_second_are_known() -> None:
     time = np.arange(60) / FPS
     place = np.stack([2.0 * time, 0 * time, time**3], axis=1)
     np.testing.assert_allclose(derivative(place, 3), 6.0, rtol=1e-6)
     straight = place * [1.0, 1.0, 0.0]
     np.testing.assert_allclose(derivative(straight, 1), 2.0, rtol=1e-9)
-
-
-def test_turning_is_in_degrees_per_second() -> None:
     angles = np.radians(np.arange(31))  # one degree a frame
     rotmat = Rotation.from_rotvec(angles[:, None] * [0.0, 1.0, 0.0]).as_matrix()[:, None]
     np.testing.assert_allclose(turning_deg_s(rotmat), 30.0, rtol=1e-6)
@@ -78,10 +73,7 @@ def test_a_shaking_tip_has_its_power_where_it_shakes() -> None:
     assert slow["left-right speed correlation"] > 0.99
     assert slow["planted ankle slip, cm/s"] == 0
     assert slow["knee bend, median, deg"] == 0
-
-
-def test_windows_overlap_by_half() -> None:
-    assert len(window_features(standing(20.0, 1.0), window_s=4.0)) == 8
+    assert len(window_features(standing(20.0, 1.0), window_s=4.0)) == 8  # they overlap by half
 
 
 def test_area_under_the_curve() -> None:
@@ -90,16 +82,6 @@ def test_area_under_the_curve() -> None:
     assert area_under_curve(high, low) == 0.0
     assert area_under_curve(low, low) == 0.5
     assert area_under_curve(np.array([1.0, 3.0]), np.array([2.0])) == 0.5
-
-
-def test_separability_finds_a_planted_difference_and_no_other() -> None:
-    rng = np.random.default_rng(0)
-
-    def people(shift: float) -> np.ndarray:
-        return rng.normal(size=(400, 6)) + shift * np.eye(6)[0]
-
-    assert separability(people(0), people(2.0), people(0), people(2.0)) > 0.88
-    assert 0.4 < separability(people(0), people(0), people(0), people(0)) < 0.6
 
 
 def test_speech_that_drives_a_motion_is_told_from_shifted_speech(tmp_path: Path) -> None:
@@ -177,21 +159,6 @@ def test_phrases_are_runs_of_words_between_pauses(tmp_path: Path) -> None:
     assert read_phrases(path) == ("one two three four five",)
 
 
-def test_a_folder_without_clips_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert report.main(["--data", str(tmp_path), "--out", str(tmp_path / "page.md")]) == 1
-    assert "holds no clips in BEAT2's layout" in capsys.readouterr().err
-    assert not (tmp_path / "page.md").exists()
-
-
-@pytest.fixture(scope="module")
-def corpus(flite: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    root = tmp_path_factory.mktemp("report") / "corpus"
-    build_corpus(root, 8 / 3600, seed=1, workers=1)
-    return root
-
-
 def copies_of(corpus: Path, root: Path, names: list[str]) -> Path:
     """A data folder whose clips are all the one of the corpus."""
     for folder, suffix in (("smplxflame_30", "npz"), ("wave16k", "wav"), ("textgrid", "TextGrid")):
@@ -204,22 +171,24 @@ def copies_of(corpus: Path, root: Path, names: list[str]) -> Path:
     return root
 
 
-def test_the_page_names_every_speaker_and_shows_pictures(corpus: Path, tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_the_page_names_every_speaker_and_shows_pictures(corpus, tmp_path, capsys):
+    assert report.main(["--data", str(tmp_path), "--out", str(tmp_path / "page.md")]) == 1
+    assert "holds no clips in BEAT2's layout" in capsys.readouterr().err
+    assert not (tmp_path / "page.md").exists()
     out = tmp_path / "docs" / "corpus.md"
     out.parent.mkdir()
     assert report.main(["--data", str(corpus), "--real", str(corpus), "--out", str(out)]) == 0
     page = out.read_text()
-    assert "| figure | **1_anna_0_0_0** | anna |" in page
-    assert "of seed 1 of 1 speakers" in page
-    assert page.count("Too few clips to say.") == 4
+    assert "| figure | **1_anna_0_0_0** |" in page
+    assert "of seed 3 of 2 speakers" in page
+    assert page.count("Too few clips to say.") == 2
     for name in ("corpus_gestures.png", "corpus_speakers.png"):
         assert f"(figures/{name})" in page
         assert (out.parent / "figures" / name).read_bytes().startswith(b"\x89PNG")
 
 
-def test_clips_that_cannot_be_used_are_named_and_left_out(
-    corpus: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_clips_that_cannot_be_used_are_named_and_left_out(corpus, tmp_path, caplog):
     names = ["1_a_0_1_1", "1_a_0_2_2", "1_a_0_3_3", "1_a_0_4_4", "1_a_0_5_5"]
     root = copies_of(corpus, tmp_path / "real", names)
     (root / "smplxflame_30" / "1_a_0_1_1.npz").write_bytes(b"no npz")
@@ -236,13 +205,9 @@ def test_clips_that_cannot_be_used_are_named_and_left_out(
     (root / "smplxflame_30" / "1_a_0_5_5.npz").write_bytes(b"no npz")
     with pytest.raises(ReportError, match="None of the 4 clips could be used"):
         measure_clips(list_clips(root), open_body_rig(), "Measuring")
-
-
-def test_a_table_cannot_lead_out_of_its_folder(corpus: Path, tmp_path: Path) -> None:
-    root = copies_of(corpus, tmp_path / "real", ["1_a_0_1_1"])
     with (root / "train_test_split.csv").open("a") as table:
         table.write("../real/smplxflame_30/../../real/1_a_0_1_1,test\n1_a/../1_a_0_1_1,test\n")
-    assert [clip.clip_id for clip in list_clips(root)] == ["1_a_0_1_1"]
+    assert [clip.clip_id for clip in list_clips(root)] == [n for n in names if n[-1] != "3"]
 
 
 def test_the_verdict_says_what_gives_the_corpus_away(corpus: Path, tmp_path: Path) -> None:

@@ -1,4 +1,9 @@
+"""What all rooms agree on: the joints of SMPL-X, and how samples and their files are named."""
+
+import pytest
+
 from conventions import joints
+from conventions.names import SampleName, file_stem
 
 SMPLX_PARENTS = (
     -1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 15, 15, 15,
@@ -46,3 +51,23 @@ def test_mirror_pairs_have_mirrored_parents():
 def test_fingertips_belong_to_the_last_joints_of_their_fingers():
     assert joints.FINGERTIP_NAMES[6] == "right_middle"
     assert joints.FINGERTIP_JOINTS[6] == 45
+
+
+@pytest.mark.parametrize(
+    ("name", "system", "number"),
+    [
+        ("globaldiff/full", "globaldiff/full", 1),
+        ("globaldiff/full.s2", "globaldiff/full", 2),
+        ("a.s2.s10", "a.s2", 10),
+        ("reference", "reference", 1),
+    ],
+)
+def test_a_sample_is_named_by_its_system_and_number(name, system, number):
+    assert SampleName.parse(name) == SampleName(system, number)
+    assert str(SampleName(system, number)) == name
+
+
+@pytest.mark.parametrize("name", ["a.s1", "a.s0", "a.s02", ".s2", "a.s", "a.s2 ", "a.s\u0662"])
+def test_what_no_later_sample_is_called_is_a_name_as_it_stands(name):
+    assert SampleName.parse(name) == SampleName(name)
+    assert file_stem("globaldiff/local") == "globaldiff-local"

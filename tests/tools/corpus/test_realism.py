@@ -61,27 +61,23 @@ def test_a_body_that_glides_has_its_speed_in_every_joint_and_turns_none() -> Non
     )
 
 
-@pytest.mark.parametrize(
-    ("joint", "figure", "share"),
-    [
-        ("left_shoulder", "shoulder turning, deg/s", 1 / 2),
-        ("right_elbow", "elbow turning, deg/s", 1 / 2),
-        ("right_wrist", "wrist turning, deg/s", 1 / 2),
-        ("left_collar", "collar turning, deg/s", 1 / 2),
-        ("left_knee", "knee turning, deg/s", 1 / 2),
-        ("right_thumb3", "finger turning, deg/s", 1 / 30),
-        ("head", "head turning, deg/s", 1),
-        ("spine3", "chest turning, deg/s", 1),
-    ],
-)
-def test_a_joint_that_turns_shows_in_its_own_figure(joint: str, figure: str, share: float) -> None:
+TURNING = {
+    "left_shoulder": ("shoulder", 1 / 2), "right_wrist": ("wrist", 1 / 2),
+    "left_knee": ("knee", 1 / 2), "right_thumb3": ("finger", 1 / 30),
+    "head": ("head", 1), "spine3": ("chest", 1),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("joint", TURNING)
+def test_a_joint_that_turns_shows_in_its_own_figure(joint: str) -> None:
     vectors = STILL.copy()
     vectors[:, JOINT_INDEX[joint], 1] = np.radians(12.0) * np.arange(300) / FPS
     figures = realism_windows(posed(vectors, np.zeros((300, 3))))
-    np.testing.assert_allclose(figures[figure], 12.0 * share, rtol=1e-6)
-    others = {name for name in figures if name.endswith("turning, deg/s")} - {figure}
-    for name in others - {"head turning, deg/s"}:  # the head turns with the chest in the world
-        np.testing.assert_allclose(figures[name], 0.0, atol=1e-6)
+    name, share = TURNING[joint]
+    np.testing.assert_allclose(figures[f"{name} turning, deg/s"], 12.0 * share, rtol=1e-6)
+    others = {each for each in figures if each.endswith("turning, deg/s")}
+    for other in others - {f"{name} turning, deg/s", "head turning, deg/s"}:  # it turns with chest
+        np.testing.assert_allclose(figures[other], 0.0, atol=1e-6)
 
 
 def test_a_tremor_shows_at_its_frequency() -> None:
@@ -103,16 +99,8 @@ def test_the_regression_is_the_textbook_one() -> None:
     np.testing.assert_allclose(logistic_regression(a, b), other.coef_[0], atol=1e-4)
 
 
-def test_motion_of_the_same_kind_is_not_told_apart() -> None:
-    """A regression judged on the clips it was trained on would find a difference here."""
-    realism = judge_realism([person(0), person(1)], {"a": [person(k) for k in range(2, 6)]})
-    assert 0.3 < realism.joint < 0.68
-    assert 0.3 < realism.floor < 0.7
-    assert all(feature.auc < 0.68 for feature in realism.features)
-
-
 def test_stiff_fingers_are_found_and_named_first() -> None:
-    realism = judge_realism([person(0), person(1)], {"a": [person(k, 0.6) for k in range(2, 6)]})
+    realism = judge_realism([person(0), person(1)], {"a": [person(2, 0.6), person(3, 0.6)]})
     assert realism.joint > 0.95
     telling = {feature.name for feature in realism.features[:2]}
     assert telling == {"finger turning, deg/s", "finger angle from flat, deg"}
@@ -120,25 +108,12 @@ def test_stiff_fingers_are_found_and_named_first() -> None:
     assert sum(feature.share for feature in realism.features[:2]) > 0.8
     first = realism.features[0]
     assert first.auc > 0.95 and first.real_auc < 0.7 and first.corpus < min(first.real)
-
-
-def test_the_speaker_that_differs_is_told_apart_from_the_others() -> None:
-    speakers = {"a": [person(2), person(3)], "b": [person(4, 0.6), person(5, 0.6)]}
-    areas = judge_realism([person(0), person(1)], speakers).by_speaker
-    assert areas["b"] > 0.85 and areas["a"] < 0.7
-
-
-def test_too_few_clips_are_refused() -> None:
+    # A regression judged on the clips it was trained on would find a difference here.
+    alike = judge_realism([person(0), person(1)], {"a": [person(2), person(3)]})
+    assert 0.3 < alike.joint < 0.68 and 0.3 < alike.floor < 0.7
+    assert all(feature.auc < 0.68 for feature in alike.features)
     with pytest.raises(ValueError, match="Two real clips"):
         judge_realism([person(0)], {"a": [person(1)], "b": [person(2)]})
-
-
-def test_windows_in_which_somebody_listens_are_left_out() -> None:
-    clip = posed(STILL, np.zeros((len(STILL), 3)))
-    every = len(realism_windows(clip)["wrist speed, m/s"])
-    kept = len(realism_windows(clip, [(3.0, 3.5)])["wrist speed, m/s"])
-    # Windows of 2 s that start at 2 and 3 s, and at 1 s none: it ends as the silence begins.
-    assert every - kept == 2
 
 
 def test_a_nodding_head_and_an_opening_jaw_show_in_their_own_figures() -> None:

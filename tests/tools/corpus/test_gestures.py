@@ -1,0 +1,192 @@
+"""Gestures belong to what is said, stressed and contrasted; the people who make them differ."""
+
+from itertools import combinations
+
+import numpy as np
+
+from conventions.joints import JOINT_INDEX
+from conventions.rates import SAMPLE_RATE
+from tools.corpus.gesture.choice import (
+    STALE,
+    Choice,
+    Places,
+    contrast_halves,
+    directions,
+    list_items,
+)
+from tools.corpus.gesture.gestures import (
+    FLEX,
+    GENERIC,
+    GESTURES,
+    KEYWORDS,
+    ONLY_WHEN_STRESSED,
+    REST,
+    SHAPES,
+    finger_rotations,
+)
+from tools.corpus.gesture.manner import BEAT_SHAPES, IDLE_SHAPES
+from tools.corpus.gesture.plan import Plan, make_plan
+from tools.corpus.people.rig import SIDES
+from tools.corpus.people.speaker import SPEAKERS, Speaker
+from tools.corpus.people.voice import words_of
+from tools.corpus.words.prosody import Phrase, Utterance, Word
+
+PEOPLE = {s.name: s for s in SPEAKERS}
+ANNA = SPEAKERS[0]  # right-handed
+CONTRAST = "Some people bake fresh bread, others would rather taste the sauce."
+WORD_S = 0.5
+
+
+def test_all_names_exist() -> None:
+    for gesture in GESTURES.values():
+        assert set(gesture.shapes) <= set(SHAPES)
+    assert {name for names in KEYWORDS.values() for name in names} <= set(GESTURES)
+    assert set(GENERIC) <= set(GESTURES)
+    assert set(ONLY_WHEN_STRESSED) <= set(GESTURES)
+    assert {*IDLE_SHAPES, *BEAT_SHAPES} <= set(SHAPES)
+    for speaker in SPEAKERS:
+        assert speaker.beat_shape in SHAPES
+        assert set(speaker.favourites) <= set(GENERIC)
+        assert speaker.idle_shape in SHAPES
+        assert {speaker.ready, *(speaker.rest_of(side) for side in SIDES)} <= set(REST)
+
+
+def test_gestures_lie_in_front_within_reach() -> None:
+    for name, gesture in GESTURES.items():
+        for pose in (gesture.prepare, gesture.stroke, *(pose for _, pose in gesture.via)):
+            out, up, forward = pose.position
+            assert 0.04 < out < 0.40 and -0.40 < up < 0.30 and 0.05 < forward < 0.43, name
+            assert abs(pose.flex_deg) < 60, name
+
+
+def test_the_hands_are_mirror_images() -> None:
+    curves = np.stack(list(SHAPES.values()))
+    twist = np.zeros((len(curves), 12))
+    left, right = (finger_rotations(side, curves, twist) for side in ("left", "right"))
+    mirror = np.diag([-1.0, 1.0, 1.0])
+    for finger in ("index", "middle", "ring", "pinky", "thumb"):
+        for k in (1, 2, 3):
+            a, b = left[JOINT_INDEX[f"left_{finger}{k}"]], right[JOINT_INDEX[f"right_{finger}{k}"]]
+            np.testing.assert_allclose(mirror @ a @ mirror, b, atol=1e-9)
+
+
+def spoken(*sentences: str) -> tuple[Word, ...]:
+    """Words without sound, half a second each, all of them stressed."""
+    texts = [(text, n) for n, sentence in enumerate(sentences) for text in words_of(sentence)]
+    return tuple(
+        Word(text, 0.5 * k, 0.5 * k + 0.4, 0.5 * k + 0.1, n, accent=0.8)
+        for k, (text, n) in enumerate(texts)
+    )
+
+
+def test_a_contrast_has_two_halves_and_a_plain_sentence_none() -> None:
+    words = spoken("The soup is good.", CONTRAST)
+    halves = contrast_halves(words)
+    assert {words[k].text for k, half in halves.items() if half > 0} >= {"some", "bread"}
+    assert {words[k].text for k, half in halves.items() if half < 0} >= {"others", "sauce"}
+    assert all(words[k].sentence == 1 for k in halves)
+
+
+def test_the_halves_go_to_the_two_sides_and_words_keep_their_side() -> None:
+    words = spoken(CONTRAST, "Taste the sauce and the bread.")
+    places = Places(words, (), ANNA, np.random.default_rng(0))
+    at = {(word.sentence, word.text): k for k, word in enumerate(words)}
+    bread, sauce = (places.aside_m(at[0, text]) for text in ("bread", "sauce"))
+    assert bread > 0.04  # the left, the other hand's side
+    assert sauce < -0.04
+    assert places.aside_m(at[1, "bread"]) > 0.04
+    assert places.aside_m(at[1, "sauce"]) < -0.04
+
+
+def test_a_keyword_does_not_call_the_same_gesture_again_at_once() -> None:
+    words = spoken(*(["Stop, please stop, you have to stop."] * 40))
+    choice = Choice(ANNA, np.random.default_rng(1))
+    names = [choice.gesture(range(k, k + 7), words)[0] for k in range(0, len(words) - 7, 7)]
+    calls = [k for k, name in enumerate(names) if name == "stop"]
+    assert len(calls) >= 3
+    assert np.diff(calls).min() > STALE
+
+
+def test_the_items_of_a_list_lie_side_by_side() -> None:
+    words = spoken("We need fresh onions, sour lemons, and some old bread.", "It is good.")
+    phrases = tuple(
+        Phrase(range(a, b), 0.5 * a, 0.5 * b, b in (10, 13))
+        for a, b in ((0, 4), (4, 6), (6, 10), (10, 13))
+    )
+    items = list_items(words, phrases)
+    assert set(items) == set(range(10))
+    assert items[3] == 1.0
+    assert items[4] == 0.0
+    assert items[9] == -1.0
+    places = Places(words, phrases, ANNA, np.random.default_rng(0))
+    assert places.aside_m(3) > 0.04 > -0.04 > places.aside_m(9)
+    assert not places.contrasts(3)
+
+
+def test_left_and_right_are_sides_and_right_now_is_not() -> None:
+    words = spoken("Turn left at the church, the door is on the right, right now.")
+    found = {words[k].text + str(k): side for k, side in directions(words, 1.0).items()}
+    assert found == {"left1": 1.0, "right10": -1.0}
+
+
+def test_a_contrast_calls_the_hand_of_its_side() -> None:
+    choice = Choice(PEOPLE["milo"], np.random.default_rng(5))
+    left = [choice.hands(GESTURES["offer"], 0.08, contrasts=True) == ["left"] for _ in range(300)]
+    assert np.mean(left) > 0.7
+
+
+def uttered(accents: list[float]) -> Utterance:
+    """One phrase of words of half a second; each begins with its stressed vowel."""
+    words = tuple(
+        Word("lamp", 0.5 + k * WORD_S, 0.5 + (k + 1) * WORD_S, 0.5 + k * WORD_S, 0, accent)
+        for k, accent in enumerate(accents)
+    )
+    phrase = Phrase(range(len(words)), words[0].start_s, words[-1].end_s, True)
+    waveform = np.zeros(round((words[-1].end_s + 1.0) * SAMPLE_RATE))
+    return Utterance(waveform, (), words, (phrase,))
+
+
+def plan(accents: list[float], seed: int) -> Plan:
+    return make_plan(uttered(accents), PEOPLE["ben"], np.random.default_rng(seed))
+
+
+def test_unstressed_words_bring_no_gesture_and_no_beat():
+    for seed in range(10):
+        keys = plan([0.0] * 12, seed).keys
+        assert not {key.phase for side in SIDES for key in keys[side]} & {"stroke", "beat"}
+
+
+def test_every_stressed_chunk_brings_a_stroke_on_its_stressed_vowel():
+    for seed in range(10):
+        keys = plan([0.0, 0.0, 1.0, 0.0], seed).keys
+        apexes = [key.arrive_s for side in SIDES for key in keys[side] if key.phase == "stroke"]
+        assert any(abs(apex - 1.5) < 0.15 for apex in apexes), (seed, apexes)
+
+
+def habits(speaker: Speaker) -> np.ndarray:
+    """What an onlooker could note down, each in units that one would just notice."""
+    hand = {"left": 1.0, "right": -1.0}[speaker.dominant] * (speaker.dominance - 0.5)
+    wait = [REST[speaker.rest_of(side)].position for side in ("left", "right")]
+    shape = SHAPES[speaker.idle_shape][FLEX].mean() * speaker.finger_curl
+    return np.concatenate(
+        [
+            np.array([speaker.outward_m, speaker.height_m, speaker.forward_m]) / 0.03,
+            np.concatenate(wait) / 0.06,
+            [hand / 0.4, speaker.two_hands / 0.3, shape / 12, speaker.amplitude / 0.2],
+            [speaker.tempo / 0.15, speaker.energy / 0.25, speaker.rate / 0.2],
+        ]
+    )
+
+
+def test_speakers_are_different_people_and_none_is_inhuman() -> None:
+    for a, b in combinations(SPEAKERS, 2):
+        gap = habits(a) - habits(b)
+        assert np.linalg.norm(gap) > 2.5 and np.sum(np.abs(gap) > 0.5) >= 3, (a.name, b.name)
+        tastes = set(a.favourites), set(b.favourites)
+        assert len(tastes[0] & tastes[1]) < min(map(len, tastes))
+    for speaker in SPEAKERS:
+        assert len(speaker.favourites) >= 3 and set(speaker.favourites) <= set(GENERIC)
+        place = np.abs([speaker.outward_m, speaker.height_m, speaker.forward_m])
+        assert (place < [0.08, 0.09, 0.06]).all()
+        assert 0.55 <= speaker.amplitude <= 1.35 and 0.8 <= speaker.tempo <= 1.3
+        assert 0.5 <= speaker.dominance <= 1.0
