@@ -6,7 +6,7 @@ import pytest
 
 from app.bench.drawing import end_to_end_cost, naive_cost, stage_costs
 from renderer.body.body import load_body
-from renderer.draw.probe import choose_backend, choose_gl
+from renderer.draw.probe import choose_backend
 from renderer.scene.stage import set_stage
 from renderer.video.naive import draw_naively
 from renderer.video.render import render_stills
@@ -44,7 +44,7 @@ def test_the_naive_loop_draws_the_same_body():
         *(frames, body.faces, body.vertex_colors),
         settings=settings,
         stage=stage,
-        backend=choose_gl(),
+        backend=choose_backend(),
     )
     ours = render_stills(body, motion, [0, 5], settings, stage=stage)
     for theirs, our in zip(naive, ours, strict=True):
