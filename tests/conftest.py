@@ -20,6 +20,7 @@ from tests.model.systems.planned.made import make_annotated_folder, make_planned
 # that wait for each other on the same cores make small matrices many times slower.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 threadpool_limits(1, user_api="blas")
+torch.set_num_threads(1)  # before fixtures of a whole run, too
 
 SHAPES = (ROOT / "tests" / "model", ROOT / "tests" / "renderer")
 """Where shapes and types are checked at each call; `make slow` checks them everywhere."""

@@ -7,9 +7,7 @@ import resource
 import shutil
 import subprocess
 import sys
-import time
-import urllib.error
-import urllib.request
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -20,39 +18,38 @@ from frame_regression.network import Regression
 from model.storage.cards import to_json
 from model.storage.checkpoint import save_weights
 from tests.helpers import ROOT
-from tests.model.made import make_data_folder
 
 GIGABYTE = 2**30
+SPEECH = "co_speech_motion/examples/three_reasons.wav"
+CODE = "import sys; from co_speech_motion.__main__ import main; sys.exit(main())"
+"""As the script that pip writes calls it."""
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder as site-packages is after the install; what is needed besides is in this one."""
-    folder = tmp_path_factory.mktemp("installed")
+@pytest.fixture(scope="module", params=["copied", pytest.param("wheel", marks=pytest.mark.slow)])
+def site(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder as site-packages is after the install; what is needed besides is in this one. By
+    default a copy of what pyproject.toml says, since pip takes long."""
+    folder = tmp_path_factory.mktemp("installed") / "site"
+    if request.param == "copied":
+        told = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]
+        for source, target in told["build"]["targets"]["wheel"]["force-include"].items():
+            (folder / target).parent.mkdir(parents=True, exist_ok=True)
+            copy = shutil.copytree if (ROOT / source).is_dir() else shutil.copy2
+            copy(ROOT / source, folder / target)
+        return folder
     command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-index"]
-    command += ["--no-build-isolation", "--wheel-dir", str(folder), str(ROOT)]
+    command += ["--no-build-isolation", "--wheel-dir", str(folder.parent), str(ROOT)]
     subprocess.run(command, check=True, capture_output=True)
-    (wheel,) = folder.glob("co_speech_motion-*.whl")
+    (wheel,) = folder.parent.glob("co_speech_motion-*.whl")
     with zipfile.ZipFile(wheel) as packed:
-        packed.extractall(folder / "site")
-    wheel.unlink()
-    return folder / "site"
-
-
-def made_regression() -> tuple[dict, dict]:
-    """Tensors of the example's network, untrained, and a card of them."""
-    config = named_config("smoke", MEAN)
-    tensors = Regression(68, config.width).state_dict()
-    card = {"speakers": {"ann": 1}, "config": json.loads(to_json(config))}
-    return {f"network.{name}": tensor for name, tensor in tensors.items()}, card
+        packed.extractall(folder)
+    return folder
 
 
 def installed(
     site: Path, *arguments: str, cwd: Path, one_core: bool = False, **environment: str
 ) -> subprocess.Popen:
-    """The command, as the script that pip writes calls it."""
-    code = "import sys; from co_speech_motion.__main__ import main; sys.exit(main())"
-    command = [sys.executable, "-c", code, *arguments]
+    command = [sys.executable, "-c", *arguments]
     if one_core and (taskset := shutil.which("taskset")):
         command = [taskset, "--cpu-list", str(min(os.sched_getaffinity(0))), *command]
     variables = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
@@ -72,39 +69,37 @@ def answer(child: subprocess.Popen) -> str:
     return out
 
 
-def test_one_name_stands_beside_the_packages_of_others(site: Path) -> None:
+def test_one_name_with_every_file_stands_beside_the_packages_of_others(site: Path) -> None:
     names = {path.name for path in site.iterdir() if not path.name.endswith(".dist-info")}
     assert names == {"co_speech_motion"}
-    entry = next(site.glob("*.dist-info/entry_points.txt")).read_text()
-    assert "co-speech-motion = co_speech_motion.__main__:main" in entry
     root = site / "co_speech_motion"
-    shipped = {str(path.relative_to(root)) for path in root.rglob("*.*")}
-    assert {"renderer/draw/shaders/mesh.vert", "model/weights/expression.json"} <= shipped
-    assert not [name for name in shipped if "__pycache__" in name or name.startswith("tests")]
-
-
-def test_every_file_of_the_roots_is_in_it(site: Path) -> None:
+    assert (root / "renderer/draw/shaders/mesh.vert").is_file()
+    assert (root / "model/weights/expression.json").is_file() and not (root / "tests").exists()
+    for told in site.glob("*.dist-info/entry_points.txt"):
+        assert "co-speech-motion = co_speech_motion.__main__:main" in told.read_text()
+        assert not list(root.rglob("__pycache__"))
     roots = ("app", "conventions", "model", "processes", "renderer", "tools", "examples")
-    listed = subprocess.run(
-        ["git", "ls-files", *roots], cwd=ROOT, capture_output=True, text=True, check=False
-    ).stdout.split()
-    if not listed:
-        pytest.skip("not a git checkout, so the files cannot be listed")
-    there = [name for name in listed if (ROOT / name).exists()]
-    assert [name for name in there if not (site / "co_speech_motion" / name).exists()] == []
+    command = ["git", "ls-files", *roots]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False).stdout
+    there = [name for name in listed.split() if (ROOT / name).exists()]
+    assert [name for name in there if not (root / name).exists()] == []
 
 
-def test_the_command_works_where_nothing_but_its_output_can_be_written(
+def test_it_is_imported_by_its_one_name_and_the_command_works_from_any_folder(
     site: Path, tmp_path: Path
 ) -> None:
-    """No home, one core, and as much memory as a machine of 4 GB has left."""
+    """Where nothing but its output can be written, on one core, and with as much memory as a
+    machine of 4 GB has left; in no one's way until it is used."""
     home = tmp_path / "home"
     home.write_text("a file, in which no cache can be made")
-    speech = site / "co_speech_motion" / "examples" / "three_reasons.wav"
+    flags = ["generate", str(site / SPEECH), "--systems", "globaldiff/global", "--steps", "1"]
+    flags += ["--out", "results", "--no-video", "--no-figures"]
+    code = (
+        "import sys, co_speech_motion; assert not {'app', 'model', 'torch'} & set(sys.modules); "
+        f"from co_speech_motion import systems; print(*systems()); sys.argv[1:] = {flags}; {CODE}"
+    )
     child = installed(
-        site,
-        *("generate", str(speech), "--systems", "globaldiff/global", "--steps", "1"),
-        *("--out", "results", "--no-video"),
+        *(site, code),
         cwd=tmp_path,
         one_core=True,
         HOME=str(home),
@@ -112,19 +107,27 @@ def test_the_command_works_where_nothing_but_its_output_can_be_written(
         XDG_CONFIG_HOME=str(home),
     )
     resource.prlimit(child.pid, resource.RLIMIT_DATA, (3 * GIGABYTE, 3 * GIGABYTE))
-    answer(child)
-    assert (tmp_path / "results" / "globaldiff-global.npz").is_file()
-    assert (tmp_path / "results" / "figure6.png").is_file()
-    assert "--data" in answer(installed(site, "train", "--help", cwd=tmp_path))
+    told = answer(child)
+    assert "globaldiff/local" in told.splitlines()[0].split()
+    assert "results/globaldiff-global.npz" in told.splitlines()
+    (tmp_path / "app.py").write_text("")
+    child = installed(site, "from co_speech_motion import systems", cwd=tmp_path)
+    _, error = child.communicate(timeout=100)
+    assert child.returncode == 1 and "Another package called 'app'" in error
 
 
-@pytest.fixture(scope="module")
-def with_a_family(site: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
+@pytest.mark.slow
+def test_programs_of_their_own_are_words_of_the_command(site: Path, tmp_path: Path) -> None:
+    for word, flag in (("train", "--data"), ("page", "--port")):
+        assert flag in answer(installed(site, CODE, word, "--help", cwd=tmp_path))
+
+
+@pytest.fixture
+def with_a_family(site: Path, tmp_path: Path) -> str:
     """The path of modules once the example's package and a broken one were installed as well."""
-    target = tmp_path_factory.mktemp("target")
+    target = tmp_path / "target"
     command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index"]
-    source = target / "source"
-    shutil.copytree(ROOT / "examples" / "frame_regression", source)
+    source = shutil.copytree(ROOT / "examples" / "frame_regression", tmp_path / "source")
     command += ["--no-build-isolation", "--target", str(target), str(source)]
     subprocess.run(command, check=True, capture_output=True)
     told = target / "broken-1.0.dist-info"
@@ -134,84 +137,36 @@ def with_a_family(site: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
     return f"{site}{os.pathsep}{target}"
 
 
+@pytest.mark.slow
 def test_a_family_that_pip_installs_trains_and_generates_beside_a_broken_one(
-    site: Path, with_a_family: str, tmp_path: Path
+    site: Path, with_a_family: str, data_folder: Path, tmp_path: Path
 ) -> None:
-    data = make_data_folder(tmp_path / "data")
-    flags = ("smoke", "--system", "regression/mean", "--data", str(data), "--out", "run")
-    answer(installed(site, "train", *flags, cwd=tmp_path, PYTHONPATH=with_a_family))
-    child = installed(
-        site,
-        "generate",
-        str(data / "wave16k" / "1_ann_0_0_0.wav"),
-        *("--systems", "regression/mean,regression/drawn", "--weights", "run/weights"),
-        *("--out", "results", "--no-video", "--no-figures"),
-        cwd=tmp_path,
-        PYTHONPATH=with_a_family,
-    )
+    flags = ("smoke", "--system", "regression/mean", "--data", str(data_folder), "--out", "run")
+    answer(installed(site, CODE, "train", *flags, cwd=tmp_path, PYTHONPATH=with_a_family))
+    flags = ("--systems", "regression/mean,regression/drawn", "--weights", "run/weights")
+    flags += ("--out", "results", "--no-video", "--no-figures")
+    speech = str(data_folder / "wave16k" / "1_ann_0_0_0.wav")
+    command = ("generate", speech, *flags)
+    child = installed(site, CODE, *command, cwd=tmp_path, PYTHONPATH=with_a_family)
     _, error = child.communicate(timeout=300)
     assert child.returncode == 0, error
     assert (
         "The family 'worse' of the package broken (broken:FAMILY) is left out: "
         "ModuleNotFoundError: No module named 'broken'." in error
     )
-    assert (tmp_path / "results" / "regression-drawn.npz").is_file()
-    assert (tmp_path / "results" / "regression-mean.npz").is_file()
+    for system in ("mean", "drawn"):
+        assert (tmp_path / "results" / f"regression-{system}.npz").is_file()
 
-
-def test_weights_that_a_package_brings_are_found_beside_the_bundled(
-    site: Path, with_a_family: str, tmp_path: Path
-) -> None:
+    # Weights that a package brings are found beside the bundled ones.
+    config = named_config("smoke", MEAN)
+    tensors = Regression(68, config.width).state_dict()
+    card = {"speakers": {"ann": 1}, "config": json.loads(to_json(config))}
     weights = Path(with_a_family.split(os.pathsep)[1]) / "frame_regression" / "weights"
-    save_weights(weights, MEAN, *made_regression())
+    save_weights(weights, MEAN, {f"network.{n}": tensor for n, tensor in tensors.items()}, card)
     code = "from model.systems.registry import list_systems, read_card; "
     code += "print(list_systems()[-2:], list(read_card('regression/drawn')['speakers']))"
-    child = subprocess.run(
-        [sys.executable, "-c", code], cwd=site / "co_speech_motion", capture_output=True, text=True,
-        env={**os.environ, "PYTHONPATH": with_a_family}, check=False,
-    )  # fmt: skip
-    assert child.stdout == "('regression/mean', 'regression/drawn') ['ann']\n", child.stderr
-
-
-def test_it_is_imported_by_its_one_name(site: Path, tmp_path: Path) -> None:
-    """Without being in the way of anyone's own ``app`` or ``model`` until it is used."""
-    code = (
-        "import sys, co_speech_motion; assert not {'app', 'model', 'torch'} & set(sys.modules); "
-        "from co_speech_motion import systems, read_motion; print(*systems())"
-    )
-    child = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True,
-        env={**os.environ, "PYTHONPATH": str(site)}, check=False,
-    )  # fmt: skip
-    assert child.returncode == 0, child.stderr
-    assert "globaldiff/local" in child.stdout.split()
-    (tmp_path / "app.py").write_text("")
-    child = subprocess.run(
-        [sys.executable, "-c", "from co_speech_motion import systems"], cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(site)}, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert child.returncode == 1 and "Another package called 'app'" in child.stderr
-
-
-def test_the_installed_page_opens_and_ends(site: Path, tmp_path: Path) -> None:
-    port = 7950
-    flags = ("page", "--port", str(port))
-    child = installed(site, *flags, cwd=tmp_path, TMPDIR=str(tmp_path), HOME=str(tmp_path))
-    try:
-        deadline = time.monotonic() + 120
-        while time.monotonic() < deadline and child.poll() is None:
-            try:
-                urllib.request.urlopen(f"http://127.0.0.1:{port}/config", timeout=5)
-                break
-            except urllib.error.URLError:
-                time.sleep(0.3)
-        assert child.poll() is None, child.communicate()
-        assert urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=30).status == 200
-    finally:
-        child.terminate()
-        _, error = child.communicate(timeout=60)
-    assert child.returncode == 0, error
-    assert "Traceback" not in error
+    child = installed(site, code, cwd=site / "co_speech_motion", PYTHONPATH=with_a_family)
+    assert answer(child) == "('regression/mean', 'regression/drawn') ['ann']\n"
 
 
 def test_the_container_is_made_by_the_scripts_of_make_demo() -> None:

@@ -1,13 +1,14 @@
 """A family that nothing in the project knows of trains, generates, is measured and shown: that of
-`examples/frame_regression`."""
+`examples/frame_regression`.
+"""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from frame_regression import DRAWN, FAMILY, MEAN
 
 from app.page.parts.catalogue import read_catalogue
@@ -17,7 +18,6 @@ from app.run.requests.request import GenerateRequest
 from model import evaluate as measuring
 from model.generation.windows import GenerateOptions, generate_motion
 from model.sampling.samplers import UnknownNameError
-from model.speech.audio import write_wav
 from model.systems.registry import (
     families,
     list_systems,
@@ -27,7 +27,8 @@ from model.systems.registry import (
     unregister,
 )
 from model.train import main
-from tests.model.made import made_speech, made_waveform, make_data_folder
+from tests.model.made import made_speech
+from tests.model.training.made import state_of
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -38,13 +39,16 @@ def known():
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory, known) -> tuple[Path, Path]:
-    """Folders of data and of the weights that the project's own command leaves."""
-    root = tmp_path_factory.mktemp("regression")
-    data = make_data_folder(root / "data")
-    command = ["smoke", "--system", MEAN, "--data", str(data), "--out", str(root / "run")]
-    assert main(command) == 0
-    return data, root / "run" / "weights"
+def trained(tmp_path_factory, data_folder, known) -> Path:
+    """The weights that the project's own command leaves when it is resumed."""
+    out = tmp_path_factory.mktemp("regression") / "run"
+    command = ["smoke", "--system", MEAN, "--data", str(data_folder), "--out", str(out)]
+    for more in ([], ["--resume"]):
+        assert main([*command, "--steps", "2", "--no-compile", *more]) == 0
+    state = state_of(out)
+    assert state["step"] == 2 and len(state["optimizers"]) == 2
+    assert all(optimizer["state"] for optimizer in state["optimizers"])
+    return out / "weights"
 
 
 def test_its_name_is_taken_once():
@@ -53,18 +57,8 @@ def test_its_name_is_taken_once():
     assert families()[-1] is FAMILY
 
 
-def test_it_trains_and_resumes_with_both_optimizers(trained, tmp_path):
-    data, _ = trained
-    for steps in (["--steps", "6"], ["--steps", "6", "--resume"]):
-        command = ["smoke", "--system", MEAN, "--data", str(data), "--out", str(tmp_path / "run")]
-        assert main([*command, *steps]) == 0
-    state = torch.load(tmp_path / "run" / "state.pt", weights_only=True)
-    assert state["step"] == 6 and len(state["optimizers"]) == 2
-    assert all(optimizer["state"] for optimizer in state["optimizers"])
-
-
 def test_two_systems_move_with_one_file_of_weights(trained):
-    _, weights = trained
+    weights = trained
     assert list_systems(weights) == (MEAN, DRAWN) and DRAWN not in FAMILY.trained
     assert read_card(DRAWN, weights) == read_card(MEAN, weights)
     mean, drawn = load_system(MEAN, weights), load_system(DRAWN, weights)
@@ -73,16 +67,18 @@ def test_two_systems_move_with_one_file_of_weights(trained):
         UnknownNameError, match="regression/drawn has no sampler 'mean'; it has smoothed"
     ):
         drawn.sampler("mean")
+    with pytest.raises(ValueError, match="takes no guidance"):
+        generate_motion(mean, made_speech(16_000), GenerateOptions(speaker="ann", guidance=2.0))
 
 
 def test_it_moves_for_as_long_as_it_is_spoken(trained):
-    speech = made_speech(16_000 * 5)
+    speech = made_speech(16_000 * 3)
     options = GenerateOptions(speaker="ann", samples=2)
-    one, same = generate_motion(load_system(MEAN, trained[1]), speech, options)
-    assert one.num_frames == same.num_frames == 150
+    one, same = generate_motion(load_system(MEAN, trained), speech, options)
+    assert one.num_frames == same.num_frames == 90
     assert np.abs(one.poses - same.poses).max() == 0.0
     assert (one.expressions[:, :52] > 0).all()  # its own face
-    drawn = load_system(DRAWN, trained[1])
+    drawn = load_system(DRAWN, trained)
     once, thrice = (
         generate_motion(drawn, speech, replace(options, steps=steps)) for steps in (1, 3)
     )
@@ -91,16 +87,8 @@ def test_it_moves_for_as_long_as_it_is_spoken(trained):
     assert rough > 2 * smooth  # smoothed once and three times
 
 
-def test_what_it_cannot_do_is_told(trained):
-    system, speech = load_system(MEAN, trained[1]), made_speech(16_000)
-    with pytest.raises(UnknownNameError, match="no sampler 'euler'; it has mean"):
-        generate_motion(system, speech, GenerateOptions(speaker="ann", sampler="euler"))
-    with pytest.raises(ValueError, match="takes no guidance"):
-        generate_motion(system, speech, GenerateOptions(speaker="ann", guidance=2.0))
-
-
-def test_it_is_measured_without_the_abilities_that_it_lacks(trained):
-    data, weights = trained
+def test_it_is_measured_without_the_abilities_that_it_lacks(trained, data_folder, tmp_path):
+    data, weights = shutil.copytree(data_folder, tmp_path / "data"), trained
     split = data / "train_test_split.csv"
     rows = split.read_text().replace(",val", ",test").replace("3_eve_0_3_3,test", "3_eve_0_3_3,val")
     split.write_text(rows.replace("2_bob_0_1_1,train", "2_bob_0_1_1,test"))
@@ -112,15 +100,12 @@ def test_it_is_measured_without_the_abilities_that_it_lacks(trained):
     assert "position_error_m" not in table["by_depth"][DRAWN]
 
 
-def test_the_page_offers_it_and_a_run_holds_it(trained, tmp_path):
-    _, weights = trained
+def test_the_page_offers_it_and_a_run_holds_it(trained, speech, tmp_path):
+    weights = trained
     catalogue = read_catalogue(weights)
     assert FAMILY.about[MEAN] in ladder(catalogue.systems)
     assert catalogue.systems == (MEAN, DRAWN) and catalogue.speakers == ("ann", "bob")
-    write_wav(tmp_path / "speech.wav", made_waveform(32_000))
-    request = GenerateRequest(
-        speech=tmp_path / "speech.wav", out=tmp_path / "out", weights=weights, has_video=False
-    )
+    request = GenerateRequest(speech=speech, out=tmp_path / "out", weights=weights, has_video=False)
     result = generate_all(request, lambda event: None, lambda: False)
     assert result.names == (MEAN, DRAWN) and (tmp_path / "out" / "regression-mean.npz").is_file()
     record = json.loads((tmp_path / "out" / "provenance.json").read_text())

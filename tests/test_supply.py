@@ -29,20 +29,17 @@ def wanted(file: str) -> list[Requirement]:
     return [Requirement(line) for line in lines if line and not line.startswith("-r")]
 
 
-@pytest.mark.parametrize(
-    ("lock", "files"),
-    [
+def test_the_lock_holds_what_is_required() -> None:
+    for lock, files in [
         ("run", ["requirements.txt"]),
         ("test", ["requirements.txt", "requirements-dev.txt"]),
         ("cluster", ["requirements-cluster.txt"]),
-    ],
-)
-def test_the_lock_holds_what_is_required(lock: str, files: list[str]) -> None:
-    locked = pins(lock) | {"torch": pins("torch-cpu")["torch"].split("+")[0]}
-    for requirement in [each for file in files for each in wanted(file)]:
-        assert requirement.specifier.contains(locked[requirement.name.lower()]), (
-            f"{requirement} is not {locked[requirement.name.lower()]}; run make lock"
-        )
+    ]:
+        locked = pins(lock) | {"torch": pins("torch-cpu")["torch"].split("+")[0]}
+        for requirement in [each for file in files for each in wanted(file)]:
+            assert requirement.specifier.contains(locked[requirement.name.lower()]), (
+                f"{requirement} is not {locked[requirement.name.lower()]}; run make lock"
+            )
 
 
 def test_a_cluster_stands_beside_the_rest_in_one_environment() -> None:
@@ -68,30 +65,12 @@ def test_no_package_can_come_from_a_second_index() -> None:
     assert all("$locked" in line or line.strip().startswith("exec") for line in locked)
 
 
-def test_git_hides_no_source_file() -> None:
+def test_git_hides_no_source_file_and_ignores_what_runs_leave() -> None:
     """What git ignores, ruff does not read either."""
     sources = "app/new.py model/data/new.py model/runs/new.py renderer/out/new.py".split()
-    hidden = subprocess.run(
-        ["git", "check-ignore", "--no-index", *sources],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if hidden.returncode == 128:
-        pytest.skip("this is no checkout of git")
-    assert hidden.stdout.split() == []
-
-
-def test_git_ignores_what_runs_leave() -> None:
     left = ["data/a.npz", "runs/a/state.pt", "out/a.mp4"]
-    hidden = subprocess.run(
-        ["git", "check-ignore", "--no-index", *left],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command = ["git", "check-ignore", "--no-index", *sources, *left]
+    hidden = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if hidden.returncode == 128:
         pytest.skip("this is no checkout of git")
     assert hidden.stdout.split() == left

@@ -45,34 +45,22 @@ def _read(written: str, **others: object) -> _Request:
     return read_flags(_Request, parser.parse_args(written.split()), **others)
 
 
-def test_what_is_not_written_is_as_the_field_says() -> None:
+def test_every_field_is_read_as_it_says_and_unwritten_as_it_is() -> None:
     assert _read("a b --out x") == _Request((Path("a"), Path("b")), Path("x"), body="from outside")
-
-
-def test_every_field_is_read_as_it_says() -> None:
     written = (
         "a --out x --seed 3 --max-s 2 --width 4 --way b --no-video --draft --body c --names d,e "
         "--color blue"
     )
     assert _read(written, kept="here") == _Request(
-        (Path("a"),),
-        Path("x"),
-        "here",
-        3,
-        120.0,
-        4,
-        "b",
-        False,
-        True,
-        "c",
-        ("d", "e"),
-        _Inner("blue"),
-    )
+        (Path("a"),), Path("x"), "here", seed=3, max_s=120.0, size=4, way="b", has_video=False,
+        is_draft=True, body="c", names=("d", "e"), inner=_Inner("blue"),
+    )  # fmt: skip
+    assert names_of("all") == ()
+    assert names_of(" a, b,") == ("a", "b")
 
 
-@pytest.mark.parametrize(
-    ("written", "sentence"),
-    [
+def test_what_cannot_be_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    for written, sentence in [
         ("--out x", "required: FILE"),
         ("a", "required: --out"),
         ("a --out x --width 3", "argument --width: 3 is odd."),
@@ -80,17 +68,8 @@ def test_every_field_is_read_as_it_says() -> None:
         ("a --out x --way c", "invalid choice: 'c'"),
         ("a --out x --names ,", "argument --names: name at least one"),
         ("a --out x --kept here", "unrecognized arguments: --kept"),
-    ],
-)
-def test_what_cannot_be_is_refused(
-    written: str, sentence: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as stopped:
-        _read(written)
-    assert stopped.value.code == 2
-    assert sentence in capsys.readouterr().err
-
-
-def test_all_is_said_by_naming_none() -> None:
-    assert names_of("all") == ()
-    assert names_of(" a, b,") == ("a", "b")
+    ]:
+        with pytest.raises(SystemExit) as stopped:
+            _read(written)
+        assert stopped.value.code == 2
+        assert sentence in capsys.readouterr().err

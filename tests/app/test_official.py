@@ -13,7 +13,7 @@ from model.speech.audio import write_wav
 from model.speech.encoder import EncoderError
 from model.storage.cards import CheckpointError
 from model.systems.official import FILTERED, UNFILTERED
-from tests.model.made import made_waveform, make_weights
+from tests.model.made import made_waveform
 from tests.model.systems.official.made_official import make_features, make_official
 
 
@@ -24,20 +24,19 @@ def unnamed(monkeypatch):
         monkeypatch.setenv(name, "")
 
 
-@pytest.fixture(scope="module")
-def checkpoints(tmp_path_factory) -> Path:
-    return make_official(tmp_path_factory.mktemp("official"))
+@pytest.fixture
+def checkpoints(made_once) -> Path:
+    return made_once("official", make_official)
 
 
-def test_generate_runs_them_beside_ours(checkpoints, tmp_path):
-    write_wav(tmp_path / "speech.wav", made_waveform(24_000))
+def test_generate_runs_them_beside_ours(checkpoints, weights, tmp_path):
+    speech, out = tmp_path / "speech.wav", tmp_path / "out"
+    write_wav(speech, made_waveform(24_000))
     features = make_features(tmp_path / "features.npz", 1)
-    weights, out = make_weights(tmp_path / "weights"), tmp_path / "out"
-    argv = ["generate", str(tmp_path / "speech.wav"), "--out", str(out), "--weights", str(weights),
-            "--official", str(checkpoints), "--official-features", str(features), "--no-video",
-            "--no-figures", "--systems", f"{FILTERED},{UNFILTERED},globaldiff/local",
-            "--steps", "1"]  # fmt: skip
-    assert main(argv) == 0
+    argv = ["generate", speech, "--out", out, "--weights", weights, "--official", checkpoints,
+            "--official-features", features, "--no-video", "--no-figures", "--steps", "1",
+            "--systems", f"{FILTERED},{UNFILTERED},globaldiff/local"]  # fmt: skip
+    assert main(list(map(str, argv))) == 0
     assert (out / "official-authors.npz").is_file()
     assert (out / "official-authors-unfiltered.npz").is_file()
     record = json.loads((out / "provenance.json").read_text())
@@ -46,20 +45,15 @@ def test_generate_runs_them_beside_ours(checkpoints, tmp_path):
     assert "demonstration weights of this project" in record["weights_are"]
 
 
-@pytest.mark.parametrize(
-    ("flags", "told"),
-    [
-        (["--official", "nowhere"], "There is no folder"),
-        (["--official", "."], "holds no file of the motion network"),
-    ],
-)
-def test_what_is_not_there_is_told_before_anything_is_made(
-    flags, told, tmp_path, monkeypatch, capsys
-):
+def test_what_is_not_there_is_told_before_anything_is_made(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write_wav(tmp_path / "speech.wav", made_waveform(16_000))
-    assert main(["generate", "speech.wav", "--out", "out", *flags]) == 1
-    assert told in capsys.readouterr().err and not (tmp_path / "out").exists()
+    for folder, told in (
+        ("nowhere", "There is no folder"),
+        (".", "holds no file of the motion network"),
+    ):
+        assert main(["generate", "speech.wav", "--out", "out", "--official", folder]) == 1
+        assert told in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 
 def test_the_page_needs_something_that_hears_every_speech(checkpoints, tmp_path):

@@ -1,10 +1,12 @@
-"""The real page with tiny weights, and a real Chromium."""
+"""One Chromium, a page over a worker that a test directs, and the real page with tiny weights."""
 
 import os
+import re
 import shutil
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -13,8 +15,8 @@ import pytest
 from playwright.sync_api import (
     Browser,
     BrowserContext,
-    BrowserType,
     ConsoleMessage,
+    Locator,
     Page,
     expect,
     sync_playwright,
@@ -23,60 +25,97 @@ from playwright.sync_api import (
 from app import text
 from app.config import AppConfig
 from app.page.launch import launch
+from app.page.queue.run_process_child import TASKS
+from app.run.requests.request import GenerateRequest, OnEvent, ShouldCancel
+from app.study.design.plan import read_plan
+from app.study.export import export_study
 from model.plan.plan import GesturePlan, HandPhase, Nod
 from model.speech.audio import write_wav
-from renderer.draw.offscreen import GLError
-from renderer.draw.probe import choose_backend
 from tests.app import fakes
+from tests.app.study.made_study import draw_noise
+from tests.conftest import MadeOnce
 from tests.model.made import made_waveform, make_weights
 from tests.model.systems.planned.made import make_planned_weights
 
 CHROMIUM = next(
-    (
-        path
-        for name in ("chromium", "chromium-browser", "google-chrome")
-        if (path := shutil.which(name))
-    ),
-    None,
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
 )
-PATIENCE_MS = 120_000
+UNUSED = (
+    *("WebUIOmniboxPopup", "WebUIOmniboxFullPopup", "WebUIOmniboxAimPopup"),  # half a second each
+    *("HttpsUpgrades", "PaintHolding", "Translate", "OptimizationHints", "MediaRouter"),
+)
+"""Features of Chromium."""
+PATIENCE_MS = 60_000
 """Longest that any one thing may take on a busy machine."""
 expect.set_options(timeout=PATIENCE_MS)
-BUILDS_ARE_THERE = """() => performance.getEntriesByType('resource').some(
-  ({ name, responseEnd }) => name.endsWith('stage/builds.bin') && responseEnd > 0)"""
-"""The one thing that a stage still asks for a while after its first body."""
 GRADIO_CAUGHT = "Error in watch callback"
 """What Gradio writes to the console where a part of the page throws on a new value."""
 
-Motion = Literal["reduce", "no-preference"]
-"""Whether examples and runs play by themselves: bodies that nobody looks at cost a core."""
 Scheme = Literal["light", "dark"]
-SCHEMES: tuple[Scheme, ...] = ("light", "dark")
-WINDOWS = ((390, 844), (1280, 900), (1600, 1000))
-LOOKS: list[tuple[int, int, Scheme]] = [(*size, scheme) for size in WINDOWS for scheme in SCHEMES]
+Look = tuple[int, int, Scheme]
+LOOKS: list[Look] = [
+    (*size, scheme)
+    for size in ((390, 844), (1280, 900), (1600, 1000))
+    for scheme in ("light", "dark")
+]
 """Width and height of a phone, a laptop and a large screen, each light and dark."""
 
-SECONDS = 6.0
+SECONDS = 3.0
 FRAMES = round(30 * SECONDS)
-FAKED_SYSTEMS = ("globaldiff/local", "globaldiff/global", "globaldiff/full")
-"""Of the page over a pipeline that draws numbered pictures at once."""
 PLAN = GesturePlan(
     SECONDS,
-    left=(HandPhase(0.0, 6.0, "rest", (0.2, -0.2, 0.2)),),
+    left=(HandPhase(0.0, 3.0, "rest", (0.2, -0.2, 0.2)),),
     right=(
-        HandPhase(0.0, 1.5, "rest", (0.2, -0.2, 0.2)),
-        HandPhase(1.5, 2.0, "preparation", (0.2, 0.0, 0.3), "offer"),
-        HandPhase(2.0, 2.5, "stroke", (0.2, -0.1, 0.3), "offer", "never"),
-        HandPhase(2.5, 4.0, "hold", (0.2, -0.1, 0.3), "offer"),
-        HandPhase(4.0, 4.6, "retraction", (0.2, -0.2, 0.2), "offer"),
-        HandPhase(4.6, 6.0, "rest", (0.2, -0.2, 0.2)),
+        HandPhase(0.0, 0.7, "rest", (0.2, -0.2, 0.2)),
+        HandPhase(0.7, 1.0, "preparation", (0.2, 0.0, 0.3), "offer"),
+        HandPhase(1.0, 1.3, "stroke", (0.2, -0.1, 0.3), "offer", "never"),
+        HandPhase(1.3, 2.0, "hold", (0.2, -0.1, 0.3), "offer"),
+        HandPhase(2.0, 2.4, "retraction", (0.2, -0.2, 0.2), "offer"),
+        HandPhase(2.4, 3.0, "rest", (0.2, -0.2, 0.2)),
     ),
-    nods=(Nod(2.3, 5.0),),
+    nods=(Nod(1.2, 5.0),),
 )
-"""That the first of them performs."""
+"""That the first system of the fake page performs."""
 
-
+LOCKSTEP = "document.querySelector('#player .lockstep').lockstep"
+STAGE = "document.querySelector('#player .lockstep').stage"
+STAGED = "count => Number(document.querySelector('#player .stage')?.dataset.bodies) === count"
+"""Whether so many bodies are on the stage."""
+AT_REST = f"() => {STAGE}.isAtRest"
+"""Whether the stage has been drawn in full and stands."""
+BUILDS_ARE_THERE = """() => performance.getEntriesByType('resource').some(
+  ({ name, responseEnd }) => name.endsWith('stage/builds.bin') && responseEnd > 0)"""
+"""The one thing that a stage still asks for a while after its first body."""
+WIDTHS = """async () => {
+    for (let k = 0; k < 2; k++) await new Promise(requestAnimationFrame); // what follows a resize
+    return [document.documentElement.scrollWidth, innerWidth];
+}"""
 _FAILED_SCRIPTS: list[str] = []
+
+
+# ---------------------------------------------------------------- the browser
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    """Its microphone hears a buzz that comes and goes."""
+    if CHROMIUM is None:
+        pytest.skip("Chromium is not installed (apt-get install chromium)")
+    microphone = tmp_path_factory.mktemp("microphone") / "speech.wav"
+    write_wav(microphone, made_waveform(16_000 * 8))
+    arguments = [
+        "--no-sandbox",
+        "--autoplay-policy=no-user-gesture-required",
+        "--disable-gpu-rasterization",  # there is no GPU
+        "--disable-features=" + ",".join(UNUSED),
+        "--use-fake-device-for-media-stream",
+        "--use-fake-ui-for-media-stream",
+        f"--use-file-for-fake-audio-capture={microphone}",
+    ]
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
+        yield browser
+        browser.close()
 
 
 def watched(page: Page) -> Page:
@@ -93,12 +132,6 @@ def watched(page: Page) -> Page:
 
 
 @pytest.fixture(autouse=True)
-def any_machine_is_quick_enough_to_be_live(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Busy machines refuse live systems by time, and the page runs beside the browser here."""
-    monkeypatch.setattr("app.live.session.MAX_WINDOW_MS", 1e6)
-
-
-@pytest.fixture(autouse=True)
 def no_script_has_failed() -> Iterator[None]:
     """Of the pages that are watched. To fail where it is heard would end the browser's connection,
     and with it all later tests."""
@@ -107,17 +140,46 @@ def no_script_has_failed() -> Iterator[None]:
     assert not _FAILED_SCRIPTS, "\n".join(_FAILED_SCRIPTS)
 
 
-def in_every_look(page: Page) -> Iterator[int]:
-    """The page in each of `LOOKS`, no wider than the window; gives the window's height."""
-    for width, height, scheme in LOOKS:
-        page.set_viewport_size({"width": width, "height": height})
-        page.emulate_media(color_scheme=scheme)
-        if page.locator("gradio-app, .gradio-container").count():  # it asks but once
-            page.evaluate("dark => document.body.classList.toggle('dark', dark)", scheme == "dark")
-        page.wait_for_timeout(300)
-        wide = page.evaluate("document.documentElement.scrollWidth")
-        assert wide <= width, (width, scheme, wide)
-        yield height
+@pytest.fixture
+def visitor(browser: Browser) -> Iterator[Callable[..., BrowserContext]]:
+    """A browser that shares nothing with the others, closed after the test."""
+    contexts: list[BrowserContext] = []
+
+    def come(
+        width: int = 1280,
+        height: int = 900,
+        scheme: Scheme = "light",
+        moves: bool = False,
+        has_touch: bool = False,
+    ) -> BrowserContext:
+        """
+        Args:
+            moves: whether examples and runs play by themselves: bodies that nobody looks at cost a
+                core.
+        """
+        context = browser.new_context(
+            viewport={"width": width, "height": height},
+            color_scheme=scheme,
+            has_touch=has_touch,
+            reduced_motion="no-preference" if moves else "reduce",
+        )
+        contexts.append(context)
+        return context
+
+    yield come
+    for context in contexts:
+        context.close()
+
+
+def opened(context: BrowserContext, address: str) -> Page:
+    """A page, ready to be used."""
+    page = watched(context.new_page())
+    page.goto(address)
+    page.get_by_role("button", name=text.GENERATE).wait_for()
+    return page
+
+
+# ---------------------------------------------------------------- pages
 
 
 @contextmanager
@@ -139,107 +201,156 @@ def served(
         os.environ["GRADIO_TEMP_DIR"] = before
 
 
-@pytest.fixture(scope="session")
-def page_config(tmp_path_factory: pytest.TempPathFactory) -> AppConfig:
-    """Of the page that is open for all tests."""
-    weights = make_weights(tmp_path_factory.mktemp("weights"))
-    return AppConfig(port=0, weights=weights, temp=tmp_path_factory.mktemp("page"))
+def _here(
+    task: str, arguments: tuple[Any, ...], on_event: OnEvent, should_cancel: ShouldCancel
+) -> Any:
+    """In place of a process that would read all models anew; small noise is what studies show."""
+    if task == "export_study":
+        path, out, options = arguments
+        plan = replace(read_plan(path), size=64)
+        return export_study(plan, out, options, should_cancel=should_cancel, draw=draw_noise)
+    return TASKS[task](*arguments, on_event, should_cancel)
+
+
+class Gate:
+    """What lets the first so many of something be done."""
+
+    def __init__(self) -> None:
+        self._open = [threading.Event() for _ in range(12)]
+
+    def __getitem__(self, index: int) -> threading.Event:
+        return self._open[index]
+
+    def let(self, count: int) -> None:
+        for index, event in enumerate(self._open):
+            (event.set if index < count else event.clear)()
+
+
+class Fake:
+    """Does the runs of a page at once, without models, as a test says."""
+
+    def __init__(self) -> None:
+        self.windows, self.videos, self.figures = Gate(), Gate(), threading.Event()
+        self.asked: list[GenerateRequest] = []
+
+    def usual(self) -> None:
+        """Nothing is held back."""
+        self.windows.let(12)
+        self.videos.let(12)
+        self.figures.set()
+        self.comes_in_windows = False
+        self.seconds = SECONDS
+
+    def generate(self, *arguments: Any) -> Any:
+        before = self.windows.__getitem__ if self.comes_in_windows else None
+        given: dict[str, Any] = {"before_window": before, "before_figures": self.figures}
+        run = fakes.make_generate(self.asked.append, seconds=self.seconds, plan=PLAN, **given)
+        return run(*arguments)
+
+    def draw_behind(self, *arguments: Any) -> Any:
+        draw = fakes.make_draw(before_video=self.videos.__getitem__, seconds=self.seconds)
+        return draw(*arguments)
+
+    @property
+    def does(self) -> dict[str, Callable[..., Any]]:
+        return {"generate": self.generate, "draw_behind": self.draw_behind, "do": _here}
 
 
 @pytest.fixture(scope="session")
-def address(page_config: AppConfig) -> Iterator[str]:
-    """Where the page is."""
-    try:
-        choose_backend()
-    except GLError as error:
-        pytest.skip(str(error))
-    with served(page_config) as url:
+def the_fake() -> Fake:
+    return Fake()
+
+
+@pytest.fixture
+def fake(the_fake: Fake) -> Fake:
+    """What the fake page's worker does: at first everything, at once."""
+    the_fake.usual()
+    return the_fake
+
+
+def _three_systems(folder: Path) -> None:
+    make_weights(folder)
+    for ending in ("json", "safetensors"):
+        shutil.copy(folder / f"globaldiff-global.{ending}", folder / f"globaldiff-full.{ending}")
+
+
+def _systems_of_all_kinds(folder: Path) -> None:
+    make_weights(folder)
+    make_planned_weights(folder)
+
+
+@pytest.fixture(scope="session")
+def fake_address(
+    the_fake: Fake, made_once: MadeOnce, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[str]:
+    """Of a page over `Fake`, which offers globaldiff/local, /global and /full."""
+    weights = made_once("three-systems", _three_systems)
+    config = AppConfig(port=0, weights=weights, temp=tmp_path_factory.mktemp("page"))
+    with served(config, **the_fake.does) as url:
         yield url
 
 
 @pytest.fixture(scope="session")
-def chromium() -> Iterator[BrowserType]:
-    """What starts browsers: there can be only one in a process."""
-    if CHROMIUM is None:
-        pytest.skip("Chromium is not installed (apt-get install chromium)")
-    with sync_playwright() as playwright:
-        yield playwright.chromium
+def page_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the real page keeps all files."""
+    return tmp_path_factory.mktemp("page")
 
 
 @pytest.fixture(scope="session")
-def browser(chromium: BrowserType) -> Iterator[Browser]:
-    browser = chromium.launch(
-        executable_path=CHROMIUM,
-        args=["--no-sandbox", "--autoplay-policy=no-user-gesture-required"],
+def real_address(made_once: MadeOnce, page_files: Path) -> Iterator[str]:
+    """Of the real page, with a system that performs plans among its tiny ones."""
+    weights = made_once("systems-of-all-kinds", _systems_of_all_kinds)
+    with served(AppConfig(port=0, weights=weights, temp=page_files), do=_here) as url:
+        yield url
+
+
+@pytest.fixture(scope="session")
+def speech(made_once: MadeOnce) -> Path:
+    """As long as the fake's motion."""
+    folder = made_once(
+        "three-seconds",
+        lambda at: write_wav(at / "speech.wav", made_waveform(round(16_000 * SECONDS))),
     )
-    yield browser
-    browser.close()
+    return folder / "speech.wav"
 
 
-@pytest.fixture
-def visit(
-    browser: Browser, address: str, page_config: AppConfig, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[Callable[..., Page]]:
-    """Open the page as a new visitor, who shares nothing with the others. Another page of this
-    process may have been opened since the first."""
-    monkeypatch.setenv("GRADIO_TEMP_DIR", str(page_config.cache_folder))
-    contexts: list[BrowserContext] = []
-
-    def open_page(width: int = 1280, height: int = 900, motion: Motion = "no-preference") -> Page:
-        viewport = {"width": width, "height": height}
-        contexts.append(browser.new_context(viewport=viewport, reduced_motion=motion))
-        page = watched(contexts[-1].new_page())
-        page.goto(address)
-        page.get_by_role("button", name="Generate motion").wait_for()
-        return page
-
-    yield open_page
-    for context in contexts:
-        context.close()
+# ---------------------------------------------------------------- what visitors do
 
 
-@pytest.fixture
-def wav(tmp_path: Path) -> Callable[[float], Path]:
-    """A file with so many seconds of something that is no silence."""
-
-    def make(duration_s: float) -> Path:
-        path = tmp_path / f"speech-{duration_s:g}.wav"
-        write_wav(path, made_waveform(round(16_000 * duration_s)))
-        return path
-
-    return make
+def give(page: Page, field: str, *paths: Path) -> None:
+    """Files for a field, which tells of each once it is there."""
+    page.set_input_files(f"{field} input[type=file]", [str(path) for path in paths])
+    for path in paths:
+        page.locator(field).get_by_text(path.stem[:12]).first.wait_for()
 
 
-class Stage:
-    """What lets the fake draw its videos."""
-
-    def __init__(self) -> None:
-        self.may_draw = [threading.Event() for _ in range(12)]
-        self.hold(0)
-
-    def hold(self, drawn: int) -> None:
-        """Let only the first ``drawn`` videos be drawn."""
-        for index, event in enumerate(self.may_draw):
-            if index < drawn:
-                event.set()
-            else:
-                event.clear()
-
-
-def open_page(
-    browser: Browser, address: str, width: int = 1280, motion: Motion = "no-preference"
-) -> Page:
-    viewport = {"width": width, "height": 900}
-    page = watched(browser.new_context(viewport=viewport, reduced_motion=motion).new_page())
-    page.goto(address)
-    page.get_by_role("button", name=text.GENERATE).wait_for()
-    return page
+def give_speech(page: Page, path: Path) -> None:
+    page.set_input_files("#speech input[type=file]", str(path))
+    page.locator("#speech").get_by_label("Play", exact=True).first.wait_for()
 
 
 def start(page: Page, speech: Path) -> None:
-    page.set_input_files("#speech input[type=file]", str(speech))
-    page.locator("#speech").get_by_label("Play", exact=True).first.wait_for()
+    give_speech(page, speech)
     page.get_by_role("button", name=text.GENERATE).click()
+
+
+def staged(page: Page, count: int) -> Page:
+    page.wait_for_function(STAGED, arg=count)
+    return page
+
+
+def tick(page: Page, systems: Sequence[str]) -> None:
+    """These alone, as the page calls them."""
+    for label in page.locator("#systems label").all():
+        label.locator("input").set_checked((label.inner_text()).strip() in systems)
+
+
+def bar_of(page: Page, player: str = "#player") -> Locator:
+    return page.locator(f"{player} .controls")
+
+
+def press(place: Page | Locator, name: str | re.Pattern[str]) -> None:
+    place.get_by_role("button", name=name, exact=True).click()
 
 
 def show_videos(page: Page, player: str = "#player") -> None:
@@ -249,85 +360,32 @@ def show_videos(page: Page, player: str = "#player") -> None:
     page.locator(f"{player} .tile").first.wait_for()
 
 
-STAGED = "count => Number(document.querySelector('#player .stage')?.dataset.bodies) === count"
-"""Whether so many bodies are on the stage."""
+def put_clock(page: Page, seconds: float) -> None:
+    page.evaluate(f"seconds => {LOCKSTEP}.seek(seconds)", seconds)
 
 
-@pytest.fixture(scope="module")
-def stage() -> Stage:
-    return Stage()
-
-
-@contextmanager
-def faked(
-    stage: Stage,
-    tmp_path_factory: pytest.TempPathFactory,
-    seconds: float,
-    plan: GesturePlan | None = None,
-) -> Iterator[str]:
-    """The address of a page over a pipeline that draws at once, of speech of so many seconds."""
-    weights = make_weights(tmp_path_factory.mktemp("weights"))
-    for ending in ("json", "safetensors"):
-        shutil.copy(weights / f"globaldiff-global.{ending}", weights / f"globaldiff-full.{ending}")
-    config = AppConfig(port=0, weights=weights, temp=tmp_path_factory.mktemp("page"))
-    draw = fakes.make_draw(before_video=stage.may_draw.__getitem__, seconds=seconds)
-    generate = fakes.make_generate(seconds=seconds, plan=plan)
-    with served(config, generate=generate, draw_behind=draw) as url:
-        yield url
-
-
-@pytest.fixture(scope="module")
-def fake_address(stage: Stage, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    with faked(stage, tmp_path_factory, SECONDS, PLAN) as url:
-        yield url
-
-
-@pytest.fixture(scope="module")
-def planned_address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Of a page with a system that performs plans."""
-    weights = make_planned_weights(tmp_path_factory.mktemp("planned"))
-    with served(AppConfig(port=0, weights=weights, temp=tmp_path_factory.mktemp("page"))) as url:
-        yield url
-
-
-class Windows:
-    """What lets the fake make its windows of motion."""
-
-    def __init__(self) -> None:
-        self.may_make = [threading.Event() for _ in range(8)]
-        self.may_draw = threading.Event()
-        """Figures."""
-
-    def let(self, count: int) -> None:
-        """Let the first ``count`` be made, and no more."""
-        for index, event in enumerate(self.may_make):
-            if index < count:
-                event.set()
-            else:
-                event.clear()
-
-
-@pytest.fixture(scope="module")
-def windows() -> Windows:
-    return Windows()
-
-
-@pytest.fixture(scope="module")
-def windowed_address(windows: Windows, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Of a page whose motion comes window by window."""
-    weights = make_weights(tmp_path_factory.mktemp("weights"))
-    config = AppConfig(port=0, weights=weights, temp=tmp_path_factory.mktemp("page"))
-    generate = fakes.make_generate(
-        seconds=SECONDS,
-        before_window=windows.may_make.__getitem__,
-        before_figures=windows.may_draw,
-    )
-    with served(config, generate=generate) as url:
-        yield url
-
-
-@pytest.fixture(scope="module")
-def speech(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("speech") / "speech.wav"
-    write_wav(path, made_waveform(round(16_000 * SECONDS)))
+def saved(page: Page, link: Locator, folder: Path) -> Path:
+    """What a click downloads, under the name that it suggests."""
+    with page.expect_download() as download:
+        link.click()
+    path = folder / download.value.suggested_filename
+    download.value.save_as(path)
     return path
+
+
+def turn_to(page: Page, look: Look) -> None:
+    """Give the page another window and scheme, as its visitor's system would."""
+    width, height, scheme = look
+    page.set_viewport_size({"width": width, "height": height})
+    page.emulate_media(color_scheme=scheme)
+    if page.locator("gradio-app, .gradio-container").count():  # it asks but once
+        page.evaluate("dark => document.body.classList.toggle('dark', dark)", scheme == "dark")
+
+
+def expect_fit(page: Page, what: Locator | None = None) -> None:
+    """In its window's width; and an element, once scrolled to, is all in sight."""
+    width, window = page.evaluate(WIDTHS)
+    assert width <= window
+    if what is not None:
+        what.scroll_into_view_if_needed()
+        expect(what).to_be_in_viewport(ratio=0.99)

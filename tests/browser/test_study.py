@@ -1,4 +1,4 @@
-"""The participants' page in a real Chromium: answers, gates, reloads, phone and keyboard."""
+"""Pages without the server: a study's for its participants, a player and a board as one file."""
 
 import json
 import re
@@ -7,16 +7,23 @@ from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from threading import Thread
+from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Page, expect
+from playwright.sync_api import BrowserContext, Page, expect
 
+from app.notebook import show
+from app.run.many.board import Entry, Value, board_page
 from app.study.design.key import Key, read_key
 from app.study.design.plan import wording
 from app.study.leaks import check_study
-from app.study.statistics.answers import collect
+from app.study.statistics.answers import Collected, collect
+from model.speech.audio import Speech
 from tests.app.study.made_study import make_study
-from tests.browser.conftest import PATIENCE_MS
+from tests.browser.conftest import PATIENCE_MS, expect_fit, saved, watched
+from tests.browser.test_stage import findings
+from tests.helpers import smooth_motion_example
+from tests.model.made import made_waveform
 
 pytestmark = pytest.mark.browser
 
@@ -28,13 +35,21 @@ DOTS_MS, TONES_MS = 1500, 3900
 """How long a dot of the practice moves, and three tones sound: time that the page's clock can
 skip, as it cannot for videos."""
 SEEN = "index => document.querySelectorAll('.card')[index].className === 'card seen'"
+QUIET = """() => {
+    window.peaks = [];
+    const start = AudioBufferSourceNode.prototype.start;
+    AudioBufferSourceNode.prototype.start = function (...when) {
+        window.peaks.push(Math.max(...this.buffer.getChannelData(0)));
+        return start.apply(this, when);
+    };
+}"""
+"""Notes each tone's loudness: the quiet one is what a listener would press."""
 
 
 class _Host(SimpleHTTPRequestHandler):
-    """A web host that keeps what is posted to it, and whatever else is asked of it."""
+    """A web host that keeps what is posted to it."""
 
     posted: list[bytes]
-    asked: list[str]
 
     def do_POST(self) -> None:
         self.posted.append(self.rfile.read(int(self.headers["Content-Length"])))
@@ -42,56 +57,60 @@ class _Host(SimpleHTTPRequestHandler):
         self.end_headers()
 
     def log_message(self, format: str, *args: object) -> None:
-        self.asked.append(self.path)
+        pass
+
+
+class Host:
+    """An address with one study for each protocol below it, and their folder."""
+
+    def __init__(self, root: Path) -> None:
+        self.root, self.posted = root, list[bytes]()
+        handler = type("Handler", (_Host,), {"posted": self.posted})
+        self.server = ThreadingHTTPServer(("127.0.0.1", 0), partial(handler, directory=str(root)))
+        self.address = f"http://127.0.0.1:{self.server.server_port}"
+        post = f'post_to = "{self.address}/answers"\nreturn_to = "{RETURN_TO}"'
+        for protocol, settings in {
+            "pairwise": "attention_checks = 1",
+            "matched": "attention_checks = 0\n" + post,
+            "ranking": "attention_checks = 0",
+            "rating": "attention_checks = 0",
+        }.items():
+            systems = SYSTEMS[:1] if protocol == "matched" else SYSTEMS
+            make_study(root / protocol, systems, CLIPS, f'protocol = "{protocol}"\n{settings}')
+
+    def bundle(self, protocol: str) -> Path:
+        return self.root / protocol / "study" / "participant_bundle"
+
+    def key(self, protocol: str) -> Key:
+        return read_key(self.root / protocol / "study" / "researcher_only" / "key.json")
+
+    def collected(self, protocol: str, folder: Path) -> Collected:
+        return collect([folder], self.key(protocol))
 
 
 @pytest.fixture(scope="module")
-def host(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Path, type[_Host]]]:
-    """An address with one study for each protocol below it, and their folder."""
-    root = tmp_path_factory.mktemp("host")
-    handler = type("Host", (_Host,), {"posted": [], "asked": []})
-    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(handler, directory=str(root)))
-    Thread(target=server.serve_forever, daemon=True).start()
-    address = f"http://127.0.0.1:{server.server_port}"
-    post = f'post_to = "{address}/answers"\nreturn_to = "{RETURN_TO}"'
-    for protocol, settings in {
-        "pairwise": "attention_checks = 1",
-        "matched": "attention_checks = 0\n" + post,
-        "ranking": "attention_checks = 0",
-        "rating": "attention_checks = 0",
-    }.items():
-        systems = SYSTEMS[:1] if protocol == "matched" else SYSTEMS
-        make_study(root / protocol, systems, CLIPS, f'protocol = "{protocol}"\n{settings}')
-    yield address, root, handler
-    server.shutdown()
-    server.server_close()
+def host(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Host]:
+    host = Host(tmp_path_factory.mktemp("host"))
+    Thread(target=host.server.serve_forever, daemon=True).start()
+    yield host
+    host.server.shutdown()
+    host.server.server_close()
 
 
 @pytest.fixture
-def take_part(
-    browser: Browser, host: tuple[str, Path, type[_Host]]
-) -> Iterator[Callable[..., Page]]:
+def take_part(visitor: Callable[..., BrowserContext], host: Host) -> Callable[..., Page]:
     """Open a study as a new participant, who shares nothing with the others."""
-    contexts: list[BrowserContext] = []
 
-    def open_page(
-        protocol: str, query: str = "?p=0", width: int = 1280, is_file: bool = False
-    ) -> Page:
+    def open_page(protocol: str, query: str = "?p=0", width: int = 1280, is_file: bool = False):
         is_phone = width < 500
-        contexts.append(
-            browser.new_context(viewport={"width": width, "height": 800}, has_touch=is_phone)
-        )
-        page = contexts[-1].new_page()
+        context = visitor(width, 844 if is_phone else 720, has_touch=is_phone)
+        page = watched(context.new_page())
         page.clock.install()
-        page.set_default_timeout(PATIENCE_MS)
-        page.on("pageerror", lambda error: pytest.fail(str(error)))
-        root = host[1].as_uri() if is_file else host[0]
+        root = host.root.as_uri() if is_file else host.address
         page.goto(f"{root}/{protocol}/study/participant_bundle/index.html{query}")
         return page
 
-    yield open_page
-    for context in contexts:
-        context.close()
+    return open_page
 
 
 def agree(page: Page) -> None:
@@ -101,13 +120,9 @@ def agree(page: Page) -> None:
     start.click()
 
 
-def watch_all(page: Page, press: Callable[[Page, int], None], skipped_ms: int = 0) -> None:
-    """Play each video to its end."""
-    for index in range(page.locator(".card").count()):
-        press(page, index)
-        if skipped_ms:
-            page.clock.fast_forward(skipped_ms)
-        page.wait_for_function(SEEN, arg=index, timeout=PATIENCE_MS)
+def skip_sound(page: Page) -> None:
+    agree(page)
+    page.get_by_role("button", name=WORDS["headphones"]["skip"]).click()
 
 
 def by_click(page: Page, index: int) -> None:
@@ -118,22 +133,37 @@ def by_key(page: Page, index: int) -> None:
     page.keyboard.press(str(index + 1))
 
 
+Press = Callable[[Page, int], None]
+
+
+def watch_all(page: Page, press: Press = by_click, skipped_ms: int = 0) -> None:
+    """Play each video to its end."""
+    for index in range(page.locator(".card").count()):
+        press(page, index)
+        if skipped_ms:
+            page.clock.fast_forward(skipped_ms)
+        page.wait_for_function(SEEN, arg=index, timeout=PATIENCE_MS)
+
+
 def place(page: Page) -> str:
     return page.locator("#place").inner_text()
 
 
 def go_on(page: Page) -> None:
-    """Next, and wait for the page that it leads to."""
+    """Next, which is in sight on every page, and wait for the page that it leads to."""
     before = place(page)
+    expect(page.locator("#next")).to_be_in_viewport(ratio=0.99)
     page.locator("#next").click()
     page.wait_for_function(
         "text => document.querySelector('#place').innerText !== text", arg=before
     )
 
 
-def practise(
-    page: Page, press: Callable[[Page, int], None] = by_click, skipped_ms: int = DOTS_MS
-) -> None:
+def choose(page: Page, side: str = "left") -> None:
+    page.locator(".choices").get_by_text(BUTTONS[side], exact=True).click()
+
+
+def practise(page: Page, press: Press = by_click, skipped_ms: int = DOTS_MS) -> None:
     """The page with dots in place of people."""
     expect(page.locator("#place")).to_have_text(WORDS["practice"]["place"])
     expect(page.locator(".card canvas")).to_have_count(2)
@@ -149,286 +179,31 @@ def practise(
     expect(page.locator(".card canvas")).to_have_count(0)
 
 
+def obey(page: Page) -> None:
+    """Checks of attention as they say, where the next pages are some."""
+    while page.locator(".press").count():
+        said = page.locator(".press").inner_text()
+        name = next(BUTTONS[side] for side in ("left", "right") if BUTTONS[side] in said)
+        page.get_by_text(name, exact=True).click()
+        go_on(page)
+
+
 def answer_pairs(page: Page, until: int = 100) -> None:
     """Answer pages, the left video each time and checks as they say, from wherever it stands."""
     for _ in range(until):
-        if not place(page):
-            return
         if page.locator(".card canvas").count():
             practise(page)
-            continue
-        if page.locator(".press").count():
-            said = page.locator(".press").inner_text()
-            name = next(BUTTONS[side] for side in ("left", "right") if BUTTONS[side] in said)
-            page.get_by_text(name, exact=True).click()
-        else:
-            expect(page.locator("#next")).to_be_disabled()
-            watch_all(page, by_click)
-            page.locator(".choices").get_by_text(BUTTONS["left"], exact=True).click()
+        obey(page)
+        if not place(page):
+            return
+        expect(page.locator("#next")).to_be_disabled()
+        watch_all(page)
+        choose(page)
         go_on(page)
 
 
 def saved_answers(page: Page, out: Path) -> Path:
-    with page.expect_download() as download:
-        page.get_by_role("button", name=BUTTONS["download"]).click()
-    path = out / download.value.suggested_filename
-    download.value.save_as(path)
-    return path
-
-
-def key_of(host: tuple[str, Path, type[_Host]], protocol: str) -> Key:
-    return read_key(host[1] / protocol / "study" / "researcher_only" / "key.json")
-
-
-def test_two_participants_complete_a_study_and_their_answers_are_read(
-    take_part: Callable[..., Page], host: tuple[str, Path, type[_Host]], tmp_path: Path
-) -> None:
-    """One at a desk; one on a phone who reloads half-way, in the middle of a page."""
-    desk = take_part("pairwise", "?p=0")
-    agree(desk)
-    answer_pairs(desk)
-    saved_answers(desk, tmp_path)
-
-    phone = take_part("pairwise", "?p=1", width=390)
-    agree(phone)
-    practise(phone)
-    answer_pairs(phone, until=1)
-    while phone.locator(".press").count():
-        answer_pairs(phone, until=1)
-    watch_all(phone, by_click)
-    phone.locator(".choices").get_by_text(BUTTONS["right"], exact=True).click()
-    phone.locator(".reasons").get_by_text("Motion smoothness").click()
-    before = place(phone)
-    phone.reload()
-    assert place(phone) == before
-    expect(phone.locator(".card.seen")).to_have_count(2)
-    expect(phone.locator(".choices input").nth(2)).to_be_checked()
-    expect(phone.get_by_label("Motion smoothness")).to_be_checked()
-    assert phone.evaluate("document.documentElement.scrollWidth") <= 390
-    go_on(phone)
-    answer_pairs(phone)
-    phone.reload()
-    path = saved_answers(phone, tmp_path)
-
-    key = key_of(host, "pairwise")
-    collected = collect([tmp_path], key)
-    assert collected.left_out == ()
-    assert [p.list_number for p in sorted(collected.participants, key=lambda p: p.list_number)] == [
-        0,
-        1,
-    ]
-    for participant in collected.participants:
-        assert participant.finished is not None
-        assert sorted(answer.trial for answer in participant.answers) == sorted(
-            key.lists[participant.list_number]
-        )
-    written = json.loads(path.read_text())
-    assert written["device"] == {"width": 390, "height": 800, "touch": True}
-    answers = {answer["trial"]: answer for answer in written["answers"]}
-    for trial_id, answer in answers.items():
-        trial = key.trials[trial_id]
-        if trial.expected:
-            assert answer["value"] == trial.expected.value
-        else:
-            assert answer["watched"] >= 1 and answer["ms"] >= 500
-    chosen = [a for a in written["answers"] if a["reasons"]]
-    assert [answer["value"] for answer in chosen] == [answer["shown"][1] for answer in chosen]
-    assert [answer["reasons"] for answer in chosen] == [["smoothness"]]
-
-
-@pytest.mark.parametrize(("width", "height"), [(390, 844), (1280, 720)])
-def test_next_is_in_sight_on_every_page(
-    take_part: Callable[..., Page], width: int, height: int
-) -> None:
-    page = take_part("pairwise", "?p=0", width=width)
-    page.set_viewport_size({"width": width, "height": height})
-
-    def in_sight(name: str) -> None:
-        box = page.get_by_role("button", name=name, exact=True).bounding_box()
-        assert box is not None and box["y"] >= 0 and box["y"] + box["height"] <= height
-
-    in_sight(BUTTONS["start"])
-    said = page.locator("#main").inner_text()
-    assert re.search(r"takes about \d+ minutes: a short practice, then \d+ pages", said)
-    agree(page)
-    in_sight(BUTTONS["next"])
-    practise(page)
-    while page.locator(".press").count():
-        in_sight(BUTTONS["next"])
-        answer_pairs(page, until=1)
-    in_sight(BUTTONS["next"])
-    watch_all(page, by_click)
-    page.locator(".choices").get_by_text(BUTTONS["left"], exact=True).click()
-    in_sight(BUTTONS["next"])  # with the reasons below the choice
-
-
-def test_a_preview_keeps_and_sends_nothing(
-    take_part: Callable[..., Page], host: tuple[str, Path, type[_Host]], tmp_path: Path
-) -> None:
-    before = len(host[2].posted)
-    page = take_part("matched", "?preview&p=0")
-    expect(page.locator(".preview")).to_contain_text("Nothing is sent")
-    agree(page)
-    page.get_by_role("button", name=WORDS["headphones"]["skip"]).click()
-    practise(page)
-    answer_pairs(page)
-    expect(page.get_by_text(WORDS["finish"]["then"])).to_be_visible()
-    assert saved_answers(page, tmp_path).name.startswith("preview-")
-    expect(page.get_by_text(RETURN_TO)).to_be_visible()  # said, but it leads nowhere
-    expect(page.get_by_role("link", name=WORDS["finish"]["back"])).to_have_count(0)
-    assert len(host[2].posted) == before
-    assert page.evaluate("localStorage.length") == 0
-    page.reload()
-    expect(page.get_by_label(WORDS["consent"]["agree"])).not_to_be_checked()
-
-
-def test_a_whole_page_can_be_answered_by_keyboard(take_part: Callable[..., Page]) -> None:
-    page = take_part("pairwise", "?p=2")
-    page.keyboard.press("Tab")
-    page.keyboard.press("Space")
-    page.keyboard.press("Tab")
-    page.keyboard.press("Enter")
-    practise(page, by_key)
-    first = place(page)
-    while page.locator(".press").count():
-        page.keyboard.press("ArrowRight")
-        page.keyboard.press("Enter")
-        first = place(page)
-    page.keyboard.press("ArrowRight")  # nothing may be chosen before both were watched
-    expect(page.locator(".choices input:checked")).to_have_count(0)
-    watch_all(page, by_key)
-    page.keyboard.press("ArrowDown")
-    expect(page.locator(".choices input").nth(1)).to_be_checked()
-    page.keyboard.press("ArrowLeft")
-    expect(page.locator(".choices input").nth(0)).to_be_checked()
-    page.keyboard.press("Enter")
-    expect(page.locator("#place")).not_to_have_text(first)
-
-
-def test_a_video_that_is_stopped_or_skipped_does_not_count(take_part: Callable[..., Page]) -> None:
-    page = take_part("ranking", is_file=True)  # this host cannot skip inside a video
-    agree(page)
-    page.get_by_role("button", name=WORDS["headphones"]["skip"]).click()
-    practise(page)
-    by_click(page, 0)
-    by_click(page, 1)  # stops the first one
-    expect(page.locator(".card").nth(1)).to_have_class("card seen")
-    expect(page.locator(".card").nth(0)).to_have_class("card")
-    page.evaluate("document.querySelector('video').currentTime = 0.45")
-    page.evaluate("document.querySelector('video').play()")
-    page.wait_for_function("() => document.querySelector('video').ended")
-    expect(page.locator(".card").nth(0)).to_have_class("card")
-    expect(page.locator("#next")).to_be_disabled()
-    by_click(page, 0)
-    expect(page.locator(".card").nth(0)).to_have_class("card seen")
-
-
-def test_speech_is_asked_about_and_answers_are_posted(
-    take_part: Callable[..., Page], host: tuple[str, Path, type[_Host]], tmp_path: Path
-) -> None:
-    page = take_part("matched")
-    agree(page)
-    page.get_by_role("button", name=WORDS["headphones"]["skip"]).click()
-    practise(page)
-    assert page.evaluate("document.querySelector('video').muted") is False
-    answer_pairs(page)
-    expect(page.get_by_text(WORDS["finish"]["sent"])).to_be_visible()
-    back = page.get_by_role("link", name=WORDS["finish"]["back"])
-    expect(back).to_have_attribute("href", RETURN_TO)
-    expect(page.get_by_text(WORDS["finish"]["then"])).to_have_count(0)
-    for number, posted in enumerate(host[2].posted):
-        (tmp_path / f"{number}.json").write_bytes(posted)
-    collected = collect([tmp_path], key_of(host, "matched"))
-    assert collected.left_out == ("1 file of answers under way, all of them also in later ones.",)
-    (participant,) = collected.participants
-    assert participant.headphones == "skipped"
-    assert len(participant.answers) == 2
-
-
-@pytest.mark.parametrize("is_right", [True, False])
-def test_the_sound_check_tells_who_hears_the_quiet_tone(
-    take_part: Callable[..., Page], tmp_path: Path, is_right: bool
-) -> None:
-    page = take_part("rating", "?p=3")
-    # Each tone's loudness is noted as it is made: the quiet one is what a listener would press.
-    page.evaluate(
-        """() => {
-            window.peaks = [];
-            const start = AudioBufferSourceNode.prototype.start;
-            AudioBufferSourceNode.prototype.start = function (...when) {
-                window.peaks.push(Math.max(...this.buffer.getChannelData(0)));
-                return start.apply(this, when);
-            };
-        }"""
-    )
-    agree(page)
-    text = WORDS["headphones"]
-    for _ in range(3 if is_right else 2):
-        page.evaluate("window.peaks = []")
-        page.get_by_role("button", name=text["play"]).click()
-        page.clock.fast_forward(TONES_MS)
-        choices = [page.get_by_role("button", name=name) for name in text["choices"]]
-        expect(choices[0]).to_be_enabled()
-        quiet = page.evaluate("window.peaks.indexOf(Math.min(...window.peaks))")
-        choices[quiet if is_right else (quiet + 1) % 3].click()
-    if not is_right:
-        expect(page.get_by_text(text["failed"])).to_be_visible()
-        page.get_by_role("button", name=text["continue"]).click()
-    watch_all(page, by_click, DOTS_MS)
-    kept = page.evaluate("name => localStorage.getItem(name)", kept_state(page))
-    assert json.loads(kept)["headphones"] == ("passed" if is_right else "failed")
-
-
-def test_rankings_and_ratings_are_read(
-    take_part: Callable[..., Page], host: tuple[str, Path, type[_Host]], tmp_path: Path
-) -> None:
-    for protocol in ("ranking", "rating"):
-        page = take_part(protocol)
-        agree(page)
-        page.get_by_role("button", name=WORDS["headphones"]["skip"]).click()
-        practise(page)
-        while place(page):
-            watch_all(page, by_click)
-            for part in page.locator(".ranks").all():
-                part.get_by_role("button", name="2").click()  # the last one follows by itself
-            for i, slider in enumerate(page.get_by_role("slider").all()):
-                slider.fill(str(30 + 40 * i))
-            go_on(page)
-        folder = tmp_path / protocol
-        folder.mkdir()
-        saved_answers(page, folder)
-        collected = collect([folder], key_of(host, protocol))
-        assert collected.left_out == ()
-        (participant,) = collected.participants
-        assert len(participant.answers) == (6 if protocol == "ranking" else 2)
-        for answer in participant.answers:
-            if protocol == "ranking":
-                assert answer.value == list(answer.shown[::-1])
-            else:
-                assert answer.value == {answer.shown[0]: 30, answer.shown[1]: 70}
-
-
-def test_a_link_to_a_list_that_is_none_says_so(take_part: Callable[..., Page]) -> None:
-    page = take_part("rating", "?p=99")
-    expect(page.get_by_role("alert")).to_contain_text("list 99")
-
-
-def test_the_page_works_from_a_file_and_asks_nobody_else(
-    browser: Browser, host: tuple[str, Path, type[_Host]]
-) -> None:
-    bundle = host[1] / "pairwise" / "study" / "participant_bundle"
-    assert check_study(bundle.parent) == []
-    context = browser.new_context()
-    page = context.new_page()
-    page.clock.install()
-    asked: list[str] = []
-    page.on("request", lambda request: asked.append(request.url))
-    page.goto(f"{bundle.as_uri()}/index.html?p=0")
-    page.get_by_label(WORDS["consent"]["agree"]).check()
-    page.get_by_role("button", name=BUTTONS["start"]).click()
-    answer_pairs(page, until=2)
-    context.close()
-    assert asked and all(url.startswith(f"{bundle.as_uri()}/") for url in asked)
+    return saved(page, page.get_by_role("button", name=BUTTONS["download"]), out)
 
 
 def kept_state(page: Page) -> str:
@@ -437,12 +212,204 @@ def kept_state(page: Page) -> str:
     return next(key for key in keys if re.fullmatch(r"study/[0-9a-f]{16}/[0-9a-f]{16}", key))
 
 
-@pytest.mark.parametrize("has_locks", [True, False])
+def kept(page: Page, name: str) -> str:
+    return page.evaluate("name => localStorage.getItem(name)", name)
+
+
+def is_whole(host: Host, protocol: str, participant: Any) -> bool:
+    """Whether somebody has answered every page of their list, and come to the end."""
+    asked = sorted(host.key(protocol).lists[participant.list_number])
+    return participant.finished is not None and asked == sorted(
+        answer.trial for answer in participant.answers
+    )
+
+
+def test_two_participants_complete_a_study_and_their_answers_are_read(
+    take_part: Callable[..., Page], host: Host, tmp_path: Path
+) -> None:
+    """One at a desk, by keyboard alone; one on a phone who reloads half-way, in the middle of a
+    page."""
+    desk = take_part("pairwise", "?p=0")
+    assert findings(desk) == []
+    said = desk.locator("#main").inner_text()
+    assert re.search(r"takes about \d+ minutes: a short practice, then \d+ pages", said)
+    for key in ("Tab", "Space", "Tab", "Enter"):
+        desk.keyboard.press(key)
+    practise(desk, by_key)
+    while place(desk):
+        before = place(desk)
+        if desk.locator(".press").count():
+            is_left = BUTTONS["left"] in desk.locator(".press").inner_text()
+            desk.keyboard.press("ArrowLeft" if is_left else "ArrowRight")
+        else:
+            desk.keyboard.press("ArrowRight")  # nothing may be chosen before both were watched
+            expect(desk.locator(".choices input:checked")).to_have_count(0)
+            watch_all(desk, by_key)
+            desk.keyboard.press("ArrowDown")
+            expect(desk.locator(".choices input").nth(1)).to_be_checked()
+            desk.keyboard.press("ArrowLeft")
+            expect(desk.locator(".choices input").nth(0)).to_be_checked()
+        desk.keyboard.press("Enter")
+        expect(desk.locator("#place")).not_to_have_text(before)
+    saved_answers(desk, tmp_path)
+
+    phone = take_part("pairwise", "?p=1", width=390)
+    agree(phone)
+    practise(phone)
+    obey(phone)
+    assert findings(phone) == []
+    watch_all(phone)
+    choose(phone, "right")
+    phone.locator(".reasons").get_by_text("Motion smoothness").click()
+    expect(phone.locator("#next")).to_be_in_viewport(ratio=0.99)  # with the reasons below
+    before = place(phone)
+    phone.reload()
+    assert place(phone) == before
+    expect(phone.locator(".card.seen")).to_have_count(2)
+    expect(phone.locator(".choices input").nth(2)).to_be_checked()
+    expect(phone.get_by_label("Motion smoothness")).to_be_checked()
+    expect_fit(phone)
+    go_on(phone)
+    answer_pairs(phone)
+    phone.reload()
+    path = saved_answers(phone, tmp_path)
+
+    key, found = host.key("pairwise"), host.collected("pairwise", tmp_path)
+    assert found.left_out == ()
+    assert sorted(each.list_number for each in found.participants) == [0, 1]
+    assert all(is_whole(host, "pairwise", each) for each in found.participants)
+    written = json.loads(path.read_text())
+    assert written["device"] == {"width": 390, "height": 844, "touch": True}
+    for answer in written["answers"]:
+        expected = key.trials[answer["trial"]].expected
+        if expected:
+            assert answer["value"] == expected.value
+        else:
+            assert answer["watched"] >= 1 and answer["ms"] >= 500
+    chosen = [answer for answer in written["answers"] if answer["reasons"]]
+    assert [answer["value"] for answer in chosen] == [answer["shown"][1] for answer in chosen]
+    assert [answer["reasons"] for answer in chosen] == [["smoothness"]]
+
+
+def test_speech_is_asked_about_and_answers_are_posted_again_when_the_network_returns(
+    take_part: Callable[..., Page], host: Host, tmp_path: Path
+) -> None:
+    page = take_part("matched")
+    skip_sound(page)
+    practise(page)
+    assert page.evaluate("document.querySelector('video').muted") is False
+    watch_all(page)
+    choose(page)
+    with page.expect_response("**/answers"):
+        go_on(page)  # at once, not only at the end
+    assert len(host.posted) == 1
+    watch_all(page)
+    choose(page)
+    page.context.set_offline(True)
+    go_on(page)
+    expect(page.get_by_text(WORDS["finish"]["post"])).to_be_visible()
+    assert len(host.posted) == 1
+    page.context.set_offline(False)
+    expect(page.get_by_text(WORDS["finish"]["sent"])).to_be_visible()
+    back = page.get_by_role("link", name=WORDS["finish"]["back"])
+    expect(back).to_have_attribute("href", RETURN_TO)
+    expect(page.get_by_text(WORDS["finish"]["then"])).to_have_count(0)
+    for number, posted in enumerate(host.posted):
+        (tmp_path / f"{number}.json").write_bytes(posted)
+    found = host.collected("matched", tmp_path)
+    assert found.left_out == ("1 file of answers under way, all of them also in later ones.",)
+    (participant,) = found.participants
+    assert participant.headphones == "skipped" and is_whole(host, "matched", participant)
+
+    # A preview keeps and sends nothing.
+    preview = take_part("matched", "?preview&p=0")
+    expect(preview.locator(".preview")).to_contain_text("Nothing is sent")
+    skip_sound(preview)
+    answer_pairs(preview)
+    expect(preview.get_by_text(WORDS["finish"]["then"])).to_be_visible()
+    assert saved_answers(preview, tmp_path).name.startswith("preview-")
+    expect(preview.get_by_text(RETURN_TO)).to_be_visible()  # said, but it leads nowhere
+    expect(preview.get_by_role("link", name=WORDS["finish"]["back"])).to_have_count(0)
+    assert len(host.posted) == 2
+    assert preview.evaluate("localStorage.length") == 0
+    preview.reload()
+    expect(preview.get_by_label(WORDS["consent"]["agree"])).not_to_be_checked()
+
+
+def test_rankings_and_ratings_are_read_and_the_sound_check_tells_who_hears_the_quiet_tone(
+    take_part: Callable[..., Page], host: Host, tmp_path: Path
+) -> None:
+    """Rankings from a file, without any host; a video that is stopped or skipped does not count."""
+    ranking, asked = take_part("ranking", is_file=True), list[str]()
+    bundle = host.bundle("ranking")
+    assert check_study(bundle.parent) == []
+    ranking.on("request", lambda request: asked.append(request.url))
+    ranking.reload()
+    skip_sound(ranking)
+    practise(ranking)
+    by_click(ranking, 0)
+    by_click(ranking, 1)  # stops the first one
+    ranking.wait_for_function(SEEN, arg=1)
+    first = ranking.locator(".card").nth(0)
+    expect(first).to_have_class("card")
+    ranking.evaluate("document.querySelector('video').currentTime = 0.45")
+    ranking.evaluate("document.querySelector('video').play()")
+    ranking.wait_for_function("() => document.querySelector('video').ended")
+    expect(first).to_have_class("card")
+    expect(ranking.locator("#next")).to_be_disabled()
+    while place(ranking):
+        watch_all(ranking)
+        for part in ranking.locator(".ranks").all():
+            part.get_by_role("button", name="2").click()  # the last one follows by itself
+        go_on(ranking)
+    (tmp_path / "ranking").mkdir()
+    saved_answers(ranking, tmp_path / "ranking")
+    found = host.collected("ranking", tmp_path / "ranking")
+    assert found.left_out == () and len(found.participants[0].answers) == 6
+    for answer in found.participants[0].answers:
+        assert answer.value == list(answer.shown[::-1])
+    assert asked and all(url.startswith(f"{bundle.as_uri()}/") for url in asked)
+
+    rating, words = take_part("rating", "?p=3"), WORDS["headphones"]
+    rating.evaluate(QUIET)
+    for wrong, passed in ((0, "passed"), (1, "failed")):
+        agree(rating)
+        for _ in range(3 if not wrong else 2):
+            rating.evaluate("window.peaks = []")
+            rating.get_by_role("button", name=words["play"]).click()
+            rating.clock.fast_forward(TONES_MS)
+            choices = [rating.get_by_role("button", name=name) for name in words["choices"]]
+            expect(choices[0]).to_be_enabled()
+            quiet = rating.evaluate("window.peaks.indexOf(Math.min(...window.peaks))")
+            choices[(quiet + wrong) % 3].click()
+        if wrong:
+            expect(rating.get_by_text(words["failed"])).to_be_visible()
+            rating.get_by_role("button", name=words["continue"]).click()
+        expect(rating.locator("#place")).to_have_text(WORDS["practice"]["place"])
+        assert json.loads(kept(rating, kept_state(rating)))["headphones"] == passed
+        if not wrong:
+            rating.evaluate("localStorage.clear()")
+            rating.reload()
+            rating.evaluate(QUIET)
+    practise(rating)
+    while place(rating):
+        watch_all(rating)
+        for i, slider in enumerate(rating.get_by_role("slider").all()):
+            slider.fill(str(30 + 40 * i))
+        go_on(rating)
+    (tmp_path / "rating").mkdir()
+    saved_answers(rating, tmp_path / "rating")
+    (participant,) = host.collected("rating", tmp_path / "rating").participants
+    assert participant.headphones == "failed" and len(participant.answers) == 2
+    for answer in participant.answers:
+        assert answer.value == {answer.shown[0]: 30, answer.shown[1]: 70}
+    rating.goto(rating.url.replace("?p=3", "?p=99"))
+    expect(rating.get_by_role("alert")).to_contain_text("list 99")
+
+
+@pytest.mark.parametrize("has_locks", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_two_tabs_lose_no_answer(
-    take_part: Callable[..., Page],
-    host: tuple[str, Path, type[_Host]],
-    tmp_path: Path,
-    has_locks: bool,
+    take_part: Callable[..., Page], host: Host, tmp_path: Path, has_locks: bool
 ) -> None:
     token = "5-" + "0" * 32
     first = take_part("pairwise", f"?p=0&t={token}")
@@ -451,8 +418,10 @@ def test_two_tabs_lose_no_answer(
         first.context.add_init_script(hidden)
         first.reload()
     agree(first)
-    answer_pairs(first, until=2)
-    second = first.context.new_page()
+    answer_pairs(first, until=1)
+    if has_locks:
+        first = other_tab_that_stole_the_lock(first)
+    second = watched(first.context.new_page())
     second.goto(first.url)
     assert place(second) == place(first)
     expect(first.get_by_text(WORDS["problems"]["elsewhere"])).to_be_visible()
@@ -464,80 +433,108 @@ def test_two_tabs_lose_no_answer(
     expect(second.get_by_text(WORDS["problems"]["elsewhere"])).to_be_visible()
     answer_pairs(first)
     saved_answers(first, tmp_path)
-    (participant,) = collect([tmp_path], key_of(host, "pairwise")).participants
-    assert participant.finished is not None and participant.link == token
-    assert len(participant.answers) == len(key_of(host, "pairwise").lists[0])
+    (participant,) = host.collected("pairwise", tmp_path).participants
+    assert is_whole(host, "pairwise", participant) and participant.link == token
 
 
-def test_the_browsers_own_lock_lets_one_tab_write(take_part: Callable[..., Page]) -> None:
-    page = take_part("pairwise")
-    agree(page)
+def other_tab_that_stole_the_lock(page: Page) -> Page:
+    """The browser's own lock lets one tab write, also where its mark in the storage was lost; the
+    page, once it has taken the lock back."""
     name = f"{kept_state(page)}/writer"
     held = "navigator.locks.query().then((all) => all.held.map((lock) => lock.name))"
     assert page.evaluate(held) == [name]
-    before = page.evaluate(f"localStorage['{kept_state(page)}']")
-    # Another tab that has the lock, and whose mark in the storage was lost.
+    before = kept(page, kept_state(page))
     other = page.context.new_page()
-    other.goto(page.url.replace("index.html", "study.css"))
+    other.goto(page.url.split("index.html")[0] + "study.css")
     other.evaluate(
         "(name) => new Promise((got) => navigator.locks.request(name, { steal: true }, () => "
         "{ got(); return new Promise(() => {}); }))",
         name,
     )
-    expect(page.get_by_text(WORDS["problems"]["elsewhere"])).to_be_visible()
-    assert page.evaluate(f"localStorage['{kept_state(page)}']") == before
+    elsewhere = page.get_by_text(WORDS["problems"]["elsewhere"])
+    expect(elsewhere).to_be_visible()
+    assert kept(page, kept_state(page)) == before
+    page.bring_to_front()
     page.get_by_role("button", name=BUTTONS["here"]).click()
-    expect(page.get_by_text(WORDS["problems"]["elsewhere"])).to_have_count(0)
+    expect(elsewhere).to_have_count(0)
     assert page.evaluate(held) == [name]
+    other.close()
+    return page
 
 
-@pytest.mark.parametrize("damage", ["cut", "answers", "page"])
 def test_damaged_storage_strands_nobody(
-    take_part: Callable[..., Page], host: tuple[str, Path, type[_Host]], tmp_path: Path, damage: str
+    take_part: Callable[..., Page], host: Host, tmp_path: Path
 ) -> None:
     page = take_part("pairwise", "?p=0")
     agree(page)
-    answer_pairs(page, until=2)
+    answer_pairs(page, until=1)
     third, name = place(page), kept_state(page)
-    kept = page.evaluate("name => localStorage.getItem(name)", name)
-    state = json.loads(kept)
-    broken = {
-        "cut": kept[: len(kept) // 2],
-        "answers": json.dumps(state | {"answers": [*state["answers"], None, {"trial": 7}]}),
+    whole = kept(page, name)
+    state = json.loads(whole)
+    for damage, broken in {
         "page": json.dumps(state | {"page": "x", "screen": "nowhere", "draft": [1]}),
-    }[damage]
-    page.evaluate("([name, value]) => localStorage.setItem(name, value)", [name, broken])
-    page.reload()
-    expect(page.get_by_text(WORDS["problems"]["repaired"])).to_be_visible()
-    assert page.evaluate("name => localStorage.getItem(name)", f"{name}/damaged") == broken
-    if damage == "cut":
-        agree(page)
-    else:
-        assert place(page) == third
+        "answers": json.dumps(state | {"answers": [*state["answers"], None, {"trial": 7}]}),
+        "cut": whole[: len(whole) // 2],
+    }.items():
+        page.evaluate("([name, value]) => localStorage.setItem(name, value)", [name, broken])
+        page.reload()
+        expect(page.get_by_text(WORDS["problems"]["repaired"])).to_be_visible()
+        assert kept(page, f"{name}/damaged") == broken
+        if damage != "cut":
+            assert place(page) == third
+    agree(page)
     answer_pairs(page)
     saved_answers(page, tmp_path)
-    (participant,) = collect([tmp_path], key_of(host, "pairwise")).participants
-    assert participant.id == state["participant"] and participant.finished is not None
-    assert len(participant.answers) == len(key_of(host, "pairwise").lists[0])
+    (participant,) = host.collected("pairwise", tmp_path).participants
+    assert participant.id == state["participant"] and is_whole(host, "pairwise", participant)
 
 
-def test_answers_are_sent_again_when_the_network_returns(
-    take_part: Callable[..., Page], host: tuple[str, Path, type[_Host]]
+# ---------------------------------------------------------------- other pages that are files
+
+
+def test_a_player_as_one_file_plays_without_any_server_also_in_a_cell(
+    visitor: Callable[..., BrowserContext], tmp_path: Path
 ) -> None:
-    page = take_part("matched", "?p=1")
-    agree(page)
-    page.get_by_role("button", name=WORDS["headphones"]["skip"]).click()
-    practise(page)
-    before = len(host[2].posted)
-    answer_pairs(page, until=1)
-    page.wait_for_timeout(500)
-    assert len(host[2].posted) == before + 1  # at once, not only at the end
-    watch_all(page, by_click)
-    page.locator(".choices").get_by_text(BUTTONS["left"], exact=True).click()
-    page.context.set_offline(True)
-    go_on(page)
-    expect(page.get_by_text(WORDS["finish"]["post"])).to_be_visible()
-    assert len(host[2].posted) == before + 1
-    page.context.set_offline(False)
-    expect(page.get_by_text(WORDS["finish"]["sent"])).to_be_visible()
-    assert json.loads(host[2].posted[-1])["finished"] is not None
+    motions = {"one": smooth_motion_example(30), "two": smooth_motion_example(30, seed=1)}
+    player = show(motions, Speech(made_waveform(16_000), ""))
+    cell = tmp_path / "cell.html"
+    cell.write_text(f"<!doctype html><meta charset=utf-8>{player._repr_html_()}")
+    page, asked = watched(visitor(640, 600).new_page()), list[str]()
+    page.on("request", lambda request: asked.append(request.url[:40]))
+    kept = player.save(tmp_path / "run.html")
+    for path, where in ((cell, "iframe"), (kept, "body")):
+        page.goto(path.as_uri())
+        seen = page.frame_locator("iframe") if where == "iframe" else page
+        root = seen.locator(".lockstep")
+        seen.locator(".stage[data-bodies='2']").wait_for()
+        before = root.evaluate("root => root.stage.pictures")
+        seen.get_by_role("button", name="Play", exact=True).click()
+        expect(seen.locator("output.time")).to_have_text(
+            "0:00.98 / 0:01.00"
+        )  # it has come to its end
+        assert root.evaluate("root => root.stage.pictures") > before + 2
+        seen.get_by_role("button", name="Ghost", exact=True).click()
+    assert not [url for url in asked if url.startswith("http")]
+
+
+def test_a_leaderboard_sorts_by_the_distance_to_recorded(
+    visitor: Callable[..., BrowserContext], tmp_path: Path
+) -> None:
+    def entry(system: str, jerk: float) -> Entry:
+        value = Value(jerk, jerk - 1, jerk + 1, "m/s³", 9)
+        return Entry(system, "t", system, 9, "2026", "p", {"All joints: Mean jerk": value}, {})
+
+    path = tmp_path / "board.html"
+    numbers = {"a": 30.0, "b": 11.0, "c": 1.0, "reference": 10.0}
+    path.write_text(board_page([entry(name, jerk) for name, jerk in numbers.items()]))
+    page = watched(visitor().new_page())
+    page.goto(path.as_uri())
+    names = page.locator("tbody th")
+    head = page.get_by_role("button", name="All joints: Mean jerk")
+    head.click()
+    assert names.all_inner_texts() == ["recorded", "b", "c", "a"]
+    head.click()
+    assert names.all_inner_texts() == ["a", "b", "recorded", "c"]
+    assert page.locator("td.best").inner_text().startswith("11")
+    page.get_by_placeholder("systems named").fill("c")
+    assert page.locator("tbody tr:visible").count() == 2  # the recorded one stays

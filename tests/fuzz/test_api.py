@@ -2,7 +2,8 @@
 
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import astuple, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,110 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.config import AppConfig
+from app.errors import RunError
 from app.page.launch import launch
-from tests.fuzz.clock import FOR_EVER_S, SLOWEST_S, run_by_the_clock
+from app.page.parts.asked import form_of
+from app.page.tabs.motion import Form, request_from_form
+from app.page.tabs.own_motion_run import OwnMotionForm
+from app.page.tabs.study_run import StudyForm, plan_text
+from tests.app.fakes import CATALOGUE
+from tests.fuzz.clock import (
+    FOR_EVER_S,
+    PROGRAM_FAULTS,
+    SECONDS,
+    SLOWEST_S,
+    is_done_or_refused,
+    run_by_the_clock,
+)
 from tests.fuzz.damage import HUGE
 from tests.soak.visitor import filled
+
+SENT: st.SearchStrategy[Any] = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.sampled_from([-1, 1.5, 2**63, 1e308, HUGE, float("nan"), float("inf")]),
+    st.sampled_from(["", "nobody", "\x1b[31m", "a" * 6000, "=", "globaldiff/global=x", "1,2"]),
+    st.sampled_from([[], [[]], ["euler"], [None], {}, {"path": "/etc/passwd"}, {"path": None}]),
+    st.sampled_from(
+        [{"path": "a.wav", "meta": {"_type": "gradio.FileData"}}, [{"url": "file:/x"}]]
+    ),
+    st.dictionaries(st.text(max_size=4), st.none() | st.integers(), max_size=2),
+)
+"""In the place of a field's value."""
+
+
+def changes(count: int) -> st.SearchStrategy[list[tuple[int, Any]]]:
+    """Of one or two of so many fields."""
+    return st.lists(st.tuples(st.integers(0, count - 1), SENT), min_size=1, max_size=2)
+
+
+def changed(values: Sequence[Any], changes: list[tuple[int, Any]]) -> list[Any]:
+    values = list(values)
+    for at, value in changes:
+        values[at] = value
+    return values
+
+
+GENERATE = Form(
+    *(
+        "/a.wav",
+        ["globaldiff/local"],
+        "scott",
+        3,
+        2,
+        "7",
+        "heun",
+        True,
+        None,
+        "left_index",
+        12,
+        None,
+    )
+)
+
+
+def _own(form: OwnMotionForm) -> object:
+    return form.to_request(Path("/job"), AppConfig())
+
+
+def _run(form: Form) -> object:
+    return request_from_form(form, Path("/job"), CATALOGUE, AppConfig())
+
+
+@pytest.mark.parametrize(
+    ("form", "ask"),
+    [
+        (GENERATE, _run),
+        (OwnMotionForm(["a.npz"], None, None, "right_middle", 0), _own),
+        (StudyForm("A", "pairwise", ["a.wav"], ["a/b"], [], 2, 4, 0, ["front"], ""), plan_text),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_forms(form: Any, ask: Callable[[Any], object]) -> None:
+    @given(changes(len(fields(form))))
+    def check(changes: list[tuple[int, Any]]) -> None:
+        values = changed(astuple(form), changes)
+        is_done_or_refused(lambda: ask(form_of(type(form), values)))
+
+    run_by_the_clock(check)
+    ask(form)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("sampler", ["euler"]),
+        ("point", ["right_middle"]),
+        ("body_steps", float("nan")),
+        ("samples", float("nan")),
+    ],
+    ids=str,
+)
+def test_wrong_types_that_were_once_faults_of_the_program(field: str, value: Any) -> None:
+    values = astuple(replace(GENERATE, **{field: value}))
+    with pytest.raises(RunError, match=f"The field {field} cannot be used"):
+        form_of(Form, values)
+
 
 ASKED: dict[str, dict[str, Any]] = {
     "generate": {
@@ -35,81 +136,35 @@ ASKED: dict[str, dict[str, Any]] = {
     },
 }
 """By call, what is asked for; of every other field the page's own value."""
-PROGRAM_FAULTS = ("inside the program", "Traceback")
-"""Gradio itself says of a field which type it expects."""
-SENT: st.SearchStrategy[Any] = st.one_of(
-    st.none(),
-    st.booleans(),
-    st.sampled_from([-1, 1.5, 2**63, 1e308, HUGE, float("nan"), float("inf")]),
-    st.sampled_from(["", "nobody", "\x1b[31m", "a" * 6000, "=", "globaldiff/global=x", "1,2"]),
-    st.sampled_from([[], [[]], ["euler"], [None], {}, {"path": "/etc/passwd"}, {"path": None}]),
-    st.sampled_from(
-        [{"path": "a.wav", "meta": {"_type": "gradio.FileData"}}, [{"url": "file:/x"}]]
-    ),
-    st.dictionaries(st.text(max_size=4), st.none() | st.integers(), max_size=2),
-)
 
 
 @pytest.fixture(scope="module")
 def client(weights: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
     temp = tmp_path_factory.mktemp("page")
     page = launch(AppConfig(port=0, weights=weights, temp=temp), is_warmed_up=False)
-    with httpx.Client(base_url=page.local_url, timeout=FOR_EVER_S) as client:
+    with httpx.Client(base_url=page.local_url or "", timeout=FOR_EVER_S) as client:
         yield client
     page.close()
 
 
-@pytest.fixture(scope="module")
-def forms(client: httpx.Client) -> dict[str, dict[str, Any]]:
-    """By call, a value for each of its fields as the page names them, in its order."""
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if SECONDS else pytest.mark.slow) for name in ASKED]
+)
+def test_calls(client: httpx.Client, name: str) -> None:
     calls = client.get("gradio_api/info").json()["named_endpoints"]
-    return {name: filled(calls[f"/{name}"], asked) for name, asked in ASKED.items()}
+    form = list(filled(calls[f"/{name}"], ASKED[name]).values())
+    call = f"gradio_api/call/{name}"
 
-
-def answer_of(client: httpx.Client, name: str, values: list[Any]) -> str:
-    """The last event of a call: ``complete`` or ``error``, with its data."""
-    body = json.dumps({"data": values})
-    asked = client.post(
-        f"gradio_api/call/{name}", content=body, headers={"Content-Type": "application/json"}
-    )
-    if asked.status_code != 200:
-        return f"refused {asked.text}"
-    return client.get(f"gradio_api/call/{name}/{asked.json()['event_id']}").text
-
-
-@pytest.mark.parametrize("name", list(ASKED))
-def test_wild_values(client: httpx.Client, forms: dict[str, dict[str, Any]], name: str) -> None:
-    form = list(forms[name].values())
-
-    @given(st.lists(st.tuples(st.integers(0, len(form) - 1), SENT), min_size=1, max_size=2))
+    @given(changes(len(form)))
     def check(changes: list[tuple[int, Any]]) -> None:
-        values = list(form)
-        for at, value in changes:
-            values[at] = value
+        body = json.dumps({"data": changed(form, changes)})
         before = time.process_time()  # the page's too: its threads are of this process
-        answer = answer_of(client, name, values)
+        asked = client.post(call, content=body, headers={"Content-Type": "application/json"})
+        answer = asked.text
+        if asked.status_code == 200:
+            answer = client.get(f"{call}/{asked.json()['event_id']}").text
         assert time.process_time() - before < SLOWEST_S, "it took too long"
         assert not any(fault in answer for fault in PROGRAM_FAULTS), answer[:500]
         assert "/site-packages/" not in answer and "\x1b" not in answer, answer[:500]
 
     run_by_the_clock(check)
-
-
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        ("sampler", ["euler"]),
-        ("point", ["right_middle"]),
-        ("body_steps", float("nan")),
-        ("samples", float("nan")),
-    ],
-    ids=["a list as sampler", "a list as point", "steps NaN", "samples NaN"],
-)
-def test_wrong_types_that_were_once_faults_of_the_program(
-    client: httpx.Client, forms: dict[str, dict[str, Any]], field: str, value: Any
-) -> None:
-    assert field in forms["generate"]
-    values = list((forms["generate"] | {field: value}).values())
-    answer = answer_of(client, "generate", values)
-    assert f"The field {field} cannot be used" in answer, answer[:900]
-    assert not any(fault in answer for fault in PROGRAM_FAULTS), answer[:900]

@@ -1,7 +1,9 @@
 """Small made data and small real networks, for tests of everything that loads or trains them."""
 
+import copy
 import json
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
@@ -38,6 +40,11 @@ TINY_BEST = replace(
 
 def made_prior(channels: int, seed_frames: int = 8) -> GaussianPrior:
     """Components of different size that move on the scale of half a second (Matern 3/2)."""
+    return copy.deepcopy(_prior(channels, seed_frames))
+
+
+@cache
+def _prior(channels: int, seed_frames: int) -> GaussianPrior:
     lag = (torch.arange(60)[:, None] - torch.arange(60)).abs() / 8.0
     fall = (1 + lag) * torch.exp(-lag)
     return GaussianPrior(torch.linspace(0.02, 2.0, channels)[:, None, None] * fall, seed_frames)

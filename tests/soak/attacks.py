@@ -8,13 +8,9 @@ from __future__ import annotations
 import contextlib
 import json
 import secrets
-import statistics
 import threading
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from types import TracebackType
-from typing import Any
+from collections.abc import Iterator
 from urllib.parse import urlsplit
 
 import httpx
@@ -78,12 +74,7 @@ class TricklingSockets(contextlib.AbstractContextManager["TricklingSockets"]):
         self._thread = threading.Thread(target=self._trickle, daemon=True)
         self._thread.start()
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._over.set()
         self._thread.join()
         self._sockets.close()
@@ -134,12 +125,15 @@ def live_socket(address: str, own: str) -> Iterator[ClientConnection]:
 
 
 class HoursOfNothing(contextlib.AbstractContextManager["HoursOfNothing"]):
-    """So many pages of one address, each of which wants an hour of zeros measured."""
+    """So many pages of one address, each of which wants an hour of zeros measured, once or again
+    and again."""
 
-    def __init__(self, address: str, number: int, hour: bytes, pages: int) -> None:
+    def __init__(
+        self, address: str, number: int, hour: bytes, pages: int, again: bool = False
+    ) -> None:
         self._over = threading.Event()
-        self._address = only_here(address)
-        self._number, self._hour = number, hour
+        self._address, self._number, self._hour = only_here(address), number, hour
+        self._again = again
         self.num_done = 0
         """Of runs that came to their end."""
         self._asked = threading.Semaphore(0)
@@ -150,59 +144,22 @@ class HoursOfNothing(contextlib.AbstractContextManager["HoursOfNothing"]):
             thread.start()
             self._asked.acquire(timeout=30)
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._over.set()
         for thread in self._threads:
             thread.join(60)
 
     def _ask(self, page: int) -> None:
         with Visitor(self._address, self._number) as visitor:
-            motions = [visitor.upload(f"{page}.npz", self._hour)]
-            self._asked.release()
-            with contextlib.suppress(Refused):
-                for _ in visitor.events("own_motion", {"motions": motions}):
-                    if self._over.is_set():
-                        return
-                self.num_done += 1
-
-
-@dataclass
-class Times:
-    """How long something took, each time, in seconds."""
-
-    taken: list[float] = field(default_factory=list)
-
-    def of(self, act: Callable[[], Any]) -> Any:
-        begun = time.monotonic()
-        result = act()
-        self.taken.append(time.monotonic() - begun)
-        return result
-
-    def __str__(self) -> str:
-        middle, most = (1000 * f(self.taken) for f in (statistics.median, max))
-        return f"{middle:.0f} ms in the middle, {most:.0f} ms at most, of {len(self.taken)}"
-
-
-@contextlib.contextmanager
-def looking_on(address: str, own: str) -> Iterator[Times]:
-    """Another visitor, who asks for a small file again and again meanwhile."""
-    times, over = Times(), threading.Event()
-
-    def look() -> None:
-        transport = httpx.HTTPTransport(local_address=own)
-        with httpx.Client(base_url=only_here(address), transport=transport, timeout=60) as client:
-            while not over.wait(0.02) or len(times.taken) < 10:
-                times.of(lambda: client.get("web/player/player.js").raise_for_status())
-
-    thread = threading.Thread(target=look)
-    thread.start()
-    try:
-        yield times
-    finally:
-        over.set()
-        thread.join()
+            while True:
+                motions = [visitor.upload(f"{page}.npz", self._hour)]
+                self._asked.release()
+                try:
+                    for _ in visitor.events("own_motion", {"motions": motions}):
+                        if self._over.is_set():
+                            return
+                    self.num_done += 1
+                except Refused:
+                    self._over.wait(0.2)
+                if not self._again or self._over.is_set():
+                    return

@@ -1,37 +1,46 @@
 """A page that is open, attacked from one address while another visitor, and another tab of the very
-address, are served. ``pytest -rP`` shows the numbers; ``ATTACK_BODIES=34`` attacks for longer
-(`make soak`)."""
+address, are served. ``pytest -rP`` shows the numbers; ``ATTACK_BODIES=34`` attacks for longer, and
+``ATTACKED_VISITORS=20`` has so many wait meanwhile (`make soak`)."""
 
 import io
 import json
 import os
+import statistics
+import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from model.motion.motion import save_motion
+from model.speech.audio import write_wav
 from tests.helpers import smooth_motion_example
-from tests.model.made import make_weights
+from tests.model.made import made_waveform
 from tests.soak.attacks import (
     HoursOfNothing,
-    Times,
     TricklingSockets,
     live_socket,
-    looking_on,
     send_tiny_files,
 )
 from tests.soak.server import Server, server
-from tests.soak.visitor import Visitor
+from tests.soak.visitor import Refused, Visitor
 
 OTHER, LAB = 3, 50
 """Numbers of visitors, each with an address of its own; behind the second are many."""
 ATTACKER_AT, OTHER_AT = "127.0.1.200", "127.0.1.4"
 IS_LONG = "ATTACK_BODIES" in os.environ
+pytestmark = () if IS_LONG else pytest.mark.slow
 BODIES = int(os.environ.get("ATTACK_BODIES", "12"))
 NUM_HOURS = 6 if IS_LONG else 3
 """Each of them wants to be measured; a page measures fewer at once."""
+VISITORS = int(os.environ.get("ATTACKED_VISITORS", "0"))
+SYSTEMS = ["gan/5", "asynfusion/lcm-async"]
+PAGES = 6
+"""Of who attacks the visitors, each with an upload of its own."""
+MOST_GROWTH = 1.5
+"""Of the time from a visitor's click to the last file, attacked and not."""
 FILES_OF_BODY = 900
 LONGEST = 108_000
 """Frames of an hour."""
@@ -42,10 +51,8 @@ def say(line: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    folder = tmp_path_factory.mktemp("attacked")
-    weights = make_weights(folder / "weights")
-    with server(folder, weights=weights) as page:
+def page(weights: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    with server(tmp_path_factory.mktemp("attacked"), weights=weights) as page:
         yield page
 
 
@@ -87,43 +94,24 @@ def test_ten_sockets_that_trickle_leave_places_for_others(
         assert "token" in json.loads(other.recv())
 
 
-def test_tiny_files_hold_nobody_up(page: Server, motion: bytes) -> None:
+def test_tiny_files_hold_nobody_up_and_are_not_kept(page: Server, motion: bytes) -> None:
     with Visitor(page.address, OTHER) as visitor:
-        before, after = Times(), Times()
-        for k in range(5):
-            before.of(lambda k=k: visitor.upload(f"before {k}.npz", motion))
-        with looking_on(page.address, "127.0.1.5") as meanwhile:
-            statuses = send_tiny_files(page.address, BODIES, FILES_OF_BODY, ATTACKER_AT)
-        with looking_on(page.address, "127.0.1.5") as at_uploads:
-            for k in range(10):
-                after.of(lambda k=k: visitor.upload(f"after {k}.npz", motion))
-    num_left = len(page.left())
+        statuses = send_tiny_files(page.address, BODIES, FILES_OF_BODY, ATTACKER_AT)
+        for k in range(10):
+            visitor.upload(f"after {k}.npz", motion)
     say(f"statuses of {BODIES} bodies of {FILES_OF_BODY} tiny files: {sorted(set(statuses))}")
-    say(f"files left by them: {num_left}")
-    say(f"GETs while they come: {meanwhile}")
-    say(f"uploads before: {before}\nuploads after: {after}\nGETs at these: {at_uploads}")
-    assert num_left < 100
+    assert len(page.left()) < 100
 
 
 def test_hours_of_nothing_do_not_hold_up_another_tab_of_the_same_address(
     page: Server, motion: bytes
 ) -> None:
-    with Visitor(page.address, LAB) as tab, Visitor(page.address, OTHER) as other:
+    with Visitor(page.address, LAB) as tab:
         form = {"motions": [tab.upload("short.npz", motion)], "has_videos": False}
-        others = {"motions": [other.upload("short.npz", motion)], "has_videos": False}
-        alone, same, elsewhere = Times(), Times(), Times()
-        if IS_LONG:
-            tab.run("own_motion", **form)  # what is read at the first run is read
-            alone.of(lambda: tab.run("own_motion", **form))
         with HoursOfNothing(page.address, LAB, an_hour_of_nothing(), NUM_HOURS) as hours:
             time.sleep(2)  # the first of them is at work
-            same.of(lambda: tab.run("own_motion", **form))
-            num_done = hours.num_done
-            say(f"beside {NUM_HOURS} hours of its own address: {same}; {num_done} of them done")
-            if IS_LONG:
-                elsewhere.of(lambda: other.run("own_motion", **others))
-                say(f"alone: {alone}\nthen from another address: {elsewhere}")
-    assert num_done == 0
+            assert tab.run("own_motion", **form)
+            assert hours.num_done == 0
 
 
 def test_sockets_that_trickle_lose_their_places(trickling: TricklingSockets) -> None:
@@ -131,3 +119,48 @@ def test_sockets_that_trickle_lose_their_places(trickling: TricklingSockets) -> 
     while trickling.num_open and time.monotonic() < until:
         time.sleep(0.5)
     assert trickling.num_open == 0
+
+
+def crowd(page: Server, count: int, speech: bytes) -> list[float]:
+    """How many seconds each of so many visitors waits, who all come at once."""
+    waits: list[float] = []
+    together = threading.Barrier(count)
+
+    def come(number: int) -> None:
+        with Visitor(page.address, number) as visitor:
+            upload = visitor.upload("speech.wav", speech)
+            together.wait()
+            begun = time.monotonic()
+            while True:
+                try:
+                    assert visitor.run("generate", speech=upload, systems=SYSTEMS)
+                    break
+                except Refused as refused:
+                    assert "runs waiting" in str(refused), refused
+                    time.sleep(1.0)  # and asks again
+            waits.append(time.monotonic() - begun)
+
+    threads = [threading.Thread(target=come, args=(number,)) for number in range(count)]
+    for each in threads:
+        each.start()
+    for each in threads:
+        each.join()
+    return waits
+
+
+@pytest.mark.skipif(not VISITORS, reason="ATTACKED_VISITORS=20, or make soak, lets them come")
+def test_others_wait_at_most_half_as_long_again(tmp_path: Path) -> None:
+    write_wav(tmp_path / "a.wav", made_waveform(32_000))
+    speech = (tmp_path / "a.wav").read_bytes()
+    with server(tmp_path) as page:
+        crowd(page, 1, speech)  # what is read at the first run is read
+        alone = crowd(page, VISITORS, speech)
+        with HoursOfNothing(page.address, 199, an_hour_of_nothing(), PAGES, again=True):
+            time.sleep(5)  # the first of them is at work
+            attacked = crowd(page, VISITORS, speech)
+    for name, waits in (("alone", alone), ("attacked", attacked)):
+        say(
+            f"{VISITORS} visitors, {name}: {statistics.mean(waits):.0f} s, {max(waits):.0f} at most"
+        )
+    assert len(alone) == len(attacked) == VISITORS
+    assert statistics.mean(attacked) <= MOST_GROWTH * statistics.mean(alone)

@@ -8,7 +8,6 @@ import ssl
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
-from types import TracebackType
 from typing import Any
 
 import httpx
@@ -58,12 +57,7 @@ class Visitor(AbstractContextManager["Visitor"]):
         self._forms = self._client.get("gradio_api/info").json()["named_endpoints"]
         self._client.post("study/visitor").raise_for_status()
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._client.close()
 
     def upload(self, name: str, content: bytes) -> dict[str, Any]:

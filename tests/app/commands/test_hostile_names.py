@@ -1,10 +1,8 @@
 """Runs over files, folders and systems with hostile names: what others open obeys none of them."""
 
 import csv
+import io
 import os
-import pty
-import subprocess
-import sys
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,11 +11,11 @@ import pytest
 
 from app.commands.cli import main
 from app.study.design.key import read_key
+from app.study.design.plan import read_plan
+from app.study.export import export_study
 from model.motion.motion import save_motion
-from model.speech.audio import write_wav
-from tests.app.study.made_study import write_inputs
-from tests.helpers import ROOT, smooth_motion_example
-from tests.model.made import made_waveform
+from tests.app.study.made_study import draw_noise, write_inputs
+from tests.helpers import smooth_motion_example
 
 FORMULA = "=cmd|' -C calc'!A0"
 CUT = "-2+3;@SUM(1)"
@@ -74,26 +72,52 @@ def run(argv: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     return said
 
 
-@pytest.fixture
-def motions(tmp_path: Path) -> list[Path]:
-    folder = tmp_path / "motions"
-    folder.mkdir()
-    for seed, name in enumerate(NAMES):
-        save_motion(smooth_motion_example(60, seed), folder / f"{name}.npz")
-    return sorted(folder.iterdir())
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+    def check(self) -> None:
+        """It has been sent nothing that it would obey, but that bars move up."""
+        shown = self.getvalue()
+        for allowed in ("\x1b[A", "\r", "\n"):
+            shown = shown.replace(allowed, "")
+        assert shown and all(char.isprintable() for char in shown), shown
+
+
+def sit_at_terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
+    terminal = Terminal()
+    for stream in ("sys.stdout", "sys.stderr"):
+        monkeypatch.setattr(stream, terminal)
+    return terminal
 
 
 def test_diagnose_tells_of_files_with_hostile_names(
-    motions: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    argv = ["diagnose", *map(str, motions), "--out", str(tmp_path / "out"), "--no-pictures"]
-    run(argv, capsys)
-    names = check_folder(tmp_path / "out")
-    assert {"diagnostics.csv", "figure6.svg", "jitter.svg", "error_growth.svg"} <= {*names}
-    with (tmp_path / "out" / "diagnostics.csv").open(newline="", encoding="utf-8") as file:
+    terminal = sit_at_terminal(monkeypatch)
+    motions = [tmp_path / f"{name}.npz" for name in NAMES]
+    for seed, path in enumerate(motions):
+        save_motion(smooth_motion_example(12, seed), path)
+    out = tmp_path / f"out{TITLE}{NO_TEXT}"
+    assert main(["diagnose", *map(str, motions), "--out", str(out), "--no-pictures"]) == 0
+    terminal.check()
+    assert {"figure6.svg", "jitter.svg", "error_growth.svg"} <= {*check_folder(out)}
+    with (out / "diagnostics.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert {f"'{FORMULA}", "'-2+3;'@SUM(1)", MARKUP, TEX} <= {row["name"] for row in rows}
     assert any(float(row["value"]) < 0 for row in rows)
+
+
+def test_a_terminal_is_sent_no_control_characters_by_what_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    terminal = sit_at_terminal(monkeypatch)
+    name = TITLE + NO_TEXT
+    argv = ["diagnose", str(tmp_path / f"none{name}.npz"), "--out", str(tmp_path / name)]
+    assert main(argv) == 1
+    with pytest.raises(SystemExit):
+        main([*argv, f"--{name}"])
+    terminal.check()
 
 
 def test_folders_with_hostile_names_are_held_beside_each_other(
@@ -103,51 +127,27 @@ def test_folders_with_hostile_names_are_held_beside_each_other(
     for seed, folder in enumerate(folders):
         folder.mkdir()
         for clip in ("a", FORMULA, TITLE):
-            save_motion(smooth_motion_example(60, seed), folder / f"{clip}.npz")
-    run(
-        ["diagnose", *map(str, folders), "--out", str(tmp_path / "out"), "--processes", "1"], capsys
-    )
-    names = check_folder(tmp_path / "out")
-    assert {"many.csv", "sheet.md"} <= {*names}
-    sheet = (tmp_path / "out" / "sheet.md").read_text("utf-8").splitlines()
+            save_motion(smooth_motion_example(30, seed), folder / f"{clip}.npz")
+    out = tmp_path / "out"
+    run(["diagnose", *map(str, folders), "--out", str(out), "--processes", "1"], capsys)
+    assert {"many.csv", "sheet.md"} <= {*check_folder(out)}
+    sheet = (out / "sheet.md").read_text("utf-8").splitlines()
     (head,) = [line for line in sheet if line.startswith("| measure")]
     assert head.replace("\\|", "").count("|") == 5  # three systems, whatever they are called
 
 
-def test_generate_takes_one_speech_of_a_hostile_name(
+def test_generate_takes_speeches_of_hostile_names(
     weights: Path, speech: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for number, name in enumerate((MARKUP, TITLE)):
-        path = tmp_path / f"{name}.wav"
-        path.write_bytes(speech.read_bytes())
-        out = tmp_path / f"out{number}"
-        run(["generate", str(path), "--out", str(out), "--weights", str(weights), "--steps", "1",
-             "--systems", "globaldiff/local", "--no-video"], capsys)  # fmt: skip
-        assert {"diagnostics.csv", "figure6.svg"} <= {*check_folder(out)}
-
-
-def test_generate_takes_a_folder_of_hostile_names(
-    weights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "speech"
     folder.mkdir()
-    for name in (FORMULA, TITLE, NO_TEXT):
-        write_wav(folder / f"{name}.wav", made_waveform(16_000))
-    said = run(["generate", str(folder), "--out", str(tmp_path / "out"), "--weights", str(weights),
-                "--steps", "1", "--systems", "globaldiff/local", "--no-video", "--no-figures",
-                "--processes", "1"], capsys)  # fmt: skip
-    assert {"many.csv", "diagnostics.csv"} <= {*check_folder(tmp_path / "out")}
+    for name in (FORMULA, TITLE, MARKUP, NO_TEXT):
+        (folder / f"{name}.wav").write_bytes(speech.read_bytes())
+    flags = ["--weights", str(weights), "--steps", "1", "--systems", "globaldiff/local"]
+    flags += ["--no-video", "--no-figures", "--processes", "1"]
+    said = run(["generate", str(folder), "--out", str(tmp_path / "many"), *flags], capsys)
+    assert {"many.csv", "diagnostics.csv"} <= {*check_folder(tmp_path / "many")}
     assert len([line for line in said.splitlines() if line.endswith("many.csv")]) == 1
-
-
-def test_steps_take_a_speech_of_a_hostile_name(
-    weights: Path, speech: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / f"{TITLE}.wav"
-    path.write_bytes(speech.read_bytes())
-    run(["steps", str(path), "--out", str(tmp_path / "out"), "--weights", str(weights),
-         "--systems", "globaldiff/local", "--steps", "1,2"], capsys)  # fmt: skip
-    assert {"steps.csv", "steps.svg"} <= {*check_folder(tmp_path / "out")}
 
 
 def test_a_study_of_systems_with_hostile_names_goes_from_plan_to_report(
@@ -166,7 +166,7 @@ def test_a_study_of_systems_with_hostile_names_goes_from_plan_to_report(
         lines += [f"motion = {{{table}}}"]
     plan, study = tmp_path / "plan.toml", tmp_path / "study"
     plan.write_text("\n".join(lines))
-    run(["study", "export", str(plan), "--out", str(study)], capsys)
+    export_study(read_plan(plan), study, draw=draw_noise)
     key = study / "researcher_only" / "key.json"
     assert read_key(key).systems == names
     run(["study", "simulate", str(study), "--raters", "6", "--out", str(tmp_path / "answers"),
@@ -186,39 +186,3 @@ def test_a_study_of_systems_with_hostile_names_goes_from_plan_to_report(
     (tmp_path / "links").mkdir()
     (tmp_path / "links" / "links.csv").write_text(said, "utf-8")
     check_folder(tmp_path / "links")
-
-
-def test_a_terminal_is_sent_no_control_characters(tmp_path: Path) -> None:
-    """A command that fails, one that lists its files, and one whose arguments are wrong."""
-    name = TITLE + NO_TEXT
-    motion = tmp_path / f"{name}.npz"
-    save_motion(smooth_motion_example(30), motion)
-    out = tmp_path / f"out{name}"
-    for argv in (
-        ["diagnose", str(tmp_path / f"none{name}.npz"), "--out", str(out)],
-        ["diagnose", str(motion), "--out", str(out), "--no-pictures"],
-        ["diagnose", str(motion), "--out", str(out), f"--{name}"],
-    ):
-        ours, theirs = pty.openpty()
-        child = subprocess.Popen(
-            [sys.executable, "-m", "app", *argv],
-            cwd=ROOT,
-            stdin=theirs,
-            stdout=theirs,
-            stderr=theirs,
-        )
-        os.close(theirs)
-        said = b""
-        while True:
-            try:
-                part = os.read(ours, 4096)
-            except OSError:  # the child has ended
-                break
-            if not part:
-                break
-            said += part
-        os.close(ours)
-        child.wait()
-        text = said.decode("utf-8", errors="surrogateescape")
-        shown = text.replace("\x1b[A", "").replace("\r", "").replace("\n", "")  # bars move up
-        assert text and all(char.isprintable() for char in shown), text

@@ -9,6 +9,7 @@ import pytest
 
 from tests.helpers import ROOT
 
+pytestmark = pytest.mark.slow
 CELLS = json.loads((ROOT / "docs" / "notebook.ipynb").read_text("utf-8"))["cells"]
 NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?")
 
@@ -28,7 +29,7 @@ def words(text: str) -> str:
     return "".join(NUMBER.sub("#", text).split())
 
 
-def test_it_runs_from_top_to_bottom(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_runs_from_top_to_bottom(monkeypatch):
     monkeypatch.chdir(ROOT)
     names: dict[str, Any] = {}
     shown = 0

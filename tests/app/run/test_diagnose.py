@@ -1,9 +1,8 @@
-"""`diagnose`: anyone's motion files, what is said of them, and what is left in the folder."""
+"""Motion files of anyone's: measured, told, drawn in register, and what is left in the folder."""
 
 import csv
 import json
-import os
-import subprocess
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,82 +10,87 @@ import numpy as np
 import pytest
 
 from app.commands.cli import main
+from app.config import EXAMPLES
 from app.errors import CancelledRun, RunError
+from app.findings.sentences import told_findings
 from app.run.diagnose import DiagnoseRequest, diagnose_files, unique_names
-from app.run.examples import CLEAN
-from model.motion.motion import save_motion
-from model.plan.annotation import NamedTier, Row
-from model.plan.textgrid import textgrid_of_tiers
-from model.speech.transcript import read_transcript
+from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
+from app.run.examples import CLEAN, FAULTY, TWO_MINUTES, planted_files, tremble, with_faults
+from app.run.followed_point import choose_tip_source
+from app.run.output.result_folder import ResultFolder
+from app.run.requests.request import Artefact
+from app.run.videos.own_videos import VideoOptions
+from model.diagnostics import diagnose
+from model.measures.beats import speech_onsets
+from model.measures.point import Spectrum
+from model.motion.kinematics import open_body_skeleton
+from model.motion.motion import load_motion, save_motion
+from model.speech.audio import Speech, load_speech, write_wav
+from model.speech.transcript import Interval, Transcript, Word
+from renderer.body.body import load_body
+from renderer.video.encoder import read_facts
+from tests.app.measured import both, diagnostics_of
 from tests.helpers import smooth_motion_example
+from tests.model.made import made_waveform
 
 FIGURES = ("figure6", "jitter", "error_growth")
-
-
-@pytest.fixture
-def motion(tmp_path: Path) -> Path:
-    path = tmp_path / "clip.npz"
-    save_motion(smooth_motion_example(70), path)
-    return path
-
-
-def children() -> str:
-    """Command lines of the processes that this one has started."""
-    found = subprocess.run(
-        ["ps", "--ppid", str(os.getpid()), "-o", "args="],
-        check=True,
-        capture_output=True,
-        text=True,
-    )
-    return found.stdout
-
-
-def refusal(motion: Path, *flags: str, capsys: pytest.CaptureFixture[str]) -> str:
-    out = motion.parent / "out"
-    assert main(["diagnose", str(motion), "--out", str(out), "--no-pictures", *flags]) == 1
-    assert not out.exists()
-    said = capsys.readouterr().err.strip().splitlines()
-    assert len(said[-1]) > 20 and "Traceback" not in said
-    return said[-1]
+STAGES = (0.1, 0.5, 0.55, 0.6, 0.7, 0.9)
+"""Shares after reading, measuring, the experiment, its figure, the jitter sheet and the poses."""
 
 
 def test_everything_is_measured_beside_a_reference_with_speech_and_words(
-    motion: Path, speech: Path, capsys: pytest.CaptureFixture[str]
+    motion: Path, tmp_path: Path
 ) -> None:
-    folder = motion.parent
-    theirs = smooth_motion_example(90, seed=1, expression_basis="flame100")
+    """Of two motions and a reference in another format; words are looked for in the speech."""
+    theirs = smooth_motion_example(55, seed=1, expression_basis="flame100")
     poses = np.delete(theirs.poses, np.s_[66:75], axis=1)
     poses += (0.05 * np.random.default_rng(0).standard_normal(poses.shape)).astype(np.float32)
-    reference, words, out = (folder / name for name in ("recorded.npz", "clip.TextGrid", "out"))
+    reference, speech, text = (tmp_path / name for name in ("their.npz", "begin.wav", "said.txt"))
     np.savez(reference, poses=poses, trans=100 * theirs.trans, mocap_framerate=np.array(30))
-    tier = NamedTier("words", (Row(0.2, 0.5, "hello"),))
-    words.write_text(textgrid_of_tiers([tier], 2.0))
-    argv = ["diagnose", str(motion), "--reference", str(reference), "--speech", str(speech)]
-    argv += ["--transcript", str(words), "--joint", "left_wrist", "--start", "20"]
-    assert main([*argv, "--out", str(out), "--no-pictures"]) == 0
-    assert {path.name for path in out.iterdir()} == {
+    write_wav(speech, load_speech(EXAMPLES / "three_reasons.wav").waveform[: 16_000 * 3])
+    text.write_text("There are three reasons.")
+    request = DiagnoseRequest(
+        motions=(motion, motion), out=tmp_path / "out", names=("clip", "again"), speech=speech,
+        reference=reference, transcript=text, words="recognise", joint="left_wrist",
+        start_frame=20, has_pictures=False,
+    )  # fmt: skip
+    shares: list[float] = []
+    found = diagnose_files(request, shares.append)
+    assert {path.name for path in request.out.iterdir()} == {
         *("diagnostics.json", "diagnostics.csv", "error_growth.json"),
         *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg", "pdf")),
     }
-    diagnostics = json.loads((out / "diagnostics.json").read_text())
-    raw = diagnostics["systems"]["clip"]["raw"]
-    assert (diagnostics["joint"], diagnostics["tip"]) == ("left_wrist", None)
+    # There is a point to stop at between all files, measures and figures.
+    assert shares == sorted(shares) and shares[-1] == 1.0
+    reading, measuring, growing, *_ = (
+        [share for share in shares if low <= share < high]
+        for low, high in zip((0, *STAGES), STAGES, strict=False)
+    )
+    assert len(reading) == 2
+    assert len(set(measuring)) == 6  # each motion as it is and filtered
+    assert len(set(growing)) == 3 and {0.55, 0.6, 0.7, 0.9} <= set(shares)
+
+    told = json.loads((request.out / "diagnostics.json").read_text())
+    raw = told["systems"]["clip"]["raw"]
+    assert (told["joint"], told["tip"]) == ("left_wrist", None)
     assert len(raw["local_rotation_error_deg"]) == 55
     assert raw["beat_align"] is raw["beat_align_chance"] is None  # no onset is 2 s from the ends
-    (word,) = diagnostics["words"]
-    assert word == {"start_s": 0.2, "end_s": 0.5, "text": "hello", "confidence": 1.0}
-    growth = json.loads((out / "error_growth.json").read_text())
-    assert (growth["joint"], set(growth["motions"])) == ("left_wrist", {"clip", "reference"})
+    assert told["words_origin"] == found.said.origin == "aligned"  # a text is better than none
+    assert [word["text"] for word in told["words"]] == ["There", "are", "three", "reasons"]
+    assert len(told["phones"]) == len(found.said.phones) > 2 * len(found.said.words)
+    growth = json.loads((request.out / "error_growth.json").read_text())
+    assert growth["joint"] == "left_wrist" and growth == found.error_growth
+    assert set(growth["motions"]) == {"clip", "again", "reference"}
     assert growth["motions"]["clip"]["ratio"] > 1
-    with (out / "diagnostics.csv").open() as file:
+    with (request.out / "diagnostics.csv").open() as file:
         rows = {(row["name"], row["measure"]) for row in csv.DictReader(file)}
-    assert ("clip", "position_error_m") in rows and ("reference", "tip_sparc") in rows
-    assert "frames 20 to 69" in (out / "figure6.svg").read_text()
-    said = capsys.readouterr().err
+    assert ("clip", "position_error_m") in rows and ("reference", "tip_jerk_m_s3") in rows
+    assert "frames 20 to 39" in (request.out / "figure6.svg").read_text()
+    said = " ".join([*found.notes, *told_findings(found.diagnostics.findings)])
     for words_said in (
-        "The reference has 90 frames; the first 70 were measured",
-        "The speech lasts 1.2 s and 2 of the motions 2.3 to 3.0 s",
-        "recorded.npz has the 52 joints of SMPL-H",
+        "The reference has 55 frames; the first 40 were measured",
+        "The speech lasts 3.0 s and 3 of the motions 1.3 to 1.8 s",
+        "their.npz has the 52 joints of SMPL-H",
         "centimetres",
         "no `expressions`",
         "reference: 52 of 55 joints shake",
@@ -94,111 +98,59 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
         assert words_said in said
 
 
-def test_a_plain_text_is_found_in_the_speech_and_told_with_its_phones(tmp_path: Path) -> None:
-    text = tmp_path / "said.txt"
-    text.write_text(" ".join(w.text for w in read_transcript(CLEAN.with_suffix(".TextGrid")).words))
-    request = DiagnoseRequest(
-        motions=(CLEAN,),
-        out=tmp_path / "out",
-        speech=CLEAN.with_suffix(".wav"),
-        transcript=text,
-        words="recognise",  # which a text is better than
-        has_pictures=False,
-    )
-    shares: list[float] = []
-    said = diagnose_files(request, shares.append).said
-    assert shares == sorted(shares) and shares[-1] == 1.0
-    told = json.loads((tmp_path / "out" / "diagnostics.json").read_text())
-    assert told["words_origin"] == said.origin == "aligned"
-    assert [word["text"] for word in told["words"]][:3] == ["there", "is", "only"]
-    assert all(0.5 <= word["confidence"] <= 1.0 for word in told["words"])
-    assert len(told["phones"]) == len(said.phones) > 2 * len(said.words)
-
-
 def test_one_frame_and_a_still_motion_are_measured_under_names_from_the_page(
     tmp_path: Path,
 ) -> None:
     """The pelvis is followed, which no rotation moves: there is no experiment on it."""
-    paths = []
-    for frames in (1, 50):
-        motion = smooth_motion_example(frames)
-        paths.append(tmp_path / f"{frames}.npz")
-        np.savez(
-            paths[-1],
-            poses=np.repeat(motion.poses[:1], frames, axis=0),
-            trans=np.repeat(motion.trans[:1], frames, axis=0),
-            mocap_frame_rate=np.array(30),
-        )
+    paths = [tmp_path / f"{frames}.npz" for frames in (1, 50)]
+    for frames, path in zip((1, 50), paths, strict=True):
+        one = smooth_motion_example(1)
+        poses, trans = (np.repeat(each, frames, axis=0) for each in (one.poses, one.trans))
+        np.savez(path, poses=poses, trans=trans, mocap_frame_rate=np.array(30))
     request = DiagnoseRequest(
-        motions=tuple(paths),
-        out=tmp_path / "out",
-        names=("one frame", "still"),
-        joint="pelvis",
-        has_pictures=False,
+        tuple(paths), tmp_path / "out", ("one frame", "still"), joint="pelvis", has_pictures=False
     )
     diagnosis = diagnose_files(request)
     assert list(diagnosis.diagnostics.systems) == ["one frame", "still"]
     kinds = [finding.kind for finding in diagnosis.diagnostics.findings["still"]]
     assert kinds == ["still"]
-    assert diagnosis.error_growth is None
-    assert not list((tmp_path / "out").glob("error_growth*"))
+    assert diagnosis.error_growth is None and not list(request.out.glob("error_growth*"))
     assert any("one frame has 1 frame; speed needs 2" in note for note in diagnosis.notes)
 
 
 def test_what_cannot_be_measured_is_refused_and_nothing_is_left(
     motion: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert "no point 'nose'" in refusal(motion, "--joint", "nose", capsys=capsys)
-    assert "frame 0 to 69; got 70" in refusal(motion, "--start", "70", capsys=capsys)
-    text = tmp_path / "words.txt"
-    text.write_text("hello")
-    without_speech = refusal(motion, "--transcript", str(text), capsys=capsys)
-    assert without_speech == refusal(motion, "--words", "recognise", capsys=capsys)
+    text, grid, out = (tmp_path / name for name in ("words.txt", "words.TextGrid", "out"))
+    for path in (text, grid):
+        path.write_text("hello")
+
+    def refusal(*flags: str) -> str:
+        argv = ["diagnose", str(motion), "--out", str(out), "--no-pictures", *flags]
+        assert main(argv) == 1 and not out.exists()
+        return capsys.readouterr().err
+
+    assert "no point 'nose'" in refusal("--joint", "nose")
+    assert "frame 0 to 39; got 40" in refusal("--start", "40")
+    without_speech = refusal("--transcript", str(text))
+    assert without_speech == refusal("--words", "recognise")
     assert "add it (--speech), or give words with their times" in without_speech
-    grid = tmp_path / "words.TextGrid"
-    grid.write_text("hello")
-    assert "no TextGrid" in refusal(motion, "--transcript", str(grid), capsys=capsys)
-    assert "words.txt" in refusal(motion, "--speech", str(text), capsys=capsys)
+    assert "no TextGrid" in refusal("--transcript", str(grid))
+    assert "words.txt" in refusal("--speech", str(text))
+    assert "(--speech)" in refusal("--mean-speeds", "speeds.npy")
+    assert "--window" in refusal("--overlap", "4")
 
 
-def test_motions_of_one_name_are_told_apart_by_their_folders(tmp_path: Path) -> None:
+def test_motions_of_one_name_are_told_apart_by_their_folders_or_refused(tmp_path: Path) -> None:
     paths = [tmp_path / "ours" / "a.npz", tmp_path / "theirs" / "a.npz", tmp_path / "b.npz"]
     assert unique_names(paths) == ["ours/a", "theirs/a", "b"]
     with pytest.raises(RunError, match="ours/a"):
         unique_names([paths[0], paths[0]])
-
-
-def test_two_motions_of_one_given_name_are_refused(motion: Path) -> None:
     with pytest.raises(RunError, match="'theirs'"):
-        diagnose_files(
-            DiagnoseRequest((motion, motion), motion.parent / "o", names=("theirs", "theirs"))
-        )
+        diagnose_files(DiagnoseRequest((CLEAN, CLEAN), tmp_path / "o", names=("theirs", "theirs")))
 
 
-STAGES = (0.1, 0.5, 0.55, 0.6, 0.7, 0.9)
-"""Shares after reading, measuring, the experiment, its figure, the jitter sheet and the poses."""
-
-
-def test_there_is_a_point_to_stop_at_between_all_files_measures_and_figures(
-    motion: Path, tmp_path: Path
-) -> None:
-    told: list[float] = []
-    request = DiagnoseRequest(
-        (motion, motion), tmp_path / "out", ("a", "b"), reference=motion, has_pictures=False
-    )
-    diagnose_files(request, told.append)
-    assert told == sorted(told) and told[-1] == 1.0
-    reading, measuring, growing, *_ = (
-        [share for share in told if low <= share < high]
-        for low, high in zip((0, *STAGES), STAGES, strict=False)
-    )
-    assert len(reading) == 2
-    assert len(set(measuring)) == 6  # each motion as it is and filtered
-    assert len(set(growing)) == 3
-    assert {0.55, 0.6, 0.7, 0.9} <= set(told)
-
-
-@pytest.mark.parametrize("share", [0.0, 0.05, 0.5, STAGES[-1]])
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.5, pytest.param(0.9, marks=pytest.mark.slow)])
 def test_a_run_that_is_ended_at_any_point_leaves_nothing(
     motion: Path, tmp_path: Path, share: float
 ) -> None:
@@ -212,8 +164,11 @@ def test_a_run_that_is_ended_at_any_point_leaves_nothing(
     assert not request.out.exists()
 
 
+@pytest.mark.slow
 @pytest.mark.gl
-def test_poses_that_are_being_drawn_can_be_ended(motion: Path, tmp_path: Path) -> None:
+def test_poses_that_are_being_drawn_can_be_ended(
+    motion: Path, tmp_path: Path, drawing_children: Callable[[], list[str]]
+) -> None:
     told: list[float] = []
 
     def stop_at_the_fifth(share: float) -> None:
@@ -221,38 +176,155 @@ def test_poses_that_are_being_drawn_can_be_ended(motion: Path, tmp_path: Path) -
         if sum(0.7 <= each < 0.9 for each in told) == 5:
             raise CancelledRun
 
-    request = DiagnoseRequest((motion,), tmp_path / "out")
     with pytest.raises(CancelledRun):
-        diagnose_files(request, stop_at_the_fifth)
-    assert not request.out.exists()
-    assert "renderer.video.worker_child" not in children()
+        diagnose_files(DiagnoseRequest((motion,), tmp_path / "out"), stop_at_the_fifth)
+    assert not (tmp_path / "out").exists() and not drawing_children()
 
 
-def test_more_motions_than_a_figure_holds_are_all_measured_and_the_shown_can_be_chosen(
+def test_of_more_motions_than_a_figure_holds_all_are_measured_and_the_shown_are_chosen(
     tmp_path: Path,
 ) -> None:
-    paths = []
-    for seed in range(8):
-        paths.append(tmp_path / f"m{seed}.npz")
-        save_motion(smooth_motion_example(20, seed), paths[-1])
-    asked = DiagnoseRequest(tuple(paths), tmp_path / "out", has_pictures=False)
-    for shown, drawn in (((), "m5"), (("m7", "m1"), "m7")):
-        out = tmp_path / f"out-{drawn}"
-        found = diagnose_files(replace(asked, out=out, shown=shown))
-        assert len(found.diagnostics.systems) == 8
-        assert drawn in (out / "figure6.svg").read_text()
-        assert ("m0" in (out / "figure6.svg").read_text()) is not bool(shown)
-        assert any("say which they are to show" in note for note in found.notes) is not bool(shown)
-    with pytest.raises(RunError, match="no motion 'm9' to show"):
-        diagnose_files(replace(asked, shown=("m9",)))
-    with pytest.raises(RunError, match="at most 6"):
-        diagnose_files(replace(asked, shown=tuple(path.stem for path in paths)))
+    paths = tuple(tmp_path / f"m{seed}.npz" for seed in range(7))
+    for seed, path in enumerate(paths):
+        save_motion(smooth_motion_example(12, seed), path)
+    asked = DiagnoseRequest(paths, tmp_path / "out", shown=("m6",), has_pictures=False)
+    found = diagnose_files(asked)
+    assert len(found.diagnostics.systems) == 7
+    drawn = (asked.out / "figure6.svg").read_text()
+    assert "m6" in drawn and "m0" not in drawn
+    assert not any("say which they are to show" in note for note in found.notes)
+    for shown, words in (
+        (("m9",), "no motion 'm9' to show"),
+        (tuple(path.stem for path in paths), "at most 6"),
+    ):
+        with pytest.raises(RunError, match=words):
+            diagnose_files(replace(asked, shown=shown))
 
 
-def test_mean_speeds_need_a_speech(tmp_path: Path) -> None:
-    save_motion(smooth_motion_example(20), tmp_path / "a.npz")
-    request = DiagnoseRequest(
-        (tmp_path / "a.npz",), tmp_path / "out", mean_speeds=tmp_path / "speeds.npy"
+def test_the_json_is_what_was_measured_and_the_csv_has_each_number_once(tmp_path: Path) -> None:
+    spectrum = Spectrum(np.array([0.0, 5.0]), np.array([0.25, 0.75]))
+    found = diagnostics_of(
+        both(foot_slide_m_s=0.5), **{"a/b": both(tip_jerk_m_s3=1.5, tip_spectrum=spectrum)}
     )
-    with pytest.raises(RunError, match="--speech"):
-        diagnose_files(request)
+    said = Transcript(
+        (Word(0.2, 0.5, "hello", 0.75),), (), "recognised", (Interval(0.2, 0.3, "HH"),)
+    )
+    with ResultFolder(tmp_path) as folder:
+        write_diagnostics(found, folder, said)
+        folder.publish()
+    content = json.loads((tmp_path / "diagnostics.json").read_text())
+    (word,) = content.pop("words")
+    assert word == {"start_s": 0.2, "end_s": 0.5, "text": "hello", "confidence": 0.75}
+    assert content.pop("words_origin") == "recognised"
+    assert content.pop("phones") == [{"start_s": 0.2, "end_s": 0.3, "text": "HH"}]
+    assert content == found.as_json()
+    assert content["systems"]["a/b"]["raw"]["tip_path_m_s"] is None
+    with (tmp_path / "diagnostics.csv").open() as file:
+        header, *rows = csv.reader(file)
+    assert header == ["name", "post_filter", "measure", "index", "value"]
+    assert rows[:5] == [
+        ["a/b", "raw", "tip_jerk_m_s3", "", "1.5"],
+        ["a/b", "raw", "tip_spectrum", "frequency_hz/0", "0.0"],
+        ["a/b", "raw", "tip_spectrum", "frequency_hz/1", "5.0"],
+        ["a/b", "raw", "tip_spectrum", "velocity_power/0", "0.25"],
+        ["a/b", "raw", "tip_spectrum", "velocity_power/1", "0.75"],
+    ]
+    assert ["reference", "savgol", "foot_slide_m_s", "", "0.5"] in rows
+    assert len({tuple(row[:4]) for row in rows}) == len(rows)
+
+
+def test_each_motion_can_be_stopped_at_as_it_is_and_filtered() -> None:
+    motions = {"a": smooth_motion_example(40), "reference": smooth_motion_example(40, seed=1)}
+    tip = choose_tip_source(load_body(), None)
+    told: list[float] = []
+    found = measure_motions(motions, tip, on_share=told.append)
+    assert told == [0.0, 0.25, 0.5, 0.75]
+    assert list(found.systems) == ["a"] and found.reference is not None
+
+    def stop(share: float) -> None:
+        if share >= 0.5:
+            raise CancelledRun
+
+    with pytest.raises(CancelledRun):
+        measure_motions(motions, tip, on_share=stop)
+
+
+def test_the_point_is_the_one_that_the_measures_follow_of_themselves() -> None:
+    motions = {"a": smooth_motion_example(40)}
+    for point in ("left_index", "right_wrist"):
+        found = measure_motions(motions, choose_tip_source(load_body(), None, point))
+        assert found.as_json() == diagnose(motions, open_body_skeleton(), joint=point).as_json()
+
+
+def test_onsets_are_those_of_the_clip() -> None:
+    first = Speech(made_waveform(32_000), "first")
+    second = Speech(np.roll(first.waveform, 4_000), "second")
+    for speech in (first, second, first):
+        np.testing.assert_array_equal(onsets_of(speech), speech_onsets(speech.waveform))
+
+
+@pytest.mark.gl
+def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None:
+    name, frames = "trembling", 30
+    clean = load_motion(CLEAN).part(slice(frames))
+    save_motion(clean, tmp_path / "clean.npz")
+    calmer = replace(clean, expressions=(0.9 * clean.expressions).astype(np.float32))
+    save_motion(tremble(calmer), tmp_path / f"{name}.npz")
+    told: list[Artefact] = []
+    request = DiagnoseRequest(
+        motions=(tmp_path / f"{name}.npz",),
+        out=tmp_path / "out",
+        reference=tmp_path / "clean.npz",
+        has_pictures=False,
+        videos=VideoOptions(size=256, close_ups=("hands",), has_posters=True),
+        is_played=True,
+    )
+    shares: list[float] = []
+    found = diagnose_files(request, shares.append, told.append)
+    assert shares == sorted(shares) and shares[-1] == pytest.approx(1.0)
+    names, kinds = (name, "reference"), ("motion", "poster", "video")
+    assert {(each.kind, each.name) for each in told} == {(k, n) for k in kinds for n in names}
+    videos = [path for path in found.files if path.suffix == ".mp4"]
+    assert {path.stem for path in videos} == set(names)
+    assert all(read_facts(path).num_frames == frames for path in videos)
+    kinds_found = {finding.kind for finding in found.diagnostics.findings[name]}
+    assert "joint_noise" in kinds_found and "copied_face" not in kinds_found
+
+
+@pytest.mark.slow
+def test_every_planted_fault_is_found(tmp_path: Path) -> None:
+    (path,), reference, speech, transcript = planted_files(tmp_path)
+    request = DiagnoseRequest(
+        (Path(path),),
+        tmp_path / "out",
+        reference=Path(reference),
+        speech=Path(speech),
+        transcript=Path(transcript),
+        has_pictures=False,
+    )
+    result = diagnose_files(request)
+    assert result.notes == ()
+    findings = result.diagnostics.findings
+    found = {finding.kind: finding for finding in findings[FAULTY]}
+    assert set(found) == {
+        *("frozen", "joint_noise", "foot_slide", "floating", "period"),
+        *("high_frequency", "jerk"),
+    }
+    assert (
+        abs(found["frozen"].worst_frame - 90.25 * 30) < 5
+        and 3000 < found["floating"].worst_frame < 3240
+    )
+    assert found["joint_noise"].numbers["noise_deg"].keys() == {
+        *("right_shoulder", "right_elbow", "right_wrist"),
+    }
+    assert findings["reference"] == []
+
+
+def test_faults_are_planted_in_their_seconds_alone() -> None:
+    clean = load_motion(TWO_MINUTES)
+    faulty = with_faults(clean)
+    is_changed = (faulty.poses != clean.poses).any(1) | (faulty.trans != clean.trans).any(1)
+    assert not is_changed[: 4 * 30].any() and not is_changed[114 * 30 :].any()
+    assert is_changed[4 * 30 : 114 * 30].mean() > 0.95, "sliding feet stand for a moment"
+    step = np.linalg.norm(np.diff(faulty.trans, axis=0), axis=1).max()
+    assert step < 0.05, "only joints jump"

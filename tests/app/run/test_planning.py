@@ -18,118 +18,105 @@ from model.plan.files import read_plan_file
 from model.plan.plan import SIDES, Blink, GesturePlan, Nod, PlanError, read_plan
 from model.speech.audio import write_wav
 from model.systems.planned.config import PLANNED
-from tests.model.made import TINY_SYSTEMS, made_waveform, make_weights
+from tests.model.made import made_waveform
 from tests.model.plan.test_annotation import grid, interval_tier
 from tests.model.plan.test_found import made_motion
-from tests.model.systems.planned.made import make_planned_weights
 
 STEM = "workbench-planned"
-
-
-@pytest.fixture(scope="module")
-def planning(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = make_weights(tmp_path_factory.mktemp("weights"), TINY_SYSTEMS)
-    return make_planned_weights(folder)
+WORLD = "globaldiff/global"
 
 
 @pytest.fixture
-def request_(planning: Path, tmp_path: Path) -> GenerateRequest:
+def asked(all_weights: Path, tmp_path: Path) -> GenerateRequest:
     speech = tmp_path / "speech.wav"
     write_wav(speech, made_waveform(16_000 * 4))
     return GenerateRequest(
-        speech=speech, out=tmp_path / "out", weights=planning, systems=(PLANNED,), has_video=False,
-        has_figures=False,
+        speech=speech, out=tmp_path / "out", weights=all_weights, systems=(PLANNED,), steps=1,
+        has_video=False, has_figures=False,
     )  # fmt: skip
 
 
 def test_a_run_leaves_the_plan_that_it_performs_and_a_run_with_it_performs_the_same(
-    request_: GenerateRequest, tmp_path: Path
+    asked: GenerateRequest, tmp_path: Path
 ) -> None:
-    result = generate_all(replace(request_, samples=2))
+    result = generate_all(replace(asked, samples=2))
     plans = [path for path in result.files if path.name.endswith(".plan.json")]
     assert [path.name for path in plans] == [f"{STEM}.plan.json", f"{STEM}.s2.plan.json"]
     assert read_plan(plans[0]).duration_s == 4.0
-    given = generate_all(replace(request_, out=tmp_path / "given", plan=plans[0]))
-    one, other = (load_motion(folder / f"{STEM}.npz").poses for folder in (request_.out, given.out))
-    np.testing.assert_allclose(one, other, atol=2e-3)  # a file of plans has four decimals
+    other = replace(asked, out=tmp_path / "given", plan=plans[0], systems=(WORLD, PLANNED))
+    given = generate_all(other)
+    assert f"{WORLD} performs no plans." in given.notes
+    first, again = (load_motion(out / f"{STEM}.npz").poses for out in (asked.out, given.out))
+    np.testing.assert_allclose(first, again, atol=2e-3)  # a file of plans has four decimals
     record = json.loads((given.out / "provenance.json").read_text())
     assert record["options"]["plan"] == f"{STEM}.plan.json"
 
 
-def test_systems_that_perform_no_plans_say_so(request_: GenerateRequest, tmp_path: Path) -> None:
-    plan = tmp_path / "plan.json"
-    make_plan(PlanRequest(request_.speech, plan, request_.weights))
-    asked = replace(request_, plan=plan, systems=("globaldiff/global", PLANNED))
-    assert "globaldiff/global performs no plans." in generate_all(asked).notes
-    with pytest.raises(RunError, match="None of these systems performs plans; leave the plan out"):
-        generate_all(replace(asked, systems=("globaldiff/global",), out=tmp_path / "other"))
+def test_plans_and_styles_that_nobody_performs_or_reads_are_refused(
+    asked: GenerateRequest, tmp_path: Path
+) -> None:
+    plan, style = tmp_path / "plan.json", tmp_path / "style.toml"
+    GesturePlan(4.0).write(plan)
+    style.write_text("wrong_words = true")
+    for changes in ({"plan": plan}, {"style": style}):
+        words = f"None of these systems performs plans; leave the {next(iter(changes))} out"
+        with pytest.raises(RunError, match=words):
+            generate_all(replace(asked, systems=(WORLD,), **changes))
     plan.write_text("[]")
     with pytest.raises(PlanError, match="is no plan of format 1"):
-        generate_all(replace(asked, out=tmp_path / "third"))
+        generate_all(replace(asked, plan=plan))
+    assert not asked.out.exists()
 
 
 def test_an_annotators_plan_is_performed_and_what_was_made_of_it_is_told(
-    request_: GenerateRequest, tmp_path: Path
+    asked: GenerateRequest, tmp_path: Path
 ) -> None:
     empty = tmp_path / "plan.eaf"
-    asked = PlanRequest(request_.speech, empty, tmp_path / "no weights", is_empty=True)
-    assert make_plan(asked).plan.duration_s == 4.0
+    of_nothing = PlanRequest(asked.speech, empty, tmp_path / "no weights", is_empty=True)
+    made = make_plan(of_nothing).plan
+    assert made == GesturePlan(4.0) == read_plan_file(empty).plan
     assert 'RELATIVE_MEDIA_URL="./speech.wav"' in empty.read_text()
-    assert read_plan_file(empty).plan == make_plan(asked).plan
     grid_ = tmp_path / "plan.TextGrid"
     grid_.write_text(grid(interval_tier("RH phase", (0, 1, "prep"), (1, 1.5, "stroke"))))
-    given = generate_all(replace(request_, plan=grid_))
+    given = generate_all(replace(asked, plan=grid_))
     assert any(note.startswith("No places are told for the right hand") for note in given.notes)
     performed = read_plan(given.out / f"{STEM}.plan.json")
     assert [p.phase for p in performed.right] == ["preparation", "stroke"]
 
 
-def test_words_of_a_transcript_reach_the_plan(request_: GenerateRequest, tmp_path: Path) -> None:
-    said = tmp_path / "said.TextGrid"
-    said.write_text(grid(interval_tier("words", (0, 1.5, "So"), (1.5, 3, "whole"))))
-    plan = tmp_path / "plan.json"
-    words: set[str] = set()
-    for seed in range(6):
-        asked = PlanRequest(request_.speech, plan, request_.weights, seed=seed, transcript=said)
-        words |= {p.word for side in ("left", "right") for p in make_plan(asked).plan.hand(side)}
-    assert words > {""} and words <= {"", "so", "whole"}
-
-
 def test_a_style_file_is_done_to_drawn_and_to_given_plans(
-    request_: GenerateRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    asked: GenerateRequest, tmp_path: Path
 ) -> None:
-    style = tmp_path / "style.toml"
+    style, more, given = (tmp_path / name for name in ("style.toml", "more.toml", "given.json"))
     style.write_text("[times]\nsmile = 0\ngestures_per_min = 0\n")
-    still = GesturePlan(4.0, right=(), left=())
-    given = tmp_path / "given.json"
-    added(still, "offer", 2.0, "right").plan.write(given)
+    more.write_text("gestures_per_min = 90")
+    added(GesturePlan(4.0, right=(), left=()), "offer", 2.0, "right").plan.write(given)
     for plan in (None, given):
-        out = tmp_path / f"out {plan is None}"
-        made = generate_all(replace(request_, out=out, plan=plan, style=style))
-        performed = read_plan(out / f"{STEM}.plan.json")
+        made = generate_all(
+            replace(asked, out=tmp_path / f"{plan is None}", plan=plan, style=style)
+        )
+        performed = read_plan(made.out / f"{STEM}.plan.json")
         assert not [one for side in SIDES for one in gestures(performed, side)]
         record = json.loads((made.out / "provenance.json").read_text())
         assert record["options"]["style"] == "style.toml"
-    with pytest.raises(RunError, match="None of these systems performs plans; leave the style out"):
-        generate_all(replace(request_, style=style, systems=("globaldiff/global",)))
-
-    out = tmp_path / "drawn.json"
-    asked = ["plan", str(request_.speech), "--out", str(out), "--style", str(style)]
-    assert main([*asked, "--weights", str(request_.weights)]) == 0
-    assert not gestures(read_plan(out), "right")
-    more = tmp_path / "more.toml"
-    more.write_text("gestures_per_min = 90")
-    made = generate_all(replace(request_, out=tmp_path / "more", plan=given, style=more))
+    made = generate_all(replace(asked, out=tmp_path / "more", plan=given, style=more))
     assert f"{PLANNED}: There is room for 15 gestures a minute." in made.notes
-    assert main([*asked, "--empty"]) == 1
-    assert "An empty plan has no style" in capsys.readouterr().err
-    style.write_text("more = 1")
-    assert main([*asked, "--weights", str(request_.weights)]) == 1
-    assert "style.toml: a style has no 'more'" in capsys.readouterr().err
+
+
+def test_words_of_a_transcript_reach_the_plan(asked: GenerateRequest, tmp_path: Path) -> None:
+    said, plan = tmp_path / "said.TextGrid", tmp_path / "plan.json"
+    said.write_text(grid(interval_tier("words", (0, 1.5, "So"), (1.5, 3, "whole"))))
+    words: set[str] = set()
+    for seed in range(6):
+        one = PlanRequest(asked.speech, plan, asked.weights, seed=seed, transcript=said)
+        words |= {p.word for side in SIDES for p in make_plan(one).plan.hand(side)}
+        if words > {""}:
+            break
+    assert words > {""} and words <= {"", "so", "whole"}
 
 
 def test_files_for_3d_software_carry_the_plan_as_markers(
-    request_: GenerateRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     motion, plan = tmp_path / "made.npz", tmp_path / "made.plan.json"
     save_motion(made_motion(90), motion)
@@ -160,37 +147,40 @@ def test_files_for_3d_software_carry_the_plan_as_markers(
     assert not (tmp_path / "bare.markers.csv").exists()
 
 
-def test_the_command_finds_the_plan_of_a_motion(
-    request_: GenerateRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_the_command_draws_or_finds_a_plan_and_says_what_it_cannot(
+    asked: GenerateRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    motion = tmp_path / "still.npz"
+    motion, out, style = (tmp_path / name for name in ("still.npz", "found.eaf", "style.toml"))
     save_motion(made_motion(60), motion)
-    out = tmp_path / "found.eaf"
-    assert main(["plan", str(motion), "--out", str(out)]) == 0
-    assert capsys.readouterr().out.strip() == str(out)
+    style.write_text("[times]\ngestures_per_min = 0\n")
+
+    def told(source: Path, out: Path, *flags: str, status: int = 0) -> str:
+        argv = ["plan", str(source), "--out", str(out), *flags]
+        assert main(argv) == status
+        said = capsys.readouterr()
+        return said.err if status else said.out.strip()
+
+    assert told(motion, out) == str(out)
     found = read_plan_file(out).plan
     assert found.duration_s == 2.0 and found.left and found.right
-    for name, *value in (["--speaker", "bob"], ["--empty"]):
-        assert main(["plan", str(motion), "--out", str(out), name, *value]) == 1
-        refusal = f"In a motion the plan is found; {name} is for speech."
-        assert refusal in capsys.readouterr().err
+    plan, weights = tmp_path / "plan.json", ("--weights", str(asked.weights))
+    assert told(asked.speech, plan, "--speaker", "bob", *weights) == str(plan)
+    assert gestures(read_plan(plan), "right")
+    told(asked.speech, plan, "--style", str(style), *weights)
+    assert not gestures(read_plan(plan), "right")
+
+    for flags in (["--speaker", "bob"], ["--empty"]):
+        refusal = f"In a motion the plan is found; {flags[0]} is for speech."
+        assert refusal in told(motion, out, *flags, status=1)
     motion.write_bytes(b"no")
-    assert main(["plan", str(motion), "--out", str(out)]) == 1
-    assert "still.npz" in capsys.readouterr().err
-
-
-def test_the_command_draws_a_plan_alone(
-    request_: GenerateRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    plan = tmp_path / "plan.json"
-    arguments = ["plan", str(request_.speech), "--out", str(plan), "--speaker", "bob"]
-    assert main([*arguments, "--weights", str(request_.weights)]) == 0
-    assert capsys.readouterr().out.strip() == str(plan)
-    assert read_plan(plan).right
-    assert main([*arguments[:3], str(tmp_path / "plan.txt")]) == 1
-    assert "plan.txt ends in '.txt'; a plan is written as .json" in capsys.readouterr().err
-    assert main([*arguments, "--weights", str(request_.weights), "--guidance", "99"]) == 1
-    assert "Guidance must be 0 to 10; got 99." in capsys.readouterr().err
-    assert main([*arguments, "--weights", str(request_.weights), "--seed", "-1"]) == 1
-    assert main([*arguments, "--weights", str(tmp_path)]) == 1
-    assert f"There is no system '{PLANNED}'" in capsys.readouterr().err
+    style.write_text("more = 1")
+    for source, to, flags, words in (
+        (motion, out, (), "still.npz"),
+        (asked.speech, tmp_path / "plan.txt", (), "plan.txt ends in '.txt'; a plan is written as"),
+        (asked.speech, plan, ("--guidance", "99"), "Guidance must be 0 to 10; got 99."),
+        (asked.speech, plan, ("--seed", "-1"), "must not be negative; got -1"),
+        (asked.speech, plan, ("--empty", "--style", str(style)), "An empty plan has no style"),
+        (asked.speech, plan, ("--style", str(style), *weights), "a style has no 'more'"),
+        (asked.speech, plan, ("--weights", str(tmp_path)), f"There is no system '{PLANNED}'"),
+    ):
+        assert words in told(source, to, *flags, status=1)

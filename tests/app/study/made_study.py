@@ -21,6 +21,8 @@ from renderer.video.encoder import ffmpeg_path
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_waveform
 
+SYSTEMS = ["localnet", "globalnet", "recorded"]
+CLIPS = ["kitchen", "garden", "street", "office"]
 FRAMES = 15
 SIZE = 64
 

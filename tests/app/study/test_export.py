@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.commands.cli import main
 from app.errors import CancelledRun, RunError
 from app.study.design.key import read_key
-from app.study.design.plan import read_plan
+from app.study.design.plan import Plan, read_plan
 from app.study.export import export_study
 from app.study.leaks import check_study
 from app.study.make import media
@@ -21,10 +22,19 @@ from app.study.make.workspace import ExportOptions, Workspace, sha256
 from model.motion.motion import load_motion, save_motion
 from model.speech.audio import write_wav
 from processes.pool import JobPool
-from tests.app.study.made_study import FRAMES, draw_noise, tree, write_inputs, write_plan
+from tests.app.study.made_study import (
+    CLIPS,
+    FRAMES,
+    SYSTEMS,
+    copy_study,
+    draw_noise,
+    tree,
+    write_inputs,
+    write_plan,
+)
 from tests.helpers import smooth_motion_example
 
-SYSTEMS, CLIPS = ["localnet", "globalnet"], ["kitchen", "garden"]
+TWO, HERE = SYSTEMS[:2], CLIPS[:2]
 
 
 class Killed(BaseException):
@@ -34,12 +44,17 @@ class Killed(BaseException):
 @pytest.fixture
 def inputs(tmp_path: Path) -> Path:
     """Motions and speech of two systems and two clips."""
-    write_inputs(tmp_path / "inputs", SYSTEMS, CLIPS)
+    write_inputs(tmp_path / "inputs", TWO, HERE)
     return tmp_path / "inputs"
 
 
-def plan_of(folder: Path, settings: str = ""):
-    return read_plan(write_plan(folder, SYSTEMS, CLIPS, settings))
+def plan_of(folder: Path, settings: str = "", clips: list[str] = HERE) -> Plan:
+    return read_plan(write_plan(folder, TWO, clips, settings))
+
+
+def whole_plan(study: Path) -> Plan:
+    """That of the study that all tests share."""
+    return read_plan(study.parent / "plan.toml")
 
 
 def kill_at(number: int):
@@ -54,88 +69,68 @@ def kill_at(number: int):
     return partial(draw_noise, on_start=start)
 
 
-@pytest.mark.parametrize("protocol", ["pairwise", "matched", "ranking", "rating"])
-def test_every_protocol_exports_without_a_leak(inputs: Path, tmp_path: Path, protocol: str) -> None:
-    plan = plan_of(inputs, f'protocol = "{protocol}"')
-    shares = []
-    study = export_study(plan, tmp_path / "out", draw=draw_noise, on_progress=shares.append)
+def test_a_study_is_whole_private_and_equal_in_all_but_the_motion(
+    silent_study: Path, spoken_study: Path
+) -> None:
+    for folder, num_videos, num_tracks in ((silent_study, 12, 1), (spoken_study, 8, 2)):
+        study = Workspace(folder)
+        key = read_key(study.key)
+        assert len(key.videos) == num_videos
+        for clip in {video.clip for video in key.videos.values()}:
+            files = [read_mp4(study.video(b)) for b, v in key.videos.items() if v.clip == clip]
+            assert len({file.num_bytes for file in files}) == 1
+            assert {file.tracks[0].num_samples for file in files} == {FRAMES}
+            assert {len(file.tracks) for file in files} == {num_tracks}
+        assert {path.name for path in study.private.iterdir()} == {
+            *("key.json", "manifest.json", "provenance.json", "preregistration.md", "adapters"),
+            "state.json",
+        }
+        assert stat.S_IMODE(study.private.stat().st_mode) == 0o700
+        assert stat.S_IMODE(study.key.stat().st_mode) == 0o600
+        manifest = json.loads((study.private / "manifest.json").read_text())
+        assert manifest["balance"]["first_place_spread_within_trial"] == 0
+        assert manifest["clips"]["kitchen"] == {
+            **{"speech": "kitchen.wav", "start_s": 0.0, "frames": FRAMES},
+        }
+
+
+@pytest.mark.parametrize("protocol", ["ranking", "rating"])
+def test_the_other_protocols_export_without_a_leak(
+    inputs: Path, tmp_path: Path, protocol: str
+) -> None:
+    shares: list[float] = []
+    plan = plan_of(inputs, f'protocol = "{protocol}"', HERE[:1])
+    export_study(plan, tmp_path / "out", draw=draw_noise, on_progress=shares.append)
     assert check_study(tmp_path / "out") == []
     assert shares[-1] == 1.0 and shares == sorted(shares)
 
-    key = read_key(study.key)
-    assert len(key.videos) == (8 if protocol == "matched" else 4)
-    for clip in CLIPS:
-        files = [read_mp4(study.video(b)) for b, v in key.videos.items() if v.clip == clip]
-        assert len({file.num_bytes for file in files}) == 1
-        assert {file.tracks[0].num_samples for file in files} == {FRAMES}
-        assert {len(file.tracks) for file in files} == {1 if protocol == "pairwise" else 2}
-    names = {path.name for path in study.private.iterdir()}
-    assert names == {
-        *("key.json", "manifest.json", "provenance.json", "preregistration.md", "adapters"),
-        "state.json",
-    }
-    assert stat.S_IMODE(study.private.stat().st_mode) == 0o700
-    assert stat.S_IMODE(study.key.stat().st_mode) == 0o600
-    manifest = json.loads((study.private / "manifest.json").read_text())
-    assert manifest["balance"]["first_place_spread_within_trial"] == 0
-    assert manifest["clips"]["kitchen"] == {
-        "speech": "kitchen.wav",
-        "start_s": 0.0,
-        "frames": FRAMES,
-    }
 
-
-@pytest.mark.parametrize("killed_at", [1, 4])
 def test_a_killed_export_keeps_its_key_and_ends_as_one_that_was_not(
-    inputs: Path, tmp_path: Path, killed_at: int
-) -> None:
-    plan = plan_of(inputs)
-    with pytest.raises(Killed):
-        export_study(plan, tmp_path / "a", draw=kill_at(killed_at))
-    first = read_key(Workspace(tmp_path / "a").key)
-    (tmp_path / "a" / "participant_bundle" / "media" / ".0123.part.mp4").write_bytes(b"half")
-
-    study = export_study(plan, tmp_path / "a", draw=draw_noise)
-    assert read_key(study.key).videos.keys() == first.videos.keys()
-    assert list(read_key(study.key).trials) == list(first.trials)
-
-    (tmp_path / "b" / "researcher_only").mkdir(parents=True)
-    shutil.copy(study.key, tmp_path / "b" / "researcher_only")
-    whole = export_study(plan, tmp_path / "b", draw=draw_noise)
-    assert tree(whole.bundle) == tree(study.bundle)
-    assert whole.key.read_bytes() == study.key.read_bytes()
-
-
-def test_clips_shared_out_give_the_same_study_also_after_a_stop(
     inputs: Path, tmp_path: Path
 ) -> None:
-    """The keys are drawn, so the copy gets that of the first."""
-    plan = plan_of(inputs)
-    shares: list[float] = []
-    export_study(plan, tmp_path / "a", draw=draw_noise)
-    key = tmp_path / "b" / "researcher_only" / "key.json"
-    key.parent.mkdir(parents=True)
-    shutil.copy(tmp_path / "a" / "researcher_only" / "key.json", key)
-    options = ExportOptions(pool=JobPool(2))
+    """Nothing catches what ends it. Clips shared out give the same study as those made in turn."""
+    plan, out = plan_of(inputs), tmp_path / "a"
+    with pytest.raises(Killed):
+        export_study(plan, out, draw=kill_at(1))
+    first = read_key(Workspace(out).key)
+    with pytest.raises(Killed):
+        export_study(plan, out, draw=kill_at(4))
+    (out / "participant_bundle" / "media" / ".0123.part.mp4").write_bytes(b"half")
+    study = export_study(plan, out, draw=draw_noise)
+    key = read_key(study.key)
+    assert (key.videos.keys(), list(key.trials)) == (first.videos.keys(), list(first.trials))
+
+    other = Workspace(tmp_path / "b")
+    other.private.mkdir(parents=True)
+    shutil.copy(study.key, other.key)  # the keys are drawn, so the copy gets that of the first
+    options, shares = ExportOptions(pool=JobPool(1)), []
     with pytest.raises(ValueError, match="not today"):
         export_study(plan, tmp_path / "b", options, draw=draw_but_the_garden)
-    (made,) = (len(json.loads(f.read_text())["videos"]) for f in key.parent.glob("state.json"))
-    assert made == 2  # the kitchen, from both systems
-    times = {path: path.stat().st_mtime_ns for path in (tmp_path / "b").rglob("*.mp4")}
+    assert len(json.loads((other.private / "state.json").read_text())["videos"]) == 2
     export_study(plan, tmp_path / "b", options, draw=draw_noise, on_progress=shares.append)
-    assert shares == [1.0]  # of one clip that was left
-    assert tree(tmp_path / "a" / "participant_bundle") == tree(tmp_path / "b/participant_bundle")
-    assert len(times) == 2 and not (key.parent / "made").exists()
-
-
-def test_a_rate_missed_in_half_a_second_is_no_leak(
-    inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Of these pictures the encoder makes 8 % less and 3 % more than it was asked for."""
-    monkeypatch.setattr(media, "RATE_STEP", 0.0)
-    draw = partial(draw_noise, seeds=[56, 128])
-    export_study(plan_of(inputs), tmp_path / "study", draw=draw)
-    assert check_study(tmp_path / "study") == []
+    assert shares == [1.0] and not (other.private / "made").exists()  # the clip that was left
+    assert tree(other.bundle) == tree(study.bundle)
+    assert other.key.read_bytes() == study.key.read_bytes()
 
 
 def draw_but_the_garden(jobs, **options) -> None:
@@ -145,19 +140,62 @@ def draw_but_the_garden(jobs, **options) -> None:
     draw_noise(jobs, **options)
 
 
-def test_finished_videos_are_kept_and_damaged_ones_made_anew(inputs: Path, tmp_path: Path) -> None:
+@pytest.mark.slow
+@pytest.mark.parametrize("worker", ["process", "dask"])
+def test_two_workers_make_the_study_that_one_process_makes(
+    inputs: Path, tmp_path: Path, worker: str
+) -> None:
     plan = plan_of(inputs)
-    study = export_study(plan, tmp_path / "out", draw=draw_noise)
-    before = tree(study.bundle)
-    drawn = []
+    here = export_study(plan, tmp_path / "here", draw=draw_noise)
+    apart = Workspace(tmp_path / "apart")
+    apart.private.mkdir(parents=True)
+    shutil.copy(here.key, apart.key)
+    if worker == "process":
+        options = ExportOptions(pool=JobPool(2))
+        export_study(plan, tmp_path / "apart", options, draw=draw_noise)
+    else:
+        pytest.importorskip("distributed", reason="Dask is not installed")
+        from tests.processes.test_cluster import scheduler, workers
+
+        with scheduler(tmp_path) as (_, file), workers(file, 2):
+            options = ExportOptions(pool=JobPool(scheduler=file))
+            export_study(plan, tmp_path / "apart", options, draw=draw_noise)
+    assert tree(apart.bundle) == tree(here.bundle)
+    assert apart.key.read_bytes() == here.key.read_bytes()
+
+
+def test_a_rate_missed_in_half_a_second_is_no_leak(
+    inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of these pictures the encoder makes 8 % less and 3 % more than it was asked for."""
+    monkeypatch.setattr(media, "RATE_STEP", 0.0)
+    draw = partial(draw_noise, seeds=[56, 128])
+    export_study(plan_of(inputs, clips=HERE[:1]), tmp_path / "study", draw=draw)
+    assert check_study(tmp_path / "study") == []
+
+
+def test_finished_videos_the_secret_and_the_plan_are_kept_and_damaged_videos_made_anew(
+    silent_study: Path, tmp_path: Path
+) -> None:
+    plan, study = whole_plan(silent_study), copy_study(silent_study, tmp_path / "out")
+    before, drawn = tree(study.bundle), []
+    assert main(["study", "links", str(tmp_path / "out"), "--address", "https://a.example/"]) == 0
+    key = study.key.read_bytes()
+    assert read_key(study.key).link_secret is not None
     again = partial(draw_noise, on_start=drawn.append)
     export_study(plan, tmp_path / "out", draw=again)
-    assert drawn == []
+    assert drawn == [] and study.key.read_bytes() == key
     damaged = next(b for b, v in read_key(study.key).videos.items() if v.clip == "garden")
     study.video(damaged).write_bytes(b"damaged")
     export_study(plan, tmp_path / "out", draw=again)
     assert sorted(drawn) == sorted(SYSTEMS)  # the whole scene, as its files must be equal
     assert tree(study.bundle) == before
+    with pytest.raises(RunError, match="holds the export of another plan"):
+        export_study(replace(plan, seed=3), tmp_path / "out", draw=draw_noise)
+    inputs = shutil.copytree(silent_study.parent, tmp_path / "inputs")
+    save_motion(smooth_motion_example(FRAMES, seed=99), inputs / "localnet-garden.npz")
+    with pytest.raises(RunError, match="a file that it names has changed"):
+        export_study(read_plan(inputs / "plan.toml"), tmp_path / "out", draw=draw_noise)
 
 
 def test_cancelling_leaves_what_is_finished(inputs: Path, tmp_path: Path) -> None:
@@ -170,15 +208,6 @@ def test_cancelling_leaves_what_is_finished(inputs: Path, tmp_path: Path) -> Non
     assert read_key(tmp_path / "out" / "researcher_only" / "key.json").participants == 4
 
 
-def test_another_plan_is_refused_in_the_same_folder(inputs: Path, tmp_path: Path) -> None:
-    export_study(plan_of(inputs), tmp_path / "out", draw=draw_noise)
-    with pytest.raises(RunError, match="holds the export of another plan"):
-        export_study(plan_of(inputs, "seed = 3"), tmp_path / "out", draw=draw_noise)
-    save_motion(smooth_motion_example(FRAMES, seed=99), inputs / "localnet-garden.npz")
-    with pytest.raises(RunError, match="a file that it names has changed"):
-        export_study(plan_of(inputs), tmp_path / "out", draw=draw_noise)
-
-
 def test_a_folder_of_something_else_is_refused(inputs: Path, tmp_path: Path) -> None:
     (tmp_path / "out" / "participant_bundle").mkdir(parents=True)
     (tmp_path / "out" / "participant_bundle" / "thesis.txt").write_text("years of work")
@@ -188,40 +217,38 @@ def test_a_folder_of_something_else_is_refused(inputs: Path, tmp_path: Path) -> 
         export_study(plan_of(inputs), inputs / "plan.toml", draw=draw_noise)
 
 
-def _remove_clip(folder: Path) -> None:
-    (folder / "globalnet-garden.npz").unlink()
-
-
-def _remove_speech(folder: Path) -> None:
-    (folder / "garden.wav").unlink()
+def _save_again(folder: Path) -> None:
+    motion = load_motion(folder / "localnet-garden.npz")
+    save_motion(replace(motion, betas=motion.betas + 1), folder / "globalnet-garden.npz")
 
 
 def _lengthen(folder: Path) -> None:
     save_motion(smooth_motion_example(FRAMES + 5, seed=5), folder / "globalnet-garden.npz")
 
 
-def _copy_file(folder: Path) -> None:
-    shutil.copy(folder / "localnet-garden.npz", folder / "globalnet-garden.npz")
-
-
-def _save_again(folder: Path) -> None:
-    motion = load_motion(folder / "localnet-garden.npz")
-    save_motion(replace(motion, betas=motion.betas + 1), folder / "globalnet-garden.npz")
-
-
-def _silence(folder: Path) -> None:
-    write_wav(folder / "garden.wav", np.zeros(16_000 * FRAMES // 30, np.float32))
-
-
 @pytest.mark.parametrize(
     ("spoil", "settings", "words"),
     [
-        (_remove_clip, "", "The motion of 'globalnet' for clip 'garden' is missing"),
-        (_remove_speech, "", "The speech of clip 'garden' is missing"),
+        (
+            lambda folder: (folder / "globalnet-garden.npz").unlink(),
+            *("", "The motion of 'globalnet' for clip 'garden' is missing"),
+        ),
+        (
+            lambda folder: (folder / "garden.wav").unlink(),
+            *("", "The speech of clip 'garden' is missing"),
+        ),
         (_lengthen, "", "Clip 'garden' has parts of unequal length"),
-        (_copy_file, "", "'localnet' and 'globalnet' have the same motion file for clip 'garden'"),
+        (
+            lambda folder: shutil.copy(
+                folder / "localnet-garden.npz", folder / "globalnet-garden.npz"
+            ),
+            *("", "'localnet' and 'globalnet' have the same motion file for clip 'garden'"),
+        ),
         (_save_again, "", "'localnet' and 'globalnet' move exactly alike in clip 'garden'"),
-        (_silence, "", "is silent"),
+        (
+            lambda folder: write_wav(folder / "garden.wav", np.zeros(8_000, np.float32)),
+            *("", "is silent"),
+        ),
         (bool, "length_s = 3", "less than `length_s` = 3"),
     ],
 )
@@ -232,26 +259,16 @@ def test_bad_input_gives_one_sentence_and_no_bundle(
     spoil(inputs)
     with pytest.raises(ValueError) as caught:
         export_study(plan, tmp_path / "out", draw=draw_noise)
-    assert words in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert words in str(caught.value) and "\n" not in str(caught.value)
     assert not (tmp_path / "out" / "participant_bundle" / "index.html").exists()
 
 
-def test_clips_of_unequal_length_are_cut_to_the_length_asked_for(
+def test_length_body_face_and_place_are_the_same_for_every_system(
     inputs: Path, tmp_path: Path
 ) -> None:
-    _lengthen(inputs)
-    plan = plan_of(inputs, f"length_s = {FRAMES / 30}")
-    study = export_study(plan, tmp_path / "out", draw=draw_noise)
-    frames = {read_mp4(path).tracks[0].num_samples for path in study.media.iterdir()}
-    assert frames == {FRAMES}
-
-
-def test_the_body_face_and_place_are_the_same_for_every_system(
-    inputs: Path, tmp_path: Path
-) -> None:
-    """A person of another build, far from the middle and with a moving face, looks no different."""
-    motion = load_motion(inputs / "globalnet-garden.npz")
+    """A longer clip of a person of another build, far from the middle and with a moving face,
+    looks no different and is cut to the length asked for."""
+    motion = smooth_motion_example(FRAMES + 5, seed=5)
     other = replace(motion, betas=motion.betas + 2, trans=motion.trans + np.float32([3, 1, -2]),
                     expression_basis="flame100")  # fmt: skip
     save_motion(other, inputs / "globalnet-garden.npz")
@@ -261,28 +278,30 @@ def test_the_body_face_and_place_are_the_same_for_every_system(
         seen.update(jobs)
         draw_noise(jobs, **rest)
 
-    export_study(plan_of(inputs), tmp_path / "out", draw=look)
-    first, second = (seen[name] for name in SYSTEMS)
+    length = f"length_s = {FRAMES / 30}"
+    study = export_study(plan_of(inputs, length, HERE[1:]), tmp_path / "out", draw=look)
+    assert {read_mp4(path).tracks[0].num_samples for path in study.media.iterdir()} == {FRAMES}
+    first, second = (seen[name] for name in TWO)
     assert first.stage == second.stage and first.settings == second.settings
     for job in (first, second):
         assert not job.motion.betas.any() and not job.motion.expressions.any()
         assert not job.motion.poses[:, 66:75].any()  # jaw and eyes
         assert np.abs(job.motion.trans[:, [0, 2]].mean(axis=0)).max() < 1e-5
+    moving = plan_of(inputs, f'{length}\nface = "moving"')
     with pytest.raises(RunError, match="Faces of arkit52 and flame100 move differently"):
-        export_study(plan_of(inputs, 'face = "moving"'), tmp_path / "b", draw=draw_noise)
+        export_study(moving, tmp_path / "b", draw=draw_noise)
 
 
 @pytest.mark.gl
 def test_the_real_renderer_makes_a_blind_study(weights: Path, tmp_path: Path) -> None:
     """Generated motion beside a file, drawn by worker processes; systems hear the excerpt."""
-    from app.study.make.workspace import ExportOptions
-
     write_inputs(tmp_path, ["recorded"], ["one"], frames=24)
     text = write_plan(tmp_path, ["recorded"], ["one"], "length_s = 0.5").read_text()
     text += '[[systems]]\nname = "globaldiff/local"\nsteps = 1\n'
     (tmp_path / "plan.toml").write_text(text)
-    plan = read_plan(tmp_path / "plan.toml")
-    study = export_study(plan, tmp_path / "out", ExportOptions(weights=weights))
+    argv = ["study", "export", str(tmp_path / "plan.toml"), "--out", str(tmp_path / "out")]
+    assert main([*argv, "--weights", str(weights), "--workers", "1"]) == 0
+    study = Workspace(tmp_path / "out")
     assert check_study(tmp_path / "out") == []
     assert len({sha256(path) for path in study.media.iterdir()}) == 2
     provenance = json.loads((study.private / "provenance.json").read_text())

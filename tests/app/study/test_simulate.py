@@ -1,16 +1,24 @@
+"""Simulated raters do what their model says, and the truth they are held against is theirs."""
+
 import json
 from collections import Counter
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.study.simulate import ALIKE, RaterModel, davidson, simulate
+from app.study import coverage
+from app.study.simulate import ALIKE, RaterModel, World, davidson, simulate
 from app.study.statistics.answers import TIE, collect
 from app.study.statistics.screening import screen
 from app.study.statistics.votes import match_votes, pair_votes
 from tests.app.study.made import STRENGTHS, made_key, made_participants, written_study
+
+FOUR = coverage.STRENGTHS
+PAIRS = list(combinations(range(len(FOUR)), 2))
+GIVEN = np.array(list(FOUR.values()))
 
 
 @pytest.mark.parametrize("protocol", ["pairwise", "matched", "ranking", "rating"])
@@ -29,20 +37,15 @@ def test_what_is_simulated_reads_back_whole(tmp_path: Path, protocol: str) -> No
     assert truth["model"]["tie"] == RaterModel().tie
 
 
-def test_a_seed_makes_the_same_answers_and_another_does_not(tmp_path: Path) -> None:
+def test_a_seed_makes_the_same_answers_and_two_runs_do_not_mix(tmp_path: Path) -> None:
     written_study(tmp_path, made_key(), [])
     texts = []
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         simulate(tmp_path / "study", 2, STRENGTHS, seed, tmp_path / name)
         texts.append((tmp_path / name / "simulated00001.json").read_text())
     assert texts[0] == texts[1] != texts[2]
-
-
-def test_answers_of_two_runs_do_not_mix(tmp_path: Path) -> None:
-    written_study(tmp_path, made_key(), [])
-    simulate(tmp_path / "study", 1, STRENGTHS, 1, tmp_path / "out")
     with pytest.raises(RunError, match="holds answers already"):
-        simulate(tmp_path / "study", 1, STRENGTHS, 2, tmp_path / "out")
+        simulate(tmp_path / "study", 1, STRENGTHS, 2, tmp_path / "a")
 
 
 @pytest.mark.parametrize(
@@ -85,11 +88,10 @@ def test_matched_strength_is_the_log_odds_of_the_right_choice() -> None:
 
 
 def test_sides_are_balanced_and_ties_happen() -> None:
-    key = made_key(num_clips=10)
-    people = made_participants(key, 4)
+    people = made_participants(key := made_key(num_clips=10), 4)
     votes = pair_votes(people, key, "realism")
-    assert ((votes.left == 0) & (votes.right == 1)).sum() == 20
-    assert ((votes.left == 1) & (votes.right == 0)).sum() == 20
+    sides = Counter(zip(votes.left.tolist(), votes.right.tolist(), strict=True))
+    assert sides[0, 1] == sides[1, 0] == 20
     assert any(answer.value == TIE for one in people for answer in one.answers)
 
 
@@ -98,3 +100,46 @@ def test_lapses_fail_checks_as_often_as_said() -> None:
     screened = screen(made_participants(key, 200, RaterModel(lapse=0.5)), key)
     assert len(screened.dropped) == pytest.approx(50, abs=20)  # both of two checks failed
     assert not screen(made_participants(key, 200, RaterModel(lapse=0)), key).dropped
+
+
+def test_the_truth_of_equal_raters_is_what_was_set() -> None:
+    world = World(coverage.design("pairwise"), FOUR, ALIKE, np.random.default_rng(0))
+    chances = {pair: coverage._chances(world, "pairwise", pair) for pair in PAIRS}
+    for (a, b), both_sides in chances.items():
+        expected = davidson(GIVEN[a] - GIVEN[b] + ALIKE.left_advantage, ALIKE.tie)
+        assert both_sides[0] == pytest.approx(expected)
+    found = coverage._population_strengths(chances, len(GIVEN))
+    # The prior and rounding to whole votes take a little.
+    assert found - found.mean() == pytest.approx(GIVEN - GIVEN.mean(), abs=2e-3)
+
+
+def test_the_truth_of_ranks_is_what_many_simulated_rankings_give() -> None:
+    key = coverage.design("ranking", num_clips=2)
+    world = World(key, FOUR, RaterModel(), np.random.default_rng(0))
+    chances = {pair: coverage._chances(world, "ranking", pair) for pair in PAIRS}
+    places = np.zeros((2000, len(GIVEN)))
+    for row in range(len(places)):
+        for answer in world.answers(0):
+            for place, video in enumerate(answer["value"]):
+                places[row, key.systems.index(key.videos[video].system)] += (place + 1) / 2
+    ranks = coverage._population_ranks(chances, len(GIVEN))
+    assert ranks == pytest.approx(places.mean(0), abs=0.06)
+    assert ranks.sum() == pytest.approx(sum(range(1, 5)))
+
+
+def test_differing_raters_pull_shares_to_the_middle() -> None:
+    key = coverage.design("pairwise")
+    alike = coverage._share_over_clips(key, ALIKE, PAIRS)
+    varied = coverage._share_over_clips(key, RaterModel(), PAIRS)
+    assert all(0.5 < varied[pair] < alike[pair] for pair in PAIRS)
+    wins = davidson(0.6 + np.array([0.1, -0.1]), ALIKE.tie).mean(0) @ [1, 0.5, 0]
+    assert alike[0, 1] == pytest.approx(wins)
+
+
+def test_intervals_are_held_against_the_truth() -> None:
+    tallies = coverage.coverage("ranking", RaterModel(), studies=2, seed=3)
+    assert set(tallies) == {"same", "other", "strength", "rank"}
+    for tally in tallies.values():
+        assert set(tally.held) == set(PAIRS)
+        assert sum(tally.held.values()) >= 9  # of 12
+        assert tally.width > 0

@@ -1,5 +1,5 @@
-import json
-import shutil
+"""Whether motion belongs to its speech, as a judge hears it and as loudness tells."""
+
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,9 +7,16 @@ import numpy as np
 import pytest
 import torch
 
-from model.evaluate import main
-from model.evaluation.clips import ClipContext
-from model.evaluation.matching import MEASURES, matched, pieces, preferred, spoken
+from model.evaluation.matching import (
+    MEASURES,
+    coupling,
+    frame_loudness,
+    matched,
+    pieces,
+    preferred,
+    speech_tracks,
+    spoken,
+)
 from model.evaluation.one_clip import read_recording
 from model.motion.motion import first_frames, load_motion
 from model.speech.audio import load_speech
@@ -18,17 +25,8 @@ from model.storage.cards import BUNDLED_WEIGHTS
 from model.systems.matching.config import HEARING_JUDGE
 from model.systems.matching.network import load_judge
 from tests.helpers import ROOT, beat2_folder
-from tests.model.made import make_data_folder, make_weights
-from tests.model.systems.matching.made import (
-    made_envelope,
-    made_features,
-    made_motion,
-    save_judge,
-    save_task,
-    trained,
-)
+from tests.model.systems.matching.made import made_envelope, made_features, made_motion, make_judge
 
-NAMES = ["1_ann_0_0_0", "2_bob_0_1_1"]
 EXAMPLES = ROOT / "examples"
 FRAMES = 1500
 ENVELOPES = [made_envelope(FRAMES, seed) for seed in (101, 102)]
@@ -36,10 +34,13 @@ OWN, FOREIGN = (made_features(envelope) for envelope in ENVELOPES)
 
 
 @pytest.fixture(scope="module")
-def judge(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("judge")
-    save_task(trained(folder)[0], folder)
-    return load_judge(folder, HEARING_JUDGE)
+def bundled():
+    return load_judge(BUNDLED_WEIGHTS, HEARING_JUDGE)
+
+
+@pytest.fixture(scope="module")
+def judge(made_once):
+    return load_judge(made_once("judge", make_judge), HEARING_JUDGE)
 
 
 def test_the_own_speech_is_preferred_and_another_is_not(judge):
@@ -50,14 +51,6 @@ def test_the_own_speech_is_preferred_and_another_is_not(judge):
     swapped = matched(judge, motion, FOREIGN, OWN)
     # The own speech is among the foreign pieces now, and beats all that stand beside it.
     assert swapped["matched_arms"] < 0.5 and swapped["arm_speed_heard"] < 0.3
-
-
-def test_who_stands_still_is_at_chance(judge):
-    motion = made_motion(ENVELOPES[0])
-    still = replace(motion, poses=np.repeat(motion.poses[:1], FRAMES, axis=0))
-    found = matched(judge, still, OWN, FOREIGN)
-    assert [found[measure] for measure in MEASURES] == [0.5] * 3
-    assert found["arm_speed_heard"] == pytest.approx(0, abs=1e-3)
 
 
 def test_a_jaw_that_gives_all_away_is_not_seen_in_the_body(judge):
@@ -97,68 +90,6 @@ def test_less_than_ten_seconds_have_no_measure(judge):
     assert matched(judge, first_frames(motion, 300), OWN, FOREIGN) != {}
 
 
-@pytest.fixture(scope="module")
-def folders(tmp_path_factory):
-    """Clips of 11 s, and tiny systems."""
-    root = tmp_path_factory.mktemp("evaluation")
-    data = make_data_folder(root / "data", seconds=11)
-    split = (data / "train_test_split.csv").read_text()
-    (data / "train_test_split.csv").write_text(split.replace("train\n", "test\n"))
-    return data, make_weights(root / "weights")
-
-
-def test_the_table_has_a_row_for_recorded_and_generated_motion(folders, judge, tmp_path, capsys):
-    data, weights = folders
-    command = ["--data", str(data), "--systems", "globaldiff/local", "--seeds", "1"]
-    command += ["--processes", "1", "--out", str(tmp_path / "out")]
-    assert main([*command, "--weights", str(weights)]) == 0
-    text = capsys.readouterr().out
-    assert f"Matched speech is left out: its judge {HEARING_JUDGE} is not among" in text
-    assert "matched, share right" not in text
-    judged = shutil.copytree(weights, tmp_path / "weights")
-    save_judge(judge, judged)
-    assert main([*command, "--weights", str(judged)]) == 0  # what was kept knew no judge
-    text = capsys.readouterr().out
-    assert "Matched speech is left out" not in text
-    assert "| matched, share right | " in text and "| of the jaw | " in text
-    table = json.loads((tmp_path / "out" / "evaluation.json").read_text())
-    for row in ("recorded", "globaldiff/local"):
-        for measure in (*MEASURES, "arm_speed_heard"):
-            found = table["motion"][row][measure]
-            assert found["low"] <= found["mean"] <= found["high"]
-    context = ClipContext(
-        recorded=read_recording(data, NAMES[0]).motion,
-        sound=read_recording(data, NAMES[0]).speech.waveform,
-        foreign=read_recording(data, NAMES[1]).speech.waveform,
-        mean_speed=np.ones(13),
-        judges={},
-        matching=judge,
-    )
-    alone = context.row([context.recorded]).measures
-    mean = table["motion"]["recorded"]["matched"]["mean"]
-    assert alone["matched"] in (0.0, 0.5, 1.0)  # one piece against one
-    assert mean in (alone["matched"] / 2 + other / 2 for other in (0.0, 0.5, 1.0))
-
-
-def test_pieces_lie_end_to_end_and_a_rest_is_left_out():
-    rows = np.arange(700.0)[:, None]
-    cut = pieces(rows)
-    assert cut.shape == (2, 300, 1)
-    assert cut[0, 0] == 0 and cut[1, 0] == 300 and cut[1, -1] == 599
-    assert pieces(rows[:299]).shape == (0, 300, 1)
-
-
-def test_ties_count_half():
-    own = torch.tensor([0.5, 0.2])
-    others = torch.tensor([[0.4, 0.6, 0.5], [0.1, 0.1, 0.1]])
-    assert preferred(own, others) == pytest.approx((1 + 0 + 0.5 + 3) / 6)
-
-
-@pytest.fixture(scope="module")
-def bundled():
-    return load_judge(BUNDLED_WEIGHTS, HEARING_JUDGE)
-
-
 def features_of(path: Path) -> np.ndarray:
     speech = load_speech(path)
     return MelEncoder().encode(speech.waveform, speech.num_frames)
@@ -192,3 +123,38 @@ def test_the_bundled_judge_reads_the_lips_of_real_people(bundled):
         found = matched(bundled, each.motion, own, foreign)
         assert found["matched_face"] > 0.9
         assert found["matched"] > 0.5  # far from what it finds in the corpus
+
+
+def test_coupling_is_high_for_wrists_that_move_when_it_is_loud():
+    rng = np.random.default_rng(0)
+    loudness = np.convolve(rng.standard_normal(900), np.ones(15) / 15, "same")
+    step = np.clip(1 + 2 * loudness, 0, None)[6:, None, None] / 30  # the motion leads by 0.2 s
+    positions = np.cumsum(np.repeat(step, 55, 1) * np.array([1.0, 0, 0]), 0)
+    tracks = speech_tracks(loudness[:, None], rng.standard_normal((100, 1)))
+    scores = {kind: coupling(positions, track[:, 0]) for kind, track in tracks.items()}
+    assert scores["right"] > 0.95
+    assert max(scores["shifted"], scores["foreign"]) < 0.5
+    assert coupling(np.zeros((90, 55, 3)), loudness) == 0  # what does not move follows nothing
+
+
+def test_loudness_is_in_decibels_by_frame_and_silent_after_the_end():
+    tone = np.concatenate([np.ones(16_000), 0.1 * np.ones(16_000)]).astype(np.float32)
+    loudness = frame_loudness(tone, 70)
+    np.testing.assert_allclose(loudness[[0, 29, 30, 59]], [0, 0, -20, -20], atol=0.1)
+    np.testing.assert_allclose(loudness[60:], -60)
+
+
+def test_who_stands_still_is_at_chance_and_ties_count_half(judge):
+    motion = made_motion(ENVELOPES[0])
+    still = replace(motion, poses=np.repeat(motion.poses[:1], FRAMES, axis=0))
+    found = matched(judge, still, OWN, FOREIGN)
+    assert [found[measure] for measure in MEASURES] == [0.5] * 3
+    assert found["arm_speed_heard"] == pytest.approx(0, abs=1e-3)
+    others = torch.tensor([[0.4, 0.6, 0.5], [0.1, 0.1, 0.1]])
+    assert preferred(torch.tensor([0.5, 0.2]), others) == pytest.approx((1 + 0 + 0.5 + 3) / 6)
+
+
+def test_pieces_lie_end_to_end_and_a_rest_is_left_out():
+    rows = np.arange(700.0)[:, None]
+    np.testing.assert_array_equal(pieces(rows), rows[:600].reshape(2, 300, 1))
+    assert pieces(rows[:299]).shape == (0, 300, 1)

@@ -1,12 +1,78 @@
+"""Manner and speakers: how much of a motion is whose, and whose it is."""
+
+from dataclasses import replace
+from itertools import combinations
+
 import numpy as np
 import pytest
 
 from conventions.joints import JOINT_INDEX
+from model.data.recordings import read_files
+from model.evaluation.few_clips import FewClips, with_silence
 from model.evaluation.matching import PIECE_FRAMES
-from model.evaluation.speakers import SpeakerJudge, discriminant, judge_of, manner_numbers
-from model.motion.motion import Motion, save_motion
+from model.evaluation.speakers import (
+    SpeakerJudge,
+    calm_over_lively,
+    discriminant,
+    judge_of,
+    manner_numbers,
+    manner_of,
+    wrist_speed_m_s,
+)
+from model.generation.clip_noise import clip_seed
+from model.generation.windows import GenerateOptions, generate_motion
+from model.measures.hearing import arm_rotations_alike, arm_speed, speed_in_silence
+from model.motion.motion import Motion, first_frames, save_motion
+from model.systems.registry import load_system
 from tests.helpers import smooth_motion_example
-from tests.model.made import make_data_folder
+from tests.model.made import made_speech, make_data_folder
+from tests.model.measures.test_hearing import FRAMES, motion_of
+
+SPEAKERS = {"june": 1, "hana": 2, "gus": 3}
+
+
+def motions_of(share: float) -> dict:
+    """By speaker and noise seed; the speaker decides ``share`` of the speed's variance."""
+    return {
+        (name, seed): motion_of(number, seed, share)
+        for name, number in SPEAKERS.items()
+        for seed in range(3)
+    }
+
+
+@pytest.mark.parametrize("share", [0.0, 0.6])
+def test_the_share_of_the_speaker_is_that_of_every_pair_one_by_one(share):
+    motions = motions_of(share)
+    alike: dict[str, list[float]] = {"speaker": [], "neither": []}
+    for ((one, seed), a), ((other, seed_), b) in combinations(motions.items(), 2):
+        if seed != seed_:
+            r = float(np.corrcoef(arm_speed(a), arm_speed(b))[0, 1])
+            alike["speaker" if one == other else "neither"].append(r)
+    found = manner_of(motions)
+    wanted = np.mean(alike["speaker"]) - np.mean(alike["neither"])
+    assert found.by_speaker == pytest.approx(wanted, abs=1e-6)
+    assert found.by_speaker == pytest.approx(share, abs=0.25)
+
+
+def test_rotations_of_the_same_noise_are_alike_whoever_speaks():
+    same = {(name, seed): motion_of(7, seed, 0.0) for name in SPEAKERS for seed in range(2)}
+    assert manner_of(same).arm_rotations_same_noise == pytest.approx(1 / 12, abs=1e-6)
+
+
+def swinging(speed: float) -> Motion:
+    """The left upper arm turns at a steady speed, radians a second."""
+    motion = motion_of(0, 0, 0.5)
+    poses = np.zeros_like(motion.poses)
+    poses[:, 3 * 16 + 2] = speed * np.arange(FRAMES) / 30
+    return Motion(poses, motion.trans, motion.expressions, "arkit52", motion.betas)
+
+
+def test_a_calm_speaker_moves_the_wrists_so_much_less():
+    calm, lively = swinging(0.25), swinging(0.5)
+    assert calm_over_lively([calm], [lively]) == pytest.approx(0.5, rel=1e-3)
+    assert calm_over_lively([calm, lively], [lively]) == pytest.approx(0.75, rel=1e-3)
+    arm = wrist_speed_m_s(lively) / 0.5
+    assert 0.4 < arm < 0.65, "metres from shoulder to wrist"
 
 
 def moved(seconds: float, seed: int, size: float) -> Motion:
@@ -55,7 +121,7 @@ def test_a_lively_and_a_calm_speaker_are_told_and_short_motion_is_not():
     assert judge.measures([], "calm") == {}
 
 
-def test_it_learns_from_the_training_split_alone(tmp_path):
+def test_it_learns_from_the_training_split_alone(tmp_path, data_folder):
     folder = make_data_folder(tmp_path / "data", seconds=12)
     judge = judge_of(folder, ["ann", "bob", "eve"])
     assert isinstance(judge, SpeakerJudge) and judge.speakers == ("ann", "bob")
@@ -66,13 +132,47 @@ def test_it_learns_from_the_training_split_alone(tmp_path):
     save_motion(moved(12, 5, 3.0), folder / "smplxflame_30" / "1_ann_0_0_0.npz")
     other = judge_of(folder, ["ann", "bob", "eve"])
     assert not np.allclose(other.weights, judge.weights)
-
-
-def test_speakers_without_recordings_long_enough_are_left_out(tmp_path):
-    folder = make_data_folder(tmp_path / "data", seconds=4)
-    assert judge_of(folder, ["ann", "bob"]) is None
+    assert judge_of(data_folder, ["ann", "bob"]) is None  # no recording is long enough
 
 
 @pytest.mark.parametrize(("frames", "count"), [(299, 0), (300, 1), (599, 1), (600, 2)])
 def test_a_rest_of_less_than_a_piece_is_left_out(frames, count):
     assert len(manner_numbers(smooth_motion_example(frames, 1))) == count == frames // PIECE_FRAMES
+
+
+CLIPS = ["1_ann_0_0_0", "2_bob_0_1_1", "1_ann_0_2_2"]
+PAIR = "bob", "ann"
+
+
+def test_silence_follows_ten_seconds_or_what_there_is():
+    for given, kept in ((4, 4), (12, 10)):
+        speech = made_speech(16_000 * given)
+        heard = with_silence(speech)
+        assert heard.num_frames == 30 * (kept + 5)
+        end = 16_000 * kept
+        np.testing.assert_array_equal(heard.waveform[:end], speech.waveform[:end])
+        assert not heard.waveform[end:].any()
+
+
+def test_numbers_are_those_of_motions_made_one_by_one(data_folder, weights):
+    found = load_system("globaldiff/local", weights)
+    system = replace(found, samplers=(replace(found.samplers[0], steps=1),))
+    few = FewClips.choose(data_folder, CLIPS, [system], PAIR, count=1)
+    name, speech = CLIPS[0], read_files(data_folder, CLIPS[0])[1]
+    found = few.measures(system, name, speech, None)
+    made = {}
+    for speaker in PAIR:
+        options = GenerateOptions(speaker, seed=clip_seed(0, name), samples=2)
+        made[speaker] = generate_motion(system, with_silence(speech), options)
+    spoken = {who: [first_frames(motion, 120) for motion in own] for who, own in made.items()}
+    ratio = found["calm_wrist_m_s"] / found["lively_wrist_m_s"]
+    assert ratio == pytest.approx(calm_over_lively(spoken["bob"], spoken["ann"]), rel=1e-6)
+    alike = [arm_rotations_alike(*pair) for pair in zip(*spoken.values(), strict=True)]
+    assert found["arm_rotations_other_speaker"] == pytest.approx(np.mean(alike), abs=1e-6)
+    silent = [
+        speed_in_silence(motion, np.arange(270) < 120)["arms_in_silence"]
+        for own in made.values()
+        for motion in own
+    ]
+    assert found["arms_in_silence"] == pytest.approx(np.mean(silent), rel=1e-6)
+    assert few.measures(system, CLIPS[1], speech, None) == {}, "not among the few"

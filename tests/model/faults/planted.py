@@ -1,15 +1,17 @@
 """Faults to plant in a motion, each with the kind that must be found and what must be beside it."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import torch
 from scipy.signal import butter, sosfiltfilt
+from scipy.spatial.transform import Rotation
 
-from conventions.joints import JOINT_INDEX, LEFT_HAND, MIRROR_PERMUTATION
-from conventions.rates import SAMPLE_RATE
-from model.faults.timing import loudness_of
+from conventions.joints import JOINT_INDEX, JOINT_NAMES, LEFT_HAND, MIRROR_PERMUTATION
+from model.measures.face import unit_columns
+from model.measures.seams import Windows
 from model.motion.altered import motion_at_speed
 from model.motion.kinematics import mirror_poses
 from model.motion.motion import Motion
@@ -18,122 +20,104 @@ FPS = 30
 Fault = Callable[[Motion], Motion]
 
 
-def _joints(motion: Motion) -> np.ndarray:
-    return motion.poses.copy().reshape(-1, 55, 3)
+def on_joints(change: Callable[[np.ndarray], None]) -> Fault:
+    """What is done to a copy of all axis-angles (T, 55, 3)."""
 
-
-def _with(motion: Motion, joints: np.ndarray) -> Motion:
-    return replace(motion, poses=joints.reshape(-1, 165).astype(np.float32))
-
-
-def low_passed(motion: Motion) -> Motion:
-    low = butter(4, 2.0, fs=FPS, output="sos")
-    return replace(
-        motion,
-        poses=sosfiltfilt(low, motion.poses, axis=0).astype(np.float32),
-        trans=sosfiltfilt(low, motion.trans, axis=0).astype(np.float32),
-    )
-
-
-def scaled(factor: float) -> Fault:
     def plant(motion: Motion) -> Motion:
-        mean = motion.poses.mean(axis=0)
-        return replace(motion, poses=(mean + factor * (motion.poses - mean)).astype(np.float32))
+        joints = motion.poses.copy().reshape(-1, 55, 3)
+        change(joints)
+        return replace(motion, poses=joints.reshape(-1, 165))
 
     return plant
 
 
-def frozen(motion: Motion) -> Motion:
-    frames = np.arange(motion.num_frames)
-    frames[300:360] = 300
-    return motion.part(frames)
+def moved_by(way: Callable[[np.ndarray], Any], axis: int) -> Fault:
+    """Along an axis, by so many metres at each frame."""
+
+    def plant(motion: Motion) -> Motion:
+        away = np.zeros_like(motion.trans)
+        away[:, axis] = way(np.arange(len(away)))
+        return replace(motion, trans=motion.trans + away)
+
+    return plant
 
 
-def still(motion: Motion) -> Motion:
-    return motion.part(np.zeros(motion.num_frames, int))
+def frames(which: Callable[[np.ndarray], np.ndarray]) -> Fault:
+    """Some of the frames in place of all."""
+    return lambda motion: motion.part(which(np.arange(motion.num_frames)))
 
 
-def popping(motion: Motion) -> Motion:
-    joints = _joints(motion)
-    joints[[200, 350, 500], JOINT_INDEX["right_elbow"], 0] += 1.0
-    return _with(motion, joints)
+def bump(first: int, count: int, height: float) -> Callable[[np.ndarray], np.ndarray]:
+    bell = height * np.hanning(count)
+    return lambda frame: np.pad(bell, (first, len(frame) - first - count))
 
 
-def noisy(motion: Motion) -> Motion:
-    joints = _joints(motion)
-    joints[:, JOINT_INDEX["right_wrist"]] += 0.02 * np.random.default_rng(0).standard_normal(
-        (len(joints), 3)
-    )
-    return _with(motion, joints)
+def low_passed(hertz: float) -> Fault:
+    low = butter(4, hertz, fs=FPS, output="sos")
+
+    def plant(motion: Motion) -> Motion:
+        poses, trans = (sosfiltfilt(low, rows, axis=0) for rows in (motion.poses, motion.trans))
+        return replace(motion, poses=poses.astype(np.float32), trans=trans.astype(np.float32))
+
+    return plant
 
 
-def shaking(motion: Motion) -> Motion:
+@on_joints
+def smaller(joints: np.ndarray) -> None:
+    joints[:] = joints.mean(axis=0) + 0.4 * (joints - joints.mean(axis=0))
+
+
+@on_joints
+def popping(joints: np.ndarray) -> None:
+    joints[[200, 280, 350], JOINT_INDEX["right_elbow"], 0] += 1.0
+
+
+def noisy(*names: str) -> Fault:
+    def change(joints: np.ndarray) -> None:
+        noise = np.random.default_rng(0).standard_normal((len(joints), len(names), 3))
+        joints[:, [JOINT_INDEX[name] for name in names]] += 0.02 * noise
+
+    return on_joints(change)
+
+
+@on_joints
+def shaking(joints: np.ndarray) -> None:
     """7 Hz of the arms, faint enough to be no noise of single frames."""
-    joints = _joints(motion)
     wave = 0.02 * np.sin(2 * np.pi * 7 * np.arange(len(joints)) / FPS)
     for joint in ("left_shoulder", "right_shoulder", "left_elbow", "right_elbow"):
         joints[:, JOINT_INDEX[joint]] += wave[:, None]
-    return _with(motion, joints)
 
 
-def jumping(motion: Motion) -> Motion:
-    joints = _joints(motion)
+@on_joints
+def jumping(joints: np.ndarray) -> None:
     joints[:, :, 0] += 0.04 * ((np.arange(len(joints)) + 47) // 52 % 2)[:, None]
-    return _with(motion, joints)
-
-
-def lifted(motion: Motion) -> Motion:
-    return replace(motion, trans=motion.trans + np.array([0, 0.2, 0], np.float32))
-
-
-def lifted_a_while(motion: Motion) -> Motion:
-    up = np.zeros_like(motion.trans)
-    up[300:360, 1] = 0.2 * np.hanning(60)
-    return replace(motion, trans=motion.trans + up)
-
-
-def foot_through_floor(motion: Motion) -> Motion:
-    down = np.zeros_like(motion.trans)
-    down[300:330, 1] = -0.12 * np.hanning(30)
-    return replace(motion, trans=motion.trans + down)
-
-
-def sliding(motion: Motion) -> Motion:
-    away = np.zeros_like(motion.trans)
-    away[:, 0] = 0.3 * np.arange(len(away)) / FPS
-    return replace(motion, trans=motion.trans + away)
 
 
 def z_up(motion: Motion) -> Motion:
     """Turned by 90 degrees about x: y becomes z, as files have it whose up is z."""
-    from scipy.spatial.transform import Rotation
-
     turn = Rotation.from_euler("x", 90, degrees=True)
-    joints = _joints(motion)
-    joints[:, 0] = (turn * Rotation.from_rotvec(joints[:, 0])).as_rotvec()
-    turned = _with(motion, joints)
-    return replace(turned, trans=turn.apply(motion.trans).astype(np.float32))
+
+    @on_joints
+    def turned(joints: np.ndarray) -> None:
+        joints[:, 0] = (turn * Rotation.from_rotvec(joints[:, 0])).as_rotvec()
+
+    return replace(turned(motion), trans=turn.apply(motion.trans).astype(np.float32))
 
 
-def nailed_down(motion: Motion) -> Motion:
-    return replace(motion, trans=np.zeros_like(motion.trans))
-
-
-def still_face(motion: Motion) -> Motion:
-    joints = _joints(motion)
+@on_joints
+def stiff_jaw(joints: np.ndarray) -> None:
     joints[:, JOINT_INDEX["jaw"]] = joints[0, JOINT_INDEX["jaw"]]
-    return replace(_with(motion, joints), expressions=np.zeros_like(motion.expressions))
 
 
 def still_jaw(motion: Motion) -> Motion:
-    joints = _joints(motion)
-    joints[:, JOINT_INDEX["jaw"]] = 0.0
     expressions = motion.expressions.copy()
     if motion.expression_basis == "arkit52":
-        from model.measures.face import unit_columns
-
         expressions[:, unit_columns("jawOpen")] = 0.0
-    return replace(_with(motion, joints), expressions=expressions)
+    return replace(stiff_jaw(motion), expressions=expressions)
+
+
+def still_face(motion: Motion) -> Motion:
+    return replace(stiff_jaw(motion), expressions=np.zeros_like(motion.expressions))
 
 
 def other_body(motion: Motion) -> Motion:
@@ -146,55 +130,41 @@ def mirrored(motion: Motion) -> Motion:
     return replace(motion, poses=mirror_poses(torch.from_numpy(motion.poses.copy())).numpy())
 
 
-def swapped(motion: Motion) -> Motion:
-    return _with(motion, _joints(motion)[:, list(MIRROR_PERMUTATION)])
-
-
-def doubled_frames(motion: Motion) -> Motion:
-    frames = np.arange(motion.num_frames)
-    frames[50::40] -= 1
-    return motion.part(frames)
-
-
-def dropped_frames(motion: Motion) -> Motion:
-    return motion.part(np.delete(np.arange(motion.num_frames), np.arange(50, 800, 25)))
+@on_joints
+def swapped(joints: np.ndarray) -> None:
+    joints[:] = joints[:, list(MIRROR_PERMUTATION)]
 
 
 def stretched(motion: Motion) -> Motion:
     return motion_at_speed(motion_at_speed(motion, 2.0), 0.5)
 
 
-def repeated_from_15(motion: Motion) -> Motion:
-    return motion.part(np.arange(motion.num_frames) // 2 * 2)
+def frozen(frame: np.ndarray) -> np.ndarray:
+    return np.where((frame >= 300) & (frame < 360), 300, frame)
 
 
-def delayed(motion: Motion) -> Motion:
-    return motion.part(np.maximum(np.arange(motion.num_frames) - 15, 0))
+def doubled(frame: np.ndarray) -> np.ndarray:
+    return frame - ((frame >= 50) & ((frame - 50) % 40 == 0))
 
 
-def finger_backwards(motion: Motion) -> Motion:
-    joints = _joints(motion)
+@on_joints
+def finger_backwards(joints: np.ndarray) -> None:
     joints[:, JOINT_INDEX["right_index2"]] = (0, 0, -1.0)
-    return _with(motion, joints)
 
 
-def frozen_hand(motion: Motion) -> Motion:
-    joints = _joints(motion)
+@on_joints
+def frozen_hand(joints: np.ndarray) -> None:
     joints[:, list(LEFT_HAND)] = joints[0, list(LEFT_HAND)]
-    return _with(motion, joints)
 
 
-def hand_in_body(motion: Motion) -> Motion:
+@on_joints
+def hand_in_body(joints: np.ndarray) -> None:
     """The right forearm bent straight through the belly for a second."""
-    joints = _joints(motion)
-    frames = slice(400, 430)
-    joints[frames, JOINT_INDEX["right_collar"]] = 0.0
-    joints[frames, JOINT_INDEX["right_shoulder"]] = (0, 0, 1.25)  # the arm hangs
-    joints[frames, JOINT_INDEX["right_elbow"]] = (0, 0, 2.0)  # sideways, into the trunk
-    joints[frames, JOINT_INDEX["right_wrist"]] = 0.0
-    for spine in ("spine1", "spine2", "spine3"):
-        joints[frames, JOINT_INDEX[spine]] = 0.0
-    return _with(motion, joints)
+    second = slice(350, 380)
+    for name in ("right_collar", "right_wrist", "spine1", "spine2", "spine3"):
+        joints[second, JOINT_INDEX[name]] = 0.0
+    joints[second, JOINT_INDEX["right_shoulder"]] = (0, 0, 1.25)  # the arm hangs
+    joints[second, JOINT_INDEX["right_elbow"]] = (0, 0, 2.0)  # sideways, into the trunk
 
 
 @dataclass(frozen=True)
@@ -204,44 +174,84 @@ class Planted:
     plant: Fault
     beside: str = ""
     """``reference`` or ``speech`` where it can only be found beside that."""
+    says: str = ""
+    """What the sentence holds, and the numbers behind it, in the example clip."""
+    numbers: Mapping[str, Any] = field(default_factory=dict)
+    also: frozenset[str] = frozenset()
+    """What else is true of the example clip then."""
+    windows: Windows | None = None
 
 
+def planted(name: str, kind: str, plant: Fault, also: str = "", **more: Any) -> Planted:
+    return Planted(name, kind, plant, also=frozenset(also.split()), **more)
+
+
+LATE = frames(lambda frame: np.maximum(frame - 15, 0))
+EVERY_52 = {"period_frames": 52, "phase_frame": 5}
 PLANTED = (
-    Planted("2 Hz low-pass", "jerk", low_passed),
-    Planted("2 Hz low-pass", "high_frequency", low_passed),
-    Planted("amplitude x .4", "amplitude", scaled(0.4)),
-    Planted("amplitude x .4", "speed", scaled(0.4), "reference"),
-    Planted("freeze of 2 s", "frozen", frozen),
-    Planted("one pose", "still", still),
-    Planted("one-frame pops of 1 rad", "pops", popping),
-    Planted("noise on a joint", "joint_noise", noisy),
-    Planted("7 Hz in the arms", "high_frequency", shaking),
-    Planted("jumps every 52 frames", "period", jumping),
-    Planted("jumps every 52 frames, windows known", "seams", jumping),
-    Planted("lift of 20 cm", "lifted", lifted, "reference"),
-    Planted("lift of 20 cm for 2 s", "floating", lifted_a_while),
-    Planted("foot through the floor", "through_floor", foot_through_floor),
-    Planted("sliding", "foot_slide", sliding),
-    Planted("z up", "lying", z_up),
-    Planted("trans that never changes", "still_translation", nailed_down),
-    Planted("still jaw and face", "still_face", still_face),
-    Planted("still jaw", "still_face", still_jaw),
-    Planted("copied expressions", "copied_face", other_body, "reference"),
-    Planted("identical to the reference", "identical", lambda motion: motion, "reference"),
-    Planted("mirrored", "swapped_sides", mirrored, "reference"),
-    Planted("swapped left and right", "swapped_sides", swapped),
-    Planted("frames doubled", "copied_frames", doubled_frames),
-    Planted("frames dropped", "skipped_frames", dropped_frames),
-    Planted("15 fps stretched to 30", "stretched_rate", stretched),
-    Planted("15 fps, every frame twice", "stretched_rate", repeated_from_15),
-    Planted("half a second late", "time_shift", delayed, "reference"),
-    Planted("half a second late", "time_shift", delayed, "speech"),
-    Planted("a finger bent backwards", "finger_range", finger_backwards),
-    Planted("a frozen hand", "frozen_hand", frozen_hand),
-    Planted("hand in the body", "hand_in_body", hand_in_body),
-)
-
-
-def loudness(waveform: np.ndarray) -> np.ndarray:
-    assert len(waveform) > SAMPLE_RATE
-    return loudness_of(waveform)
+    planted("1 Hz low-pass", "jerk", low_passed(1.0), "high_frequency"),
+    planted("2 Hz low-pass", "high_frequency", low_passed(2.0), says="as behind a low-pass"),
+    planted("amplitude x .4", "amplitude", smaller, says="gestures are small"),
+    planted("amplitude x .4", "speed", smaller, "copied_face amplitude jerk",
+            beside="reference", numbers={"ratio": 0.4}),
+    planted("freeze of 2 s", "frozen", frames(frozen), says="0:10.0",
+            numbers={"times": 1, "longest_s": 2.0, "total_s": 2.0}),
+    planted("one pose", "still", frames(np.zeros_like)),
+    planted("one-frame pops of 1 rad", "pops", popping, "high_frequency jerk",
+            numbers={"frames_popping": 3, "joint": "right_elbow"}),
+    planted("noise on a joint", "joint_noise", noisy("right_wrist"), "jerk",
+            says="The right wrist (1.1°) shakes", numbers={"attributed_joint": "right_wrist"}),
+    planted("noise on a joint that is not followed", "joint_noise", noisy("left_middle1"),
+            numbers={"attributed_joint": None}),
+    planted("noise everywhere", "joint_noise", noisy(*JOINT_NAMES),
+            "jerk high_frequency foot_slide speed",
+            says="55 of 55 joints shake, most of all left index"),
+    planted("7 Hz in the arms", "high_frequency", shaking, "joint_noise jerk period",
+            says="fine shaking on top"),
+    planted("jumps every 52 frames", "period", jumping, "high_frequency jerk",
+            says="every 52 frames (1.73 s)", numbers=EVERY_52),
+    planted("jumps every 52 frames, windows of 60", "period", jumping, "high_frequency jerk",
+            windows=Windows(60, 8), says="every 52 frames (1.73 s)", numbers=EVERY_52),
+    planted("jumps every 52 frames, windows known", "seams", jumping, "high_frequency jerk",
+            windows=Windows(52, 8), says="every 52 frames (1.73 s)",
+            numbers={"window_advance_frames": 52, "phase_frame": 5}),
+    planted("lift of 20 cm", "lifted", moved_by(lambda _: 0.2, 1), "copied_face",
+            beside="reference", says="20 cm above", numbers={"height_m": 0.2}),
+    planted("lift of 20 cm for 2 s", "floating", moved_by(bump(300, 60, 0.2), 1),
+            numbers={"height_m": 0.2}),
+    planted("foot through the floor", "through_floor", moved_by(bump(300, 30, -0.12), 1),
+            says="12 cm through",
+            numbers={"depth_m": 0.12}),
+    planted("sliding", "foot_slide", moved_by(lambda frame: 0.01 * frame, 0),
+            says="33 cm/s", numbers={"foot_slide_m_s": 0.325}),
+    planted("z up", "lying", z_up, numbers={"spine_tilt_deg": 85.6}),
+    planted("trans that never changes", "still_translation",
+            lambda motion: replace(motion, trans=np.zeros_like(motion.trans)),
+            says="`trans` is all zero", numbers={"trans_m": [0.0, 0.0, 0.0]}),
+    planted("still jaw and face", "still_face", still_face, says="neither jaw nor expression"),
+    planted("still jaw", "still_face", still_jaw, says="The jaw never moves, though"),
+    planted("copied expressions", "copied_face", other_body, beside="reference",
+            says="100%", numbers={"copied_share": 1.0}),
+    planted("identical to the reference", "identical", lambda motion: motion, beside="reference"),
+    planted("mirrored", "swapped_sides", mirrored, "copied_face", beside="reference",
+            says="as a mirror image", numbers={"way": "mirrored", "error_swapped_deg": 0.0}),
+    planted("swapped left and right", "swapped_sides", swapped, "finger_range",
+            says="both elbows bend backwards", numbers={"way": "swapped"}),
+    planted("frames doubled", "copied_frames", frames(doubled), "period high_frequency",
+            says="10 frames are copies", numbers={"copies": 10}),
+    planted("frames dropped", "skipped_frames",
+            frames(lambda frame: np.delete(frame, np.arange(50, 400, 25))), "period"),
+    planted("15 fps stretched to 30", "stretched_rate", stretched, "jerk"),
+    planted("15 fps, every frame twice", "stretched_rate", frames(lambda frame: frame // 2 * 2),
+            "joint_noise frozen_hand high_frequency jerk", numbers={"change_ratio": 0.0}),
+    planted("half a second late", "time_shift", LATE, "frozen copied_face", beside="reference",
+            says="0.50 s later", numbers={"lag_frames": 15}),
+    planted("half a second late", "time_shift", LATE, "frozen", beside="speech",
+            says="0.50 s behind the speech", numbers={"lag_frames": 15}),
+    planted("a finger bent backwards", "finger_range", finger_backwards,
+            says="right index joint 2 (100%)", numbers={"joints": {"right_index2": 1.0}}),
+    planted("a frozen hand", "frozen_hand", frozen_hand, says="the left hand are frozen in 100%",
+            numbers={"side": "left", "still_share": 1.0}),
+    planted("hand in the body", "hand_in_body", hand_in_body, "high_frequency jerk",
+            says="The right hand goes into", numbers={"side": "right"}),
+)  # fmt: skip

@@ -16,12 +16,12 @@ import pytest
 from model.diagnostics import raw_evidence
 from model.faults.evidence import Evidence
 from model.faults.table import find_faults
+from model.faults.timing import loudness_of
 from model.measures.posture import WRISTS
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, load_motion
 from model.speech.audio import load_speech
 from tests.helpers import beat2_folder
-from tests.model.faults.planted import loudness
 from tests.tools.corpus.conftest import flite
 from tests.tools.corpus.made_motion import motion_of
 from tools.corpus.clip import make_clip
@@ -29,6 +29,7 @@ from tools.corpus.people.rig import open_body_rig
 from tools.corpus.people.speaker import SPEAKERS
 
 __all__ = ["flite"]
+pytestmark = pytest.mark.slow
 CUTS_FRAMES = (300, 1_800, 9_000)
 """10 s, a minute, five minutes."""
 STEP_M = 0.03
@@ -69,7 +70,7 @@ def test_nothing_is_found_in_five_minutes_of_a_procedural_speaker(number: int, f
     speaker = SPEAKERS[number % len(SPEAKERS)]
     clip = make_clip(open_body_rig(), speaker, "train", 300.0, [17, number])
     motion = motion_of(clip)
-    assert told_of(motion, loudness(clip.utterance.waveform)) == []
+    assert told_of(motion, loudness_of(clip.utterance.waveform)) == []
 
 
 @pytest.mark.beat2
@@ -78,4 +79,4 @@ def test_nothing_is_found_in_a_recording(name: str):
     folder = beat2_folder()
     motion = load_motion(folder / "smplxflame_30" / f"{name}.npz")
     sound = load_speech(folder / "wave16k" / f"{name}.wav")
-    assert told_of(motion, loudness(sound.waveform)) == []
+    assert told_of(motion, loudness_of(sound.waveform)) == []

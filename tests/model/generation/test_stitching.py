@@ -1,43 +1,61 @@
+"""Windows of any length: how many, how they fade into each other, what speech each hears."""
+
 import pytest
 import torch
 
-from model.generation.stitching import cross_fade, fade_weights, num_windows
+from model.generation.clip_noise import clip_seed
+from model.generation.stitching import SpeechStream, cross_fade, fade_weights, num_windows
 from model.motion.rotations import geodesic_angle, matrix_from_axis_angle
 
 
-@pytest.mark.parametrize("num_frames", [1, 7, 8, 9, 59, 60, 61, 111, 112, 113, 164, 165, 1710])
-def test_windows_cover_every_length_and_no_window_is_spare(num_frames):
-    count = num_windows(num_frames, 60, 8)
-    assert 60 + 52 * (count - 1) >= num_frames
-    assert count == 1 or 60 + 52 * (count - 2) < num_frames
-
-
-def test_window_counts_around_the_boundaries():
+def test_windows_cover_every_length_and_no_window_is_spare():
     assert [num_windows(n, 60, 8) for n in (60, 61, 112, 113, 164, 165)] == [1, 2, 2, 3, 3, 4]
+    for num_frames in (1, 7, 8, 9, 59, 60, 61, 111, 112, 113, 164, 165, 1710):
+        count = num_windows(num_frames, 60, 8)
+        assert 60 + 52 * (count - 1) >= num_frames
+        assert count == 1 or 60 + 52 * (count - 2) < num_frames
 
 
-def test_fade_rises_evenly_on_both_sides_and_never_drops_a_window():
+def test_a_fade_follows_the_geodesic_and_rises_evenly_on_both_sides():
     weight = fade_weights(8)
-    assert (weight.diff() > 0).all() and 0 < weight[0] and weight[-1] < 1
+    assert (weight.diff() > 0).all() and weight[-1] < 1
     torch.testing.assert_close(weight + weight.flip(0), torch.ones(8))
-    assert weight[0] < 0.02  # leaves the older window without a step
-
-
-def test_fade_follows_the_geodesic():
-    axis = torch.tensor([0.0, 0.0, 1.0])
+    assert 0 < weight[0] < 0.02  # leaves the older window without a step
     older = matrix_from_axis_angle(torch.zeros(2, 8, 55, 3))
-    newer = matrix_from_axis_angle((axis * 0.8).expand(2, 8, 55, 3))
-    root = torch.zeros(2, 8, 3)
+    newer = matrix_from_axis_angle(torch.tensor([0.0, 0.0, 0.8]).expand(2, 8, 55, 3))
+    root = torch.randn(2, 8, 3)
     rotmat, blended = cross_fade((older, root), (newer, root + 1))
-    angle = geodesic_angle(older, rotmat)
-    expected = 0.8 * fade_weights(8)
-    torch.testing.assert_close(angle, expected[None, :, None].expand(2, 8, 55), atol=1e-4, rtol=0)
-    torch.testing.assert_close(blended[0, :, 0], fade_weights(8))
+    expected = (0.8 * weight)[None, :, None].expand(2, 8, 55)
+    torch.testing.assert_close(geodesic_angle(older, rotmat), expected, atol=1e-4, rtol=0)
+    torch.testing.assert_close(blended - root, weight[:, None].expand(2, 8, 3))
+    same, same_root = cross_fade((newer, root), (newer, root))
+    torch.testing.assert_close(same, newer, atol=1e-5, rtol=0)
+    torch.testing.assert_close(same_root, root)
 
 
-def test_equal_windows_stay_as_they_are():
-    rotmat = matrix_from_axis_angle(torch.randn(1, 8, 55, 3))
-    root = torch.randn(1, 8, 3)
-    faded, faded_root = cross_fade((rotmat, root), (rotmat, root))
-    torch.testing.assert_close(faded, rotmat, atol=1e-5, rtol=0)
-    torch.testing.assert_close(faded_root, root)
+@pytest.mark.parametrize("sizes", [[200], [1, 60, 17, 100, 22], [7] * 28 + [4], [1] * 200])
+def test_windows_of_a_stream_are_those_of_the_whole_with_both_ends_held(sizes):
+    features = torch.arange(200.0)[:, None].expand(-1, 3)
+    stream = SpeechStream(features.split(sizes), context=20)
+    for start in (0, 52, 104, 156):
+        window = stream.window(start, 60)
+        wanted = torch.arange(start - 20, start + 80).clamp(0, 199).float()
+        torch.testing.assert_close(window.speech[:, 0], wanted)
+        assert window.num_frames == min(60, 200 - start)
+        assert window.is_last == (start == 156)
+        torch.testing.assert_close(window.around(0, 60)[:, 0], wanted[20:80])
+        torch.testing.assert_close(window.around(5, 60)[:, 0], wanted[15:85])
+
+
+def test_speech_that_has_ended_has_no_further_window():
+    stream = SpeechStream([torch.zeros(30, 3)], context=4)
+    with pytest.raises(ValueError, match="no frame 30"):
+        stream.window(30, 60)
+    with pytest.raises(ValueError, match="no frame 0"):
+        SpeechStream([], context=4).window(0, 60)
+
+
+def test_clips_of_a_set_have_seeds_of_their_own_that_never_change():
+    assert clip_seed(0, "garden") == 1_008_839_452
+    seeds = {clip_seed(seed, name) for seed in range(50) for name in ("a", "b", "a b", "0 a")}
+    assert len(seeds) == 200 and all(0 <= seed < 2**31 for seed in seeds)

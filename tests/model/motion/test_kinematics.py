@@ -1,18 +1,34 @@
+"""Forward kinematics against a loop over joints, mirrors, and the open body's skeleton."""
+
 import math
 from dataclasses import replace
 
-import pytest
+import numpy as np
 import torch
 from torch import Tensor
 
-from conventions.joints import MIRROR_PERMUTATION, PARENTS
+from conventions.joints import FINGERTIP_JOINTS, JOINT_INDEX, MIRROR_PERMUTATION, PARENTS
 from model.motion import kinematics
-from model.motion.kinematics import RestSkeleton, open_body_skeleton
+from model.motion.kinematics import (
+    RestSkeleton,
+    face_unit_names,
+    fingertip_positions,
+    joint_positions_from_global,
+    joint_positions_from_local,
+    mirror_face_units,
+    mirror_local,
+    mirror_poses,
+    mirror_transl,
+    open_body_skeleton,
+)
 from model.motion.rotations import matrix_from_axis_angle
 from tests.helpers import mirror_skeleton, random_local_rotations
 
 BATCHES = [(), (1,), (3, 2)]
-EXACT = {"rtol": 0, "atol": 1e-12}
+
+
+def assert_exact(found: Tensor, expected: Tensor) -> None:
+    torch.testing.assert_close(found, expected, rtol=0, atol=1e-12)
 
 
 def double_skeleton() -> RestSkeleton:
@@ -32,32 +48,23 @@ def slow_forward_kinematics(local_rot: Tensor, rest: Tensor) -> tuple[Tensor, Te
     return torch.stack(global_rot, dim=-3), torch.stack(positions, dim=-2)
 
 
-@pytest.mark.parametrize("batch", BATCHES)
-def test_agrees_with_the_joint_by_joint_loop(batch):
+def test_agrees_with_the_joint_by_joint_loop_and_local_and_global_are_inverse():
     skeleton = double_skeleton()
-    local_rot = random_local_rotations(batch)
-    slow_rot, slow_positions = slow_forward_kinematics(local_rot, skeleton.rest_joints)
-    global_rot, positions = kinematics.joint_positions_from_local(local_rot, skeleton)
-    torch.testing.assert_close(global_rot, slow_rot, **EXACT)
-    torch.testing.assert_close(positions, slow_positions, **EXACT)
-    additive = kinematics.joint_positions_from_global(slow_rot, skeleton)
-    torch.testing.assert_close(additive, slow_positions, **EXACT)
+    for batch in BATCHES:
+        local_rot = random_local_rotations(batch)
+        slow_rot, slow_positions = slow_forward_kinematics(local_rot, skeleton.rest_joints)
+        global_rot, positions = joint_positions_from_local(local_rot, skeleton)
+        assert_exact(global_rot, slow_rot)
+        assert_exact(positions, slow_positions)
+        assert_exact(joint_positions_from_global(slow_rot, skeleton), slow_positions)
+        assert_exact(kinematics.local_from_global(slow_rot), local_rot)
 
 
-@pytest.mark.parametrize("batch", BATCHES)
-def test_local_and_global_are_inverse(batch):
-    rot = random_local_rotations(batch)
-    back = kinematics.local_from_global(kinematics.global_from_local(rot))
-    torch.testing.assert_close(back, rot, **EXACT)
-    back = kinematics.global_from_local(kinematics.local_from_global(rot))
-    torch.testing.assert_close(back, rot, **EXACT)
-
-
-def test_identity_is_the_rest_pose():
+def test_identity_is_the_rest_pose_moved_by_the_translation():
     skeleton = open_body_skeleton()
     identity = torch.eye(3).expand(4, 55, 3, 3)
     transl = torch.tensor([0.1, 1.2, -0.3]).expand(4, 3)
-    global_rot, positions = kinematics.joint_positions_from_local(identity, skeleton, transl)
+    global_rot, positions = joint_positions_from_local(identity, skeleton, transl)
     torch.testing.assert_close(global_rot, identity)
     expected = (skeleton.rest_joints + transl[0]).expand(4, 55, 3)
     torch.testing.assert_close(positions, expected, rtol=0, atol=1e-6)
@@ -69,79 +76,40 @@ def test_turning_the_root_turns_everything_about_the_pelvis():
     turn = matrix_from_axis_angle(torch.tensor([0.3, -1.0, 0.2], dtype=torch.float64))
     turned_local = local_rot.clone()
     turned_local[:, 0] = turn @ local_rot[:, 0]
-    rot, positions = kinematics.joint_positions_from_local(local_rot, skeleton)
-    turned_rot, turned_positions = kinematics.joint_positions_from_local(turned_local, skeleton)
-    torch.testing.assert_close(turned_rot, turn @ rot, **EXACT)
+    rot, positions = joint_positions_from_local(local_rot, skeleton)
+    turned_rot, turned_positions = joint_positions_from_local(turned_local, skeleton)
+    assert_exact(turned_rot, turn @ rot)
     pelvis = skeleton.rest_joints[0]
-    expected = (positions - pelvis) @ turn.T + pelvis
-    torch.testing.assert_close(turned_positions, expected, **EXACT)
+    assert_exact(turned_positions, (positions - pelvis) @ turn.T + pelvis)
 
 
 def test_a_raised_left_arm_is_the_left_arm_and_up():
     skeleton = open_body_skeleton()
     local_rot = torch.eye(3).repeat(55, 1, 1)
     local_rot[16] = matrix_from_axis_angle(torch.tensor([0.0, 0.0, math.pi / 2]))
-    _, positions = kinematics.joint_positions_from_local(local_rot, skeleton)
+    _, positions = joint_positions_from_local(local_rot, skeleton)
     moved = (positions - skeleton.rest_joints).norm(dim=-1) > 1e-3
     assert moved.nonzero().flatten().tolist() == [18, 20, *range(25, 40)]
     assert positions[20, 1] > skeleton.rest_joints[20, 1] + 0.4
 
 
-def test_bone_lengths_stay():
-    skeleton = double_skeleton()
-    # Any global rotations, also ones no anatomy allows, keep every bone's length.
-    positions = kinematics.joint_positions_from_global(random_local_rotations((6,)), skeleton)
-    bones = positions[:, 1:] - positions[:, list(PARENTS[1:])]
-    expected = skeleton.bone_offsets().norm(dim=-1).expand(6, 54)
-    torch.testing.assert_close(bones.norm(dim=-1), expected, **EXACT)
-
-
 def test_fingertips_are_rigid_on_the_last_finger_joint():
     skeleton = double_skeleton()
-    global_rot, positions = kinematics.joint_positions_from_local(
-        random_local_rotations((4,)), skeleton
-    )
-    tips = kinematics.fingertip_positions(global_rot, positions, skeleton)
-    assert tips.shape == (4, 10, 3)
-    right_middle = positions[:, 45] + global_rot[:, 45] @ skeleton.tip_offsets[6]
-    torch.testing.assert_close(tips[:, 6], right_middle, **EXACT)
+    global_rot, positions = joint_positions_from_local(random_local_rotations((4,)), skeleton)
+    tips = fingertip_positions(global_rot, positions, skeleton)
+    for k, joint in enumerate(FINGERTIP_JOINTS):
+        offset = global_rot[:, joint] @ skeleton.tip_offsets[k]
+        assert_exact(tips[:, k], positions[:, joint] + offset)
 
 
-def test_mirrored_motion_gives_exactly_the_mirrored_points():
-    skeleton = double_skeleton()
-    mirrored_skeleton = mirror_skeleton(skeleton)
-    local_rot = random_local_rotations((5,))
-    transl = torch.randn(5, 3, dtype=torch.float64)
-    rot, positions = kinematics.joint_positions_from_local(local_rot, skeleton, transl)
-    tips = kinematics.fingertip_positions(rot, positions, skeleton)
-    mirrored_rot, mirrored_positions = kinematics.joint_positions_from_local(
-        kinematics.mirror_local(local_rot), mirrored_skeleton, kinematics.mirror_transl(transl)
-    )
-    mirrored_tips = kinematics.fingertip_positions(
-        mirrored_rot, mirrored_positions, mirrored_skeleton
-    )
-    image = torch.tensor([-1.0, 1, 1], dtype=torch.float64)
-    expected = (positions * image)[:, list(MIRROR_PERMUTATION)]
-    torch.testing.assert_close(mirrored_positions, expected, **EXACT)
-    expected_tips = (tips * image)[:, [5, 6, 7, 8, 9, 0, 1, 2, 3, 4]]
-    torch.testing.assert_close(mirrored_tips, expected_tips, **EXACT)
-
-
-def test_mirror_of_axis_angle_flips_y_and_z():
-    vector = torch.randn(55, 3, dtype=torch.float64)
-    mirrored = kinematics.mirror_local(matrix_from_axis_angle(vector))
-    flipped = (vector * torch.tensor([1.0, -1, -1]))[list(MIRROR_PERMUTATION)]
-    torch.testing.assert_close(mirrored, matrix_from_axis_angle(flipped), **EXACT)
-    torch.testing.assert_close(
-        kinematics.mirror_local(mirrored), matrix_from_axis_angle(vector), **EXACT
-    )
-
-
-def test_gradients_reach_only_the_chain_of_a_tip():
-    skeleton = open_body_skeleton()
+def test_gradients_reach_only_the_chain_of_a_tip_also_after_inference_mode():
+    kinematics._index.cache_clear()
+    skeleton = replace(open_body_skeleton())  # its matrix is not made yet
+    with torch.inference_mode():
+        joint_positions_from_local(torch.eye(3).repeat(55, 1, 1), skeleton)
     for to_positions in (
-        lambda rot: kinematics.joint_positions_from_local(rot, skeleton)[1],
-        lambda rot: kinematics.joint_positions_from_global(rot, skeleton),
+        lambda rot: joint_positions_from_local(rot, skeleton)[1],
+        lambda rot: joint_positions_from_global(rot, skeleton),
     ):
         rot = random_local_rotations((), dtype=torch.float32).requires_grad_(True)
         to_positions(rot)[45].sum().backward()
@@ -150,11 +118,62 @@ def test_gradients_reach_only_the_chain_of_a_tip():
         assert touched == [0, 3, 6, 9, 14, 17, 19, 21, 43, 44]
 
 
-def test_training_still_works_after_a_first_call_in_inference_mode():
-    kinematics._index.cache_clear()
-    skeleton = replace(open_body_skeleton())  # its matrix is not made yet
-    with torch.inference_mode():
-        kinematics.joint_positions_from_local(torch.eye(3).repeat(55, 1, 1), skeleton)
-    rot = torch.eye(3).repeat(55, 1, 1).requires_grad_(True)
-    kinematics.joint_positions_from_local(rot, skeleton)[1].sum().backward()
-    assert rot.grad is not None
+def test_mirrored_motion_gives_exactly_the_mirrored_points():
+    """Of local rotations and of poses, on a body that is its own mirror image and on one that is
+    not; two mirrors show the same."""
+    one, other = double_skeleton(), mirror_skeleton(double_skeleton())
+    symmetric = RestSkeleton(
+        (one.rest_joints + other.rest_joints) / 2, (one.tip_offsets + other.tip_offsets) / 2
+    )
+    poses = torch.randn(5, 165, dtype=torch.float64)
+    transl = torch.randn(5, 3, dtype=torch.float64)
+    image = torch.tensor([-1.0, 1, 1], dtype=torch.float64)
+    local_rot = matrix_from_axis_angle(poses.unflatten(-1, (55, 3)))
+    mirrored = mirror_local(local_rot)
+    assert_exact(matrix_from_axis_angle(mirror_poses(poses).unflatten(-1, (55, 3))), mirrored)
+    assert torch.equal(mirror_transl(transl), transl * image)
+    for skeleton, of_mirrored in ((one, other), (symmetric, symmetric)):
+        rot, positions = joint_positions_from_local(local_rot, skeleton, transl)
+        seen_rot, seen = joint_positions_from_local(mirrored, of_mirrored, transl * image)
+        expected = (positions * image)[:, list(MIRROR_PERMUTATION)]
+        assert_exact(seen, expected)
+        tips = fingertip_positions(rot, positions, skeleton)
+        seen_tips = fingertip_positions(seen_rot, seen, of_mirrored)
+        assert_exact(seen_tips, (tips * image)[:, [5, 6, 7, 8, 9, 0, 1, 2, 3, 4]])
+    assert torch.equal(mirror_poses(mirror_poses(poses)), poses)
+    assert_exact(mirror_local(mirrored), local_rot)
+
+
+def test_face_units_change_sides():
+    names = face_unit_names()
+    pairs = {
+        "eyeBlinkLeft": "eyeBlinkRight",
+        "eyeLookInLeft": "eyeLookInRight",  # towards the nose stays towards the nose
+        "eyeLookOutRight": "eyeLookOutLeft",
+        "jawLeft": "jawRight",
+        "mouthRight": "mouthLeft",
+        "mouthSmileLeft": "mouthSmileRight",
+        "jawOpen": "jawOpen",
+        "browInnerUp": "browInnerUp",
+    }
+    for name, partner in pairs.items():
+        units = torch.from_numpy(np.eye(52)[names.index(name)])
+        assert names[int(mirror_face_units(units).argmax())] == partner
+    order = torch.arange(52.0)
+    assert torch.equal(mirror_face_units(mirror_face_units(order)), order)
+    sided = [name.endswith(("Left", "Right")) for name in names]
+    assert (mirror_face_units(order) != order).tolist() == sided
+
+
+def test_the_open_body_is_a_standing_person_who_faces_z_and_is_symmetric():
+    rest = open_body_skeleton()
+    joints = rest.rest_joints
+    height = joints[JOINT_INDEX["head"], 1] - joints[JOINT_INDEX["left_foot"], 1]
+    assert 1.2 < height < 1.8
+    assert joints[JOINT_INDEX["left_wrist"], 0] > 0.5 > -0.5 > joints[JOINT_INDEX["right_wrist"], 0]
+    assert joints[JOINT_INDEX["left_foot"], 2] > joints[JOINT_INDEX["left_ankle"], 2]
+    partner = joints[list(MIRROR_PERMUTATION)] * torch.tensor([-1.0, 1, 1])
+    torch.testing.assert_close(partner, joints, rtol=0, atol=1e-4)
+    for tip, joint in enumerate(FINGERTIP_JOINTS):
+        assert (joints[joint] - joints[PARENTS[joint]]) @ rest.tip_offsets[tip] > 0
+        assert 0.01 < rest.tip_offsets[tip].norm() < 0.05

@@ -1,3 +1,5 @@
+"""The motion autoencoder: its scales, what it sees, and its bundled weights."""
+
 from dataclasses import replace
 
 import pytest
@@ -6,7 +8,7 @@ import torch
 from model.networks.autoencoder import MotionAutoencoder, input_vectors, load_encoder
 from model.networks.config import AutoencoderConfig
 from model.storage.cards import BUNDLED_WEIGHTS
-from model.systems.autoencoders.config import JUDGE, JUDGES, MOTION_VAE, named_config
+from model.systems.autoencoders.config import JUDGES, MOTION_VAE, named_config
 from tests.model.made import shaken
 
 TINY = AutoencoderConfig(width=8, blocks_per_scale=1, latent_dim=4)
@@ -76,27 +78,17 @@ def test_what_each_network_sees(system, body, face):
     assert restored.shape == seen.shape
 
 
-@pytest.mark.parametrize("system", ["motion-vae", "fgd-encoder"])
-def test_bundled_weights_from_before_there_were_faces_load(system):
-    network = load_encoder(BUNDLED_WEIGHTS, system).network
-    assert network.config == named_config("demo", system).autoencoder
-
-
-@pytest.mark.parametrize("system", [MOTION_VAE, *JUDGES])
-def test_bundled_sizes_stay_below_a_million_parameters(system):
-    network = MotionAutoencoder(named_config("demo", system).autoencoder)
-    assert sum(p.numel() for p in network.parameters()) < 1e6
-
-
-def test_the_judge_of_fgd_is_not_the_teacher_of_l_m():
-    teacher = named_config("demo", "motion-vae").autoencoder
-    assert JUDGE.rotation_space != teacher.rotation_space
-    assert set(JUDGE.scales).isdisjoint(teacher.scales)
-
-
 @pytest.mark.parametrize(
     "changes", [{"scales": (3,)}, {"scales": ()}, {"mask_share": 1.0}, {"motion_channels": 0}]
 )
 def test_shapes_that_cannot_be_are_refused(changes):
     with pytest.raises(ValueError, match=next(iter(changes))):
         AutoencoderConfig(**changes)
+
+
+@pytest.mark.parametrize("system", [MOTION_VAE, *JUDGES])
+def test_bundled_weights_are_of_the_size_that_is_told_and_small(system):
+    config = named_config("demo", system).autoencoder
+    assert sum(p.numel() for p in MotionAutoencoder(config).parameters()) < 1e6
+    if system in (MOTION_VAE, "fgd-encoder"):  # from before there were faces
+        assert load_encoder(BUNDLED_WEIGHTS, system).network.config == config

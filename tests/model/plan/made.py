@@ -1,5 +1,7 @@
 """A plan with something of everything."""
 
+from dataclasses import dataclass
+
 from model.plan.plan import (
     Blink,
     Brow,
@@ -47,3 +49,18 @@ def made_plan() -> GesturePlan:
         stands=(Stand(0.0, 3.0, "left"), Stand(3.0, 6.0, "right")),
         planted=(Planted(0.0, 6.0, "left"), Planted(0.0, 2.5, "right"), Planted(3.0, 6.0, "right")),
     )
+
+
+def resting(duration_s: float) -> GesturePlan:
+    """Both hands at rest throughout."""
+    rest = (phase(0.0, duration_s, "rest"),)
+    return GesturePlan(duration_s, left=rest, right=rest)
+
+
+@dataclass(frozen=True)
+class Said:
+    """A word as it was heard."""
+
+    text: str
+    start_s: float
+    end_s: float

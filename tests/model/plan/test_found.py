@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
+from conventions.joints import JOINT_NAMES
 from model.motion.kinematics import face_unit_names, open_body_skeleton
 from model.motion.motion import Motion
 from model.plan.found import found_plan, hand_phases
 from model.plan.plan import PHASES, GesturePlan
 from model.plan.tracks import hand_tracks, tracks_of
+from tests.model.motion.made import about, posed
 from tests.model.plan.made import phase
 
 REST, HIGH, LOW = (0.25, -0.26, 0.25), (0.18, 0.05, 0.3), (0.22, -0.15, 0.36)
@@ -20,14 +22,12 @@ SECONDS = 14
 def gestures_at(*times: float) -> GesturePlan:
     phases, at = [], 0.0
     for lands in times:
-        phases += [
-            phase(at, lands - 0.8, "rest", REST),
-            phase(lands - 0.8, lands - 0.32, "preparation", HIGH),
-            phase(lands - 0.32, lands, "stroke", LOW),
-            phase(lands, lands + 0.6, "hold", LOW),
-            phase(lands + 0.6, lands + 1.4, "retraction", REST),
-        ]
-        at = lands + 1.4
+        for name, ends, goal in (
+            ("rest", lands - 0.8, REST), ("preparation", lands - 0.32, HIGH),
+            ("stroke", lands, LOW), ("hold", lands + 0.6, LOW), ("retraction", lands + 1.4, REST),
+        ):  # fmt: skip
+            phases.append(phase(at, ends, name, goal))
+            at = ends
     phases.append(phase(at, float(SECONDS), "rest", REST))
     return GesturePlan(float(SECONDS), right=tuple(phases))
 
@@ -55,38 +55,29 @@ def test_gestures_are_found_where_they_are():
     assert [p.phase for p in hand_phases(still, still)] == ["rest"]
 
 
-@pytest.mark.parametrize("frames", [1, 2, 40])
-def test_phases_cover_any_length_once(frames):
-    path = wrist(gestures_at(2.0))[:frames]
-    found = list(hand_phases(path, path))
-    assert found[0].start_s == 0 and found[-1].end_s == pytest.approx(frames / 30)
-    assert all(a.end_s == b.start_s for a, b in pairwise(found))
-    assert {p.phase for p in found} <= set(PHASES)
+def test_phases_cover_any_length_once():
+    for frames in (1, 2, 40):
+        path = wrist(gestures_at(2.0))[:frames]
+        found = list(hand_phases(path, path))
+        assert found[0].start_s == 0 and found[-1].end_s == pytest.approx(frames / 30)
+        assert all(a.end_s == b.start_s for a, b in pairwise(found))
+        assert {p.phase for p in found} <= set(PHASES)
 
 
 def made_motion(frames: int, basis="arkit52") -> Motion:
-    names = list(face_unit_names())
-    poses, face = np.zeros((frames, 55, 3), np.float32), np.zeros((frames, 100), np.float32)
+    names, face = list(face_unit_names()), np.zeros((frames, 100), np.float32)
     time_s = (np.arange(frames) + 0.5) / 30
 
     def bell(at: float, width: float) -> np.ndarray:
         return np.exp(-0.5 * ((time_s - at) / width) ** 2)
 
-    poses[:, 15, 0] = np.radians(5) * bell(2.0, 0.1)  # the head nods
-    for name in ("eyeBlinkLeft", "eyeBlinkRight"):
-        face[:, names.index(name)] = bell(1.0, 0.05) + bell(4.0, 0.05)
+    for side in ("Left", "Right"):
+        face[:, names.index(f"eyeBlink{side}")] = bell(1.0, 0.05) + bell(4.0, 0.05)
+        face[:, names.index(f"mouthSmile{side}")] = 0.4 * ((time_s > 2) & (time_s < 4))
     face[:, names.index("browInnerUp")] = 0.5 * bell(3.0, 0.15)
-    for name in ("mouthSmileLeft", "mouthSmileRight"):
-        face[:, names.index(name)] = 0.4 * ((time_s > 2) & (time_s < 4))
-    for joint in (23, 24):  # eyes turn to the left
-        poses[:, joint, 1] = np.radians(15) * (time_s > 2.5)
-    return Motion(
-        poses=poses.reshape(frames, 165),
-        trans=np.zeros((frames, 3), np.float32),
-        expressions=face,
-        expression_basis=basis,
-        betas=np.zeros(300, np.float32),
-    )
+    nod, left = np.radians(5) * bell(2.0, 0.1), np.radians(15) * (time_s > 2.5)
+    eyes = {JOINT_NAMES[joint]: about(1, left) for joint in (23, 24)}
+    return posed(frames, units=face, basis=basis, head=about(0, nod), **eyes)
 
 
 def test_heads_and_faces_are_found():
@@ -106,15 +97,10 @@ def test_heads_and_faces_are_found():
     assert plan.duration_s == 5.0 and {p.phase for p in plan.right} <= {"rest", "hold"}
 
 
-def test_faces_in_another_basis_are_left_out():
+def test_faces_in_another_basis_and_eyes_that_never_stay_are_left_out():
     plan = found_plan(made_motion(60, "flame100"), open_body_skeleton())
     assert plan.blinks == plan.brows == plan.smiles == ()
-
-
-def test_eyes_that_never_stay_look_nowhere():
-    poses = np.zeros((90, 165), np.float32)
-    poses[:, 1] = np.linspace(0, 6, 90)  # the whole body turns at 115 degrees a second
-    nothing = np.zeros((90, 103), np.float32)
-    turning = Motion(poses, nothing[:, :3], nothing[:, 3:], "flame100", np.zeros(300, np.float32))
+    # The whole body turns at 115 degrees a second.
+    turning = posed(90, basis="flame100", pelvis=about(1, np.linspace(0, 6, 90)))
     for count in (1, 2, 90):
         assert found_plan(turning.part(slice(count)), open_body_skeleton()).looks == ()

@@ -83,38 +83,25 @@ def test_without_a_network_any_number_of_steps_gives_the_same_motion(prior, with
 
 @pytest.mark.parametrize("with_seed", [False, True])
 def test_the_flow_of_the_gaussian_ends_where_many_small_steps_end(prior, with_seed):
-    """`carried` against Euler steps along the posterior's own velocity."""
+    """`carried` against steps by the midpoint along the posterior's own velocity."""
     generator = torch.Generator().manual_seed(5)
     x = torch.randn(1, FRAMES, CHANNELS, generator=generator)
     seed = torch.randn(1, SEED, CHANNELS, generator=generator) * 0.3
     has_seed = torch.tensor([with_seed])
-    start, steps = 0.2, 1000
+    start, steps = 0.2, 100
     found = prior.carried(x, torch.tensor([start]), seed, has_seed)
-    walked = x
-    for k in range(steps):
-        t = start + (1 - start) * k / steps
-        told = prior.posterior(walked, torch.tensor([t]), seed, has_seed)
-        walked = walked + (1 - start) / steps * (told - walked) / (1 - t)
+    walked, length = x, (1 - start) / steps
+
+    def velocity(x_t, t):
+        return (prior.posterior(x_t, torch.tensor([t]), seed, has_seed) - x_t) / (1 - t)
+
+    for t in (start + length * k for k in range(steps)):
+        middle = walked + length / 2 * velocity(walked, t)
+        walked = walked + length * velocity(middle, t + length / 2)
     torch.testing.assert_close(found, walked, atol=0.02, rtol=0.02)
     if not with_seed:
         now = torch.tensor([1.0])
         torch.testing.assert_close(prior.carried(x, now, seed, has_seed), x, atol=1e-3, rtol=1e-3)
-
-
-def test_drawn_motion_has_the_spread_and_the_smoothness_of_the_process(prior):
-    x_0 = torch.randn(400, FRAMES, CHANNELS, generator=torch.Generator().manual_seed(0))
-
-    def predict(x_t, t):
-        none = torch.zeros(400, dtype=torch.bool)
-        return prior.posterior(x_t, torch.full((400,), t), x_t[:, :SEED], none)
-
-    drawn = prior.sample(predict, x_0, None, steps=3)
-    size = prior.covariance[:, 0, 0]
-    torch.testing.assert_close(drawn.var((0, 1)), size, rtol=0.15, atol=0.0)
-    step = size - prior.covariance[:, 0, 1]
-    torch.testing.assert_close(
-        drawn.diff(dim=1).square().mean((0, 1)), 2 * step, rtol=0.15, atol=1e-5
-    )
 
 
 def test_a_constant_pull_of_the_network_turns_by_the_whole_angle(prior):
@@ -132,25 +119,6 @@ def test_a_constant_pull_of_the_network_turns_by_the_whole_angle(prior):
         wanted = math.pi / 2 * prior.variance[0].sqrt()[..., None]
         large = prior.variance[0, :, :, None] > 1e-4
         torch.testing.assert_close(z[large], wanted[large], rtol=1e-2, atol=1e-3)
-
-
-def test_a_seed_is_continued_without_a_jump(prior):
-    x_0 = torch.randn(64, FRAMES, CHANNELS, generator=torch.Generator().manual_seed(0))
-    no_seed = torch.zeros(64, dtype=torch.bool)
-
-    def free(x_t, t):
-        return prior.posterior(x_t, torch.full((64,), t), x_t[:, :SEED], no_seed)
-
-    first = prior.sample(free, x_0, None, steps=1)
-    seed = first[:, -SEED:]
-
-    def held(x_t, t):
-        return prior.posterior(x_t, torch.full((64,), t), seed, ~no_seed)
-
-    after = prior.sample(held, x_0.flip(0), seed, steps=1)
-    assert (after[:, :SEED] - seed).square().mean().sqrt() < 0.1 * seed.std()
-    jerk = torch.cat([seed, after[:, SEED:]], 1).diff(n=3, dim=1).square().mean((0, 2)).sqrt()
-    assert jerk[SEED - 3 : SEED].max() < 1.5 * jerk[SEED:].mean()
 
 
 def test_fitting_recovers_the_process(prior):
@@ -182,22 +150,6 @@ def test_components_are_uncorrelated_in_value_and_in_acceleration():
     assert sorted(gain.argmax(0).tolist()) == [0, 1, 2]
 
 
-def test_channels_that_never_move_do_no_harm():
-    windows = torch.randn(50, FRAMES, 4, generator=torch.Generator().manual_seed(0))
-    windows[..., 2] = 0.0
-    mix, unmix = fit_components([windows])
-    assert mix.isfinite().all() and unmix.isfinite().all()
-    prior = fit_prior([windows @ mix], SEED)
-    assert prior.variance.isfinite().all() and prior.gain.isfinite().all()
-
-
-def test_an_estimate_that_is_no_covariance_is_mended():
-    wild = torch.eye(FRAMES)[None].clone()
-    wild[0, 0, 7] = wild[0, 7, 0] = -3.0  # would give a negative variance
-    prior = GaussianPrior(wild, SEED)
-    assert (prior.variance > 0).all() and prior.gain.isfinite().all()
-
-
 def test_steps_are_even_in_the_angle_and_end_at_one():
     assert time_grid(1) == [0.0, 1.0]
     times = time_grid(4)
@@ -209,7 +161,6 @@ def test_steps_are_even_in_the_angle_and_end_at_one():
 
 @pytest.mark.parametrize("has_seed", [False, True])
 def test_where_all_samples_agree_one_kind_of_eigenvectors_gives_the_same(has_seed):
-    torch.manual_seed(0)
     prior = made_prior(3)
     x_t, t, seed = torch.randn(4, 60, 3), torch.rand(4), torch.randn(4, 8, 3)
     flags = torch.full((4,), has_seed)
@@ -225,3 +176,15 @@ def test_where_all_samples_agree_one_kind_of_eigenvectors_gives_the_same(has_see
         torch.testing.assert_close(one, both, rtol=1e-5, atol=1e-6)
     mixed = torch.tensor([True, False, True, False])
     assert prior.one_for_all(mixed) is None and prior.one_for_all(flags) == int(has_seed)
+
+
+def test_channels_that_never_move_and_estimates_that_are_no_covariance_do_no_harm():
+    windows = torch.randn(50, FRAMES, 4, generator=torch.Generator().manual_seed(0))
+    windows[..., 2] = 0.0
+    mix, unmix = fit_components([windows])
+    assert mix.isfinite().all() and unmix.isfinite().all()
+    wild = torch.eye(FRAMES)[None].clone()
+    wild[0, 0, 7] = wild[0, 7, 0] = -3.0  # would give a negative variance
+    for prior in (fit_prior([windows @ mix], SEED), GaussianPrior(wild, SEED)):
+        assert (prior.variance > 0).all() and prior.variance.isfinite().all()
+        assert prior.gain.isfinite().all()

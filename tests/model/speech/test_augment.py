@@ -28,37 +28,30 @@ def tone(hz: float, seconds: float = 2.0) -> np.ndarray:
     return np.sin(2 * np.pi * hz * np.arange(round(RATE * seconds)) / RATE).astype(np.float32)
 
 
-@pytest.mark.parametrize("snr_db", [0.0, 20.0])
 @pytest.mark.parametrize("slope_db", [0.0, -3.0, -6.0])
-def test_noise_has_its_level_and_colour(snr_db, slope_db):
+def test_noise_has_its_level_and_colour(slope_db):
     speech = made_waveform(4 * RATE)
-    noise = with_noise(speech, snr_db, slope_db, np.random.default_rng(0)) - speech
-    assert level_db(speech) - level_db(noise) == pytest.approx(snr_db, abs=0.05)
-    power = np.abs(np.fft.rfft(noise)) ** 2
-    frequency = np.fft.rfftfreq(len(noise), 1 / RATE)
-    octaves = [power[(frequency >= f) & (frequency < 2 * f)].mean() for f in (100, 400, 1600)]
-    for steps in np.diff(10 * np.log10(octaves)):
-        assert steps == pytest.approx(2 * slope_db, abs=1.0)  # two octaves apart
+    for snr_db in (0.0, 20.0):
+        noise = with_noise(speech, snr_db, slope_db, np.random.default_rng(0)) - speech
+        assert level_db(speech) - level_db(noise) == pytest.approx(snr_db, abs=0.05)
+        power = np.abs(np.fft.rfft(noise)) ** 2
+        frequency = np.fft.rfftfreq(len(noise), 1 / RATE)
+        octaves = [power[(frequency >= f) & (frequency < 2 * f)].mean() for f in (100, 400, 1600)]
+        for steps in np.diff(10 * np.log10(octaves)):
+            assert steps == pytest.approx(2 * slope_db, abs=1.0)  # two octaves apart
+    assert not with_noise(np.zeros(RATE, np.float32), 20.0, -3.0, np.random.default_rng(0)).any()
 
 
-@pytest.mark.parametrize("rt60_s", [0.2, 0.6])
-def test_a_room_decays_by_60_db_in_its_time(rt60_s):
-    response = impulse_response(rt60_s, 6.0, np.random.default_rng(0))
-    assert response[0] == 1.0 and not response[1:48].any()  # 3 ms
-    assert level_db(response[1:]) + 10 * np.log10(len(response) - 1) == pytest.approx(
-        -6.0, abs=0.01
-    )
-    left = np.cumsum(np.square(response[::-1]))[::-1]  # Schroeder's backward integral
-    slope, _ = np.polyfit(*_part(left, 0.01, 0.4 * rt60_s), 1)
-    assert -60 / slope == pytest.approx(rt60_s, rel=0.06)
-
-
-def _part(left: np.ndarray, start_s: float, stop_s: float) -> tuple[np.ndarray, np.ndarray]:
-    rows = np.arange(round(start_s * RATE), round(stop_s * RATE))
-    return rows / RATE, 10 * np.log10(left[rows])
-
-
-def test_a_room_keeps_length_and_time():
+def test_a_room_decays_by_60_db_in_its_time_and_keeps_length_and_time():
+    for rt60_s in (0.2, 0.6):
+        response = impulse_response(rt60_s, 6.0, np.random.default_rng(0))
+        assert response[0] == 1.0 and not response[1:48].any()  # 3 ms
+        energy = 10 * np.log10(np.sum(np.square(response[1:], dtype=float)))
+        assert energy == pytest.approx(-6.0, abs=0.01)
+        left = np.cumsum(np.square(response[::-1]))[::-1]  # Schroeder's backward integral
+        rows = np.arange(round(0.01 * RATE), round(0.4 * rt60_s * RATE))
+        slope, _ = np.polyfit(rows / RATE, 10 * np.log10(left[rows]), 1)
+        assert -60 / slope == pytest.approx(rt60_s, rel=0.06)
     click = np.zeros(RATE, np.float32)
     click[4000] = 1.0
     heard = in_room(click, 0.5, 3.0, np.random.default_rng(0))
@@ -118,8 +111,3 @@ def test_draws_cover_clean_and_bad_conditions():
     for each in drawn:
         heard = recorded_elsewhere(made_waveform(RATE // 4), each, np.random.default_rng(0))
         assert np.isfinite(heard).all() and np.abs(heard).max() > 1e-3
-
-
-def test_silence_stays_finite():
-    silence = np.zeros(RATE, np.float32)
-    assert not with_noise(silence, 20.0, -3.0, np.random.default_rng(0)).any()

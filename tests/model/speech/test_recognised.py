@@ -3,7 +3,6 @@ they cannot be."""
 
 import re
 import sys
-import time
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,8 +14,8 @@ from conventions.rates import SAMPLE_RATE
 from model.speech import recognised
 from model.speech.audio import load_speech
 from model.speech.listener import PIECE_S, pieces
-from model.speech.recognised import SURE, Heard, Hearing
-from model.speech.transcript import NOTHING_SAID, Transcript, read_transcript
+from model.speech.recognised import SURE, Heard, Hearing, _judged
+from model.speech.transcript import NOTHING_SAID, Transcript, Word, read_transcript
 from tests.helpers import ROOT, foreign_folder
 
 EXAMPLES = ROOT / "examples"
@@ -54,6 +53,7 @@ def test_a_text_is_found_where_it_is_said_with_its_phones() -> None:
         assert all(a.end_s == b.start_s for a, b in pairwise(own))
 
 
+@pytest.mark.slow
 def test_a_text_keeps_its_writing_and_may_hold_words_of_no_dictionary() -> None:
     waveform, text = example("a_long_drive")
     written = text.replace("driving", "dryving").replace("one hand", "1 hand")
@@ -66,6 +66,7 @@ def test_a_text_keeps_its_writing_and_may_hold_words_of_no_dictionary() -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_sentence_that_nobody_has_said_spoils_its_neighbourhood_only() -> None:
     waveform, text = example("a_long_drive")
     exact = heard(waveform, text).transcript
@@ -78,15 +79,7 @@ def test_a_sentence_that_nobody_has_said_spoils_its_neighbourhood_only() -> None
     assert re.fullmatch(r"\d+ of the 50 words of the text were not found where .*\.", note)
 
 
-def test_another_text_is_not_used() -> None:
-    waveform, _ = example("a_long_drive")
-    _, other = example("three_reasons")
-    for text in (other, "中文", "word " * 200):
-        said = heard(waveform, text)
-        assert said.transcript == NOTHING_SAID
-        assert len(said.notes) == 1 and "Its words are not used; give what is said" in said.notes[0]
-
-
+@pytest.mark.slow
 def test_clear_speech_is_recognised() -> None:
     waveform, text = example("three_reasons")
     said = heard(waveform).transcript
@@ -103,36 +96,61 @@ def test_clear_speech_is_recognised() -> None:
     )
 
 
-def test_of_a_faint_hum_no_word_is_believed() -> None:
-    hum = 3e-5 * np.sin(2 * np.pi * 120 / 16_000 * np.arange(20 * 16_000))
-    said = heard(hum.astype(np.float32))
-    assert said.transcript == NOTHING_SAID and said.notes
-
-
-def test_unsure_words_are_left_out_and_counted() -> None:
-    waveform, _ = example("the_huge_box")
-    said = heard(waveform)
-    assert "docks" not in spelt(said.transcript)  # heard for "box", and unsure
-    assert "completely" in spelt(said.transcript)
-    assert re.fullmatch(
-        r"\d+ of \d+ recognised words were unsure and are left out\.", said.notes[0]
-    )
-
-
+@pytest.mark.slow
 def test_speech_of_another_language_is_told_so_and_no_words_are_used() -> None:
     said = heard(load_speech(foreign_folder() / "talkshow_french.wav").waveform)
     assert said.transcript == NOTHING_SAID
     assert "probably in another language than English" in said.notes[0]
 
 
-def test_speech_backwards_is_no_english() -> None:
+@pytest.mark.parametrize(
+    ("sure", "unsure", "is_aligned", "says"),
+    [
+        (10, 0, False, ""),
+        (4, 6, False, "6 of 10 recognised words were unsure and are left out."),
+        (3, 5, False, "probably in another language than English"),
+        (1, 6, False, "6 of 7 recognised words were unsure"),  # too few to tell by
+        (0, 7, False, "No words were recognised in the speech."),
+        (0, 0, False, "No words were recognised in the speech."),
+        (4, 6, True, "6 of the 10 words of the text were not found where they should be said."),
+        (3, 5, True, "5 of its 8 words are not where they should be. Its words are not used"),
+        (0, 0, True, "it is not said. Its words are not used"),
+    ],
+)
+def test_sure_words_are_used_unless_too_few_are(sure, unsure, is_aligned, says) -> None:
+    words = [Word(float(k), k + 0.3, f"w{k}", SURE) for k in range(sure)]
+    doubted = [Word(50.0 + k, 50.3 + k, "?", SURE - 0.01) for k in range(unsure)]
+    doubted[:1] = [Word(50.0, 52.6, "?", 1.0)] if doubted else []  # too long for a word
+    found = _judged([(word, ()) for word in words + doubted], is_aligned)
+    assert says in "".join(found.notes) and len(found.notes) == bool(says)
+    is_used = found.transcript != NOTHING_SAID
+    assert is_used == (sure > 0 and not ("language" in says or "not used" in says))
+    if is_used:
+        assert found.transcript.words == tuple(words)
+        assert found.transcript.origin == ("aligned" if is_aligned else "recognised")
+
+
+def test_of_a_few_seconds_sure_words_are_recognised_and_others_counted() -> None:
     waveform, _ = example("three_reasons")
-    said = heard(np.ascontiguousarray(waveform[::-1]))
-    assert said.transcript == NOTHING_SAID
-    assert "probably in another language than English" in said.notes[0]
+    said = heard(waveform[: 4 * SAMPLE_RATE]).transcript
+    assert said.origin == "recognised" and min(word.confidence for word in said.words) >= SURE
+    assert {"three", "reasons", "like", "small", "idea"} <= set(spelt(said))
+    (three,) = (word for word in said.words if word.text == "three")
+    assert three.start_s == pytest.approx(0.97, abs=0.05)
+    waveform, _ = example("the_huge_box")
+    (note,) = heard(waveform[: 5 * SAMPLE_RATE]).notes
+    assert re.fullmatch(r"\d+ of \d+ recognised words were unsure and are left out\.", note)
 
 
-@pytest.mark.parametrize("seconds", [0.02, 0.5, 3.0])
+def test_a_text_that_is_not_said_is_not_used() -> None:
+    waveform, (_, other) = example("a_long_drive")[0], example("three_reasons")
+    for text in (other, "中文", "word " * 60):
+        said = heard(waveform[: 5 * SAMPLE_RATE], text)
+        assert said.transcript == NOTHING_SAID
+        assert len(said.notes) == 1 and "Its words are not used; give what is said" in said.notes[0]
+
+
+@pytest.mark.parametrize("seconds", [0.02, 1.0])
 def test_a_tone_holds_no_words_and_no_length_is_a_failure(seconds: float) -> None:
     times = np.arange(round(seconds * SAMPLE_RATE)) / SAMPLE_RATE
     said = heard(np.sin(440 * 2 * np.pi * times).astype(np.float32))
@@ -140,13 +158,11 @@ def test_a_tone_holds_no_words_and_no_length_is_a_failure(seconds: float) -> Non
     assert not any("could not be found" in note for note in said.notes)
 
 
-def test_it_ends_at_once_when_nobody_waits_any_more() -> None:
+def test_it_is_ended_when_nobody_waits_any_more() -> None:
     waveform, _ = example("a_long_drive")
     with Hearing(np.tile(waveform, 20)) as hearing:
-        assert not hearing.is_over(0.5)
+        assert not hearing.is_over(0.0)
         child = hearing._child
-        started = time.monotonic()
-    assert time.monotonic() - started < 2
     assert child is not None and child.returncode == -9
 
 

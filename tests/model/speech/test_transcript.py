@@ -1,4 +1,4 @@
-"""TextGrids as aligners write them, and files that are none."""
+"""TextGrids as aligners write them, texts as people do, and files that are none."""
 
 from pathlib import Path
 
@@ -10,6 +10,7 @@ from model.motion.motion import load_motion
 from model.plan.annotation import NamedTier, Row
 from model.plan.textgrid import textgrid_of_tiers
 from model.speech.audio import load_speech
+from model.speech.pronouncing import number_words, words_to_say
 from model.speech.transcript import (
     MAX_GESTURE_TIERS,
     MAX_TEXT_BYTES,
@@ -39,42 +40,38 @@ def refusal(path: Path) -> str:
     return sentence
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
-@pytest.mark.parametrize("is_first", [True, False])
-def test_words_come_with_their_times_and_without_pauses(
-    tmp_path: Path, encoding: str, is_first: bool
-):
+ENCODINGS = ("utf-8", "utf-8-sig", "utf-16")
+
+
+def test_words_come_with_their_times_and_without_pauses(tmp_path: Path):
+    path = tmp_path / "a.TextGrid"
     tiers = [("words", SPOKEN), ("phones", PHONES)]
-    path = tmp_path / "a.TextGrid"
-    path.write_text(grid(*(tiers if is_first else tiers[::-1])), encoding=encoding)
-    said = read_transcript(path)
-    assert said.words == (Word(0.1, 0.4, "hello"), Word(0.5, 1.25, 'so-called "art"'))
-    assert said.origin == "given" and {word.confidence for word in said.words} == {1.0}
-    assert said.phones == (Interval(0.1, 0.2, "h"), Interval(0.2, 0.4, "o"))
-    assert said.gestures == ()
-
-
-def test_the_only_tier_may_have_any_name(tmp_path: Path):
-    path = tmp_path / "a.TextGrid"
-    path.write_text(grid(("maus", SPOKEN)))
+    for encoding in ENCODINGS:
+        for order in (tiers, tiers[::-1]):
+            path.write_text(grid(*order), encoding=encoding)
+            said = read_transcript(path)
+            assert said.words == (Word(0.1, 0.4, "hello"), Word(0.5, 1.25, 'so-called "art"'))
+            assert said.origin == "given" and {word.confidence for word in said.words} == {1.0}
+            assert said.phones == (Interval(0.1, 0.2, "h"), Interval(0.2, 0.4, "o"))
+            assert said.gestures == ()
+    path.write_text(grid(("maus", SPOKEN)))  # the only tier may have any name
     assert read_transcript(path).words[0].text == "hello"
+    path.write_text(grid(*tiers).replace("xmin = 0.2000", "xmin = 9"))
+    said = read_transcript(path)  # damaged phones do not spoil the words
+    assert len(said.words) == 2 and said.phones == ()
 
 
-@pytest.mark.parametrize("name", ["gesture_left", "G-Phase", "Strokes RH"])
-def test_tiers_of_gestures_are_known_by_their_names(tmp_path: Path, name: str):
+def test_tiers_of_gestures_are_known_by_their_names_and_read_up_to_a_limit(tmp_path: Path):
     path = tmp_path / "a.TextGrid"
     phases = [(0.0, 0.5, "preparation"), (0.5, 0.75, "stroke beat")]
-    path.write_text(grid(("words", SPOKEN), ("phones", PHONES), (name, phases), ("gesture", [])))
     found = tuple(Interval(*phase) for phase in phases)
-    assert read_transcript(path).gestures == (GestureTier(name, found),)
-
-
-def test_at_most_so_many_tiers_of_gestures_are_read(tmp_path: Path):
-    path = tmp_path / "a.TextGrid"
-    tiers = [(f"gesture {number}", PHONES) for number in range(MAX_GESTURE_TIERS + 1)]
-    path.write_text(grid(("words", SPOKEN), *tiers))
-    gestures = read_transcript(path).gestures
-    assert [tier.name for tier in gestures] == [name for name, _ in tiers[:-1]]
+    for name in ("gesture_left", "G-Phase", "Strokes RH"):
+        tiers = (("words", SPOKEN), ("phones", PHONES), (name, phases), ("gesture", []))
+        path.write_text(grid(*tiers))
+        assert read_transcript(path).gestures == (GestureTier(name, found),)
+    names = [f"gesture {number}" for number in range(MAX_GESTURE_TIERS + 1)]
+    path.write_text(grid(("words", SPOKEN), *((name, PHONES) for name in names)))
+    assert [tier.name for tier in read_transcript(path).gestures] == names[:-1]
 
 
 def test_a_gesture_that_ends_before_it_begins_is_refused(tmp_path: Path):
@@ -116,22 +113,13 @@ def test_what_is_no_transcript(tmp_path: Path):
     assert "larger than 8 MiB" in refusal(path)
 
 
-def test_damaged_phones_do_not_spoil_the_words(tmp_path: Path):
-    path = tmp_path / "a.TextGrid"
-    path.write_text(
-        grid(("words", SPOKEN), ("phones", PHONES)).replace("xmin = 0.2000", "xmin = 9")
-    )
-    said = read_transcript(path)
-    assert len(said.words) == 2 and said.phones == ()
-
-
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
-def test_a_plain_text_is_taken_as_it_is_and_a_grid_by_what_it_holds(tmp_path: Path, encoding: str):
+def test_a_plain_text_is_taken_as_it_is_and_a_grid_by_what_it_holds(tmp_path: Path):
     path = tmp_path / "said.txt"
-    path.write_text("Hello,\nworld!", encoding=encoding)
-    assert read_words(path) == "Hello,\nworld!"
-    path.write_text(grid(("words", SPOKEN)), encoding=encoding)
-    assert read_words(path) == read_transcript(path)
+    for encoding in ENCODINGS:
+        path.write_text("Hello,\nworld!", encoding=encoding)
+        assert read_words(path) == "Hello,\nworld!"
+        path.write_text(grid(("words", SPOKEN)), encoding=encoding)
+        assert read_words(path) == read_transcript(path)
 
 
 def test_what_is_no_plain_text(tmp_path: Path):
@@ -153,3 +141,41 @@ def test_what_is_no_plain_text(tmp_path: Path):
     path.write_text("hello world")
     with pytest.raises(TranscriptError, match="is no TextGrid"):
         read_words(path)
+
+
+KNOWN = {"hello": "HH AH L OW", "it's": "IH T S", "five": "F AY V", "and": "AE N D", "cafe": "K"}
+
+
+def test_words_keep_their_letters_and_lose_what_is_around_them():
+    for written, words in (
+        ('Hello, (it\'s) "hello"!', ["Hello", "it's", "hello"]),
+        ("hello\u2014hello / it\u2019s - ...", ["hello", "hello", "it's"]),
+        ("Caf\u00e9 \u4e2d\u6587 [and]", ["Caf\u00e9", "and"]),
+    ):
+        found = words_to_say(written, KNOWN.get)
+        assert [word.text for word in found] == words
+        assert all(word.known in KNOWN and word.phones == KNOWN[word.known] for word in found)
+
+
+def test_what_no_dictionary_has_is_said_by_rules_and_numbers_are_read_out():
+    for written, phones in {
+        "5": "F AY V",
+        "NLX": "EH N EH L EH K S",
+        "five-&": "F AY V AE N D",
+        "Shipstone": "SH IH P S T AA N",
+        "phight": "F AY T",
+    }.items():
+        (word,) = words_to_say(written, KNOWN.get)
+        assert (word.text, word.known, word.phones) == (written, None, phones)
+    for digits, said in {
+        "0": "zero",
+        "13": "thirteen",
+        "40": "forty",
+        "1,250.05": "twelve fifty point zero five",
+        "2005": "two thousand five",
+        "1999": "nineteen ninety nine",
+        "1900": "nineteen hundred",
+        "120300": "one hundred twenty thousand three hundred",
+        "1234567": "one two three four five six seven",
+    }.items():
+        assert " ".join(number_words(digits)) == said

@@ -11,25 +11,14 @@ import pytest
 from conventions.names import printable
 from model.storage.harmless import csv_cell, csv_text, markdown, tex
 
+FORMULAS = [
+    *("=cmd|' /C calc'!A0", "+1+cmd|' /C calc'!A0", "-2+3+cmd|' /C calc'!A0", "\t=1+1", "\r=1+1"),
+    *("@SUM(1+9)*cmd|' /C calc'!A0", "\n=1+1", "  =1+1", "\uff1d1+1", "-1.5e", "-1.5=2"),
+    *("name;=1+1", "name; @SUM(1)"),
+]
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "=cmd|' /C calc'!A0",
-        "+1+cmd|' /C calc'!A0",
-        "-2+3+cmd|' /C calc'!A0",
-        "@SUM(1+9)*cmd|' /C calc'!A0",
-        "\t=1+1",
-        "\r=1+1",
-        "\n=1+1",
-        "  =1+1",
-        "\uff1d1+1",
-        "-1.5e",
-        "-1.5=2",
-        "name;=1+1",
-        "name; @SUM(1)",
-    ],
-)
+
+@pytest.mark.parametrize("name", FORMULAS)
 def test_no_cell_begins_a_formula(name: str) -> None:
     cell = str(csv_cell(name))
     for part in cell.split(";"):  # where a spreadsheet cuts the line at semicolons
@@ -37,14 +26,11 @@ def test_no_cell_begins_a_formula(name: str) -> None:
     assert cell.isprintable()
 
 
-@pytest.mark.parametrize("value", [-1.5, 0, None, "-1.5", "+2", "-1e-05", "-inf", ".5", "-0.25e+3"])
-def test_numbers_stay_numbers(value: object) -> None:
-    assert csv_cell(value) is value
-
-
-@pytest.mark.parametrize("name", ["globaldiff/full", "a-b=c", "mean, low", "50 %", "ä\u00df", ""])
-def test_harmless_names_stay_as_they_are(name: str) -> None:
-    assert csv_cell(name) == name
+def test_numbers_and_harmless_names_stay_as_they_are() -> None:
+    for value in (-1.5, 0, None, "-1.5", "+2", "-1e-05", "-inf", ".5", "-0.25e+3"):
+        assert csv_cell(value) is value
+    for name in ("globaldiff/full", "a-b=c", "mean, low", "50 %", "ä\u00df", ""):
+        assert csv_cell(name) == name
 
 
 def test_a_table_is_read_back_as_it_was_but_for_what_would_be_obeyed() -> None:

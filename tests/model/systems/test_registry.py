@@ -1,33 +1,35 @@
+"""Systems by name and folder, and families, also those of other packages."""
+
 import ast
 import json
+import shutil
+from dataclasses import replace
 from typing import get_args
 
 import pytest
+from frame_regression import FAMILY
 
-from model.generation.family import Use
+from model.generation.family import FamilyError, Use
 from model.sampling.samplers import UnknownNameError
 from model.storage.cards import CheckpointError, load_card
+from model.systems import registry
 from model.systems.registry import (
+    GROUP,
+    check_family,
     families,
     list_speakers,
     list_systems,
     load_system,
     planning_systems,
+    register_installed,
     usual_systems,
 )
 from tests.helpers import ROOT
-from tests.model.made import make_weights
 
 
 @pytest.fixture
-def folder(tmp_path):
-    return make_weights(tmp_path / "weights")
-
-
-def test_folder_is_listed_without_loading(folder):
-    assert list_systems(folder) == ("globaldiff/local", "globaldiff/global")
-    assert list_speakers(folder) == ("ann", "bob")
-    assert list_systems(folder / "nowhere") == () == list_speakers(folder / "nowhere")
+def folder(weights, tmp_path):
+    return shutil.copytree(weights, tmp_path / "weights")
 
 
 def test_families_are_those_of_the_folders_in_the_order_of_their_places():
@@ -36,27 +38,6 @@ def test_families_are_those_of_the_folders_in_the_order_of_their_places():
     assert sorted(family.package.rsplit(".", 1)[1] for family in found) == sorted(beside)
     assert [family.place for family in found] == sorted(family.place for family in found)
     assert [family.name for family in found][:2] == ["planned", "globaldiff"]
-
-
-def test_a_loaded_system_knows_its_speakers(folder):
-    system = load_system("globaldiff/local", folder)
-    assert system.config.rotation_space == "local" and system.speaker_index("bob") == 2
-    with pytest.raises(UnknownNameError, match="no speaker 'eve'; choose one of ann, bob"):
-        system.speaker_index("eve")
-
-
-def test_unknown_system_lists_those_that_are_there(folder):
-    with pytest.raises(UnknownNameError, match="globaldiff/local, globaldiff/global"):
-        load_system("globaldiff/huge", folder)
-
-
-def test_changed_weights_are_refused(folder):
-    path = folder / "globaldiff-local.safetensors"
-    content = bytearray(path.read_bytes())
-    content[-1] ^= 1
-    path.write_bytes(content)
-    with pytest.raises(CheckpointError, match="sha256"):
-        load_system("globaldiff/local", folder)
 
 
 def test_card_of_another_shape_is_refused(folder):
@@ -72,16 +53,6 @@ def test_card_of_another_shape_is_refused(folder):
         load_system("globaldiff/local", folder)
 
 
-def test_damaged_cards_are_refused(folder):
-    for content in ("{", "[]", "{}"):
-        (folder / "expression.json").write_text(content)
-        with pytest.raises(CheckpointError):
-            load_card(folder, "expression")
-    (folder / "expression.json").unlink()
-    with pytest.raises(CheckpointError, match="is missing"):
-        load_system("globaldiff/local", folder)
-
-
 def test_families_declare_only_systems_of_their_own():
     for family in families():
         declared = {name for names in family.usual.values() for name in names} | {*family.plans}
@@ -92,13 +63,6 @@ def test_families_declare_only_systems_of_their_own():
     assert planning_systems() and all(usual_systems(use) for use in get_args(Use))
 
 
-def test_every_sampler_has_one_title_wherever_it_is():
-    titles: dict[str, str] = {}
-    for family in families():
-        for sampler in (one for name in family.systems for one in family.samplers_of(name)):
-            assert sampler.title and titles.setdefault(sampler.name, sampler.title) == sampler.title
-
-
 def test_nothing_outside_the_families_knows_a_system_by_its_name():
     names = {name for family in families() for name in family.systems}
     roots = ("app", "model", "renderer", "tools", "processes", "conventions")
@@ -106,9 +70,105 @@ def test_nothing_outside_the_families_knows_a_system_by_its_name():
     others = [path for path in paths if path.parent.parent != ROOT / "model" / "systems"]
     assert len(others) > 300
     for path in others:
+        if not any(name in path.read_text() for name in names):
+            continue
         strings = {node.value for node in ast.walk(ast.parse(path.read_text())) if _is_string(node)}
         assert not strings & names, path
 
 
 def _is_string(node) -> bool:
     return isinstance(node, ast.Constant) and isinstance(node.value, str)
+
+
+def install(folder, name: str, code: str, entry: str = "FAMILY") -> None:
+    """A package of one module, as pip leaves it."""
+    (folder / f"{name}.py").write_text(code)
+    told = folder / f"{name}-1.0.dist-info"
+    told.mkdir()
+    (told / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (told / "entry_points.txt").write_text(f"[{GROUP}]\n{name} = {name}:{entry}\n")
+
+
+def test_a_broken_package_is_told_in_a_sentence_and_keeps_none_from_the_others(
+    tmp_path, monkeypatch
+):
+    install(tmp_path, "a_missing", "import nowhere_to_be_found")
+    install(tmp_path, "b_leaves", "raise SystemExit('no licence')")
+    install(tmp_path, "c_other", "FAMILY = 3")
+    install(tmp_path, "d_unnamed", "", entry="FAMILIES")
+    install(tmp_path, "e_good", "from frame_regression import FAMILY")
+    monkeypatch.syspath_prepend(tmp_path)
+    found = []
+    sentences = register_installed(found.append)
+    assert found == [FAMILY]
+    told = {sentence.split("'")[1]: sentence for sentence in sentences}
+    assert told["a_missing"] == (
+        "The family 'a_missing' of the package a_missing (a_missing:FAMILY) is left out: "
+        "ModuleNotFoundError: No module named 'nowhere_to_be_found'."
+    )
+    assert told["b_leaves"].endswith("SystemExit: no licence.")
+    assert told["c_other"].endswith("is left out: it names a int, not a Family.")
+    assert "has no attribute 'FAMILIES'" in told["d_unnamed"]
+    assert len(sentences) == 4
+
+
+@pytest.mark.parametrize(
+    ("changed", "why"),
+    [
+        ({"systems": ("regression/mean", "../x")}, "the name '../x' must be small letters"),
+        ({"about": {}}, "nothing is said about regression/mean"),
+        ({"samplers": ()}, "regression/mean has no sampler"),
+    ],
+)
+def test_what_cannot_be_shown_or_asked_is_left_out(changed, why):
+    check_family(FAMILY)
+    with pytest.raises(FamilyError, match=why):
+        check_family(replace(FAMILY, **changed))
+
+
+def test_weights_that_a_package_brings_must_have_a_card_with_speakers(tmp_path):
+    family = replace(FAMILY, weights=tmp_path)
+    (tmp_path / "regression-mean.safetensors").write_bytes(b"")
+    with pytest.raises(CheckpointError, match=r"regression-mean\.json is missing"):
+        check_family(family)
+    (tmp_path / "regression-mean.json").write_text('{"sha256": ""}')
+    with pytest.raises(FamilyError, match="the card of regression/mean names no speakers"):
+        check_family(family)
+
+
+def test_code_of_a_package_that_fails_when_it_is_read_is_told(tmp_path):
+    (tmp_path / "regression-mean.safetensors").write_bytes(b"")
+    registry.register(replace(FAMILY, package="frame_regression.nowhere"))
+    try:
+        with pytest.raises(FamilyError, match=r"the package frame_regression\.nowhere fails: Mod"):
+            registry.load_system("regression/mean", tmp_path)
+    finally:
+        registry.unregister(FAMILY.name)
+
+
+def test_a_folder_is_listed_without_loading_and_its_systems_know_their_speakers(weights):
+    assert list_systems(weights) == ("globaldiff/local", "globaldiff/global")
+    assert list_speakers(weights) == ("ann", "bob")
+    assert list_systems(weights / "nowhere") == () == list_speakers(weights / "nowhere")
+    system = load_system("globaldiff/local", weights)
+    assert system.config.rotation_space == "local" and system.speaker_index("bob") == 2
+    with pytest.raises(UnknownNameError, match="no speaker 'eve'; choose one of ann, bob"):
+        system.speaker_index("eve")
+    with pytest.raises(UnknownNameError, match="globaldiff/local, globaldiff/global"):
+        load_system("globaldiff/huge", weights)
+
+
+def test_changed_weights_and_damaged_cards_are_refused(folder):
+    path = folder / "globaldiff-local.safetensors"
+    content = bytearray(path.read_bytes())
+    content[-1] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(CheckpointError, match="sha256"):
+        load_system("globaldiff/local", folder)
+    for damaged in ("{", "[]", "{}"):
+        (folder / "expression.json").write_text(damaged)
+        with pytest.raises(CheckpointError):
+            load_card(folder, "expression")
+    (folder / "expression.json").unlink()
+    with pytest.raises(CheckpointError, match="is missing"):
+        load_system("globaldiff/global", folder)

@@ -1,4 +1,4 @@
-"""Trainings that are ended, or shared, and what they leave."""
+"""Trainings of two steps, also ended or shared, and what they leave."""
 
 import csv
 import os
@@ -6,12 +6,55 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
+import torch
 
+from model.storage.cards import BUNDLED_WEIGHTS
+from model.systems.registry import family_of
 from model.training import losses
+from model.training.config import TrainConfig
+from model.training.loop import train
+from model.training.parallel import WHOLE
 from tests.helpers import ROOT
+
+FP32 = replace(WHOLE, bf16=False)
+"""Whether bf16 is used depends on the processor."""
+QUICK = {"steps": 2, "save_every": 1, "validate_every": 2, "warmup_steps": 0, "batch_size": 2}
+
+
+def quick(system: str, **changes) -> Any:
+    config = family_of(system).config("smoke", system)
+    return replace(config, **{**QUICK, "augmented_copies": 0, **changes})
+
+
+def run(config: TrainConfig, data: Path, out: Path, helpers=BUNDLED_WEIGHTS, **options) -> Path:
+    torch.set_num_threads(1)  # also where it is made once, before a test: sums depend on it
+    options = {"shard": FP32, **options}
+    train(config, family_of(config.system).make_task, data, out, helpers=helpers, **options)
+    return out
+
+
+def state_of(out: Path) -> dict[str, Any]:
+    return torch.load(out / "state.pt", weights_only=True)
+
+
+def assert_equal_states(one: Any, other: Any) -> None:
+    """To the last bit, whatever they hold."""
+    assert type(one) is type(other)
+    if isinstance(one, dict):
+        assert one.keys() == other.keys()
+        for key in one:
+            assert_equal_states(one[key], other[key])
+    elif isinstance(one, list):
+        assert len(one) == len(other)
+        for a, b in zip(one, other, strict=True):
+            assert_equal_states(a, b)
+    else:
+        assert torch.equal(one, other) if isinstance(one, torch.Tensor) else one == other
 
 
 def log_of(out: Path, split: str | None = None) -> list[dict[str, str]]:
@@ -49,6 +92,5 @@ def train_in_two_processes(arguments: list[str], out: Path) -> None:
         capture_output=True,
         text=True,
         check=False,
-        timeout=600,
     )
     assert done.returncode == 0, done.stderr

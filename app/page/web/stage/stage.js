@@ -154,6 +154,11 @@ export class Stage {
     return this.#drawn;
   }
 
+  /** Whether what stands has been drawn in full, and nothing has changed since. */
+  get isAtRest() {
+    return this.#begun === null && !this.#asked;
+  }
+
   /** Where it is told which two are compared. */
   get pairRoom() {
     return this.view;

@@ -1,15 +1,16 @@
-"""Ways in which a child process ends in the middle of its work, each by its own hand."""
+"""What a child process does in the middle of its work, each by its own hand."""
 
 import os
 import signal
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
+
 
 class Ending:
-    """Files to be looked at, which end whoever begins to look."""
+    """Files to be looked at, which do that to whoever begins to look."""
 
     def __init__(self, end: Callable[[], None]) -> None:
         self.end = end
@@ -25,15 +26,17 @@ def carry_on() -> None:
 
 def wait() -> None:
     """Until somebody ends it from outside."""
-    time.sleep(600)
+    while True:
+        signal.pause()
+
+
+def take_five_gigabytes() -> None:
+    """Which are never touched."""
+    np.empty(5 * 10**9, np.uint8)
 
 
 def segfault() -> None:
     os.kill(os.getpid(), signal.SIGSEGV)
-
-
-def abort() -> None:
-    os.abort()
 
 
 def terminate() -> None:
@@ -47,10 +50,6 @@ def kill() -> None:
 def leave_with_3() -> None:
     sys.stderr.write("the last words of it\x1b[2J\n")
     sys.exit(3)
-
-
-def run_out_of_memory() -> None:
-    raise MemoryError
 
 
 def run_out_of_memory_in_c() -> None:

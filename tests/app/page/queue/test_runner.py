@@ -1,9 +1,10 @@
-"""What all tabs do alike between a click and the end of a run."""
+"""What all tabs do alike between a click and the end of a run, and how a run is followed."""
 
+import shutil
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,47 +14,49 @@ import pytest
 
 from app import text
 from app.errors import CancelledRun, RunError
-from app.page.queue.in_turn import Updates
+from app.page.queue.in_turn import Updates, follow_run
 from app.page.queue.jobs import Job, JobBook
 from app.page.queue.runner import TabRunner
-from app.page.visitors.visitors import COOKIE
-from app.run.requests.request import Event, OnEvent, Progress, ShouldCancel
-
-VISITOR = SimpleNamespace(
-    session_hash="visitor", cookies={COOKIE: "cookie"}, client=SimpleNamespace(host="127.0.0.1")
+from app.run.requests.request import (
+    Artefact,
+    Event,
+    GenerateRequest,
+    GenerateResult,
+    OnEvent,
+    Progress,
+    ShouldCancel,
 )
+from tests.app import fakes
+from tests.app.page.made import browser
+
+VISITOR = browser("cookie")
 Do = Callable[[OnEvent, ShouldCancel], str]
 
 
-class Work:
-    """A run of the test's own."""
-
-    def __init__(self, do: Do) -> None:
-        self.run = do
-
-    def progress(self, events: list[Event]) -> Updates:
-        return {"shares": [e.fraction for e in events if isinstance(e, Progress)]} if events else {}
-
-    def finished(self, result: str) -> Updates:
-        return {"result": result}
-
-
 class Runner(TabRunner[str]):
+    """Does a run of the test's own."""
+
     tab = "study"
 
     def __init__(self, jobs: JobBook, do: Do) -> None:
         super().__init__(jobs, status="status")  # type: ignore[arg-type]
-        self.do = do
+        self.run_it = do
         self.begun: list[Any] = []
         self.has_ended = False
 
     @contextmanager
-    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[Work]:
+    def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[Any]:
         if not values:
             raise RunError("The form is empty.")
         self.begun.append((cookie, values))
+
+        def shares(events: list[Event]) -> Updates:
+            found = [event.fraction for event in events if isinstance(event, Progress)]
+            return {"shares": found} if events else {}
+
         try:
-            yield Work(self.do)
+            finished = {"finished": lambda result: {"result": result}}
+            yield SimpleNamespace(run=self.run_it, progress=shares, **finished)
         finally:
             self.has_ended = True
 
@@ -64,108 +67,98 @@ class Runner(TabRunner[str]):
         return {"status": status, "message": message}
 
 
-def click(runner: Runner, *values: Any) -> Iterator[Updates]:
-    return runner.run(VISITOR, *values)  # type: ignore[arg-type]
+@pytest.fixture
+def jobs(tmp_path: Path) -> JobBook:
+    return JobBook(tmp_path)
 
 
-def cancel(runner: Runner) -> None:
-    runner.cancel(VISITOR)  # type: ignore[arg-type]
+def half_done(on_event: OnEvent, should_cancel: ShouldCancel) -> str:
+    on_event(Progress("numbers", 0.5))
+    return "done"
 
 
-def test_a_run_is_blank_then_tells_its_news_then_its_result(tmp_path: Path) -> None:
-    def do(on_event: OnEvent, should_cancel: ShouldCancel) -> str:
-        on_event(Progress("numbers", 0.5))
-        return "done"
-
-    jobs = JobBook(tmp_path)
-    runner = Runner(jobs, do)
-    first, *between, last = list(click(runner, "a", 1))
+def test_a_run_is_blank_then_tells_its_news_then_its_result(jobs):
+    runner = Runner(jobs, half_done)
+    first, *between, last = list(runner.run(VISITOR, "a", 1))
     assert first == {"blank": True} and last == {"result": "done"}
     assert between == [{"shares": [0.5]}]
-    assert runner.begun == [("cookie", ("a", 1))] and runner.has_ended
-    assert not jobs.cancel("visitor", "study")  # it has been closed
+    assert runner.begun == [("cookie", ("a", 1))] and runner.has_ended and not jobs.in_use()
 
 
-def test_a_form_that_cannot_be_done_is_told_and_nothing_is_blanked(tmp_path: Path) -> None:
-    jobs = JobBook(tmp_path)
-    clicked = click(Runner(jobs, lambda on_event, should_cancel: ""))
-    told = next(clicked)
-    assert text.STOPPED in told["status"] and "The form is empty." in told["message"]
-    with pytest.raises(gr.Error, match="The form is empty"):
-        next(clicked)
-    assert not jobs.cancel("visitor", "study")
-
-
-def test_a_failure_is_told_and_what_was_begun_is_ended(tmp_path: Path) -> None:
+def test_what_goes_wrong_is_told_in_a_sentence_and_ends_what_was_begun(jobs):
     def do(on_event: OnEvent, should_cancel: ShouldCancel) -> str:
         raise RunError("It is <broken>.")
 
-    runner = Runner(JobBook(tmp_path), do)
-    told: list[Updates] = []
-    with pytest.raises(gr.Error, match="It is <broken>"):
-        for updates in click(runner, 1):
-            told.append(updates)
-    assert "It is &lt;broken&gt;." in told[-1]["message"] and runner.has_ended
+    runner = Runner(jobs, do)
+    for values, updates, sentence in (
+        ((), 1, "The form is empty."),  # and nothing is blanked
+        ((1,), 3, "It is <broken>."),
+    ):
+        told: list[Updates] = []
+        with pytest.raises(gr.Error) as raised:
+            for each in runner.run(VISITOR, *values):
+                told.append(each)
+        assert str(raised.value.message) == sentence and len(told) <= updates
+        assert ("blank" in told[0]) == bool(values)
+        assert text.STOPPED in told[-1]["status"]
+        assert sentence.replace("<", "&lt;").replace(">", "&gt;") in told[-1]["message"]
+    assert runner.has_ended and not jobs.in_use()
 
 
-def test_cancel_is_heard_at_once_and_is_no_error(tmp_path: Path) -> None:
+def test_cancel_is_heard_at_once_and_is_no_error(jobs):
     has_stopped = threading.Event()
 
     def do(on_event: OnEvent, should_cancel: ShouldCancel) -> str:
         on_event(Progress("numbers", 0.5))
         while not should_cancel():
-            pass
-        has_stopped.wait(20)  # a step that cannot be interrupted
+            has_stopped.wait(0.01)
+        has_stopped.wait(60)  # a step that cannot be interrupted
         raise CancelledRun
 
-    runner = Runner(JobBook(tmp_path), do)
+    runner = Runner(jobs, do)
     told: list[Updates] = []
-    for updates in click(runner, 1):
+    for updates in runner.run(VISITOR, 1):
         told.append(updates)
         if "shares" in updates:
-            cancel(runner)
+            runner.cancel(VISITOR)
         if text.STOPPING in str(updates):
             has_stopped.set()
     assert text.STOPPING in told[-2]["status"]
     assert text.CANCELLED in told[-1]["status"] and told[-1]["message"] == ""
 
 
-def test_who_waits_is_told_and_can_stop_waiting(tmp_path: Path) -> None:
-    jobs = JobBook(tmp_path)
-    runner = Runner(jobs, lambda on_event, should_cancel: "")
+def test_who_waits_is_told_how_many_are_before_and_can_stop_waiting(jobs):
+    runner = Runner(jobs, half_done)
     with jobs.slot(jobs.open("another", "study")) as turn:
         list(turn)
-        clicked = click(runner, 1)
+        clicked = runner.run(VISITOR, 1)
         assert next(clicked) == {"blank": True}
         assert text.WAITING_ONE in next(clicked)["status"]
-        cancel(runner)
+        third = Runner(jobs, half_done).run(browser("other", session="other"), 1)
+        next(third)
+        assert text.WAITING.format(ahead=2) in next(third)["status"]
+        runner.cancel(VISITOR)
         assert text.CANCELLED in next(clicked)["status"]
         assert next(clicked, None) is None
-    assert runner.has_ended
+    assert runner.has_ended and list(third)[-1] == {"result": "done"}
 
 
-def test_a_run_that_is_put_back_begins_anew_and_comes_to_its_end(tmp_path: Path) -> None:
-    jobs = JobBook(tmp_path)
-    begun = threading.Event()
-    folders: list[Path] = []
-
-    def do(on_event: OnEvent, should_cancel: ShouldCancel) -> str:
-        (job,) = jobs._jobs
-        folders.append(job.folder)
-        if len(folders) == 1:
-            begun.set()
-            on_event(Progress("numbers", 0.5))
-            while not should_cancel():
-                time.sleep(0.01)
-            raise CancelledRun
-        return "done"
-
-    runner = Runner(jobs, do)
-    told: list[Updates] = []
-    for updates in click(runner, "form"):
-        told.append(updates)
-        if begun.is_set():
-            begun.clear()
-            jobs._jobs[0].is_put_back = True
-    assert told[-1] == {"result": "done"} and {"blank": True} in told[1:]
-    assert len(runner.begun) == 2 and not folders[0].exists() and not jobs._jobs
+def test_news_come_in_order_then_the_result_and_files_outlive_the_run_that_stops_with_its_visitor(
+    jobs,
+):
+    job, systems = jobs.open("one", "generate"), fakes.CATALOGUE.systems
+    asked = GenerateRequest(Path("/speech.wav"), job.folder / "out", Path("/weights"), systems)
+    *news, result = follow_run(partial(fakes.make_generate(), asked), job)
+    assert isinstance(result, GenerateResult) and result.num_frames == 30
+    events = [event for batch in news for event in batch]  # type: ignore[union-attr]
+    files = [event for event in events if isinstance(event, Artefact)]
+    names = ["globaldiff/local", "globaldiff/global", "figure6"]
+    assert [event.name for event in files] == names
+    assert all(event.path.is_file() and event.path.parent != asked.out for event in files)
+    last = {event.stage: event.fraction for event in events if isinstance(event, Progress)}
+    assert set(last.values()) == {1.0} and not job.is_cancelled()
+    shutil.rmtree(asked.out)
+    following = follow_run(partial(fakes.make_generate(hold=threading.Event()), asked), job)
+    next(following)
+    following.close()  # what Gradio does when the connection ends
+    assert job.is_cancelled()

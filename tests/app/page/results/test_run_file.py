@@ -1,6 +1,7 @@
-"""A run as a file: what it holds, that it opens again, and that anything else is refused."""
+"""A run as a file and as a page of its own: what it holds, that it opens, what is refused."""
 
 import json
+import re
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,8 @@ from fastapi import FastAPI
 from starlette.testclient import TestClient
 
 from app.errors import RunError
-from app.page.alone import run_page_routes
+from app.notebook import show
+from app.page.alone import DOOR, WEB, Scene, _needed, player_alone, run_page_routes
 from app.page.player.player import Showing, own_writers, picture_layout
 from app.page.results.kept_runs import KeptRuns
 from app.page.results.run_file import (
@@ -28,7 +30,7 @@ from app.run.requests.request import Artefact
 from conventions.names import REFERENCE_NAME
 from model.motion.motion import load_motion, save_motion
 from model.plan.plan import GesturePlan, HandPhase
-from model.speech.audio import load_speech, write_wav
+from model.speech.audio import Speech, load_speech, write_wav
 from model.speech.transcript import Accent, GestureTier, Interval, Transcript, Word
 from tests.app.page.results.made_run import ended_run, keep, numbers
 from tests.helpers import smooth_motion_example
@@ -77,7 +79,7 @@ def saved(showing: Showing, tmp_path: Path, **changes: Any) -> Path:
     )
 
 
-def test_what_was_saved_is_opened(showing: Showing, tmp_path: Path) -> None:
+def test_what_was_saved_is_opened(showing, tmp_path):
     path = saved(showing, tmp_path)
     assert is_saved_run(path)
     opened = open_run(path, tmp_path / "opened")
@@ -93,63 +95,50 @@ def test_what_was_saved_is_opened(showing: Showing, tmp_path: Path) -> None:
     assert told.said == SAID
     with zipfile.ZipFile(path) as archive:
         assert b"100.0" not in archive.read(TOLD), "numbers are measured anew"
+    write_wav(showing.sound(), np.zeros(32_000, np.float32))
+    opened = open_run(saved(showing, tmp_path), tmp_path / "silent")
+    assert opened.speech is None and not opened.told.has_speech, "silence is not saved"
 
 
-def test_motion_without_speech_is_saved_without_its_silence(
-    showing: Showing, tmp_path: Path
-) -> None:
-    sound = showing.sound()
-    assert sound is not None
-    write_wav(sound, np.zeros(32_000, np.float32))
-    opened = open_run(saved(showing, tmp_path), tmp_path / "opened")
-    assert opened.speech is None and not opened.told.has_speech
-
-
-def changed(path: Path, out: Path, told: Any = None, without: str = "", **more: bytes) -> Path:
-    """Another zip, begun alike."""
-    with zipfile.ZipFile(path) as before, zipfile.ZipFile(out, "w") as after:
-        whole = json.loads(before.read(TOLD))
-        said = json.dumps(whole | told if isinstance(told, dict) else told or whole)
-        after.writestr(TOLD, said)
-        for name in before.namelist():
-            if name not in (TOLD, without):
-                after.writestr(name, before.read(name))
-        for name, content in more.items():
-            after.writestr(name.replace("_", "."), content)
-    return out
-
-
-def test_anything_else_is_refused_in_a_sentence(showing: Showing, tmp_path: Path) -> None:
+def test_anything_else_is_refused_in_a_sentence(showing, tmp_path):
     path = saved(showing, tmp_path)
+    with zipfile.ZipFile(path) as archive:
+        whole = {name: archive.read(name) for name in archive.namelist()}
+
+    def changed(number: int, told: Any = None, without: str = "") -> Path:
+        """Another zip, begun alike."""
+        before = json.loads(whole[TOLD])
+        content = {**whole, TOLD: json.dumps(before | told if isinstance(told, dict) else told)}
+        content.pop(without, None)
+        with zipfile.ZipFile(tmp_path / f"{number}.zip", "w") as archive:
+            for name, each in content.items():
+                archive.writestr(name, each)
+        return tmp_path / f"{number}.zip"
+
     row = {"name": "a", "motion": "motion-0.npz", "plan": None}
-    wrong: list[dict[str, Any]] = [
-        {"told": {"format": 2}},
-        {"told": {"rows": []}},
-        {"told": {"rows": [row] * 9}},
-        {"told": {"rows": [row, row]}},
-        {"told": {"rows": [{**row, "motion": "../../secret.npz"}]}},
-        {"told": {"rows": [{**row, "motion": "motion-0.npz\n"}]}},
-        {"told": {"rows": [{**row, "name": REFERENCE_NAME}]}},
-        {"told": {"joint": "../x"}},
-        {"told": {"words": [[0.0, float("nan"), "x"]]}},
-        {"told": {"title": "x" * 1000}},
-        {"told": {"html": "<script>"}},
-        {"told": [1, 2]},
-        {"without": "motion-1.npz"},
-        {"without": "speech.wav"},
-    ]
+    rows = (
+        [], [row] * 9, [row, row], [{**row, "name": REFERENCE_NAME}],
+        *([{**row, "motion": name}] for name in ("../../secret.npz", "motion-0.npz\n")),
+    )  # fmt: skip
+    tolds: list[Any] = [
+        {"format": 2}, {"joint": "../x"}, {"words": [[0.0, float("nan"), "x"]]},
+        {"title": "x" * 1000}, {"html": "<script>"}, [1, 2], *({"rows": each} for each in rows),
+    ]  # fmt: skip
+    wrong: list[dict[str, Any]] = [{"told": told} for told in tolds]
+    wrong += [{"told": {}, "without": name} for name in ("motion-1.npz", "speech.wav")]
     for number, changes in enumerate(wrong):
-        other = changed(path, tmp_path / f"{number}.zip", **changes)
+        other = changed(number, **changes)
         assert is_saved_run(other)
         with pytest.raises(RunError, match=r"holds no run that this page can open"):
             open_run(other, tmp_path / f"opened{number}")
+    assert open_run(changed(99, {}), tmp_path / "good").told.said == SAID
     plain = tmp_path / "plain.zip"
     with zipfile.ZipFile(plain, "w") as archive:
         archive.writestr("a.npz", b"x")
     assert not is_saved_run(plain) and not is_saved_run(tmp_path / "none.zip")
 
 
-def test_whoever_has_the_link_can_save_the_run(showing: Showing, tmp_path: Path) -> None:
+def test_whoever_has_the_link_can_save_the_run(showing, tmp_path):
     runs = KeptRuns(3600.0)
     diagnostics = numbers(120.0, **{name: 100.0 for name in NAMES[:2]})
     run = ended_run(tmp_path, "ä/b\nc", showing=showing, speech_sha256="", diagnostics=diagnostics)
@@ -172,10 +161,31 @@ def test_whoever_has_the_link_can_save_the_run(showing: Showing, tmp_path: Path)
     assert [row["name"] for row in told["value"]["rows"]] == list(NAMES)
     assert told["sound"] and f"plan/{NAMES[0]}" in told["files"]
     assert client.get(f"/media/run/{'x' * 43}/page").status_code == 404
-
-
-def test_a_file_is_called_as_its_run() -> None:
-    assert (
-        file_name("my speech: local, global; seed 0") == "my speech- local, global- seed 0.run.zip"
-    )
+    assert file_name("my speech: a, b; seed 0") == "my speech- a, b- seed 0.run.zip"
     assert file_name("../..") == "run.run.zip"
+
+
+def test_every_import_of_the_modules_is_of_the_form_that_is_read():
+    """Else a module would ask for a file that is not there."""
+    for path in _needed(DOOR):
+        source = re.sub(r"/\*.*?\*/", "", (WEB / path).read_text(), flags=re.DOTALL)
+        imports = re.findall(r"^import\b.*?;", source, re.MULTILINE | re.DOTALL)
+        assert all(re.search(r'from "\.{1,2}/[^"]+";$', line) for line in imports), path
+        other = r'\bimport\(|^export [{*].* from|^import "'
+        assert not re.search(other, source, re.MULTILINE), path
+
+
+def test_no_name_or_word_ends_the_page_and_what_cannot_be_played_is_refused():
+    name = "</script><script>alert(1)</script>"
+    scene = Scene({name: smooth_motion_example(40)}, {"words": [[0, 1, name]]}, title="</title><b>")
+    html = player_alone(scene)
+    assert "alert(1)</script>" not in html and "</title><b>" not in html
+    told = html.split('id="kept">')[1].split("</script>")[0]
+    assert json.loads(told)["value"]["rows"][0]["name"] == name
+    with pytest.raises(RunError, match="no motion"):
+        player_alone(Scene({}, {}))
+
+
+def test_the_same_scene_gives_the_same_file():
+    speech, motions = Speech(made_waveform(32_000), ""), {"one": smooth_motion_example(60)}
+    assert show(motions, speech).html == show(motions, speech).html

@@ -1,12 +1,13 @@
 """The page behind nginx and Caddy with the files of the docs: TLS, uploads, runs, live speech."""
 
+import contextlib
+import os
 import shutil
 import socket
 import ssl
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
@@ -14,14 +15,18 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from app.config import AppConfig
+from app.page.launch import launch
 from app.page.routes import guard
 from app.page.visitors.visitors import address_of
 from model.motion.motion import save_motion
-from tests.app.page.routes.test_guard import UPLOAD, served
+from tests.app.page.conftest import UPLOAD
+from tests.app.page.made import until
 from tests.helpers import ROOT, smooth_motion_example
 from tests.model.made import made_waveform
 from tests.soak.visitor import Visitor
 
+pytestmark = pytest.mark.slow
 NAME = "lab.example"
 ACCOUNT = ("ann", "her pass:word")
 HOSTING = ROOT / "docs" / "hosting"
@@ -35,12 +40,18 @@ def free_port() -> int:
         return one.getsockname()[1]
 
 
+def program(package: str, name: str = "") -> str:
+    """Its path; the calling test is skipped where there is none."""
+    found = shutil.which(name or package, path=f"{os.environ['PATH']}:/usr/sbin")
+    if found is None:
+        pytest.skip(f"there is no {name or package} (apt-get install {package})")
+    return found
+
+
 @pytest.fixture(scope="module")
 def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Of the test's own, with its key."""
-    openssl = shutil.which("openssl")
-    if openssl is None:
-        pytest.skip("there is no openssl to make a certificate with")
+    openssl = program("openssl")
     folder = tmp_path_factory.mktemp("tls")
     cert, key = folder / "cert.pem", folder / "key.pem"
     subprocess.run(
@@ -68,9 +79,6 @@ Command = Callable[[Path, tuple[Path, Path], str, int], list[str]]
 
 def nginx(folder: Path, certificate: tuple[Path, Path], page: str, port: int) -> list[str]:
     """The command that serves docs/hosting/nginx.conf on a port of the test's."""
-    program = shutil.which("nginx") or shutil.which("nginx", path="/usr/sbin")
-    if program is None:
-        pytest.skip("there is no nginx (apt-get install nginx-light)")
     cert, key = certificate
     conf = changed(
         (HOSTING / "nginx.conf").read_text(),
@@ -85,14 +93,11 @@ def nginx(folder: Path, certificate: tuple[Path, Path], page: str, port: int) ->
         f"daemon off; pid {folder}/pid; error_log {folder}/log; events {{}}\n"
         f"http {{ access_log off; client_body_temp_path {folder}/body;\n{conf}\n}}\n"
     )
-    return [program, "-c", str(folder / "nginx.conf"), "-p", str(folder)]
+    return [program("nginx-light", "nginx"), "-c", str(folder / "nginx.conf"), "-p", str(folder)]
 
 
 def caddy(folder: Path, certificate: tuple[Path, Path], page: str, port: int) -> list[str]:
     """The command that serves docs/hosting/Caddyfile on a port of the test's."""
-    program = shutil.which("caddy")
-    if program is None:
-        pytest.skip("there is no caddy (apt-get install caddy)")
     cert, key = certificate
     conf = changed(
         (HOSTING / "Caddyfile").read_text(),
@@ -102,20 +107,28 @@ def caddy(folder: Path, certificate: tuple[Path, Path], page: str, port: int) ->
     )
     options = "{\n\tadmin off\n\tauto_https disable_redirects\n}\n"
     (folder / "Caddyfile").write_text(options + conf)
-    return [program, "run", "--config", str(folder / "Caddyfile"), "--adapter", "caddyfile"]
+    return [
+        program("caddy"),
+        "run",
+        "--config",
+        str(folder / "Caddyfile"),
+        "--adapter",
+        "caddyfile",
+    ]
 
 
-@contextmanager
+@contextlib.contextmanager
 def behind(command: list[str], folder: Path, port: int) -> Iterator[None]:
     with (folder / "told").open("w") as told:
         proxy = subprocess.Popen(command, stdout=told, stderr=told, env={"HOME": str(folder)})
     try:
-        for _ in range(200):
+
+        def listens() -> bool:
             assert proxy.poll() is None, (folder / "told").read_text()
             with socket.socket() as one:
-                if one.connect_ex(("127.0.0.1", port)) == 0:
-                    break
-            time.sleep(0.1)
+                return one.connect_ex(("127.0.0.1", port)) == 0
+
+        until(listens)
         yield
     finally:
         proxy.terminate()
@@ -126,48 +139,32 @@ def behind(command: list[str], folder: Path, port: int) -> Iterator[None]:
             proxy.wait(5)
 
 
-@pytest.fixture
-def name_of_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The page's name leads to this machine."""
-    look_up = socket.getaddrinfo
+@pytest.mark.parametrize("proxy", [nginx, caddy])
+def test_behind_a_proxy_as_the_docs_say(proxy, certificate, weights, tmp_path, monkeypatch):
+    look_up, seen = socket.getaddrinfo, []
 
     def looked_up(host, *arguments, **options):
+        """The page's name leads to this machine."""
         return look_up("127.0.0.1" if host == NAME else host, *arguments, **options)
 
-    monkeypatch.setattr(socket, "getaddrinfo", looked_up)
-
-
-@pytest.fixture
-def seen(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Addresses of visitors who upload, as the page sees them."""
-    found: list[str] = []
-
     def noted(request) -> str:
-        found.append(address_of(request))
-        return found[-1]
+        """Addresses of visitors who upload, as the page sees them."""
+        seen.append(address_of(request))
+        return seen[-1]
 
+    monkeypatch.setattr(socket, "getaddrinfo", looked_up)
     monkeypatch.setattr(guard, "address_of", noted)
-    return found
-
-
-@pytest.mark.usefixtures("name_of_the_page")
-@pytest.mark.parametrize("proxy", [nginx, pytest.param(caddy, marks=pytest.mark.slow)])
-def test_behind_a_proxy_as_the_docs_say(
-    proxy: Command,
-    certificate: tuple[Path, Path],
-    weights: Path,
-    tmp_path: Path,
-    seen: list[str],
-) -> None:
     port = free_port()
     address = f"https://{NAME}:{port}/"
     trusted = ssl.create_default_context(cafile=str(certificate[0]))
+    monkeypatch.setenv("GRADIO_TEMP_DIR", "")  # launching sets it for the whole process
     settings = {"host_names": (NAME,), "accounts": (ACCOUNT,)}
+    config = AppConfig(port=0, weights=weights, temp=tmp_path / "page", **settings)
     save_motion(smooth_motion_example(45), tmp_path / "a.npz")
     motion = (tmp_path / "a.npz").read_bytes()
     sound = (30_000 * made_waveform(16_000 * 3)).astype("<i2").tobytes()
-    with served(weights, tmp_path / "page", **settings) as inside:
-        command = proxy(tmp_path, certificate, str(inside.base_url).rstrip("/"), port)
+    with contextlib.closing(launch(config, is_warmed_up=False)) as inside:
+        command = proxy(tmp_path, certificate, inside.local_url.rstrip("/"), port)
         with behind(command, tmp_path, port):
             stranger = httpx.Client(base_url=address, verify=trusted, timeout=20)
             assert stranger.get("config").status_code == 401

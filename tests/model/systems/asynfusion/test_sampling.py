@@ -1,13 +1,23 @@
+"""Branches that step at their own pace, in DDPM's own numbers and by hand."""
+
+import math
 from collections.abc import Sequence
 
 import pytest
 import torch
 
-from model.sampling.flow import interpolate, seeded_noise
-from model.systems.asynfusion.network import BRANCHES, EXPRESSION, DualBranchNetwork, FeatureBuffer
+from conventions.joints import FACE as FACE_JOINTS
+from model.sampling.flow import SpeechGuide, interpolate, seeded_noise
+from model.systems.asynfusion.network import (
+    BRANCHES,
+    EXPRESSION,
+    GESTURE,
+    DualBranchNetwork,
+    FeatureBuffer,
+)
 from model.systems.asynfusion.sampling import (
     WAYS,
-    Way,
+    GuidedNetwork,
     blended,
     flow_times,
     noise_of,
@@ -15,20 +25,57 @@ from model.systems.asynfusion.sampling import (
     trailing_steps,
     turns,
 )
-from tests.model.systems.asynfusion.made import BODY, FACE, made_conditions, made_pair, tiny_network
+from tests.model.systems.asynfusion.made import (
+    BODY,
+    FACE,
+    made_conditions,
+    made_pair,
+    made_streams,
+    tiny_network,
+)
+
+
+def kept_shares() -> list[float]:
+    """The cumulative products of DDPM, step by step."""
+    product, found = 1.0, []
+    for k in range(1000):
+        product *= 1 - (1e-4 + k * (0.02 - 1e-4) / 999)
+        found.append(product)
+    return found
+
+
+def test_flow_times_are_those_of_ddpms_linear_betas():
+    times = flow_times()
+    assert float(times[0]) == pytest.approx(0.990098, abs=1e-5)
+    assert float(times[999]) == pytest.approx(0.006313, abs=1e-5)
+    assert (times.diff() < 0).all()
+    for k, kept in enumerate(kept_shares()):
+        signal, noise = math.sqrt(kept), math.sqrt(1 - kept)
+        assert float(times[k]) == pytest.approx(signal / (signal + noise), abs=1e-5)
+
+
+@pytest.mark.parametrize(("step", "earlier"), [(999, 959), (500, 3), (20, 0)])
+def test_a_ddim_step_is_that_of_the_variance_preserving_process(step, earlier):
+    """Both in float64, so that only the algebra is compared."""
+    kept, times = kept_shares(), flow_times().double()
+    torch.manual_seed(step)
+    x_0, noise, told = torch.randn(3, 2, 5, 4, dtype=torch.float64)
+    scale, scale_earlier = (math.sqrt(kept[k]) + math.sqrt(1 - kept[k]) for k in (step, earlier))
+    x = math.sqrt(kept[step]) * x_0 + math.sqrt(1 - kept[step]) * noise  # eq. 5
+    eps = (x - math.sqrt(kept[step]) * told) / math.sqrt(1 - kept[step])
+    wanted = math.sqrt(kept[earlier]) * told + math.sqrt(1 - kept[earlier]) * eps
+
+    t, t_earlier = times[step].expand(2), times[earlier].expand(2)
+    x_t = interpolate(noise, x_0, t)
+    torch.testing.assert_close(x_t * scale, x, rtol=1e-5, atol=1e-6)
+    found = interpolate(noise_of(x_t, told, t), told, t_earlier)
+    torch.testing.assert_close(found * scale_earlier, wanted, rtol=1e-4, atol=1e-4)
 
 
 def noise(which: int, step: int) -> torch.Tensor:
     return torch.stack(
         [seeded_noise([7, k, which, step], (60, (FACE, BODY)[which])) for k in (0, 1)]
     )
-
-
-def asked(network: DualBranchNetwork) -> dict:
-    conditions = made_conditions()
-    x = made_pair(seed=3)
-    heard = network.hear(conditions.pop("speech"), conditions.pop("has_speech"))
-    return {"heard": heard, "seed": (x[0][:, :8], x[1][:, :8]), **conditions}
 
 
 def watched(network: DualBranchNetwork, monkeypatch: pytest.MonkeyPatch) -> list:
@@ -44,27 +91,25 @@ def watched(network: DualBranchNetwork, monkeypatch: pytest.MonkeyPatch) -> list
     return calls
 
 
-def test_turns_lie_at_even_distances():
-    assert turns(4, 8) == [0, 2, 4, 6] and turns(8, 8) == list(range(8))
-    assert turns(3, 8) == [0, 2, 5] and turns(1, 8) == [0]
-
-
-@pytest.mark.parametrize("kind", ["ddim", "lcm"])
-def test_equal_counts_are_the_usual_sampler(kind):
-    """Both branches together, step by step, without any buffer."""
-    network = tiny_network()
-    conditions = asked(network)
+@pytest.mark.parametrize("name", ["ddim", "lcm", "ddim-blend"])
+def test_equal_counts_are_the_usual_sampler(name):
+    """Both branches together, step by step, without any buffer; the last two steps are blended."""
+    network, way = tiny_network(), WAYS[name]
+    conditions = asked(network) | {"has_seed": torch.tensor([True, True])}
     x = noise(0, 0), noise(1, 0)
     times = [*flow_times()[trailing_steps(5)].tolist(), 1.0]
     for k in range(5):
         t = torch.full((2,), times[k]), torch.full((2,), times[k])
         found = network.evaluate(BRANCHES, x, t, {}, **conditions)
+        if way.blends and k >= 3:
+            found = {b: blended(conditions["seed"][b], found[b]) for b in BRANCHES}
         later = torch.full((2,), times[k + 1])
         kept = [
-            noise_of(x[b], found[b], t[b]) if kind == "ddim" else noise(b, k + 1) for b in BRANCHES
+            noise_of(x[b], found[b], t[b]) if way.kind == "ddim" else noise(b, k + 1)
+            for b in BRANCHES
         ]
         x = tuple(interpolate(kept[b], found[b], later) for b in BRANCHES)
-    made = sample(network, noise, (5, 5), Way(kind), **conditions)
+    made = sample(network, noise, (5, 5), way, **conditions)
     for which in BRANCHES:
         torch.testing.assert_close(made[which], x[which], atol=1e-5, rtol=1e-4)
 
@@ -119,31 +164,62 @@ def test_what_is_stale_is_the_last_step_of_the_idle_branch():
         torch.testing.assert_close(kept, buffer[at])
 
 
-def test_noise_does_not_depend_on_how_many_steps_are_taken():
-    network = tiny_network()
-    conditions = asked(network)
-    drawn: list[list[tuple[int, int]]] = []
-    for counts in ((2, 4), (4, 4), (4, 2)):
-        keys: list[tuple[int, int]] = []
-
-        def listed(which: int, step: int, keys=keys) -> torch.Tensor:
-            keys.append((which, step))
-            return noise(which, step)
-
-        sample(network, listed, counts, WAYS["lcm"], **conditions)
-        drawn.append(sorted(keys))
-        assert drawn[-1] == sorted((b, k) for b in BRANCHES for k in range(counts[b]))
-
-
 def test_blending_leads_from_the_window_before():
     before, clean = torch.zeros(1, 3, 2), torch.ones(1, 5, 2)
     found = blended(before, clean)
     torch.testing.assert_close(found[0, :, 0], torch.tensor([0.25, 0.5, 0.75, 1.0, 1.0]))
+
+
+NORMALISER = made_streams()[GESTURE].normaliser
+T = torch.tensor([0.2, 0.7]), torch.tensor([0.4, 0.7])
+
+
+def guide_of(strength: float) -> SpeechGuide:
+    return SpeechGuide(strength, NORMALISER, "axis-angle")
+
+
+@pytest.mark.parametrize("strength", [0.0, 2.5])
+def test_speech_moves_the_body_further_and_leaves_jaw_and_face(strength):
+    network, x_t, guide = tiny_network(), made_pair(), guide_of(strength)
+    seed = made_pair(seed=2)
+    told = made_conditions() | {"seed": (seed[0][:, :8], seed[1][:, :8])}
+    heard = network(x_t, T, **told)
+    deaf = network(x_t, T, **told | {"has_speech": torch.zeros(2, dtype=torch.bool)})
+    found = GuidedNetwork(network, guide).evaluate(BRANCHES, x_t, T, {}, **asked(network, guide))
+    torch.testing.assert_close(found[EXPRESSION], heard[EXPRESSION], atol=1e-5, rtol=1e-4)
+    body, with_speech, without = (
+        NORMALISER.restore(x) for x in (found[GESTURE], heard[GESTURE], deaf[GESTURE])
+    )
+    wanted = without + strength * (with_speech - without)
+    jaw = [3 * joint + k for joint in FACE_JOINTS for k in range(3)]
+    wanted[..., jaw] = with_speech[..., jaw]
+    torch.testing.assert_close(body, wanted, atol=1e-4, rtol=1e-4)
+
+
+@pytest.mark.parametrize("way", ["ddim", "lcm", "lcm-recomputed", "lcm-blend"])
+def test_at_1_every_way_of_sampling_is_that_of_the_network_alone(way):
     network = tiny_network()
-    conditions = asked(network) | {"has_seed": torch.tensor([True, True])}
-    plain = sample(network, noise, (2, 2), WAYS["ddim"], **conditions)
-    led = sample(network, noise, (2, 2), WAYS["ddim-blend"], **conditions)
-    nearer = [
-        (motion[1][:, 0] - conditions["seed"][1][:, 0]).abs().mean() for motion in (led, plain)
-    ]
-    assert nearer[0] < nearer[1]
+    conditions = asked(network, guide_of(1.0))
+    alone = sample(network, noise, (2, 4), WAYS[way], **conditions)
+    guided = sample(GuidedNetwork(network, guide_of(1.0)), noise, (2, 4), WAYS[way], **conditions)
+    for which in BRANCHES:
+        assert torch.equal(guided[which], alone[which])
+
+
+def asked(network: DualBranchNetwork, guide: SpeechGuide | None = None) -> dict:
+    guide = guide or guide_of(1.0)
+    conditions, seed = made_conditions(), made_pair(seed=2)
+    del conditions["has_speech"]
+    heard = network.hear(guide.twice(conditions.pop("speech")), guide.hears(2))
+    return {"heard": heard, "seed": (seed[0][:, :8], seed[1][:, :8]), **conditions}
+
+
+def test_steps_begin_at_pure_noise_and_lie_at_even_distances():
+    assert trailing_steps(25).tolist() == list(range(999, 0, -40))
+    assert trailing_steps(8).tolist() == [999, 874, 749, 624, 499, 374, 249, 124]
+    assert trailing_steps(1).tolist() == [999] and len(trailing_steps(1000)) == 1000
+    for count in (0, 1001):
+        with pytest.raises(ValueError, match=f"1000 diffusion steps; {count} cannot"):
+            trailing_steps(count)
+    assert turns(4, 8) == [0, 2, 4, 6] and turns(8, 8) == list(range(8))
+    assert turns(3, 8) == [0, 2, 5] and turns(1, 8) == [0]

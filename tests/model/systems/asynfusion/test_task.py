@@ -1,11 +1,17 @@
+"""The teacher's and the student's losses against the papers' equations, and short trainings."""
+
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 
 from conventions.joints import FACE as FACE_JOINTS
-from model.systems.asynfusion.config import DDIM, INTERACTIONS, LCM_SYNC, named_config
+from model.data.prepared import prepare
+from model.speech.features import MelEncoder
+from model.storage.cards import CheckpointError
+from model.systems.asynfusion.config import DDIM, LCM_SYNC, named_config
 from model.systems.asynfusion.sampling import flow_times
 from model.systems.asynfusion.task import (
     draw_steps,
@@ -16,10 +22,8 @@ from model.systems.asynfusion.task import (
     pseudo_huber,
 )
 from model.systems.registry import load_system
-from model.train import main
 from model.training import losses
-from model.training.loop import train
-from tests.model.made import make_data_folder
+from model.training.task import TaskSetup
 from tests.model.systems.asynfusion.made import (
     BODY,
     made_conditions,
@@ -27,70 +31,26 @@ from tests.model.systems.asynfusion.made import (
     made_streams,
     tiny_network,
 )
-from tests.model.training.made import killed_at
+from tests.model.training.made import (
+    FP32,
+    assert_equal_states,
+    killed_at,
+    log_of,
+    quick,
+    run,
+    state_of,
+)
 
 MEAN_WEIGHT = math.atan(1 / math.sqrt(0.1)) / math.sqrt(0.1)
 """Of 1 / ((1 - t)^2 + .1) over t."""
 
 
-def command(data, out, system, *more):
-    return main(
-        ["smoke", "--system", system, "--data", str(data), "--out", str(out), "--no-compile", *more]
-    )
-
-
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory):
-    """Data, the teacher's run, and the student's."""
+def trained(tmp_path_factory, data_folder):
+    """The teacher's run, and the student's."""
     root = tmp_path_factory.mktemp("trained")
-    data = make_data_folder(root / "data")
-    assert command(data, root / "teacher", DDIM, "--steps", "12") == 0
-    helpers = ["--helpers", str(root / "teacher" / "weights")]
-    assert command(data, root / "student", LCM_SYNC, "--steps", "6", *helpers) == 0
-    return data, root / "teacher", root / "student"
-
-
-def test_teacher_and_student_are_systems(trained):
-    _, teacher, student = trained
-    assert not load_system(DDIM, teacher / "weights").network.consistent
-    for name in (LCM_SYNC, "asynfusion/lcm-async"):
-        assert load_system(name, student / "weights").network.consistent
-
-
-def test_the_student_begins_as_its_teacher(trained, tmp_path):
-    data, teacher, _ = trained
-    helpers = ["--helpers", str(teacher / "weights")]
-    assert command(data, tmp_path / "run", LCM_SYNC, "--steps", "1", *helpers) == 0
-    taught = load_system(DDIM, teacher / "weights").network.state_dict()
-    begun = load_system(LCM_SYNC, tmp_path / "run" / "weights").network.state_dict()
-    for name, tensor in taught.items():
-        torch.testing.assert_close(begun[name], tensor, atol=1e-3, rtol=1e-2)
-
-
-@pytest.mark.parametrize("system", [DDIM, LCM_SYNC])
-def test_a_killed_and_resumed_run_equals_one_that_was_not(trained, tmp_path, system):
-    data, teacher, _ = trained
-    config = replace(named_config("smoke", system), steps=6, save_every=3, batch_size=2)
-
-    def run(name: str, **options) -> dict:
-        train(config, make_task, data, tmp_path / name, helpers=teacher / "weights", **options)
-        return torch.load(tmp_path / name / "state.pt", weights_only=True)
-
-    whole = run("whole")
-    with killed_at(5):
-        run("killed")
-    resumed = run("killed", resume=True)
-    assert resumed["step"] == whole["step"] == 6
-    for name, tensor in whole["average"].items():
-        assert torch.equal(resumed["average"][name], tensor), name
-
-
-def test_a_student_without_a_teacher_is_told_what_is_missing(trained, tmp_path, capsys):
-    data, _, _ = trained
-    (tmp_path / "empty").mkdir()
-    more = ["--helpers", str(tmp_path / "empty")]
-    assert command(data, tmp_path / "run", LCM_SYNC, *more) == 1
-    assert "asynfusion-ddim.json is missing" in capsys.readouterr().err
+    teacher = run(quick(DDIM), data_folder, root / "teacher")
+    return teacher, run(quick(LCM_SYNC), data_folder, root / "student", teacher / "weights")
 
 
 def test_branches_stand_at_steps_of_their_own_in_a_share_of_the_samples():
@@ -141,17 +101,6 @@ def test_feet_are_held_where_they_stand_and_the_more_so_the_nearer_to_the_data()
     assert not any(t.any() for t in foot_terms(weights, other, recorded, torch.rand(2)).values())
 
 
-@pytest.mark.parametrize("system", [DDIM, LCM_SYNC])
-def test_the_terms_on_feet_are_a_switch(trained, tmp_path, system):
-    data, teacher, _ = trained
-    more = ["--helpers", str(teacher / "weights"), "--steps", "2"]
-    assert command(data, tmp_path / "run", system, *more, "--set", "loss.contact=1") == 0
-    told = (tmp_path / "run" / "log.csv").read_text().splitlines()[0]
-    assert "contact" in told
-    usual = (teacher / "log.csv").read_text().splitlines()[0]
-    assert "contact" not in usual and "feet" not in usual
-
-
 @pytest.mark.parametrize("strength", [1.0, 2.5])
 def test_a_student_agrees_with_itself_after_a_step_of_its_guided_teacher(strength):
     config = replace(named_config("demo", LCM_SYNC), teacher_guidance=strength)
@@ -186,9 +135,39 @@ def test_consistency_is_zero_for_equal_windows_and_grows_like_a_distance():
     torch.testing.assert_close(pseudo_huber(a, a + 2), torch.full((3,), 1.9702), atol=1e-3, rtol=0)
 
 
-def test_every_interaction_is_a_setting():
-    for interaction in INTERACTIONS:
-        config = named_config("small", DDIM)
-        assert replace(config.network, interaction=interaction).interaction == interaction
+def test_teacher_and_student_are_systems(trained):
+    teacher, student = trained
+    assert not load_system(DDIM, teacher / "weights").network.consistent
+    for name in (LCM_SYNC, "asynfusion/lcm-async"):
+        assert load_system(name, student / "weights").network.consistent
+
+
+@pytest.mark.slow  # as the trainings of tests/model/test_train.py
+def test_a_killed_and_resumed_student_equals_one_that_was_not(trained, data_folder):
+    teacher, student = trained
+    out = student.with_name("killed")
+    with killed_at(1):
+        run(quick(LCM_SYNC), data_folder, out, teacher / "weights")
+    run(quick(LCM_SYNC), data_folder, out, teacher / "weights", resume=True)
+    assert_equal_states(state_of(out), state_of(student))
+
+
+def test_the_student_begins_as_its_teacher_and_terms_on_feet_are_a_switch(
+    trained, data_folder, tmp_path
+):
+    teacher, student = trained
+    data = prepare(data_folder, student.with_name("prepared-mel64"), MelEncoder())
+    usual = quick(LCM_SYNC)
+    feet = replace(usual, loss=replace(usual.loss, contact=1.0))
+    task = make_task(feet, data, TaskSetup(teacher / "weights"))
+    taught = load_system(DDIM, teacher / "weights").network.state_dict()
+    for name, tensor in task.network.state_dict().items():
+        assert torch.equal(tensor, taught[name]), name
+    rng = np.random.default_rng(0)
+    batch = data.window_batch(data.of_split("train"), 60, 2, rng, context=task.context)
+    parts = task.step_loss(task.network, batch, torch.Generator().manual_seed(0), FP32).parts
+    assert {*parts} - {"feet", "contact"} == {*parts} & {*log_of(student)[0]} != {*parts}
+    with pytest.raises(CheckpointError, match=r"asynfusion-ddim\.json is missing"):
+        make_task(usual, data, TaskSetup(tmp_path))
     with pytest.raises(ValueError, match="no config 'huge'; choose one of demo, small"):
         named_config("huge", DDIM)

@@ -1,40 +1,18 @@
+"""Faces that are drawn window by window, remembered, and led by a plan."""
+
 import pytest
 import torch
 
 from model.plan.tracks import NUM_FACE_TRACKS
 from model.systems.face.face import Face, FaceNetwork, load_face
-from tests.model.made import TINY_EXPRESSION, made_prior, make_weights
+from tests.model.made import TINY_EXPRESSION, made_prior
 
 HEARD = 60 + 2 * TINY_EXPRESSION.speech_context
 
 
 @pytest.fixture(scope="module")
-def face(tmp_path_factory) -> Face:
-    return load_face(make_weights(tmp_path_factory.mktemp("weights")))
-
-
-def test_a_face_is_drawn_anew_from_other_noise_and_stays_in_range(face):
-    speech = torch.randn(1, HEARD, 68)
-    one, other = (face.draw(speech, 1, None, face.noise(seed, 0))[0] for seed in (0, 1))
-    assert one.shape == (1, 60, 52)
-    assert one.min() >= 0 and one.max() <= 1
-    assert (one - other).abs().max() > 0.05
-    torch.testing.assert_close(one, face.draw(speech, 1, None, face.noise(0, 0))[0])
-
-
-def test_a_window_goes_on_from_the_one_before(face):
-    speech = torch.randn(1, HEARD, 68)
-    first, seed = face.draw(speech, 1, None, face.noise(0, 0))
-    after, _ = face.draw(speech, 1, seed, face.noise(0, 1))
-    assert (after[:, :8] - first[:, -8:]).abs().mean() < 0.2 * first.std()
-
-
-def test_windows_of_a_batch_do_not_mix(face):
-    speech = torch.randn(3, HEARD, 68)
-    noise = torch.cat([face.noise(0, k) for k in range(3)])
-    together, _ = face.draw(speech, 1, None, noise)
-    alone, _ = face.draw(speech[1:2], 1, None, noise[1:2])
-    torch.testing.assert_close(together[1:2], alone, atol=1e-4, rtol=1e-4)
+def face(weights) -> Face:
+    return load_face(weights)
 
 
 def test_a_face_that_was_drawn_is_remembered_and_no_other_taken_for_it(face, monkeypatch):
@@ -57,8 +35,8 @@ def test_a_face_that_was_drawn_is_remembered_and_no_other_taken_for_it(face, mon
     torch.testing.assert_close(face.window(speech, 1, None, 1, 0), alone[0])
 
 
-def test_a_plan_changes_the_face_and_is_remembered_beside_it(tmp_path):
-    face = load_face(make_weights(tmp_path))
+def test_a_plan_changes_the_face_and_is_remembered_beside_it(weights):
+    face = load_face(weights)
     speech = torch.randn(HEARD, 68)
     plan = torch.zeros(HEARD, NUM_FACE_TRACKS)
     plan[:, -1] = 1.0
@@ -100,3 +78,16 @@ def test_windows_are_faded_into_each_other(face):
     alone, _ = face.draw(speech[None], 1, seed, face.noise(5, 1))
     torch.testing.assert_close(after[8:], alone[0, 8:])
     assert (after[0] - first[-8]).abs().max() < 0.02 + 0.1 * (alone[0, 0] - first[-8]).abs().max()
+
+
+def test_a_face_is_drawn_anew_from_other_noise_stays_in_range_and_goes_on(face):
+    speech = torch.randn(3, HEARD, 68)
+    noise = torch.cat([face.noise(k, 0) for k in (0, 1, 0)])
+    first, seed = face.draw(speech, 1, None, noise)
+    assert first.shape == (3, 60, 52) and first.min() >= 0 and first.max() <= 1
+    alone, _ = face.draw(speech[:1], 1, None, noise[:1])
+    torch.testing.assert_close(first[:1], alone, atol=1e-4, rtol=1e-4)
+    other, _ = face.draw(speech[:1], 1, None, noise[1:2])
+    assert (other - alone).abs().max() > 0.05
+    after, _ = face.draw(speech, 1, seed, torch.cat([face.noise(k, 1) for k in (0, 1, 0)]))
+    assert (after[:, :8] - first[:, -8:]).abs().mean() < 0.2 * first.std()

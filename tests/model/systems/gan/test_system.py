@@ -1,3 +1,5 @@
+"""The systems of one generator: steps, solvers, samples, streams and guidance."""
+
 import itertools
 from dataclasses import replace
 
@@ -7,20 +9,15 @@ import torch
 
 from model.generation.base import Draw
 from model.generation.stitching import SpeechStream
-from model.generation.windows import GenerateOptions, generate_motion, stream_motion
+from model.generation.windows import GenerateOptions, generate_motion
 from model.storage.cards import CheckpointError
-from model.systems.gan.config import SOLVERS, STEP_COUNTS, SYSTEMS
+from model.systems.gan.config import SOLVERS, SYSTEMS
 from model.systems.gan.system import GanSystem
 from model.systems.registry import list_systems, load_system
 from tests.model.made import made_speech
 from tests.model.systems.gan.made_generator import make_gan_weights
 
-SPEECH = made_speech(16_000 * 5)
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return make_gan_weights(tmp_path_factory.mktemp("gan"))
+SPEECH = made_speech(32_000)
 
 
 @pytest.fixture(scope="module")
@@ -30,22 +27,21 @@ def system(folder) -> GanSystem:
     return found
 
 
+@pytest.fixture(scope="module")
+def folder(made_once):
+    return made_once("gan", make_gan_weights)
+
+
 def test_three_systems_move_with_one_network_in_their_own_numbers_of_steps(folder):
     assert list_systems(folder) == tuple(SYSTEMS)
     loaded = [load_system(name, folder) for name in SYSTEMS]
     assert [one.samplers[0].steps for one in loaded] == [20, 10, 5]
     assert all(one.sha256s == loaded[0].sha256s for one in loaded)
     moved = [generate_motion(one, SPEECH, GenerateOptions("ann"))[0].poses for one in loaded]
+    assert len(moved[0]) == 60 and np.abs(np.diff(moved[0], axis=0)).mean() > 1e-4
     asked = generate_motion(loaded[0], SPEECH, GenerateOptions("ann", steps=5))[0].poses
     assert np.abs(moved[0] - moved[2]).max() > 0.01
     np.testing.assert_array_equal(asked, moved[2])
-
-
-@pytest.mark.parametrize("steps", STEP_COUNTS)
-def test_every_number_of_steps_of_the_paper_gives_motion(system, steps):
-    (motion,) = generate_motion(system, SPEECH, GenerateOptions("ann", steps=steps))
-    assert motion.num_frames == 150 and np.isfinite(motion.poses).all()
-    assert np.abs(np.diff(motion.poses, axis=0)).mean() > 1e-4
 
 
 def test_every_solver_follows_the_mean_instead_of_drawing(system, monkeypatch):
@@ -61,38 +57,13 @@ def test_every_solver_follows_the_mean_instead_of_drawing(system, monkeypatch):
     np.testing.assert_array_equal(again[0].poses, made["ddim"])
 
 
-def test_a_sample_does_not_depend_on_those_beside_it(system):
-    options = GenerateOptions("ann", seed=3)
-    (alone,) = generate_motion(system, SPEECH, options)
-    beside = generate_motion(system, SPEECH, replace(options, samples=3))
-    np.testing.assert_allclose(beside[0].poses, alone.poses, atol=1e-4)
-    assert np.abs(beside[1].poses - alone.poses).max() > 0.01
-    (again,) = generate_motion(system, SPEECH, options)
-    np.testing.assert_array_equal(again.poses, alone.poses)
-    (other,) = generate_motion(system, SPEECH, replace(options, seed=4))
-    assert np.abs(other.poses - alone.poses).max() > 0.01
-
-
 def test_noise_of_every_step_window_and_sample_is_its_own(system):
     draw = Draw(1, seed=5, samples=2, index=0, sampler="posterior", steps=5, guidance=1.0)
     drawn = [system.step_noise(replace(draw, index=i), k) for i in (0, 1) for k in (1, 2)]
     numbers = torch.cat([*drawn, draw.noise((60, 168))[:, None]], dim=1).flatten(0, 1).flatten(1)
     assert (torch.corrcoef(numbers) - torch.eye(len(numbers))).abs().max() < 0.06
     assert torch.equal(system.step_noise(replace(draw, samples=1), 2), drawn[1][:1])
-
-
-def test_streamed_motion_equals_that_of_the_whole(system):
-    options = GenerateOptions("ann", samples=2)
-    whole = generate_motion(system, SPEECH, options)
-    cut = system.windowing
-    features = torch.from_numpy(system.encoder.encode(SPEECH.waveform, 164))
-    pieces = list(stream_motion(system, features.split(7), options))
-    assert cut.frames + 2 * cut.advance == 164 and len(pieces) > 2
-    for sample in (0, 1):
-        poses = np.concatenate([piece[sample].poses for piece in pieces])[:150]
-        trans = np.concatenate([piece[sample].trans for piece in pieces])[:150]
-        np.testing.assert_allclose(poses, whole[sample].poses, atol=1e-5)
-        np.testing.assert_allclose(trans, whole[sample].trans, atol=1e-5)
+    assert not torch.equal(system.step_noise(replace(draw, seed=6), 2), drawn[1])
 
 
 def test_a_window_goes_on_from_the_one_before(system):

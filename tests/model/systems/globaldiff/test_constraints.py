@@ -1,3 +1,5 @@
+"""The paper's constraints in closed form, and bodies that are led home."""
+
 import torch
 from torch import Tensor
 
@@ -9,6 +11,7 @@ from model.motion.kinematics import (
 )
 from model.motion.rotations import matrix_from_axis_angle
 from model.systems.globaldiff import constraints
+from model.systems.globaldiff.system import led_home
 from model.training.losses import position_loss
 from tests.helpers import random_local_rotations
 
@@ -50,20 +53,6 @@ def test_anchor_gradient_of_a_twist_is_about_its_axis():
     rotmat[:, :, TIP] = target[:, :, TIP] @ twist
     constraints.joint_structure_loss(rotmat, target, ANCHORS).sum().backward()
     assert angle.grad is not None and angle.grad > 1e-6
-
-
-def test_the_six_anchors_span_space():
-    assert torch.linalg.matrix_rank(ANCHORS) == 3
-    assert ANCHORS.shape == (6, 3)
-    torch.testing.assert_close(ANCHORS.norm(dim=-1), torch.full((6,), 0.05))
-
-
-def test_collinear_anchors_would_miss_a_twist_about_their_line():
-    line = 0.05 * torch.tensor([[1.0, 0, 0], [-1, 0, 0]])
-    target = rotations()
-    twisted = turned(target, [0.5, 0, 0], joint=TIP)
-    loss = constraints.joint_structure_loss(twisted, target, line)
-    torch.testing.assert_close(loss, torch.zeros(2), atol=1e-12, rtol=0)
 
 
 def test_skeleton_loss_equals_the_matrices_of_equation_13():
@@ -113,38 +102,18 @@ def test_temporal_loss_weighs_scales_alike_and_samples_apart():
     torch.testing.assert_close(loss, torch.tensor([1.0, 4.0]))
 
 
-def _position_gradients(noise: float) -> tuple[Tensor, Tensor]:
-    """Length of the position loss's gradient to a small turn of each joint: local, global FK.
-
-    Both see the same wrong pose: local rotations with independent errors of ``noise`` radians.
-    """
-    skeleton = open_body_skeleton()
-    local = torch.eye(3).expand(200, 1, 55, 3, 3)
-    generator = torch.Generator().manual_seed(0)
-    error = noise * torch.randn(200, 1, 55, 3, generator=generator)
-    wrong = matrix_from_axis_angle(error)
-    target = joint_positions_from_global(local, skeleton)
-
-    def lengths(rotmat: Tensor, to_global) -> Tensor:
-        turn = torch.zeros(200, 1, 55, 3, requires_grad=True)
-        moved = to_global(rotmat @ matrix_from_axis_angle(turn))
-        positions = joint_positions_from_global(moved, skeleton)
-        position_loss(positions, target).sum().backward()
-        assert turn.grad is not None
-        return turn.grad.norm(dim=-1).mean((0, 1))
-
-    return lengths(wrong, global_from_local), lengths(global_from_local(wrong), lambda r: r)
+HOME_S = 40.0
 
 
-def test_position_gradients_are_more_even_over_joints_with_global_rotations():
-    """The paper's stability claim: local FK piles the whole body's error onto the root's gradient.
-
-    Joints whose gradient is zero in both (the leaves) are left out.
-    """
-    local, other = _position_gradients(0.1)
-    inner = (local > 1e-9) & (other > 1e-9)
-    assert int(inner.sum()) == len({parent for parent in PARENTS if parent >= 0})
-    spread = [float(g[inner].max() / g[inner].median()) for g in (local, other)]
-    assert spread[0] > 3 * spread[1]  # 283 and 60 at 0.1 rad
-    chain = [JOINT_INDEX[n] for n in ("pelvis", "spine2", "right_shoulder", "right_wrist")]
-    assert (local[chain].diff() < 0).all()  # falls with depth
+def test_a_body_is_led_back_by_its_share_of_the_way_and_only_sideways():
+    vectors = torch.randn(2, 60, 168)
+    home = led_home(vectors, 8, HOME_S)
+    torch.testing.assert_close(home[:, :8], vectors[:, :8])
+    torch.testing.assert_close(home[..., :-3], vectors[..., :-3])
+    torch.testing.assert_close(home[..., -2], vectors[..., -2])  # its height
+    away = vectors[:, 7][:, [-3, -1]]
+    led = (vectors - home)[..., [-3, -1]]
+    torch.testing.assert_close(led[:, -1], away * 52 / 30 / HOME_S, rtol=2e-3, atol=1e-5)
+    assert (led.diff(dim=1).sign()[:, 8:] == away.sign()[:, None]).all()
+    assert led[:, 8].abs().max() < 1e-4 * away.abs().max()  # it begins and ends without a jerk
+    assert (led[:, -1] - led[:, -2]).abs().max() < 1e-4 * away.abs().max()

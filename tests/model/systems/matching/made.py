@@ -13,7 +13,6 @@ from model.motion.motion import Motion
 from model.networks.config import MatchingConfig
 from model.storage.checkpoint import save_weights
 from model.systems.matching.config import HEARING_JUDGE, MatchingTrainConfig, named_config
-from model.systems.matching.network import MatchingJudge
 from model.systems.matching.task import make_task
 from model.training.task import DescentTask, TaskSetup
 from tests.helpers import smooth_motion_example
@@ -87,17 +86,8 @@ def trained(folder: Path, steps: int = 60) -> tuple[DescentTask, PreparedData]:
     return task, data
 
 
-def save_task(task: DescentTask, folder: Path) -> None:
+def make_judge(folder: Path) -> None:
     """The files of a trained judge."""
-    _save(task.export(), folder)
-
-
-def save_judge(judge: MatchingJudge, folder: Path) -> None:
-    """The files of a judge once more."""
-    tensors = {f"network.{name}": t for name, t in judge.network.state_dict().items()}
-    _save(tensors | judge.normaliser.tensors(), folder)
-
-
-def _save(tensors: dict[str, torch.Tensor], folder: Path) -> None:
+    task, _ = trained(folder)
     card = {"config": {"matching": vars(SHAPE)}, "speakers": {}}
-    save_weights(folder, HEARING_JUDGE, tensors, card)
+    save_weights(folder, HEARING_JUDGE, task.export(), card)

@@ -64,17 +64,6 @@ def test_windows_begin_where_the_authors_script_has_them():
     assert not windows[2, rest:].any()  # silence after the end
 
 
-def test_features_are_stretched_as_the_authors_do():
-    with np.load(official_folder() / "reference-rotations.npz") as wanted:
-        found = resampled(torch.from_numpy(wanted["resample_in"]))
-        np.testing.assert_allclose(found.numpy(), wanted["resample_out"], atol=1e-6)
-
-
-def test_features_are_stretched_from_end_to_end():
-    line = torch.arange(99.0)[None, :, None]
-    np.testing.assert_allclose(resampled(line)[0, :, 0], np.arange(60) * 98 / 59, rtol=1e-5)
-
-
 @pytest.mark.parametrize("kind", ["WavLM", "Hubert"])
 def test_a_model_hears_each_window_on_its_own(tmp_path, kind):
     encoder = official_encoder(_save_tiny(tmp_path, kind))
@@ -107,13 +96,6 @@ def test_models_that_the_networks_do_not_know_are_told(tmp_path):
         official_encoder(tmp_path)
 
 
-def test_without_anything_to_hear_by_it_says_what_to_give(monkeypatch):
-    for name in ("OFFICIAL_FEATURES", "WAVLM_DIR"):
-        monkeypatch.delenv(name, raising=False)
-    with pytest.raises(EncoderError, match="with --official-features PATH"):
-        official_encoder()
-
-
 def test_prepared_features_are_those_of_one_speech(tmp_path, monkeypatch):
     windows = made("windows", (3, 60, SPEECH_DIM)).numpy()
     np.savez(tmp_path / "clip.npz", features=windows)
@@ -127,12 +109,6 @@ def test_prepared_features_are_those_of_one_speech(tmp_path, monkeypatch):
         encoder.encode(made_waveform(100), 3)
     np.save(tmp_path / "two.npy", windows[:2])
     assert official_encoder(tmp_path / "two.npy").encode(made_waveform(100), 3).shape == (3, 2048)
-
-
-def test_features_may_be_as_the_model_gives_them(tmp_path):
-    raw = made("raw", (2, 99, SPEECH_DIM))
-    np.save(tmp_path / "raw.npy", raw.numpy())
-    torch.testing.assert_close(read_features(tmp_path / "raw.npy"), resampled(raw))
 
 
 @pytest.mark.parametrize(
@@ -149,3 +125,21 @@ def test_other_arrays_are_refused(tmp_path, content, told):
     np.save(tmp_path / "file.npy", content, allow_pickle=True)
     with pytest.raises(EncoderError, match=told):
         read_features(tmp_path / "file.npy")
+
+
+def test_features_are_stretched_from_end_to_end_as_the_authors_do(tmp_path):
+    line = torch.arange(99.0)[None, :, None]
+    np.testing.assert_allclose(resampled(line)[0, :, 0], np.arange(60) * 98 / 59, rtol=1e-5)
+    raw = made("raw", (2, 99, SPEECH_DIM))  # as the model gives them
+    np.save(tmp_path / "raw.npy", raw.numpy())
+    torch.testing.assert_close(read_features(tmp_path / "raw.npy"), resampled(raw))
+    with np.load(official_folder() / "reference-rotations.npz") as wanted:
+        found = resampled(torch.from_numpy(wanted["resample_in"]))
+        np.testing.assert_allclose(found.numpy(), wanted["resample_out"], atol=1e-6)
+
+
+def test_without_anything_to_hear_by_it_says_what_to_give(monkeypatch):
+    for name in ("OFFICIAL_FEATURES", "WAVLM_DIR"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(EncoderError, match="with --official-features PATH"):
+        official_encoder()

@@ -1,3 +1,7 @@
+"""A system that performs plans, its training, and the data that it is trained on."""
+
+import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -6,6 +10,9 @@ import torch
 from torch import Tensor
 
 from conventions.joints import JOINT_INDEX
+from model.data.annotated import prepare_plans
+from model.data.prepared import prepare
+from model.data.recordings import DataError
 from model.generation.windows import (
     GenerateOptions,
     draw_of,
@@ -14,40 +21,35 @@ from model.generation.windows import (
     stream_motion,
 )
 from model.plan.plan import read_plan
+from model.speech.features import MelEncoder
 from model.storage.cards import CheckpointError
 from model.systems.planned.config import PLANNED, PLANNER
 from model.systems.planned.system import PlannedSystem
 from model.systems.registry import list_systems, load_system
-from tests.model.made import TINY_BEST, made_speech, make_weights
+from tests.helpers import smooth_motion_example
+from tests.model.made import made_speech
 from tests.model.plan.made import made_plan
-from tests.model.systems.planned.made import make_planned_weights
+from tests.model.training.made import quick, run
 
-SPEECH = made_speech(16_000 * 5)
-OPTIONS = GenerateOptions("ann", seed=3)
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return make_planned_weights(tmp_path_factory.mktemp("planned"))
+SPEECH = made_speech(40_000)
+OPTIONS = GenerateOptions("ann", seed=3, steps=2)
 
 
 @pytest.fixture(scope="module")
-def system(folder) -> PlannedSystem:
-    found = load_system(PLANNED, folder)
+def system(planned_weights) -> PlannedSystem:
+    found = load_system(PLANNED, planned_weights)
     assert isinstance(found, PlannedSystem)
     return found
 
 
-def test_it_moves_for_as_long_as_the_speech(folder, system):
-    assert list_systems(folder) == (PLANNED,)
-    assert set(system.sha256s) == {PLANNED, PLANNER, "expression"}
-    (motion,) = generate_motion(system, SPEECH, OPTIONS)
-    assert motion.num_frames == 150 and np.isfinite(motion.poses).all()
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    return tmp_path_factory.mktemp("planned")
 
 
 def test_a_plan_given_back_gives_the_same_motion(system, tmp_path):
     (plan,) = draw_plans(system, SPEECH, OPTIONS)
-    assert plan.duration_s == 5.0 and len(plan.right) > 3
+    assert plan.duration_s == 2.5 and len(plan.right) > 3
     plan.write(tmp_path / "plan.json")
     told = replace(OPTIONS, plans=(read_plan(tmp_path / "plan.json"),))
     (drawn,), (given,) = (generate_motion(system, SPEECH, o) for o in (OPTIONS, told))
@@ -55,14 +57,6 @@ def test_a_plan_given_back_gives_the_same_motion(system, tmp_path):
     np.testing.assert_allclose(given.poses, drawn.poses, atol=5e-3)
     again = replace(OPTIONS, plans=(plan,))
     np.testing.assert_array_equal(generate_motion(system, SPEECH, again)[0].poses, drawn.poses)
-
-
-def test_another_plan_gives_other_motion(system):
-    one, other = (
-        generate_motion(system, SPEECH, replace(OPTIONS, plans=(plan,)))[0]
-        for plan in (made_plan(), made_plan().at_speed(1.5))
-    )
-    assert np.abs(one.poses - other.poses).max() > 1e-3
 
 
 def test_each_sample_performs_a_plan_of_its_own(system):
@@ -77,19 +71,6 @@ def test_each_sample_performs_a_plan_of_its_own(system):
     shared = replace(options, plans=plans[:1])
     same = generate_motion(system, SPEECH, shared)
     assert np.abs(same[0].poses - same[1].poses).max() > 1e-3  # their noise differs still
-
-
-def test_plans_are_as_many_as_samples_or_one(system):
-    with pytest.raises(ValueError, match="2 plans for 3 samples"):
-        replace(OPTIONS, samples=3, plans=(made_plan(), made_plan()))
-
-
-def test_progress_and_guidance_are_told(system):
-    seen: list[float] = []
-    generate_motion(system, SPEECH, replace(OPTIONS, samples=2), seen.append)
-    assert seen == sorted(seen) and seen[-1] == 1.0
-    deaf, strong = (draw_plans(system, SPEECH, replace(OPTIONS, guidance=g))[0] for g in (0.0, 4.0))
-    assert deaf != strong
 
 
 def test_chance_moves_the_trunk_more_than_the_arms_and_hides_no_speaker_from_what_hears(system):
@@ -111,32 +92,91 @@ def test_chance_moves_the_trunk_more_than_the_arms_and_hides_no_speaker_from_wha
     assert draw.speaker > 0
 
 
-def test_what_needs_whole_speech_is_not_streamed(system):
+def test_parts_that_do_not_belong_together_are_refused(planned_weights, monkeypatch):
+    from model.systems.planned import system as module
+
+    planner = module.load_planner(planned_weights)
+    other = replace(planner, kinds=replace(planner.kinds, names=("one", "two")))
+    monkeypatch.setattr(module, "load_planner", lambda folder: other)
+    with pytest.raises(CheckpointError, match="trained on other gestures"):
+        module.load(PLANNED, planned_weights)
+
+
+def test_it_moves_for_as_long_as_the_speech_by_its_plan_and_guidance(planned_weights, system):
+    assert list_systems(planned_weights) == (PLANNED,)
+    assert set(system.sha256s) == {PLANNED, PLANNER, "expression"}
+    seen: list[float] = []
+    one, other = (
+        generate_motion(system, SPEECH, replace(OPTIONS, plans=(plan,)), seen.append)[0]
+        for plan in (made_plan(), made_plan().at_speed(1.5))
+    )
+    assert one.num_frames == 75 and np.isfinite(one.poses).all()
+    assert np.abs(one.poses - other.poses).max() > 1e-3
+    seen = seen[: len(seen) // 2]
+    assert seen == sorted(seen) and seen[-1] == 1.0
+    deaf, strong = (draw_plans(system, SPEECH, replace(OPTIONS, guidance=g))[0] for g in (0.0, 4.0))
+    assert deaf != strong
+
+
+def test_what_cannot_be_planned_or_streamed_is_refused(system, weights):
+    with pytest.raises(ValueError, match="2 plans for 3 samples"):
+        replace(OPTIONS, samples=3, plans=(made_plan(), made_plan()))
     with pytest.raises(ValueError, match="plans all of the speech first"):
         list(stream_motion(system, [], OPTIONS))
-
-
-def test_it_is_left_out_where_features_alone_are_told(system):
-    motion = generate_motion(system, SPEECH, OPTIONS)[0]
-    tracks = {"right": system.encoder.encode(SPEECH.waveform, 150)}
-    assert system.predict_with(motion, tracks, 1, 8) is None
-
-
-def test_a_system_that_does_not_plan_refuses_plans(tmp_path):
-    other = load_system(
-        "workbench/priorflow", make_weights(tmp_path, {"workbench/priorflow": TINY_BEST})
-    )
+    motion = smooth_motion_example(75)
+    tracks = {"right": system.encoder.encode(SPEECH.waveform, 75)}
+    assert system.predict_with(motion, tracks, 1, 8) is None  # features alone
+    other = load_system("globaldiff/local", weights)
     with pytest.raises(ValueError, match="performs no plans"):
         generate_motion(other, SPEECH, replace(OPTIONS, plans=(made_plan(),)))
     with pytest.raises(ValueError, match="performs no plans"):
         draw_plans(other, SPEECH, OPTIONS)
 
 
-def test_parts_that_do_not_belong_together_are_refused(folder, monkeypatch):
-    from model.systems.planned import system as module
+def test_what_was_trained_performs(root, annotated_folder, tmp_path):
+    for name in ("expression", PLANNER, PLANNED):
+        changes = {"plan_dropout": 0.5} if name == "expression" else {}
+        out = run(quick(name, **changes), annotated_folder, root / name.replace("/", "-"))
+        for path in (out / "weights").iterdir():
+            shutil.copy(path, tmp_path)
+    system = load_system(PLANNED, tmp_path)
+    assert system.face.network.plan.out.weight.any()
+    assert system.plans and system.speakers == {"ann": 1, "bob": 2}
+    card = json.loads((tmp_path / "planner.json").read_text())
+    assert card["validation"]["right"] > 0 and card["validation"]["right mark"] != 0
 
-    planner = module.load_planner(folder)
-    other = replace(planner, kinds=replace(planner.kinds, names=("one", "two")))
-    monkeypatch.setattr(module, "load_planner", lambda folder: other)
-    with pytest.raises(CheckpointError, match="trained on other gestures"):
-        module.load(PLANNED, folder)
+
+def test_data_without_plans_is_refused_in_a_sentence(root, data_folder):
+    with pytest.raises(DataError, match="1_ann_0_0_0 has no annotated plan"):
+        run(quick(PLANNER), data_folder, root / "none" / "out")
+
+
+def test_windows_of_plans_are_those_of_their_clips_and_keep_time_with_faster_copies(
+    root, annotated_folder
+):
+    data = prepare(annotated_folder, root / "copies", MelEncoder(), augmented_copies=1)
+    plans = prepare_plans(data, 4)
+    clips = data.of_split("train")
+    batch = data.window_batch(clips, 60, 8, np.random.default_rng(0), context=5)
+    tracks, kinds = plans.of(batch, 5)
+    assert tracks.shape == (8, 70, 29) and kinds.shape == (8, 70, 2)
+    np.testing.assert_array_equal(tracks[:, 5:-5], plans.tracks[batch.frames])
+    at_start = batch.frames.copy()
+    at_start[0] = clips[-1].start + np.arange(60)
+    held, _ = plans.of(replace(batch, frames=at_start), 5)
+    np.testing.assert_array_equal(held[0, :6], np.repeat(plans.tracks[[clips[-1].start]], 6, 0))
+    assert set(np.unique(plans.kinds[: data.clips[0].stop])) == {0, plans.table.place("offer")}
+    events = plans.events(batch)
+    assert events.event["right"].shape == (8, 60)
+    for row, frames in enumerate(batch.frames):
+        clip = next(k for k, c in enumerate(data.clips) if c.start <= frames[0] < c.stop)
+        begins = [b.frame + data.clips[clip].start for b in plans.chains[clip]["right"][1:]]
+        expected = [frame in begins for frame in frames]
+        assert (events.event["right"][row] > 0).tolist() == expected
+    with pytest.raises(ValueError, match="mirror=0"):
+        plans.of(batch.mirror(torch.ones(8, dtype=torch.bool)), 0)
+    plain, copy = (next(k for k, c in enumerate(data.clips) if c.copy == n) for n in (0, 1))
+    assert data.clips[plain].name == data.clips[copy].name
+    speed = data.clips[plain].num_frames / data.clips[copy].num_frames
+    for one, other in zip(plans.chains[plain]["right"], plans.chains[copy]["right"], strict=True):
+        assert other.frame == pytest.approx(one.frame / speed, abs=1.5)

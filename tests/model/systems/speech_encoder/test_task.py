@@ -1,3 +1,5 @@
+"""The speech encoder learns what is annotated, and planners hear by it."""
+
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -7,48 +9,28 @@ import pytest
 import torch
 
 from model.data.annotated import annotated_speech, prepare_plans
-from model.data.prepared import PreparedData, prepare
+from model.data.prepared import prepare
 from model.data.recordings import DataError
 from model.networks.speech_codes import Reading, load_codes
 from model.speech.codes import PHONES, SPEECH_ENCODER, TOLD
 from model.speech.features import MelEncoder
-from model.storage.cards import BUNDLED_WEIGHTS
 from model.systems.planned.config import PLANNER, PlannerConfig
-from model.systems.registry import family_of
 from model.systems.speech_encoder.task import terms
-from model.training.loop import train
 from model.training.task import Start
-from tests.model.systems.speech_encoder.made import (
-    SPOKEN,
-    make_encoder_weights,
-    make_spoken_folder,
-)
-
-QUICK = {"steps": 6, "save_every": 6, "validate_every": 6, "warmup_steps": 2, "batch_size": 2}
+from tests.model.systems.speech_encoder.made import SPOKEN, make_encoder_weights, make_spoken_folder
+from tests.model.training.made import log_of, quick, run
 
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Annotated data, and beside it an encoder that was trained on it."""
     root = tmp_path_factory.mktemp("spoken")
-    make_spoken_folder(root / "data")
-    learn(SPEECH_ENCODER, root, root / "encoder")
+    run(quick(SPEECH_ENCODER), make_spoken_folder(root / "data"), root / "encoder")
     return root
 
 
-def learn(name: str, root: Path, out: Path, **settings) -> None:
-    family = family_of(name)
-    config = replace(family.config("smoke", name), **QUICK, augmented_copies=1)
-    config = replace(config, **settings.pop("config", {}))
-    train(config, family.make_task, root / "data", out, **({"helpers": BUNDLED_WEIGHTS} | settings))
-
-
-def prepared(root: Path) -> PreparedData:
-    return prepare(root / "data", root / "prepared-mel64", MelEncoder(), augmented_copies=1)
-
-
 def test_frames_are_told_what_is_annotated_at_the_speed_of_each_copy(root):
-    data = prepared(root)
+    data = prepare(root / "data", root / "copies", MelEncoder(), augmented_copies=1)
     plans = prepare_plans(data, 4)
     table = replace(plans.table, struck={"whole": 0.75})
     spoken = annotated_speech(data, replace(plans, table=table))
@@ -99,19 +81,13 @@ def test_losses_are_those_of_what_is_right():
 
 def test_a_planner_begins_with_weights_that_heard_no_codes(root, tmp_path):
     shape = PlannerConfig(width=16, head_width=16, window_frames=60)
-    learn(PLANNER, root, root / "deaf", config={"planner": shape})
+    deaf = run(quick(PLANNER, planner=shape), root / "data", root / "deaf")
     make_encoder_weights(tmp_path)
-    learn(
-        PLANNER, root, root / "more", helpers=tmp_path, start=Start(root / "deaf/weights", PLANNER),
-        config={"planner": replace(shape, codes=8), "learning_rate": 0.0},
-    )  # fmt: skip
-    cards = [
-        json.loads((root / name / "weights" / "planner.json").read_text())
-        for name in ("deaf", "more")
-    ]
-    assert cards[0]["validation"]["total"] == pytest.approx(
-        cards[1]["validation"]["total"], rel=1e-2
-    )
+    more = quick(PLANNER, planner=replace(shape, codes=8), learning_rate=0.0, weight_decay=0.0)
+    start = Start(deaf / "weights", PLANNER)
+    heard = run(more, root / "data", root / "more", tmp_path, start=start)
+    totals = [log_of(out, "val")[0]["total"] for out in (deaf, heard)]
+    assert float(totals[1]) == pytest.approx(float(totals[0]), rel=1e-4)
 
 
 @pytest.mark.parametrize("tiers", [("words",), ("words", "phones")])
@@ -119,4 +95,4 @@ def test_data_that_tells_too_little_is_refused_in_a_sentence(tmp_path, tiers):
     make_spoken_folder(tmp_path / "data", *SPOKEN[: len(tiers)])
     missing = "phones" if len(tiers) == 1 else "accents"
     with pytest.raises(DataError, match=f"No TextGrid of data has a tier of {missing}"):
-        learn(SPEECH_ENCODER, tmp_path, tmp_path / "out")
+        run(quick(SPEECH_ENCODER), tmp_path / "data", tmp_path / "out")

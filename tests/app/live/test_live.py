@@ -1,0 +1,489 @@
+"""Live sessions: sound in, frames out, the last minute kept, and places for all."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from app.errors import RunError
+from app.live import session as limits
+from app.live import sessions as module
+from app.live.minute import KEPT_FRAMES, LastMinute, LastPlan
+from app.live.session import (
+    MAX_SOUND_BYTES,
+    LiveAsk,
+    LiveSession,
+    check_live,
+    read_sound,
+    why_less,
+)
+from app.live.sessions import LiveSessions
+from app.live.told_plan import told_plan
+from app.run.models import get_system
+from app.run.pieces import HEADER, NUM_FACES, frames_message
+from model.generation.base import PlannedAhead
+from model.generation.live import LiveMotion
+from model.generation.windows import GenerateOptions
+from model.plan.plan import PHASES, Blink, GesturePlan, HandPhase, Look, Nod, Stand
+from model.plan.style import Manner
+from model.sampling.samplers import UnknownNameError
+from model.speech.causal import CausalMel
+from tests.helpers import smooth_motion_example
+from tests.model.made import made_waveform
+from tests.model.plan.made import phase
+
+ASK = LiveAsk("globaldiff/global", "ann", seed=2)
+SECOND = bytes(32_000)
+"""Of silence."""
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def sound(seconds: float, size: int = 4000) -> list[bytes]:
+    samples = (30_000 * made_waveform(round(16_000 * seconds))).astype("<i2")
+    return [samples[k : k + size].tobytes() for k in range(0, len(samples), size)]
+
+
+@pytest.fixture
+def told() -> list[Any]:
+    return []
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def session(weights: Path, told: list[Any], clock: Clock) -> LiveSession:
+    return LiveSession(get_system(ASK.system, weights), ASK, "mine", told.append, clock)
+
+
+@pytest.fixture
+def planning(planned_weights: Path, told: list[Any], clock: Clock) -> LiveSession:
+    system = get_system("workbench/planned", planned_weights)
+    check_live(system)
+    ask = LiveAsk("workbench/planned", "ann", seed=2)
+    return LiveSession(system, ask, "", told.append, clock)
+
+
+def speak(session: LiveSession, clock: Clock, seconds: float, size: int = 4000) -> None:
+    for block in sound(seconds, size):
+        clock.now += len(block) / 32_000
+        session.put(block)
+        while session.has_work:
+            session.work()
+
+
+def put(session: LiveSession, clock: Clock, seconds: float, block: bytes, every_s: float) -> None:
+    """The same block again and again, which nobody works off."""
+    for _ in range(round(seconds / every_s)):
+        clock.now += every_s
+        session.put(block)
+
+
+def test_frames_follow_the_speech_as_the_model_makes_them_and_can_be_kept(
+    session, told, clock, weights
+):
+    speak(session, clock, 3.0)
+    headers = [HEADER.unpack_from(message) for message in told]
+    assert [first for first, *_ in headers] == list(np.cumsum([0] + [h[1] for h in headers])[:-1])
+    made = sum(count for _, count, *_ in headers)
+    assert 90 - 9 - 9 - 3 <= made <= 90 - 9
+    kept = session.kept()
+    assert kept.minute.motion.num_frames == made and kept.minute.first_frame == 0
+    assert kept.facts["windows_of_session"] == len(headers) and kept.facts["window_cpu_ms"] > 0
+    assert kept.why_less == "" and kept.minute.plan is None
+
+    live = LiveMotion(get_system(ASK.system, weights), GenerateOptions("ann", seed=2))
+    features, pieces = CausalMel(), []
+    for block in sound(3.0):
+        samples = np.frombuffer(block, "<i2").astype(np.float32) / 32_768
+        live.hear(torch.from_numpy(features.hear(samples)))
+        if live.is_due:
+            pieces += live.step()
+    poses = np.concatenate([piece.poses for piece in pieces])
+    np.testing.assert_allclose(kept.minute.motion.poses, poses, atol=1e-5)
+
+
+def test_memory_does_not_grow(session, clock, monkeypatch):
+    monkeypatch.setattr("app.live.minute.KEPT_FRAMES", 60)
+
+    def held() -> int:
+        sound = sum(map(len, session.minute._sound)) + len(session._features._sound)
+        frames = sum(piece.num_frames for piece in session.minute._pieces)
+        return sound + frames + len(session._live._speech)
+
+    speak(session, clock, 5.0, size=8000)
+    before = held()
+    speak(session, clock, 2.5, size=8000)
+    assert held() < 1.02 * before
+
+
+def test_caps_of_speed_and_length_are_told(session, clock, monkeypatch):
+    put(session, clock, 3.0, SECOND, 1.0)
+    session.put(SECOND)
+    with pytest.raises(RunError, match="faster than it can be spoken"):
+        for _ in range(3):
+            session.put(SECOND)
+    monkeypatch.setattr(limits, "MAX_S", 8.0)
+    clock.now += 4
+    with pytest.raises(RunError, match="at most"):
+        put(session, clock, 3.0, SECOND, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("spoken", "steps", "sentence"),
+    [
+        # Seconds, a block each so many.
+        ("word", [(180, 3.0)], ""),  # a third of the time, as over a bad connection
+        ("word", [(180, 3.0), (100, 5.0)], "needs all of it"),
+        ("sample", [(81, 9.0)], r"Only 0\.0 s of sound came in the last 27 s"),
+        ("silence", [(180, 1.0)], ""),
+        ("silence", [(182, 1.0)], "Nothing could be heard for 3 minutes"),
+    ],
+)
+def test_a_place_that_is_not_used_is_lost(session, clock, spoken, steps, sentence):
+    word = sound(1.0, size=16_000)[0]
+    block = {"word": word, "sample": b"\0\0", "silence": SECOND}[spoken]
+    if spoken == "silence":
+        put(session, clock, 100.0, SECOND, 1.0)
+        put(session, clock, 1.0, word, 1.0)  # somebody is there
+    if not sentence:
+        for seconds, every_s in steps:
+            put(session, clock, seconds, block, every_s)
+        return
+    with pytest.raises(RunError, match=sentence):
+        for seconds, every_s in steps:
+            put(session, clock, seconds, block, every_s)
+
+
+def test_a_machine_that_cannot_keep_up_and_a_slow_system_are_told(
+    weights, session, clock, monkeypatch
+):
+    for block in sound(9.5):
+        clock.now += 0.25
+        session.put(block)
+    with pytest.raises(RunError, match="cannot keep up with 3 visitors at once"):
+        session.work(visitors=3)
+    monkeypatch.setattr(limits, "MAX_WINDOW_MS", 1e-6)
+    slow = LiveSession(get_system(ASK.system, weights), ASK, "", lambda _: None, clock)
+    with pytest.raises(RunError, match=r"globaldiff/global takes .* ms for a frame.*gan/5"):
+        speak(slow, clock, 3.0)
+    assert slow.windows == limits.TRIAL_WINDOWS + 1
+
+
+def test_what_is_missing_of_what_was_spoken_is_said(session, clock):
+    speak(session, clock, 3.0)
+    minute = session.kept().minute
+    made_s = minute.motion.num_frames / 30
+    assert why_less(minute, made_s + 1.9) == ""
+    told = why_less(minute, made_s + 2.5)
+    assert told.startswith(f"{made_s:.1f} s are kept: the last 2.5 s spoken had no motion yet")
+    later = replace(minute, first_frame=45)
+    assert why_less(later, made_s).startswith(f"Only the last {made_s:.0f} s are held; the 1.5 s")
+
+
+def test_what_asks_for_nothing_is_refused_and_after_its_end_nothing_is_taken_in(
+    weights, session, told
+):
+    good = {"system": "globaldiff/global", "speaker": "ann", "seed": 2**31 - 1}
+    assert LiveAsk.of(good).seed == 2**31 - 1
+    wrong = [{"system": ["gan/5"]}, *({"seed": seed} for seed in (None, -1, True, 1e300, 2**31))]
+    for asked in (None, 3, [], {}, {"system": "gan/5"}, *(good | each for each in wrong)):
+        with pytest.raises(RunError):
+            LiveAsk.of(asked)
+    with pytest.raises(UnknownNameError, match="no speaker 'eve'"):
+        system = get_system(ASK.system, weights)
+        LiveSession(system, LiveAsk(ASK.system, "eve"), "", told.append)
+    session.end("Over.")
+    session.end("Again.")
+    session.put(b"x")
+    assert told == ["Over."] and not session.has_work
+
+
+def test_sound_is_read_as_it_was_written_and_other_bytes_are_refused():
+    samples = np.array([0, 16384, -32768, 32767], "<i2")
+    np.testing.assert_array_equal(read_sound(samples.tobytes()), samples / 32_768)
+    assert len(read_sound(bytes(MAX_SOUND_BYTES))) == 16_000
+    too_much = bytes(MAX_SOUND_BYTES + 2)
+    for content, words in ((b"", "damaged"), (b"abc", "damaged"), (too_much, "at most 32000")):
+        with pytest.raises(RunError, match=words):
+            read_sound(content)
+
+
+def test_frames_can_be_read_back_as_the_format_says():
+    motion = smooth_motion_example(7)
+    message = frames_message(120, motion, made_ms=61.5, waited_ms=3.0, visitors=2)
+    assert HEADER.unpack_from(message) == (120, 7, NUM_FACES, 61.5, 3.0, 2, 0)
+    at = HEADER.size
+    assert at == 20
+    trans = np.frombuffer(message, "<f4", 21, at).reshape(7, 3)
+    np.testing.assert_array_equal(trans, motion.trans)
+    turns = np.frombuffer(message, "<i2", 7 * 55 * 4, at + 84).reshape(-1, 4) / 32_767
+    apart = Rotation.from_quat(turns) * Rotation.from_rotvec(motion.poses.reshape(-1, 3)).inv()
+    assert apart.magnitude().max() < 2e-4
+    faces = np.frombuffer(message, np.uint8, offset=at + 84 + 7 * 440).reshape(7, 52) / 255
+    np.testing.assert_allclose(faces, motion.expressions[:, :52].clip(0, 1), atol=0.002)
+
+
+def test_a_system_that_plans_tells_its_plan_and_keeps_what_was_planned_when_each_frame_was_made(
+    planning, told, clock
+):
+    made: list[tuple[int, int, dict]] = []
+    step = planning._live.step
+
+    def watched() -> Any:
+        first = planning._live.next_frame
+        motion = step()
+        made.append((first, planning._live.next_frame, told_plan(planning._live.ahead, first)))
+        return motion
+
+    planning._live.step = watched  # type: ignore[method-assign]
+    speak(planning, clock, 3.6, 4800)
+    plans = [message["plan"] for message in told if isinstance(message, dict)]
+    starts = [HEADER.unpack_from(message)[0] for message in told if isinstance(message, bytes)]
+    assert len(plans) == len(starts) >= 3 and plans == [plan for _, _, plan in made]
+    assert [plan["from"] for plan in plans] == [round(start / 30, 3) for start in starts]
+    for plan in plans:
+        for hand in (plan["left"], plan["right"]):
+            assert hand[0][0] <= plan["from"] < hand[0][1] and hand[-1][1] > plan["from"] + 2
+            assert all(one[1] == pytest.approx(other[0]) for one, other in pairwise(hand))
+            assert {phase for _, _, phase, _ in hand} <= set(PHASES)
+        assert all(at >= plan["from"] for at in plan["nods"])
+    kept = planning.kept().minute
+    assert kept.plan is not None and kept.first_frame == 0
+    assert kept.plan.duration_s == pytest.approx(kept.motion.num_frames / 30)
+    checked = 0
+    for side in ("left", "right"):
+        phases = kept.plan.hand(side)
+        assert phases[0].start_s == 0
+        assert all(one.end_s == pytest.approx(other.start_s) for one, other in pairwise(phases))
+        for first, stop, told_then in made:
+            for frame in range(first, stop):
+                at = (frame + 0.5) / 30
+                now = next(one for one in phases if one.start_s <= at < one.end_s)
+                then = next(one for one in told_then[side] if one[0] <= at < one[1])
+                assert (now.phase, now.kind) == (then[2], then[3])
+                checked += 1
+    assert checked == 2 * kept.motion.num_frames
+
+
+def test_its_sliders_lead_from_the_next_window_on_and_of_other_systems_they_are_refused(
+    planning, session, clock
+):
+    planning.lead({"manner": {"large": 2.0, "smile": 0}})
+    speak(planning, clock, 1.0, 4800)
+    assert planning._live._plans.manner == Manner(large=2.0, smile=0.0)
+    wrong = (None, {"manner": {"large": 99}}, {"manner": {"more": 1}}, {"manner": None}, [])
+    leads: list[Callable[[], None]] = [lambda told=told: planning.lead(told) for told in wrong]
+    for lead in leads:
+        with pytest.raises(RunError):
+            lead()
+    with pytest.raises(RunError, match="performs no plans, so its sliders do nothing"):
+        session.lead({"manner": {}})
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return smooth_motion_example(3000)
+
+
+def spoken(motion, seconds: float, piece: int = 13) -> LastMinute:
+    """Sound whose samples count, a second ahead of frames that count."""
+    minute = LastMinute()
+    sound = np.arange(round(16_000 * (seconds + 1)), dtype=np.float32)
+    for first in range(0, len(sound), 640):
+        minute.add_sound(sound[first : first + 640])
+        known = min(int((first - 16_000) / 16_000 * 30), round(30 * seconds))
+        while minute._next_frame + piece <= known:
+            start = minute._next_frame
+            minute.add_motion(motion.part(slice(start, start + piece)))
+    return minute
+
+
+@pytest.mark.parametrize("seconds", [5.0, 59.9, 61.3, 80.0])
+def test_what_is_kept_is_the_last_minute_with_its_own_sound_and_little_more_is_held(
+    motion, seconds
+):
+    minute = spoken(motion, seconds)
+    end = minute._next_frame
+    kept = minute.kept()
+    first = max(0, end - KEPT_FRAMES)
+    assert kept.first_frame == first and kept.motion.num_frames == end - first
+    np.testing.assert_array_equal(kept.motion.poses, motion.poses[first:end])
+    start = round(first * 16_000 / 30)
+    count = round((end - first) * 16_000 / 30)
+    np.testing.assert_array_equal(kept.waveform, np.arange(start, start + count))
+    moved = kept.motion.trans - motion.trans[first:end]
+    np.testing.assert_allclose(moved - moved[:1], 0, atol=1e-6)
+    assert (kept.motion.trans[0, [0, 2]] == 0).all() and abs(moved[0, 1]) == 0
+    assert sum(piece.num_frames for piece in minute._pieces) < KEPT_FRAMES + 26
+    assert sum(len(piece) for piece in minute._sound) < 16_000 * 63
+
+
+def test_too_little_is_told(motion):
+    minute = LastMinute()
+    minute.add_sound(np.zeros(64_000, np.float32))
+    for count in (0, 59):
+        if count:
+            minute.add_motion(motion.part(slice(count)))
+        with pytest.raises(RunError, match="no live motion to keep yet: speak for at least 2 s"):
+            minute.kept()
+    minute.add_motion(motion.part(slice(59, 60)))
+    assert minute.kept().motion.num_frames == 60
+
+
+def ahead(origin: int, *right: HandPhase, **lists) -> PlannedAhead:
+    return PlannedAhead(GesturePlan(6.0, right=right, **lists), origin, ())
+
+
+def phases_of(plan: GesturePlan) -> list[tuple[str, float, float]]:
+    return [(one.phase, round(one.start_s, 3), round(one.end_s, 3)) for one in plan.right]
+
+
+def test_each_plan_takes_the_place_of_the_one_before_from_its_first_frame_on():
+    last = LastPlan()
+    rest, preparation = phase(3.0, 4.0, "rest"), phase(4.0, 4.6, "preparation")
+    last.go_on(ahead(-90, rest, preparation, nods=(Nod(4.0, 5.0),)), 0)
+    then = (("rest", 2.0, 2.8), ("preparation", 2.8, 3.2), ("stroke", 3.2, 4.0))
+    last.go_on(ahead(-60, *(phase(start, end, name) for name, start, end in then)), 9)
+    plan = last.part(0, 45)
+    assert plan.duration_s == 1.5 and not plan.nods, "the nod was planned otherwise later"
+    assert phases_of(plan) == [("rest", 0.0, 0.8), ("preparation", 0.8, 1.2), ("stroke", 1.2, 1.5)]
+    last.go_on(ahead(-30, phase(2.2, 2.9, "stroke"), blinks=(Blink(2.5),)), 40)
+    assert phases_of(last.part(0, 60))[2:] == [("stroke", 1.2, 1.9)]
+    assert [one.time_s for one in last.part(30, 30).blinks] == [pytest.approx(0.5)]
+
+
+def test_what_went_on_before_the_minute_begins_with_it_and_what_ended_is_forgotten():
+    last = LastPlan()
+    spans = {"looks": (Look(0.0, 4.0, 5.0, 0.0),), "stands": (Stand(1.0, 9.0, "left"),)}
+    last.go_on(ahead(0, phase(0.0, 2.0, "rest"), phase(2.0, 6.0, "hold"), **spans), 0)
+    plan = last.part(30, 90)
+    assert phases_of(plan) == [("rest", 0.0, 1.0), ("hold", 1.0, 3.0)]
+    assert [(one.start_s, one.end_s) for one in plan.looks] == [(0.0, 3.0)]
+    last.forget_before(75)
+    assert phases_of(last.part(75, 45)) == [("hold", 0.0, 1.5)]
+    assert len(last._events["right"]) == 1
+
+
+class ByHand(LiveSessions):
+    """Its worker is the test."""
+
+    def _start_worker(self) -> None:
+        pass
+
+
+@pytest.fixture
+def sessions(weights: Path) -> LiveSessions:
+    return ByHand(weights)
+
+
+def nothing(message: object) -> None:
+    """Nobody listens."""
+
+
+def test_everyone_gets_a_window_before_anyone_gets_a_second(sessions):
+    turns: list[str] = []
+
+    def speaks(name: str, seconds: float) -> LiveSession:
+        session = sessions.open(ASK, name, lambda message: turns.append(name))
+        for block in sound(seconds):
+            sessions.put(session, block)
+        return session
+
+    opened = [speaks("a", 2.9), speaks("b", 2.9), speaks("c", 1.2)]
+    while any(session.has_work for session in opened):
+        sessions._turn()
+    assert turns[:3] == ["a", "b", "c"]
+    assert set(turns[3:]) == {"a", "b"} and turns.count("a") == turns.count("b")
+
+
+def test_places_are_bounded_in_all_and_for_each_address(weights):
+    sessions = ByHand(weights, max_sessions=4, max_sessions_each=2)
+    first, _ = (sessions.open(ASK, "", nothing, "10.0.0.1") for _ in range(2))
+    with pytest.raises(RunError, match="2 visitors speak live from your address already"):
+        sessions.open(ASK, "", nothing, "10.0.0.1")
+    for k in range(2):
+        sessions.open(ASK, str(k), nothing, f"10.0.1.{k}")
+    for cookie in ("fifth", ""):
+        with pytest.raises(RunError, match="4 visitors speak live on this machine already"):
+            sessions.open(ASK, cookie, nothing, "10.0.2.1")
+    sessions.close(first)
+    sessions.open(ASK, "mine", nothing, "10.0.0.1")
+    sessions.open(ASK, "mine", nothing, "10.0.0.1")  # in another tab: the first ends
+    assert sessions.num_open == 4
+    assert (module.MAX_SESSIONS, module.MAX_SESSIONS_EACH) == (10, 6)  # as the README has it
+
+
+def test_a_browser_has_one_session_and_no_other_browser_ends_it(sessions):
+    told: list[object] = []
+    sessions.open(ASK, "mine", told.append)
+    sessions.open(ASK, "other", nothing)
+    for _ in range(2):
+        sessions.open(ASK, "", nothing)
+    assert not told and sessions.num_open == 4
+    sessions.open(ASK, "mine", nothing)
+    assert told == [module.TAKEN_OVER] and sessions.num_open == 4
+
+
+def test_a_minute_is_kept_for_its_own_browser_and_for_a_while(sessions, monkeypatch):
+    session = sessions.open(ASK, "mine", nothing)
+    for block in sound(2.9):
+        sessions.put(session, block)
+    sessions._turn()
+    sessions._turn()
+    _, kept = sessions.kept(session.token, "mine")
+    assert kept.minute.motion.num_frames > 60
+    sessions.close(session)
+    assert sessions.kept(session.token, "mine")[0] is session
+    for token, cookie in ((session.token, "yours"), (session.token, ""), ("x", "mine"), ("ü", "")):
+        with pytest.raises(RunError, match="no live minute"):
+            sessions.kept(token, cookie)
+    monkeypatch.setattr(module, "KEEP_S", -1.0)
+    with pytest.raises(RunError, match="no live minute"):
+        sessions.kept(session.token, "mine")
+
+
+def test_a_fault_ends_its_own_session_only(sessions, monkeypatch):
+    told: list[object] = []
+    broken = sessions.open(ASK, "a", told.append)
+    whole = sessions.open(ASK, "b", nothing)
+    monkeypatch.setattr(broken, "work", lambda visitors: 1 / 0)
+    for session in (broken, whole):
+        for block in sound(1.5):
+            sessions.put(session, block)
+    for _ in range(3):
+        sessions._turn()
+    assert len(told) == 1 and "report it with this number" in str(told[0])
+    assert whole.windows == 1 and sessions.num_open == 1
+
+
+def test_the_worker_works_and_leaves_the_threads_of_others_alone(weights):
+    torch.set_num_threads(2)
+    made = threading.Event()
+    sessions = LiveSessions(weights)
+    session = sessions.open(ASK, "", lambda message: made.set())
+    for block in sound(1.5):
+        sessions.put(session, block)
+    assert made.wait(60)
+    counts: list[int] = []
+    thread = threading.Thread(target=lambda: counts.append(torch.get_num_threads()))
+    thread.start()
+    thread.join()
+    assert counts == [2] and torch.get_num_threads() == 2
+    sessions.close(session)
+    assert sessions.num_open == 0

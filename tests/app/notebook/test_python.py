@@ -1,0 +1,81 @@
+"""The program from Python: files and arrays in, motion, numbers and players out."""
+
+import numpy as np
+import pytest
+
+from app.errors import RunError
+from app.notebook import diagnose, generate
+from app.notebook.comparing import compare
+from app.notebook.inputs import named_motions, plan_file, read_motion, read_speech
+from model.motion.motion import save_motion
+from model.speech.audio import SpeechError
+from tests.helpers import smooth_motion_example
+from tests.model.made import made_waveform
+
+
+@pytest.mark.parametrize("rate", [16_000, 48_000])
+@pytest.mark.parametrize("form", ["float", "int16", "stereo"])
+def test_samples_are_heard_as_a_file_of_them_is(rate, form):
+    wave = 0.5 * np.sin(2 * np.pi * 220 * np.arange(rate) / rate)
+    samples = {
+        "float": wave,
+        "int16": (32767 * wave).astype(np.int16),
+        "stereo": np.stack([wave, wave], axis=1),
+    }[form]
+    heard = read_speech((samples, rate)).waveform
+    assert len(heard) == 16_000
+    expected = 0.5 * np.sin(2 * np.pi * 220 * np.arange(16_000) / 16_000)
+    assert np.abs(heard - expected)[200:-200].max() < 2e-3
+
+
+def test_what_is_no_sound_is_refused():
+    with pytest.raises(RunError, match=r"\(N,\) or \(N, channels\)"):
+        read_speech((np.zeros((2, 3, 4)), 16_000))
+    with pytest.raises(SpeechError, match="does not exist"):
+        read_speech("nothing.wav")
+
+
+def test_motions_have_their_files_names(tmp_path):
+    motion = smooth_motion_example(40)
+    save_motion(motion, tmp_path / "mine.npz")
+    assert list(named_motions(tmp_path / "mine.npz")) == ["mine"]
+    assert list(named_motions(motion)) == ["motion"]
+    assert read_motion(motion) is motion
+    with pytest.raises(RunError, match="at least one"):
+        named_motions({})
+    with plan_file(None) as path:
+        assert path is None
+
+
+def test_the_table_marks_the_nearest_and_leaves_out_what_nobody_has():
+    calm, recorded = smooth_motion_example(60), smooth_motion_example(60, seed=1)
+    shaken = calm.part(np.arange(60)[::2].repeat(2))  # each frame twice: steps
+    found = compare({"calm": calm, "shaken": shaken, "reference": recorded})
+    assert found.names == ("calm", "shaken", "reference")
+    (jerk,) = (row for row in found.rows if row.title == "Followed point: Jerk (m/s³)")
+    assert jerk.nearest == ("calm",) and jerk.values["shaken"] > 3 * jerk.values["calm"]
+    assert not any("BeatAlign" in row.title for row in found.rows)
+    assert set(found.apart_deg) == {
+        ("calm", "shaken"),
+        ("calm", "reference"),
+        ("shaken", "reference"),
+    }
+    assert f"<b>{jerk.values['calm']:.3g}</b>" in found._repr_html_()
+    assert found.as_dict()[jerk.title] == jerk.values
+
+
+def test_speech_becomes_motion_numbers_and_a_player_as_a_run_makes_them(weights):
+    speech = (made_waveform(16_000 * 40 // 30), 16_000)
+    names = ["globaldiff/local", "globaldiff/global"]
+    asked = {"speaker": "ann", "seed": 1, "steps": 1, "weights": weights, "progress": False}
+    done = generate(speech, names, **asked)
+    assert list(done.motions) == names and not done.plans
+    assert all(motion.num_frames == 40 for motion in done.motions.values())
+    alone = generate(speech, names[1], **asked)[names[1]]
+    np.testing.assert_array_equal(alone.poses, done[names[1]].poses)
+    found = diagnose(done.motions, speech=speech, progress=False)
+    for name in names:
+        jerks = [each.systems[name].raw.point.tip_jerk_m_s3 for each in (found, done.diagnostics)]
+        assert jerks[0] == jerks[1] > 0
+    assert done.compare().names == tuple(names)
+    assert all(f'"{name}"' in done.show().html for name in names)

@@ -1,0 +1,280 @@
+"""What forms are given becomes the requests and plans of a command line, or a sentence."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from app import text
+from app.config import AppConfig
+from app.errors import RunError
+from app.page.parts.catalogue import default_systems
+from app.page.tabs.motion import Form, fresh_copy, kept_values, request_from_form, row_names
+from app.page.tabs.motion_run import RunView
+from app.page.tabs.own_motion_run import MAX_NAME, OwnMotionForm, display_names
+from app.page.tabs.study_run import PROTOCOLS, QUESTIONS, StudyForm, collect_files, plan_text
+from app.run.requests.display import Display
+from app.run.requests.request import Artefact, GenerateRequest, Progress
+from app.study.design.plan import Plan, read_plan
+from model.plan.style import StyleWish
+from model.systems.globaldiff.config import BEST, SYSTEMS
+from model.systems.planned.config import PLANNED
+from tests.app import fakes
+
+FORM = Form(
+    speech="/speech.wav",
+    systems=["globaldiff/global", "globaldiff/local"],
+    speaker="scott",
+    seed=3,
+    samples=2,
+    steps="7",
+    sampler="heun",
+    is_smoothed=True,
+    reference="/reference.npz",
+    point="left_index",
+    start_frame=12,
+    transcript="/said.txt",
+    has_words=True,
+    has_videos=False,
+)
+CONFIG = AppConfig(weights=Path("/weights"))
+
+
+def read(**changes: Any) -> GenerateRequest:
+    return request_from_form(replace(FORM, **changes), Path("/job"), fakes.CATALOGUE, CONFIG)
+
+
+def test_every_field_of_the_form_reaches_the_run():
+    request = read()
+    assert request == GenerateRequest(
+        speech=Path("/speech.wav"),
+        out=Path("/job/results"),
+        weights=Path("/weights"),
+        systems=("globaldiff/local", "globaldiff/global"),  # in the catalogue's order
+        speaker="scott",
+        seed=3,
+        samples=2,
+        steps=7,
+        sampler="heun",
+        post_filter="savgol",
+        reference=Path("/reference.npz"),
+        transcript=Path("/said.txt"),
+        words="recognise",
+        joint="left_index",
+        start_frame=12,
+        close_ups=("face", "hands"),
+        size=640,
+        display=Display(has_trail=True),
+        has_video=False,
+        has_poses=True,
+        has_posters=True,
+    )
+    assert row_names(request) == (
+        *("globaldiff/local", "globaldiff/local.s2"),
+        *("globaldiff/global", "globaldiff/global.s2"),
+        "reference",
+    )
+    assert [read(guidance=value).guidance for value in (-1.0, 1.0, 2.5)] == [None, 1.0, 2.5]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"speech": None}, "no speech yet"),
+        ({"systems": []}, "No system is chosen"),
+        ({"systems": ["nonsense"]}, "no system 'nonsense'; the systems are globaldiff/local"),
+        ({"seed": None}, "seed must be a whole number"),
+        ({"seed": -1}, "got -1"),
+        ({"seed": 1.5}, "got 1.5"),
+        ({"seed": 2**31}, "got 2147483648"),
+        ({"samples": 0}, "from 1 to 8; got 0"),
+        ({"samples": 7}, "2 systems with 7 samples of each make 15 bodies"),
+        ({"steps": "0"}, "must be 1 to 1000; got 0"),
+        ({"steps": "many"}, "Steps are a number, or numbers by system"),
+        ({"steps": "globaldiff/global=5,7"}, "Steps are a number, or numbers by system"),
+        ({"start_frame": -1}, "got -1"),
+        ({"start_frame": 0.5}, "got 0.5"),
+        ({"sampler": "magic"}, "no sampler 'magic'"),
+        ({"guidance": 11.0}, "0 to 10; got 11"),
+    ],
+)
+def test_a_form_that_cannot_be_done_gives_a_sentence(changes, words):
+    with pytest.raises(RunError, match=words):
+        read(**changes)
+
+
+def test_steps_of_face_and_body_go_to_the_systems_that_have_them():
+    catalogue = replace(fakes.CATALOGUE, with_face_steps=("globaldiff/global",))
+
+    def asked(**fields: object) -> tuple[object, object]:
+        form = replace(FORM, **fields)
+        request = request_from_form(form, Path("/job"), catalogue, CONFIG)
+        return request.steps, request.face_steps
+
+    both = {"globaldiff/local": 7, "globaldiff/global": 9}
+    assert asked() == (7, None)
+    assert asked(body_steps=9.0, face_steps=3.0) == (both, {"globaldiff/global": 3})
+    assert asked(steps="", body_steps=9) == ({"globaldiff/global": 9}, None)
+    by_name = {"globaldiff/global": 5}
+    assert asked(steps="globaldiff/global=5", body_steps=9) == (by_name, None)
+    assert asked(steps="global=5", body_steps=9) == (by_name, None), "as the form calls it"
+
+
+def test_what_fills_the_form_in_again_is_all_but_files_that_a_run_does_not_show(tmp_path):
+    speech = tmp_path / "three reasons.wav"
+    speech.write_bytes(b"RIFF")
+    job = tmp_path / "job"
+    job.mkdir()
+    kept = kept_values(replace(FORM, speech=str(speech)), job)
+    again = Path(kept.pop("speech"))
+    assert again.name == speech.name and job in again.parents and again.read_bytes() == b"RIFF"
+    files = dict.fromkeys(("speech", "reference", "transcript", "plan"))
+    shown = replace(FORM, reference=None, transcript=None)
+    assert replace(Form(**{**kept, **files}), speech=FORM.speech) == shown
+
+
+def test_what_a_form_offers_and_says_of_the_run(tmp_path):
+    first = [BEST, "globaldiff/local", "globaldiff/global"]
+    assert default_systems(list(SYSTEMS)) == first and default_systems(first[:2]) == first[:2]
+    assert default_systems(["a", "globaldiff/global", "b", "c"]) == ["a", "globaldiff/global", "b"]
+    path = tmp_path / "example.wav"
+    path.write_bytes(b"sound")
+    os.utime(path, (0, 0))
+    for _ in range(2):  # an example is as new as an upload, however old its file
+        copy = fresh_copy(path, tmp_path / "cache")
+        assert copy.read_bytes() == b"sound" and copy.stat().st_mtime > 10**9
+        os.utime(copy, (0, 0))
+    assert [each.name for each in copy.parent.iterdir()] == ["example.wav"]
+    view, figure = RunView(), Artefact("figure", "figure6", Path("a.png"))
+    assert view.line == text.STARTING
+    for event in (Progress("speech", 1.0), Progress("motion", 0.5, "globaldiff/local"), figure):
+        view.take(event)
+    assert view.line.startswith(text.STAGE_NAMES["motion"])
+    assert view.fractions == {"speech": 1.0, "motion": 0.5} and view.artefacts == [figure]
+
+
+def own(*motions: str, **changes: Any) -> OwnMotionForm:
+    values = {"motions": list(motions), "reference": None, "speech": None}
+    return OwnMotionForm(**{**values, "point": "right_middle", "start_frame": 0, **changes})
+
+
+def test_the_form_of_own_motion_becomes_the_request(tmp_path):
+    files = own("/up/1/a.npz", "/up/2/a.npz", reference="/up/r.npz", start_frame=30.0)
+    asked = files.to_request(tmp_path, CONFIG)
+    assert asked.names == ("a", "a (2)")
+    assert asked.motions == (Path("/up/1/a.npz"), Path("/up/2/a.npz"))
+    assert (asked.reference, asked.speech) == (Path("/up/r.npz"), None)
+    assert (asked.start_frame, asked.joint, asked.out) == (30, "right_middle", tmp_path)
+    names = display_names(["x" * 100, "x" * 90, "b"])
+    assert names == ("x" * MAX_NAME, "x" * MAX_NAME + " (2)", "b")
+    chosen = own(*"abcdefgh", shown=["b", "h"]).to_request(Path("out"), CONFIG)
+    assert chosen.shown == ("b", "h")
+    assert own(*"abc", shown=["b"]).to_request(Path("out"), CONFIG).shown == (), "all of them fit"
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        (own(), "at least one motion"),
+        (own(*"abcdefghijklmnopqrstuvwxy"), "At most 24 files are measured at once; 25"),
+        (own(*"abcdefgh", shown=[*"abcdefg"]), "At most 6 motions are shown"),
+        (own(*"abcdefgh", shown=[*"abcdef"], reference="r.npz"), "At most 5 motions"),
+        (own("a", start_frame=-1), "from 0 on; got -1"),
+        (own("a", start_frame=1.5), "from 0 on; got 1.5"),
+        (own("a.npz", reference="r.zip"), "A zip goes beside zips"),
+        (own("a.npz", speech="r.zip"), "A zip goes beside zips"),
+        (own("a.zip", "b.npz"), "zips of results only, or motion files only"),
+        (own("a.ZIP", reference="r.npz"), "the reference comes as a zip"),
+        (own("a.zip", speech="r.wav"), "the speech comes as a zip"),
+        (own(*(f"{n}.zip" for n in range(7))), "At most 6 motions"),
+    ],
+)
+def test_own_motion_that_cannot_be_measured_gives_a_sentence(asked, words):
+    assert asked.has_sets == any(str(path).lower().endswith(".zip") for path in asked.motions or ())
+    with pytest.raises(RunError, match=words):
+        asked.to_sets(Path("out")) if asked.has_sets else asked.to_request(Path("out"), CONFIG)
+
+
+STUDY = StudyForm(
+    title='A "title" with\nlines',
+    protocol="ranking",
+    speeches=["/cache/1/one.wav", "/cache/2/two.wav"],
+    systems=["globaldiff/local"],
+    motions=["/cache/3/theirs--one.npz", "/cache/4/theirs--two.npz"],
+    length_s=8,
+    participants=12,
+    seed=3,
+    views=["front", "side"],
+    post_to="",
+)
+
+
+def planned(folder: Path, form: StudyForm) -> Plan:
+    path = folder / "plan.toml"
+    path.write_text(plan_text(form), "utf-8")
+    return read_plan(path)
+
+
+def test_the_form_of_a_study_becomes_a_plan(tmp_path):
+    plan = planned(tmp_path, STUDY)
+    assert plan.title == STUDY.title
+    assert (plan.protocol, plan.participants, plan.seed) == ("ranking", 12, 3)
+    assert (plan.length_s, plan.views) == (8.0, ("front", "side"))
+    assert [clip.speech for clip in plan.clips] == [tmp_path / "one.wav", tmp_path / "two.wav"]
+    assert plan.systems[1].motions == {
+        "one": tmp_path / "theirs--one.npz",
+        "two": tmp_path / "theirs--two.npz",
+    }
+    link = "https://app.prolific.com/submissions/complete?cc=C0DE"
+    assert planned(tmp_path, replace(STUDY, return_to=f" {link} ")).return_to == link
+    bare = planned(tmp_path, replace(STUDY, title=None, seed=None, post_to=None))
+    assert (bare.seed, bare.post_to, bare.return_to) == (0, None, None)
+    evil = planned(tmp_path, replace(STUDY, title='x"\nface = "moving"\ny = "'))
+    assert evil.face == "still", "a text cannot become settings"
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"speeches": None}, "There is no speech yet"),
+        ({"length_s": None}, "The length of the videos is missing"),
+        ({"motions": ["/cache/one.npz"]}, "must be named <system>--<clip>.npz"),
+        ({"length_s": 300}, "40 minutes of video; the page makes at most 30"),
+        ({"length_s": 135, "changed": ["smaller", "larger"]}, "36 minutes of video"),
+        ({"speeches": [f"/cache/{i}.wav" for i in range(61)]}, "At most 60 files"),
+        ({"changed": ["slower"]}, "There is no change 'slower'; there are on wrong words, "),
+    ],
+)
+def test_a_study_that_cannot_be_made_gives_a_sentence(changes, words):
+    with pytest.raises(RunError, match=words):
+        plan_text(replace(STUDY, **changes))
+
+
+@pytest.mark.parametrize("question", QUESTIONS)
+def test_changes_of_gestures_become_systems(tmp_path, question):
+    protocol, changed = QUESTIONS[question]
+    speeches = ["/cache/one.wav", "/cache/two.wav"]
+    values = ["t", protocol, speeches, [PLANNED], None, 8, 4, 0, ["front"], "", "", changed]
+    plan = planned(tmp_path, StudyForm.of(values))
+    assert plan.protocol == PROTOCOLS[protocol] and plan.has_sound
+    found = {each.name: each.generator for each in plan.systems}
+    assert list(found) == [PLANNED, *(f"{PLANNED} {name}" for name in changed)]
+    assert {each.system for each in found.values() if each} == {PLANNED}
+    styles = [each.style for each in found.values() if each]
+    assert styles[0] is None and all(each not in (None, StyleWish()) for each in styles[1:])
+
+
+def test_uploads_are_put_beside_the_plan(tmp_path):
+    uploads = [tmp_path / str(number) / "one.wav" for number in range(2)]
+    for upload in uploads:
+        upload.parent.mkdir()
+        upload.write_bytes(b"sound")
+    out = tmp_path / "out"
+    out.mkdir()
+    form = replace(STUDY, motions=None)
+    collect_files(replace(form, speeches=[str(uploads[0])]), out)
+    assert (out / "one.wav").read_bytes() == b"sound"
+    with pytest.raises(RunError, match=r"Two uploads have the name one\.wav"):
+        collect_files(replace(form, speeches=[str(uploads[1])]), out)

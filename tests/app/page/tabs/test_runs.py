@@ -1,0 +1,405 @@
+"""Runs of the tabs as handlers give them: own motion, live, studies; opened again, with videos."""
+
+import json
+import shutil
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gradio as gr
+import pytest
+from starlette.datastructures import QueryParams
+
+from app import text
+from app.config import AppConfig
+from app.errors import RunError
+from app.live.session import LiveAsk
+from app.live.sessions import LiveSessions
+from app.page.parts import markup
+from app.page.player.player import Showing, Writers
+from app.page.queue.in_turn import Updates
+from app.page.queue.jobs import JobBook
+from app.page.results.kept_runs import KeptRuns
+from app.page.results.result_parts import ResultParts, build_results
+from app.page.results.sets_shown import KeptSets
+from app.page.routes.media import MediaAddresses
+from app.page.tabs.live import LiveRunner, offered
+from app.page.tabs.motion import FormParts
+from app.page.tabs.motion_run import Opening
+from app.page.tabs.own_motion_run import ClipRunner, OwnMotionRunner
+from app.page.tabs.own_sets_run import SetsTools, build_sets
+from app.page.tabs.study_run import NO_COOKIE, StudyParts, StudyRunner
+from app.page.tabs.videos_run import Draw, VideosBehind, Wanted
+from app.run.diagnose import DiagnoseRequest, Diagnosis, OnShare
+from app.run.many.sets import Sets, SetsRequest
+from app.run.output.result_folder import zip_files
+from app.run.requests.request import Artefact
+from app.run.videos.behind import VideosRequest, names_that_fit
+from app.run.videos.own_videos import OnFile
+from conventions.views import CLOSE_UPS
+from model.motion.motion import load_motion, save_motion
+from model.speech.audio import load_speech
+from tests.app import fakes
+from tests.app.fakes import CATALOGUE, made_services, make_draw, make_generate, measures
+from tests.app.live.test_live import ByHand, nothing, sound
+from tests.app.measured import diagnostics_of
+from tests.app.page.made import VISITOR, browser, updates_of
+from tests.app.page.results.made_run import ended_run, keep
+
+ONE = (None, None, "right_middle", 0)
+"""The rest of a form: no reference, no speech, point and start."""
+
+
+class Own:
+    """The tab for motion of one's own, over a diagnose and sets of the test's."""
+
+    def __init__(self, folder: Path, diagnose: Any, measure_sets: Any = None) -> None:
+        with gr.Blocks():
+            self.parts, sets = build_results(), build_sets()
+        does = {"diagnose": diagnose, "draw_behind": fakes.make_draw()}
+        services = fakes.made_services(folder, does, config=AppConfig())
+        tools = SetsTools(measure_sets, sets, KeptSets())
+        self.sets_shown = sets.shown
+        videos = VideosBehind(services, self.parts, "own_videos")
+        self.runner = OwnMotionRunner(services, self.parts, videos, tools)
+        self.opener = ClipRunner(services, self.parts, videos, tools)
+
+
+def diagnose(request: DiagnoseRequest, on_progress: OnShare, on_file: OnFile) -> Diagnosis:
+    on_progress(0.5)
+    request.out.mkdir()
+    files = tuple(request.out / name for name in ("diagnostics.json", "jitter.png"))
+    for file in files:
+        file.write_bytes(b"0")
+    diagnostics = diagnostics_of(**{name: measures(120.0) for name in request.names})
+    return Diagnosis(files, ("A <note>.",), diagnostics, None)
+
+
+def test_numbers_figures_and_downloads_of_the_run_are_shown(tmp_path):
+    own = Own(tmp_path, diagnose)
+    *_, last = updates_of(own.runner, own.parts, ["/up/<b>.npz"], *ONE)
+    assert "Measured 1 motion." in last["status"]
+    assert "A &lt;note&gt;." in last["message"]["value"]
+    assert "&lt;b&gt;" in last["numbers"]["value"] and "<b>.npz" not in last["numbers"]["value"]
+    assert "?run=" in last["runs"]["value"]
+    assert last["figures"]["visible"] and "<img" in last["figures"]["value"]
+    assert last["downloads_part"]["visible"]
+    assert [Path(file).name for file in last["files"]] == ["diagnostics.json", "jitter.png"]
+    assert Path(last["bundle"]["value"]).stat().st_size > 0
+
+
+class Measured:
+    """Sets that somebody has brought."""
+
+    def __init__(self, folder: Path) -> None:
+        self.asked: list[SetsRequest] = []
+        self._folder = folder
+
+    def __call__(self, request: SetsRequest, on_progress: Callable[[float], None]) -> Sets:
+        self.asked.append(request)
+        on_progress(0.5)
+        request.out.mkdir()
+        table = request.out / "many.csv"
+        table.write_text("0")
+        row = {"measure": "Followed point: Jerk", "unit": "m/s³", "clips": 2, "difference_to": ""}
+        rows = [
+            {**row, "system": name, "mean": mean, "low": mean - 1, "high": mean + 1}
+            for name, mean in (("<i>mine", 2345.6), ("reference", 120.0))
+        ]
+        kinds = ["foot_slide", "jerk"]
+        worst = [{"system": "<i>mine", "clip": "b<u>", "kinds": kinds, "jerk": 2400.0}]
+        told = {"clips": ["a", "b<u>"], "measures": rows, "worst": worst}
+        clips = {
+            name: {clip: self._folder / f"{name} {clip}.npz" for clip in told["clips"]}
+            for name in ("<i>mine", "reference")
+        }
+        return Sets((table,), ("A <note>.",), told, clips, {"a": self._folder / "a.wav"})
+
+
+def test_zips_are_measured_as_sets_and_their_browser_opens_any_clip(tmp_path):
+    opened: list[DiagnoseRequest] = []
+
+    def noted(request: DiagnoseRequest, *how: Any) -> Diagnosis:
+        opened.append(request)
+        return diagnose(request, *how)
+
+    measured = Measured(tmp_path)
+    own = Own(tmp_path / "jobs", noted, measured)
+    asked = ["/up/<i>mine.zip"], "/up/gt.zip", None, "right_middle", 0
+    mine, stranger = browser("mine" * 20, "mine"), browser("else" * 20, "else")
+    first, *_, last = updates_of(own.runner, own.parts, *asked, visitor=mine)
+    assert first[own.sets_shown] == {"value": "", "visible": False, "__type__": "update"}
+    (request,) = measured.asked
+    assert (request.names, request.reference) == (("<i>mine",), Path("/up/gt.zip"))
+    html = last[own.sets_shown]["value"]
+    assert "foot slide, jerk; jerk 2,400 m/s³" in html and 'data-clip="b&lt;u&gt;"' in html
+    assert "2,350 [2,340, 2,350]" in html and "120 [119, 121]" in html
+    assert "<i>" not in html and "<u>" not in html
+    assert "Measured 2 clips of 2 sets" in last["status"]
+    assert "A &lt;note&gt;." in last["message"]["value"]
+
+    token = html.split('data-sets="')[1].split('"')[0]
+    good = json.dumps({"sets": token, "clip": "a"})
+    *updates, end = updates_of(own.opener, own.parts, good, visitor=mine)
+    (one,) = opened
+    assert (one.names, one.motions) == (("<i>mine",), (tmp_path / "<i>mine a.npz",))
+    assert (one.reference, one.speech) == (tmp_path / "reference a.npz", tmp_path / "a.wav")
+    assert all(own.sets_shown not in update for update in (*updates, end)), "the sets stay"
+    assert "a of &lt;i&gt;mine" in end["runs"]["value"]
+
+    for visitor, told in (
+        (mine, json.dumps({"sets": token, "clip": "../secret"})),
+        (mine, json.dumps({"sets": "x" * 43, "clip": "a"})),
+        (mine, json.dumps([token, "a"])),
+        (mine, "[" * 1000),
+        (mine, good.ljust(3000)),
+        (mine, None),
+        (stranger, good),
+    ):
+        error = updates_of(own.opener, own.parts, told, visitor=visitor)[-1]["error"]
+        assert "kept no longer" in error or "load the page again" in error
+    assert len(opened) == 1
+
+
+USUAL = "gan/5"
+ASK = LiveAsk("globaldiff/global", "bob", 7)
+
+
+@pytest.fixture
+def live(weights: Path) -> LiveSessions:
+    return ByHand(weights)
+
+
+@pytest.fixture
+def keeps(live: LiveSessions, weights: Path, tmp_path: Path) -> LiveRunner:
+    with gr.Blocks():
+        form = FormParts((), gr.Button(), gr.Button())
+        results = build_results("live-")
+    does = {"generate": make_generate(), "draw_behind": make_draw()}
+    config = AppConfig(weights=weights, temp=tmp_path)
+    services = made_services(tmp_path, does, config=config, live=live)
+    return LiveRunner(services, form, results, VideosBehind(services, results, "live_videos"))
+
+
+def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why_it_kept_less(
+    keeps, live, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("app.live.session.AHEAD_S", 10.0)  # nobody waits for sound here
+    session = live.open(ASK, "mine", nothing)
+    blocks = list(sound(5.5))
+    for block in blocks[: len(blocks) // 2]:
+        live.put(session, block)
+    live._turn()
+    live._turn()
+    job = JobBook(tmp_path / "jobs").open("me", "live")
+    asked = keeps.asked(job, "mine", (session.token,))
+    assert (asked.systems, asked.speaker, asked.seed) == (("globaldiff/global",), "bob", 7)
+    assert asked.speech.parent == job.folder and asked.take is not None
+    assert asked.close_ups == CLOSE_UPS and asked.has_posters  # as any other run on the page
+    assert asked.take.motion.parent == job.folder and asked.out.parent == job.folder
+    speech, motion = load_speech(asked.speech), load_motion(asked.take.motion)
+    kept = session.kept()
+    assert speech.num_frames == motion.num_frames == kept.minute.motion.num_frames
+    for token, cookie in ((session.token, "yours"), ("", "mine"), (None, "mine"), ("x" * 9999, "")):
+        with pytest.raises(RunError, match="no live minute"):
+            keeps.asked(job, cookie, (token,))
+
+    assert kept.why_less == "", "it follows as closely as it can"
+    for block in blocks[len(blocks) // 2 :]:
+        live.put(session, block)
+    updates = list(keeps.run(browser("mine", "me"), session.token))
+    (line,) = [each[keeps._status] for each in updates if "Done in" in str(each)]
+    kept_s = motion.num_frames / 30
+    less = f"the last {5.5 - kept_s:.1f} s spoken had no motion yet"
+    assert f"{kept_s:.1f} s are kept: {less}" in line
+
+
+def test_what_is_usual_stands_first_and_what_needs_all_of_the_speech_is_not_offered():
+    told = offered(replace(CATALOGUE, systems=("globaldiff/local", "gan/20", USUAL)))
+    assert told["systems"] == [USUAL, "globaldiff/local", "gan/20"]
+    assert told["speakers"] == list(CATALOGUE.speakers)
+    told = offered(replace(CATALOGUE, systems=("official/authors", "workbench/planned", USUAL)))
+    assert told["systems"] == [USUAL, "workbench/planned"]
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> StudyRunner:
+    with gr.Blocks():
+        shown = (gr.HTML(), gr.HTML(), gr.HTML(), gr.DownloadButton(), gr.DownloadButton())
+    return StudyRunner(made_services(tmp_path), StudyParts(*shown))
+
+
+def form(speech: Path, length_s: float = 1, participants: float = 4) -> list[Any]:
+    systems = ["globaldiff/local", "globaldiff/full"]
+    protocol = "Rank all systems on three questions"
+    given = ["A study", protocol, [str(speech)], systems, None]
+    return [*given, length_s, participants, 0, ["front"], ""]
+
+
+def click(study: StudyRunner, speech: Path, cookie: str = "cookie") -> Iterator[str]:
+    """What the tab says, update by update."""
+    for updates in study.run(browser(cookie), *form(speech)):
+        (status,) = [value for part, value in updates.items() if part is study._parts.status]
+        yield status
+
+
+def test_a_study_that_is_cancelled_says_so_and_leaves_nothing(study, speech, tmp_path):
+    clicked = click(study, speech)
+    assert text.STARTING in next(clicked)
+    study.cancel(VISITOR)
+    *_, last = clicked
+    assert text.CANCELLED in last and "error" not in last
+    assert list((tmp_path / "private").iterdir()) == []
+
+
+def test_without_a_cookie_no_study_is_made(study, speech):
+    clicked = click(study, speech, cookie="")
+    assert NO_COOKIE.split(",")[0] in next(clicked)
+    with pytest.raises(gr.Error, match="cookie"):
+        next(clicked)
+
+
+def test_the_plan_alone_is_checked_and_copies_no_upload(study, speech, tmp_path):
+    for changes, words in (({"length_s": 500.0}, "`length_s`"), ({"participants": 1.5}, "got 1.5")):
+        with pytest.raises(gr.Error, match=words):
+            study.write_plan(VISITOR, *form(speech, **changes))
+    study.write_plan(VISITOR, *form(speech, 2))
+    left = {path.name for path in (tmp_path / "jobs").rglob("*") if path.is_file()}
+    assert left == {"plan.toml"}
+
+
+NAMES = ("globaldiff/local", "globaldiff/global")
+
+
+class Page:
+    """Two tabs, the runs that are kept, and two fields of the first one's form."""
+
+    def __init__(self, folder: Path) -> None:
+        self.runs = KeptRuns(3600.0)
+        with gr.Blocks():
+            self.first, self.own = build_results(), build_results("own-")
+            self.seed, self.samples = gr.Number(0), gr.Number(1)
+            places = {"generate": self.first, "own_motion": self.own}
+            fields = {"seed": self.seed, "samples": self.samples}
+            services = fakes.made_services(folder, kept=self.runs)
+            self.opening = Opening(services, gr.Tabs(), places, fields)
+
+    def opened(self, cookie: str = "", *tokens: str) -> Updates:
+        query = QueryParams([("run", token) for token in tokens])
+        return self.opening.opened(browser(cookie, query=query))
+
+
+@pytest.mark.parametrize(
+    ("tab", "place"), [("generate", "generate"), ("live", "generate"), ("own_motion", "own_motion")]
+)
+def test_a_link_opens_the_run_in_its_own_tab_and_fills_in_the_form_that_asked_for_it(
+    tmp_path, tab, place
+):
+    page = Page(tmp_path)
+    run = keep(page.runs, tmp_path / "job", "mine", ended_run(tmp_path, form={"seed": 7}), tab)
+    updates = page.opened("of a stranger", run.token)
+    tabs, *_ = page.opening.outputs
+    assert updates[tabs].selected == place
+    parts, other = page.first, page.own
+    if place == "own_motion":
+        parts, other = other, parts
+    assert updates[parts.status] == markup.sentence_status("Done.")
+    assert "data-measure" in updates[parts.numbers]["value"]
+    assert other.status not in updates and run.token not in updates[other.runs]["value"]
+    assert updates[page.seed]["value"] == 7 and page.samples not in updates
+    assert {page.seed, page.samples} <= set(page.opening.outputs)
+
+
+def test_two_runs_open_beside_each_other(tmp_path):
+    page = Page(tmp_path)
+    first = keep(page.runs, tmp_path / "1", "mine", ended_run(tmp_path, "first"))
+    second = keep(page.runs, tmp_path / "2", "mine", ended_run(tmp_path, "second"), "own_motion")
+    updates = page.opened("mine", second.token, first.token)
+    assert text.PAIR_SAME_SETTINGS in updates[page.first.verdict]["value"]
+    assert "local (B)" in updates[page.first.numbers]["value"]
+    listed = updates[page.first.runs]["value"]
+    assert f"?run={first.token}&amp;run={second.token}" in listed and text.PAIR_LINK in listed
+    assert listed.count(" checked") == 2
+    alone = page.opened("mine", second.token)[page.own.runs]["value"]
+    assert text.COMPARE_LAST in alone  # the same speech, and the run before it
+    gone = page.opened("mine", first.token, "x")
+    assert "deleted after" in gone[page.first.message]["value"] and page.first.numbers not in gone
+
+
+def test_every_tab_lists_the_visitors_runs_and_of_one_that_is_gone_a_sentence_says_so(tmp_path):
+    page = Page(tmp_path)
+    run = keep(page.runs, tmp_path / "job", "mine")
+    for parts in (page.first, page.own):
+        assert run.token in page.opened("mine")[parts.runs]["value"]
+        assert not page.opened("yours")[parts.runs]["visible"]
+    shutil.rmtree(run.job.folder)
+    updates = page.opened("mine", run.token)
+    assert "deleted after 60 minutes" in updates[page.first.message]["value"]
+    assert page.first.status not in updates
+
+
+class Tab:
+    """A run that has ended, whose videos are wanted."""
+
+    def __init__(self, folder: Path, draw: Draw) -> None:
+        with gr.Blocks():
+            self.parts: ResultParts = build_results()
+        services = fakes.made_services(folder, {"draw_behind": draw})
+        self.jobs, self.kept = services.jobs, services.kept
+        self.videos = VideosBehind(services, self.parts, "videos")
+        run_folder = folder / "run"
+        run_folder.mkdir()
+        writers = Writers(lambda paths: run_folder, lambda paths: run_folder)
+        self.showing = Showing(NAMES, NAMES, {}, writers, run_folder, MediaAddresses(), "")
+        for name in NAMES:
+            path = run_folder / f"{name.rsplit('/', 1)[-1]}.npz"
+            save_motion(fakes.made_motion(30), path)
+            self.showing.take(Artefact("motion", name, path))
+        files = tuple(self.showing.drawn().values())
+        bundle = zip_files(files, run_folder / "all.zip")
+        run = ended_run(run_folder, showing=self.showing, files=files, bundle=bundle)
+        self.run = keep(self.kept, run_folder, "cookie", run)
+        self.videos.want("visitor", Wanted(self.run, VideosRequest(self.showing.drawn(), folder)))
+
+    def updates(self) -> Iterator[dict[Any, Any]]:
+        return self.videos.run(VISITOR)
+
+
+def test_videos_come_into_the_player_the_zip_and_the_run_that_a_link_opens(tmp_path):
+    tab = Tab(tmp_path, fakes.make_draw(seconds=0.2))
+    told = list(tab.updates())
+    assert text.VIDEOS_DONE in told[-1][tab.parts.status] and "Done." in told[-1][tab.parts.status]
+    names = ["local.npz", "global.npz"]
+    names += ["globaldiff-local.mp4", "globaldiff-global.mp4", "comparison.mp4"]
+    assert [Path(path).name for path in told[-1][tab.parts.files]] == names
+    players = [each[tab.parts.player] for each in told if tab.parts.player in each]
+    assert all("video" in row for row in players[-1]["rows"]) and not players[-1]["begins"]
+    opened = tab.kept.find(tab.run.token)
+    assert opened is not None and [path.name for path in opened.run.files] == names
+    assert opened.run.bundle.stat().st_size > sum(path.stat().st_size for path in opened.run.files)
+    assert list(tab.updates()) == [{tab.parts.status: gr.skip()}], "once, and all stays"
+    assert not tab.jobs.in_use()
+
+
+def test_another_run_ends_them_without_a_word_and_a_failure_is_told_beside_how_the_run_went(
+    tmp_path,
+):
+    def fail(*_: object) -> tuple[Path, ...]:
+        raise RunError("No OpenGL backend works here.")
+
+    never = threading.Event()
+    tab = Tab(tmp_path, fakes.make_draw(lambda number: never))
+    updates = tab.updates()
+    next(updates)
+    tab.videos.give_up("visitor")
+    assert all(tab.parts.files not in each for each in updates) and not tab.jobs.in_use()
+    (tmp_path / "again").mkdir()
+    tab = Tab(tmp_path / "again", fail)
+    (*_, last) = list(tab.updates())
+    assert list(last) == [tab.parts.status]
+    assert "Done." in last[tab.parts.status] and "No OpenGL backend" in last[tab.parts.status]
+    for number in (1, 5, 6, 8):
+        names = [f"system{i}" for i in range(number)]
+        assert names_that_fit([*names, "reference"]) == [*names[:5], "reference"]

@@ -1,0 +1,281 @@
+"""What a browser tells of its stage and its editor: videos of what is seen, and takes."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import gradio as gr
+import pytest
+
+from app import text
+from app.errors import RunError
+from app.page.player.edited_runs import EditedRuns
+from app.page.player.player import Showing
+from app.page.results.result_parts import build_results
+from app.page.routes.media import MediaAddresses
+from app.page.tabs import takes_run, videos_run
+from app.page.tabs.takes_run import MakeTake, TakesRunner, read_asked
+from app.page.tabs.videos_run import DrawSeen, SeenRunner
+from app.run.output.telling import Reporter
+from app.run.pieces import PieceTeller
+from app.run.requests.request import Artefact, GenerateRequest, OnEvent, Progress, ShouldCancel
+from app.run.takes.take import Take, TakeFiles, TakeRequest
+from app.run.videos.seen_video import SeenRequest, SeenVideo
+from model.motion.motion import save_motion
+from model.plan.plan import GesturePlan, PlanError
+from model.speech.audio import write_wav
+from model.speech.transcript import Word
+from tests.app.fakes import made_motion, made_services
+from tests.app.page.made import browser
+from tests.model.made import made_waveform
+from tests.model.plan.made import phase
+
+COOKIE = "a browser"
+LOOK = {
+    "factor": 6.5, "cutoff": 4, "hasTrail": True, "trailFrames": 60, "point": "left_index",
+    "hasHeat": True, "heatScale": 300, "isAligned": False, "isWhole": True, "hasWords": True,
+    "tone": "dark", "build": "broad", "hasBones": True, "hasAxes": False,
+}  # fmt: skip
+
+
+def told(**changes: Any) -> dict[str, Any]:
+    """As app/page/web/player/player.js writes it."""
+    return {
+        "bodies": [{"label": "local", "motion": "media/a"}, {"label": "full", "motion": "media/b"}],
+        "shown": [1],
+        "columns": 2,
+        "mode": "grid",
+        "wipe": 0.5,
+        "isSmoothed": True,
+        "size": [240, 420],
+        "panels": [[{"view": None, "rect": [0, 0, 240, 300]}]],
+        "look": LOOK,
+        "camera": [0.5, 0.2, 1.5, 0, -0.1],
+        "sound": "media/c",
+        **changes,
+    }
+
+
+def test_everything_that_is_seen_is_read():
+    asked = videos_run.Asked.of(json.dumps(told()))
+    seen = asked.seen
+    assert (asked.labels, asked.motions) == (("local", "full"), ("media/a", "media/b"))
+    assert asked.sound == "media/c"
+    assert (seen.shown, seen.columns, seen.mode, seen.size) == ((1,), 2, "grid", (240, 420))
+    assert (seen.is_smoothed, seen.is_aligned, seen.is_whole) == (True, False, True)
+    display = seen.display
+    assert (display.exaggeration, display.cutoff_hz, display.jerk_m_s3) == (6.5, 4, 300)
+    assert (display.has_trail, display.trail_frames, display.coloring) == (True, 60, "jerk")
+    assert seen.point == "left_index" and seen.camera.zoom == 1.5 and seen.camera.up_m == -0.1
+    (panel,) = seen.panels[0]
+    assert (panel.view, panel.width, panel.height) == ("body", 240, 300)
+    seen.check(2)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        None, 7, "", "nonsense", "[]", "null", "[" * 5000, "x" * 100_000,
+        told(size=[240]), told(size=[240, "420"]), told(size=[240, float("nan")]), told(panels=3),
+        told(camera=[0, 0, 1]), told(camera=None), told(shown=[0.5]), told(shown=[True]),
+        told(shown="0"), told(look={}), told(look=None), told(bodies={"a": 1}), told(bodies=[3]),
+        told(bodies=[{"label": 3, "motion": "media/a"}]), told(bodies=70 * told()["bodies"]),
+        told(mode=["grid"]), told(wipe="left"), told(columns=1e400), told(sound=["x"]),
+        told(panels=[[{"view": "body", "rect": [0, 0, 1]}]]), {"look": LOOK},
+    ],
+    ids=lambda value: "",
+)  # fmt: skip
+def test_a_stage_that_tells_anything_else_is_refused_with_a_sentence(value):
+    with pytest.raises(RunError, match="What the stage told of itself cannot be used"):
+        videos_run.Asked.of(json.dumps(value) if isinstance(value, dict) else value)
+
+
+class Stage:
+    """A tab whose stage shows two motions of this browser."""
+
+    def __init__(self, folder: Path, draw: DrawSeen) -> None:
+        with gr.Blocks():
+            self.parts = build_results()
+        services = made_services(folder, {"draw_seen": draw})
+        self.addresses, self.jobs = services.addresses, services.jobs
+        self.runner = SeenRunner(services, self.parts)
+        self.files = {name: folder / name for name in ("a.npz", "b.npz", "c.wav")}
+        for path in self.files.values():
+            path.write_bytes(b"")
+        a, b, c = (self.addresses.address(path, COOKIE) for path in self.files.values())
+        self.asked = told(
+            bodies=[{"label": "local", "motion": a}, {"label": "full", "motion": b}], sound=c
+        )
+
+    def press(self, cookie: str = COOKIE) -> list[dict[Any, Any]]:
+        return list(self.runner.run(browser(cookie), json.dumps(self.asked)))
+
+
+def draw(request: SeenRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> SeenVideo:
+    on_event(Progress("video", 0.43))
+    request.out.mkdir()
+    video = request.out / "stage.mp4"
+    video.write_bytes(bytes(2_100_000))
+    return SeenVideo(video, 300, ("It is cut.",))
+
+
+def test_a_video_comes_with_its_progress_and_a_way_to_save_it(tmp_path):
+    got: list[SeenRequest] = []
+
+    def noted(request: SeenRequest, *how: Any) -> SeenVideo:
+        got.append(request)
+        return draw(request, *how)
+
+    stage = Stage(tmp_path, noted)
+    updates = stage.press()
+    lines = [each[stage.parts.seen]["value"] for each in updates if stage.parts.seen in each]
+    assert text.SEEN_STARTING in lines[0]
+    assert any("43%" in line and 'value="0.430"' in line for line in lines)
+    assert "one body, 10.0 s, 2.1 MB. It is cut." in lines[-1]
+    assert 'download="stage.mp4"' in lines[-1]
+    token = lines[-1].split('href="media/')[1].split('"')[0]
+    video = stage.addresses.find(token, COOKIE)
+    assert video is not None and video.name == "stage.mp4"
+    assert stage.addresses.find(token, "another browser") is None
+    (request,) = got
+    assert [each.motion for each in request.bodies] == [stage.files["a.npz"], stage.files["b.npz"]]
+    assert request.speech == stage.files["c.wav"] and not stage.jobs.in_use()
+
+
+def test_a_path_is_no_address_and_files_of_another_browser_or_kind_are_not_taken(tmp_path):
+    stage = Stage(tmp_path, draw)
+    good = stage.asked["bodies"][0]["motion"]
+    paths = ("", "media/", "media/../jobs", "/etc/passwd", "media/%2e%2e/b.npz", "file:///etc/a")
+    for cookie, motion, sound in (
+        *((COOKIE, path, stage.asked["sound"]) for path in paths),
+        ("another browser", good, stage.asked["sound"]),
+        (COOKIE, good, good),
+    ):
+        stage.asked["bodies"][0]["motion"], stage.asked["sound"] = motion, sound
+        with pytest.raises(gr.Error, match="kept no longer"):
+            stage.press(cookie)
+        assert not stage.jobs.in_use()
+
+
+ROW = "workbench/planned"
+FRAMES = 90
+NOD = {"do": "nod", "at": 1.0}
+
+
+def make(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> Take:
+    request.out.mkdir()
+    motion = request.out / f"{request.name.replace('/', '-')}.npz"
+    save_motion(made_motion(FRAMES), motion)
+    PieceTeller(request.name, FRAMES, Reporter(on_event, should_cancel)).go_on(made_motion(FRAMES))
+    written = request.out / "told.json"
+    written.write_text("{}")
+    on_event(Artefact("motion", request.name, motion))
+    files = TakeFiles(request.plan, motion, written)
+    return Take(files, written, ("It was mended.",), ((0.5, 1.0),))
+
+
+class Editor:
+    """A tab with one run of this browser's."""
+
+    def __init__(self, folder: Path, make: MakeTake = make) -> None:
+        with gr.Blocks():
+            self.parts = build_results()
+        runs = EditedRuns()
+        services = made_services(folder, {"make_take": make})
+        self.runner = TakesRunner(services, runs, self.parts)
+        run = folder / "run"
+        run.mkdir()
+        write_wav(folder / "talk.wav", made_waveform(16_000 * FRAMES // 30))
+        request = GenerateRequest(folder / "talk.wav", run / "results", folder, (ROW,))
+        self.showing = Showing.of_run(request, (ROW,), run, MediaAddresses(), COOKIE)
+        self.showing.begin()
+        plan, motion = run / "x.plan.json", run / "x.npz"
+        GesturePlan(3.0, left=(phase(0.0, 3.0, "rest"),)).write(plan)
+        save_motion(made_motion(FRAMES), motion)
+        self.showing.take(Artefact("plan", ROW, plan))
+        self.showing.take(Artefact("motion", ROW, motion))
+        runs.keep(COOKIE, run, request, self.showing, (Word(0.2, 0.5, "you"),))
+
+    def ask(self, *edits: Any, start: str = ROW, cookie: str = COOKIE) -> dict[str, Any]:
+        """What the player shows in the end."""
+        asked = {"run": "run", "start": start, "edits": list(edits), "locked": []}
+        *_, last = self.runner.run(browser(cookie), json.dumps(asked))
+        return last[self.parts.player]
+
+
+def rows(value: dict[str, Any]) -> list[str]:
+    return [row["name"] for row in value["rows"]]
+
+
+def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path):
+    asked: list[TakeRequest] = []
+
+    def noted(request: TakeRequest, *how: Any) -> Take:
+        asked.append(request)
+        return make(request, *how)
+
+    editor = Editor(tmp_path, noted)
+    ready = editor.ask()
+    assert ready["editing"]["said"] == text.EDITOR_READY and rows(ready) == [ROW]
+    last = editor.ask(NOD)
+    assert rows(last) == [ROW, f"{ROW}.take1"]
+    take = last["rows"][1]
+    assert (take["label"], take["take"], take["of"]) == ("take 1", 1, ROW)
+    assert take["noise"] == last["rows"][0]["noise"] and take["there"]["end"] == FRAMES
+    editing = last["editing"]
+    assert editing["said"] == f"{text.TAKE_DONE.format(number=1)} It was mended."
+    assert editing["known"][f"{ROW}.take1"]["from"] == ROW and not editing["state"]
+    again = editor.ask(NOD, start=f"{ROW}.take1")
+    assert again["editing"]["known"][f"{ROW}.take2"]["from"] == f"{ROW}.take1"
+    first, one, two = asked
+    assert not first.edits and first.before is None
+    assert one.before is not None and one.words[0].text == "you"
+    assert two.before is not None and "take1" in two.before.motion.name
+    assert editor.showing.drawn().keys() == {ROW}  # videos and pairs are of the run
+
+
+def test_what_cannot_be_done_is_said_and_leaves_no_row_once_it_is_ready(tmp_path):
+    def fails(request: TakeRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> Take:
+        made = make(request, on_event, should_cancel)
+        if request.edits:
+            raise PlanError("The hand has no time.")
+        return made
+
+    editor = Editor(tmp_path, fails)
+    last = editor.ask(NOD)
+    editing = last["editing"]
+    assert rows(last) == [ROW] and set(editing["known"]) == {ROW}
+    said = (editing["said"], editing["refused"], editing["state"])
+    assert said == ("The hand has no time.", True, "")
+    wrong = editor.ask({"do": "nod", "at": "now"})["editing"]
+    assert wrong["refused"] and "now is no number from 0 to 3600" in wrong["said"]
+    unknown = editor.ask(NOD, start="gan/20")["editing"]
+    assert unknown["refused"] and unknown["said"] == text.EDITS_GONE
+
+
+def test_nobody_reaches_the_run_of_another(tmp_path):
+    editor = Editor(tmp_path)
+    for cookie in ("another", ""):
+        with pytest.raises(gr.Error, match="is another browser's"):
+            editor.ask(NOD, cookie=cookie)
+    assert "editing" not in editor.showing.for_visitor("another").value(is_over=True)
+    assert "editing" in editor.showing.for_visitor(COOKIE).value(is_over=True)
+
+
+def edits(**changes: Any) -> str:
+    return json.dumps({"run": "run", "start": ROW, "edits": [], "locked": [], **changes})
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        None, 7, "", "nonsense", "[]", "null", "[" * 100_000, "x" * 3_000_000, edits(run=3),
+        edits(run="x" * 300), edits(edits={}), edits(locked=None), edits(edits=[{"do": "rm"}]),
+        edits(edits=[{"do": "nod", "at": float("nan")}]),
+    ],
+    ids=lambda value: "",
+)  # fmt: skip
+def test_an_editor_that_tells_anything_else_is_refused_with_a_sentence(value):
+    assert takes_run.Asked.of(read_asked(edits(edits=[NOD])))
+    with pytest.raises(RunError):
+        takes_run.Asked.of(read_asked(value))

@@ -1,0 +1,279 @@
+"""What speech decides, equal noise on two forms of rotations, and quality against time."""
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from PIL import Image
+
+from app.commands.cli import main
+from app.errors import CancelledRun, RunError
+from app.run.experiments.hearing import HearingRequest, measure_hearing
+from app.run.experiments.mechanism import NAMES, MechanismRequest, show_mechanism
+from app.run.experiments.step_curve import MAX_S, StepCurveRequest, measure_step_curve
+from app.run.models import get_system
+from app.run.requests.request import Artefact
+from model.diagnostics import diagnose
+from model.generation.windows import GenerateOptions, generate_motion
+from model.motion.kinematics import open_body_skeleton
+from model.motion.motion import load_motion, save_motion
+from model.motion.tracks import track_points
+from model.speech.audio import load_speech, write_wav
+from renderer.video.encoder import read_facts
+from tests.conftest import MadeOnce
+from tests.helpers import smooth_motion_example
+from tests.model.made import made_waveform
+from tests.model.measures.test_hearing import motion_of
+
+WORLD = "globaldiff/global"
+
+
+@pytest.fixture(scope="module")
+def speeches(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ...]:
+    folder = tmp_path_factory.mktemp("speeches")
+    for seed, name in enumerate(("one", "two")):
+        write_wav(folder / f"{name}.wav", made_waveform(16_000 * 3, seed))
+    return tuple(sorted(folder.glob("*.wav")))
+
+
+def test_each_speech_is_heard_with_each_seed_and_two_speakers_on_the_first(
+    speeches: tuple[Path, ...], weights: Path, tmp_path: Path
+) -> None:
+    shares: list[float] = []
+    out = tmp_path / "out"
+    request = HearingRequest(
+        out, speeches, (WORLD,), weights=weights, guidance=4.0, speakers=("bob", "ann")
+    )
+    hearing = measure_hearing(request, shares.append)
+    assert shares == pytest.approx([k / 8 for k in range(9)])
+    assert sorted(path.name for path in hearing.files) == [
+        *(f"globaldiff-global__{stem}__{seed}.npz" for stem in ("one", "two") for seed in (0, 1)),
+        *(f"hearing.{ending}" for ending in ("csv", "json", "pdf", "png", "svg")),
+    ]
+    options = GenerateOptions("ann", seed=1, guidance=4.0)
+    (expected,) = generate_motion(get_system(WORLD, weights), load_speech(speeches[1]), options)
+    made = load_motion(out / "globaldiff-global__two__1.npz")
+    np.testing.assert_array_equal(made.poses, expected.poses)
+    (heard,) = hearing.systems
+    assert heard.guidance == 4.0 and heard.compared is not None
+    told = json.loads((out / "hearing.json").read_text())[WORLD]
+    arms = told["parts"]["arms"]
+    assert arms["by_speech"] == pytest.approx(arms["same_speech"] - arms["neither"])
+    rows = list(csv.DictReader((out / "hearing.csv").open()))
+    assert [row["part"] for row in rows] == ["arms", "head", "brows", "jaw"]
+    assert float(rows[0]["by_noise"]) == pytest.approx(arms["by_noise"])
+    assert np.asarray(Image.open(out / "hearing.png").convert("L")).std() > 10
+    speakers = told["speakers"]
+    assert speakers["calm"] == "bob"
+    assert speakers["calm_over_lively"] == heard.compared.calm_over_lively
+    assert speakers["manner"]["by_speaker"] == heard.compared.manner.by_speaker
+    assert "bob's wrists move" in heard.sentence()
+    # What was generated is what a folder of anyone's motion would be, and gives the same numbers.
+    (tmp_path / "motions").mkdir()
+    for path in out.glob("*.npz"):
+        path.rename(tmp_path / "motions" / path.name)
+    folder = HearingRequest(tmp_path / "again", motions=tmp_path / "motions")
+    (again,) = measure_hearing(folder).systems
+    assert again.parts == heard.parts and again.guidance is None
+
+
+def test_a_planted_ear_is_found_in_anyones_motion(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One system whose arms speech decides, one that hears nothing."""
+    (tmp_path / "motions").mkdir()
+    for name, share in (("hears", 0.9), ("deaf", 0.0)):
+        for speech, seed in np.ndindex(3, 2):
+            motion = motion_of(speech, seed, share)
+            save_motion(motion, tmp_path / "motions" / f"{name}__s{speech}__{seed}.npz")
+    out = tmp_path / "out"
+    assert main(["hearing", str(tmp_path / "motions"), "--out", str(out)]) == 0
+    told = json.loads((out / "hearing.json").read_text())
+    assert told["hears"]["parts"]["arms"]["by_speech"] > 0.7
+    assert told["deaf"]["parts"]["arms"]["by_speech"] < 0.2
+    assert told["deaf"]["parts"]["arms"]["by_noise"] > 0.7
+    shown = capsys.readouterr()
+    assert "hears: speech decides" in shown.err
+    assert shown.out.splitlines() == [
+        str(out / f"hearing.{kind}") for kind in ("json", "csv", "png", "svg", "pdf")
+    ]
+    with pytest.raises(SystemExit):
+        main(["hearing", "a.wav", "b.wav", "--out", str(tmp_path / "no"), "--speakers", "bob"])
+    assert "two names, CALM,LIVELY; got 'bob'" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.gl
+def test_bodies_are_drawn_under_either_speech(
+    speeches: tuple[Path, ...], weights: Path, tmp_path: Path
+) -> None:
+    request = HearingRequest(tmp_path, speeches, (WORLD,), weights=weights, has_videos=True)
+    measure_hearing(request)
+    for stem in ("one", "two"):
+        facts = read_facts(tmp_path / f"globaldiff-global__{stem}.mp4")
+        assert facts.num_frames == 90
+        assert facts.width > 2 * facts.height, "four bodies side by side"
+
+
+def test_what_cannot_be_compared_is_told(tmp_path: Path) -> None:
+    for changes, sentence in [
+        ({"speeches": ("one.wav",)}, "Two to 8 speeches are compared; got 1"),
+        ({"speeches": ("a/one.wav", "b/one.wav")}, "one name"),
+        ({"seeds": 1}, "2 to 8; got 1"),
+        ({"systems": ()}, "One to"),
+        ({"motions": Path("folder")}, "not both"),
+        (
+            {"motions": Path("folder"), "speeches": (), "systems": (), "has_videos": True},
+            "tells no speakers and no sound",
+        ),
+    ]:
+        asked = {"speeches": ("one.wav", "two.wav"), "systems": (WORLD, "gan/5")} | changes
+        asked["speeches"] = tuple(map(Path, asked["speeches"]))
+        with pytest.raises(RunError, match=sentence):
+            HearingRequest(tmp_path, **asked)
+
+
+@pytest.mark.parametrize(
+    ("names", "sentence"),
+    [
+        (["what.npz"], "SYSTEM__SPEECH__SEED.npz"),
+        (["a__one__0.npz", "a__one__1.npz"], "Two speeches and two noise seeds"),
+        ([], "found 0"),
+    ],
+)
+def test_a_folder_that_says_too_little_is_told(
+    names: list[str], sentence: str, tmp_path: Path
+) -> None:
+    (tmp_path / "motions").mkdir()
+    for number, name in enumerate(names):
+        save_motion(motion_of(0, number, 0.5), tmp_path / "motions" / name)
+    with pytest.raises(RunError, match=sentence):
+        measure_hearing(HearingRequest(tmp_path / "out", motions=tmp_path / "motions"))
+
+
+@pytest.fixture
+def asked(tmp_path: Path) -> MechanismRequest:
+    save_motion(smooth_motion_example(12), tmp_path / "motion.npz")
+    return MechanismRequest(tmp_path / "motion.npz", tmp_path / "two.mp4", size=256)
+
+
+@pytest.mark.gl
+def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(asked: MechanismRequest) -> None:
+    shares: list[float] = []
+    path, sentences = show_mechanism(replace(asked, noise_rad=0.05), shares.append)
+    assert path == asked.out
+    with av.open(str(path)) as video:
+        frames = [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]
+    assert len(frames) == 12 and frames[0].shape[1] == 2 * 192
+    assert shares == sorted(shares) and shares[-1] == pytest.approx(1.0, abs=0.1)
+    told = " ".join(sentences)
+    assert "Noise of 0.05 rad on every joint moves the right middle fingertip" in told
+    assert "times as far (predicted from lever arms" in told
+    assert "Equal noise is an assumption" in told
+    moved = np.abs(np.diff(np.stack(frames).astype(int), axis=0))
+    assert moved[:, :, :192].mean() > moved[:, :, 192:].mean(), "the left one trembles more"
+
+
+def test_both_motions_are_left_for_a_player_without_a_video(asked: MechanismRequest) -> None:
+    told: list[Artefact] = []
+    played = replace(asked, is_played=True, has_video=False, noise_rad=0.05)
+    path, sentences = show_mechanism(played, on_file=told.append)
+    assert path is None and not asked.out.exists() and "0.05 rad" in " ".join(sentences)
+    assert [(each.kind, each.name) for each in told] == [("motion", name) for name in NAMES]
+    clean = load_motion(asked.motion)
+    on_local, on_global = (load_motion(each.path) for each in told)
+    pelvis = slice(0, 3)
+    for motion in (on_local, on_global):
+        assert motion.num_frames == 12 and abs(motion.poses - clean.poses).max() > 0.02
+    assert abs(on_local.poses - on_global.poses)[:, pelvis.stop :].max() > 0.02
+
+
+def test_a_mechanism_that_cannot_be_is_refused(asked: MechanismRequest) -> None:
+    for changes, words in [
+        ({"noise_rad": 0.2}, "0.005 to 0.1 rad; got 0.2"),
+        ({"noise_rad": 0.0}, "got 0"),
+        ({"seed": -1}, "must not be negative"),
+        ({"out": Path("two.png")}, "must end in .mp4"),
+        ({"out": Path("/nowhere/two.mp4")}, "does not exist"),
+        ({"joint": "pelvis"}, "No rotation moves the pelvis"),
+    ]:
+        with pytest.raises(RunError, match=words):
+            show_mechanism(replace(asked, **changes))
+
+
+def write_noise(folder: Path, seconds: float) -> None:
+    samples = np.random.default_rng(0).normal(size=int(seconds * 16_000))
+    write_wav(folder / "speech.wav", 0.1 * samples)
+
+
+@pytest.fixture(scope="session")
+def noise(made_once: MadeOnce) -> Path:
+    """Three seconds."""
+    return made_once("noise", lambda folder: write_noise(folder, 3.0)) / "speech.wav"
+
+
+def test_points_are_what_generation_and_measures_say(
+    noise: Path, weights: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    request = StepCurveRequest(
+        noise, out, (WORLD,), counts=(1, 3), speaker="ann", seed=5, weights=weights
+    )
+    shares: list[float] = []
+    curve = measure_step_curve(request, shares.append)
+    system, skeleton, speech = get_system(WORLD, weights), open_body_skeleton(), load_speech(noise)
+    one, three = (
+        generate_motion(system, speech, GenerateOptions("ann", seed=5, steps=steps))[0]
+        for steps in (1, 3)
+    )
+    assert [point.steps for point in curve.points] == [1, 3]
+    places = [track_points(motion, skeleton).joints for motion in (one, three)]
+    apart = np.linalg.norm(places[0] - places[1], axis=-1).mean()
+    assert curve.points[0].distance_cm == pytest.approx(100 * apart)
+    assert curve.points[1].distance_cm == 0.0
+    measures = diagnose({"a": one}, skeleton).systems["a"]
+    assert curve.points[0].tip_jerk_m_s3 == pytest.approx(measures.raw.point.tip_jerk_m_s3)
+    assert all(point.ms_per_frame > 0 and point.face_steps is None for point in curve.points)
+    assert shares == sorted(shares) and shares[-1] == 1.0
+    endings = ("json", "csv", "png", "svg", "pdf")
+    assert [path.name for path in curve.files] == [f"steps.{ending}" for ending in endings]
+    table = json.loads((out / "steps.json").read_text())
+    with (out / "steps.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["steps"] for row in rows] == ["1", "3"]
+    assert table[0]["distance_cm"] == float(rows[0]["distance_cm"])
+
+
+def test_no_more_than_ten_seconds_are_generated_and_what_is_stopped_leaves_nothing(
+    weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_noise(tmp_path, MAX_S + 2)
+    lengths: list[int] = []
+
+    def watched(system, speech, options):
+        lengths.append(speech.num_frames)
+        raise CancelledRun
+
+    monkeypatch.setattr("model.generation.windows.generate_motion", watched)
+    request = StepCurveRequest(
+        tmp_path / "speech.wav", tmp_path / "out", (WORLD,), (1,), weights=weights
+    )
+    with pytest.raises(CancelledRun):
+        measure_step_curve(request)
+    assert set(lengths) == {int(30 * MAX_S)} and not (tmp_path / "out").exists()
+
+
+def test_what_cannot_be_measured_is_refused() -> None:
+    for systems, counts, says in [
+        (("a",), (0,), "from 1 to 1000; got 0"),
+        (("a",), (5, 2000), "from 1 to 1000; got 5, 2000"),
+        (("a",), (), "got none"),
+        ((), (1,), "One to 6 systems are measured at once; got 0"),
+        (tuple("abcdefg"), (1,), "got 7"),
+    ]:
+        with pytest.raises(RunError, match=says):
+            StepCurveRequest(Path("s.wav"), Path("out"), systems, counts)

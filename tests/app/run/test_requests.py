@@ -1,0 +1,172 @@
+"""What is shown of a motion, and what is said of a file as soon as it has been uploaded."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.errors import RunError
+from app.run.examples import CLEAN
+from app.run.followed_point import choose_tip_source
+from app.run.requests.display import TOLD, Display, check_display, displayed, marks_of
+from app.run.requests.upload_check import refusal_of
+from conventions.joints import JOINT_INDEX
+from model.motion.motion import Motion
+from model.speech.audio import write_wav
+from renderer.body.body import load_body
+from tests.app.fakes import made_motion
+from tests.model.made import made_waveform
+
+BODY = load_body()
+TIP = choose_tip_source(BODY, None)
+LOOK = {
+    "factor": 6.5, "hasTrail": True, "hasHeat": True, "cutoff": 4, "trailFrames": 60,
+    "heatScale": 300, "tone": "dark",
+}  # fmt: skip
+MAX_S = 2.0
+
+
+def trail_of(motion: Motion, display: Display):
+    marks = marks_of(motion, display, TIP, BODY)
+    assert marks is not None and marks.trail is not None
+    return marks.trail
+
+
+def heat_of(motion: Motion, display: Display):
+    marks = marks_of(motion, display, TIP, BODY)
+    assert marks is not None and marks.heat is not None
+    return marks.heat
+
+
+def test_a_plain_display_marks_nothing():
+    motion = made_motion(40)
+    assert Display().is_plain
+    assert marks_of(motion, Display(), TIP, BODY) is None
+    assert displayed(motion, Display()) is motion
+
+
+def test_the_trail_has_dots_where_the_point_jerks():
+    jump = made_motion(60, 0.0)
+    jump.poses[30:, 3 * JOINT_INDEX["right_elbow"] + 1] = 0.3
+    trail = trail_of(jump, Display(has_trail=True))
+    frames = np.flatnonzero(trail.is_spike)
+    assert len(frames) and 27 <= frames.min() <= 30 <= frames.max() <= 32
+    assert trail.points.shape == (60, 3) and trail.speeds.shape == trail.is_spike.shape == (60,)
+    assert trail.close_up == "right_hand"
+    assert trail_of(made_motion(60, 0.5), Display(has_trail=True)).is_spike.any()
+    for still in (made_motion(60, 0.0), made_motion(2)):  # a clip too short for jerk has none
+        assert not trail_of(still, Display(has_trail=True)).is_spike.any()
+    marks = marks_of(jump, Display(has_trail=True), TIP, BODY)
+    assert marks is not None and marks.heat is None and not marks.notice
+
+
+def test_colours_follow_the_jerk_of_each_joint_on_a_fixed_scale():
+    heat = heat_of(made_motion(60, 0.5), Display(coloring="jerk"))
+    shares = heat.shares
+    assert shares.shape == (60, 55) and shares.min() >= 0 and shares.max() <= 1
+    assert shares[:, JOINT_INDEX["right_wrist"]].mean() > 0.5
+    assert shares[:, JOINT_INDEX["left_wrist"]].max() < 1e-3
+    assert "500 m/s³" in heat.legend
+    wider = heat_of(made_motion(60, 0.5), Display(coloring="jerk", jerk_m_s3=2000.0))
+    assert "2000" in wider.legend
+    assert np.allclose(wider.shares[shares < 1], shares[shares < 1] / 4)
+    assert not heat_of(made_motion(2), Display(coloring="jerk")).shares.any()
+
+
+def test_exaggerated_motion_says_so_and_its_jerk_is_that_of_the_motion():
+    motion = made_motion(60, 0.002)
+    large, plain = Display(20, True, "jerk"), Display(1, True, "jerk")
+    marks = marks_of(motion, large, TIP, BODY)
+    assert marks is not None
+    assert marks.notice.startswith("EXAGGERATED x20") and marks.tag == "x20"
+    drawn, kept = trail_of(motion, large), trail_of(motion, plain)
+    assert np.array_equal(drawn.is_spike, kept.is_spike)
+    assert np.array_equal(heat_of(motion, large).shares, heat_of(motion, plain).shares)
+    ratio = np.ptp(drawn.points, axis=0).max() / np.ptp(kept.points, axis=0).max()
+    assert 8 < ratio < 30
+
+
+def test_factor_cut_off_and_length_of_a_trail_are_what_was_asked_for():
+    motion = made_motion(60, 0.02)
+    display = Display(2.26, True, cutoff_hz=7.0, trail_frames=12)
+    marks = marks_of(motion, display, TIP, BODY)
+    assert marks is not None and marks.trail is not None
+    assert marks.notice == "EXAGGERATED x2.3: all above 7 Hz" and marks.trail.num_frames == 12
+    lower = displayed(motion, Display(2.26, cutoff_hz=3.0))
+    assert np.abs(displayed(motion, display).poses - lower.poses).max() > 0.005
+
+
+def test_a_display_is_what_the_stage_tells():
+    display = Display.of_look(LOOK)
+    assert display == Display(6.5, True, "jerk", 4.0, 60, 300.0)
+    assert type(display.trail_frames) is int and type(display.cutoff_hz) is float
+    plain = Display.of_look({**LOOK, "factor": 1, "hasTrail": 1, "hasHeat": "true"})
+    assert plain.is_plain, "only true is true"
+    beyond = Display.of_look({**LOOK, "trailFrames": 91.0})
+    with pytest.raises(RunError, match="5 to 90 frames long; got 91"):
+        check_display(beyond)
+
+
+BAD_NUMBERS = {
+    "factor": ("2", True, None, [2], float("nan"), float("inf"), 10**400),
+    "cutoff": (False,),
+    "heatScale": ({},),
+    "trailFrames": (30.5, True, "30", float("-inf")),
+}
+
+
+def test_what_the_stage_does_not_tell_is_refused() -> None:
+    for name in BAD_NUMBERS:
+        for value in BAD_NUMBERS[name]:
+            with pytest.raises(ValueError, match=r"is no (whole )?number\."):
+                Display.of_look({**LOOK, name: value})
+        for told in TOLD.values():
+            with pytest.raises(KeyError, match=told.name):
+                Display.of_look({key: value for key, value in LOOK.items() if key != told.name})
+
+
+def test_what_cannot_be_shown_is_refused() -> None:
+    for display, words in [
+        (Display(exaggeration=21), "1 to 20 times as large; got 21"),
+        (Display(exaggeration=0.9), "1 to 20 times as large; got 0.9"),
+        (Display(exaggeration=float("nan")), "1 to 20 times as large; got nan"),
+        (Display(cutoff_hz=2), "faster than 3 to 8 Hz; got 2"),
+        (Display(trail_frames=91), "5 to 90 frames long; got 91"),
+        (Display(jerk_m_s3=0), "end at 50 to 2000 m/s³; got 0"),
+        (Display(coloring="rainbow"), "no colouring 'rainbow'"),  # type: ignore[arg-type]
+    ]:
+        with pytest.raises(RunError, match=words):
+            check_display(display)
+        for bound in (Display(1), Display(20), Display(cutoff_hz=3), Display(cutoff_hz=8)):
+            check_display(bound)
+
+
+def wav(path: Path, seconds: float) -> Path:
+    write_wav(path, made_waveform(round(16_000 * seconds)))
+    return path
+
+
+def test_what_can_be_used_is_not_refused(tmp_path: Path) -> None:
+    text = tmp_path / "said.txt"
+    text.write_text("Hello, world.")
+    for kind, files in (
+        ("speech", [wav(tmp_path / "a.wav", 1.0)]),
+        ("reference", [CLEAN]),
+        ("motion", [CLEAN]),
+        ("motion", []),
+        ("transcript", [CLEAN.with_suffix(".TextGrid")]),
+        ("transcript", [text]),
+    ):
+        assert refusal_of(kind, files, MAX_S) == "", (kind, files)
+    assert refusal_of("speech", [wav(tmp_path / "b.wav", 3.0)], MAX_S).endswith(".")
+    text.write_text("?")
+    assert refusal_of("transcript", [text], MAX_S) == "said.txt holds no words."
+
+
+def test_the_first_wrong_file_is_named(tmp_path: Path) -> None:
+    for kind in ["speech", "reference", "motion", "transcript"]:
+        wrong = [tmp_path / f"{name}.npz" for name in ("first", "second")]
+        for path in wrong:
+            path.write_bytes(b"\x00" * 64)
+        sentence = refusal_of(kind, wrong, MAX_S)
+        assert "first" in sentence and "second" not in sentence

@@ -1,0 +1,250 @@
+"""Edits as they come from outside, what they do to a plan, and the motion made again."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.errors import CancelledRun, RunError
+from app.run.pipeline import generate_all
+from app.run.requests.request import Artefact, Event, GenerateRequest, Piece
+from app.run.takes.apply import edited
+from app.run.takes.edits import MAX_EDITS, Edit, edits_of, locked_of
+from app.run.takes.take import TakeRequest, make_take, row_of
+from model.motion.motion import load_motion
+from model.plan.editing import added, gestures
+from model.plan.plan import GesturePlan, PlanError, read_plan
+from model.plan.style import style_of
+from model.speech.audio import write_wav
+from model.speech.transcript import Word
+from model.systems.planned.config import PLANNED
+from tests.model.made import made_waveform
+from tests.model.plan.made import phase
+
+SECONDS = 14.0
+SPOKEN = 12.0
+WORDS = (Word(1.0, 1.4, "and"), Word(4.0, 4.5, "You"), Word(9.0, 9.5, "there"))
+FIRST = {"side": "right", "lands": 2.0}
+
+
+@pytest.fixture
+def plan() -> GesturePlan:
+    still = (phase(0.0, SECONDS, "rest"),)
+    made = GesturePlan(SECONDS, left=still, right=still)
+    made = added(made, "offer", 2.0, "right").plan
+    return added(made, "frame", 6.0, "both").plan
+
+
+def done(plan, *told, locked=()):
+    return edited(plan, edits_of(list(told)), WORDS, locked_of(list(locked)))
+
+
+def lands(plan, side):
+    return [round(gesture.lands_s, 3) for gesture in gestures(plan, side)]
+
+
+def test_a_gesture_goes_to_a_time_or_a_word(plan):
+    at_time = done(plan, {"do": "move", "side": "right", "lands": 2.0, "at": 2.8}).plan
+    assert lands(at_time, "right") == [2.8, 6.0]
+    on_word = done(plan, {"do": "move", "side": "right", "lands": 2.0, "word": 2}).plan
+    assert lands(on_word, "right") == [6.0, 9.15]
+    strokes = [one.word for one in on_word.right if one.phase == "stroke"]
+    assert strokes == ["", "there"]
+
+
+def test_both_hands_of_a_gesture_go_together(plan):
+    moved = done(plan, {"do": "move", "side": "left", "lands": 6.0, "at": 7.0}).plan
+    assert lands(moved, "left") == [7.0] and lands(moved, "right") == [2.0, 7.0]
+    gone = done(plan, {"do": "delete", "side": "right", "lands": 6.0}).plan
+    assert lands(gone, "left") == [] and lands(gone, "right") == [2.0]
+    one = done(plan, {"do": "hands", "side": "left", "lands": 6.0, "hands": "left"}).plan
+    assert lands(one, "left") == [6.0] and lands(one, "right") == [2.0]
+
+
+def test_a_point_is_added_on_a_word_with_the_hand_that_is_asked_for(plan):
+    made = done(plan, {"do": "add", "kind": "you", "word": 1, "hands": "left"}).plan
+    assert lands(made, "left") == [4.15, 6.0] and lands(made, "right") == [2.0, 6.0]
+    (stroke,) = [one for one in made.left if one.kind == "you" and one.phase == "stroke"]
+    assert stroke.word == "you"
+
+
+def test_size_height_speed_and_hold_change_the_gesture(plan):
+    def stroke(of):
+        return next(one for one in of.right if one.phase == "stroke")
+
+    large = done(plan, {"do": "size", **FIRST, "size": 1.3}).plan
+    high = done(plan, {"do": "height", **FIRST, "by": 0.1}).plan
+    slow = done(plan, {"do": "speed", **FIRST, "speed": 0.8}).plan
+    held = done(plan, {"do": "hold", **FIRST, "hold": 1.0}).plan
+    before = stroke(plan)
+    assert stroke(high).goal[1] == pytest.approx(before.goal[1] + 0.1)
+    assert stroke(large).goal != before.goal
+    assert stroke(slow).end_s - stroke(slow).start_s > before.end_s - before.start_s
+    (hold,) = [one for one in held.right if one.phase == "hold" and one.end_s < 4]
+    assert hold.end_s - hold.start_s == pytest.approx(1.0)
+
+
+def test_the_end_of_a_phase_moves_in_both_hands_with_the_word_that_it_is_on(plan):
+    longer = done(plan, {"do": "end", "side": "left", "ends": 6.3, "at": 7.5}).plan
+    for hand in (longer.left, longer.right):
+        (hold,) = [one for one in hand if one.phase == "hold" and one.start_s == 6.0]
+        assert hold.end_s == pytest.approx(7.5)
+
+    def said(of):
+        return {round(one.end_s, 2): one.word for one in of.right if one.phase == "stroke"}
+
+    on_word = done(plan, {"do": "move", "side": "right", "lands": 2.0, "word": 1}).plan
+    still_on = done(on_word, {"do": "end", "side": "right", "ends": 4.15, "at": 4.06}).plan
+    assert said(still_on) == {4.06: "you", 6.0: ""}
+    slow = done(still_on, {"do": "end", "side": "right", "ends": 3.84, "at": 3.7}).plan
+    assert said(slow) == {4.06: "you", 6.0: ""}
+    off = done(slow, {"do": "end", "side": "right", "ends": 4.06, "at": 3.95}).plan
+    assert said(off) == {3.95: "", 6.0: ""}
+
+
+def test_head_and_eyes_are_edited_alike(plan):
+    made = done(
+        plan,
+        {"do": "nod", "at": 3.0},
+        {"do": "blink", "at": 3.5},
+        {"do": "look", "at": 13.5, "yaw": 15.0, "pitch": 0.0},
+    ).plan
+    assert len(made.nods) == len(made.blinks) == 1 and made.looks[0].end_s == SECONDS
+    there = (("nods", 3.01), ("looks", 13.5), ("blinks", 3.5))
+    gone = done(made, *({"do": "remove", "list": each, "at": at} for each, at in there)).plan
+    assert not gone.nods and not gone.looks and not gone.blinks
+    with pytest.raises(PlanError, match=r"none of its nods at 8.00 s"):
+        done(plan, {"do": "remove", "list": "nods", "at": 8.0})
+
+
+def test_sliders_change_the_whole_and_leave_what_is_locked(plan):
+    large = done(plan, {"do": "style", "size_m": 0.5}, locked=[["right", 2.0]]).plan
+    assert style_of(large).size_m > style_of(plan).size_m
+    assert large.right[1:3] == plan.right[1:3]
+    calm = done(plan, {"do": "style", "excite": -1.0}).plan
+    assert style_of(calm).size_m < style_of(plan).size_m
+    with pytest.raises(PlanError, match=r"right hand's gesture at 2.00 s is locked"):
+        done(plan, {"do": "delete", **FIRST}, locked=[["right", 2.0]])
+
+
+def test_a_plan_from_a_file_takes_its_place(plan):
+    other = added(plan, "point_up", 10.0, "right").plan
+    made = done(plan, {"do": "plan", "name": "x.json", "text": other.as_json()})
+    assert lands(made.plan, "right") == [2.0, 6.0, 10.0]
+    short = GesturePlan(3.0, left=(phase(0.0, 3.0, "rest"),))
+    with pytest.raises(PlanError, match=r"of 3.00 s and the speech lasts 14.00 s"):
+        done(plan, {"do": "plan", "name": "x.json", "text": short.as_json()})
+    with pytest.raises(RunError, match=r"this file ends in '.exe'"):
+        done(plan, {"do": "plan", "name": "x.exe", "text": ""})
+    with pytest.raises(PlanError, match="no plan of format"):
+        done(plan, {"do": "plan", "name": "../../x.json", "text": "[1]"})
+
+
+def test_an_impossible_edit_is_a_sentence_and_none_of_its_batch_is_done(plan):
+    with pytest.raises(PlanError, match="there is no time for a gesture"):
+        done(plan, {"do": "nod", "at": 3.0}, {"do": "move", **FIRST, "at": 6.1})
+    with pytest.raises(RunError, match="The speech has 3 words"):
+        done(plan, {"do": "add", "kind": "you", "word": 3})
+
+
+def test_what_is_no_edit_is_refused() -> None:
+    for told, match in [
+        ({"do": "move"}, "lacks 'side'"),
+        ({"do": "move", "side": "right", "lands": 1.0}, "to a time or a word"),
+        ({"do": "add", "kind": "you", "at": 1.0, "word": 1}, "to a time or a word"),
+        ({"do": "move", "side": "up", "lands": 1.0, "at": 1.0}, "none of left, right"),
+        ({"do": "delete", "side": "left", "lands": True}, "no number"),
+        ({"do": "delete", "side": "left", "lands": float("nan")}, "no number"),
+        ({"do": "delete", "side": "left", "lands": -1}, "from 0 to 3600"),
+        ({"do": "delete", "side": "left", "lands": 10**400}, "no number"),
+        ({"do": "delete", "side": ["left"], "lands": 1}, "none of left, right"),
+        ({"do": "end", "side": "left", "ends": 1.0}, "lacks 'at'"),
+        ({"do": "size", "side": "left", "lands": 1, "size": 9}, r"from 0.1 to 4"),
+        ({"do": "add", "kind": "x" * 41, "at": 1}, "at most 40 characters"),
+        ({"do": "add", "kind": "you", "word": 1.5}, "no number of a word"),
+        ({"do": "nod", "at": 1, "path": "/etc"}, "has no 'path'"),
+        ({"do": ["nod"]}, "There is no edit"),
+        ({}, "There is no edit"),
+        ("nod", "is an object"),
+    ]:
+        with pytest.raises(RunError, match=match):
+            edits_of([told])
+
+
+def test_there_is_an_end_to_how_much_comes_at_once():
+    with pytest.raises(RunError, match=f"at most {MAX_EDITS}"):
+        edits_of([{"do": "nod", "at": 1.0}] * (MAX_EDITS + 1))
+    for told in ({"do": "nod"}, None, "x" * 100):
+        with pytest.raises(RunError, match="a list"):
+            edits_of(told)
+    with pytest.raises(RunError, match="A locked gesture"):
+        locked_of([["left"]])
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory, planned_weights: Path) -> TakeRequest:
+    """A request that changes nothing, of a run that is there."""
+    folder = tmp_path_factory.mktemp("take")
+    write_wav(folder / "talk.wav", made_waveform(round(16_000 * SPOKEN)))
+    still = (phase(0.0, SPOKEN, "rest"),)
+    plan = added(GesturePlan(SPOKEN, left=still, right=still), "offer", 9.0, "right").plan
+    plan.write(folder / "plan.json")
+    run = GenerateRequest(
+        folder / "talk.wav", folder / "run", planned_weights, (PLANNED,), seed=4,
+        plan=folder / "plan.json", steps=2, has_video=False, has_figures=False,
+    )  # fmt: skip
+    generate_all(run)
+    stem = "workbench-planned"
+    return TakeRequest(
+        run, PLANNED, 1, PLANNED, folder / "first", run.out / f"{stem}.plan.json", None,
+        run.out / f"{stem}.npz",
+    )  # fmt: skip
+
+
+def test_a_take_changes_what_was_edited_and_keeps_the_rest(
+    made: TakeRequest, tmp_path: Path
+) -> None:
+    first = make_take(made, lambda event: None, lambda: False)
+    old = load_motion(first.files.motion)
+    for name in ("poses", "trans", "expressions"):  # the plan as it is: the motion of the run
+        np.testing.assert_array_equal(getattr(load_motion(made.beside), name), getattr(old, name))
+    events: list[Event] = []
+    edit = Edit("move", {"side": "right", "lands": 9.0, "at": 9.5})
+    asked = replace(made, name="x.take1", out=tmp_path / "out", before=first.files, edits=(edit,))
+    take = make_take(asked, events.append, lambda: False)
+    (part,) = take.fresh_s
+    assert 5 < part[0] < 9 and part[1] == SPOKEN
+    new = load_motion(take.files.motion)
+    stays = round(30 * part[0])
+    np.testing.assert_array_equal(old.poses[:stays], new.poses[:stays])
+    assert not np.array_equal(old.poses[stays:], new.poses[stays:])
+    pieces = [event for event in events if isinstance(event, Piece)]
+    assert pieces[-1].end == old.num_frames and {one.name for one in pieces} == {"x.take1"}
+    assert len({(one.turn_rad, one.shift_m) for one in pieces}) == 1  # where the run's stands
+    assert {one.kind for one in events if isinstance(one, Artefact)} == {"plan", "motion"}
+    assert [one.lands_s for one in gestures(read_plan(take.files.plan), "right")] == [9.5]
+    (gesture,) = json.loads(take.told.read_text())["gestures"]
+    assert (gesture["lands"], gesture["kind"], gesture["partner"]) == (9.5, "offer", None)
+    back = Edit("move", {"side": "right", "lands": 9.5, "at": 9.0})
+    plan, out = take.files.plan, tmp_path / "back"
+    again = replace(made, out=out, before=take.files, plan=plan, edits=(back,))
+    other = make_take(again, lambda event: None, lambda: False)
+    assert [one.lands_s for one in gestures(read_plan(other.files.plan), "right")] == [9.0]
+
+
+def test_what_cannot_be_leaves_nothing(made: TakeRequest, tmp_path: Path) -> None:
+    late = Edit("move", {"side": "right", "lands": 9.0, "at": 40.0})
+    asked = replace(made, out=tmp_path / "out", edits=(late,))
+    with pytest.raises(PlanError, match=r"the end at 12.00 s"):
+        make_take(asked, lambda event: None, lambda: False)
+    with pytest.raises(CancelledRun):
+        make_take(replace(asked, edits=()), lambda event: None, lambda: True)
+    assert not list(tmp_path.rglob("*.npz"))
+
+
+def test_a_row_says_which_motion_it_is() -> None:
+    assert row_of("a/b.s2", ("a/x", "a/b"), 2) == ("a/b", 2)
+    with pytest.raises(RunError, match="no such motion"):
+        row_of("a/b.s3", ("a/x", "a/b"), 2)

@@ -1,0 +1,336 @@
+"""Videos of runs and of a stage: what stands where, how large, how many at once, and how long."""
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import av
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from app.errors import CancelledRun, RunError
+from app.run.body_motion import body_motion
+from app.run.examples import CLEAN
+from app.run.followed_point import choose_tip_source
+from app.run.output.result_folder import ResultFolder
+from app.run.output.telling import Reporter
+from app.run.requests.display import Display
+from app.run.requests.request import GenerateRequest, Progress
+from app.run.videos import comparison, own_videos, seen_video
+from app.run.videos.comparison import (
+    AROUND_FRAMES,
+    LEAST_FULL_SCALE,
+    Row,
+    draw_all,
+    jerk_marks,
+)
+from app.run.videos.own_videos import SOLE_M, in_register, picture_motions, register_of
+from app.run.videos.seen_video import (
+    BODY,
+    MAX_BODIES,
+    MAX_SHOWN,
+    NAME,
+    Mode,
+    Seen,
+    SeenBody,
+    SeenPanel,
+    SeenRequest,
+    draw_seen,
+)
+from conventions.joints import JOINT_INDEX
+from conventions.names import REFERENCE_NAME
+from model.motion.kinematics import open_body_skeleton
+from model.motion.motion import Motion, load_motion, save_motion
+from model.motion.tracks import track_points
+from model.speech.audio import write_wav
+from renderer.body.body import load_body
+from renderer.scene.camera import Orbit
+from renderer.scene.stage import set_stage
+from renderer.video.compose import band_height
+from renderer.video.settings import RenderSettings
+from tests.app.fakes import made_motion
+from tests.helpers import smooth_motion_example
+from tests.model.made import made_waveform
+
+PANELS = (
+    SeenPanel(BODY, 0, 0, 80, 100),
+    SeenPanel("right_hand", 0, 100, 40, 40),
+    SeenPanel("left_hand", 40, 100, 40, 40),
+)
+GRID = Seen(shown=(0, 1), size=(80.0, 140.0), panels=(PANELS,), columns=2)
+PAIR = replace(
+    GRID,
+    size=(160.0, 100.0),
+    panels=(
+        (SeenPanel(BODY, 40, 0, 80, 100), SeenPanel("right_hand", 0, 0, 40, 100)),
+        (SeenPanel(BODY, 40, 0, 80, 100), SeenPanel("right_hand", 120, 0, 40, 100)),
+    ),
+    mode="wipe",
+)
+
+
+def moved(motion: Motion, degrees: float) -> Motion:
+    """Somewhere else, and turned about the vertical."""
+    turn = Rotation.from_euler("y", degrees, degrees=True)
+    rest = open_body_skeleton().rest_joints[0].double().numpy()
+    poses = motion.poses.reshape(len(motion.poses), -1, 3).copy()
+    poses[:, 0] = (turn * Rotation.from_rotvec(poses[:, 0])).as_rotvec()
+    trans = turn.apply(motion.trans + rest) - rest + (3.0, 0.4, -2.0)
+    return replace(motion, poses=poses.reshape(len(poses), -1), trans=trans.astype(np.float32))
+
+
+def test_motions_of_other_places_are_laid_onto_each_other() -> None:
+    for degrees in [0.0, 90.0, -170.0]:
+        motion = load_motion(CLEAN).part(slice(60))
+        elsewhere = moved(motion, degrees)
+        skeleton = open_body_skeleton()
+        own = track_points(in_register(motion), skeleton).joints
+        theirs = track_points(in_register(elsewhere), skeleton).joints
+        np.testing.assert_allclose(theirs, own, atol=1e-4)
+        across = own[:, JOINT_INDEX["left_hip"]] - own[:, JOINT_INDEX["right_hip"]]
+        assert abs(across[:, 2].mean()) < 1e-4 < across[:, 0].mean()
+        np.testing.assert_allclose(np.median(own[:, 0], axis=0)[[0, 2]], 0.0, atol=1e-5)
+        feet = own[:, [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]], 1].min(axis=1)
+        assert np.median(feet) == pytest.approx(SOLE_M, abs=1e-5)
+        again = register_of(in_register(elsewhere))  # what a player is told has been done
+        assert again.turn_rad == pytest.approx(0, abs=1e-4)
+        assert again.shift_m == pytest.approx((0, 0, 0), abs=1e-4)
+
+
+def test_only_what_can_be_drawn_in_time_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(own_videos, "MAX_FRAMES", 60)
+    motion = load_motion(CLEAN)
+    pictured = picture_motions({"long": motion, "short": motion.part(slice(20))})
+    assert [each.num_frames for each in pictured.motions.values()] == [30, 20]
+    assert pictured.notes == ("Stage and videos show the first 1 s of long.",)
+
+
+class _Drawing(Exception):
+    """Begins now."""
+
+
+def test_all_bodies_of_a_run_are_in_register(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A reference that was recorded elsewhere stands where the systems stand, as large as they."""
+    jobs: dict[str, Any] = {}
+
+    def begin(given: dict[str, Any], **options: Any) -> None:
+        jobs.update(given)
+        raise _Drawing
+
+    monkeypatch.setattr(comparison, "draw_videos", begin)
+    body = load_body()
+    motion = load_motion(CLEAN).part(slice(40))
+    elsewhere = moved(motion, 120.0)
+    rows = [Row("a", motion, motion), Row(REFERENCE_NAME, elsewhere, elsewhere)]
+    request = GenerateRequest(tmp_path / "s.wav", tmp_path / "out", tmp_path)
+    inputs: Any = SimpleNamespace(body=body, wav=tmp_path / "s.wav")
+    reporter = Reporter(lambda event: None, lambda: False)
+    with pytest.raises(_Drawing), ResultFolder(tmp_path / "out") as folder:
+        draw_all(request, inputs, rows, choose_tip_source(body, None), folder, reporter)
+    mine, theirs = (
+        body.joint_positions(jobs[f"{name}.mp4"].motion) for name in ("a", REFERENCE_NAME)
+    )
+    np.testing.assert_allclose(theirs, mine, atol=1e-4)
+    assert np.abs(np.median(mine[:, 0, [0, 2]], axis=0)).max() < 1e-4
+    assert jobs["a.mp4"].stage == jobs[f"{REFERENCE_NAME}.mp4"].stage
+
+
+def test_the_shaken_joint_stands_out_where_it_is_shaken() -> None:
+    smooth, shaken = (body_motion(smooth_motion_example(90)) for _ in range(2))
+    elbow, wrist = JOINT_INDEX["right_elbow"], JOINT_INDEX["right_wrist"]
+    rng = np.random.default_rng(0)
+    shaken.poses[60:, 3 * elbow : 3 * elbow + 3] += rng.normal(scale=0.1, size=(30, 3))
+    motions = {"smooth": smooth, "shaken": shaken}
+    body, settings = load_body(), RenderSettings(128, 128)
+    stage = set_stage(body, list(motions.values()))
+
+    marks = jerk_marks(body, motions, (0, 40, 75), settings, stage)
+
+    values = marks.values
+    assert values["shaken"].shape == (3, 55) and marks.pixels["shaken"].shape == (3, 55, 2)
+    assert 40 + AROUND_FRAMES < 60
+    np.testing.assert_allclose(values["shaken"][:2], values["smooth"][:2], rtol=1e-3, atol=0.5)
+    assert values["shaken"][2, wrist] > 5 * values["smooth"][2, wrist]
+    assert values["shaken"][2, elbow] < 2 * values["smooth"][2, elbow]  # it turns, and stays
+    assert marks.full_scale >= values["shaken"][2, wrist] > LEAST_FULL_SCALE
+
+
+def test_a_smooth_motion_has_no_strong_mark_and_one_frame_none() -> None:
+    body, settings = load_body(), RenderSettings(128, 128)
+    calm = body_motion(smooth_motion_example(60))
+    calm.poses[:] *= 0.3
+    motions = {"a": calm}
+    stage = set_stage(body, list(motions.values()))
+    marks = jerk_marks(body, motions, (0, 50), settings, stage)
+    assert marks.full_scale == LEAST_FULL_SCALE
+    assert marks.values["a"].max() < 0.5 * LEAST_FULL_SCALE
+
+    one = {"a": body_motion(smooth_motion_example(1))}
+    assert not jerk_marks(body, one, (0,), settings, stage).values["a"].any()
+
+
+def test_what_a_stage_shows_is_taken():
+    replace(GRID, shown=(0, 2)).check(3)
+    replace(GRID, mode="ghost", panels=(PANELS, PANELS[:1])).check(3)
+
+
+def test_what_no_stage_shows_is_refused() -> None:
+    for changes, num_bodies, words in [
+        ({}, 0, "no body on the stage yet"),
+        ({}, MAX_BODIES + 1, "at most 64 bodies; 65"),
+        ({"mode": "magic"}, 3, "no way 'magic'"),
+        *(
+            ({"mode": mode}, 3, "another number of pictures")
+            for mode in ("ghost", "wipe", "flicker")
+        ),
+        ({"mode": "ghost", "shown": (0,)}, 3, "A ghost shows two bodies; 1"),
+        ({"shown": tuple(range(MAX_SHOWN + 1))}, 20, "1 to 12 bodies; the stage shows 13"),
+        ({"shown": ()}, 3, "the stage shows 0"),
+        ({"shown": (0, 3)}, 3, r"bodies 0 to 2; got \[0, 3\]"),
+        ({"shown": (-1,)}, 3, "bodies 0 to 2"),
+        ({"columns": 0}, 3, "1 to 12 bodies; got 0"),
+        ({"wipe": 1.5}, 3, "0 to 1 of the picture; got 1.5"),
+        ({"size": (10.0, 420.0)}, 3, "64 to 8192 pixels on each side; the stage has 10 x 420"),
+        ({"panels": (PANELS, PANELS)}, 3, "another number of pictures"),
+        ({"panels": (PANELS[1:],)}, 3, "A picture holds a body"),
+        ({"panels": ((PANELS[0], PANELS[1], PANELS[1]),)}, 3, "at most once each"),
+        ({"panels": ((PANELS[0], replace(PANELS[1], view="attic")),)}, 3, "got body, attic"),
+        ({"panels": ((replace(PANELS[0], width=900.0),),)}, 3, "The body has no room"),
+        ({"panels": ((PANELS[0], replace(PANELS[1], height=1.0)),)}, 3, "right hand has no room"),
+        ({"display": Display(exaggeration=50)}, 3, "1 to 20 times as large; got 50"),
+        ({"camera": Orbit(zoom=99.0)}, 3, "zoom is 0.4 to 10; got 99"),
+    ]:
+        with pytest.raises(RunError, match=words):
+            replace(GRID, **changes).check(num_bodies)
+
+
+def with_arms_down(num_frames: int = 1) -> Motion:
+    motion = made_motion(num_frames, 0.01)
+    for side, sign in (("left", -1), ("right", 1)):
+        motion.poses[:, 3 * JOINT_INDEX[f"{side}_shoulder"] + 2] = sign * 1.2
+    return motion
+
+
+def asked(tmp_path: Path, seen: Seen, *motions: Motion, speech: Path | None = None) -> SeenRequest:
+    bodies = []
+    for i, motion in enumerate(motions or (with_arms_down(), with_arms_down())):
+        save_motion(motion, tmp_path / f"{i}.npz")
+        bodies.append(SeenBody("ab"[i], tmp_path / f"{i}.npz"))
+    return SeenRequest(tuple(bodies), seen, tmp_path / "out", speech)
+
+
+def drawn(request: SeenRequest) -> np.ndarray:
+    """The pictures under the band with the names."""
+    video = draw_seen(request, lambda event: None, lambda: False)
+    assert video.path == request.out / NAME and list(request.out.iterdir()) == [video.path]
+    with av.open(str(video.path)) as file:
+        frames = np.stack([each.to_ndarray(format="rgb24") for each in file.decode(video=0)])
+    assert len(frames) == video.num_frames
+    room = seen_video._Room.of(request.seen)
+    high = room.height
+    wide = room.width if request.seen.mode == "grid" else room.width // 2
+    assert high - 2 <= frames.shape[1] - band_height(min(wide, high)) <= high + 2
+    return frames[:, -high:].astype(int)
+
+
+def dark(picture: np.ndarray) -> np.ndarray:
+    """Where the suit is."""
+    return picture.sum(axis=-1) < 400
+
+
+@pytest.mark.gl
+def test_bodies_stand_beside_each_other_with_their_hands_and_the_sound(tmp_path: Path) -> None:
+    speech = tmp_path / "speech.wav"
+    write_wav(speech, made_waveform(3200))
+    frames = drawn(asked(tmp_path, GRID, speech=speech))
+    _, height, width, _ = frames.shape
+    assert width / height == pytest.approx(160 / 140, rel=0.03)
+    half = dark(frames[0])[: round(height * 100 / 140)]
+    left, right = half[:, : width // 2], half[:, width // 2 :]
+    assert left.mean() > 0.03 and np.mean(left != right) < 0.01, "one motion, one picture"
+    with av.open(str(tmp_path / "out" / NAME)) as file:
+        assert file.streams.audio
+
+
+@pytest.mark.gl
+def test_camera_framing_and_displays_are_what_was_seen(tmp_path: Path) -> None:
+    plain = drawn(asked(tmp_path, replace(GRID, shown=(0,), columns=1)))[0]
+    near = replace(GRID, shown=(0,), columns=1, camera=Orbit(zoom=2.0))
+    jerk = replace(near, camera=Orbit(), display=Display(coloring="jerk"))
+    side = replace(near, camera=Orbit(np.pi / 2))
+    body = slice(0, round(plain.shape[0] * 100 / 140) - 4)
+    seen = [dark(drawn(asked(tmp_path, each))[0][body]).sum() for each in (near, jerk, side)]
+    usual = dark(plain[body]).sum()
+    assert seen[0] > 1.5 * usual, "nearer"
+    assert seen[1] < 0.2 * usual and seen[2] < 0.9 * usual
+
+
+@pytest.mark.slow
+@pytest.mark.gl
+@pytest.mark.parametrize("mode", ["ghost", "wipe", "flicker"])
+def test_a_pair_stands_pelvis_on_pelvis(tmp_path: Path, mode: Mode) -> None:
+    first, second = with_arms_down(20), with_arms_down(20)
+    second.trans[10:, 0] += 0.8  # in register it stands 0.4 m to one side, then to the other
+    seen = replace(PAIR, mode=mode)
+    frames, alone, apart = (
+        drawn(asked(tmp_path, each, first, second))
+        for each in (seen, replace(seen, shown=(0, 0)), replace(seen, is_aligned=False))
+    )
+    wide = frames.shape[2]
+    middle, beside = np.s_[:, :, wide // 4 : 3 * wide // 4], np.s_[:, :, 3 * wide // 4 + 4 :]
+    moved = np.abs(frames[[2, 17]][beside] - apart[[2, 17]][beside]).mean()
+    assert moved < 5, "hands stay in place, but for the shadow"
+    away, free = (np.abs(each[middle] - alone[middle]).mean() for each in (frames, apart))
+    assert away < 0.5 * free
+
+
+def test_the_second_of_a_pair_stands_where_the_first_is_drawn() -> None:
+    first, second = with_arms_down(6), with_arms_down(9)
+    second.trans[:, 0] = np.arange(9)
+    each = [seen_video._Drawn("", motion, motion, None) for motion in (first, second)]
+    laid = seen_video._laid_on(*each).shown.trans
+    assert np.allclose(laid[:, [0, 2]], first.trans[0, [0, 2]]), "also where the first has ended"
+    assert np.array_equal(laid[:, 1], second.trans[:, 1]), "but not in height"
+
+
+def test_pictures_are_as_large_as_a_screen_has_room_for_but_small_ones_half_as_large_again() -> (
+    None
+):
+    for size, columns, count in [
+        ((320.0, 476.0), 5, 5),
+        ((1200.0, 900.0), 1, 1),
+        ((250.0, 500.0), 6, 12),
+    ]:
+        panels = ((SeenPanel(BODY, 0, 0, *size),),)
+        room = seen_video._Room.of(Seen(tuple(range(count)), size, panels, columns))
+        assert room.width % 2 == room.height % 2 == 0
+        assert room.width / room.height == pytest.approx(size[0] / size[1], rel=0.02)
+        rows, band = -(-count // columns), band_height(min(room.width, room.height))
+        wide, tall = columns * room.width, rows * (room.height + band)
+        assert wide <= 1920 + 2 * columns and tall <= 1080 + 2 * rows
+        assert wide > 1800 or tall > 980
+        small = seen_video._Room.of(GRID)
+        assert (small.width, small.height) == (120, 210)
+
+
+def test_a_long_video_is_cut_and_says_so() -> None:
+    zeros = np.zeros((6000, 165), np.float32)
+    long = Motion(zeros, zeros[:, :3], zeros[:, :100], "flame100", np.zeros(300, np.float32))
+    assert seen_video._longest([made_motion(2), made_motion(2)], GRID) == (2, ())
+    limit, (note,) = seen_video._longest([made_motion(1), long], GRID)
+    assert limit == 5400 and "first 180 s" in note
+
+
+def test_too_small_bodies_are_refused_and_drawing_stops_when_it_is_told_to(tmp_path: Path) -> None:
+    panels = ((SeenPanel(BODY, 0, 0, 10, 10), SeenPanel("face", 0, 10, 1000, 990)),)
+    seen = replace(GRID, size=(1000.0, 1000.0), panels=panels)
+    with pytest.raises(RunError, match="too small on the stage"):
+        draw_seen(asked(tmp_path, seen), lambda event: None, lambda: False)
+    told: list[object] = []
+    with pytest.raises(CancelledRun):
+        draw_seen(asked(tmp_path, GRID), told.append, lambda: bool(told))
+    assert told == [Progress("video", 0.0)] and not (tmp_path / "out" / NAME).exists()

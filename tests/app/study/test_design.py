@@ -1,0 +1,237 @@
+"""Protocols become the right trials, every participant a fair list, and no order tells."""
+
+import itertools
+import math
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.study.design.blinding import blinding_of, draw_blinding, make_key
+from app.study.design.plan import Plan, read_plan
+from app.study.design.size import ANSWER_S, BEFORE_S, StudySize, size_of
+from app.study.design.tells import LEVEL, order_probability, value_tells
+from app.study.design.trials import (
+    Design,
+    Stimulus,
+    is_first_left,
+    make_design,
+    measure_balance,
+    other_speech,
+    williams_square,
+)
+from app.study.make.records import reached_balance
+from tests.app.study.made_study import write_plan
+
+SYSTEMS = ["ann", "bob", "cleo", "dora"]
+CLIPS = ["one", "two", "three"]
+PROTOCOLS = ("pairwise", "matched", "ranking", "rating")
+
+
+def design_of(
+    folder: Path, protocol: str, extra: str = "", participants: int = 36
+) -> tuple[Plan, Design]:
+    settings = f'protocol = "{protocol}"\nparticipants = {participants}\n{extra}'
+    plan = read_plan(write_plan(folder, SYSTEMS, CLIPS, settings))
+    return plan, make_design(plan)
+
+
+def test_a_williams_square_balances_position_and_succession() -> None:
+    for size in [1, 2, 3, 4, 5, 6, 9, 18]:
+        rows = williams_square(size)
+        assert len(rows) == (size if size % 2 == 0 else 2 * size)
+        assert all(sorted(row) == list(range(size)) for row in rows)
+        positions = Counter((place, name) for row in rows for place, name in enumerate(row))
+        assert len(set(positions.values())) == 1
+        follows = Counter(pair for row in rows for pair in itertools.pairwise(row))
+        assert len(follows) == size * (size - 1)
+        assert len(set(follows.values())) <= 1
+
+
+def test_each_system_is_left_as_often_as_right() -> None:
+    for num_systems in [2, 3, 4, 5, 6]:
+        for num_scenes in [1, 2, 4]:
+            lefts = Counter()
+            for scene in range(num_scenes):
+                for first, second in itertools.combinations(range(num_systems), 2):
+                    is_left = is_first_left(first, second, num_systems, scene)
+                    assert is_left != is_first_left(second, first, num_systems, scene)
+                    lefts[first if is_left else second] += 1
+            fair = num_scenes * (num_systems - 1) / 2
+            # An odd number of trials cannot be halved; everything else can.
+            limit = 0.5 if num_scenes % 2 and num_systems % 2 == 0 else 0.0
+            assert all(abs(lefts[system] - fair) <= limit for system in range(num_systems))
+
+
+def test_the_balance_of_lists_is_told_as_it_is() -> None:
+    system_of = {"a": "one", "b": "two", "c": "one", "d": "two"}
+    first, second = ("t1", ("a", "b")), ("t2", ("c", "d"))
+    check = ("check", ())
+    fair = measure_balance(
+        [[first, check, ("t2", ("d", "c"))], [second, ("t1", ("b", "a"))]], system_of
+    )
+    assert fair.position_spread == fair.follows_spread == fair.appearances_spread == 0
+    assert fair.first_place_spread_within_trial == 0
+    assert fair.first_place_unfairness == 0.0
+    assert fair.first_place_shares == {"one": 0.5, "two": 0.5}
+
+    unfair = measure_balance([[first, second], [first, second]], system_of)
+    assert unfair.position_spread == unfair.follows_spread == 2
+    assert unfair.first_place_spread_within_trial == 2
+    assert unfair.first_place_unfairness == 1.0
+    assert unfair.first_place_shares == {"one": 1.0, "two": 0.0}
+
+
+def test_pairs_are_silent_and_complete(tmp_path: Path) -> None:
+    _, design = design_of(tmp_path, "pairwise", 'views = ["front", "side"]')
+    pairs = [trial for trial in design.trials if trial.kind == "pair"]
+    assert len({frozenset(trial.stimuli) for trial in pairs}) == len(pairs) == 6 * 3 * 2
+    assert len(design.stimuli) == 4 * 3 * 2
+    assert all(stimulus.speech is None for stimulus in design.stimuli)
+    for left, right in (trial.stimuli for trial in pairs):
+        assert left.system != right.system
+        assert (left.clip, left.view) == (right.clip, right.view)
+
+
+def test_matched_trials_change_the_speech_alone(tmp_path: Path) -> None:
+    plan, design = design_of(tmp_path, "matched")
+    matches = [trial for trial in design.trials if trial.kind == "match"]
+    assert len(matches) == 4 * 3
+    for trial in matches:
+        first, second = trial.stimuli
+        assert (first.system, first.clip, first.view) == (second.system, second.clip, second.view)
+        assert sorted(s.speech == s.clip for s in trial.stimuli) == [False, True]
+    heard = Counter(s.speech for s in design.stimuli if s.speech != s.clip)
+    assert set(heard.values()) == {4}  # each speech is as often wrong as right
+    assert all(clip != wrong for clip, wrong in other_speech(plan).items())
+
+
+def test_whole_groups_are_shown_with_their_speech(tmp_path: Path) -> None:
+    for protocol in ["ranking", "rating"]:
+        _, design = design_of(tmp_path, protocol)
+        groups = [trial for trial in design.trials if trial.kind in ("rank", "rate")]
+        assert len(groups) == 3
+        for trial in groups:
+            assert {stimulus.system for stimulus in trial.stimuli} == set(SYSTEMS)
+            assert all(stimulus.speech == stimulus.clip for stimulus in trial.stimuli)
+
+
+def test_lists_are_balanced_in_order_and_side(tmp_path: Path) -> None:
+    for protocol in PROTOCOLS:
+        _, design = design_of(tmp_path, protocol)
+        balance = reached_balance(design, draw_blinding(design))
+        # 36 participants are whole squares of 18, 12 and 3 trials.
+        assert balance.position_spread == balance.follows_spread == balance.appearances_spread == 0
+        assert balance.first_place_spread_within_trial == 0
+        assert balance.first_place_unfairness <= 1.0
+        fair = 0.25 if protocol in ("ranking", "rating") else 0.5
+        assert all(share == pytest.approx(fair) for share in balance.first_place_shares.values())
+
+
+def test_every_participant_gets_all_attention_checks_spread_out(tmp_path: Path) -> None:
+    _, design = design_of(tmp_path, "pairwise", "attention_checks = 3")
+    for pages in design.lists:
+        places = [i for i, page in enumerate(pages) if design.trials[page.trial].press]
+        assert len(places) == 3
+        assert min(b - a for a, b in itertools.pairwise(places)) > 2
+        assert {design.trials[pages[i].trial].press for i in places} == {"left", "right"}
+
+
+def test_shorter_lists_share_the_trials_evenly(tmp_path: Path) -> None:
+    _, design = design_of(tmp_path, "pairwise", "trials_per_participant = 6")
+    shown = [[page.trial for page in pages if page.shown] for pages in design.lists]
+    assert all(len(set(pages)) == len(pages) == 6 for pages in shown)
+    counts = Counter(trial for pages in shown for trial in pages)
+    assert len(counts) == 18 and set(counts.values()) == {12}
+
+
+def test_a_plan_gives_the_same_design_each_time_and_its_seed_another(tmp_path: Path) -> None:
+    first, again, other = (
+        design_of(tmp_path, "pairwise", extra)[1] for extra in ("", "", "seed = 1")
+    )
+    assert again == first and other.lists != first.lists
+
+
+def test_names_are_drawn_anew_and_a_key_gives_them_back(tmp_path: Path) -> None:
+    for protocol in PROTOCOLS:
+        plan, design = design_of(tmp_path, protocol, participants=5)
+        blinding, other = draw_blinding(design), draw_blinding(design)
+        assert not set(blinding.videos.values()) & set(other.videos.values())
+        key = make_key(plan, design, blinding, {})
+        assert blinding_of(key, plan, design) == blinding
+        assert len(key.lists) == 5
+
+
+def test_what_a_study_asks_is_counted_as_by_hand(tmp_path: Path) -> None:
+    """Each of 6 pairs, 4 matches or 1 group on 3 clips, by 10 people."""
+    for protocol, pages, shown in [
+        ("pairwise", 6 * 3, 2),
+        ("matched", 4 * 3, 2),
+        ("ranking", 3, 4),
+        ("rating", 3, 4),
+    ]:
+        settings = "attention_checks = 0\nlength_s = 6"
+        found = size_of(*design_of(tmp_path, protocol, settings, participants=10))
+        minutes = math.ceil((BEFORE_S + pages * (shown * 6 + ANSWER_S)) / 60)
+        assert (found.num_pages, found.minutes) == (pages, minutes)
+        assert (found.fewest, found.most) == (10 * 3, 10 * 3)
+
+
+def test_part_lists_share_the_votes(tmp_path: Path) -> None:
+    settings = "attention_checks = 0\ntrials_per_participant = 5"
+    found = size_of(*design_of(tmp_path, "pairwise", settings, participants=10))
+    assert found.num_pages == 5
+    assert found.fewest < 10 * 5 / 6 < found.most  # 50 votes over 6 pairs
+
+
+def test_a_sentence_for_the_researcher() -> None:
+    assert StudySize(7, 18, "pair", 28, 28).sentence() == (
+        "About 7 minutes and 18 pages for each participant; 28 votes for each pair of systems if "
+        "all finish."
+    )
+    assert StudySize(1, 1, "rank", 0, 1).sentence() == (
+        "About 1 minute and 1 page for each participant; 0 to 1 ranking for each system if all "
+        "finish."
+    )
+
+
+def test_the_probability_of_perfect_agreement_is_exact() -> None:
+    scene = {"a": 1.0, "b": 2.0, "c": 3.0}
+    assert order_probability([scene]) == 1.0
+    assert order_probability([scene] * 2) == pytest.approx(1 / 6)
+    assert order_probability([scene] * 4) == pytest.approx(1 / 6**3)
+    assert order_probability([{"a": 1.0, "b": 2.0}] * 8) == pytest.approx(1 / 2**7)
+    assert order_probability([dict.fromkeys("abc", 5.0)] * 6) == 1.0  # equal values tell nothing
+
+
+def test_the_test_of_orders_is_one_at_its_level() -> None:
+    """Over all orders of three scenes, at most a share p has a probability of p or less."""
+    orders = list(itertools.permutations((1.0, 2.0, 3.0)))
+    found = np.array(
+        [
+            order_probability([dict(zip("abc", order, strict=True)) for order in scenes])
+            for scenes in itertools.product(orders, repeat=3)
+        ]
+    )
+    for level in np.unique(found):
+        assert np.mean(found <= level) <= level + 1e-9
+
+
+def test_many_systems_are_drawn_and_not_listed() -> None:
+    scene = {f"s{i}": float(i) for i in range(7)}
+    assert order_probability([scene] * 4) < LEVEL
+    rng = np.random.default_rng(1)
+    shuffled = [dict(zip(scene, rng.permutation(7).astype(float), strict=True)) for _ in range(4)]
+    assert order_probability(shuffled) > LEVEL
+
+
+def test_an_order_by_match_is_seen_even_when_systems_are_mixed() -> None:
+    values = {
+        Stimulus(system, clip, speech, "front"): float(speech == clip)
+        for system in ("a", "b")
+        for clip, wrong in (("1", "2"), ("2", "3"), ("3", "4"), ("4", "1"))
+        for speech in (clip, wrong)
+    }
+    (tell,) = value_tells(values, "size")
+    assert "matched from mismatched" in tell

@@ -1,0 +1,303 @@
+"""What a study is made of: generated motion, equal videos, and files for other tools."""
+
+import csv
+import json
+import subprocess
+import zlib
+from dataclasses import replace
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from app.errors import RunError
+from app.study.design.blinding import Blinding, blind_lists, draw_blinding
+from app.study.design.plan import Clip, Generator, Plan, PlannedSystem, read_plan
+from app.study.design.trials import Design, make_design
+from app.study.make import media
+from app.study.make.adapters import genea_tables, hemvip_config, jspsych_timeline
+from app.study.make.motions import Source, read_sources, shown_motions
+from app.study.make.mp4 import fill_alike, frames_of, num_picture_bytes, read_mp4
+from model.generation.clip_noise import clip_seed
+from model.generation.windows import GenerateOptions, generate_motion
+from model.plan.editing import Gesture, added, deleted
+from model.plan.files import read_plan_file
+from model.plan.plan import GesturePlan
+from model.speech.audio import Speech, write_wav
+from model.systems.planned.config import PLANNED
+from model.systems.registry import load_system
+from renderer.video.encoder import ffmpeg_path
+from tests.app.study.made_study import CLIPS, SYSTEMS, ffmpeg, write_plan
+from tests.conftest import MadeOnce
+from tests.model.made import made_waveform
+
+FRAMES = 45
+
+
+def encoded(drawn: list[Path], folder: Path, track: Path | None = None) -> list[Path]:
+    """Videos as a study has them, of equal length in every way."""
+    folder.mkdir()
+    streams = [folder / f"{source.stem}.h264" for source in drawn]
+    for source, stream in zip(drawn, streams, strict=True):
+        media.encode_picture(source, stream, 128)
+    fill_alike(streams)
+    videos = [stream.with_suffix(".mp4") for stream in streams]
+    for stream, video in zip(streams, videos, strict=True):
+        media.join(stream, track, video)
+    media.pad_alike(videos)
+    return videos
+
+
+def _draw_and_encode(folder: Path) -> None:
+    """A still picture and one full of motion, without loss; as videos without and with speech."""
+    sources = {
+        "calm": "color=gray:s=128x128:r=30",
+        "wild": "testsrc2=s=128x128:r=30,noise=alls=60:allf=t",
+    }
+    for name, source in sources.items():
+        ffmpeg(
+            *("-f", "lavfi", "-i", source, "-frames:v", str(FRAMES), "-c:v", "libx264"),
+            *("-crf", "0", "-pix_fmt", "yuv420p", str(folder / f"{name}.mp4")),
+        )
+    drawn = sorted(folder.glob("*.mp4"))
+    encoded(drawn, folder / "silent")
+    media.encode_speech(made_waveform(16_000 * FRAMES // 30), folder / "speech.m4a", "clip")
+    encoded(drawn, folder / "spoken", folder / "speech.m4a")
+
+
+@pytest.fixture(scope="module")
+def made(made_once: MadeOnce) -> Path:
+    return made_once("calm-and-wild-videos", _draw_and_encode)
+
+
+def test_calm_and_wild_motion_give_equal_files(made: Path) -> None:
+    calm, wild = (read_mp4(video) for video in sorted((made / "spoken").glob("*.mp4")))
+    assert calm.num_bytes == wild.num_bytes
+    assert calm.tracks == wild.tracks  # packet by packet
+    assert [track.handler for track in calm.tracks] == ["vide", "soun"]
+    assert calm.tracks[0].num_samples == FRAMES
+    assert calm.tracks[0].duration == FRAMES / 30
+
+
+def test_videos_show_every_frame_as_it_was_and_nothing_else_the_same_each_time(
+    made: Path, tmp_path: Path
+) -> None:
+    drawn = sorted(made.glob("*.mp4"))
+    again = encoded(drawn, tmp_path / "again")
+    for source, video in zip(drawn, again, strict=True):
+        assert video.read_bytes() == (made / "silent" / video.name).read_bytes()
+        with av.open(str(source)) as before, av.open(str(video)) as after:
+            wanted = [frame.to_ndarray(format="gray") for frame in before.decode(video=0)]
+            shown = [frame.to_ndarray(format="gray") for frame in after.decode(video=0)]
+        assert len(shown) == len(wanted) == FRAMES
+        with av.open(str(video)) as packed:
+            times = [packet.pts for packet in packed.demux(video=0) if packet.size]
+        assert len(set(np.diff(times))) == 1
+        if source.stem == "calm":
+            apart = np.subtract(shown, wanted, dtype=float)
+            assert abs(apart.mean()) < 0.2 and apart.std() < 3  # the grain
+        file = read_mp4(video)
+        assert not {"udta", "meta", "uuid"} & set(file.boxes) and not file.has_times
+        assert b"x264" not in video.read_bytes() and media.sound_digest(video) is None
+
+
+def test_speech_has_the_loudness_of_r128_whatever_it_had(tmp_path: Path) -> None:
+    for gain in [0.01, 3.0]:
+        track = tmp_path / "speech.m4a"
+        waveform = np.clip(gain * made_waveform(48_000), -1, 1).astype(np.float32)
+        media.encode_speech(waveform, track, "clip")
+        assert media.measure_loudness(track) == pytest.approx(media.TARGET_LUFS, abs=0.5)
+        command = [ffmpeg_path(), "-v", "error", "-i", str(track), "-f", "f32le", "-"]
+        samples = subprocess.run(command, capture_output=True, check=True).stdout
+        assert np.abs(np.frombuffer(samples, "<f4")).max() <= 1.0
+        with pytest.raises(RunError, match="The excerpt of clip 'one' is silent"):
+            media.encode_speech(0 * waveform, track, "one")
+
+
+def test_calm_and_wild_motion_cannot_be_told_by_what_fills_them_up(made: Path) -> None:
+    streams = [media.picture_stream(path) for path in sorted((made / "silent").glob("*.mp4"))]
+    calm, wild = (num_picture_bytes(stream) for stream in streams)
+    assert abs(calm - wild) < 0.03 * wild  # of 45 small pictures
+    assert calm > 0.5 * len(streams[0])
+    packed = [len(zlib.compress(stream)) for stream in streams]
+    assert max(packed) - min(packed) < 64
+    for stream in streams:
+        kinds = [[unit[0] & 31 for unit in units] for units in frames_of(stream)]
+        assert all(frame[-3:-1] == [6, 6] and 12 not in frame for frame in kinds)
+
+
+def test_frames_are_filled_to_any_size(tmp_path: Path) -> None:
+    """Of two pictures each, the one larger in the first stream, the other in the last."""
+    for sizes in [(300, 300), (300, 301), (255, 547), (300, 299, 3000)]:
+        paths = [tmp_path / f"{i}" for i in range(len(sizes))]
+        for path, size in zip(paths, sizes, strict=True):
+            units = [b"\x67" + b"s" * 9, b"\x65" + b"x" * size, b"\x41" + b"y" * (5000 - size)]
+            path.write_bytes(b"".join(b"\x00\x00\x00\x01" + unit for unit in units))
+        own = [num_picture_bytes(path.read_bytes()) for path in paths]
+        fill_alike(paths)
+        frames = [frames_of(path.read_bytes()) for path in paths]
+        found = {tuple(sum(4 + len(unit) for unit in units) for units in each) for each in frames}
+        assert len(found) == 1
+        assert [num_picture_bytes(path.read_bytes()) for path in paths] == own
+
+
+def test_padding_reaches_any_size(tmp_path: Path) -> None:
+    for sizes in [(100, 100), (100, 101), (100, 107), (100, 108), (90, 100, 97)]:
+        paths = [tmp_path / f"{i}.mp4" for i in range(len(sizes))]
+        for path, size in zip(paths, sizes, strict=True):
+            path.write_bytes(b"x" * size)
+        media.pad_alike(paths)
+        assert len({path.stat().st_size for path in paths}) == 1
+        for path, size in zip(paths, sizes, strict=True):
+            assert path.read_bytes().startswith(b"x" * size)
+        with pytest.raises(RunError, match=r"0\.mp4 is no whole mp4 file"):
+            read_mp4(paths[0])
+
+
+def test_two_clips_move_differently_though_they_hold_the_same_speech(weights: Path) -> None:
+    """Two clips that shared noise would show the same gestures, matched or not."""
+    speech = Speech(made_waveform(16_000 * 70 // 30).astype(np.float32), sha256="")
+    systems = tuple(
+        PlannedSystem(name, generator=Generator("globaldiff/local", steps=steps))
+        for name, steps in (("few", 2), ("more", 3))
+    )
+    plan = Plan("t", "pairwise", clips=(), systems=systems, participants=2)
+    source = Source(Clip("garden", None, 0.0), 70, speech, {}, {})
+    poses = [
+        shown_motions(plan, each, weights, None, lambda: False)["few"].poses
+        for each in (source, source, replace(source, clip=Clip("park", None, 0.0)))
+    ]
+    assert np.array_equal(poses[0], poses[1])
+    assert np.abs(poses[0] - poses[2]).mean() > 0.001
+
+
+def planned_sources(tmp_path: Path, text: str) -> tuple[Plan, tuple[Source, ...]]:
+    write_wav(tmp_path / "one.wav", made_waveform(16_000 * 4))
+    path = tmp_path / "plan.toml"
+    path.write_text(
+        'title = "t"\nprotocol = "rating"\nparticipants = 2\nlength_s = 3\n[[clips]]\n'
+        f'name = "one"\nspeech = "one.wav"\n{text}'
+    )
+    plan = read_plan(path)
+    return plan, read_sources(plan)
+
+
+def condition(name: str, more: str) -> str:
+    return f'[[systems]]\nname = "{name}"\nsystem = "{PLANNED}"\nsteps = 1\n{more}\n'
+
+
+def test_a_condition_performs_the_given_plan_and_its_style(
+    planned_weights: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "plans").mkdir()
+    file = tmp_path / "plans" / "one.json"
+    added(GesturePlan(3.0), "offer", 1.5, "right").plan.write(file)
+    given = read_plan_file(file).plan
+    by_hand = 'plan = "plans/{clip}.json"'
+    none = "style = { times = { gestures_per_min = 0 } }"
+    plan, (source,) = planned_sources(
+        tmp_path,
+        condition("given", by_hand)
+        + condition("none of it", f"{by_hand}\n{none}")
+        + condition("drawn", "")
+        + condition("drawn none", none),
+    )
+    assert source.plans == {"given": given, "none of it": given}
+    assert source.files["plan of given"] == source.files["plan of none of it"]
+    made = shown_motions(plan, source, planned_weights, None, lambda: False)
+    empty = deleted(given, Gesture("right", 1.5)).plan
+    expected = (
+        expected_poses(planned_weights, source, given),
+        expected_poses(planned_weights, source, empty),
+    )
+    np.testing.assert_array_equal(made["given"].poses[:, 3:66], expected[0][:, 3:66])
+    np.testing.assert_array_equal(made["none of it"].poses[:, 3:66], expected[1][:, 3:66])
+    assert np.abs(made["drawn"].poses - made["drawn none"].poses).max() > 1e-3
+
+
+def expected_poses(weights: Path, source: Source, plan: GesturePlan) -> np.ndarray:
+    system = load_system(PLANNED, weights)
+    options = GenerateOptions(
+        next(iter(system.speakers)), seed=clip_seed(0, "one"), steps=1, plans=(plan,)
+    )
+    assert source.speech is not None
+    (motion,) = generate_motion(system, source.speech, options)
+    return motion.poses
+
+
+def test_plans_of_other_lengths_and_none_are_refused_before_anything_is_made(
+    tmp_path: Path,
+) -> None:
+    text = condition("given", 'plan = "{clip}.json"')
+    with pytest.raises(RunError, match="The plan of 'given' for clip 'one' is missing"):
+        planned_sources(tmp_path, text)
+    GesturePlan(9.0).write(tmp_path / "one.json")
+    with pytest.raises(RunError, match=r"for clip 'one': The plan is of 9\.00 s and the speech"):
+        planned_sources(tmp_path, text)
+
+
+def blinded(folder: Path, settings: str) -> tuple[Plan, Design, Blinding, list]:
+    """With the trials of the first list that show videos."""
+    plan = read_plan(write_plan(folder, SYSTEMS, CLIPS[:2], settings))
+    design = make_design(plan)
+    blinding = draw_blinding(design)
+    shown = [(trial, videos) for trial, videos in blind_lists(design, blinding)[0] if videos]
+    return plan, design, blinding, shown
+
+
+def test_hemvip_and_jspsych_get_blind_videos_and_no_name(tmp_path: Path) -> None:
+    for protocol, page_type, per_trial in [
+        ("pairwise", "videopc", 1),
+        ("matched", "videopc", 1),
+        ("ranking", "video", 3),
+        ("rating", "video", 1),
+    ]:
+        settings = f'protocol = "{protocol}"\nhosted_at = "https://host.org/study/"'
+        plan, design, blinding, shown = blinded(tmp_path, settings)
+        config = hemvip_config(plan, shown)
+        assert config.keys() == {"testname", "stopOnErrors", "remoteService", "pages"}
+        first, *pages, last = config["pages"]
+        assert (first["type"], last["type"]) == ("generic", "finish")
+        assert {page["type"] for page in pages} == {page_type}
+        assert len(pages) == per_trial * len(shown)
+        for name, address in (stimulus for page in pages for stimulus in page["stimuli"]):
+            assert name in blinding.videos.values()
+            assert address == f"https://host.org/study/media/{name}.mp4"
+
+        preload, _, *timeline = jspsych_timeline(plan, shown)
+        assert preload["type"] == "jsPsychPreload"
+        seen: set[str] = set()
+        for trial in timeline:  # every video is played before it is asked for
+            if trial["type"] == "jsPsychVideoButtonResponse":
+                assert trial["response_allowed_while_playing"] is False
+                seen.add(trial["data"]["video"])
+            else:
+                assert set(trial["data"]["shown"]) <= seen
+        assert seen == {video for _, videos in shown for video in videos}
+
+        text = json.dumps([config, preload, timeline])
+        text += "".join(genea_tables(plan, design, blinding).values())
+        assert not [name for name in (*SYSTEMS, *CLIPS[:2]) if name in text]
+
+
+def test_genea_gets_pairs_and_mismatches(tmp_path: Path) -> None:
+    plan, design, blinding, _ = blinded(tmp_path, 'protocol = "pairwise"')
+    (table,) = genea_tables(plan, design, blinding).values()
+    header, *rows = csv.reader(table.splitlines())
+    assert header == ["clip_name", "system_1", "system_2"]
+    pairs = {frozenset(blinding.videos[s] for s in t.stimuli) for t in design.trials if t.stimuli}
+    assert {frozenset(row[1:]) for row in rows} == pairs
+
+    plan, design, blinding, _ = blinded(tmp_path, 'protocol = "matched"')
+    (table,) = genea_tables(plan, design, blinding).values()
+    header, *rows = csv.reader(table.splitlines())
+    assert header == ["clip_name", "system", "mismatch_type", "mismatch_data"]
+    stimuli = {blind: stimulus for stimulus, blind in blinding.videos.items()}
+    assert len(rows) == 6
+    for _, right, kind, wrong in rows:
+        assert kind == "speech"
+        assert stimuli[right].speech == stimuli[right].clip != stimuli[wrong].speech
+
+    plan, design, blinding, _ = blinded(tmp_path, 'protocol = "ranking"')
+    assert genea_tables(plan, design, blinding) == {}

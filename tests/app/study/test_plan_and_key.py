@@ -1,0 +1,266 @@
+"""Plans and keys: what is read, and one clear sentence for everything that cannot be."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from app.errors import RunError
+from app.study.design.fields import FieldError
+from app.study.design.key import Expected, Key, Question, Trial, Video, read_key, write_key
+from app.study.design.plan import Generator, Plan, read_plan
+from model.plan.style import StyleWish
+
+MINIMAL = """
+title = "T"
+protocol = "pairwise"
+participants = 28
+[[clips]]
+name = "one"
+speech = "one.wav"
+[[systems]]
+name = "globaldiff/local"
+[[systems]]
+name = "theirs"
+motion = "theirs/{clip}.npz"
+"""
+
+
+PLANNED_STUDY = """
+title = "Timing"
+protocol = "ranking"
+participants = 4
+[[clips]]
+name = "one"
+speech = "one.wav"
+[[systems]]
+name = "as planned"
+system = "workbench/planned"
+[[systems]]
+name = "half as many"
+system = "workbench/planned"
+style = { times = { gestures_per_min = 0.5 } }
+[[systems]]
+name = "from a file"
+system = "workbench/planned"
+style = "style.toml"
+[[systems]]
+name = "by hand"
+system = "workbench/planned"
+plan = "plans/{clip}.eaf"
+"""
+
+
+KEY = Key(
+    study="0123456789abcdef",
+    title="Zwei Systeme \u2013 ein Versuch",
+    protocol="pairwise",
+    systems=("local", "global"),
+    questions=(Question("realism", "Which moves more like a person?", "choice"),),
+    videos={
+        "a" * 16: Video("local", "clip1", None, "front", "0" * 64),
+        "b" * 16: Video("global", "clip1", "clip2", "front", "1" * 64),
+    },
+    trials={
+        "00000001": Trial("pair", "clip1", ("a" * 16, "b" * 16), ("realism",)),
+        "00000002": Trial(
+            "attention", "clip1", ("a" * 16, "b" * 16), ("check",), Expected("check", "left")
+        ),
+    },
+    lists={0: ("00000001", "00000002"), 11: ("00000002", "00000001")},
+    max_failed=1,
+    participants=2,
+)
+
+
+def read(folder: Path, text: str) -> Plan:
+    (folder / "style.toml").write_text("wrong_words = true")
+    (folder / "plan.toml").write_text(text)
+    return read_plan(folder / "plan.toml")
+
+
+def test_a_minimal_plan_has_sensible_defaults(tmp_path: Path) -> None:
+    plan = read(tmp_path, MINIMAL)
+    assert (plan.views, plan.length_s, plan.size, plan.face) == (("front",), None, 512, "still")
+    assert (plan.attention_checks, plan.max_failed, plan.has_sound) == (2, 1, False)
+    assert plan.clips[0].speech == tmp_path / "one.wav"
+    assert plan.systems[0].generator == Generator("globaldiff/local")
+    assert plan.systems[1].motions == {"one": tmp_path / "theirs" / "one.npz"}
+    by_clip = MINIMAL.replace('motion = "theirs/{clip}.npz"', 'motion = { one = "a b.npz" }')
+    assert read(tmp_path, by_clip).systems[1].motions == {"one": tmp_path / "a b.npz"}
+
+
+def test_one_system_can_take_part_with_several_settings(tmp_path: Path) -> None:
+    text = MINIMAL + '[[systems]]\nname = "smoothed"\nsystem = "globaldiff/local"\n'
+    plan = read(tmp_path, text + 'post_filter = "savgol"\nseed = 3\n')
+    expected = Generator("globaldiff/local", seed=3, post_filter="savgol")
+    assert plan.systems[2].generator == expected
+    with pytest.raises(RunError, match=r"'globaldiff/local' and 'smoothed' are the same"):
+        read(tmp_path, text)
+
+
+def test_a_condition_may_be_a_plan_or_a_change_of_it(tmp_path: Path) -> None:
+    plan = read(tmp_path, PLANNED_STUDY)
+    styles = [system.generator and system.generator.style for system in plan.systems]
+    half, wrong = StyleWish(times={"gestures_per_min": 0.5}), StyleWish(wrong_words=True)
+    assert styles == [None, half, wrong, None]
+    plans = [system.plans for system in plan.systems]
+    assert plans == [None, None, None, {"one": tmp_path / "plans" / "one.eaf"}]
+
+
+PEOPLE = "participants = 28"
+BAD_PLANS = [
+    ('title = "T"', "", "`title`"),
+    ('title = "T"', 'titel = "T"', "no key `titel`"),
+    ('"pairwise"', '"beauty"', "`protocol` must be one of pairwise, matched"),
+    ('"pairwise"', '"matched"', "at least 2 clips"),
+    (PEOPLE, "participants = 0", "`participants` must be a whole number from 1"),
+    (PEOPLE, f"{PEOPLE}\nlength_s = nan", "`length_s` must be a number"),
+    (PEOPLE, f'{PEOPLE}\nviews = ["top"]', "`views` must be a list"),
+    (PEOPLE, f'{PEOPLE}\nface = "hidden"', "`face` must be one of still"),
+    (PEOPLE, f'{PEOPLE}\npost_to = "ftp://x"', "`post_to` must be an http"),
+    (PEOPLE, f'{PEOPLE}\nreturn_to = "javascript:alert(1)"', "`return_to` must be an http"),
+    (PEOPLE, f'{PEOPLE}\npost_to = "https://x.org/;script-src *"', "`post_to` must be an http"),
+    (PEOPLE, f"{PEOPLE}\nreasons = 1", "`reasons` must be true or false"),
+    ('name = "theirs"', 'name = "globaldiff/local"', "Two systems of the plan have the name"),
+    ('speech = "one.wav"', "", "has no `speech`"),
+    ('name = "theirs"', 'name = "a, b"', "no comma or =; 'a, b' is none"),
+    ('speech = "one.wav"', 'speech = "one.wav"\nstart_s = -1', "`start_s` must be a number"),
+    ("theirs/{clip}.npz", "theirs/one.npz", "must hold {clip}"),
+    ('"theirs/{clip}.npz"', '{ two = "x.npz" }', "has no motion for the clip 'one'"),
+    ('"theirs/{clip}.npz"', '{ one = "x", two = "y" }', "'two', which is no clip"),
+    ('{clip}.npz"', '{clip}.npz"\nseed = 1', "has `motion`, so it cannot have `seed`"),
+    ('[[systems]]\nname = "globaldiff/local"\n', "", "compares at least 2 systems"),
+    ("[[clips]]", "[[clips", "is no TOML file"),
+]
+BAD_CONDITIONS = [
+    ("gestures_per_min = 0.5", "often = 2", "style of 'half as many' cannot be used: `times`"),
+    ('"style.toml"', '"none.toml"', "none.toml could not be read: no such file"),
+    ("plans/{clip}.eaf", "plans/one.eaf", "the plan of 'by hand' must hold {clip}"),
+    ('plan = "plans/{clip}.eaf"', "", "The systems 'as planned' and 'by hand' are the same"),
+    ('style = "style.toml"', "style = 3", "`style` must be a text"),
+    (
+        'system = "workbench/planned"\nplan',
+        'system = "globaldiff/full"\nplan',
+        "the system 'by hand' performs no plans, so it cannot have `plan`",
+    ),
+]
+
+
+@pytest.mark.parametrize(
+    ("text", "old", "new", "words"),
+    [(MINIMAL, *case) for case in BAD_PLANS] + [(PLANNED_STUDY, *case) for case in BAD_CONDITIONS],
+)
+def test_a_bad_plan_gives_one_sentence(
+    tmp_path: Path, text: str, old: str, new: str, words: str
+) -> None:
+    assert old in text
+    with pytest.raises(RunError) as caught:
+        read(tmp_path, text.replace(old, new, 1))
+    assert words in str(caught.value) and "\n" not in str(caught.value)
+    with pytest.raises(RunError, match="There is no plan at"):
+        read_plan(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        (f"length_s = {'9' * 400}", "`length_s` must be a number"),
+        (f"seed = {'9' * 5000}", "too many digits"),
+        (f"views = {'[' * 4000}{']' * 4000}", "nested too deeply"),
+        (f"a{'.a' * 50_000} = 1", "over 20 parts"),
+        ("x = { a" + ' . "a"' * 50_000 + " = 1 }", "over 20 parts"),
+        *((part * 200_000, "plan.toml") for part in ("a", "a.", '"', "a \t")),  # in no time
+    ],
+    ids=range(9),
+)
+def test_what_no_parser_bears_is_refused(tmp_path: Path, line: str, words: str) -> None:
+    with pytest.raises(RunError, match=words):
+        read(tmp_path, f"{line}\n{MINIMAL}")
+
+
+def test_a_key_that_is_written_reads_back_the_same_is_private_and_of_the_agreed_form(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "key.json"
+    with pytest.raises(RunError, match="There is no key at"):
+        read_key(path)
+    write_key(KEY, path)
+    assert read_key(path) == KEY
+    assert path.stat().st_mode & 0o777 == 0o600
+    assert [file.name for file in tmp_path.iterdir()] == ["key.json"]
+    written = json.loads(path.read_text("utf-8"))
+    assert (written["format"], written["attention_rule"]) == (1, {"max_failed": 1})
+    assert written["lists"] == {"0": ["00000001", "00000002"], "11": ["00000002", "00000001"]}
+    assert "expected" not in written["trials"]["00000001"]
+    assert written["trials"]["00000002"]["expected"] == {"question": "check", "value": "left"}
+    assert written["videos"]["a" * 16]["speech"] is None
+
+
+def test_speech_of_another_clip_is_a_mismatch_and_so_is_none() -> None:
+    assert Video("s", "c", "c", "front", "0").is_matched
+    assert not Video("s", "c", "d", "front", "0").is_matched
+    assert not Video("s", "c", None, "front", "0").is_matched
+
+
+@pytest.mark.parametrize(
+    ("edit", "says"),
+    [
+        (lambda key: key.pop("systems"), "`systems` must be a list"),
+        (lambda key: key.update(format=2), "`format` must be 1"),
+        (lambda key: key.update(protocol="duel"), "`protocol` must be one of"),
+        (lambda key: key.update(systems=["local", "local"]), "different names"),
+        (lambda key: key.update(systems=["global"]), "'local', which is no system"),
+        (lambda key: key["videos"].pop("a" * 16), "shows a video that the key does not have"),
+        (lambda key: key["trials"].pop("00000001"), "list 0 names a trial"),
+        (lambda key: key["trials"]["00000002"].pop("expected"), "attention checks, and only they"),
+        (lambda key: key["trials"]["00000001"].update(questions=["x"]), "asks a question"),
+        (lambda key: key["attention_rule"].update(max_failed=True), "`max_failed` must be a whole"),
+        (lambda key: key.update(participants=10_001), "from 1 to 10000"),
+        (lambda key: key.update(lists={"one": []}), "`lists` must have"),
+        (lambda key: key["questions"][0].update(id=7), "`id` must be a text"),
+        (lambda key: key.update(title="\ud800"), "`title` must be a text"),
+        (lambda key: key.update(title="x" * 2001), "`title` must be a text of 1 to 2000"),
+    ],
+)
+def test_a_key_that_contradicts_itself_is_refused(
+    tmp_path: Path, edit: Callable[[dict[str, Any]], object], says: str
+) -> None:
+    path = tmp_path / "key.json"
+    write_key(KEY, path)
+    values = json.loads(path.read_text())
+    edit(values)
+    path.write_text(json.dumps(values))
+    with pytest.raises(RunError, match="not the key of a study") as refusal:
+        read_key(path)
+    assert says in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"", "no whole JSON"),
+        (b'{"format": 1, "study": "0', "no whole JSON"),
+        (b"\xff\xfe\x00{", "no whole JSON"),
+        (b"[1]", "no JSON object"),
+        (b'{"format": NaN}', "NaN"),
+        (b'{"format": 1, "format": 1}', "twice"),
+        (b"[" * 100_000, "nested too deeply"),
+        (b'{"format": ' + b"9" * 5000 + b"}", "no whole JSON"),
+    ],
+)
+def test_a_damaged_file_is_refused_in_one_sentence(
+    tmp_path: Path, content: bytes, says: str
+) -> None:
+    path = tmp_path / "key.json"
+    path.write_bytes(content)
+    with pytest.raises(RunError, match=says):
+        read_key(path)
+
+
+def test_a_key_cannot_be_made_inconsistent() -> None:
+    with pytest.raises(FieldError, match="shows a video"):
+        replace(KEY, videos={})

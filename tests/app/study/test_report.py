@@ -1,0 +1,237 @@
+"""The report is whole, holds the numbers of the answers, and says what they show."""
+
+import csv
+import json
+import re
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.errors import RunError
+from app.study.analyse import analyse
+from app.study.design.key import Key
+from app.study.report import text
+from app.study.simulate import ALIKE, RaterModel, World, answers_file
+from app.study.statistics.preference import share_of, smallest_share_detected
+from app.study.statistics.results import PairResult, SystemResult, analyse_participants
+from tests.app.study.made import (
+    STRENGTHS,
+    SYSTEMS,
+    made_files,
+    made_key,
+    made_participants,
+    made_votes,
+    written_study,
+)
+
+ATTENTIVE = RaterModel(lapse=0)
+Report = tuple[str, list[dict[str, str]], str]
+"""Page, rows of the CSV and LaTeX table."""
+
+
+def report_of(tmp_path: Path, key: Key, files: list, measured: Path | None = None) -> str:
+    """The page; tables lie beside it."""
+    key_path, answers = written_study(tmp_path, key, files)
+    analyse([answers], key_path, tmp_path / "report", measured)
+    return (tmp_path / "report" / "report.html").read_text("utf-8")
+
+
+def made_report(tmp_path: Path, key: Key, count: int = 12, measured: Path | None = None) -> Report:
+    page = report_of(tmp_path, key, made_files(key, count, ATTENTIVE), measured)
+    out = tmp_path / "report"
+    assert {path.name for path in out.iterdir()} == {
+        *("preference.pdf", "report.html", "results.csv", "table.tex"),
+    }
+    with (out / "results.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    return page, rows, (out / "table.tex").read_text()
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Diagnostics of each clip."""
+    folder = tmp_path_factory.mktemp("measured")
+    jerk = {"global": 50.0, "local": 90.0, "rival": 150.0}
+    for clip in range(4):
+        systems = {name: {"raw": {"tip_jerk_m_s3": value + clip}} for name, value in jerk.items()}
+        content = {"systems": systems, "reference": None}
+        (folder / f"clip{clip}.json").write_text(json.dumps(content))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def pairwise(tmp_path_factory: pytest.TempPathFactory, measured: Path) -> Report:
+    return made_report(tmp_path_factory.mktemp("pairwise"), made_key(), measured=measured)
+
+
+@pytest.mark.parametrize("protocol", ["pairwise", "matched", "ranking", "rating"])
+def test_the_page_is_whole_and_needs_nothing_beside_it(
+    tmp_path: Path, pairwise: Report, protocol: str
+) -> None:
+    is_made = protocol == "pairwise"
+    page, rows, table = pairwise if is_made else made_report(tmp_path, made_key(protocol))
+    tags = re.findall(r"<(/?)([a-z][\w:]*)[^>]*?(/?)>", page)
+    opened = Counter(tag for end, tag, alone in tags if not (end or alone))
+    assert opened - Counter(meta=9, br=9) == Counter(tag for end, tag, _ in tags if end)
+    ids = re.findall(r' id="([^"]*)"', page)
+    assert len(set(ids)) == len(ids)
+    references = set(re.findall(r'(?:href="#|url\(#)([^")]+)', page))
+    assert references and references <= set(ids)
+    assert not re.search(r'(src|href)="(?!#)', page)
+    assert "<script" not in page
+    assert "Three &lt;systems&gt; &amp; a study" in page and "<systems>" not in page
+    assert {row["first"] for row in rows if row["first"]} == set(SYSTEMS)
+    assert table.count("\\\\") == 1 + len(SYSTEMS)
+
+
+def test_the_csv_has_the_counts_of_the_answers_and_the_same_answers_make_the_same_files(
+    tmp_path: Path, pairwise: Report, measured: Path
+) -> None:
+    key = made_key()
+    assert made_report(tmp_path, key, measured=measured) == pairwise
+    values = [
+        answer.value
+        for one in made_participants(key, 12, ATTENTIVE)
+        for answer in one.answers
+        if {key.videos[video].system for video in answer.shown} == {"local", "global"}
+        and not answer.trial.startswith("check")
+    ]
+    shares = {
+        (row["first"], row["second"]): row for row in pairwise[1] if row["measure"] == "share"
+    }
+    row = shares["local", "global"]
+    assert int(row["wins"]) == sum("local" in value for value in values)
+    assert int(row["ties"]) == values.count("tie")
+    assert int(row["losses"]) == sum("global" in value for value in values)
+    share = (int(row["wins"]) + int(row["ties"]) / 2) / 48
+    assert float(row["value"]) == pytest.approx(share, abs=1e-5)
+    assert float(row["low"]) < share < float(row["high"])
+
+
+def test_who_and_what_is_left_out_is_told(tmp_path: Path) -> None:
+    key = made_key()
+    files = made_files(key, 6, ATTENTIVE)
+    files[0]["finished"] = None
+    for answer in files[1]["answers"]:
+        if answer["trial"].startswith("check"):
+            answer["value"] = "right"
+    files[2]["study"] = "another"
+    files[3]["answers"][0]["value"] = "edited"
+    key_path, answers = written_study(tmp_path, key, files)
+    for name in ("<cut>", "\udcff"):  # the last is no text
+        (answers / f"{name}.json").write_text('{"format": 1')
+    analyse([answers], key_path, tmp_path / "report")
+    page = (tmp_path / "report" / "report.html").read_text("utf-8")
+    assert "3 of 5 participants count; 4 were planned." in page
+    for told in (
+        "not finished (14 of 14 trials)",
+        "attention checks: 2 failed, 1 allowed",
+        "simulated00002.json is left out: it belongs to another study.",
+        "simulated00003.json: 1 of 14 answers is left out",
+        "&lt;cut&gt;.json is left out: it is no whole JSON file",
+        "?.json is left out",
+    ):
+        assert told in page
+    with pytest.raises(RunError, match=r"No answers are left.*simulated00000.json: not finished"):
+        report_of(tmp_path / "none", key, files[:1])
+    assert not (tmp_path / "none" / "report").exists()
+
+
+def test_few_participants_are_enough_for_a_report_and_too_few_for_a_test(tmp_path: Path) -> None:
+    page, _, _ = made_report(tmp_path / "two", made_key(), count=2)
+    assert "2 participants cannot make the sign test significant" in page
+    assert "this is beyond chance" not in page
+    page, _, _ = made_report(tmp_path / "one", made_key("ranking"), count=1)
+    assert "(95 % interval unknown)" in plain(page)
+    words = re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
+    assert not re.search(r"\b(inf|nan)\b", words)
+
+
+def test_measured_jitter_is_joined(pairwise: Report) -> None:
+    """The smoother system is also the stronger one in the simulation, so it must win."""
+    page = pairwise[0]
+    assert re.search(r"that named motion smoothness, \d+.% went to the video with less", page)
+    assert "more often than by chance" in page
+
+
+def pair_of(wins: int, losses: int) -> PairResult:
+    score = [1.0] * wins + [0.0] * losses
+    share = share_of(made_votes([(rater, 0, 1, value) for rater, value in enumerate(score)]))
+    return PairResult(0, 1, share, share.p)
+
+
+def plain(sentence: str) -> str:
+    return sentence.replace(text.NO_BREAK, " ")
+
+
+def test_the_sentence_of_a_pair_follows_its_numbers() -> None:
+    key = made_key()
+    won = plain(text.pair(pair_of(24, 4), key, is_ranking=False))
+    assert won.startswith("local has 86 % of 28 votes against global (95 % interval 67 to 96 %)")
+    assert won.endswith("this is beyond chance (p < .001 after Holm).")
+    lost = plain(text.pair(pair_of(4, 24), key, is_ranking=False))
+    assert lost == won.replace("local", "?").replace("global", "local").replace("?", "global")
+    close = plain(text.pair(pair_of(15, 13), key, is_ranking=False))
+    assert close.endswith("this does not tell them apart (p = .851 after Holm).")
+    assert "evenly" in text.pair(pair_of(5, 5), key, is_ranking=False)
+
+
+def test_the_sentence_of_a_match_follows_its_numbers() -> None:
+    key = made_key("matched")
+    for wins, losses, told in (
+        (24, 4, "its motion fits its speech beyond chance"),
+        (4, 24, "another's speech fits its motion better"),
+        (15, 13, "was not told from another's"),
+    ):
+        share = pair_of(wins, losses).share
+        assert told in text.match(SystemResult(0, share, share.p), key)
+
+
+def test_headline_and_power_say_who_came_first_and_how_surely() -> None:
+    key = made_key(num_clips=10)
+    strong = analyse_participants(made_participants(key, 28, ALIKE), key)[0]
+    assert text.headline(strong, key) == (
+        "realism: global came first, ahead of every other system beyond chance."
+    )
+    share = smallest_share_detected(28)
+    assert share is not None
+    assert f"a side that {text.percent(share)} of participants lean to" in text.power(strong.power)
+    weak = analyse_participants(made_participants(key, 4, ALIKE), key)[0]
+    assert text.headline(weak, key) == (
+        "realism: global came first, but is not told apart from local and rival."
+    )
+
+
+def test_the_headline_of_rankings_and_ratings_agrees_with_the_strengths() -> None:
+    for protocol in ("ranking", "rating"):
+        key = made_key(protocol, num_clips=10)
+        result = analyse_participants(made_participants(key, 28, ALIKE), key)[0]
+        assert text.headline(result, key).startswith("realism: global came first")
+        assert result.means is not None
+        sentences = [plain(one) for one in text.means(result.means, key, protocol == "ranking")]
+        better = "places better" if protocol == "ranking" else "points higher"
+        assert re.match(rf"global is [\d.]+ {better} than local \(95 % interval \d", sentences[1])
+        assert "global is" in sentences[3] and "rival" in sentences[3]
+    assert STRENGTHS["global"] == max(STRENGTHS.values())
+
+
+def test_p_is_printed_as_in_papers() -> None:
+    printed = [plain(text.p_value(p)) for p in (0.00049, 0.0005, 0.0416, 0.9999, 1.0)]
+    assert printed == ["p < .001", "p = .001", "p = .042", "p = 1.000", "p = 1.000"]
+
+
+@pytest.mark.filterwarnings("error")
+def test_any_name_of_a_system_can_be_drawn(tmp_path: Path) -> None:
+    key = made_key(num_clips=1)
+    names = dict(zip(SYSTEMS, ("_first", r"$\frac{x$_2%", "long " * 12), strict=True))
+    videos = {
+        blind: replace(video, system=names[video.system]) for blind, video in key.videos.items()
+    }
+    key = replace(key, systems=tuple(names.values()), videos=videos)
+    strengths = {names[name]: value for name, value in STRENGTHS.items()}
+    world = World(key, strengths, ATTENTIVE, np.random.default_rng(0))
+    page = report_of(tmp_path, key, [answers_file(world, rater) for rater in range(4)])
+    assert all(f">{name}</td>" in page for name in names.values())

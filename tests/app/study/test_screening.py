@@ -1,0 +1,373 @@
+"""Whose answers count: damaged, edited, forged and careless ones are left out, each told why."""
+
+import csv
+import io
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import pytest
+
+from app.commands.cli import main
+from app.errors import RunError
+from app.study.analyse import analyse
+from app.study.design.key import Expected, Key, read_key, write_key
+from app.study.design.links import list_of, new_secret, token_of
+from app.study.statistics.answers import MAX_FILE_BYTES, Participant, collect
+from app.study.statistics.screening import doubts, failed_checks, screen
+from tests.app.study.made import (
+    LEFT_CHECK,
+    made_files,
+    made_key,
+    made_participants,
+    written_study,
+)
+
+KEY = made_key()
+LONG = replace(made_key(num_clips=6), video_s=2.0)
+LINKED = replace(LONG, link_secret=new_secret())
+PEOPLE = made_participants(LONG, 8)
+Forge = Callable[[Participant], Participant]
+
+
+def edited(
+    tmp_path: Path, edit: Callable[[dict[str, Any]], object], protocol: str = "pairwise"
+) -> tuple[list[int], tuple[str, ...]]:
+    """Numbers of answers that remain, and the sentences, after the first of two files is edited."""
+    key = made_key(protocol)
+    files = made_files(key, 2)
+    files[0]["participant"] = "edited"
+    edit(files[0])
+    _, folder = written_study(tmp_path, key, files)
+    collected = collect([folder], key)
+    return [len(one.answers) for one in collected.participants], collected.left_out
+
+
+def test_whole_files_are_read_and_the_truth_of_a_simulation_is_passed_over(tmp_path: Path) -> None:
+    _, folder = written_study(tmp_path, KEY, made_files(KEY, 3))
+    (folder / "truth.json").write_text("{}")
+    collected = collect([folder, *folder.glob("simulated*")], KEY)
+    assert [len(one.answers) for one in collected.participants] == [14, 14, 14]
+    assert collected.left_out == ()
+
+
+@pytest.mark.parametrize(
+    ("edit", "says"),
+    [
+        (lambda f: f.update(study="f" * 16), "is left out: it belongs to another study."),
+        (lambda f: f.pop("study"), "is left out: it is no answers file of a study."),
+        (lambda f: f.update(format="1"), "is left out: it is no answers file of a study."),
+        (lambda f: f.update(list=99), "is left out: the study has no list 99."),
+        (lambda f: f.update(list=True), "`list` must be a whole number"),
+        (lambda f: f.update(answers={}), "`answers` must be a list of objects"),
+        (lambda f: f.update(answers=[1]), "`answers` must be a list of objects"),
+        (lambda f: f.update(finished="yesterday"), "`finished` must be a time in ISO form"),
+        (lambda f: f.update(answers=[{}] * 10_001), "`answers` has 10001 items; at most 10000"),
+    ],
+)
+def test_a_file_that_cannot_be_used_costs_one_sentence_and_nothing_else(
+    tmp_path: Path, edit: Callable[[dict[str, Any]], object], says: str
+) -> None:
+    counts, left_out = edited(tmp_path, edit)
+    assert counts == [14]
+    assert len(left_out) == 1
+    assert left_out[0].startswith("edited.json ")
+    assert says in left_out[0]
+
+
+def rated(number: object) -> dict[str, Any]:
+    return {"value": {"clip0-local": 3, "clip0-global": number, "clip0-rival": 0}}
+
+
+@pytest.mark.parametrize(
+    ("protocol", "edit", "says"),
+    [
+        ("pairwise", {"value": "clip3-rival"}, "the answer is not among the videos shown (1)"),
+        ("pairwise", {"value": None}, "the answer is not among the videos shown (1)"),
+        ("pairwise", {"value": ["clip0-local"]}, "the answer is not among the videos shown (1)"),
+        ("pairwise", {"shown": ["clip0-local"] * 2}, "the videos shown are not those of its trial"),
+        ("pairwise", {"trial": "clip9/0"}, "its trial is not on the participant's list"),
+        ("pairwise", {"question": "beauty"}, "its trial does not ask that question"),
+        ("pairwise", {"watched": 0}, "a video was not watched to its end"),
+        ("pairwise", {"trial": "clip0/1"}, "the videos shown are not those of its trial"),
+        ("pairwise", {"reasons": "smoothness"}, "`reasons` must be a list of texts"),
+        ("ranking", {"value": ["clip0-local"] * 3}, "does not hold each video shown once"),
+        ("ranking", {"value": [1, 2, 3]}, "does not hold each video shown once"),
+        ("ranking", {"value": "tie"}, "does not hold each video shown once"),
+        ("rating", {"value": {"clip0-local": 3}}, "not those of the videos shown"),
+        ("rating", rated(101), "a rating is not between 0 and 100"),
+        ("rating", rated(10**400), "a rating is not between 0 and 100"),
+        ("rating", rated(True), "a rating is not between 0 and 100"),
+    ],
+)
+def test_an_edited_answer_is_left_out_and_the_others_count(
+    tmp_path: Path, protocol: str, edit: dict[str, Any], says: str
+) -> None:
+    whole = 14 if protocol == "pairwise" else 6
+    counts, left_out = edited(tmp_path, lambda file: file["answers"][0].update(edit), protocol)
+    assert counts == [whole - 1, whole]
+    assert len(left_out) == 1
+    assert left_out[0].startswith(
+        f"edited.json: 1 of {whole} answers is left out, the others count"
+    )
+    assert says in left_out[0]
+
+
+def test_the_same_question_answered_twice_counts_once_as_first_given(tmp_path: Path) -> None:
+    def double(file: dict[str, Any]) -> None:
+        file["answers"].append(file["answers"][0] | {"value": "tie"})
+
+    counts, left_out = edited(tmp_path, double)
+    assert counts == [14, 14] and "the question was answered before (1)" in left_out[0]
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b'{"format": 1, "study"', "it is no whole JSON file (cut off or damaged)"),
+        (b"", "it is no whole JSON file (cut off or damaged)"),
+        (b"[" * 50_000, "it is nested too deeply"),
+        (b" " * (MAX_FILE_BYTES + 1), "it is larger than the 4,194,304 bytes that are read"),
+    ],
+)
+def test_damaged_files_are_named(tmp_path: Path, content: bytes, says: str) -> None:
+    _, folder = written_study(tmp_path, KEY, made_files(KEY, 1))
+    (folder / "broken.json").write_bytes(content)
+    collected = collect([folder], KEY)
+    assert len(collected.participants) == 1
+    assert collected.left_out == (f"broken.json is left out: {says}.",)
+    with pytest.raises(RunError, match="There are no answers at"):
+        collect([tmp_path / "none"], KEY)
+
+
+def test_of_doubles_the_finished_then_the_later_counts(tmp_path: Path) -> None:
+    first, second, half = made_files(KEY, 3)
+    for file in (first, second, half):
+        file["participant"] = "same"
+    second["finished"] = "2030-01-01T00:00:00Z"
+    half.update(finished=None, started="2031-01-01T00:00:00")
+    _, folder = written_study(tmp_path, KEY, [])
+    for name, file in (("a", first), ("b", second), ("c", half)):
+        (folder / f"{name}.json").write_text(json.dumps(file))
+    collected = collect([folder], KEY)
+    assert [one.source for one in collected.participants] == ["b.json"]
+    assert collected.left_out == (
+        "a.json is left out: its participant also sent b.json, which is later.",
+        "c.json is left out: its participant also sent b.json, which is finished.",
+    )
+
+
+def with_checks(key: Key, *values: object) -> Participant:
+    """A participant who answered the checks so; None leaves one unanswered."""
+    (whole,) = made_participants(key, 1)
+    others = tuple(answer for answer in whole.answers if not answer.trial.startswith("check"))
+    (check,) = (answer for answer in whole.answers if answer.trial == "check0")
+    given = tuple(
+        replace(check, trial=f"check{number}", value=value)
+        for number, value in enumerate(values)
+        if value is not None
+    )
+    return replace(whole, answers=others + given)
+
+
+def test_checks_count_as_failed_when_wrong_or_missing() -> None:
+    for values, failed in [
+        (("left", "left"), 0),
+        (("left", "right"), 1),
+        (("tie", "right"), 2),
+        (("left", None), 1),
+    ]:
+        participant = with_checks(KEY, *values)
+        assert failed_checks(participant, KEY) == failed
+        assert bool(screen([participant], KEY).kept) == (failed <= 1)
+
+
+def test_the_rule_of_the_key_decides_and_the_half_finished_are_listed() -> None:
+    careless = with_checks(KEY, "tie", "tie")
+    half = replace(with_checks(KEY, "left", None), finished=None)
+    screened = screen([careless, half, with_checks(KEY, "left", "left")], KEY)
+    assert [dropped.why for dropped in screened.dropped] == [
+        "attention checks: 2 failed, 1 allowed",
+        "not finished (13 of 14 trials)",
+    ]
+    assert len(screened.kept) == 1
+    assert screen([careless], replace(KEY, max_failed=2)).kept
+
+
+def test_a_slider_may_stand_a_little_off() -> None:
+    for protocol, given, is_failed in [
+        ("rating", 75, False),
+        ("rating", 76, True),
+        ("rating", True, True),
+        ("rating", "70", True),
+        ("pairwise", 70, False),
+        ("pairwise", 71, True),
+    ]:
+        key = made_key(protocol)
+        check = replace(LEFT_CHECK, expected=Expected("c", 70))
+        key = replace(key, trials={**key.trials, "check0": check, "check1": check})
+        assert failed_checks(with_checks(key, given, 70), key) == is_failed
+
+
+def each(change: Callable[[int], dict]) -> Forge:
+    """A participant with every answer changed, by its number."""
+    return lambda who: replace(
+        who,
+        answers=tuple(replace(one, **change(number)) for number, one in enumerate(who.answers)),
+    )
+
+
+def always_left(who: Participant) -> Participant:
+    return replace(
+        who,
+        answers=tuple(
+            replace(one, value=one.shown[0]) if LONG.trials[one.trial].expected is None else one
+            for one in who.answers
+        ),
+    )
+
+
+def test_nobody_is_doubted_who_answers_as_people_do() -> None:
+    assert doubts(PEOPLE, LONG) == {}
+    for protocol in ("matched", "ranking", "rating"):
+        key = replace(made_key(protocol, num_clips=6), video_s=2.0)
+        assert doubts(made_participants(key, 8), key) == {}
+
+
+def test_impossible_answers_are_set_aside() -> None:
+    for forge, words in [
+        (lambda who: replace(who, finished=who.started - timedelta(seconds=1)), "finished before"),
+        (each(lambda number: {"ms": 1}), "sooner than their videos last"),
+        (each(lambda number: {"ms": 1 if number % 5 == 0 else 9_000}), "sooner than"),
+        (lambda who: replace(who, finished=who.started + timedelta(seconds=60)), "in 60 s from"),
+        (lambda who: replace(who, answers=who.answers[::-1]), "another order"),
+        (always_left, "same place"),
+    ]:
+        forged = forge(PEOPLE[3])
+        screened = screen([*PEOPLE[:3], forged, *PEOPLE[4:]], LONG)
+        assert [one.participant.id for one in screened.set_aside] == [forged.id]
+        assert words in screened.set_aside[0].why and len(screened.kept) == 7
+
+
+def test_copies_are_set_aside_but_the_first_and_one_bad_reload_is_forgiven() -> None:
+    copy = replace(PEOPLE[0], id="another", source="another.json")
+    found = doubts([*PEOPLE, copy], LONG)
+    assert found == {"another": f"the same answers in the same times as {PEOPLE[0].source}"}
+    hasty = each(lambda number: {"ms": 100 if number == 2 else 9_000})(PEOPLE[0])
+    assert doubts([hasty], LONG) == {}
+
+
+def test_twenty_forged_files_change_nothing_and_the_report_shows_what_they_would(
+    tmp_path: Path,
+) -> None:
+    files = made_files(LONG, 6)
+    forged = []
+    for number in range(20):
+        content = made_files(LONG, 1)[0] | {"participant": f"forged{number}"}
+        content["finished"], content["started"] = content["started"], content["finished"]
+        for answer in content["answers"]:
+            is_check = LONG.trials[answer["trial"]].expected is not None
+            wins = next((v for v in answer["shown"] if v.endswith("rival")), None)
+            answer |= {"ms": 1} | ({} if is_check or wins is None else {"value": wins})
+        forged.append(content)
+    pages, tables = {}, {}
+    for name, sent in (("with", files + forged), ("clean", files)):
+        key, answers = written_study(tmp_path / name, LONG, sent)
+        analyse([answers], key, tmp_path / name / "report")
+        pages[name] = (tmp_path / name / "report" / "report.html").read_text()
+        tables[name] = (tmp_path / name / "report" / "results.csv").read_bytes()
+    assert tables["with"] == tables["clean"]
+    assert "20 finished participants are not in the results" in pages["with"]
+    assert "Results without and with those set aside" in pages["with"]
+    assert "Set aside" not in pages["clean"]
+
+
+def signed(key: Key = LINKED, count: int = 4) -> list[Participant]:
+    """Participants who each came by a link of their own, on the list that goes with it."""
+    people = made_participants(key, count)
+    numbers = {list_of(key, number): number for number in range(len(key.lists))}
+    return [
+        replace(one, link=token_of(key, numbers[one.list_number] + len(key.lists) * place))
+        for place, one in enumerate(people)
+    ]
+
+
+def test_good_links_count_and_without_a_secret_nobody_needs_one() -> None:
+    assert len(screen(signed(), LINKED).kept) == 4
+    assert len(screen(made_participants(LINKED, 4), replace(LINKED, link_secret=None)).kept) == 4
+
+
+def test_forged_links_are_set_aside() -> None:
+    for forge, words in [
+        (lambda token: None, "without a signed link"),
+        (lambda token: token[:-1] + "x", "signature of the link is wrong"),
+        (lambda token: "9" + token, "signature of the link is wrong"),
+        (lambda token: "٣" + token, "signature of the link is wrong"),
+        (lambda token: "no token", "signature of the link is wrong"),
+        (lambda token: token_of(replace(LINKED, link_secret=new_secret()), 0), "is wrong"),
+        (lambda token: token_of(replace(LINKED, study="0" * 16), 0), "is wrong"),
+    ]:
+        first, *others = signed()
+        assert first.link is not None
+        screened = screen([replace(first, link=forge(first.link)), *others], LINKED)
+        assert [one.participant.id for one in screened.set_aside] == [first.id]
+        assert words in screened.set_aside[0].why and len(screened.kept) == 3
+
+
+def test_a_link_counts_once_for_whoever_finished_first_and_for_its_own_list() -> None:
+    first, second, *_ = signed()
+    assert first.finished is not None
+    again = replace(second, list_number=first.list_number, link=first.link, id="thief")
+    again = replace(again, answers=first.answers, finished=first.finished + timedelta(hours=1))
+    (aside,) = screen([again, first], LINKED).set_aside
+    assert aside.participant.id == "thief" and f"used by {first.source} before" in aside.why
+    number = next(n for n in range(9) if list_of(LINKED, n) != first.list_number)
+    (aside,) = screen([replace(first, link=token_of(LINKED, number))], LINKED).set_aside
+    assert "another list" in aside.why
+
+
+@pytest.mark.parametrize("finishes", [True, False])
+@pytest.mark.parametrize("link", [None, "0-" + 32 * "0"])
+def test_a_forged_ballot_of_a_later_time_displaces_no_signed_one(
+    link: str | None, finishes: bool, tmp_path: Path
+) -> None:
+    """Someone sends other answers under the name of a participant, an hour after them."""
+    files = made_files(LINKED, 3)
+    forged = {**files[0], "link": link, "answers": files[0]["answers"][:10]}
+    forged["finished"] = "2100-01-01T00:00:00+00:00"
+    if not finishes:
+        files[0]["finished"] = None
+    _, folder = written_study(tmp_path, LINKED, files)
+    (folder / "forged.json").write_text(json.dumps(forged))
+    collected = collect([folder], LINKED)
+    kept = {one.id: one for one in collected.participants}
+    assert len(kept) == 3 and kept[files[0]["participant"]].link == files[0]["link"]
+    (sentence,) = collected.left_out
+    assert sentence.startswith("forged.json is left out") and "a signed link" in sentence
+    assert len(screen(collected.participants, LINKED).kept) == 3 - (not finishes)
+
+
+def test_the_command_gives_the_same_links_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "study" / "researcher_only" / "key.json"
+    path.parent.mkdir(parents=True)
+    write_key(replace(LINKED, link_secret=None), path)
+    command = ["study", "links", str(tmp_path / "study"), "--address", "https://lab.example/s/"]
+    assert main([*command, "--participants", "5"]) == 0
+    first = capsys.readouterr().out
+    assert main([*command, "--participants", "5"]) == 0
+    assert capsys.readouterr().out == first
+    key = read_key(path)
+    rows = list(csv.DictReader(io.StringIO(first)))
+    assert [row["participant"] for row in rows] == list("01234")
+    for number, row in enumerate(rows):
+        query = parse_qs(urlsplit(row["link"]).query)
+        assert query == {"p": [row["list"]], "t": [token_of(key, number)]}
+    assert path.stat().st_mode & 0o777 == 0o600 and str(key.link_secret) not in first
+    assert main([*command[:-1], "lab.example"]) != 0
+    assert main([*command, "--participants", "0"]) != 0

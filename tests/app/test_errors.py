@@ -1,0 +1,46 @@
+"""What a person is told of an error."""
+
+import pytest
+
+from app import text
+from app.errors import RunError, sentence_of, visitor_sentence
+
+
+@pytest.mark.parametrize(
+    ("told", "on_page"),
+    [
+        ("Say this.", "Say this."),
+        (
+            "a.npy tells no frame rate; 30 was taken (say another with --fps).",
+            "a.npy tells no frame rate; 30 was taken.",
+        ),
+        ("None was given: add it (--speech), or not.", "None was given: add it, or not."),
+        ("Rates are 12 to 240 (30 usually).", "Rates are 12 to 240 (30 usually)."),
+        (
+            "No weights in /srv/app/weights; /tmp/a/b\x1b[2J.npz is bad: see http://a/b/c",
+            "No weights in weights; b?[2J.npz is bad: see http://a/b/c",
+        ),
+    ],
+)
+def test_a_visitor_is_shown_no_option_no_folder_and_nothing_that_a_terminal_obeys(told, on_page):
+    assert visitor_sentence(RunError(told)) == on_page
+
+
+def test_faults_get_a_number_under_which_the_log_has_them(caplog):
+    shown = visitor_sentence(KeyError("secret /path"))
+    assert "secret" not in shown
+    number = shown.rsplit(" ", 1)[1].rstrip(".")
+    assert len(number) == 8 and number in caplog.text and "secret /path" in caplog.text
+
+
+def test_of_the_systems_errors_those_are_told_that_a_person_can_do_something_about():
+    full = OSError(28, "No space left on device", "/results/a.mp4")
+    assert sentence_of(full) == (
+        "The disk at /results is full; free some space or write to another folder."
+    )
+    assert visitor_sentence(full) == text.DISK_FULL
+    assert sentence_of(OSError(13, "Permission denied")) == (
+        "Nothing may be written there; choose a folder that you may write to."
+    )
+    assert "ran out of memory" in str(sentence_of(MemoryError()))
+    assert sentence_of(OSError(2, "No such file")) is None

@@ -1,0 +1,413 @@
+"""A visitor's runs, from the example to two beside each other, as a test directs them."""
+
+import json
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.sync_api import Page, Route, expect
+
+from app import text
+from app.bench import browser as bench_browser
+from app.config import EXAMPLES, AppConfig
+from app.page.player.first_look_shown import EXAMPLE
+from app.page.tabs import own_motion
+from app.run.examples import CLEAN, FACTS, STEADY, TREMBLING, first_look
+from app.run.experiments.mechanism import NAMES
+from model.motion.motion import load_motion, save_motion
+from model.speech.audio import write_wav
+from model.systems.globaldiff.config import BEST
+from tests.app import fakes
+from tests.browser.conftest import (
+    FRAMES,
+    LOCKSTEP,
+    LOOKS,
+    SECONDS,
+    STAGE,
+    Fake,
+    Look,
+    bar_of,
+    expect_fit,
+    give,
+    give_speech,
+    opened,
+    press,
+    put_clock,
+    served,
+    show_videos,
+    staged,
+    start,
+    tick,
+    turn_to,
+    watched,
+)
+from tests.conftest import MadeOnce
+from tests.model.made import TINY_BEST, TINY_SYSTEMS, made_waveform, make_weights
+
+pytestmark = pytest.mark.browser
+
+WAITS = f"() => {LOCKSTEP}.isWaiting"
+PLAYS = f"() => {LOCKSTEP}.isPlaying && {LOCKSTEP}.frame > 0"
+ARGUED = "document.querySelector('#mechanism-player .lockstep')"
+ARGUE = f"""() => {ARGUED}?.querySelector('.stage')?.dataset.bodies === '2'
+    && {ARGUED}.lockstep.isPlaying && {ARGUED}.lockstep.time > 0.1"""
+ENDED = f"() => {LOCKSTEP}.frame === {FRAMES - 1} && !{LOCKSTEP}.isPlaying"
+SOUND = "document.querySelector('#player audio')"
+TRANSCRIPT = """File type = "ooTextFile"
+Object class = "TextGrid"
+item [1]:
+ class = "IntervalTier"
+ name = "words"
+ intervals [1]:
+ xmin = 1
+ xmax = 2
+ text = "<b>hello</b>"
+"""
+
+
+@pytest.fixture(scope="module")
+def address(
+    the_fake: Fake, made_once: MadeOnce, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[str]:
+    """Of a page over `Fake` whose example has been made."""
+    systems = {**TINY_SYSTEMS, BEST: TINY_BEST}
+    weights = made_once("with-best", lambda folder: make_weights(folder, systems))
+    folder = tmp_path_factory.mktemp("walk")
+    config = AppConfig(port=0, weights=weights, temp=folder / "page", kept=folder / "kept")
+    look = first_look(config.kept, weights, BEST, EXAMPLES / f"{EXAMPLE}.wav")
+    look.folder.mkdir(parents=True)
+    shutil.copyfile(look.speech, look.beginning)
+    for name in (STEADY, TREMBLING):
+        save_motion(load_motion(CLEAN).part(slice(45)), look.folder / f"{name}.npz")
+    facts = {"jerk_m_s3": {STEADY: 100, TREMBLING: 2000}, "noise_rad": 0.012, "provenance": {}}
+    (look.folder / FACTS).write_text(json.dumps(facts))
+    with served(config, is_warmed_up=True, start=bool, **the_fake.does) as address:
+        yield address
+
+
+def followed(page: Page, link: str, bodies: int) -> Page:
+    """The page of two runs, opened by the link below one."""
+    with page.context.expect_page() as both:
+        page.locator("#runs").get_by_role("link", name=link, exact=True).click()
+    staged(watched(both.value), bodies)
+    both.value.locator("#player .lane[data-name] canvas").first.wait_for()
+    return both.value
+
+
+@pytest.mark.parametrize(
+    "look",
+    [pytest.param(look, marks=() if look == LOOKS[1] else pytest.mark.slow) for look in LOOKS],
+    ids=str,
+)
+def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_other(
+    visitor: Callable, fake: Fake, address: str, speech: Path, tmp_path: Path, look: Look
+) -> None:
+    width, height, scheme = look
+    fake.comes_in_windows = True
+    fake.windows.let(1)
+    fake.videos.let(0)
+    fake.figures.clear()
+    context = visitor(width, height, scheme, moves=True)
+    page = watched(context.new_page())
+    page.goto(f"{address}#stage&x=4&t=1")  # left by a run before
+
+    # The example moves, and all of its picture is in the first window, the hands below the body.
+    page.locator(".first-look").wait_for()
+    expect(page.get_by_role("heading", name=text.LOOK_QUESTION)).to_be_visible()
+    page.wait_for_function("() => document.querySelector('#player .lockstep')?.stage?.pictures > 5")
+    expect(page.locator("#player .stage-view")).to_be_in_viewport(ratio=0.99)
+    assert page.evaluate(f"{LOCKSTEP}.isPlaying && {SOUND}.muted")
+    page.get_by_text(text.LOOK_SHOW).click()
+    expect(page.locator(".first-look details")).to_contain_text("2,000")
+    press(page, text.GENERATE)
+    expect(page.locator("#message")).to_contain_text(text.NO_SPEECH)
+    expect(page.get_by_text(text.NO_SPEECH)).to_have_count(1)  # and by no toast
+
+    # Of speech of one's own the first window, of 52 frames, moves at once, and waits for more.
+    tick(page, ["local", "priorflow"])
+    page.evaluate("scrollTo(0, document.body.scrollHeight)")
+    start(page, speech)
+    expect(page.locator("#status [role=status]")).to_be_in_viewport()  # where the click began it
+    expect(page.get_by_role("button", name=text.GENERATE)).to_be_disabled()
+    page.wait_for_function(PLAYS)
+    staged(page, 2).evaluate(f"{LOCKSTEP}.seekFrame(30)")
+    page.wait_for_function(WAITS)
+    assert 45 <= page.evaluate(f"{LOCKSTEP}.frame") < 52
+    assert (
+        page.evaluate(f"{SOUND}.paused && !{SOUND}.muted")
+        and page.evaluate(f"{STAGE}.pictures") > 3
+    )
+    waiting = page.locator("#player .stage-view .said", has_text="Waiting for the next window")
+    expect(waiting).to_be_visible()
+    assert page.evaluate("document.querySelector('.lockstep').look.get('factor')") == 4
+    expect(page.locator("#empty")).to_be_hidden()
+
+    # A run that is cancelled leaves nothing, and the next one moves.
+    press(page, text.CANCEL)
+    expect(page.locator("#status")).to_contain_text(text.CANCELLED)
+    expect(page.locator("#player .stage")).to_be_hidden()
+    assert not page.evaluate(f"{LOCKSTEP}.isPlaying || {LOCKSTEP}.isWaiting")
+    assert not page.evaluate(f"{SOUND}.hasAttribute('src')")
+    press(page, text.GENERATE)
+    page.wait_for_function(PLAYS)
+    page.evaluate(f"{LOCKSTEP}.seekFrame(45)")
+    page.wait_for_function(WAITS)
+    fake.windows.let(2)
+    page.wait_for_function(ENDED)
+    expect(waiting).to_be_hidden()
+    page.emulate_media(reduced_motion="reduce", color_scheme=scheme)
+
+    # Numbers do not wait for figures, nor figures for videos.
+    expect(page.locator('#numbers tr[data-measure="Jerk"] td .raw').first).to_have_text("110")
+    expect(page.locator("#verdict")).to_contain_text("110")
+    expect(page.locator("#figures img")).to_have_count(0)
+    expect(page.locator("#bundle")).to_be_hidden()
+    fake.figures.set()
+    page.locator("#bundle").wait_for()
+    expect(page.locator("#figures img").first).to_be_visible()
+    expect(page.locator("#player video")).to_have_count(0)
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    put_clock(page, 0.1)
+    assert page.evaluate(f"{LOCKSTEP}.frame") == 3
+    assert not [url for url in asked if "/media/" in url], "all of it is there"
+
+    # Videos come one by one into the tags of their bodies and into the downloads.
+    show_videos(page)
+    drawing, videos = page.locator("#player .drawing:visible"), page.locator("#player video")
+    expect(drawing).to_have_count(2)
+    fake.videos.let(1)
+    expect(videos).to_have_count(1)
+    expect(drawing).to_have_count(1)
+    fake.videos.let(12)
+    expect(page.locator("#status")).to_contain_text(text.VIDEOS_DONE)
+    expect(videos).to_have_count(2)
+    press(page, "Back to the stage")
+    expect(page.locator("#player .stage-tag a[download$='.mp4']").first).to_be_attached()
+    page.locator("#files-fold button").first.click()
+    expect(page.locator("#files")).to_contain_text("comparison")
+
+    # Worst second, close-up, ghost.
+    bar = bar_of(page)
+    press(bar, "Worst second")
+    expect(page.locator("#player .worst-line")).to_contain_text(re.compile(r"1 of \d"))
+    press(bar, "Worst second")
+    page.evaluate(f"{LOCKSTEP}.pause()")
+    bar.get_by_label("Close-up", exact=True).select_option("face")
+    press(bar, "Ghost")
+    expect(page.locator("#player .stage .ghost-legend")).to_contain_text("Grey where both agree")
+    expect_fit(page)
+
+    # The link, in a second browser that shares nothing with the first, and draws no 3D graphics.
+    href = page.locator("#runs .link a").evaluate("link => link.href")
+    assert re.search(r"[?]run=[\w-]{43}$", href)
+    other = visitor(width, height)
+    other.add_init_script(
+        """const getContext = HTMLCanvasElement.prototype.getContext;
+        HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
+            return kind === 'webgl2' ? null : getContext.call(this, kind, ...rest);
+        };"""
+    )
+    theirs = watched(other.new_page())
+    theirs.goto(href)
+    expect(theirs.locator("#player video")).to_have_count(2)
+    expect(theirs.locator("#player .no-stage")).to_contain_text("draws no 3D graphics")
+    expect(theirs.locator('#numbers tr[data-measure="Jerk"] td .raw').first).to_have_text("110")
+    expect(theirs.locator("#status")).to_contain_text(f"{FRAMES} frames each")
+    expect(theirs.locator("#runs .link")).to_contain_text("minutes more")
+    expect(theirs.locator("#runs li")).to_have_count(0)  # it is another's
+    expect(theirs.locator("#empty")).to_be_hidden()
+    with theirs.expect_download() as download:
+        theirs.locator("#bundle").click()
+    assert download.value.suggested_filename.endswith(".zip")
+    sound = page.evaluate(f"{SOUND}.src")
+    assert theirs.evaluate(f"{SOUND}.src") != sound, "each browser has addresses of its own"
+    assert page.request.get(sound).status == 200 and theirs.request.get(sound).status == 404
+    theirs.goto(re.sub(r"=.*", "=" + "x" * 43, href))
+    expect(theirs.locator("#message")).to_contain_text("kept no longer")
+    expect(theirs.locator("#player video")).to_have_count(0)
+    other.close()
+
+    # Another seed of the same speech, beside the first run: by ticking both.
+    page.get_by_label(text.SEED_LABEL).fill("7")
+    press(page, text.GENERATE)
+    page.locator("#runs").get_by_role("link", name=text.COMPARE_LAST).wait_for()
+    page.locator("#runs summary").click()
+    compare = page.locator("#runs").get_by_role("button", name=text.COMPARE)
+    expect(compare).to_be_disabled()  # the run that is shown is ticked, and no other
+    expect(page.locator("#runs time").first).to_have_text(re.compile(r"\d\d?:\d\d"))
+    page.locator("#runs input[type=checkbox]:not(:checked)").first.check()
+    with page.context.expect_page() as ticked:
+        compare.click()
+    both = watched(ticked.value)
+    assert both.url.count("run=") == 2
+    expect(both.locator("#verdict")).to_contain_text("Seed 0 against 7.")
+    press(bar_of(staged(both, 4)), "All")
+    names = both.locator("#player .stage-tag header b")
+    for i in range(1 if width < 600 else 2):  # a phone shows one body at a time
+        expect(names.nth(i)).to_have_text(f"priorflow ({'AB'[i]})")
+    expect(both.locator("#player .sounds")).to_be_hidden()  # it is the same
+    expect_fit(both)
+    both.close()
+
+    # Another speech: either sounds under all bodies, from the same moment on.
+    brief = tmp_path / "brief.wav"
+    write_wav(brief, made_waveform(24_000))
+    page.locator("#speech").get_by_label("Clear").click()
+    start(page, brief)
+    page.get_by_role("link", name=text.COMPARE_OTHER, exact=True).wait_for()
+    both = followed(page, text.COMPARE_OTHER, 4)
+    expect(both.locator("#verdict")).to_contain_text("choose whose sound plays")
+    sounds = both.locator("#player .sounds button")
+    expect(sounds).to_have_text(["A: speech", "B: brief"])
+    expect(sounds.first).to_have_attribute("aria-pressed", "true")
+    assert both.evaluate(f"{LOCKSTEP}.duration") == pytest.approx(SECONDS, abs=0.05)
+    put_clock(both, 1.0)
+    sounds.last.click()
+    moved = f"{LOCKSTEP}.frame === 30 && Math.abs({LOCKSTEP}.duration - 1.5) < 0.05"
+    both.wait_for_function(moved)
+    expect(both.locator("#player .plot[role=slider]")).to_have_attribute("aria-valuemax", "1.50")
+
+    # A link has the choice; and of the two in one place it is said how far apart they are.
+    press(bar_of(both), "Ghost")
+    apart = both.locator("#player .apart li")
+    expect(apart).to_have_count(7)
+    expect(apart.filter(has_text="right arm")).to_contain_text(re.compile(r"\d°.*now [\d.]+°"))
+    both.wait_for_function("/&t=1&mode=ghost&.*sound=1/.test(location.hash)")
+    held: list[Route] = []  # what the stage is drawn by comes after the sound, on a busy machine
+
+    def hold(route: Route) -> None:
+        held.append(route)
+
+    again = watched(both.context.new_page())
+    again.route("**/stage/facts.json", hold)
+    again.goto(both.evaluate("location.href"))
+    expect(again.locator("#player .sounds button").last).to_have_attribute("aria-pressed", "true")
+    again.wait_for_function(f"{LOCKSTEP}.duration < 2")
+    again.unroute("**/stage/facts.json")
+    for route in held:
+        route.continue_()
+    again.wait_for_function(moved)
+    again.locator("#player .apart li").first.wait_for()
+    both.close()
+    again.close()
+
+    # The other tabs; two bodies argue by themselves where they are first looked at, once.
+    for tab in (own_motion.TAB, text.STUDY_TAB):
+        page.get_by_role("tab", name=tab, exact=True).click()
+        expect_fit(page)
+    expect(page.get_by_text("Drop in what participants sent or saved")).to_be_visible()
+    page.emulate_media(reduced_motion="no-preference", color_scheme=scheme)
+    page.get_by_role("tab", name=text.LADDER_TAB).click()
+    expect(page.locator(".ladder li")).to_have_count(5)
+    expect(page.locator(".ladder .equation .katex-html")).to_have_count(5)
+    expect(page.locator(".ladder .katex-error")).to_have_count(0)
+    page.wait_for_function(ARGUE)
+    names = page.locator("#mechanism-player .stage-tag header b")
+    expect(names.first).to_have_text(NAMES[0])
+    expect(page.locator("#mechanism-says")).to_contain_text("Equal noise is an assumption")
+    expect(page.locator("#mechanism-says video")).to_have_count(0)
+    run = page.evaluate("document.querySelector('#mechanism-player audio').src")
+    page.get_by_role("tab", name=text.MOTION_TAB, exact=True).click()
+    page.get_by_role("tab", name=text.LADDER_TAB).click()
+    assert page.evaluate("document.querySelector('#mechanism-player audio').src") == run
+    page.locator("#mechanism-noise input[type=number]").fill("0.05")
+    page.locator("#mechanism-start").click()
+    expect(page.locator("#mechanism-status")).to_contain_text("0.05 rad")
+    page.wait_for_function(
+        f"run => ({ARGUE})() && {ARGUED}.querySelector('audio').src !== run", arg=run
+    )
+    expect_fit(page)
+
+
+def test_a_run_of_many_beside_a_reference_with_words_and_without_videos(
+    visitor: Callable, fake: Fake, address: str, speech: Path, tmp_path: Path
+) -> None:
+    """On a phone; then eight seeds, on a large window."""
+    reference, words = tmp_path / "reference.npz", tmp_path / "words.TextGrid"
+    save_motion(fakes.made_motion(FRAMES), reference)
+    words.write_text(TRANSCRIPT)
+    page = opened(visitor(390, 844), address)
+    silence = tmp_path / "silence.wav"
+    write_wav(silence, np.zeros(32_000, np.float32))
+    give_speech(page, silence)
+    generate = page.get_by_role("button", name=text.GENERATE)
+    expect(page.locator("#speech-refusal [role=alert]")).to_contain_text("is silent")
+    expect(generate).to_be_disabled()
+    expect(page.get_by_text(text.UNUSABLE)).to_be_visible()
+    page.locator("#speech").get_by_label("Clear").click()
+    expect(page.locator("#speech-refusal [role=alert]")).to_have_count(0)
+    page.get_by_role("button", name=text.ADVANCED_LABEL).click()
+    give(page, "#reference", reference)
+    give(page, "#transcript", words)
+    page.get_by_label(text.VIDEOS_LABEL).uncheck()
+    start(page, speech)
+    staged(page, 4)
+    expect(page.locator("#player .lane[data-name]")).to_have_count(4)
+    expect(page.locator("#player .words span")).to_have_text("<b>hello</b>")
+    names = page.locator("#player .stage-tag header b")  # one body after the other
+    expect(names).to_have_text(["priorflow"])
+    page.evaluate(f"{STAGE}.showNext(1)")
+    expect(names).to_have_text(["local"])
+    bar = bar_of(page).bounding_box()
+    assert bar is not None and bar["height"] <= 64
+    expect_fit(page)
+    table = page.locator("#numbers .scroll")
+    assert table.evaluate("box => box.scrollWidth > box.clientWidth")
+    show_videos(page)
+    drawing = page.locator("#player .drawing:visible")
+    expect(drawing).to_have_text(4 * ["no video was asked for"])
+    for mode in ("Wipe", "All"):
+        press(bar_of(page), mode)
+        expect_fit(page)
+
+    turn_to(page, (1280, 900, "light"))
+    page.locator("#player .fold").click()  # the form had made room
+    for field in ("#transcript", "#reference"):
+        page.locator(field).get_by_label("Clear").click()
+    page.get_by_label(text.WORDS_LABEL).check()
+    tick(page, ["local"])
+    page.get_by_role("slider", name=re.compile(text.SAMPLES_LABEL)).fill("8")
+    generate.click()
+    staged(page, 8)
+    expect(page.locator("#player .stage-tag")).to_have_count(8)
+    page.wait_for_function(  # in two rows at most, each body in its place inside
+        """() => {
+            const box = (one) => one.getBoundingClientRect();
+            const view = box(document.querySelector('#player .stage-view'));
+            const tags = [...document.querySelectorAll('#player .stage-tag')].map(box);
+            const rows = new Set(tags.map(({ top }) => Math.round(top)));
+            const isInside = ({ left, right }) => left >= view.left - 1 && right <= view.right + 1;
+            return rows.size <= 2 && tags.every(isInside);
+        }"""
+    )
+    expect_fit(page)
+    expect(page.locator("#player .words span")).to_have_text("hello")
+    expect(page.locator("#player .lane:has(.words) .name")).to_have_text("Words (recognised)")
+
+
+@pytest.mark.slow  # of `make bench` alone
+def test_a_click_is_timed_to_movement_measures_and_figures_and_pictures_are_counted(
+    visitor: Callable, fake: Fake, fake_address: str, speech: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bench_browser, "_FIRST_S", 0.5)
+    monkeypatch.setattr(bench_browser, "_LATER_S", 1.0)
+    fake.comes_in_windows = True
+    browser = visitor().browser
+    assert browser is not None
+    page = watched(bench_browser.opened_page(browser, fake_address))
+    systems = ("globaldiff/local", "globaldiff/global")
+    for asked in (systems[:1], systems):
+        waits = bench_browser.run_waits(page, speech, asked)
+        assert 0 < waits.moves and 0 < waits.whole <= waits.all
+        assert 0 < waits.measured <= waits.done
+        assert page.evaluate("document.querySelector('.lockstep').stage.names") == [*asked]
+    slow, level = bench_browser.pictures_per_second(page, level=0)
+    assert level["mesh"] == 0 and slow > 0
+    found, _ = bench_browser.pictures_per_second(page)
+    assert found > 0
+    assert "2 whole bodies" in bench_browser.gpu_sentence(page, 2)
+    page.context.close()

@@ -1,0 +1,201 @@
+"""Whether motion does what a plan says, and found plans agree with annotated ones."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from model.evaluation import finding
+from model.evaluation.adherence import (
+    EDITS,
+    Asked,
+    Distances,
+    gesture_size,
+    moves_alone,
+    planned_places,
+    random_edit,
+    rest_speeds,
+    stroke_lags,
+)
+from model.evaluation.finding import (
+    Counts,
+    PhaseNetwork,
+    agreement,
+    near,
+    overlapping,
+    with_long_holds,
+)
+from model.motion.motion import Motion
+from model.networks.autoencoder import load_encoder
+from model.plan import found
+from model.plan.editing import Gesture, added, gestures, sized
+from model.plan.palette import PLACES, REST_PLACE
+from model.plan.plan import SIDES, GesturePlan
+from model.storage.cards import BUNDLED_WEIGHTS
+from model.systems.autoencoders.config import FGD_ENCODER
+from tests.helpers import smooth_motion_example
+from tests.model.plan.made import made_plan, phase
+
+FRAMES = 300
+STILL = GesturePlan(10.0, left=(phase(0.0, 10.0, "rest"),), right=(phase(0.0, 10.0, "rest"),))
+
+
+@pytest.fixture
+def plan() -> GesturePlan:
+    made = STILL
+    for at, hand in ((2.0, "right"), (5.0, "right"), (8.0, "left")):
+        made = added(made, "stop", at, hand).plan
+    return made
+
+
+def test_strokes_are_as_late_as_they_are(plan):
+    exact = planned_places(plan)
+    assert stroke_lags(exact, plan) == [0.0] * 3
+    late = {side: np.roll(path, 5, axis=0) for side, path in exact.items()}
+    assert stroke_lags(late, plan) == pytest.approx([5 / 30] * 3)
+    small = {side: 0.3 * path + 0.1 for side, path in exact.items()}
+    assert stroke_lags(small, plan) == [0.0] * 3
+    inside = stroke_lags(late, plan, [range(140, 160)])
+    assert inside == pytest.approx([5 / 30])
+
+
+def test_a_stroke_that_nobody_makes_is_none(plan):
+    rng = np.random.default_rng(0)
+    still = {side: rng.normal(0, 0.001, (FRAMES, 3)) for side in SIDES}
+    assert all(map(math.isnan, stroke_lags(still, plan)))
+
+
+def test_the_asked_hand_moves_and_the_other_stays(plan):
+    places, gesture = planned_places(plan), Gesture("right", 5.0)
+    assert moves_alone(places, plan, gesture) is True
+    assert moves_alone({**places, "left": places["right"]}, plan, gesture) is False
+    assert moves_alone({**places, "right": places["left"]}, plan, gesture) is False
+    drifting = places["left"] + np.arange(FRAMES)[:, None] * [0.1 / 30, 0, 0]
+    assert moves_alone({**places, "left": drifting}, plan, gesture) is True
+    gone = places["left"] + np.arange(FRAMES)[:, None] * [0.15 / 30, 0, 0]
+    assert moves_alone({**places, "left": gone}, plan, gesture) is False
+    both = added(plan, "stop", 5.0, "left").plan
+    assert moves_alone(planned_places(both), both, gesture) is None
+
+
+def test_a_gesture_is_as_large_as_it_ends_far_from_rest(plan):
+    gesture = Gesture("right", 5.0)
+    usual = math.dist(PLACES["stop"], REST_PLACE)
+    for size in (0.6, 1.0, 1.4):
+        larger = sized(plan, gesture, size).plan
+        found = gesture_size(planned_places(larger), larger, gesture)
+        assert found == pytest.approx(size * usual, rel=0.05)
+
+
+def test_rests_are_measured_inside(plan):
+    places = planned_places(plan)
+    assert rest_speeds(places, plan) == pytest.approx([0.0] * 5, abs=0.05)
+    drifting = {
+        side: path + np.arange(FRAMES)[:, None] * [0.01, 0, 0] for side, path in places.items()
+    }
+    assert rest_speeds(drifting, plan) == pytest.approx([0.3] * 5, abs=0.05)
+
+
+def test_random_edits_are_of_every_kind_and_tell_what_they_are_about(plan):
+    rng, seen = np.random.default_rng(1), set()
+    for _ in range(120):
+        name, edited, gesture = random_edit(plan, rng)
+        seen.add(name)
+        assert edited.plan != plan or edited.notes or name in ("hold", "size", "height")
+        if gesture is not None:
+            lands = [g.lands_s for g in gestures(edited.plan, gesture.side)]
+            assert min(abs(at - gesture.lands_s) for at in lands) < 1e-6
+    assert seen == set(EDITS)
+    assert random_edit(STILL, rng)[0] == "add"
+
+
+def test_answers_are_told_with_their_number():
+    asked = Asked()
+    asked.add("a", [1.0, 0.0])
+    asked.add("a", [1.0, math.nan])
+    asked.add("b", [])
+    assert asked.told() == {"a": {"mean": pytest.approx(2 / 3), "count": 4}}
+
+
+def test_distances_are_those_of_edited_and_unedited_motion():
+    encoder = load_encoder(BUNDLED_WEIGHTS, FGD_ENCODER)
+    recorded, near, far = moved(0, 0.02), moved(1, 0.02), moved(2, 0.3)
+    distances = Distances(encoder)
+    assert distances.told() == {}
+    for _ in range(2):
+        distances.add(recorded, [near, near, far])
+    told = {name: answer["mean"] for name, answer in distances.told().items()}
+    alone = Distances(encoder)
+    for _ in range(2):
+        alone.add(recorded, [near, far])
+    plain = {name: answer["mean"] for name, answer in alone.told().items()}
+    assert told["FGD, unedited"] == plain["FGD, unedited"] > 0
+    assert plain["FGD, edited"] > plain["FGD, unedited"]
+    half = (plain["FGD, unedited"] + plain["FGD, edited"]) / 2
+    assert told["FGD, edited"] == pytest.approx(half)
+    ratio = told["FGD, edited"] / told["FGD, unedited"]
+    assert told["FGD, edited / unedited"] == pytest.approx(ratio)
+
+
+def test_moments_are_met_once_each():
+    assert near([1.0, 1.05, 3.0], [1.02, 5.0], 0.1) == Counts(1, 3, 2)
+    counts = Counts(1, 3, 2)
+    assert counts.f1 == pytest.approx(0.4)
+    assert counts.as_json() == {"f1": 0.4, "precision": 0.333, "recall": 0.5, "annotated": 2}
+    assert near([], [1.0], 0.1) + near([1.0], [1.0], 0.1) == Counts(1, 1, 2)
+
+
+def test_phases_must_lie_over_each_other():
+    told = [phase(0.0, 1.0, "stroke"), phase(2.0, 3.0, "stroke")]
+    assert overlapping([phase(0.1, 1.2, "stroke")], told) == Counts(1, 1, 2)
+    assert overlapping([phase(0.9, 2.1, "stroke")], told) == Counts(0, 1, 2)
+    twice = [phase(0.0, 0.5, "stroke"), phase(0.5, 1.0, "stroke")]
+    assert overlapping(twice, told) == Counts(1, 2, 2)
+
+
+def test_holds_that_follow_on_holds_are_one():
+    phases = [phase(0.0, 1.0, "hold"), phase(1.0, 2.0, "hold"), phase(2.0, 3.0, "stroke")]
+    assert [(p.phase, p.end_s) for p in with_long_holds(phases)] == [("hold", 2.0), ("stroke", 3.0)]
+
+
+def test_a_plan_agrees_with_itself_in_everything():
+    counts = agreement(made_plan(), made_plan())
+    assert {question: one.f1 for question, one in counts.items() if one.told} == dict.fromkeys(
+        [q for q, one in counts.items() if one.told], 1.0
+    )
+    moved = agreement(made_plan().at_speed(1.5), made_plan())
+    assert moved["ends of strokes"].met == 0 and moved["nods"].met == 1
+
+
+def test_what_is_fitted_is_what_is_computed_without_torch(tmp_path, monkeypatch):
+    """The written weights give the network's own scores."""
+    rng = np.random.default_rng(0)
+    path = np.cumsum(rng.normal(0, 0.01, (400, 3)), axis=0)
+    monkeypatch.setattr(finding, "_recorded", lambda *_: (made_plan(), dict(left=path, right=path)))
+    monkeypatch.setattr(finding, "STEPS", 3)
+    kept = {}
+    monkeypatch.setattr(
+        PhaseNetwork,
+        "state_dict",
+        lambda self: kept.setdefault("net", self) and torch.nn.Module.state_dict(self),
+    )
+    finding.fit(tmp_path, ["a"], tmp_path / "w.npz")
+    monkeypatch.setattr(found, "WEIGHTS", tmp_path / "w.npz")
+    found._weights.cache_clear()
+    features = found.hand_features(path, path)
+    likely, stay, change = found._likelihoods(features)
+    told = found._weights()
+    x = torch.from_numpy((features - told["mean"]) / told["std"]).T[None]
+    with torch.no_grad():
+        own = torch.log_softmax(kept["net"](x)[0].T, dim=1).numpy()
+    np.testing.assert_allclose(likely, own, atol=0.02)
+    assert np.isfinite(stay).all() and np.isfinite(change).all()
+    found._weights.cache_clear()
+
+
+def moved(seed: int, size: float) -> Motion:
+    poses = np.cumsum(np.random.default_rng(seed).normal(0, size / 10, (FRAMES, 165)), axis=0)
+    zeros = np.zeros((FRAMES, 3), np.float32)
+    return replace(smooth_motion_example(FRAMES), poses=poses.astype(np.float32), trans=zeros)

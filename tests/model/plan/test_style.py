@@ -1,0 +1,166 @@
+"""Sliders and style files: read, done to plans, and refused."""
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from model.plan.editing import Edited, Gesture, added, gestures, keeping, on_word
+from model.plan.plan import GesturePlan, PlanError
+from model.plan.style import (
+    AWAY_S,
+    Style,
+    StyleWish,
+    excited,
+    on_wrong_words,
+    read_wish,
+    style_of,
+    wish_of,
+    with_style,
+)
+from tests.model.plan.made import Said, resting
+from tests.model.plan.test_editing import BUSY, MIDDLE, lands
+
+FEW_WORDS = [Said(f"w{k}", 0.5 + k * 0.9, 1.0 + k * 0.9) for k in range(10)]
+WORDS = [Said(f"W{k}", 0.5 * k, 0.5 * k + 0.4) for k in range(40)]
+
+
+def test_sliders_stand_where_the_plan_is_and_leave_it_there():
+    style = style_of(BUSY)
+    assert style.gestures_per_min == 18 and style.both == pytest.approx(1 / 3)
+    assert with_style(BUSY, style, FEW_WORDS) == Edited(BUSY)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("gestures_per_min", (0.0, 6.0, 36.0)),
+        ("size_m", (0.1, 0.25, 0.4)),
+        ("height_m", (-0.25, -0.05, 0.1)),
+        ("stroke_s", (0.22, 0.3, 0.45)),
+        ("both", (0.0, 0.7, 1.0)),
+        ("smile", (0.0, 0.2, 0.6)),
+    ],
+)
+def test_sliders_bring_what_they_say(name, values):
+    for value in values:
+        new = with_style(BUSY, replace(style_of(BUSY), **{name: value}), FEW_WORDS).plan
+        assert getattr(style_of(new), name) == pytest.approx(value, rel=0.12, abs=0.02)
+
+
+def test_sliders_leave_locked_gestures_and_say_where_there_is_no_room():
+    none = with_style(BUSY, replace(style_of(BUSY), gestures_per_min=0.0), locked=(MIDDLE,))
+    assert lands(none.plan) == [4.5] and lands(none.plan, "left") == []
+    assert keeping((MIDDLE,), BUSY, none)
+    more = with_style(BUSY, replace(style_of(BUSY), gestures_per_min=60.0))
+    assert more.plan == BUSY and more.notes == ("There is room for 18 gestures a minute.",)
+
+
+def test_excitement_moves_all_sliders_one_way():
+    style = style_of(BUSY)
+    calm, wild = excited(style, -1.0), excited(style, 1.0)
+    for name in ("gestures_per_min", "size_m", "height_m", "both"):
+        assert getattr(calm, name) < getattr(style, name) < getattr(wild, name)
+    assert wild.stroke_s < style.stroke_s < calm.stroke_s and excited(style, 0.0) == style
+    with pytest.raises(PlanError, match=r"from -1 to 1; got 2"):
+        excited(style, 2.0)
+    with pytest.raises(PlanError, match="size_m is 2; it must lie between"):
+        Style(10.0, 2.0, 0.0, 0.3, 0.0, 0.0)
+
+
+def plan_of(lands: tuple[float, ...], kind: str = "beat") -> GesturePlan:
+    plan = resting(20.0)
+    for at_s in lands:
+        plan = added(plan, kind, at_s, "both" if kind == "shrug" else "right", "here").plan
+    return plan
+
+
+def written(tmp_path: Path, text: str) -> StyleWish:
+    path = tmp_path / "style.toml"
+    path.write_text(text)
+    return read_wish(path)
+
+
+def test_numbers_are_as_told_or_so_many_times_what_each_plan_asks_for(tmp_path):
+    wish = written(tmp_path, "height_m = 0.05\n[times]\ngestures_per_min = 0.5\nsize_m = 1.5\n")
+    for times in ((2.0, 5.0, 8.0, 11.0), (3.0, 6.0)):
+        done = wish.done(plan_of(times)).plan
+        assert len(lands(done)) == len(times) / 2
+        assert style_of(done).height_m == pytest.approx(0.05, abs=1e-3)
+        assert style_of(plan_of(times)).height_m < 0
+    plan = plan_of((2.0, 5.0))
+    bare = style_of(written(tmp_path, "[times]\nsize_m = 1.5").done(plan).plan)
+    assert bare.size_m == pytest.approx(1.5 * style_of(plan).size_m, rel=0.02)
+    assert bare.gestures_per_min == style_of(plan).gestures_per_min
+    assert written(tmp_path, "").done(plan) == Edited(plan)  # nothing changes nothing
+    wild = style_of(written(tmp_path, "size_m = 0.2\nexcite = 1").done(plan).plan)
+    assert wild.size_m == pytest.approx(0.26, abs=0.02)  # done after the numbers
+
+
+def test_more_gestures_go_onto_words_and_without_words_that_is_said(tmp_path):
+    wish, plan = written(tmp_path, "gestures_per_min = 24"), plan_of((3.0, 15.0))
+    assert len(lands(wish.done(plan, WORDS).plan)) == 8
+    assert wish.done(plan).notes == ("There is room for 6 gestures a minute.",)
+
+
+@pytest.mark.parametrize("kind", ["beat", "shrug"])
+@pytest.mark.parametrize("words", [[], WORDS], ids=["no words", "words"])
+def test_on_wrong_words_no_stroke_lands_where_one_was_called_for(kind, words):
+    right = (2.06, 5.1, 8.06, 11.1, 14.06)
+    plan = plan_of(right, kind)
+    made = on_wrong_words(plan, words)
+    found = [one.lands_s for one in gestures(made.plan, "right")]
+    assert made.notes == () and len(found) == len(right) and found == sorted(found)
+    assert np.abs(np.subtract.outer(found, right)).min() >= AWAY_S - 1e-6
+    if kind == "shrug":
+        assert [one.lands_s for one in gestures(made.plan, "left")] == found
+    old, new = ([p for p in each.right if p.phase == "stroke"] for each in (plan, made.plan))
+    if words:
+        assert all(any(abs(on_word(w) - at) < 1e-6 for w in words) for at in found)
+        assert all(one.word.startswith("w") for one in new)
+    else:
+        assert [one.word for one in new] == [""] * 5
+    assert [one.goal for one in old] == [one.goal for one in new]
+
+
+def test_a_gesture_without_room_stays_and_is_counted():
+    plan = plan_of(tuple(np.arange(1.0, 19.5, 0.72).round(2)))
+    times = [one.lands_s for one in gestures(plan, "right")]
+    made = on_wrong_words(plan, [Said("x", at, at + 0.01) for at in times])
+    assert made.plan == plan and made.notes == ("26 of 26 gestures stay on their words.",)
+    assert len(times) == 26 and all(b > a for a, b in pairwise(times))
+    assert Gesture("right", times[0]) in gestures(plan, "right")
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("often = 3", "a style has no 'often'"),
+        ("gestures_per_min = 900", "gestures_per_min is a number from 0 to 90; got 900."),
+        ("size_m = nan", "size_m is a number from 0.05 to 0.6; got nan."),
+        ("size_m = true", "size_m is a number"),
+        ("excite = 2", "excite is a number from -1 to 1; got 2."),
+        ("wrong_words = 1", "`wrong_words` is true or false."),
+        ("[times]\nheight_m = 2", "`times` is a table of some of gestures_per_min"),
+        ("times = 2", "`times` is a table"),
+        ("[times]\nsmile = -1", "times.smile is a number from 0 to 10; got -1."),
+        ("size_m = 0.2\n[times]\nsize_m = 2", "size_m is given twice, alone and in `times`"),
+        ("size_m =", "style.toml is no TOML file."),
+        ("\x00", "style.toml is no TOML file."),
+        ("a." * 3000 + "b = 1", "a style has no 'a'"),
+        ("#" * 20_000, "style.toml is larger than 10 kB."),
+    ],
+)
+def test_what_is_no_style_is_refused_in_a_sentence(tmp_path, text, sentence):
+    with pytest.raises(PlanError, match=r"^style\.toml") as told:
+        written(tmp_path, text)
+    assert sentence in str(told.value)
+
+
+def test_a_missing_file_is_refused_and_tables_are_read_alike(tmp_path):
+    with pytest.raises(PlanError, match=r"there\.toml could not be read: no such file"):
+        read_wish(tmp_path / "there.toml")
+    told = {"times": {"gestures_per_min": 0.5}, "wrong_words": True, "excite": -0.5}
+    assert wish_of(told) == StyleWish({}, {"gestures_per_min": 0.5}, -0.5, True)

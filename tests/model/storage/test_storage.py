@@ -1,0 +1,105 @@
+"""Weights and their cards, settings told as text, and errors of writing."""
+
+import errno
+import pickle
+from dataclasses import replace
+
+import pytest
+import torch
+
+from model.networks.config import MatchingConfig
+from model.storage.cards import Card, CheckpointError, with_setting
+from model.storage.checkpoint import load_into, load_weights, save_weights
+from model.storage.files import WriteError, written_atomically
+from model.systems.asynfusion.config import named_config
+from model.systems.registry import families
+
+
+def test_weights_come_back_as_fp16_rounds_them(tmp_path):
+    tensors = {"network.a": torch.randn(3, 4), "normaliser.mean": torch.randn(5) * 1e-5}
+    save_weights(tmp_path, "globaldiff/global", tensors, {"steps": 3})
+    back, card = load_weights(tmp_path, "globaldiff/global")
+    assert card["system"] == "globaldiff/global" and card["steps"] == 3
+    torch.testing.assert_close(back["network.a"], tensors["network.a"].half().float())
+    torch.testing.assert_close(back["normaliser.mean"], tensors["normaliser.mean"])
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == ["globaldiff-global.json", "globaldiff-global.safetensors"]
+
+
+@pytest.mark.parametrize(
+    ("saved", "said"),
+    [
+        ({"weight": (2, 3)}, r"bias is missing\."),
+        ({"weight": (3, 2), "bias": (2,)}, r"weight is of shape \[3, 2\] in place of \[2, 3\]\."),
+        ({"bias": (2,), "more": (1,)}, r"weight is missing \(1 more differ\)\."),
+        ({"weight": (2, 3), "bias": (2,), "more": (1,)}, r"more is not known\."),
+    ],
+)
+def test_weights_that_do_not_fit_are_told_by_the_first_that_differs(saved, said):
+    tensors = {f"network.{name}": torch.zeros(shape) for name, shape in saved.items()}
+    with pytest.raises(CheckpointError, match="of toy do not fit their card: " + said):
+        load_into(torch.nn.Linear(3, 2), tensors, "network.", "toy")
+
+
+def test_what_a_card_lacks_or_misstates_is_told_with_the_weights_name():
+    card = Card({"config": {"network": {"hidden": 8}}, "speakers": ["hana"]}, "globaldiff/local")
+    for read, what in (
+        (lambda: card.sha256, "'sha256'"),
+        (lambda: card.encoder, "'encoder'"),
+        (lambda: card.speakers, "'list' object has no attribute 'items'"),
+        (lambda: card.config(MatchingConfig, "matching"), "'matching'"),
+        (lambda: card.config(MatchingConfig, "network"), "MatchingConfig has no field hidden"),
+    ):
+        with pytest.raises(CheckpointError, match="The card of globaldiff/local") as caught:
+            read()
+        assert what in str(caught.value)
+    assert (card.training_hours, card.steps, card.whose) == (0.0, None, None)
+    told = Card({"speakers": {"hana": 3}, "training_hours": 2.5, "steps": 9}, "gan/5")
+    assert (told.speakers, told.training_hours, told.steps) == ({"hana": 3}, 2.5, 9)
+
+
+def test_a_setting_changes_one_field_of_any_config_and_nothing_besides():
+    config = named_config("small", "asynfusion/ddim")
+    gated = with_setting(config, "network.interaction=gated")
+    assert gated == replace(config, network=replace(config.network, interaction="gated"))
+    faster = with_setting(config, "loss.velocity=3")
+    assert faster == replace(config, loss=replace(config.loss, velocity=3.0))
+    found = 0
+    for family in families():
+        for preset in family.presets:
+            for system in family.trained:
+                try:
+                    config = family.config(preset, system)
+                except ValueError:  # not every system of a family has every preset
+                    continue
+                seeded = with_setting(config, "random_seed=3")
+                assert seeded == replace(config, random_seed=3)
+                found += 1
+    assert found > 10
+
+
+@pytest.mark.parametrize(
+    ("setting", "says"),
+    [
+        ("network.interaction", "sets nothing"),
+        ("network.depth=2", "no field network.depth"),
+        ("steps.many=2", "no field steps.many"),
+        ("steps=many", "another kind"),
+        ("network.interaction=2", "another kind"),
+        ("network.width=65", "width 65 is no multiple"),
+    ],
+)
+def test_what_is_wrong_with_a_setting_is_said(setting: str, says: str):
+    with pytest.raises(ValueError, match=says):
+        with_setting(named_config("small", "asynfusion/ddim"), setting)
+
+
+def test_a_write_error_is_one_sentence_and_knows_its_cause_in_another_process_too(tmp_path):
+    with pytest.raises(WriteError) as caught, written_atomically(tmp_path / "a.npz"):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    for error in (caught.value, pickle.loads(pickle.dumps(caught.value))):
+        assert isinstance(error, WriteError) and error.errno == errno.ENOSPC
+        assert str(error) == (
+            f"{tmp_path / 'a.npz'} could not be written: the disk is full; free some space or "
+            "choose another folder."
+        )

@@ -1,0 +1,255 @@
+"""The generator on its Gaussian prior, the discriminator, and what they descend."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from model.networks.layers import RecurrentBlock
+from model.systems.gan import adversary
+from model.systems.gan.adversary import (
+    Discriminator,
+    Watch,
+    discriminator_loss,
+    gaussian_loss,
+    generator_loss,
+    gradient_penalty,
+)
+from model.systems.gan.config import DiscriminatorConfig
+from model.systems.gan.generator import FINGERS, Generator
+from model.systems.gan.sampling import posterior, signal_and_noise, times
+from model.training.run_folder import TrainingError
+from tests.model.made import made_components, made_prior, shaken
+from tests.model.systems.gan.made_generator import TINY, made_generator, told
+
+FEW = replace(TINY, channels=3, decoupled=False)
+
+
+def sampled(generator: Generator, steps: int, size: int, **changes: torch.Tensor) -> torch.Tensor:
+    config = generator.config
+    known = told(config, size, has_seed=torch.zeros(size, dtype=torch.bool)) | changes
+    known["expression"] = torch.zeros(size, 60, config.expression_dim)
+    x = torch.randn(size, 60, config.channels)
+    way = [torch.full((size,), t) for t in times(steps)]
+    for k in range(steps):
+        mean, deviation = generator(x, way[k], way[k + 1], **known)
+        x_0 = generator.drawn(mean, deviation, torch.randn_like(x), known["has_seed"])
+        mean, deviation = posterior(x, x_0, way[k + 1], way[k])
+        x = mean + deviation * torch.randn_like(x)
+    return x
+
+
+@pytest.mark.parametrize("steps", [1, 5])
+def test_untrained_it_draws_the_gaussian_process_in_any_number_of_steps(steps):
+    generator = made_generator(FEW).eval()
+    with torch.no_grad():
+        x = sampled(generator, steps, 600)
+    found = torch.einsum("nic,njc->cij", x, x) / len(x)
+    wanted = generator.prior.covariance
+    scale = wanted.diagonal(dim1=1, dim2=2).mean(1)[:, None, None]
+    assert ((found - wanted) / scale).abs().max() < 0.3
+    bends = x.diff(n=2, dim=1).var(dim=(0, 1))
+    curve = torch.zeros(58, 60)
+    for k in range(58):
+        curve[k, k : k + 3] = torch.tensor([1.0, -2.0, 1.0])
+    expected = (curve @ wanted @ curve.T).diagonal(dim1=1, dim2=2).mean(1)
+    torch.testing.assert_close(bends, expected, rtol=0.1, atol=0.0)
+
+
+def test_it_continues_its_seed_in_every_number_of_steps():
+    generator = made_generator(FEW).eval()
+    process = torch.linalg.cholesky(generator.prior.covariance + 1e-5 * torch.eye(60))
+    seed = (process @ torch.randn(3, 60, 64)).permute(2, 1, 0)[:, :8]
+    for steps in (1, 5, 10):
+        with torch.no_grad():
+            x = sampled(generator, steps, 64, seed=seed, has_seed=torch.ones(64).bool())
+        error = (x[:, :8] - seed).square().mean() / seed.square().mean()
+        assert error < 0.01
+        jump = (x[:, 8] - x[:, 7]).square().mean().sqrt()
+        assert jump < 1.5 * x[:, 8:].diff(dim=1).square().mean().sqrt()
+
+
+def test_each_branch_sees_its_region_and_the_balance_mixes_them():
+    generator = shaken(made_generator())
+    rest = generator.regions[1]
+    assert len(FINGERS) == 90 and sorted(FINGERS + rest) == list(range(168))
+    seen = []
+    for branch in generator.branches:
+        branch.register_forward_pre_hook(lambda module, args: seen.append(args[0]))
+    x_t, half = torch.randn(2, 60, 168), torch.full((2,), 0.5)
+    face = torch.rand(2, 60, 52)
+    inputs = {"expression": face, **told(TINY, 2)}
+    mean, deviation = generator(x_t, half, half / 2, **inputs)
+    in_channels = x_t @ generator.unmix
+    torch.testing.assert_close(seen[0], in_channels[..., FINGERS])
+    torch.testing.assert_close(seen[1], in_channels[..., rest])
+    assert mean.shape == (2, 60, 168) and (deviation > 0).all()
+    with torch.no_grad():
+        generator.balance.fill_(40.0)
+        fingers, _ = generator(x_t, half, half / 2, **inputs)
+        generator.balance.fill_(-40.0)
+        others, _ = generator(x_t, half, half / 2, **inputs)
+        generator.balance.fill_(0.0)
+        both, _ = generator(x_t, half, half / 2, **inputs)
+    assert (fingers - others).abs().max() > 1e-3
+    torch.testing.assert_close(both, (fingers + others) / 2, rtol=1e-3, atol=1e-4)
+
+
+def test_the_balance_begins_with_the_fingers_part_of_each_component():
+    normaliser = made_components(torch.zeros(168), 0.1)  # components are channels in reverse
+    balance = Generator(TINY, made_prior(168), normaliser).balance.sigmoid()
+    of_fingers = torch.zeros(168).bool()
+    of_fingers[[167 - channel for channel in FINGERS]] = True
+    torch.testing.assert_close(balance[of_fingers], torch.full((90,), 0.95))
+    torch.testing.assert_close(balance[~of_fingers], torch.full((78,), 0.05))
+
+
+def test_gradients_reach_every_weight():
+    generator = shaken(made_generator())
+    now = torch.tensor([1.0, 0.3, 0.6, 0.05])
+    known = told(TINY, 4, has_speech=torch.tensor([True, True, False, True]))
+    mean, deviation = generator(
+        torch.randn(4, 60, 168), now, now / 2, expression=torch.rand(4, 60, 52), **known
+    )
+    (mean.square().sum() + deviation.log().sum()).backward()
+    for name, parameter in generator.named_parameters():
+        assert parameter.grad is not None and parameter.grad.abs().sum() > 0, name
+
+
+def test_deviations_are_the_priors_before_training():
+    generator = made_generator(FEW)
+    now = torch.tensor([0.4, 0.4])
+    known = told(FEW, 2, has_seed=torch.tensor([True, False]))
+    _, deviation = generator(
+        torch.randn(2, 60, 3), now, now / 2, expression=torch.zeros(2, 60, 52), **known
+    )
+    signal, noise = (float(factor) for factor in signal_and_noise(now[0]))
+    for b, which in ((0, 1), (1, 0)):
+        variance = generator.prior.variance[which].double()
+        wanted = (1 / (1 / variance + signal**2 / noise**2)).sqrt()
+        torch.testing.assert_close(deviation[..., b].double(), wanted, rtol=1e-3, atol=1e-6)
+
+
+def test_windows_with_and_without_a_seed_share_a_batch():
+    """Alone each turns to the eigenvectors of its kind; in a batch, and in training, to both."""
+    generator = shaken(made_generator())
+    now = torch.tensor([1.0, 0.4, 0.1])
+    x_t, face = torch.randn(3, 60, 168), torch.rand(3, 60, 52)
+    known = {"expression": face, **told(TINY, 3)}
+    mean, deviation = generator(x_t, now, now / 2, **known)
+    for b in range(3):
+        one = {name: value[b : b + 1] for name, value in known.items()}
+        alone, spread = generator(x_t[b : b + 1], now[b : b + 1], now[b : b + 1] / 2, **one)
+        torch.testing.assert_close(alone[0], mean[b], rtol=1e-4, atol=1e-4)
+        torch.testing.assert_close(spread[..., 0], deviation[..., b], rtol=1e-4, atol=1e-6)
+    trained, _ = generator.train()(x_t, now, now / 2, **known)
+    torch.testing.assert_close(trained, mean, rtol=1e-4, atol=1e-4)
+    tau = now / 2
+    mine = generator.posterior(x_t, tau, known["seed"], known["has_seed"])
+    wanted = generator.prior.posterior(x_t, tau, known["seed"], known["has_seed"])
+    torch.testing.assert_close(mine, wanted, rtol=1e-4, atol=1e-4)
+
+
+def test_of_speech_it_may_hear_the_cepstrum_alone():
+    config = replace(TINY, cepstra=13)
+    generator = shaken(made_generator(config))
+    assert generator.speech.frames[0].in_features == 13
+    half, x_t = torch.full((2,), 0.5), torch.randn(2, 60, 168)
+    inputs = {"expression": torch.zeros(2, 60, 52), **told(config, 2)}
+    heard = generator(x_t, half, half / 2, **inputs)[0]
+    speech = inputs["speech"].clone()
+    speech[..., 64:] += 1.0  # energy, onsets and pitch are not among the log-mels
+    same = generator(x_t, half, half / 2, **{**inputs, "speech": speech})[0]
+    torch.testing.assert_close(same, heard, atol=0.0, rtol=0.0)
+    speech[..., :8] += 1.0
+    other = generator(x_t, half, half / 2, **{**inputs, "speech": speech})[0]
+    assert (other - heard).abs().max() > 1e-3
+
+
+def test_recurrent_blocks_hear_the_seed_and_both_directions():
+    block = RecurrentBlock(16, 2)
+    x, seed, condition = torch.randn(1, 10, 16), torch.randn(1, 3, 16), torch.randn(1, 16)
+    kept = block(x, seed, condition)
+    for frame in (0, -1):
+        moved = x.clone()
+        moved[:, frame, 0] += 1.0
+        assert (block(moved, seed, condition) - kept).abs().amax(2).min() > 0
+    assert (block(x, seed + 1.0, condition) - kept).abs().amax(2).min() > 0
+    generator = shaken(made_generator(replace(TINY, frames_by="gru")))
+    assert not any("attention" in name for name, _ in generator.named_parameters())
+
+
+SMALL = DiscriminatorConfig(frame_width=16, width=32, groups=4)
+
+
+def test_gradient_penalty_is_r1_and_can_be_descended():
+    """Of w x + x^2 / 2 the slope is w + x: the penalty and its own slope in w are known."""
+    w = torch.randn(3, 2, requires_grad=True)
+    x = torch.randn(4, 3, 2, requires_grad=True)
+    penalty = gradient_penalty((w * x + x.square() / 2).sum((1, 2)), x)
+    torch.testing.assert_close(penalty, (w + x).square().sum((1, 2)) / 2)
+    (slope,) = torch.autograd.grad(penalty.sum(), w)
+    torch.testing.assert_close(slope, (w + x).sum(0))
+
+
+def test_losses_are_logistic_and_the_generators_does_not_saturate():
+    scores = torch.tensor([-20.0, 0.0, 20.0])
+    found = discriminator_loss(scores, torch.zeros(3))
+    torch.testing.assert_close(
+        found - torch.log(torch.tensor(2.0)), torch.tensor([20.0, 0.6931472, 0.0])
+    )
+    caught = torch.tensor([-20.0], requires_grad=True)
+    generator_loss(caught).sum().backward()
+    assert caught.grad is not None and float(caught.grad) == pytest.approx(-1)
+
+
+def test_the_best_deviation_is_that_of_the_errors():
+    errors = 0.3 * torch.randn(20_000, generator=torch.Generator().manual_seed(0))
+    sizes = torch.linspace(0.2, 0.4, 41)
+    found = [float(gaussian_loss(errors, size.expand_as(errors))) for size in sizes]
+    assert float(sizes[found.index(min(found))]) == pytest.approx(0.3, abs=0.011)
+
+
+def test_scores_belong_to_their_windows_and_hear_everything():
+    network = Discriminator(SMALL, TINY)
+    x_before, x_now = torch.randn(2, 3, 60, TINY.channels)
+    before, now = torch.tensor([0.0, 0.2, 0.8]), torch.tensor([0.2, 0.4, 1.0])
+    known = told(TINY, 3)
+    scores = network(x_before, x_now, before, now, **known)
+    assert scores.shape == (3,)
+    alone = network(x_before[1:2], x_now[1:2], before[1:2], now[1:2],
+                    **{name: value[1:2] for name, value in known.items()})  # fmt: skip
+    torch.testing.assert_close(alone, scores[1:2], rtol=1e-4, atol=1e-5)
+
+    def moved(**changes) -> torch.Tensor:
+        given = {"x_before": x_before, "x_now": x_now, "before": before, "now": now, **known}
+        return (network(**{**given, **changes}) - scores).abs() > 1e-6
+
+    assert moved(x_before=x_now).all() and moved(x_now=x_before).all()
+    assert moved(before=before + 0.1).all() and moved(now=now - 0.1).all()
+    assert moved(speech=known["speech"].flip(1)).all() and moved(speaker=known["speaker"] + 1).all()
+    assert moved(seed=-known["seed"]).tolist() == known["has_seed"].tolist()
+    deaf = {"has_speech": torch.zeros(3, dtype=torch.bool)}
+    unheard = network(x_before, x_now, before, now, **known | deaf)
+    noise = torch.randn_like(known["speech"])
+    assert torch.equal(
+        network(x_before, x_now, before, now, **known | deaf | {"speech": noise}), unheard
+    )
+
+
+def seen(watch: Watch, steps: int, **changes: float) -> Watch:
+    numbers = {"accuracy_real": 0.7, "accuracy_fake": 0.7, "liveliness": 0.9, **changes}
+    for step in range(steps):
+        watch.see(numbers, step)
+    return watch
+
+
+def test_only_a_collapse_that_lasts_stops_the_training():
+    watch, apart = seen(Watch(), 3000), {"accuracy_real": 1.0, "accuracy_fake": 1.0}
+    seen(watch, adversary.PATIENCE - 1, **apart)
+    seen(watch, 50)  # one bad spell is none
+    with pytest.raises(TrainingError, match=r"told more than 99.5% of generated steps"):
+        seen(watch, 2 * adversary.PATIENCE, **apart)
+    seen(Watch(), 3000, accuracy_real=0.0, accuracy_fake=1.0)  # everything is called fake
+    with pytest.raises(TrainingError, match="spread less than 5% of recorded motion"):
+        seen(Watch(), 2 * adversary.PATIENCE, liveliness=0.01)

@@ -1,0 +1,181 @@
+"""Steps of the chain and of solvers against tables, Bayes' rule and exact denoisers."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from model.systems.gan.config import SOLVERS
+from model.systems.gan.sampling import (
+    BETA_MAX,
+    BETA_MIN,
+    LAST_TIME,
+    diffused,
+    flow_time,
+    posterior,
+    signal_and_noise,
+    solve,
+    stepped,
+    time_of,
+    times,
+    way,
+)
+from tests.model.made import made_prior
+
+
+def tables(steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Betas of the steps, and the products of their complements, one after the other (float64)."""
+
+    def log_signal(t: float) -> float:
+        return -0.25 * t**2 * (BETA_MAX - BETA_MIN) - 0.5 * t * BETA_MIN
+
+    squares = [np.exp(2 * log_signal(k / steps)) for k in range(steps + 1)]
+    betas = np.array([1 - squares[k + 1] / squares[k] for k in range(steps)])
+    products = []
+    for beta in betas:
+        products.append((products[-1] if products else 1.0) * (1 - beta))
+    return betas, np.array([1.0, *products])
+
+
+@pytest.mark.parametrize("steps", [1, 5, 20, 50])
+def test_posterior_is_that_of_the_discrete_chain(steps):
+    """Ho et al. (2020), eqs. 6 and 7, on the tables of denoising diffusion GANs."""
+    betas, kept = tables(steps)
+    torch.manual_seed(0)
+    x_now, x_0 = torch.randn(2, steps, 3, 4)
+    k = torch.arange(1, steps + 1)
+    mean, deviation = posterior(x_now, x_0, (k - 1) / steps, k / steps)
+    for n in range(steps):
+        left = 1 - kept[n + 1]
+        share_0 = np.sqrt(kept[n]) * betas[n] / left
+        share_now = np.sqrt(1 - betas[n]) * (1 - kept[n]) / left
+        expected = share_0 * x_0[n].double() + share_now * x_now[n].double()
+        torch.testing.assert_close(mean[n].double(), expected, rtol=1e-4, atol=1e-5)
+        variance = (1 - kept[n]) / left * betas[n]
+        assert float(deviation[n]) == pytest.approx(np.sqrt(variance), rel=1e-4, abs=1e-6)
+
+
+def test_posterior_is_the_conditional_of_the_joint_gaussian():
+    """Bayes' rule for x_before by precision, from the two ways of diffusing alone."""
+    before, now = torch.tensor([0.35]), torch.tensor([0.6])
+    zero, one = torch.zeros(1, 1, 1), torch.ones(1, 1, 1)
+    forward = [float(diffused(one, zero, a, b)) for a, b in ((0 * now, before), (before, now))]
+    noise = [float(diffused(zero, one, a, b)) for a, b in ((0 * now, before), (before, now))]
+    x_0, x_now = 0.7, -1.3
+    precision = 1 / noise[0] ** 2 + forward[1] ** 2 / noise[1] ** 2
+    wanted = (forward[0] * x_0 / noise[0] ** 2 + forward[1] * x_now / noise[1] ** 2) / precision
+    mean, deviation = posterior(x_now * one, x_0 * one, before, now)
+    assert float(mean) == pytest.approx(wanted, rel=1e-5)
+    assert float(deviation) == pytest.approx(precision**-0.5, rel=1e-5)
+
+
+def test_two_ways_of_diffusing_agree():
+    t = torch.tensor([0.2, 0.5, 1.0])
+    one, zero = torch.ones(3, 1, 1), torch.zeros(3, 1, 1)
+    signal, noise = signal_and_noise(t)
+    torch.testing.assert_close(signal**2 + noise**2, torch.ones(3))
+    direct = diffused(one, zero, 0 * t, t)
+    torch.testing.assert_close(direct[:, 0, 0], signal)
+    over = diffused(diffused(one, zero, 0 * t, t / 3), zero, t / 3, t)
+    torch.testing.assert_close(over, direct)
+    assert noise[2] > 0.9999 and 1 - signal_and_noise(torch.tensor(0.02))[0] < 0.01
+
+
+def test_the_last_step_leaves_x_0():
+    x_now, x_0 = torch.randn(2, 4, 3, 2)
+    mean, deviation = posterior(x_now, x_0, torch.zeros(4), torch.full((4,), 0.05))
+    torch.testing.assert_close(mean, x_0)
+    assert not deviation.any()
+    assert times(5) == pytest.approx([1.0, 0.8, 0.6, 0.4, 0.2, 0.0])
+    with pytest.raises(ValueError, match="steps is 0; at least 1 is needed"):
+        times(0)
+
+
+def test_the_priors_posterior_holds_at_the_flow_time():
+    """x_0 given x_t of a Gaussian process, by solving for it in float64."""
+    prior = made_prior(3)
+    t = torch.tensor([0.1, 0.4, 1.0])
+    signal, noise = (factor.double() for factor in signal_and_noise(t))
+    x_t = torch.randn(3, 60, 3)
+    tau, scale = flow_time(t)
+    nothing = torch.zeros(3, 8, 3), torch.zeros(3, dtype=torch.bool)
+    found = prior.posterior(x_t / scale[:, None, None], tau, *nothing)
+    full = prior.covariance.double()
+    for b in range(3):
+        for c in range(3):
+            total = signal[b] ** 2 * full[c] + noise[b] ** 2 * torch.eye(60)
+            wanted = signal[b] * full[c] @ torch.linalg.solve(total, x_t[b, :, c].double())
+            torch.testing.assert_close(found[b, :, c].double(), wanted, rtol=1e-3, atol=2e-4)
+
+
+MEAN, DEVIATION = 0.7, 0.3
+
+
+def exact(x: torch.Tensor, now: float, before: float) -> torch.Tensor:
+    """E[x_0 | x_t] of that data."""
+    signal, noise = (float(v) for v in signal_and_noise(torch.tensor(now, dtype=torch.float64)))
+    gain = signal * DEVIATION**2 / (signal**2 * DEVIATION**2 + noise**2)
+    return MEAN + gain * (x - signal * MEAN)
+
+
+def ends(solver, steps: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Where noise is carried, and where the ODE of Gaussian data carries it."""
+    x = torch.randn(4, 5, 6, dtype=torch.float64)
+    signal, noise = (float(v) for v in signal_and_noise(torch.tensor(1.0, dtype=torch.float64)))
+    unit = (x - signal * MEAN) / math.hypot(signal * DEVIATION, noise)
+    return solve(exact, x, solver=solver, steps=steps), MEAN + DEVIATION * unit
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_many_steps_reach_what_the_ode_says(solver):
+    found, wanted = ends(solver, 400)
+    assert (found - wanted).abs().max() < 0.04
+
+
+@pytest.mark.parametrize(("solver", "gain"), [("ddim", 1.8), ("euler", 1.8), ("heun", 3.4)])
+def test_error_falls_with_the_order_of_the_solver(solver, gain):
+    errors = [(a - b).abs().mean() for a, b in (ends(solver, steps) for steps in (50, 100))]
+    assert errors[0] / errors[1] > gain
+
+
+def test_the_second_order_of_dpm_solver_is_nearer_than_the_first():
+    first, second = (ends(s, 20) for s in ("dpm-solver++", "dpm-solver++-2m"))
+    assert (second[0] - second[1]).abs().mean() < 0.5 * (first[0] - first[1]).abs().mean()
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("steps", [1, 2, 5])
+def test_it_asks_once_a_step_or_twice_and_ends_at_a_prediction(solver, steps):
+    asked = []
+
+    def predict(x, now, before):
+        asked.append((now, before))
+        return torch.full_like(x, float(len(asked)))
+
+    x = solve(predict, torch.randn(1, 2, 3), solver=solver, steps=steps)
+    assert len(asked) == (2 * steps - 1 if solver == "heun" else steps)
+    assert all(now > before for now, before in asked)
+    assert asked[0][0] == 1.0 and asked[-1][1] == 0.0
+    torch.testing.assert_close(x, torch.full_like(x, float(len(asked))))
+    with pytest.raises(ValueError, match="steps is 0"):
+        solve(exact, x, solver=solver, steps=0)
+
+
+def test_each_goes_its_own_way():
+    at = {solver: way(solver, 4) for solver in SOLVERS}
+    assert at["ddim"] == pytest.approx([1, 0.75, 0.5, 0.25, 0])
+    flow = flow_time(torch.tensor(at["euler"], dtype=torch.float64))[0]
+    torch.testing.assert_close(flow.diff(), torch.full((4,), float(1 - flow[0]) / 4).double())
+    signal, noise = signal_and_noise(torch.tensor(at["dpm-solver++"][:-1], dtype=torch.float64))
+    steps = (signal / noise).log().diff()
+    torch.testing.assert_close(steps, steps.mean().expand(3))
+    assert at["dpm-solver++"][-2] == pytest.approx(LAST_TIME)
+
+
+def test_a_step_of_ddim_in_numbers():
+    """x = .6 x_0 + .8 eps at one time, and the same eps in the same shares at another."""
+    now, before = (time_of(math.log(ratio)) for ratio in (0.6 / 0.8, 0.8 / 0.6))
+    x_0, noise = torch.tensor([[[2.0]]]), torch.tensor([[[-1.0]]])
+    found = stepped(0.6 * x_0 + 0.8 * noise, x_0, now, before)
+    torch.testing.assert_close(found, 0.8 * x_0 + 0.6 * noise)
