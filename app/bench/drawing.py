@@ -12,8 +12,8 @@ import numpy as np
 
 from renderer.body.body import Body, BodyMotion
 from renderer.body.skinning import VertexNormals
-from renderer.draw.make import make_renderer
-from renderer.draw.probe import choose_backend, choose_gl
+from renderer.draw.offscreen import OffscreenRenderer
+from renderer.draw.probe import choose_backend
 from renderer.scene.stage import set_stage
 from renderer.scene.studio import FramePreparer, Subject
 from renderer.video.compose import compose_videos
@@ -65,7 +65,7 @@ def stage_costs(
         "ground shadow", num_frames, lambda: [prepare.ground.texture(each) for each in frames]
     )
     subject = Subject(body.faces, body.vertex_colors, prepare.ground.corners(), settings.studio)
-    with make_renderer(
+    with OffscreenRenderer(
         *(subject, settings.width, settings.height, settings.backend or choose_backend()),
         antialias="supersample" if settings.antialias else "none",
     ) as renderer:
@@ -137,7 +137,7 @@ def naive_cost(
         GLError: where there is no OpenGL.
     """
     settings = settings or RenderSettings()
-    backend = choose_gl()
+    backend = choose_backend()
     stage = set_stage(body, [motion], settings.view, settings.aspect)
     chunks = body.vertices(motion, chunk=_CHUNK_FRAMES)
     frames = list(islice(chain.from_iterable(chunks), max_frames))

@@ -71,25 +71,26 @@ def _python() -> Finding:
 
 
 def _backends() -> list[Finding]:
-    """What draws: the first that works is used, the others are for other machines."""
-    from renderer.draw.probe import DEBIAN_PACKAGES, probe_backends
+    """By which OpenGL pyrender draws here, and what the other one would do."""
+    from renderer.draw.offscreen import GLError
+    from renderer.draw.probe import DEBIAN_PACKAGES, choose_backend, probe_backends
 
     reports = probe_backends("body")
-    used = next((report for report in reports if report.works), None)
+    try:
+        used = choose_backend()
+    except GLError:
+        used = None
     findings = []
     for report in reports:
-        if report.name == "software":
-            name, advice = "without OpenGL", "pip install numba"
-        else:
-            name = f"OpenGL {report.name}"
-            advice = f"apt-get install {DEBIAN_PACKAGES[report.name]}"
         detail = report.error
         if report.works:
-            detail = (
-                f"{report.renderer_string}, {report.ms_per_frame:.0f} ms a picture of 512 x 512"
-            )
-            detail += ", used" if report is used else ""
-        findings.append(Finding(name, report.works, detail, advice, used is None))
+            detail = f"pyrender draws by {report.renderer_string}, "
+            detail += f"{report.ms_per_frame:.0f} ms a picture of 512 x 512"
+            detail += ", used" if report.name == used else ""
+        advice = f"apt-get install {DEBIAN_PACKAGES[report.name]}"
+        findings.append(
+            Finding(f"OpenGL {report.name}", report.works, detail, advice, is_needed=used is None)
+        )
     return findings
 
 

@@ -21,7 +21,7 @@ from app.run.diagnostics import (
     write_diagnostics,
 )
 from app.run.followed_point import TIP, TipSource, choose_tip_source
-from app.run.models import get_body
+from app.run.models import get_body, nothing_draws
 from app.run.output.result_folder import ResultFolder
 from app.run.requests.request import (
     BODY,
@@ -205,6 +205,9 @@ def diagnose_files(
 def _diagnose(
     request: DiagnoseRequest, words: SpokenWords, on_progress: OnShare, on_file: OnFile
 ) -> Diagnosis:
+    missing = nothing_draws() if request.videos or request.has_pictures else ""
+    if missing:  # numbers and trajectories need no OpenGL
+        request = replace(request, videos=None, has_pictures=False)
     measured = 1.0 if request.videos is None else _BEFORE_VIDEOS
 
     def on_measured(share: float) -> None:
@@ -234,7 +237,7 @@ def _diagnose(
         placed = {name: _on_the_floor(motion) for name, motion in shown.items()}
         _draw_figure6(request, placed, tip, folder, on_measured)
         on_measured(1.0)
-        notes = [*read.notes, *diagnostics.notes, *pictured.notes]
+        notes = [*filter(None, [missing]), *read.notes, *diagnostics.notes, *pictured.notes]
         if request.videos is not None:
             draw_own_videos(
                 *(pictured.motions, request.videos, body, request.body, tip),

@@ -72,8 +72,6 @@ def warming_up(weights: Path, body: Path | None) -> Iterator[None]:
     from model.generation.windows import GenerateOptions, generate_motion
     from model.speech.audio import Speech
     from model.systems.registry import list_systems
-    from renderer.draw.offscreen import GLError
-    from renderer.draw.probe import choose_backend
 
     get_body(body)
     yield
@@ -87,7 +85,17 @@ def warming_up(weights: Path, body: Path | None) -> Iterator[None]:
         options = GenerateOptions(speaker=next(iter(system.speakers)), steps=1)
         generate_motion(system, Speech(waveform=noise, sha256=""), options)
         yield
+    if missing := nothing_draws():
+        log.warning("%s", missing)
+
+
+def nothing_draws() -> str:
+    """Why videos and snapshots are left out, and what to install; empty where pyrender draws."""
+    from renderer.draw.offscreen import GLError
+    from renderer.draw.probe import choose_backend
+
     try:
         choose_backend()
     except GLError as error:
-        log.warning("%s", error)
+        return f"Videos and snapshots are left out. {error}"
+    return ""

@@ -23,6 +23,7 @@ from app.run.diagnostics import (
 )
 from app.run.followed_point import TipSource, choose_tip_source
 from app.run.inputs import Inputs, read_inputs
+from app.run.models import nothing_draws
 from app.run.output.provenance import make_provenance
 from app.run.output.result_folder import ResultFolder
 from app.run.output.telling import Reporter
@@ -88,6 +89,7 @@ def generate_all(
     check_request(request)
     _return_large_blocks()
     reporter = Reporter(on_event, should_cancel)
+    request = _as_far_as_anything_draws(request, reporter)
     with ResultFolder(request.out) as folder:
         try:
             with SpokenWords(request.transcript, request.words) as words:
@@ -96,6 +98,15 @@ def generate_all(
             if _is_cancellation(error):
                 raise CancelledRun from error
             raise
+
+
+def _as_far_as_anything_draws(request: GenerateRequest, reporter: Reporter) -> GenerateRequest:
+    """Motion, numbers and trajectories need no OpenGL."""
+    if not (request.has_video or (request.has_poses and request.has_figures)):
+        return request
+    missing = nothing_draws()
+    reporter.note(*filter(None, [missing]))
+    return replace(request, has_video=False, has_poses=False) if missing else request
 
 
 def _run(

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Float32, Float64
 from torch import Tensor
 
 from conventions.rates import FPS, SAMPLE_RATE
-from model.speech.acoustics import fundamentals, mel_filters
+from model.speech.acoustics import fundamentals, mel_powers
 
 HOP = 160  # 10 ms
 WINDOW = 400  # 25 ms of speech under each spectrum
@@ -122,33 +122,39 @@ def _voice_of(hops: Hops) -> Voice:
     return Voice(level_db, float(np.median(hops.pitch[voiced])) if voiced.any() else 0.0)
 
 
-def _windows(
+def _heard_by(
     waveform: Float32[np.ndarray, " N"], first: int, last: int, size: int
-) -> Float32[np.ndarray, "hops size"]:
-    """Windows of ``size`` samples centred on hops ``first .. last - 1``; silence outside."""
+) -> Float32[np.ndarray, " samples"]:
+    """All that windows of ``size`` samples centred on hops ``first .. last - 1`` hear; silence
+    where the waveform is not."""
     start = first * HOP + HOP // 2 - size // 2
     stop = (last - 1) * HOP + HOP // 2 - size // 2 + size
     piece = np.zeros(stop - start, np.float32)
     inside = waveform[max(start, 0) : max(stop, 0)]
     piece[max(-start, 0) : max(-start, 0) + len(inside)] = inside
-    return np.lib.stride_tricks.sliding_window_view(piece, size)[::HOP]
+    return piece
 
 
 def _log_mel(
     waveform: Float32[np.ndarray, " N"], first: int, last: int
 ) -> tuple[Float64[np.ndarray, "hops mels"], Float64[np.ndarray, " hops"]]:
     """Mel power and total power in dB."""
-    filters = mel_filters(SAMPLE_RATE, FFT_SIZE, NUM_MELS, LOWEST_MEL_HZ)
-    taper = np.hanning(WINDOW).astype(np.float32)
     log_mel = np.empty((last - first, NUM_MELS))
     energy = np.empty(last - first)
     for start in range(first, last, BLOCK_FRAMES):
         stop = min(last, start + BLOCK_FRAMES)
-        spectrum = np.fft.rfft(_windows(waveform, start, stop, WINDOW) * taper, FFT_SIZE)
-        power = spectrum.real**2 + spectrum.imag**2
+        mels, power = mel_powers(
+            _heard_by(waveform, start, stop, FFT_SIZE),
+            SAMPLE_RATE,
+            window=np.hanning(WINDOW).astype(np.float32),
+            fft_size=FFT_SIZE,
+            hop=HOP,
+            num_mels=NUM_MELS,
+            lowest_hz=LOWEST_MEL_HZ,
+        )
         block = slice(start - first, stop - first)
-        log_mel[block] = 10 * np.log10(power @ filters.T + 1e-8)
-        energy[block] = 10 * np.log10(power.sum(1) + 1e-6)
+        log_mel[block] = 10 * np.log10(mels + 1e-8)
+        energy[block] = 10 * np.log10(power + 1e-6)
     return log_mel, energy
 
 
@@ -159,8 +165,10 @@ def _fundamental(
     found = np.empty(last - first)
     for start in range(first, last, BLOCK_FRAMES):
         stop = min(last, start + BLOCK_FRAMES)
-        windows = _windows(waveform, start, stop, PITCH_WINDOW)
-        found[start - first : stop - first] = fundamentals(windows, SAMPLE_RATE, *PITCH_RANGE_HZ)
+        piece = _heard_by(waveform, start, stop, PITCH_WINDOW)
+        found[start - first : stop - first] = fundamentals(
+            piece, SAMPLE_RATE, window=PITCH_WINDOW, hop=HOP, range_hz=PITCH_RANGE_HZ
+        )
     return found
 
 

@@ -1,1 +1,1 @@
-"""One picture, by OpenGL or by compiled loops; may import `scene` and `body`."""
+"""One picture, drawn by pyrender; may import `scene` and `body`."""

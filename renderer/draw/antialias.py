@@ -1,4 +1,4 @@
-"""How edges are smoothed, and what every way to draw asks of a picture's size."""
+"""How edges are smoothed, and what drawing asks of a picture's size."""
 
 from typing import Literal
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pyrender
-from jaxtyping import Float, UInt8
+import trimesh
+from jaxtyping import Bool, Float, Int, UInt8
 from OpenGL import GL
 from pyrender.constants import RenderFlags
 from pyrender.shader_program import ShaderProgramCache
@@ -98,56 +99,79 @@ class _Framebuffer:
             self._buffers = []
 
 
+OPENING_EDGES = 4
+"""How many edges from an opening the insides of sleeves and collars are drawn."""
+
+
 class DynamicMesh:
-    """A lit triangle mesh whose vertices move: pyrender's own buffer, rewritten in place."""
+    """Some faces of a body that moves, lit: pyrender's own buffer, rewritten in place."""
 
     def __init__(
-        self,
-        vertices: Float[np.ndarray, "V 3"],
-        normals: Float[np.ndarray, "V 3"],
-        colors: Float[np.ndarray, "V 3"],
-        faces: np.ndarray,
+        self, frame: PosedFrame, colors: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]
     ) -> None:
-        rgba = np.concatenate([colors, np.ones((len(colors), 1))], axis=1).astype(np.float32)
-        self._primitive = pyrender.Primitive(
-            positions=vertices,
-            normals=normals,
-            color_0=rgba,
+        """
+        Args:
+            frame: whole, as ``move`` will get it.
+            faces: among its vertices; the others are left out.
+        """
+        self._used, corners = np.unique(faces, return_inverse=True)
+        faces = corners.reshape(-1, 3)
+        held = trimesh.Trimesh(
+            frame.vertices[self._used],
             # Neighbours one after the other: the driver then lights a shared vertex once.
-            indices=faces[np.argsort(faces.min(axis=1), kind="stable")],
-            # Float factors: pyrender divides integer ones by 255.
-            material=pyrender.MetallicRoughnessMaterial(
-                baseColorFactor=[1.0, 1.0, 1.0, 1.0],
-                metallicFactor=0.0,
-                roughnessFactor=ROUGHNESS,
-                doubleSided=True,  # sleeves and collars are open
-            ),
+            faces[np.argsort(faces.min(axis=1), kind="stable")],
+            vertex_normals=frame.normals[self._used],
+            process=False,
         )
-        self.mesh = pyrender.Mesh([self._primitive])
+        rgba = np.concatenate([colors, np.ones((len(colors), 1))], axis=1)[self._used]
+        # Float factors: pyrender divides integer ones by 255.
+        white = pyrender.MetallicRoughnessMaterial(
+            baseColorFactor=[1.0, 1.0, 1.0, 1.0], metallicFactor=0.0, roughnessFactor=ROUGHNESS
+        )
+        self.mesh = pyrender.Mesh.from_trimesh(held, material=white)
+        (self._primitive,) = self.mesh.primitives
+        self._primitive.color_0 = rgba.astype(np.float32)
         # The layout of pyrender's vertex buffer: position, normal, colour.
-        self._interleaved = np.concatenate([vertices, normals, rgba], axis=1).astype(np.float32)
+        parts = [held.vertices, held.vertex_normals, rgba]
+        self._interleaved = np.concatenate(parts, axis=1).astype(np.float32)
 
-    def move(
-        self,
-        vertices: Float[np.ndarray, "V 3"],
-        normals: Float[np.ndarray, "V 3"],
-        colors: Float[np.ndarray, "V 3"] | None = None,
-    ) -> None:
-        """Put the vertices elsewhere, and in other colours if there are any. Before the first
+    def show_insides(self) -> None:
+        """Draw faces also where they are turned away."""
+        self._primitive.material.doubleSided = True
+
+    def move(self, frame: PosedFrame) -> None:
+        """Put the vertices elsewhere, and in other colours if the frame has any. Before the first
         drawing only the next upload changes."""
-        self._interleaved[:, 0:3] = vertices
-        self._interleaved[:, 3:6] = normals
-        if colors is not None:
-            self._interleaved[:, 6:9] = colors
+        self._interleaved[:, 0:3] = frame.vertices[self._used]
+        self._interleaved[:, 3:6] = frame.normals[self._used]
+        if frame.colors is not None:
+            self._interleaved[:, 6:9] = frame.colors[self._used]
         if not self._primitive._in_context():
-            self._primitive.positions = vertices
-            self._primitive.normals = normals
-            if colors is not None:
-                self._primitive.color_0 = self._interleaved[:, 6:10].copy()
+            self._primitive.positions = self._interleaved[:, 0:3].copy()
+            self._primitive.normals = self._interleaved[:, 3:6].copy()
+            self._primitive.color_0 = self._interleaved[:, 6:10].copy()
             return
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._primitive._buffers[0])
         GL.glBufferSubData(GL.GL_ARRAY_BUFFER, 0, self._interleaved.nbytes, self._interleaved)
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, 0)
+
+
+def near_openings(
+    faces: Int[np.ndarray, "F 3"], vertices: Float[np.ndarray, "V 3"]
+) -> Bool[np.ndarray, " F"]:
+    """Faces that one may see from inside: those a few edges from where a mesh ends, as at sleeves
+    and collars. Farther in, what is turned away lies behind what is not, and need not be drawn.
+
+    Vertices in one place are one, in whatever pose: seams of colours or normals are no openings.
+    """
+    joined = trimesh.Trimesh(vertices, faces, process=False)
+    joined.merge_vertices()
+    ends = trimesh.grouping.group_rows(joined.edges_sorted, require_count=1)
+    is_near = np.zeros(len(joined.vertices), np.bool_)
+    is_near[joined.edges_sorted[ends]] = True
+    for _ in range(OPENING_EDGES):
+        is_near[joined.faces[is_near[joined.faces].any(axis=1)]] = True
+    return np.asarray(is_near[joined.faces].any(axis=1))
 
 
 class TexturedQuad:
@@ -161,8 +185,14 @@ class TexturedQuad:
             corners: at texture coordinates (0,0), (1,0), (1,1), (0,1).
             pixels: row 0 lies at texture coordinate v = 0.
         """
+        held = trimesh.Trimesh(
+            corners,
+            [[0, 2, 1], [0, 3, 2]],
+            visual=trimesh.visual.TextureVisuals(uv=[[0, 0], [1, 0], [1, 1], [0, 1]]),
+            process=False,
+        )
         # pyrender puts row 0 of a texture at v = 1, OpenGL and ``show`` at v = 0.
-        self._texture = pyrender.Texture(
+        texture = pyrender.Texture(
             source=pixels[::-1],
             source_channels="RGB",
             sampler=pyrender.Sampler(
@@ -172,13 +202,9 @@ class TexturedQuad:
                 wrapT=GL.GL_CLAMP_TO_EDGE,
             ),
         )
-        primitive = pyrender.Primitive(
-            positions=corners,
-            texcoord_0=np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32),
-            indices=np.array([[0, 2, 1], [0, 3, 2]]),
-            material=pyrender.MetallicRoughnessMaterial(baseColorTexture=self._texture),
-        )
-        self.mesh = pyrender.Mesh([primitive])
+        shown = pyrender.MetallicRoughnessMaterial(baseColorTexture=texture)
+        self.mesh = pyrender.Mesh.from_trimesh(held, material=shown)
+        self._texture = self.mesh.primitives[0].material.baseColorTexture  # its own copy
 
     def show(self, pixels: UInt8[np.ndarray, "R R 3"]) -> None:
         """Another picture of the same size."""
@@ -201,11 +227,19 @@ class BodyScene:
     def __init__(self, subject: Subject, first: PosedFrame, camera: Camera, aspect: float) -> None:
         studio = subject.studio
         colors = subject.colors_of(len(first.vertices))
-        self._body = DynamicMesh(first.vertices, first.normals, colors, subject.faces)
+        is_open = near_openings(subject.faces, first.vertices)
+        self._body = [
+            DynamicMesh(first, colors, subject.faces[each])
+            for each in (~is_open, is_open)
+            if each.any()
+        ]
+        if is_open.any():
+            self._body[-1].show_insides()
         self._ground = TexturedQuad(subject.ground_corners, first.ground)
         background = (0.0,) * 4 if subject.is_transparent else (*studio.background, 1.0)
         self.scene = _Scene(bg_color=list(background), ambient_light=[studio.ambient] * 3)
-        self.scene.add(self._body.mesh)
+        for part in self._body:
+            self.scene.add(part.mesh)
         if not subject.is_transparent:
             self.scene.add(self._ground.mesh)
         self._camera = self.scene.add(
@@ -224,7 +258,8 @@ class BodyScene:
     def show(self, frame: PosedFrame, camera: Camera) -> None:
         """Move the body, its shadow and the camera. The OpenGL context must be current."""
         self.scene.set_pose(self._camera, camera.pose())
-        self._body.move(frame.vertices, frame.normals, frame.colors)
+        for part in self._body:
+            part.move(frame)
         self._ground.show(frame.ground)
 
 

@@ -9,13 +9,10 @@ pictures. Of the other forks ``pyrender-maintained`` makes the same changes, sti
 """
 
 import importlib
-import importlib.util
 import os
 import sys
 import threading
 import types
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -28,8 +25,7 @@ from renderer.scene.studio import PosedFrame, Subject
 if TYPE_CHECKING:
     from renderer.draw.gl import BodyScene
 
-GLBackend = Literal["egl", "osmesa"]
-Backend = Literal["egl", "osmesa", "software"]
+Backend = Literal["egl", "osmesa"]
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
 """In the order in which they are reported; `renderer.draw.probe.choose_backend` chooses."""
 
@@ -42,7 +38,7 @@ class GLError(RuntimeError):
     """No picture can be drawn; the message says why in one sentence."""
 
 
-def open_gl(backend: GLBackend) -> None:
+def open_gl(backend: Backend) -> None:
     """Load pyrender and PyOpenGL for one backend, once per process.
 
     PyOpenGL reads ``PYOPENGL_PLATFORM`` when it is first imported and never again; so this is the
@@ -63,33 +59,11 @@ def open_gl(backend: GLBackend) -> None:
         viewer.Viewer = None  # type: ignore[attr-defined]
         sys.modules["pyrender.viewer"] = viewer
     try:
-        with _trimesh_later():
-            importlib.import_module("renderer.draw.gl")
+        importlib.import_module("renderer.draw.gl")
     except (ImportError, OSError, AttributeError, TypeError) as error:
         raise GLError(
             f"The system libraries of OpenGL through {backend} are missing or broken ({error})."
         ) from error
-
-
-@contextmanager
-def _trimesh_later() -> Iterator[None]:
-    """Let what is imported meanwhile get trimesh only when it first uses it.
-
-    pyrender wants a module of matrices from it at once and the rest, which is a third of what a
-    process takes to start, only in functions that are not called here.
-    """
-    found = importlib.util.find_spec("trimesh")
-    if found is None or "trimesh" in sys.modules:
-        yield
-        return
-    later = types.ModuleType("trimesh")
-    later.__path__ = list(found.submodule_search_locations or ())
-    later.__getattr__ = lambda name: getattr(importlib.import_module("trimesh"), name)  # type: ignore[attr-defined]
-    sys.modules["trimesh"] = later
-    try:
-        yield
-    finally:
-        del sys.modules["trimesh"]
 
 
 class OffscreenRenderer:
@@ -105,12 +79,12 @@ class OffscreenRenderer:
         subject: Subject,
         width: int,
         height: int,
-        backend: GLBackend,
+        backend: Backend,
         antialias: Antialias = "supersample",
     ) -> None:
         check_picture_size(width, height)
         self.width, self.height = width, height
-        self.backend: GLBackend = backend
+        self.backend: Backend = backend
         self.antialias: Antialias = antialias
         self._subject = subject
         self._canvases: list[Canvas] = []
@@ -192,7 +166,7 @@ class Canvas:
         self._renderer.delete()
 
 
-def _new_platform(backend: GLBackend, width: int, height: int):
+def _new_platform(backend: Backend, width: int, height: int):
     """pyrender's context for a backend; EGL on its first device."""
     if backend == "egl":
         from pyrender.platforms import egl

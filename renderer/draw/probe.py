@@ -2,24 +2,25 @@
 
 import functools
 import json
+import math
 import subprocess
 import sys
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
 from processes.ended import Ended
-from renderer.draw.offscreen import BACKENDS, Backend, GLBackend, GLError
+from renderer.draw.offscreen import BACKENDS, Backend, GLError, OffscreenRenderer
 
-DEBIAN_PACKAGES: dict[GLBackend, str] = {"egl": "libegl1 libgl1", "osmesa": "libosmesa6"}
+DEBIAN_PACKAGES: dict[Backend, str] = {"egl": "libegl1 libgl1", "osmesa": "libosmesa6"}
 _TIMEOUT_S = 60.0
 _PROBE_SIZE_PX = 512
 _TIMED_FRAMES = 5
 
-_ON_CPU = ("llvmpipe", "softpipe", "swrast", "swr ", "software rasterizer", "compiled loops")
+_ON_CPU = ("llvmpipe", "softpipe", "swrast", "swr ", "software rasterizer")
 """In the names of drivers that need no graphics processor."""
 
 Shown = Literal["ball", "body"]
@@ -52,35 +53,23 @@ def probe_backends(shown: Shown = "ball") -> tuple[BackendReport, ...]:
 
 @functools.cache
 def choose_backend() -> Backend:
-    """OpenGL where it has a graphics processor. Where it would draw on the CPU, compiled loops do
-    so in half the time; if they cannot be compiled, OpenGL all the same.
+    """EGL where it has a graphics processor; else whichever draws quicker on this processor. The
+    answer is kept for this process.
 
     Raises:
-        GLError: if none does, naming the packages to install.
+        GLError: if none works, naming the packages to install.
     """
-    if probe_backend("egl").has_hardware:
+    egl = probe_backend("egl", shown="body")
+    if egl.has_hardware:
         return "egl"
-    on_cpu: tuple[Backend, ...] = ("software", "egl", "osmesa")
-    for name in on_cpu:
-        if probe_backend(name).works:
-            return name
-    raise GLError(
-        "Neither OpenGL nor numba works on this machine, so no picture can be drawn; on Debian or "
-        f"Ubuntu install OpenGL with: apt-get install {' '.join(DEBIAN_PACKAGES.values())}"
-    )
-
-
-def choose_gl() -> GLBackend:
-    """The first OpenGL backend that works, whatever it draws with.
-
-    Raises:
-        GLError: if none does.
-    """
-    backends: tuple[GLBackend, ...] = get_args(GLBackend)
-    for name in backends:
-        if probe_backend(name).works:
-            return name
-    raise GLError("The usual pyrender loop needs OpenGL, and this machine has none.")
+    reports = (egl, probe_backend("osmesa", shown="body"))
+    quickest = min(reports, key=lambda report: report.ms_per_frame or math.inf)
+    if not quickest.works:
+        raise GLError(
+            "OpenGL does not work on this machine, so no picture can be drawn; on Debian or Ubuntu "
+            f"install it with: apt-get install {' '.join(DEBIAN_PACKAGES.values())}"
+        )
+    return quickest.name
 
 
 @functools.cache
@@ -123,7 +112,6 @@ def _broken(name: Backend, error: str) -> BackendReport:
 def try_backend(name: Backend, shown: Shown = "ball") -> BackendReport:
     """Draw through a backend in this process, and look whether there is something."""
     from renderer.body.body import load_body
-    from renderer.draw.make import make_renderer
     from renderer.scene.camera import frame_points
     from renderer.scene.stage import Stage
     from renderer.scene.studio import FramePreparer, Studio, Subject
@@ -140,7 +128,7 @@ def try_backend(name: Backend, shown: Shown = "ball") -> BackendReport:
     frame = prepare(vertices)
     size = (_PROBE_SIZE_PX, _PROBE_SIZE_PX)
     try:
-        with make_renderer(subject, *size, name, "supersample") as renderer:
+        with OffscreenRenderer(subject, *size, name) as renderer:
             picture = renderer.draw(frame, camera)
             started = time.perf_counter()
             for _ in range(_TIMED_FRAMES):

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from renderer.draw.offscreen import GLBackend, open_gl
+from renderer.draw.offscreen import Backend, open_gl
 from renderer.scene.camera import Z_NEAR_M, Camera
 from renderer.scene.stage import Stage
 from renderer.video.settings import RenderSettings
@@ -22,7 +22,7 @@ def draw_naively(
     *,
     settings: RenderSettings,
     stage: Stage,
-    backend: GLBackend,
+    backend: Backend,
 ) -> Iterator[UInt8[np.ndarray, "H W 3"]]:
     """Yield one picture for each set of vertices: same body, camera and lights, no ground.
 

@@ -24,7 +24,6 @@ from jaxtyping import UInt8
 
 from processes.child import Child, Gone, parent_channel
 from renderer.body.body import Body, BodyMotion
-from renderer.draw.offscreen import Backend
 from renderer.draw.probe import choose_backend
 from renderer.scene.stage import Stage
 from renderer.video.marks import Marks
@@ -72,15 +71,15 @@ def draw_in_processes(
             child.send((body, motion, frames, settings, stage, marks))
             children.append(child)
         for turn in turns:
-            pixels = _received(children[turn], settings.backend)
+            pixels = _received(children[turn])
             yield np.frombuffer(pixels, np.uint8).reshape(shape)
 
 
-def _received(child: Child, backend: Backend | None) -> bytes:
+def _received(child: Child) -> bytes:
     try:
         return child.receive_bytes()
     except Gone as error:
-        raise failure("A process that draws", child.ended(), backend) from error
+        raise failure("A process that draws", child.ended()) from error
 
 
 def _paint(share: tuple[Any, ...], channel: Connection) -> None:

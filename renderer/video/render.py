@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from renderer.body.body import Body, BodyMotion
-from renderer.draw.make import make_renderer
+from renderer.draw.offscreen import OffscreenRenderer
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera import Camera
 from renderer.scene.panels import Cutout, Panel, cut_out
@@ -148,7 +148,7 @@ def draw_vertices(
         *(faces, colors, prepare.ground.corners(), settings.studio, settings.is_transparent)
     )
     colors_of_frame = None if moving_colors is None else iter(moving_colors)
-    with make_renderer(
+    with OffscreenRenderer(
         *(subject, settings.width, settings.height, settings.backend or choose_backend()),
         antialias="supersample" if settings.antialias else "none",
     ) as renderer:

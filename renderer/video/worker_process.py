@@ -101,7 +101,7 @@ class WorkerProcess:
         try:
             result = self._outcome(on_progress, cancelled)
         except Gone as error:
-            raise failure("The rendering process", self._child.ended(), self.backend) from error
+            raise failure("The rendering process", self._child.ended()) from error
         self._job = None
         return result
 
@@ -130,7 +130,7 @@ class WorkerProcess:
                 raise KNOWN_ERRORS[kind](value)
 
 
-def failure(what: str, ended: Ended, backend: Backend | None) -> RuntimeError:
+def failure(what: str, ended: Ended) -> RuntimeError:
     """Of a process that draws and has ended without a word: a driver's crash, or a bug of ours.
 
     Args:
@@ -140,6 +140,6 @@ def failure(what: str, ended: Ended, backend: Backend | None) -> RuntimeError:
         what,
         "draw smaller or fewer videos at once",
         "start it again, which is done by a fresh process",
-        *(() if backend == "software" else ("This is most likely the OpenGL driver.",)),
+        "This is most likely the OpenGL driver.",
     )
     return GLError(told) if ended.signal is not None else RuntimeError(told)

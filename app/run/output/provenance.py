@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 WEIGHTS_ARE = "demonstration weights of this project, not those of the paper"
-_PACKAGES = ("torch", "numpy", "scipy", "numba", "matplotlib", "imageio-ffmpeg", "pocketsphinx")
+_PACKAGES = ("torch", "numpy", "scipy", "pyrender2", "matplotlib", "imageio-ffmpeg", "pocketsphinx")
 
 
 def versions() -> dict[str, str]:

@@ -38,7 +38,7 @@ MARKERS_ENDING = ".markers.csv"
 """Of the table beside a BVH file."""
 SHEET_POSES = 8
 """Poses on a sheet where nothing else is asked for."""
-ENDINGS = (".mp4", ".png", ".glb", ".bvh", ".blender.npz")
+ENDINGS = (".mp4", ".png", ".glb", ".bvh", ".blender.npz", ".obj", ".ply")
 
 
 @dataclass(frozen=True)
@@ -87,6 +87,11 @@ class RenderRequest:
         ),
     )
     """A contact sheet of each so-many-th frame."""
+    frame: int = field(
+        default=0,
+        metadata=flag("which frame a .obj or .ply holds (default: %(default)s)", "N", int),
+    )
+    """Counted from 0; of files that hold one pose."""
     background: Background = field(
         default="studio",
         metadata=flag(
@@ -207,12 +212,20 @@ def _export(request: RenderRequest, body: Body, motion: BodyMotion) -> tuple[Pat
     from renderer.files.blender import write_blender
     from renderer.files.bvh import write_bvh
     from renderer.files.glb import write_glb
+    from renderer.files.still import write_still
 
     plan = _plan(request)
     markers = [] if plan is None else [(one.time_s, one.name) for one in markers_of(plan)]
     match request.ending:
         case ".glb":
             write_glb(body, motion, request.out, markers=markers)
+        case ".obj" | ".ply":
+            if not 0 <= request.frame < motion.num_frames:
+                raise RunError(
+                    f"Frame {request.frame} was asked for; the motion has {motion.num_frames}, "
+                    "counted from 0."
+                )
+            write_still(body, motion, request.frame, request.out)
         case ".bvh":
             write_bvh(body, motion, request.out)
             if plan is not None:  # the format has no place for them

@@ -11,7 +11,7 @@ from app.bench import generation as bench
 from app.bench.drawing import end_to_end_cost, naive_cost, stage_costs
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from renderer.body.body import load_body
-from renderer.draw.probe import choose_backend, choose_gl
+from renderer.draw.probe import choose_backend
 from renderer.scene.stage import set_stage
 from renderer.video.naive import draw_naively
 from renderer.video.render import render_stills
@@ -51,7 +51,7 @@ def test_every_stage_costs_something_and_the_naive_loop_draws_the_same_body(tmp_
     stage = set_stage(body, [motion])
     frames = [next(body.vertices(motion))[i] for i in (0, 5)]
     looks = {"settings": settings, "stage": stage}
-    naive = draw_naively(frames, body.faces, body.vertex_colors, backend=choose_gl(), **looks)
+    naive = draw_naively(frames, body.faces, body.vertex_colors, backend=choose_backend(), **looks)
     ours = render_stills(body, motion, [0, 5], **looks)
     for theirs, our in zip(naive, ours, strict=True):
         # Other shaders, so not the same pixels; but the same body in the same place.

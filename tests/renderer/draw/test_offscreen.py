@@ -1,23 +1,22 @@
 """Pictures show what the arrays say: place, side, colour, and nothing of the frame before."""
 
-import subprocess
-import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from renderer.body.body import load_body
 from renderer.body.skinning import VertexNormals
-from renderer.draw.offscreen import GLBackend, GLError, OffscreenRenderer, open_gl
-from renderer.draw.probe import choose_gl
-from renderer.draw.software import SoftwareRenderer
+from renderer.draw.offscreen import Backend, GLError, OffscreenRenderer, open_gl
+from renderer.draw.probe import choose_backend
 from renderer.scene.camera import Camera
 from renderer.scene.stage import Stage
 from renderer.scene.studio import FramePreparer, PosedFrame, ShadowGround, Studio, Subject
-from renderer.video.render import draw_vertices
+from renderer.video.render import draw_vertices, render_stills
 from renderer.video.settings import RenderSettings
-from tests.helpers import ROOT
+from tests.golden.regenerate import PICTURES, posed
 
 pytestmark = pytest.mark.gl
 
@@ -36,18 +35,18 @@ def box(low, high) -> tuple[np.ndarray, np.ndarray]:
     return low + corners * (high - low), np.array(faces)
 
 
-def gl_backend() -> GLBackend:
+def gl_backend() -> Backend:
     """The OpenGL of this machine; the calling test is skipped where there is none."""
     try:
-        return choose_gl()
+        return choose_backend()
     except GLError as error:
         pytest.skip(str(error))
 
 
-@pytest.fixture(params=["OpenGL", "software"])
-def draw(request) -> Callable[..., list[np.ndarray]]:
+@pytest.fixture
+def draw() -> Callable[..., list[np.ndarray]]:
     """One picture for each set of vertices, painted red, by one renderer."""
-    backend = gl_backend() if request.param == "OpenGL" else "software"
+    backend = gl_backend()
 
     def draw(
         vertices: list[np.ndarray], faces: np.ndarray, antialias=True, colors=None
@@ -164,9 +163,8 @@ def test_normals_equal_the_slow_sum():
 def test_faces_out_of_range_and_impossible_sizes_are_refused():
     with pytest.raises(ValueError, match="vertices 0 to 4; the body has 4"):
         VertexNormals(np.array([[0, 1, 4]]), 4)
-    for renderer in (lambda *size: OffscreenRenderer(*size, "egl"), SoftwareRenderer):
-        with pytest.raises(ValueError, match="0 x 10"):
-            renderer(make_subject()[0], 0, 10)
+    with pytest.raises(ValueError, match="0 x 10"):
+        OffscreenRenderer(make_subject()[0], 0, 10, "egl")
 
 
 def test_a_second_backend_needs_a_process_of_its_own():
@@ -192,20 +190,41 @@ def test_lights_are_added_up_in_one_order_wherever_they_lie_in_memory():
     assert len(orders) == 1 and len(orders.pop()) == 3
 
 
-@pytest.mark.slow
-def test_a_process_that_draws_starts_without_what_no_picture_needs():
-    """And a later import of trimesh gives all of it."""
-    script = f"""
-import sys
-from renderer.draw.offscreen import open_gl
-open_gl({gl_backend()!r})
-assert "trimesh.base" not in sys.modules
-import pyrender, trimesh
-print(len(pyrender.Mesh.from_trimesh(trimesh.creation.box()).primitives))
-"""
-    command = [sys.executable, "-c", script]
-    said = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert said.stdout.strip() == "1", said.stderr
+def tube(rings: int, around: int = 12) -> tuple[np.ndarray, np.ndarray]:
+    """An open cylinder along y whose front is outside, with a seam of doubled vertices."""
+    angle = np.linspace(0.0, 2 * np.pi, around + 1)
+    angle[-1] = 0.0
+    circle = np.stack([np.sin(angle), np.zeros(around + 1), np.cos(angle)], axis=1)
+    vertices = np.concatenate([circle + np.array([0.0, 0.1 * k, 0.0]) for k in range(rings)])
+    faces = []
+    for k in range(rings - 1):
+        for n in range(around):
+            a, b = k * (around + 1) + n, k * (around + 1) + n + 1
+            faces += [[a, b, b + around + 1], [a, b + around + 1, a + around + 1]]
+    return vertices, np.array(faces)
+
+
+def test_only_near_openings_a_mesh_is_seen_from_behind():
+    open_gl(gl_backend())
+    from renderer.draw.gl import OPENING_EDGES, near_openings
+
+    vertices, faces = tube(30)
+    height = vertices[faces][..., 1]
+    reach = 0.1 * (OPENING_EDGES + 1)
+    is_near = (height.min(axis=1) < reach - 1e-6) | (height.max(axis=1) > 2.9 - reach + 1e-6)
+    np.testing.assert_array_equal(near_openings(faces, vertices), is_near)
+
+
+def test_stills_of_a_body_can_have_nothing_behind_them():
+    body, view = load_body(), PICTURES["gesture"].view
+    motion = posed(PICTURES["gesture"], body)
+    settings = RenderSettings(128, 128, view=view, backend=gl_backend(), is_transparent=True)
+    (picture,) = render_stills(body, motion, [0], settings)
+    (solid,) = render_stills(body, motion, [0], replace(settings, is_transparent=False))
+    assert picture.shape == (128, 128, 4)
+    assert 0.05 < (picture[..., 3] > 0).mean() < 0.5
+    inside = picture[..., 3] == 255
+    np.testing.assert_array_equal(picture[inside][:, :3], solid[inside])
 
 
 def test_a_second_opengl_renderer_is_refused_in_any_thread_until_the_first_has_ended():

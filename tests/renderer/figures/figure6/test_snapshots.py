@@ -24,7 +24,7 @@ def test_joints_lie_on_the_body_also_where_the_camera_follows(view: str) -> None
     motion.poses[:] = rng.normal(scale=0.15, size=(1, 165))
     motion.trans[:, 0] = np.linspace(0.0, 4.0, 61)
     body, frames = load_body(), (0, 30, 60)
-    settings = RenderSettings(160, 160, view=view, backend="software", is_transparent=True)
+    settings = RenderSettings(160, 160, view=view, is_transparent=True)
     stage = set_stage(body, [motion], view)
     assert stage.is_following
 

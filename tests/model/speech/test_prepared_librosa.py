@@ -1,0 +1,102 @@
+"""What librosa compiles is made by one process, whole, and read by all others."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.helpers import ROOT
+
+SMALL = """
+from model.speech import prepared_librosa
+prepared_librosa.PARTS = ("tests.model.speech.compiled_part",)
+library = prepared_librosa.librosa()
+print("hears", library.model.speech.compiled_part.doubled(21.0))
+"""
+WHOLE = """
+import numpy as np
+from model.speech.features import MelEncoder
+from model.speech.acoustics import onset_times
+sound = np.random.default_rng(0).normal(0, 0.1, 16000).astype(np.float32)
+print("hears", MelEncoder().encode(sound, 30).sum(), onset_times(sound, 16000))
+"""
+
+
+def start(cache: Path, code: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        env={**os.environ, "XDG_CACHE_HOME": str(cache)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def heard(child: subprocess.Popen[str]) -> tuple[str, str]:
+    """What it printed and said; it must have ended well."""
+    out, said = child.communicate()
+    assert child.returncode == 0 and out.startswith("hears"), said
+    return out, said
+
+
+def folder_of(cache: Path) -> Path:
+    (whole,) = cache.glob("co-speech-motion/librosa/*/whole.json")
+    return whole.parent
+
+
+def state(cache: Path) -> dict[Path, int]:
+    return {path: path.stat().st_mtime_ns for path in folder_of(cache).rglob("*")}
+
+
+@pytest.mark.parametrize(
+    ("code", "count"), [(SMALL, 5), pytest.param(WHOLE, 20, marks=pytest.mark.slow)]
+)
+def test_processes_that_begin_at_once_share_what_is_compiled_though_the_first_is_killed(
+    tmp_path: Path, code: str, count: int
+) -> None:
+    first = start(tmp_path, code)
+    place = tmp_path / "co-speech-motion" / "librosa"
+    while not list(place.glob("*.begun-*")):
+        assert first.poll() is None
+    first.send_signal(signal.SIGKILL)
+    others = [start(tmp_path, code) for _ in range(count)]
+    first.communicate()
+    told = {heard(child) for child in others}
+    assert len(told) == 1, told
+    before = state(tmp_path)
+    assert any(path.suffix == ".nbc" for path in before)
+    assert heard(start(tmp_path, code)) in told
+    assert state(tmp_path) == before, "who reads writes nothing"
+    assert not list(place.glob("*.begun-*"))
+
+
+@pytest.mark.parametrize("damage", ["cut", "gone", "unreadable"])
+def test_a_damaged_cache_is_made_anew(tmp_path: Path, damage: str) -> None:
+    told, _ = heard(start(tmp_path, SMALL))
+    code = next(folder_of(tmp_path).rglob("*.nbc"))
+    facts = folder_of(tmp_path) / "whole.json"
+    written = json.loads(facts.read_text())
+    if damage == "cut":
+        code.write_bytes(code.read_bytes()[:100])
+    elif damage == "gone":
+        code.unlink()
+    else:
+        facts.write_text("{")
+    assert heard(start(tmp_path, SMALL))[0] == told
+    assert json.loads(facts.read_text()).keys() == written.keys()
+    assert heard(start(tmp_path, SMALL)) == (told, "")
+
+
+def test_a_folder_that_others_may_write_to_is_not_used(tmp_path: Path) -> None:
+    folder = tmp_path / "co-speech-motion" / "librosa"
+    folder.mkdir(parents=True)
+    folder.chmod(0o777)
+    heard(start(tmp_path, f"import tempfile; tempfile.tempdir = {str(tmp_path)!r}" + SMALL))
+    assert not list(folder.iterdir())
+    (own,) = tmp_path.glob("co-speech-motion-*/librosa")
+    assert own.stat().st_mode & 0o777 == 0o700 and list(own.glob("*/whole.json"))
