@@ -3,7 +3,7 @@
 # make check   the quick part of it: style, types, import rules, the page's JavaScript
 # make slow    all tests, those too that take minutes each or decide little (before a release)
 # make bench   milliseconds per frame by stage, against the naive loops: a table and bench.json
-# make fuzz    an hour of damaged files and wild requests (make test gives it half a minute)
+# make fuzz    an hour of damaged files and wild requests (make test gives it seconds)
 # make soak    half an hour of four visitors at once: memory and files; then twenty and an attacker;
 #              twenty cold starts
 # make lock    pin every package anew, with hashes, after a change of requirements

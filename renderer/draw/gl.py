@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from OpenGL import GL
 from pyrender.constants import RenderFlags
 from pyrender.shader_program import ShaderProgramCache
+from trimesh.visual import TextureVisuals
 
 from renderer.draw.antialias import SUPERSAMPLE, Antialias
 from renderer.draw.light import SHADERS
@@ -188,7 +189,7 @@ class TexturedQuad:
         held = trimesh.Trimesh(
             corners,
             [[0, 2, 1], [0, 3, 2]],
-            visual=trimesh.visual.TextureVisuals(uv=[[0, 0], [1, 0], [1, 1], [0, 1]]),
+            visual=TextureVisuals(uv=[[0, 0], [1, 0], [1, 1], [0, 1]]),
             process=False,
         )
         # pyrender puts row 0 of a texture at v = 1, OpenGL and ``show`` at v = 0.

@@ -21,6 +21,5 @@ def write_still(body: Body, motion: BodyMotion, frame: int, out: Path) -> None:
     (vertices,) = np.concatenate(list(body.vertices(frames_of(motion, [frame]))))
     colors = None if body.vertex_colors is None else np.sqrt(body.vertex_colors)  # linear, shown
     mesh = trimesh.Trimesh(vertices, body.faces, vertex_colors=colors, process=False)
-    content = mesh.export(file_type=out.suffix.lower()[1:])
     with written_whole(out) as file:
-        file.write(content.encode() if isinstance(content, str) else content)
+        mesh.export(file, file_type=out.suffix.lower()[1:])

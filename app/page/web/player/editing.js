@@ -83,7 +83,7 @@ export class Editing {
     this.redo = button("Redo", () => this.#doAgain(), "Redo (Ctrl+Shift+Z)");
     this.takes = make("select", { "aria-label": "Take that is edited", onchange: () => this.#goOnFrom(this.takes.value) });
     this.besides = make("select", { "aria-label": "Beside it", onchange: () => this.#putBeside(this.besides.value || null) });
-    const file = make("input", { type: "file", accept: ".json,.TextGrid,.eaf", "aria-label": "A plan from a file", onchange: () => file.files.length && this.#take(file.files[0]) });
+    const file = make("input", { type: "file", accept: ".json,.TextGrid,.eaf", "aria-label": "A plan from a file", onclick: () => (file.value = ""), onchange: () => file.files.length && this.#take(file.files[0]) });
     const top = make("div", { class: "row" }, this.undo, this.redo, make("label", {}, "Edited", this.takes), make("label", {}, "beside", this.besides), make("label", { class: "file" }, "Plan from a file", file));
     this.which = make("b", { class: "which" });
     this.tools = make("div", { class: "row tools", hidden: true, role: "group", "aria-label": "The gesture that is chosen" },
