@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -20,9 +20,16 @@ Kind = Literal[
 """What can be assumed of a file; `lag` is never assumed, only told."""
 Sure = Literal["told", "stated", "sure", "likely", "unsure"]
 """Told by the user, stated by the file, evident from the motion, likely, a guess."""
-Part = Literal["hands", "face", "legs", "place", "detail"]
-"""What a motion may lack: `place` is its translation, `detail` what frames filled in never had."""
+Part = Literal["hands", "finger_angles", "face", "legs", "place", "detail"]
+"""What a motion may lack: `finger_angles` where a hand of ours stands in for the mean hand, `place`
+is its translation, `detail` what frames that were filled in never had."""
 
+_PARTS: dict[Part, str] = {
+    "hands": "has no fingers",
+    "face": "has no face",
+    "place": "has no translation",
+    "detail": "was filled in from fewer frames",
+}
 Rotations = Literal[
     "axis-angle", "6d", "6d-columns", "6d-interleaved", "quaternion-wxyz", "quaternion-xyzw",
     "matrix",
@@ -119,6 +126,52 @@ def counted(readings: Iterable[Reading]) -> list[str]:
     ]
 
 
+def apart(readings: Mapping[str, Reading]) -> list[str]:
+    """What differs between motions that are compared, so that numbers differ by it alone."""
+    sentences = []
+    kinds: dict[Kind, str] = {"rate": "frames a second", "hands": "what hands are told from"}
+    for kind, words in kinds.items():
+        values = {name: found.value for name, each in readings.items() if (found := each.of(kind))}
+        if len(set(values.values())) > 1:
+            said = ", ".join(f"{name} {value}" for name, value in list(values.items())[:6])
+            sentences.append(f"The motions differ in {words} ({said}); numbers may differ by it.")
+    for part, words in _PARTS.items():
+        without = [name for name, each in readings.items() if part in each.lacks]
+        if without and len(without) < len(readings):
+            said = ", ".join(without[:6])
+            sentences.append(f"{said} {words}; beside the others its numbers of that say nothing.")
+    return sentences
+
+
+LENGTHS_APART_S = 1.0
+"""Recordings of sound and motion that belong together differ by less."""
+
+
+def lengths_apart(speech_s: float, durations_s: Mapping[str, float]) -> list[str]:
+    """One note for all motions that are clearly no match of the speech in length, and the rate at
+    which they would be."""
+    others = {
+        name: duration_s
+        for name, duration_s in durations_s.items()
+        if abs(speech_s - duration_s) > LENGTHS_APART_S
+    }
+    if not others:
+        return []
+    if len(others) == 1:
+        named = " ".join(f"{name} {duration_s:.1f} s" for name, duration_s in others.items())
+    else:
+        ends = dict.fromkeys(f"{end(others.values()):.1f}" for end in (min, max))
+        named = f"{len(others)} of the motions {' to '.join(ends)} s"
+    shares = [duration_s / speech_s for duration_s in others.values() if speech_s > 0]
+    fitting = [
+        rate
+        for rate in (15, 20, 24, 25, 50, 60, 120)
+        if all(abs(share * 30 / rate - 1) < 0.01 for share in shares)
+    ]
+    hint = f" At {fitting[0]} frames a second it would fit (--assume rate=N)." if fitting else ""
+    return [f"The speech lasts {speech_s:.1f} s and {named}; only what both have is seen.{hint}"]
+
+
 @dataclass(frozen=True)
 class Told:
     """What the user says of files, where these say too little or lie."""
@@ -134,6 +187,12 @@ class Told:
 
     def __add__(self, other: Told) -> Told:
         return Told(self.says + other.says)
+
+
+def told_as(fps: float | None, rotations: str | None, name: str = "") -> Told:
+    """One rate and form of rotations, of files of a name."""
+    said = {"rate": None if fps is None else f"{fps:g}", "rotations": rotations}
+    return Told(tuple((name, kind, value) for kind, value in said.items() if value is not None))
 
 
 def read_told(written: str) -> Told:
