@@ -19,7 +19,7 @@ from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 from model.formats.bvh_text import Joint, Text, read_text
 from model.formats.numbers import Draft
 from model.formats.numpy_reader import made_30
-from model.formats.reading import METRES, Sure
+from model.formats.reading import AXES, METRES, Sure, axis_of
 from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import point_words
 from model.storage.npz import MotionError
@@ -364,12 +364,23 @@ class _Skeleton:
             )
         y = _nearest_axis(up)
         x = _nearest_axis(across - y * (across @ y))
+        told = draft.told.get("up"), draft.told.get("facing")
+        if told[0] is not None or told[1] in AXES:
+            y = y if told[0] is None else axis_of(told[0])
+            z = np.cross(x, y) if told[1] not in AXES else axis_of(told[1])
+            x = np.cross(y, z)
+            if not np.linalg.norm(x):
+                raise MotionError(f"{self._name} cannot face the way that is up.")
+            draft.settled.add("up")
         z = np.cross(x, y)
         stands, faces = (
             ("-" if axis.sum() < 0 else "") + "xyz"[int(np.abs(axis).argmax())] for axis in (y, z)
         )
-        if stands != "y":
-            draft.assume("up", stands, "its rest pose stands along it; turned")
+        if draft.settled:
+            draft.assume("up", stands, "as you say", "told", AXES)
+            draft.assume("facing", faces, "as you say, or by its rest pose", "told", AXES)
+        elif stands != "y":
+            draft.assume("up", stands, "its rest pose stands along it; turned", "sure", AXES)
         elif faces != "z":
             draft.assume("facing", faces, "its rest pose faces it; turned")
         return Rotation.from_matrix(np.stack([x, y, z]))

@@ -3,8 +3,6 @@ from what its hands are told, where samples were joined, at which rate it goes."
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
@@ -12,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from conventions.joints import HANDS, JOINT_INDEX, LEFT_HAND, RIGHT_HAND
 from conventions.rates import FPS
 from model.formats.numbers import Draft, at_30_fps, check_fps
-from model.formats.reading import AXES, METRES, Reading
+from model.formats.reading import AXES, METRES, Reading, axis_of
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
 from model.motion.tracks import Tracks, track_points
@@ -28,7 +26,7 @@ RELAXED_HANDS: Float[np.ndarray, "30 3"] = np.concatenate(
     [np.array(_LEFT_RELAXED), np.array(_LEFT_RELAXED) * (1, -1, -1)]
 )
 """Axis-angle of our own relaxed hands, which stand in for the licensed mean hand."""
-_UNIT = {axis: np.eye(3)["xyz".index(axis[-1])] * (-1 if "-" in axis else 1) for axis in AXES}
+_UNIT = {axis: axis_of(axis) for axis in AXES}
 _UPRIGHT = {
     "y": Rotation.identity(),
     "-y": Rotation.from_euler("x", 180, degrees=True),
@@ -168,23 +166,26 @@ def _units(draft: Draft) -> None:
 
     far = float(np.abs(np.median(trans, axis=0)).max())
     is_still = np.ptp(trans, axis=0).max() < 1e-6
-    if far < FAR and (is_still or slide(1.0) < SLIDES_M_S):
+    stands = slide(1.0) < max(SLIDES_M_S, 2 * slide(0.0))  # or its legs alone go as fast
+    if far < FAR and (is_still or stands):
         unit, sure, why = "m", "sure", "feet stand at that scale"
-    elif not is_still and slide(1.0) < SLIDES_M_S:
+    elif not is_still and stands:
         unit, sure = "m", "unsure"
         why = f"though the body stands {far:.0f} away, at that scale its feet stand"
     else:
-        unit = "mm" if far > 400 else "cm" if far > FAR else min(("cm", "mm"), key=_by(slide))
-        of_height = 60 < far < 200 or 600 < far < 2000
-        sure = "likely" if of_height and slide(METRES[unit]) < SLIDES_M_S else "unsure"
+        speed = float(np.median(np.linalg.norm(np.diff(trans, axis=0), axis=-1)) * draft.fps)
+        odd = {unit: _oddness(METRES[unit] * far, METRES[unit] * speed) for unit in ("cm", "mm")}
+        unit = min(odd, key=lambda each: odd[each])
+        sure = "likely" if abs(odd["cm"] - odd["mm"]) > 1.0 else "unsure"
         why = f"in metres it would stand {far:.0f} away and its feet slide at {slide(1.0):.1f} m/s"
     if unit != "m":
         draft.trans = trans * METRES[unit]
     draft.assume("units", unit, why, sure, ("m", "cm", "mm"), unit == "m" and sure == "sure")
 
 
-def _by(slide: Callable[[float], float]) -> Callable[[str], float]:
-    return lambda unit: slide(METRES[unit])
+def _oddness(far_m: float, speed_m_s: float) -> float:
+    """How far from a person's are where a pelvis stands and how fast it goes."""
+    return abs(np.log(max(far_m, 0.3))) + abs(np.log(max(speed_m_s, 1e-4) / 0.08))
 
 
 def _tracks(motion: Motion) -> Tracks:
@@ -209,6 +210,8 @@ def posture(motion: Motion) -> dict[str, float]:
 
 
 def _up_and_facing(draft: Draft) -> None:
+    if "up" in draft.settled:
+        return
     scores = posture(draft.motion())
     ranked = sorted(scores, key=lambda axis: -scores[axis])
     best, second = ranked[0], ranked[1]

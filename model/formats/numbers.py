@@ -67,6 +67,8 @@ class Draft:
     that they are not."""
     chosen: int = 1
     """Which motion of a batch."""
+    settled: set[Kind] = field(default_factory=set)
+    """What the reader did after the user's word, so that it is not done again."""
     is_scaled: bool = False
     """Whether `trans` is in metres already, and y is up unless the motion says otherwise."""
 

@@ -55,6 +55,7 @@ PARTS: dict[str, tuple[int, ...]] = {
     "pose_hand": HANDS,
 }
 """SMPL-X's own parameters, then AMASS's names of them, and the joints of each."""
+_BEAT2 = {"poses", "trans", "expressions", "betas", "mocap_frame_rate"}
 _ROOTS = ("global_orient", "root_orient")
 _DIFFSHEG = tuple(
     JOINT_INDEX[name]
@@ -180,7 +181,7 @@ def read_npy(path: Path, told: dict[str, str]) -> Draft:
             f"{path.name} is no plain array of numbers with a row for each frame (pickled objects"
             " are never loaded; if you trust it, convert it: docs/formats.md, Pickles)."
         )
-    draft = _of_array(array, path.name, told)
+    draft = _of_array(array.astype(np.float32), path.name, told)
     _rate(draft, {})
     _complete(draft)
     return draft
@@ -369,6 +370,8 @@ class _Archive:
             faces = draft.expressions
             draft.expressions = None if faces is None else faces[:shortest]
         self._invalid(draft)
+        if _BEAT2 <= set(self.plain) and self.headers[self.plain["poses"]][0][-1:] == (165,):
+            draft.is_offset = None
         draft.basis = read_basis(self.archive, self.headers, self.name)
         _complete(draft)
         return draft
