@@ -173,7 +173,8 @@ def _units(draft: Draft) -> None:
         unit, sure = "m", "unsure"
         why = f"though the body stands {far:.0f} away, at that scale its feet stand"
     else:
-        speed = float(np.median(np.linalg.norm(np.diff(trans, axis=0), axis=-1)) * draft.fps)
+        steps = np.linalg.norm(np.diff(trans, axis=0), axis=-1)
+        speed = float(np.median(steps) * draft.fps) if len(steps) else 0.0
         odd = {unit: _oddness(METRES[unit] * far, METRES[unit] * speed) for unit in ("cm", "mm")}
         unit = min(odd, key=lambda each: odd[each])
         sure = "likely" if abs(odd["cm"] - odd["mm"]) > 1.0 else "unsure"

@@ -277,7 +277,7 @@ def check_fps(fps: float, name: str) -> float:
     if not LOWEST_FPS <= fps <= HIGHEST_FPS:
         raise MotionError(
             f"{name} has {fps:g} frames per second; {LOWEST_FPS:g} to {HIGHEST_FPS:g} can be"
-            f" resampled to {FPS}. If it lies, say --assume rate=N."
+            f" resampled to {FPS} (if it lies, say --assume rate=N)."
         )
     return fps
 

@@ -146,8 +146,8 @@ CONVERT = (
 )
 """Run by whoever trusts a file of pickled objects: loading them runs what they say."""
 _READS = (
-    "rotations are (frames, joints x numbers) or (frames, joints, numbers) of 55, 53, 52, 24 or 22"
-    " joints with 3, 4, 6 or 9 numbers"
+    "rotations are (frames, 165), (frames, 55, 3) or of 53, 52, 24 or 22 joints, 3, 4, 6 or 9"
+    " numbers each"
 )
 
 
@@ -281,7 +281,7 @@ def _one_of(draft: Draft, batch: np.ndarray) -> np.ndarray:
     choice = draft.told.get("motion", "1")
     if not choice.isdigit() or not 1 <= int(choice) <= count:
         raise MotionError(
-            f"{draft.name} holds {count} motions; say --assume motion=1 to motion={count}."
+            f"{draft.name} holds {count} motions (say --assume motion=1 to motion={count})."
         )
     others = tuple(str(number) for number in range(1, count + 1))
     why = f"the file holds a batch of {count} motions"
@@ -307,7 +307,7 @@ def _check_finite(draft: Draft, what: str, rows: np.ndarray, most: float = MAX_A
     elif bad.any():
         raise MotionError(
             f"{draft.name} holds values that are not finite (NaN or infinite) in {what}, frames "
-            f"{stretches(bad)}; repair it, or say --assume frames=bridge."
+            f"{stretches(bad)}; repair it (or say --assume frames=bridge)."
         )
     largest = float(np.abs(flat).max(initial=0.0))
     if largest > most:
@@ -339,7 +339,7 @@ class _Archive:
     """Of one of several motions."""
 
     def read(self) -> Draft:
-        self.headers = read_headers(self.archive, self.name)
+        self.headers = read_headers(self.archive, self.name, names_objects=True)
         chosen = self._choose()
         draft = self._poses(chosen)
         if self.choice is not None:
@@ -402,8 +402,8 @@ class _Archive:
             numbers = [str(number) for number in range(1, len(names) + 1)]
             if choice not in (*found, *numbers):
                 raise MotionError(
-                    f"{self.name} holds {len(found)} motions: {', '.join(names[:12])}; say which: "
-                    f"--assume motion={names[0]}."
+                    f"{self.name} holds {len(found)} motions: {', '.join(names[:12])}; give one of"
+                    f" them (say --assume motion={names[0]})."
                 )
             before = choice if choice in found else list(found)[numbers.index(choice)]
             self.choice = Assumption("motion", choice, "as you say", "told", tuple(names))
@@ -427,8 +427,8 @@ class _Archive:
                 f" never loaded; if you trust it, convert it yourself: {CONVERT}"
             )
         return (
-            f"{self.name} holds {self._listed(list(self.headers)) or 'nothing'}, and among these no"
-            f" `poses` and no `global_orient` with `body_pose`; {_READS}."
+            f"{self.name} lacks poses, or `global_orient` with `body_pose`: it holds"
+            f" {self._listed(list(self.headers)) or 'nothing'}; {_READS}."
         )
 
     def _listed(self, keys: list[str]) -> str:

@@ -262,7 +262,7 @@ def test_positions_are_no_rotations(tmp_path: Path):
     ("changes", "words"),
     [
         ({"poses": None}, "holds trans (60, 3)"),
-        ({"poses": np.zeros((60, 70))}, "has the shape (60, 70); rotations are (frames"),
+        ({"poses": np.zeros((60, 70))}, "has the shape (60, 70); rotations are (frames, 165)"),
         ({"poses": np.zeros((0, 165))}, "no frames"),
         ({"poses": np.zeros(())}, "has the shape ()"),
         ({"poses": np.full((60, 165), 90.0)}, "radians, not degrees"),
