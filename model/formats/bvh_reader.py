@@ -157,8 +157,7 @@ class _Skeleton:
         arms, heads = self._arms(chest)
         found: Found = {"pelvis": [pelvis]}
         spine = self._path(trunk, chest)
-        for ours, theirs in self._spread(spine, pelvis, heads).items():
-            found[ours] = theirs
+        found |= {"spine1": spine[:1], "spine2": spine[1:2], "spine3": spine[2:]}
         found |= self._neck(heads)
         for side, (leg, arm) in zip(
             ("left", "right"), zip(legs, self._pair(arms), strict=True), strict=True
@@ -273,22 +272,6 @@ class _Skeleton:
             ball = int(np.argmax(along < 0.8))  # and no heel below the ankle; 0 if all are
             found[f"{side}_{after}"] = [path[first + 3 + ball]]
         return found
-
-    def _spread(self, spine: list[int], pelvis: int, heads: list[int]) -> Found:
-        """Joints of the trunk onto our three, by where they stand on it."""
-        if len(spine) >= 3:
-            return {"spine1": spine[:1], "spine2": spine[1:2], "spine3": spine[2:]}
-        top = self.rest[heads[0]] if heads else self.rest[spine[-1]] * 1.5
-        whole = max(float(np.linalg.norm(top - self.rest[pelvis])), 1e-9)
-        theirs = [float(np.linalg.norm(self.rest[at] - self.rest[pelvis])) / whole for at in spine]
-        rest = open_body_skeleton().rest_joints.double().numpy()[:, 1]
-        neck = rest[JOINT_INDEX["neck"]] - rest[0]
-        ours = [float(rest[JOINT_INDEX[f"spine{i}"]] - rest[0]) / neck for i in (1, 2, 3)]
-        best = min(
-            combinations(range(3), len(spine)),
-            key=lambda at: sum(abs(ours[i] - each) for i, each in zip(at, theirs, strict=True)),
-        )
-        return {f"spine{i + 1}": [at] for i, at in zip(best, spine, strict=True)}
 
     def _neck(self, heads: list[int]) -> Found:
         if not heads:
