@@ -251,7 +251,7 @@ class _Skeleton:
 
     def _limb(self, start: int, side: str, names: tuple[str, ...]) -> Found:
         """The two bones whose sum is longest are upper arm and forearm, thigh and shin."""
-        path = self._down(start)
+        path = [at for at in self._down(start) if not re.search("twist|roll", self._labels[at])]
         places = self.rest[path]
         lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
         if len(lengths) < 2:
@@ -263,8 +263,6 @@ class _Skeleton:
             found[f"{side}_{name}"] = [path[at]]
         if first and before:
             found[f"{side}_{before}"] = path[:first]
-        elif first:
-            found[f"{side}_{three[0]}"] = path[: first + 1]
         if after and len(path) > first + 3:
             shin = places[first + 2] - places[first + 1]
             steps = places[first + 3 :] - places[first + 2]

@@ -127,6 +127,7 @@ def shape_of(shape: tuple[int, ...]) -> Shape | None:
         case (frames, joints, width) if (joints, width) in pairs:
             return Shape(1, frames, joints, width)
         case (batch, frames, columns) if columns in flat:
+            batch, frames = (1, batch) if frames == 1 else (batch, frames)
             return Shape(batch, frames, *flat[columns])
         case (frames, joints, 3, 3) if joints in JOINT_SETS:
             return Shape(1, frames, joints, 9)

@@ -49,14 +49,17 @@ PARTS: dict[str, tuple[int, ...]] = {
     "left_hand_pose": HANDS[:15],
     "right_hand_pose": HANDS[15:],
     "root_orient": (0,),
+    "root_pose": (0,),
+    "lhand_pose": HANDS[:15],
+    "rhand_pose": HANDS[15:],
     "pose_body": BODY[1:],
     "pose_jaw": (JOINT_INDEX["jaw"],),
     "pose_eye": FACE[1:],
     "pose_hand": HANDS,
 }
-"""SMPL-X's own parameters, then AMASS's names of them, and the joints of each."""
+"""SMPL-X's own parameters, then SMPLer-X's and AMASS's names of them, and the joints of each."""
 _BEAT2 = {"poses", "trans", "expressions", "betas", "mocap_frame_rate"}
-_ROOTS = ("global_orient", "root_orient")
+_ROOTS = ("global_orient", "root_orient", "root_pose")
 _DIFFSHEG = tuple(
     JOINT_INDEX[name]
     for name in (

@@ -182,3 +182,33 @@ def test_trees_that_are_no_person_are_refused(tmp_path: Path):
     ]
     with pytest.raises(MotionError, match="legs do not hang below the trunk"):
         read(tmp_path, "\n".join(lines))
+
+
+def test_twist_joints_within_a_limb_are_part_of_its_bones(tmp_path: Path):
+    """As GENEA's skeleton has them, each with half of the bone's length."""
+    lines, text = text_of().splitlines(), []
+    depth = 0
+    for line in lines[: lines.index("MOTION")]:
+        if line == "JOINT left_elbow":
+            text += ["JOINT left_arm_twist", "{", "OFFSET 0.1 0 0", "CHANNELS 0"]
+            depth = 1
+        text.append(line)
+        if depth:
+            depth += (line == "{") - (line == "}")
+            if depth == 1 and line == "}":
+                text.append("}")
+                depth = 0
+    moved = [
+        "OFFSET 0.14 0 0" if text[at - 2] == "JOINT left_elbow" else line
+        for at, line in enumerate(text)
+    ]
+    rows = lines[lines.index("MOTION") :]
+    reading = read(tmp_path, "\n".join([*moved, *rows]))
+    plain = read(tmp_path, text_of())
+    joints = [JOINT_INDEX["left_shoulder"], JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"]]
+    turns = [
+        Rotation.from_rotvec(each.motion.poses.reshape(-1, 55, 3)[:, joints].reshape(-1, 3))
+        for each in (reading, plain)
+    ]
+    assert reading.of("joints") is not None
+    assert np.degrees((turns[0].inv() * turns[1]).magnitude()).max() < 25  # another rest pose

@@ -131,6 +131,7 @@ def test_a_stated_mean_hand_comes_from_the_body_else_ours_stands_in(tmp_path: Pa
         ((2, 90, 52, 6), (2, 90, 52, 6)),
         ((2, 90, 22, 3, 3), (2, 90, 22, 9)),
         ((90, 220), (1, 90, 55, 4)),
+        ((90, 1, 165), (1, 90, 55, 3)),
     ],
 )
 def test_shapes_of_rotations(shape: tuple[int, ...], told: tuple[int, ...]):
