@@ -148,6 +148,8 @@ CONVERT = (
     "n.savez('motion.npz', **{k: v for k,v in f(d).items() if v.dtype!=object})\" FILE"
 )
 """Run by whoever trusts a file of pickled objects: loading them runs what they say."""
+_FARTHEST = 1e5
+"""A hundred metres in millimetres."""
 _READS = (
     "rotations are (frames, 165), (frames, 55, 3) or of 53, 52, 24 or 22 joints, 3, 4, 6 or 9"
     " numbers each"
@@ -181,8 +183,8 @@ def read_npy(path: Path, told: dict[str, str]) -> Draft:
         raise MotionError(f"{path.name} could not be read: {error.strerror or error}.") from error
     if array is None or array.dtype.kind not in "fiu" or array.ndim < 2:
         raise MotionError(
-            f"{path.name} is no plain array of numbers with a row for each frame (pickled objects"
-            " are never loaded; if you trust it, convert it: docs/formats.md, Pickles)."
+            f"{path.name} is no plain array of numbers with a row for each frame; pickled objects"
+            f" are never loaded: if you trust it, convert it yourself: {CONVERT}"
         )
     draft = _of_array(array.astype(np.float32), path.name, told)
     _rate(draft, {})
@@ -211,7 +213,7 @@ def _of_columns(array: np.ndarray, layout: Columns, name: str, told: dict[str, s
     draft.assume("layout", str(array.shape[-1]), f"as {layout.name}")
     rows = _one_of(draft, array.reshape(-1, *array.shape[-2:]))
     check_length(len(rows), name)
-    _check_finite(draft, "the array", rows)
+    _check_finite(draft, "the array", rows, most=_FARTHEST)
     poses = np.zeros((len(rows), NUM_JOINTS, 3))
     start = 0
     for what, count in layout.blocks:
@@ -352,8 +354,8 @@ class _Archive:
             draft.assume("layout", "npz", f"{self._listed(objects)}, pickled objects, not read")
         frames = len(draft.poses)
         if draft.trans is None and (key := self._find(TRANSLATIONS)):
-            trans = self._array(draft, key, 3, most=1e5)
-            _check_finite(draft, f"`{key}`", trans, most=1e5)
+            trans = self._array(draft, key, 3)
+            _check_finite(draft, f"`{key}`", trans, most=_FARTHEST)
             draft.trans = trans.astype(np.float64)
         if draft.expressions is None and (key := self._find(EXPRESSIONS)):
             self._expressions(draft, key)
@@ -524,7 +526,7 @@ class _Archive:
             raise MotionError(f"{self.name}: `{key}` must hold numbers; it holds {dtype}.")
         return read_array(self.archive, key).astype(np.float32)
 
-    def _array(self, draft: Draft, plain: str, columns: int, most: float) -> np.ndarray:
+    def _array(self, draft: Draft, plain: str, columns: int) -> np.ndarray:
         """An array with one row for each frame, of the motion that was chosen of a batch."""
         array = self._numbers(self.plain[plain])
         shape = array.shape
@@ -547,7 +549,7 @@ class _Archive:
             why = f"`{plain}` {shape} are none of FLAME's up to {NUM_EXPRESSIONS} coefficients"
             draft.assume("face", "none", f"{why}; it stays at rest")
             return
-        face = self._array(draft, plain, columns, MAX_ABS_VALUE)
+        face = self._array(draft, plain, columns)
         _check_finite(draft, f"`{plain}`", face)
         draft.expressions = np.pad(face, ((0, 0), (0, NUM_EXPRESSIONS - columns)))
         if columns < NUM_EXPRESSIONS or plain != "expressions":
