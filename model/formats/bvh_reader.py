@@ -67,15 +67,14 @@ def read_bvh(path: Path, told: dict[str, str]) -> Draft:
     for what in text.said:
         draft.assume("frames", str(len(text.rows)), what)
     turn = Rotation.identity() if is_ours else skeleton.to_ours(found, draft)
-    world, places = skeleton.moved(text)
-    world = [turn * each * turn.inv() for each in world]
+    world = skeleton.moved(text.rows)
     turns = {} if is_ours else _rest_turns(skeleton.rest @ turn.as_matrix().T, found)
-    draft.poses = _poses(world, found, turns)
+    draft.poses = _poses(world, found, turns, turn)
     scale = _scale(skeleton.rest, found, draft)
     rest = open_body_skeleton().rest_joints.double().numpy()
-    pelvis = places[found["pelvis"][0]]
+    pelvis = skeleton.way(found["pelvis"][0], text.rows, world)
     if pelvis is not None:
-        draft.trans = turn.apply(scale * np.asarray(pelvis)) - rest[0]
+        draft.trans = turn.apply(scale * pelvis) - rest[0]
     else:
         draft.lacks.add("place")
         draft.assume("place", "none", "no joint has positions; the body stays in its place")
@@ -366,51 +365,52 @@ class _Skeleton:
             draft.assume("facing", faces, "its rest pose faces it; turned")
         return Rotation.from_matrix(np.stack([x, y, z]))
 
-    def moved(self, text: Text) -> tuple[list[Rotation], list[np.ndarray | None]]:
-        """World rotation of each joint, and its place where any joint up to it has positions."""
+    def moved(self, rows: Float[np.ndarray, "T C"]) -> list[Rotation]:
+        """World rotation of each joint."""
         world: list[Rotation] = []
-        places: list[np.ndarray | None] = []
-        for index, joint in enumerate(self._joints):
-            turn, place = self._local(index, text.rows)
-            if joint.parent < 0:
-                world.append(turn)
-                places.append(place)
-                continue
-            above, offset = places[joint.parent], np.array(joint.offset)
-            world.append(world[joint.parent] * turn)
-            if above is None and place is None:
-                places.append(None)
-                continue
-            step = world[joint.parent].apply(offset if place is None else place)
-            start = self.rest[joint.parent] if above is None else above
-            places.append(start + step)
-        return world, places
+        for joint in self._joints:
+            at = [i for i, each in enumerate(joint.channels) if each.endswith("rotation")]
+            turn = Rotation.identity(len(rows))
+            if at:
+                order = "".join(joint.channels[i][0] for i in at)
+                angles = rows[:, [joint.first + i for i in at]]
+                turn = Rotation.from_euler(order, angles, degrees=True)
+            world.append(turn if joint.parent < 0 else world[joint.parent] * turn)
+        return world
 
-    def _local(self, index: int, rows: np.ndarray) -> tuple[Rotation, np.ndarray | None]:
-        joint = self._joints[index]
-        turns = [i for i, each in enumerate(joint.channels) if each.endswith("rotation")]
-        moves = [i for i, each in enumerate(joint.channels) if each.endswith("position")]
-        turn = Rotation.identity(len(rows))
-        if turns:
-            order = "".join(joint.channels[i][0] for i in turns)
-            angles = rows[:, [joint.first + i for i in turns]]
-            turn = Rotation.from_euler(order, angles, degrees=True)
-        if not moves:
-            return turn, None
-        place = np.zeros((len(rows), 3))
-        offset = np.array(joint.offset)
-        for i in moves:
-            place[:, "XYZ".index(joint.channels[i][0])] = rows[:, joint.first + i]
-        at = ["XYZ".index(joint.channels[i][0]) for i in moves]
-        if joint.parent >= 0:
-            mean = place.mean(axis=0)
-            if np.linalg.norm((mean - offset)[at]) > np.linalg.norm(mean[at]):
-                place += offset  # told as steps from where the joint rests
-                return turn, place
-        place[:, [i for i in range(3) if i not in at]] = offset[
-            [i for i in range(3) if i not in at]
-        ]
-        return turn, place
+    def way(
+        self, index: int, rows: Float[np.ndarray, "T C"], world: list[Rotation]
+    ) -> Float[np.ndarray, "T 3"] | None:
+        """Where a joint is, by the positions of all joints up to it; None where there are none."""
+        place: np.ndarray | None = None
+        for at in self._path(0, index):
+            joint = self._joints[at]
+            step = self._step(joint, rows)
+            if joint.parent < 0:
+                place = step
+            elif place is not None or step is not None:
+                start = self.rest[joint.parent] if place is None else place
+                offset = np.array(joint.offset) if step is None else step
+                place = start + world[joint.parent].apply(offset)
+        return place
+
+    def _step(self, joint: Joint, rows: Float[np.ndarray, "T C"]) -> np.ndarray | None:
+        """From its parent, in the parent's axes, where a joint has positions."""
+        axes = {
+            "XYZ".index(each[0]): joint.first + i
+            for i, each in enumerate(joint.channels)
+            if each.endswith("position")
+        }
+        if not axes:
+            return None
+        offset, known = np.array(joint.offset), list(axes)
+        step = np.tile(offset, (len(rows), 1))
+        told = rows[:, list(axes.values())]
+        mean = told.mean(axis=0)
+        far = np.linalg.norm(mean - offset[known]) > np.linalg.norm(mean)
+        # Nearer to zero than to where it rests, it is told as a step from there.
+        step[:, known] = told + offset[known] if joint.parent >= 0 and far else told
+        return step
 
 
 def _nearest_axis(vector: np.ndarray) -> np.ndarray:
@@ -442,7 +442,7 @@ def _side(name: str, label: str) -> str:
 
 
 def _poses(
-    world: list[Rotation], found: Found, turns: dict[str, Rotation]
+    world: list[Rotation], found: Found, turns: dict[str, Rotation], axes: Rotation
 ) -> Float[np.ndarray, "T 55 3"]:
     """Our joints' rotations against their parents; one that the file lacks goes with its parent."""
     ours: list[Rotation] = []
@@ -453,7 +453,8 @@ def _poses(
         if not theirs:
             ours.append(ours[parent])
             continue
-        turned = world[theirs[-1]] * turns[name] if name in turns else world[theirs[-1]]
+        turned = axes * world[theirs[-1]] * axes.inv()
+        turned = turned * turns[name] if name in turns else turned
         ours.append(turned)
         local = turned if parent < 0 else ours[parent].inv() * turned
         poses[:, joint] = local.as_rotvec()

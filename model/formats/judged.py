@@ -45,6 +45,8 @@ SLIDES_M_S = 0.8
 """No motion's stiller foot goes that fast at the median (worst of published ones: .4)."""
 FAR = 20.0
 """Metres from the origin where nobody is filmed, but where centimetres begin."""
+_LOOKED_AT = 1800
+"""Frames, from the first, by which feet are judged."""
 _SAMPLES = range(2, 21)
 _JUMP = 2.5
 
@@ -65,9 +67,7 @@ def finished(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None = None) 
     motion = at_30_fps(draft.motion(), check_fps(draft.fps, draft.name))
     if draft.fps <= FPS - 1.0:
         draft.lacks.add("detail")
-    order = [each.kind for each in draft.assumptions]
-    told = sorted(draft.assumptions, key=lambda each: order.index(each.kind))
-    return Reading(motion, tuple(told), draft.name, frozenset(draft.lacks))
+    return Reading(motion, tuple(draft.assumptions), draft.name, frozenset(draft.lacks))
 
 
 def _samples(draft: Draft) -> None:
@@ -153,9 +153,9 @@ def _units(draft: Draft) -> None:
         draft.trans = draft.trans * METRES[told]
         draft.assume("units", told, "as you say", "told", tuple(METRES))
         return
-    still = Draft(draft.name, {}, draft.poses).motion()
+    still = Draft(draft.name, {}, draft.poses[:_LOOKED_AT]).motion()
     feet = _tracks(still).joints[:, [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]]]
-    trans = draft.trans
+    trans = draft.trans[:_LOOKED_AT]
 
     def slide(scale: float) -> float:
         """Median speed of the stiller foot, m/s."""
@@ -180,7 +180,7 @@ def _units(draft: Draft) -> None:
         sure = "likely" if abs(odd["cm"] - odd["mm"]) > 1.0 else "unsure"
         why = f"in metres it would stand {far:.0f} away and its feet slide at {slide(1.0):.1f} m/s"
     if unit != "m":
-        draft.trans = trans * METRES[unit]
+        draft.trans = draft.trans * METRES[unit]
     draft.assume("units", unit, why, sure, ("m", "cm", "mm"), unit == "m" and sure == "sure")
 
 
@@ -234,7 +234,7 @@ def _up_and_facing(draft: Draft) -> None:
 
 
 def _facing(draft: Draft) -> None:
-    tracks = _tracks(draft.motion())
+    tracks = _tracks(Draft(draft.name, {}, draft.poses[:: 1 + len(draft.poses) // 600]).motion())
     hips = tracks.joints[:, JOINT_INDEX["left_hip"]] - tracks.joints[:, JOINT_INDEX["right_hip"]]
     ahead = np.cross(hips, (0.0, 1.0, 0.0))[:, [0, 2]]
     ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9)
