@@ -184,7 +184,7 @@ def read_npy(path: Path, told: dict[str, str]) -> Draft:
     if array is None or array.dtype.kind not in "fiu" or array.ndim < 2:
         raise MotionError(
             f"{path.name} is no plain array of numbers with a row for each frame; pickled objects"
-            f" are never loaded: if you trust it, convert it yourself: {CONVERT}"
+            f" are never loaded: if you trust it, convert it yourself: {CONVERT}."
         )
     draft = _of_array(array.astype(np.float32), path.name, told)
     _rate(draft, {})
@@ -429,7 +429,7 @@ class _Archive:
         if objects:
             return (
                 f"{self.name} holds pickled Python objects in {self._listed(objects)}, which are"
-                f" never loaded; if you trust it, convert it yourself: {CONVERT}"
+                f" never loaded; if you trust it, convert it yourself: {CONVERT}."
             )
         return (
             f"{self.name} lacks poses, or `global_orient` with `body_pose`: it holds"

@@ -60,7 +60,7 @@ def _kind(path: Path, convert: str) -> str:
     if ending in PICKLES:
         raise MotionError(
             f"{path.name} is a pickle, which can run programs when it is read, and is never loaded."
-            f" If you trust it, convert it yourself: {convert}"
+            f" If you trust it, convert it yourself: {convert}."
         )
     if ending in ENDINGS or not path.is_file():
         kind = ending if ending in ENDINGS else ".npz"
