@@ -99,9 +99,10 @@ def _samples(draft: Draft) -> None:
 
 
 def curl(poses: Float[np.ndarray, "T 55 3"]) -> float:
-    """Mean bend of the long fingers towards the palm, radians."""
-    left = -poses[:, list(LEFT_HAND[:12]), 2].mean()
-    return float((left + poses[:, list(RIGHT_HAND[:12]), 2].mean()) / 2)
+    """Mean bend of the long fingers towards the palm, radians, of hands that are not all zero."""
+    hands = ((LEFT_HAND, -1.0), (RIGHT_HAND, 1.0))
+    bends = [sign * poses[:, list(hand[:12]), 2] for hand, sign in hands if poses[:, hand].any()]
+    return float(np.mean(bends)) if bends else 0.0
 
 
 def _hands(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None) -> None:

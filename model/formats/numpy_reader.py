@@ -16,6 +16,7 @@ from model.formats.numbers import (
     BODY,
     JOINT_SETS,
     SET_NAMES,
+    WIDTHS,
     Draft,
     are_positions,
     axis_angle,
@@ -498,19 +499,18 @@ class _Archive:
 
     def _part_rows(self, part: str, array: np.ndarray, joints: int) -> np.ndarray:
         """(T, joints, numbers) of one part."""
-        array = array[0] if array.ndim > 2 and len(array) == 1 < array.shape[1] else array
         each, over = divmod(int(np.prod(array.shape[1:])), joints)
+        if len(array) == 1 and array.ndim > 2 and (over or each not in WIDTHS):
+            return self._part_rows(part, array[0], joints)
         smpl = array.reshape(len(array), -1)
         if part in ("body_pose", "pose_body") and smpl.shape[1] == 69:
             return smpl[:, :63].reshape(len(array), 21, 3)
-        if over or each not in (3, 4, 6, 9):
-            is_hand = "hand" in part
+        if over or each not in WIDTHS:
             why = (
                 " Hands as principal components need the licensed model: save them with"
                 " use_pca=False, or turn num_pca_comps numbers into 45 with its hand components."
-                if is_hand
-                else ""
             )
+            why = why if "hand" in part else ""
             raise MotionError(
                 f"{self.name}: `{part}` must have {3 * joints} numbers a frame (or 4, 6 or 9 for "
                 f"each of {joints} joints); it has the shape {array.shape}.{why}"

@@ -146,6 +146,19 @@ def test_shapes_that_are_no_rotations(shape: tuple[int, ...]):
     assert shape_of(shape) is None
 
 
+@pytest.mark.parametrize("frames", [1, 60])
+def test_parts_may_have_a_batch_axis_and_any_form(tmp_path: Path, frames: int):
+    rows = in_form(POSES[:frames], "matrix").reshape(frames, 55, 3, 3)
+    parts = {"global_orient": rows[:, :1], "body_pose": rows[:, 1:22]}
+    hands = {"left_hand_pose": POSES[:frames, 25:40].reshape(1, frames, 45)}
+    given = {"poses": None, "expressions": None, "trans": MOTION.trans[:frames]}
+    reading = read_any_motion(written(tmp_path, **given, **parts, **hands))
+    found = reading.motion.poses.reshape(-1, 55, 3)
+    np.testing.assert_allclose(found[:, :22], POSES[:frames, :22], atol=1e-5)
+    np.testing.assert_allclose(found[:, 25:40], POSES[:frames, 25:40], atol=1e-5)
+    assert "jaw, eyes stay at rest" in " ".join(reading.notes)
+
+
 def test_form_that_does_not_fit_is_refused_with_those_that_do(tmp_path: Path):
     path = written(tmp_path, poses=in_form(POSES, "6d").reshape(60, -1))
     assert "6d or 6d-columns" in refusal(path, "rotations=matrix")
