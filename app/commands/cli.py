@@ -1,5 +1,5 @@
-"""The command line: generate, diagnose, steps, plan, hearing, render, mechanism, leaderboard,
-study, doctor.
+"""The command line: generate, diagnose, steps, plan, hearing, render, convert, mechanism,
+leaderboard, study, doctor.
 
 Exit status: 0 done, 1 failed with one sentence on standard error, 2 wrong arguments.
 """
@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from app import text
+from app.commands.convert import add_convert
 from app.commands.experiments import add_hearing, add_mechanism
 from app.commands.leaderboard import add_leaderboard
 from app.commands.many import add_pool, generate_over_many, pool_of, told_if_stopped
@@ -29,12 +30,11 @@ from app.run.diagnose import DiagnoseRequest
 from app.run.requests.request import BODY, GenerateRequest
 from app.run.videos.export import ENDINGS, SHEET_POSES, RenderRequest, render_motion
 from app.run.videos.own_videos import VideoOptions
+from model.formats.reading import MOTIONS, ROTATIONS, told_as
 from model.systems.registry import left_out
 
 Command = Callable[[argparse.Namespace], None]
 log = logging.getLogger(__name__)
-_ROTATIONS = ("axis-angle", "6d", "quaternion-wxyz", "quaternion-xyzw", "matrix")
-"""As `model.formats.numbers.ROTATIONS`, which brings torch; a test holds them equal."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -72,6 +72,7 @@ def make_parser() -> argparse.ArgumentParser:
     _add_diagnose(commands)
     _add_steps(commands)
     _add_render(commands)
+    add_convert(commands)
     add_plan(commands)
     add_hearing(commands)
     add_mechanism(commands)
@@ -133,9 +134,9 @@ def _add_diagnose(commands) -> None:
     )
     parser.add_argument(
         "--rotations",
-        choices=_ROTATIONS,
+        choices=ROTATIONS,
         metavar="FORM",
-        help=f"of the joints, where their number says too little: {', '.join(_ROTATIONS)}",
+        help=f"of the joints, where their number says too little: {', '.join(ROTATIONS)}",
     )
     parser.add_argument(
         "--videos",
@@ -176,13 +177,12 @@ def _diagnose(options: argparse.Namespace) -> None:
         raise RunError("FGD is a measure of many clips; --emage-weights goes with folders.")
     from app.commands.said import ProgressBar
     from app.run.diagnose import diagnose_files
-    from model.formats.numbers import ReadOptions
 
     request = read_flags(
         DiagnoseRequest,
         options,
         videos=VideoOptions() if options.videos else None,
-        read_as=ReadOptions(options.fps, options.rotations),
+        told=told_as(options.fps, options.rotations, MOTIONS) + options.told,
     )
     with ProgressBar("measure and draw") as bar:
         diagnosis = diagnose_files(request, bar.show)

@@ -295,12 +295,12 @@ def _measure_clip(
     """All systems of one clip beside its reference, over the frames that all have."""
     from model.diagnostics import raw_evidence
     from model.faults.table import find_faults
-    from model.formats.numbers import ReadOptions
     from model.formats.read import read_any_motion
+    from model.formats.reading import told_as
     from model.motion.kinematics import open_body_skeleton
     from model.motion.motion import first_frames
 
-    said = ReadOptions(fps, rotations)
+    said = told_as(fps, rotations)
     motions = {name: read_any_motion(path, said).motion for name, path in files.items()}
     heard = beside.heard()
     shortest = min(motion.num_frames for motion in motions.values())

@@ -90,9 +90,9 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
     for words_said in (
         "The reference has 55 frames; the first 40 were measured",
         "The speech lasts 3.0 s and 3 of the motions 1.3 to 1.8 s",
-        "their.npz has the 52 joints of SMPL-H",
-        "centimetres",
-        "no `expressions`",
+        "their.npz: joints 52, SMPL-H",
+        "units cm",
+        "no expressions",
         "reference: 52 of 55 joints shake",
     ):
         assert words_said in said
