@@ -9,7 +9,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from conventions.joints import JOINT_INDEX, LEFT_HAND, MIRROR_PERMUTATION
 from conventions.rates import SAMPLE_RATE
-from model.faults.timing import loudness_of
+from model.measures.lag import heard_of
 from model.motion.altered import motion_at_speed
 from model.motion.kinematics import mirror_poses
 from model.motion.motion import Motion
@@ -244,4 +244,4 @@ PLANTED = (
 
 def loudness(waveform: np.ndarray) -> np.ndarray:
     assert len(waveform) > SAMPLE_RATE
-    return loudness_of(waveform)
+    return heard_of(waveform)

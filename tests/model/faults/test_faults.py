@@ -56,7 +56,7 @@ def found_in(motion: Motion, person: Person, planted: Planted) -> dict[str, Find
         {"a": motion},
         SKELETON,
         reference=person.motion.part(slice(frames)) if planted.beside == "reference" else None,
-        loudness=person.loudness if planted.beside == "speech" else None,
+        heard=person.loudness if planted.beside == "speech" else None,
         windows={"a": Windows(52, 8)} if planted.kind == "seams" else None,
     )
     return {finding.kind: finding for finding in diagnostics.findings["a"]}
@@ -88,7 +88,7 @@ def test_people_are_left_alone(who: str, request: pytest.FixtureRequest):
     cuts += [(at, at + CUT_FRAMES) for at in range(0, person.motion.num_frames - 300, CUT_FRAMES)]
     for first, last in cuts:
         motion = person.motion.part(slice(first, last))
-        found = diagnose({"a": motion}, SKELETON, loudness=person.loudness[first:last])
+        found = diagnose({"a": motion}, SKELETON, heard=person.loudness[first:last])
         assert found.findings == {"a": []}
 
 
