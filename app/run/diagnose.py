@@ -25,6 +25,7 @@ from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.requests.request import (
     BODY,
+    CHANNEL,
     JOINT,
     MAX_COMPARED,
     REFERENCE,
@@ -89,6 +90,8 @@ class DiagnoseRequest:
         ),
     )
     """The sound that all of them belong to, for BeatAlign."""
+    channel: int | None = field(default=None, metadata=CHANNEL)
+    """Of that sound, from 0; None mixes all."""
     mean_speeds: Path | None = field(
         default=None,
         metadata=flag(
@@ -357,21 +360,21 @@ def _measure(
     words: SpokenWords,
     on_progress: OnShare,
 ) -> Diagnostics:
-    from model.faults.timing import loudness_of
     from model.measures.beats import read_mean_speeds
-    from model.speech.audio import load_speech
+    from model.measures.lag import heard_of
+    from model.speech.audio import SpeechLimits, load_speech
 
     if request.mean_speeds is not None and request.speech is None:
         raise RunError("Mean speeds are of use with a speech only; give both (--speech).")
     mean_speeds = None if request.mean_speeds is None else read_mean_speeds(request.mean_speeds)
-    onsets_s = loudness = None
+    onsets_s = heard = None
     if request.speech is not None:
-        speech = load_speech(request.speech)
+        speech = load_speech(request.speech, SpeechLimits(channel=request.channel))
         read.notes.extend(speech.notes)
         read.notes.extend(_lengths_apart(speech.duration_s, read.all))
         on_progress(_READ)
         onsets_s = onsets_of(speech)
-        loudness = loudness_of(speech.waveform)
+        heard = heard_of(speech.waveform)
         words.begin(speech.waveform)
     return measure_motions(
         read.all,
@@ -379,7 +382,7 @@ def _measure(
         onsets_s,
         on_share=lambda part: on_progress(_READ + (_MEASURED - _READ) * part),
         windows=_windows(request, read),
-        loudness=loudness,
+        heard=heard,
         mean_speeds=mean_speeds,
     )
 
