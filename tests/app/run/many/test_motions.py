@@ -48,7 +48,7 @@ def test_clips_are_paired_told_and_kept(folders: Path, tmp_path: Path):
     shares: list[float] = []
     result = diagnose_folders(asked(folders, tmp_path), shares.append)
     assert result.clips == CLIPS and shares[-1] == 1.0
-    assert any("1 of 4 files have no partner" in note for note in result.notes)
+    assert any("1 of 4 clips have no partner" in note for note in result.notes)
     with (tmp_path / "many.csv").open() as file:
         rows = list(csv.DictReader(file))
     speed = [row for row in rows if row["measure"] == "Followed point: Speed"]
@@ -195,8 +195,8 @@ def test_results_as_others_name_them_are_paired_at_any_depth(folders: Path, tmp_
     assert {row["system"] for row in deep} == {"emage", "reference"}
     (theirs / "again").mkdir()
     (theirs / "again" / "res_a.npz").write_bytes((theirs / "res_a.npz").read_bytes())
-    with pytest.raises(RunError, match="would both be called 'a'"):
-        diagnose_folders(ManyRequest((top,), tmp_path / "none", top, pool=JobPool(1)))
+    result = diagnose_folders(ManyRequest((top,), tmp_path / "two", top, pool=JobPool(1)))
+    assert result.clips == ("epoch_400/a", "epoch_400/b")
 
 
 def test_an_interval_holds_the_mean():

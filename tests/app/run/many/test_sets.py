@@ -108,7 +108,8 @@ def test_names_that_would_be_one_and_zips_without_a_common_clip_are_refused(
     twice = tmp_path / "twice.zip"
     with zipfile.ZipFile(twice, "w") as archive:
         for folder in ("one", "other"):
-            archive.write(next(folders.rglob("res_a.npz")), f"{folder}/res_a.npz")
+            for name in ("a", "a_output"):
+                archive.write(next(folders.rglob("res_a.npz")), f"{folder}/{name}.npz")
     with pytest.raises(RunError, match="would both be called"):
         measure_sets(SetsRequest((twice,), ("twice",), tmp_path / "first"))
     other = tmp_path / "other.zip"
