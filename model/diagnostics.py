@@ -7,7 +7,7 @@ once more behind one and the same filter, the official GlobalDiff inference's
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -127,6 +127,10 @@ class Diagnostics:
     findings: dict[str, list[Finding]]
     reference: Versions | None
     systems: dict[str, Versions]
+    assumed: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    """Of motions from files: as what they were understood (`formats.reading`)."""
+    lacks: dict[str, list[str]] = field(default_factory=dict)
+    """Parts that a file does not tell, of which nothing is found."""
 
     def as_json(self) -> dict[str, Any]:
         """The content of ``diagnostics.json``."""
@@ -142,6 +146,8 @@ class Diagnostics:
             "fingertip_names": list(FINGERTIP_NAMES),
             "num_frames": self.num_frames,
             "notes": self.notes,
+            "assumed": self.assumed,
+            "lacks": self.lacks,
             "findings": {
                 name: [finding.as_json() for finding in found]
                 for name, found in self.findings.items()

@@ -29,12 +29,11 @@ from app.run.diagnose import DiagnoseRequest
 from app.run.requests.request import BODY, GenerateRequest
 from app.run.videos.export import ENDINGS, SHEET_POSES, RenderRequest, render_motion
 from app.run.videos.own_videos import VideoOptions
+from model.formats.reading import MOTIONS, ROTATIONS, told_as
 from model.systems.registry import left_out
 
 Command = Callable[[argparse.Namespace], None]
 log = logging.getLogger(__name__)
-_ROTATIONS = ("axis-angle", "6d", "quaternion-wxyz", "quaternion-xyzw", "matrix")
-"""As `model.formats.numbers.ROTATIONS`, which brings torch; a test holds them equal."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -139,9 +138,9 @@ def _add_diagnose(commands) -> None:
     )
     parser.add_argument(
         "--rotations",
-        choices=_ROTATIONS,
+        choices=ROTATIONS,
         metavar="FORM",
-        help=f"of the joints, where their number says too little: {', '.join(_ROTATIONS)}",
+        help=f"of the joints, where their number says too little: {', '.join(ROTATIONS)}",
     )
     parser.add_argument(
         "--videos",
@@ -176,8 +175,8 @@ def _diagnose_folders(options: argparse.Namespace) -> None:
         speech=options.speech,
         mean_speeds=options.mean_speeds,
         emage_weights=options.emage_weights,
-        fps=options.fps,
-        rotations=options.rotations,
+        told=told_as(options.fps, options.rotations, MOTIONS) + options.told,
+        body=options.body,
         channel=options.channel,
         pool=pool_of(options),
     )
@@ -204,13 +203,12 @@ def _diagnose(options: argparse.Namespace) -> None:
         raise RunError("FGD is a measure of many clips; --emage-weights goes with folders.")
     from app.commands.said import ProgressBar
     from app.run.diagnose import diagnose_files
-    from model.formats.numbers import ReadOptions
 
     request = read_flags(
         DiagnoseRequest,
         options,
         videos=VideoOptions() if options.videos else None,
-        read_as=ReadOptions(options.fps, options.rotations),
+        told=told_as(options.fps, options.rotations, MOTIONS) + options.told,
     )
     with ProgressBar("measure and draw") as bar:
         diagnosis = diagnose_files(request, bar.show)

@@ -37,7 +37,7 @@ def _plan(options: argparse.Namespace) -> None:
         given = [name for name, value in of_speech.items() if value]
         if given:
             raise RunError(f"In a motion the plan is found; {given[0]} is for speech.")
-        for note in find_plan(options.speech, options.out):
+        for note in find_plan(options.speech, options.out, options.told):
             say(note)
         name_file(options.out)
         return

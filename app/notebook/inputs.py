@@ -11,6 +11,7 @@ import numpy as np
 
 from app.errors import RunError
 from model.formats.read import read_any_motion
+from model.formats.reading import read_told
 from model.motion.motion import Motion, save_motion
 from model.plan.plan import GesturePlan
 from model.speech.audio import Speech, load_speech, write_wav
@@ -33,8 +34,11 @@ def read_speech(speech: SpeechLike) -> Speech:
         return load_speech(path)
 
 
-def read_motion(motion: MotionLike) -> Motion:
+def read_motion(motion: MotionLike, assume: str = "") -> Motion:
     """Anyone's motion: BEAT2, AMASS and SMPL-X files (.npz), rotations (.npy), .bvh.
+
+    Args:
+        assume: how it is to be read, such as "up=z,rate=25".
 
     Returns:
         ``poses`` (T, 165), local axis-angle of the 55 SMPL-X joints in radians; ``trans`` (T, 3) in
@@ -43,7 +47,9 @@ def read_motion(motion: MotionLike) -> Motion:
     Raises:
         MotionError: with one sentence, if it cannot be read.
     """
-    return motion if isinstance(motion, Motion) else read_any_motion(motion).motion
+    if isinstance(motion, Motion):
+        return motion
+    return read_any_motion(motion, read_told(assume)).motion
 
 
 def named_motions(motions: MotionLike | Mapping[str, MotionLike]) -> dict[str, Motion]:

@@ -16,6 +16,7 @@ from app.notebook.inputs import (
     SpeechLike,
     motion_file,
     plan_file,
+    read_motion,
     read_speech,
     speech_file,
 )
@@ -128,7 +129,7 @@ def generate(
         motions = {name: load_motion(f"{stem}.npz") for name, stem in stems.items()}
         plans = {name: Path(f"{stem}.plan.json") for name, stem in stems.items()}
         if request.reference is not None:
-            recorded = load_motion(request.reference)
+            recorded = read_motion(request.reference)
             motions[REFERENCE_NAME] = first_frames(recorded, result.num_frames)
         return Performance(
             speech=heard,

@@ -24,6 +24,7 @@ from app.run.followed_point import TIP, TipSource, choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.requests.request import (
+    ASSUME,
     BODY,
     CHANNEL,
     JOINT,
@@ -38,13 +39,13 @@ from app.run.videos.comparison import Snapshots, draw_poses
 from app.run.videos.own_videos import SOLE_M, OnFile, VideoOptions, draw_own_videos, picture_motions
 from app.run.words import SpokenWords
 from conventions.names import REFERENCE_NAME, printable
+from model.formats.reading import MOTIONS, Reading, Told, apart, lengths_apart
 from model.speech.transcript import NOTHING_SAID, Transcript
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from model.diagnostics import Diagnostics
-    from model.formats.numbers import ReadOptions
     from model.measures.error_growth import ErrorGrowth
     from model.measures.seams import Windows
     from model.motion.motion import Motion
@@ -59,8 +60,6 @@ _NO_SPEECH = (
     "Words are looked for in the speech, and none was given: add it (--speech), or give words with "
     "their times as a TextGrid."
 )
-LENGTHS_APART_S = 1.0
-"""Recordings of sound and motion that belong together differ by less."""
 
 
 @dataclass(frozen=True)
@@ -148,8 +147,8 @@ class DiagnoseRequest:
     """Frames that two windows share."""
     max_frames: int | None = None
     """Of all files together, at 30 a second."""
-    read_as: ReadOptions | None = None
-    """What the user says of the files, where they do not say it."""
+    told: Told = field(default=Told(), metadata=ASSUME)
+    """How files are to be read, where they do not say it."""
 
 
 @dataclass(frozen=True)
@@ -172,6 +171,7 @@ class _Read:
     motions: dict[str, Motion]
     reference: Motion | None
     notes: list[str]
+    readings: dict[str, Reading]
 
     @property
     def all(self) -> dict[str, Motion]:
@@ -237,7 +237,7 @@ def _diagnose(
         placed = {name: _on_the_floor(motion) for name, motion in shown.items()}
         _draw_figure6(request, placed, tip, folder, on_measured)
         on_measured(1.0)
-        notes = [*read.notes, *diagnostics.notes, *pictured.notes]
+        notes = [*diagnostics.notes, *pictured.notes]
         if request.videos is not None:
             draw_own_videos(
                 *(pictured.motions, request.videos, body, request.body, tip),
@@ -326,22 +326,23 @@ def _read_motions(request: DiagnoseRequest, on_progress: OnShare) -> _Read:
     names = request.names or unique_names(request.motions)
     _check_names(names)
     notes: list[str] = []
-    motions = {}
+    motions: dict[str, Motion] = {}
+    readings: dict[str, Reading] = {}
     for done, (name, path) in enumerate(zip(names, request.motions, strict=True)):
         on_progress(_READ * done / len(names))
-        found = read_any_motion(path, request.read_as)
-        motions[name] = found.motion
+        found = read_any_motion(path, request.told, request.body, MOTIONS, name)
+        motions[name], readings[name] = found.motion, found
         notes += found.notes
         _check_frames(request, motions.values())
     reference = None
     if request.reference is not None:
         on_progress(_READ)
-        found = read_any_motion(request.reference, request.read_as)
-        reference = found.motion
+        found = read_any_motion(request.reference, request.told, request.body, REFERENCE_NAME)
+        reference, readings[REFERENCE_NAME] = found.motion, found
         notes += found.notes
         _check_frames(request, [*motions.values(), reference])
     on_progress(_READ)
-    return _Read(motions, reference, notes)
+    return _Read(motions, reference, [*apart(readings), *notes], readings)
 
 
 def _check_frames(request: DiagnoseRequest, motions: Iterable[Motion]) -> None:
@@ -360,6 +361,7 @@ def _measure(
     words: SpokenWords,
     on_progress: OnShare,
 ) -> Diagnostics:
+    from model.faults.table import without
     from model.measures.beats import read_mean_speeds
     from model.measures.lag import heard_of
     from model.speech.audio import SpeechLimits, load_speech
@@ -371,12 +373,12 @@ def _measure(
     if request.speech is not None:
         speech = load_speech(request.speech, SpeechLimits(channel=request.channel))
         read.notes.extend(speech.notes)
-        read.notes.extend(_lengths_apart(speech.duration_s, read.all))
+        read.notes.extend(lengths_apart(speech.duration_s, _durations(read.all)))
         on_progress(_READ)
         onsets_s = onsets_of(speech)
         heard = heard_of(speech.waveform)
         words.begin(speech.waveform)
-    return measure_motions(
+    measured = measure_motions(
         read.all,
         tip,
         onsets_s,
@@ -385,6 +387,23 @@ def _measure(
         heard=heard,
         mean_speeds=mean_speeds,
     )
+    readings = read.readings
+    return replace(
+        measured,
+        notes=[*read.notes, *measured.notes],
+        findings={
+            name: without(found, readings[name].lacks) for name, found in measured.findings.items()
+        },
+        assumed={
+            name: [each.as_json() for each in reading.assumptions]
+            for name, reading in readings.items()
+        },
+        lacks={name: sorted(reading.lacks) for name, reading in readings.items()},
+    )
+
+
+def _durations(motions: Mapping[str, Motion]) -> dict[str, float]:
+    return {name: motion.duration_s for name, motion in motions.items()}
 
 
 def _windows(request: DiagnoseRequest, read: _Read) -> dict[str, Windows]:
@@ -404,25 +423,6 @@ def _windows(request: DiagnoseRequest, read: _Read) -> dict[str, Windows]:
     except ValueError as error:
         raise RunError(str(error)) from error
     return dict.fromkeys(read.all, windows)
-
-
-def _lengths_apart(speech_s: float, motions: Mapping[str, Motion]) -> list[str]:
-    """One note for all motions that are clearly no match of the speech in length."""
-    others = {
-        name: motion.duration_s
-        for name, motion in motions.items()
-        if abs(speech_s - motion.duration_s) > LENGTHS_APART_S
-    }
-    if not others:
-        return []
-    if len(others) == 1:
-        named = " ".join(f"{name} {duration_s:.1f} s" for name, duration_s in others.items())
-    else:
-        ends = dict.fromkeys(f"{end(others.values()):.1f}" for end in (min, max))
-        named = f"{len(others)} of the motions {' to '.join(ends)} s"
-    return [
-        f"The speech lasts {speech_s:.1f} s and {named}; BeatAlign sees the part that both have."
-    ]
 
 
 def _grow_errors(

@@ -12,6 +12,7 @@ from app.run.models import get_body, get_system
 from app.run.output.result_folder import require_free_space
 from app.run.output.telling import Reporter
 from app.run.requests.request import GenerateRequest, steps_of
+from conventions.names import REFERENCE_NAME
 
 if TYPE_CHECKING:
     from model.generation.base import System
@@ -189,9 +190,13 @@ def _read_reference(request: GenerateRequest, speech: Speech, reporter: Reporter
     """The recorded motion, no longer than the speech."""
     if request.reference is None:
         return None
-    from model.motion.motion import first_frames, load_motion
+    from model.formats.read import read_any_motion
+    from model.motion.motion import first_frames
 
-    motion = load_motion(request.reference)
+    read = read_any_motion(request.reference, request.told, request.body, REFERENCE_NAME)
+    for note in read.notes:
+        reporter.note(note)
+    motion = read.motion
     if motion.num_frames != speech.num_frames:
         is_longer = motion.num_frames > speech.num_frames
         reporter.note(

@@ -8,8 +8,17 @@ from typing import TYPE_CHECKING
 
 from app.errors import RunError
 from app.flags import MANNER, SEED, WEIGHTS, flag
-from app.run.requests.request import CHANNEL, MAX_GUIDANCE, STYLE, TRANSCRIPT, WORDS, WordsAsked
+from app.run.requests.request import (
+    ASSUME,
+    CHANNEL,
+    MAX_GUIDANCE,
+    STYLE,
+    TRANSCRIPT,
+    WORDS,
+    WordsAsked,
+)
 from app.run.words import SpokenWords
+from model.formats.reading import Told
 
 if TYPE_CHECKING:
     from model.plan.editing import Edited
@@ -50,6 +59,8 @@ class PlanRequest:
         metadata=flag("draw nothing: leave the tiers to be annotated by hand", name="--empty"),
     )
     """Of the speech's length with nothing in it, to be filled in by hand."""
+    told: Told = field(default=Told(), metadata=ASSUME)
+    """How a motion is to be read."""
     style: Path | None = field(default=None, metadata=STYLE)
     """A style file (`model.plan.style`), done to the plan."""
 
@@ -61,7 +72,7 @@ def is_motion(path: Path) -> bool:
     return path.suffix.lower() in ENDINGS
 
 
-def find_plan(motion: Path, out: Path) -> list[str]:
+def find_plan(motion: Path, out: Path, told: Told | None = None) -> list[str]:
     """Find the plan that a motion seems to follow and write it; what was changed to read it.
 
     Raises:
@@ -73,7 +84,7 @@ def find_plan(motion: Path, out: Path) -> list[str]:
     from model.plan.found import found_plan
 
     check_ending(out)
-    read = read_any_motion(motion)
+    read = read_any_motion(motion, told)
     write_plan_file(found_plan(read.motion, open_body_skeleton()), out)
     return list(read.notes)
 

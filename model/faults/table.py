@@ -1,6 +1,6 @@
 """All faults that are looked for, one entry each."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 
 from model.faults import glitches, levels, posture, stillness, timing
@@ -19,6 +19,8 @@ class Fault:
     """What must be beside the motion: ``reference`` or ``speech``; nothing for most."""
     explains: tuple[str, ...] = ()
     """Kinds that are not told where this is found, because they follow from it."""
+    of: tuple[str, ...] = ()
+    """Parts of a motion (`formats.reading.Part`) without any of which it says nothing."""
 
 
 FAULTS: tuple[Fault, ...] = (
@@ -31,27 +33,33 @@ FAULTS: tuple[Fault, ...] = (
         explains=("lifted", "floating", "through_floor", "foot_slide"),
     ),
     Fault("swapped_sides", WRONG, posture.swapped_sides),
-    Fault("lifted", WRONG, posture.lifted, "reference"),
+    Fault("lifted", WRONG, posture.lifted, "reference", of=("place",)),
     Fault("time_shift", WRONG, timing.shifted_reference, "reference"),
     Fault("time_shift", WRONG, timing.shifted_speech, "speech"),
     Fault("pops", SEEN, glitches.pops),
-    Fault("joint_noise", SEEN, glitches.joint_noise),
+    Fault("joint_noise", SEEN, glitches.joint_noise, of=("detail",)),
     Fault("seams", SEEN, glitches.seams),
-    Fault("period", MEASURED, glitches.period),
+    Fault("period", MEASURED, glitches.period, of=("detail",)),
     Fault("copied_frames", SEEN, glitches.copied_frames),
     Fault("skipped_frames", SEEN, glitches.skipped_frames),
-    Fault("stretched_rate", SEEN, glitches.stretched_rate, explains=("period", "copied_frames")),
-    Fault("foot_slide", SEEN, posture.feet_slide),
-    Fault("floating", SEEN, posture.feet_float),
-    Fault("through_floor", SEEN, posture.feet_sink),
-    Fault("still_translation", SEEN, stillness.translation_never_changes),
-    Fault("frozen_hand", SEEN, stillness.frozen_hands),
-    Fault("finger_range", SEEN, posture.finger_range),
+    Fault(
+        "stretched_rate",
+        SEEN,
+        glitches.stretched_rate,
+        explains=("period", "copied_frames"),
+        of=("detail",),
+    ),
+    Fault("foot_slide", SEEN, posture.feet_slide, of=("place", "legs")),
+    Fault("floating", SEEN, posture.feet_float, of=("place", "legs")),
+    Fault("through_floor", SEEN, posture.feet_sink, of=("place", "legs")),
+    Fault("still_translation", SEEN, stillness.translation_never_changes, of=("place",)),
+    Fault("frozen_hand", SEEN, stillness.frozen_hands, of=("hands",)),
+    Fault("finger_range", SEEN, posture.finger_range, of=("hands", "finger_angles")),
     Fault("hand_in_body", SEEN, posture.hand_in_body),
-    Fault("still_face", SEEN, stillness.still_face),
-    Fault("copied_face", SEEN, stillness.copied_face, "reference"),
-    Fault("jerk", MEASURED, levels.JERK.search),
-    Fault("high_frequency", MEASURED, levels.HIGH_FREQUENCY.search),
+    Fault("still_face", SEEN, stillness.still_face, of=("face",)),
+    Fault("copied_face", SEEN, stillness.copied_face, "reference", of=("face",)),
+    Fault("jerk", MEASURED, levels.JERK.search, of=("detail",)),
+    Fault("high_frequency", MEASURED, levels.HIGH_FREQUENCY.search, of=("detail",)),
     Fault("amplitude", MEASURED, levels.AMPLITUDE.search),
     Fault("speed", MEASURED, levels.SPEED.search),
 )
@@ -72,3 +80,9 @@ def find_faults(evidence: Evidence) -> list[Finding]:
     kinds = {finding.kind for finding in found}
     explained = {kind for fault in FAULTS if fault.kind in kinds for kind in fault.explains}
     return by_gravity(finding for finding in found if finding.kind not in explained)
+
+
+def without(findings: Iterable[Finding], lacks: Collection[str]) -> list[Finding]:
+    """Findings but for those of parts that the file does not tell."""
+    unsaid = {fault.kind for fault in FAULTS if set(fault.of) & set(lacks)}
+    return [finding for finding in findings if finding.kind not in unsaid]

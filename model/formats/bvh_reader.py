@@ -1,11 +1,14 @@
-"""BVH: our own files (`renderer.files.bvh`), and skeletons with the usual names of animation.
+"""BVH: our own files (`renderer.files.bvh`), and any skeleton of two legs, a trunk and two arms.
 
-Only skeletons whose rest pose is about a T-pose with axes of the world fit, which is checked by the
-arms. What is left, a shoulder or thumb that rests at another angle, is made up for: the bones of
-limbs and fingers point in the world as the file's do.
+Joints are known by their tree, whatever they are called; names tell sides and fingers. The rest
+pose says which way is up and forward; where its limbs and fingers rest at other angles than ours
+that is made up for: their bones point in the world as the file's do.
 """
 
-from dataclasses import dataclass, field
+from __future__ import annotations
+
+import re
+from itertools import combinations, product
 from pathlib import Path
 
 import numpy as np
@@ -13,43 +16,15 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
-from model.formats.numbers import ReadMotion, ReadOptions, at_30_fps, check_fps, plain_motion
+from model.formats.bvh_text import Joint, Text, read_text
+from model.formats.numbers import Draft
+from model.formats.numpy_reader import made_30
+from model.formats.reading import METRES, Sure
 from model.motion.kinematics import open_body_skeleton
-from model.motion.motion import check_length
 from model.motion.tracks import point_words
-from model.storage.npz import MAX_FILE_BYTES, MotionError
+from model.storage.npz import MotionError
 
-MAX_JOINTS = 400
 _FINGERS = ("Index", "Middle", "Pinky", "Ring", "Thumb")
-_LIMBS = {
-    "collar": "Shoulder", "shoulder": "Arm", "elbow": "ForeArm", "wrist": "Hand",
-    "hip": "UpLeg", "knee": "Leg", "ankle": "Foot", "foot": "ToeBase",
-}  # fmt: skip
-_BEAT_LIMBS = _LIMBS | {"elbow": "Arm1", "foot": "FootF"}
-USUAL_NAMES: dict[str, tuple[str, ...]] = {
-    "pelvis": ("Hips",),
-    "spine1": ("Spine",),
-    "spine2": ("Spine1",),
-    "spine3": ("Spine2", "Spine3"),
-    "neck": ("Neck", "Neck1"),
-    "head": ("Head",),
-    **{
-        f"{side.lower()}_{own}": (f"{side}{theirs}", f"{side[0]}{_BEAT_LIMBS[own]}")
-        for side in ("Left", "Right")
-        for own, theirs in _LIMBS.items()
-    },
-    **{
-        f"{side.lower()}_{finger.lower()}{segment}": (
-            f"{side}Hand{finger}{segment}",
-            f"{side[0]}Hand{finger[0]}{segment}",
-        )
-        for side in ("Left", "Right")
-        for finger in _FINGERS
-        for segment in (1, 2, 3)
-    },
-}
-"""Of Mixamo, MotionBuilder and ZeroEGGS, then of BEAT and DiffSHEG (``LArm1``, ``LHandM1``): the
-joints whose rotations together are one of ours."""
 BONES: dict[str, str] = {
     f"{side}_{start}": f"{side}_{end}"
     for side in ("left", "right")
@@ -64,167 +39,418 @@ BONES: dict[str, str] = {
     ]
 }
 """Bones of limbs and fingers, from their joint to the next."""
-_NEEDED = ("pelvis", "spine1", "left_shoulder", "right_shoulder", "left_hip", "right_hip")
-_CHANNELS = {f"{axis}{kind}" for axis in "XYZ" for kind in ("position", "rotation")}
-_ALONG = 0.8
+_LEFT = re.compile(r"(^|[^a-z])(l|left)([^a-z]|$)|^left|left$")
+_RIGHT = re.compile(r"(^|[^a-z])(r|right)([^a-z]|$)|^right|right$")
+_FINGER_NAMES = {
+    "thumb": ("thumb", "finger0"),
+    "index": ("index", "finger1"),
+    "middle": ("mid", "finger2"),
+    "ring": ("ring", "finger3"),
+    "pinky": ("pink", "finger4"),
+}
+_STEEP_DEG = 60.0
+"""A limb that rests so far from ours may be twisted about itself, which nothing tells."""
+Found = dict[str, list[int]]
+"""By joint of ours, theirs whose rotations together are it."""
 
 
-@dataclass
-class _Joint:
-    name: str
-    parent: int
-    offset: tuple[float, ...] = (0.0, 0.0, 0.0)
-    channels: list[str] = field(default_factory=list)
-
-
-def read_bvh(path: Path, options: ReadOptions) -> ReadMotion:
-    """A motion of the joints that it names; the face stays at rest.
+def read_bvh(path: Path, told: dict[str, str]) -> Draft:
+    """A motion of the joints that it has; the face stays at rest.
 
     Raises:
-        MotionError: for damaged files, unknown skeletons, and rest poses that are no T-pose.
+        MotionError: for damaged files, and skeletons that are no person's.
     """
-    name, notes = path.name, []
-    joints, frame_s, rows, stated = _parsed(path)
-    if stated > len(rows):
-        notes.append(f"{name} says that it has {stated} frames and holds {len(rows)}.")
-    own = {joint.name: index for index, joint in enumerate(joints)}
-    is_ours = all(each in own for each in JOINT_NAMES)
-    names = {each: (each,) for each in JOINT_NAMES} if is_ours else USUAL_NAMES
-    found = {
-        ours: [own[theirs] for theirs in group if theirs in own] for ours, group in names.items()
-    }
-    lacking = [ours for ours in _NEEDED if not found.get(ours)]
-    if lacking:
-        raise MotionError(
-            f"{name} names no joint for {', '.join(lacking)}; known are our own names, those of"
-            " Mixamo (Hips, Spine, LeftArm …) and of BEAT (LArm …)."
-        )
-    _check_rest_pose(joints, found, name)
-    turns = {} if is_ours else _rest_turns(joints, found)
-    poses = _poses(_global_rotations(joints, rows), found, turns)
-    trans, scale = _translation(joints, found, rows)
+    text = read_text(path)
+    skeleton = _Skeleton(text.joints, path.name)
+    found, is_ours = skeleton.found()
+    draft = Draft(path.name, told, np.zeros((1, NUM_JOINTS, 3)), is_scaled=True)
+    for what in text.said:
+        draft.assume("frames", str(len(text.rows)), what)
+    turn = Rotation.identity() if is_ours else skeleton.to_ours(found, draft)
+    world, places = skeleton.moved(text)
+    world = [turn * each * turn.inv() for each in world]
+    turns = {} if is_ours else _rest_turns(skeleton.rest @ turn.as_matrix().T, found)
+    draft.poses = _poses(world, found, turns)
+    scale = _scale(skeleton.rest, found, draft)
+    rest = open_body_skeleton().rest_joints.double().numpy()
+    pelvis = places[found["pelvis"][0]]
+    if pelvis is not None:
+        draft.trans = turn.apply(scale * np.asarray(pelvis)) - rest[0]
+    else:
+        draft.lacks.add("place")
+        draft.assume("place", "none", "no joint has positions; the body stays in its place")
     if not is_ours:
-        without = sum(not theirs for ours, theirs in found.items())
-        unused = len(joints) - sum(len(theirs) for theirs in found.values())
-        notes.append(
-            f"{name} has {len(joints)} joints; those with the usual names were laid onto ours"
-            f" ({unused} have no place, {without} of ours stay at rest), and lengths multiplied by"
-            f" {scale:.3g}, so that the legs are as long."
+        _tell(draft, text, found, turns)
+    _rate(draft, text.frame_s)
+    return draft
+
+
+def _tell(draft: Draft, text: Text, found: Found, turns: dict[str, Rotation]) -> None:
+    without = sum(not found.get(name) for name in JOINT_NAMES)
+    unused = len(text.joints) - sum(len(theirs) for theirs in found.values())
+    why = f"laid onto ours by their tree; {unused} have no place, {without} of ours stay at rest"
+    draft.assume("joints", str(len(text.joints)), why)
+    degrees = {name: float(np.degrees(turn.magnitude())) for name, turn in turns.items()}
+    if degrees:
+        most = max(degrees, key=lambda name: degrees[name])
+        limbs = [value for name, value in degrees.items() if not name[-1].isdigit()]
+        sure: Sure = "unsure" if max(limbs, default=0.0) > _STEEP_DEG else "sure"
+        why = (
+            f"it rests at other angles than our body, by up to {degrees[most]:.0f}°"
+            f" ({point_words(most)}); limbs and fingers were turned to point as they do there"
         )
-        if turns:
-            degrees = {ours: float(np.degrees(turn.magnitude())) for ours, turn in turns.items()}
-            most = max(degrees, key=lambda ours: degrees[ours])
-            notes.append(
-                f"{name} rests at other angles than our body, by up to {degrees[most]:.0f}°"
-                f" ({point_words(most)}); limbs and fingers were turned to point as they do there."
-            )
-        notes.append(f"{name} has no face; it stays at rest.")
-    fps = round(1 / frame_s, 3) if options.fps is None else options.fps
-    motion = plain_motion(poses.reshape(len(poses), -1).astype(np.float32), trans)
-    motion = at_30_fps(motion, check_fps(fps, name), name, notes)
-    return ReadMotion(motion, tuple(notes))
+        draft.assume("layout", "rest pose", why, sure)
+    if not any(name[-1].isdigit() and found.get(f"left_{name}") for name in ("index1", "middle1")):
+        draft.lacks.add("hands")
+    draft.lacks.add("face")
+    draft.assume("face", "none", "a BVH has none; it stays at rest")
 
 
-def _parsed(path: Path) -> tuple[list[_Joint], float, Float[np.ndarray, "T channels"], int]:
-    """Joints, seconds a frame, rows, and how many rows the file says that it has: DiffSHEG leaves
-    out the first one."""
-    name = path.name
-    if not path.is_file():
-        raise MotionError(f"{name} does not exist; give a motion file.")
-    if path.stat().st_size > MAX_FILE_BYTES:
-        raise MotionError(f"{name} is over {MAX_FILE_BYTES // 2**20} MiB. Cut it first.")
-    try:
-        head, _, body = path.read_text("ascii", errors="strict").partition("MOTION")
-        joints = _hierarchy(head.split())
-        lines = body.strip().splitlines()
-        frames = int(lines[0].split(":")[1])
-        frame_s = float(lines[1].split(":")[1])
-        check_length(frames, name)
-        values = np.array(" ".join(lines[2:]).split(), dtype=np.float64)
-        channels = sum(len(joint.channels) for joint in joints)
-        is_one_short = frames > 1 and len(values) == (frames - 1) * channels
-        rows = values.reshape(frames - is_one_short, channels)
-    except MotionError:
-        raise
-    except (ValueError, IndexError, UnicodeDecodeError, OSError) as error:
-        raise MotionError(f"{name} is no readable BVH file.") from error
-    if not frames or not frame_s > 0 or not np.isfinite(rows).all():
-        raise MotionError(f"{name} has no frames, or values that are not finite.")
-    return joints, frame_s, rows, frames
+def _rate(draft: Draft, frame_s: float) -> None:
+    draft.fps = float(draft.told.get("rate", round(1 / frame_s, 3)))
+    why, sure = ("as you say", "told") if "rate" in draft.told else ("as the file says", "stated")
+    is_ours = sure == "stated" and abs(draft.fps - 30) < 0.01
+    draft.assume("rate", f"{draft.fps:g}", why + made_30(draft.fps), sure, (), is_ours)
 
 
-def _hierarchy(words: list[str]) -> list[_Joint]:
-    """Joints in the order of the file, which is that of the channels."""
-    joints: list[_Joint] = []
-    open_blocks: list[int] = []
-    at = 1
-    current = -1
-    while at < len(words):
-        word = words[at]
-        if word in ("ROOT", "JOINT"):
-            parent = open_blocks[-1] if open_blocks else -1
-            joints.append(_Joint(words[at + 1].split(":")[-1], parent))
-            current = len(joints) - 1
-            at += 2
-        elif word == "End":
-            current = -1
-            at += 2
-        elif word == "{":
-            open_blocks.append(current)
-            at += 1
-        elif word == "}":
-            open_blocks.pop()
-            at += 1
-        elif word == "OFFSET":
-            if current >= 0:
-                joints[current].offset = tuple(float(each) for each in words[at + 1 : at + 4])
-            at += 4
-        elif word == "CHANNELS":
-            count = int(words[at + 1])
-            joints[current].channels = _channels(words[at + 2 : at + 2 + count])
-            at += 2 + count
+class _Skeleton:
+    """The joints of a file, and which of ours they are."""
+
+    def __init__(self, joints: list[Joint], name: str) -> None:
+        self._joints = joints
+        self._name = name
+        self._children: list[list[int]] = [[] for _ in joints]
+        self.rest = np.zeros((len(joints), 3))
+        """Places at rest, in the file's axes."""
+        for index, joint in enumerate(joints):
+            self.rest[index] = joint.offset
+            if joint.parent >= 0:
+                self._children[joint.parent].append(index)
+                self.rest[index] += self.rest[joint.parent]
+        self._sizes = [1] * len(joints)
+        for index in reversed(range(len(joints))):
+            if joints[index].parent >= 0:
+                self._sizes[joints[index].parent] += self._sizes[index]
+        self._labels = _plain_labels([joint.name for joint in joints])
+
+    def found(self) -> tuple[Found, bool]:
+        """Which of ours they are, and whether they are our own by name or by structure.
+
+        Raises:
+            MotionError: if they are no body's.
+        """
+        exact = {joint.name: index for index, joint in enumerate(self._joints)}
+        if all(name in exact for name in JOINT_NAMES):
+            return {name: [exact[name]] for name in JOINT_NAMES}, True
+        return self._by_structure(), False
+
+    def _by_structure(self) -> Found:
+        """Two limbs and a trunk from the pelvis, two limbs and a neck from the upper trunk."""
+        pelvis = next((at for at in self._down(0) if len(self._limbs(at)) >= 3), None)
+        if pelvis is None:
+            raise self._unknown("no joint from which two legs and a trunk go")
+        trunk = self._trunk(pelvis)
+        chest = next((at for at in self._down(trunk) if len(self._limbs(at)) >= 2), None)
+        if chest is None:
+            raise self._unknown("no joint from which two arms go")
+        legs = self._pair([each for each in self._limbs(pelvis) if each != trunk])
+        arms, heads = self._arms(chest)
+        found: Found = {"pelvis": [pelvis]}
+        spine = self._path(trunk, chest)
+        for ours, theirs in self._spread(spine, pelvis, heads).items():
+            found[ours] = theirs
+        found |= self._neck(heads)
+        for side, (leg, arm) in zip(
+            ("left", "right"), zip(legs, self._pair(arms), strict=True), strict=True
+        ):
+            found |= self._limb(leg, side, ("", "hip", "knee", "ankle", "foot"))
+            found |= self._limb(arm, side, ("collar", "shoulder", "elbow", "wrist", ""))
+            found |= self._fingers(found[f"{side}_wrist"][-1], side)
+        return found
+
+    def _unknown(self, why: str) -> MotionError:
+        names = ", ".join(joint.name[:24] for joint in self._joints[:12])
+        return MotionError(
+            f"{self._name} has {len(self._joints)} joints and {why} ({names} …); a whole body is"
+            " needed. Retarget it to a Mixamo or SMPL-X skeleton first."
+        )
+
+    def _down(self, index: int) -> list[int]:
+        """From a joint along the largest branch."""
+        path = [index]
+        while self._children[path[-1]]:
+            path.append(max(self._children[path[-1]], key=lambda each: self._sizes[each]))
+        return path
+
+    def _limbs(self, index: int) -> list[int]:
+        """Children of a joint on which at least two joints more hang."""
+        return [each for each in self._children[index] if self._sizes[each] >= 3]
+
+    def _trunk(self, pelvis: int) -> int:
+        """The branch from which arms go: the one that divides again."""
+        for each in sorted(self._limbs(pelvis), key=lambda each: -self._sizes[each]):
+            if any(len(self._limbs(at)) >= 2 for at in self._down(each)[:-1]):
+                return each
+        raise self._unknown("no trunk from which two arms go")
+
+    def _arms(self, chest: int) -> tuple[list[int], list[int]]:
+        """The two branches that are each other's mirror, and the path to the head, if any."""
+        branches = self._children[chest]
+        if len(self._limbs(chest)) == 2 or len(branches) == 2:
+            arms = self._limbs(chest)[:2]
         else:
-            raise ValueError(word)
-        if len(joints) > MAX_JOINTS:
-            raise ValueError("too many joints")
-    return joints
+            arms = list(min(combinations(self._limbs(chest), 2), key=lambda two: self._apart(*two)))
+        others = [each for each in branches if each not in arms]
+        head = max(others, key=lambda each: self._sizes[each], default=None)
+        return arms, [] if head is None else self._down(head)
+
+    def _apart(self, one: int, other: int) -> float:
+        """By how much two branches differ in length; the neck's is no arm."""
+        if any(re.search(r"neck|head", self._labels[each]) for each in (one, other)):
+            return np.inf
+        lengths = [
+            np.linalg.norm(np.diff(self.rest[self._down(each)], axis=0), axis=1).sum()
+            for each in (one, other)
+        ]
+        return abs(float(lengths[0] - lengths[1]))
+
+    def _path(self, start: int, end: int) -> list[int]:
+        path = [end]
+        while path[-1] != start:
+            path.append(self._joints[path[-1]].parent)
+        return path[::-1]
+
+    def _pair(self, two: list[int]) -> tuple[int, int]:
+        """Left and right, by name or else by where feet point."""
+        if len(two) > 2:
+            two = sorted(two, key=lambda each: -self._sizes[each])[:2]
+        if len(two) < 2:
+            raise self._unknown("fewer than two limbs at its trunk")
+        for order in (two, two[::-1]):
+            sides = [_side(self._joints[each].name, self._labels[each]) for each in order]
+            if sides in (["left", "right"], ["left", ""], ["", "right"]):
+                return order[0], order[1]
+        up, ahead = self._up_and_ahead()
+        across = self.rest[two[0]] - self.rest[two[1]]
+        is_left = float(across @ np.cross(up, ahead)) > 0
+        return (two[0], two[1]) if is_left else (two[1], two[0])
+
+    def _up_and_ahead(self) -> tuple[np.ndarray, np.ndarray]:
+        """By the file's joints: from the lowest of a leg to the trunk; from ankle to toe."""
+        pelvis = next(at for at in self._down(0) if len(self._limbs(at)) >= 3)
+        trunk = self._trunk(pelvis)
+        legs = [each for each in self._limbs(pelvis) if each != trunk][:2]
+        up = self.rest[self._down(trunk)[-1]] - np.mean(
+            [self.rest[self._down(each)[-1]] for each in legs], axis=0
+        )
+        up /= max(float(np.linalg.norm(up)), 1e-9)
+        ahead = np.zeros(3)
+        for leg in legs:
+            path = self._down(leg)
+            ahead += self.rest[path[-1]] - self.rest[path[-2]]
+        return up, ahead - up * (ahead @ up)
+
+    def _limb(self, start: int, side: str, names: tuple[str, ...]) -> Found:
+        """The two bones whose sum is longest are upper arm and forearm, thigh and shin."""
+        path = self._down(start)
+        places = self.rest[path]
+        lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        if len(lengths) < 2:
+            raise self._unknown(f"a limb of {len(path)} joints")
+        first = int(np.argmax(lengths[:-1] + lengths[1:]))
+        found: Found = {}
+        before, *three, after = names
+        for name, at in zip(three, range(first, first + 3), strict=True):
+            found[f"{side}_{name}"] = [path[at]]
+        if first and before:
+            found[f"{side}_{before}"] = path[:first]
+        elif first:
+            found[f"{side}_{three[0]}"] = path[: first + 1]
+        if after and len(path) > first + 3:
+            shin = places[first + 2] - places[first + 1]
+            steps = places[first + 3 :] - places[first + 2]
+            along = steps @ shin / np.linalg.norm(shin) / np.linalg.norm(steps, axis=1)
+            ball = int(np.argmax(along < 0.8))  # and no heel below the ankle; 0 if all are
+            found[f"{side}_{after}"] = [path[first + 3 + ball]]
+        return found
+
+    def _spread(self, spine: list[int], pelvis: int, heads: list[int]) -> Found:
+        """Joints of the trunk onto our three, by where they stand on it."""
+        if len(spine) >= 3:
+            return {"spine1": spine[:1], "spine2": spine[1:2], "spine3": spine[2:]}
+        top = self.rest[heads[0]] if heads else self.rest[spine[-1]] * 1.5
+        whole = max(float(np.linalg.norm(top - self.rest[pelvis])), 1e-9)
+        theirs = [float(np.linalg.norm(self.rest[at] - self.rest[pelvis])) / whole for at in spine]
+        rest = open_body_skeleton().rest_joints.double().numpy()[:, 1]
+        neck = rest[JOINT_INDEX["neck"]] - rest[0]
+        ours = [float(rest[JOINT_INDEX[f"spine{i}"]] - rest[0]) / neck for i in (1, 2, 3)]
+        best = min(
+            combinations(range(3), len(spine)),
+            key=lambda at: sum(abs(ours[i] - each) for i, each in zip(at, theirs, strict=True)),
+        )
+        return {f"spine{i + 1}": [at] for i, at in zip(best, spine, strict=True)}
+
+    def _neck(self, heads: list[int]) -> Found:
+        if not heads:
+            return {}
+        named = [at for at in heads if "head" in self._labels[at]]
+        if named and named[0] != heads[0]:
+            end = heads.index(named[0])
+        else:
+            end = min(1, len(heads) - 1) if not named else 0
+        found: Found = {"head": [heads[end]]}
+        return found | ({"neck": heads[:end]} if end else {})
+
+    def _fingers(self, wrist: int, side: str) -> Found:
+        """By names with numbers, else by chains: of a name, or the thumb's starts nearest and the
+        others' in a row."""
+        below = [at for at in range(wrist + 1, wrist + self._sizes[wrist])]
+        found: Found = {}
+        for finger, (spelling, _) in _FINGER_NAMES.items():
+            for at in below:
+                number = re.search(rf"{spelling}[a-z]*0?([123])(?!\d)", self._labels[at])
+                if number:
+                    found.setdefault(f"{side}_{finger}{number[1]}", [at])
+        if found:
+            return found
+        starts = self._children[wrist]
+        if len(starts) == 1 and len(self._children[starts[0]]) >= 4:  # a palm
+            starts = self._children[starts[0]]
+        chains = [chain for each in starts if len(chain := self._down(each)) >= 2]
+        named: dict[str, list[int]] = {}
+        for finger, spellings in _FINGER_NAMES.items():
+            for chain in chains:
+                if any(each in self._labels[chain[0]] for each in spellings):
+                    named.setdefault(finger, chain)
+        if len(named) < len(chains) == 5:
+            ahead = self._up_and_ahead()[1]
+            places = np.array([self.rest[chain[0]] - self.rest[wrist] for chain in chains])
+            thumb = int(np.argmin(np.linalg.norm(places, axis=1)))
+            others = sorted((i for i in range(5) if i != thumb), key=lambda i: -places[i] @ ahead)
+            names = ("thumb", "index", "middle", "ring", "pinky")
+            named = {name: chains[i] for name, i in zip(names, [thumb, *others], strict=True)}
+        for finger, chain in named.items():
+            lengths = np.linalg.norm(np.diff(self.rest[chain], axis=0), axis=1)
+            is_palm = finger != "thumb" and len(chain) >= 4 and int(lengths.argmax()) == 0
+            for segment, joint in enumerate(chain[is_palm:][:3], start=1):
+                found[f"{side}_{finger}{segment}"] = [joint]
+        return found
+
+    def to_ours(self, found: Found, draft: Draft) -> Rotation:
+        """The turn of the file's axes to ours: y up and facing z, in quarters."""
+        sides = [
+            self.rest[found[f"left_{each}"][0]] - self.rest[found[f"right_{each}"][0]]
+            for each in ("hip", "shoulder")
+        ]
+        across = sides[0] + sides[1]
+        hips = (self.rest[found["left_hip"][0]] + self.rest[found["right_hip"][0]]) / 2
+        low = [
+            self.rest[found[f"{side}_{each}"][0]]
+            for side, each in product(("left", "right"), ("knee", "ankle"))
+            if found.get(f"{side}_{each}")
+        ]
+        shoulders = (
+            self.rest[found["left_shoulder"][0]] + self.rest[found["right_shoulder"][0]]
+        ) / 2
+        legs = hips - np.mean(low, axis=0) if low else shoulders - hips
+        trunk = shoulders - hips
+        up = trunk / max(float(np.linalg.norm(trunk)), 1e-9)
+        stands = float(up @ legs) / max(float(np.linalg.norm(legs)), 1e-9)
+        if stands < 0.5 or not np.linalg.norm(across - up * (across @ up)) > 1e-6:
+            raise MotionError(
+                f"{self._name}: in its rest pose legs do not hang below the trunk, so limbs cannot"
+                " be laid onto ours; put a T-pose or A-pose into its rest pose first (Blender:"
+                " Apply Pose as Rest Pose)."
+            )
+        y = _nearest_axis(up)
+        x = _nearest_axis(across - y * (across @ y))
+        z = np.cross(x, y)
+        stands, faces = (
+            ("-" if axis.sum() < 0 else "") + "xyz"[int(np.abs(axis).argmax())] for axis in (y, z)
+        )
+        if stands != "y":
+            draft.assume("up", stands, "its rest pose stands along it; turned")
+        elif faces != "z":
+            draft.assume("facing", faces, "its rest pose faces it; turned")
+        return Rotation.from_matrix(np.stack([x, y, z]))
+
+    def moved(self, text: Text) -> tuple[list[Rotation], list[np.ndarray | None]]:
+        """World rotation of each joint, and its place where any joint up to it has positions."""
+        world: list[Rotation] = []
+        places: list[np.ndarray | None] = []
+        for index, joint in enumerate(self._joints):
+            turn, place = self._local(index, text.rows)
+            if joint.parent < 0:
+                world.append(turn)
+                places.append(place)
+                continue
+            above, offset = places[joint.parent], np.array(joint.offset)
+            world.append(world[joint.parent] * turn)
+            if above is None and place is None:
+                places.append(None)
+                continue
+            step = world[joint.parent].apply(offset if place is None else place)
+            start = self.rest[joint.parent] if above is None else above
+            places.append(start + step)
+        return world, places
+
+    def _local(self, index: int, rows: np.ndarray) -> tuple[Rotation, np.ndarray | None]:
+        joint = self._joints[index]
+        turns = [i for i, each in enumerate(joint.channels) if each.endswith("rotation")]
+        moves = [i for i, each in enumerate(joint.channels) if each.endswith("position")]
+        turn = Rotation.identity(len(rows))
+        if turns:
+            order = "".join(joint.channels[i][0] for i in turns)
+            angles = rows[:, [joint.first + i for i in turns]]
+            turn = Rotation.from_euler(order, angles, degrees=True)
+        if not moves:
+            return turn, None
+        place = np.zeros((len(rows), 3))
+        offset = np.array(joint.offset)
+        for i in moves:
+            place[:, "XYZ".index(joint.channels[i][0])] = rows[:, joint.first + i]
+        at = ["XYZ".index(joint.channels[i][0]) for i in moves]
+        if joint.parent >= 0:
+            mean = place.mean(axis=0)
+            if np.linalg.norm((mean - offset)[at]) > np.linalg.norm(mean[at]):
+                place += offset  # told as steps from where the joint rests
+                return turn, place
+        place[:, [i for i in range(3) if i not in at]] = offset[
+            [i for i in range(3) if i not in at]
+        ]
+        return turn, place
 
 
-def _channels(names: list[str]) -> list[str]:
-    """
-    Raises:
-        ValueError: for unknown names, or one that comes twice.
-    """
-    if not set(names) <= _CHANNELS or len(set(names)) < len(names):
-        raise ValueError(names)
-    return names
+def _nearest_axis(vector: np.ndarray) -> np.ndarray:
+    largest = int(np.abs(vector).argmax())
+    return np.eye(3)[largest] * np.sign(vector[largest])
 
 
-def _first_channel(joints: list[_Joint], index: int) -> int:
-    return sum(len(joint.channels) for joint in joints[:index])
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
-def _rotations(joints: list[_Joint], index: int, rows: Float[np.ndarray, "T C"]) -> Rotation:
-    channels = joints[index].channels
-    first = _first_channel(joints, index)
-    turns = [i for i, each in enumerate(channels) if each.endswith("rotation")]
-    if len(turns) != 3:
-        return Rotation.identity(len(rows))
-    order = "".join(channels[i][0] for i in turns)
-    return Rotation.from_euler(order.upper(), rows[:, [first + i for i in turns]], degrees=True)
+def _plain_labels(names: list[str]) -> list[str]:
+    """Names without case, marks and what all of them begin with."""
+    plain = [_plain(name) for name in names]
+    first, last = min(plain, default=""), max(plain, default="")
+    shared = next((i for i, (a, b) in enumerate(zip(first, last)) if a != b), 0)  # noqa: B905
+    return [label[shared:] for label in plain] if shared >= 3 else plain
 
 
-def _global_rotations(joints: list[_Joint], rows: Float[np.ndarray, "T C"]) -> list[Rotation]:
-    """Of every joint of the file, in the world."""
-    world: list[Rotation] = []
-    for index, joint in enumerate(joints):
-        local = _rotations(joints, index, rows)
-        world.append(local if joint.parent < 0 else world[joint.parent] * local)
-    return world
+def _side(name: str, label: str) -> str:
+    """Left or right by name; nothing where it does not say."""
+    spaced = re.sub(r"([a-z])([A-Z])", r"\1_\2", name).lower()
+    is_left = bool(_LEFT.search(spaced) or label.startswith("left"))
+    is_right = bool(_RIGHT.search(spaced) or label.startswith("right"))
+    if is_left == is_right:
+        is_left = name[:1] in "lL" and name[1:2].isupper()
+        is_right = name[:1] in "rR" and name[1:2].isupper()
+    return "" if is_left == is_right else "left" if is_left else "right"
 
 
 def _poses(
-    world: list[Rotation], found: dict[str, list[int]], turns: dict[str, Rotation]
+    world: list[Rotation], found: Found, turns: dict[str, Rotation]
 ) -> Float[np.ndarray, "T 55 3"]:
     """Our joints' rotations against their parents; one that the file lacks goes with its parent."""
     ours: list[Rotation] = []
@@ -242,7 +468,7 @@ def _poses(
     return poses
 
 
-def _rest_turns(joints: list[_Joint], found: dict[str, list[int]]) -> dict[str, Rotation]:
+def _rest_turns(places: Float[np.ndarray, "J 3"], found: Found) -> dict[str, Rotation]:
     """What takes each limb's bone from where it rests with us to where it rests in the file."""
     rest = open_body_skeleton().rest_joints.double().numpy()
     turns: dict[str, Rotation] = {}
@@ -250,7 +476,7 @@ def _rest_turns(joints: list[_Joint], found: dict[str, list[int]]) -> dict[str, 
         first, last = found.get(start), found.get(end)
         if not first or not last:
             continue
-        theirs = _rest_place(joints, last[0]) - _rest_place(joints, first[-1])
+        theirs = places[last[0]] - places[first[-1]]
         ours = rest[JOINT_INDEX[end]] - rest[JOINT_INDEX[start]]
         if np.linalg.norm(theirs) < 1e-6:
             continue
@@ -269,44 +495,22 @@ def _shortest_turn(start: np.ndarray, end: np.ndarray) -> Rotation:
     return Rotation.from_rotvec(np.arctan2(sine, float(start @ end)) * axis / sine)
 
 
-def _rest_place(joints: list[_Joint], index: int) -> np.ndarray:
-    place = np.zeros(3)
-    while index >= 0:
-        place += joints[index].offset
-        index = joints[index].parent
-    return place
-
-
-def _check_rest_pose(joints: list[_Joint], found: dict[str, list[int]], name: str) -> None:
-    for side, sign in (("left", 1.0), ("right", -1.0)):
-        shoulder, elbow = (found.get(f"{side}_{part}") for part in ("shoulder", "elbow"))
-        if not shoulder or not elbow:
-            continue
-        arm = _rest_place(joints, elbow[0]) - _rest_place(joints, shoulder[0])
-        if sign * arm[0] < _ALONG * float(np.linalg.norm(arm)):
-            raise MotionError(
-                f"{name}: the {side} arm of its rest pose does not point along x; only T-poses that"
-                " face z can be read. Retarget it first."
-            )
-
-
-def _translation(
-    joints: list[_Joint], found: dict[str, list[int]], rows: Float[np.ndarray, "T C"]
-) -> tuple[np.ndarray, float]:
-    """`trans` in metres, and by what lengths were multiplied."""
-    root = found["pelvis"][0]
-    first = _first_channel(joints, root)
-    at = {each[0]: first + i for i, each in enumerate(joints[root].channels) if "position" in each}
-    if set(at) != set("XYZ"):
-        return np.zeros((len(rows), 3), np.float32), 1.0
+def _scale(places: Float[np.ndarray, "J 3"], found: Found, draft: Draft) -> float:
+    """By what lengths are multiplied, so that the legs are as long as ours."""
+    told = draft.told.get("units")
+    if told is not None:
+        draft.assume("units", told, "as you say", "told", tuple(METRES))
+        return METRES[told]
     rest = open_body_skeleton().rest_joints.double().numpy()
     hip, ankle = (found.get(f"left_{part}") for part in ("hip", "ankle"))
-    scale = 1.0
-    if hip and ankle:
-        theirs = np.linalg.norm(_rest_place(joints, ankle[0]) - _rest_place(joints, hip[0]))
-        ours = np.linalg.norm(rest[JOINT_INDEX["left_ankle"]] - rest[JOINT_INDEX["left_hip"]])
-        scale = float(ours / max(float(theirs), 1e-9))
+    if not hip or not ankle:
+        return 1.0
+    theirs = float(np.linalg.norm(places[ankle[0]] - places[hip[0]]))
+    ours = float(np.linalg.norm(rest[JOINT_INDEX["left_ankle"]] - rest[JOINT_INDEX["left_hip"]]))
+    scale = ours / max(theirs, 1e-9)
     if abs(scale - 1.0) < 0.005:
-        scale = 1.0
-    pelvis = scale * rows[:, [at[axis] for axis in "XYZ"]]
-    return (pelvis - rest[0]).astype(np.float32), scale
+        return 1.0
+    unit = min(METRES, key=lambda each: abs(np.log(METRES[each] / scale)))
+    why = f"by its legs; lengths multiplied by {scale:.3g}, so that they are as long as ours"
+    draft.assume("units", unit, why, "sure", tuple(METRES))
+    return scale

@@ -1,124 +1,268 @@
-"""What all readers share: what the user says of a file, rotations of any form, frame rates."""
+"""What all readers share: a draft of the motion, rotations of any form and number of joints as
+axis-angle, and frame rates."""
 
-from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32
+from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from conventions.joints import FACE, NUM_JOINTS
+from conventions.joints import HANDS, JOINT_INDEX, NUM_JOINTS, PARENTS
 from conventions.rates import FPS
+from model.formats.reading import Assumption, Kind, Part, Rotations, Sure
 from model.motion.altered import motion_at_speed
-from model.motion.motion import NUM_BETAS, NUM_EXPRESSIONS, Motion, check_length
+from model.motion.kinematics import open_body_skeleton
+from model.motion.motion import NUM_BETAS, NUM_EXPRESSIONS, ExpressionBasis, Motion
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_rot6d
 from model.storage.npz import MotionError
 
-Rotations = Literal["axis-angle", "6d", "quaternion-wxyz", "quaternion-xyzw", "matrix"]
-ROTATIONS: tuple[Rotations, ...] = get_args(Rotations)
-WIDTHS: dict[Rotations, int] = {
-    "axis-angle": 3,
-    "6d": 6,
-    "quaternion-wxyz": 4,
-    "quaternion-xyzw": 4,
-    "matrix": 9,
+WIDTHS: dict[int, tuple[Rotations, ...]] = {
+    3: ("axis-angle",),
+    6: ("6d", "6d-columns", "6d-interleaved"),
+    4: ("quaternion-wxyz", "quaternion-xyzw"),
+    9: ("matrix",),
 }
-SMPLH_JOINTS = NUM_JOINTS - len(FACE)
+"""Numbers for a joint, and the forms that have as many."""
+BODY = tuple(range(22))
+JOINT_SETS: dict[int, tuple[int, ...]] = {
+    55: tuple(range(55)),
+    52: (*BODY, *HANDS),
+    53: (*BODY, JOINT_INDEX["jaw"], *HANDS),
+    24: BODY,
+    22: BODY,
+}
+"""Ours of each number of joints that files have; SMPL's last two, of 24, are hands without
+fingers, and have no place."""
+SET_NAMES = {55: "SMPL-X", 52: "SMPL-H", 53: "SMPL-H and the jaw", 24: "SMPL", 22: "SMPL's body"}
 LOWEST_FPS, HIGHEST_FPS = 12.0, 240.0
 MOST_RADIANS = 4 * np.pi
 """A turn of more than two full circles is a number of degrees."""
+_CURLS = {
+    **{f"left_{finger}{i}": -1.0 for finger in ("index", "middle", "ring") for i in (1, 2, 3)},
+    **{f"right_{finger}{i}": 1.0 for finger in ("index", "middle", "ring") for i in (1, 2, 3)},
+}
+
+
+@dataclass
+class Draft:
+    """A motion while it is being read: what the file holds, and what was assumed so far."""
+
+    name: str
+    told: dict[str, str]
+    """What the user says of the file, by kind."""
+    poses: Float[np.ndarray, "T 55 3"]
+    fps: float = float(FPS)
+    trans: Float[np.ndarray, "T 3"] | None = None
+    expressions: np.ndarray | None = None
+    basis: ExpressionBasis = "flame100"
+    betas: np.ndarray = field(default_factory=lambda: np.zeros(NUM_BETAS, np.float32))
+    assumptions: list[Assumption] = field(default_factory=list)
+    lacks: set[Part] = field(default_factory=set)
+    is_offset: bool | None = None
+    """Whether hands of this layout usually are offsets from the mean hand; None where it is known
+    that they are not."""
+    chosen: int = 1
+    """Which motion of a batch."""
+    is_scaled: bool = False
+    """Whether `trans` is in metres already, and y is up unless the motion says otherwise."""
+
+    def assume(
+        self,
+        kind: Kind,
+        value: str,
+        why: str,
+        sure: Sure = "sure",
+        others: tuple[str, ...] = (),
+        is_usual: bool = False,
+    ) -> None:
+        """Note one thing."""
+        others = tuple(each for each in others if each != value)
+        self.assumptions.append(Assumption(kind, value, why, sure, others, is_usual))
+
+    def motion(self) -> Motion:
+        """As it stands, with zeros for what there is not."""
+        frames = len(self.poses)
+        trans = np.zeros((frames, 3)) if self.trans is None else self.trans
+        if self.expressions is None:
+            faces = np.zeros((frames, NUM_EXPRESSIONS), np.float32)
+        else:
+            faces = self.expressions.astype(np.float32)
+        poses = self.poses.reshape(frames, -1).astype(np.float32)
+        return Motion(poses, trans.astype(np.float32), faces, self.basis, self.betas)
 
 
 @dataclass(frozen=True)
-class ReadOptions:
-    """What the user says of a file, where the file does not say it."""
+class Shape:
+    """How an array holds rotations."""
 
-    fps: float | None = None
-    rotations: Rotations | None = None
+    batch: int
+    frames: int
+    joints: int
+    width: int
+    is_transposed: bool = False
+
+    def rows(self, array: np.ndarray) -> Float[np.ndarray, "B T J width"]:
+        """The array so."""
+        array = array.T if self.is_transposed else array
+        return array.reshape(self.batch, self.frames, self.joints, self.width)
 
 
-@dataclass(frozen=True)
-class ReadMotion:
-    """A motion, and what was done to the file's numbers to get it."""
+def shape_of(shape: tuple[int, ...]) -> Shape | None:
+    """As which rotations an array of a shape can be understood; None as none."""
+    pairs = {(joints, width) for joints in JOINT_SETS for width in WIDTHS}
+    flat = {joints * width: (joints, width) for joints, width in pairs}
+    match shape:
+        case (frames, columns) if columns in flat:
+            return Shape(1, frames, *flat[columns])
+        case (joints, width) if (joints, width) in pairs:
+            return Shape(1, 1, joints, width)
+        case (columns, frames) if columns in flat and frames > 1:
+            return Shape(1, frames, *flat[columns], is_transposed=True)
+        case (frames, joints, width) if (joints, width) in pairs:
+            return Shape(1, frames, joints, width)
+        case (batch, frames, columns) if columns in flat:
+            return Shape(batch, frames, *flat[columns])
+        case (frames, joints, 3, 3) if joints in JOINT_SETS:
+            return Shape(1, frames, joints, 9)
+        case (batch, frames, joints, width) if (joints, width) in pairs:
+            return Shape(batch, frames, joints, width)
+        case (batch, frames, joints, 3, 3) if joints in JOINT_SETS:
+            return Shape(batch, frames, joints, 9)
+    return None
 
-    motion: Motion
-    notes: tuple[str, ...]
-    """Sentences for a person, each naming the file."""
+
+def laid_out(poses: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -> np.ndarray:
+    """Of these joints, as poses of 55; the others stay at rest."""
+    whole = np.zeros((len(poses), NUM_JOINTS, 3))
+    whole[:, list(joints)] = poses[:, : len(joints)]
+    return whole
 
 
-def joint_rotations(
-    array: np.ndarray, name: str, said: Rotations | None, notes: list[str]
-) -> Float32[np.ndarray, "T 165"]:
-    """Axis-angle of 55 joints out of rotations of 55 or 52 joints in any form.
+def are_positions(rows: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -> bool:
+    """Whether rows are places of joints and not turns: their bones are constant, and as long
+    beside each other as a body's."""
+    places = laid_out(rows[:: max(1, len(rows) // 100)], joints)
+    bones = [joint for joint in joints[1:] if PARENTS[joint] in joints]
+    lengths = np.linalg.norm(
+        places[:, bones] - places[:, [PARENTS[joint] for joint in bones]], axis=-1
+    )
+    mean = lengths.mean(axis=0)
+    if not mean.std() > 1e-3:
+        return False
+    rest = open_body_skeleton().rest_joints.double().numpy()
+    ours = np.linalg.norm(rest[bones] - rest[[PARENTS[joint] for joint in bones]], axis=-1)
+    varies = np.median(lengths.std(axis=0) / np.maximum(mean, 1e-9))
+    return bool(np.corrcoef(mean, ours)[0, 1] > 0.85 and varies < 0.1)
 
-    The form is taken from the width; a note says which. A batch axis of 1 is left out.
 
-    Args:
-        said: the form that the user names.
+def as_people_bend(poses: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -> float:
+    """Positive where arms hang, elbows, knees and fingers bend as people's do; negative where all
+    bend the other way."""
+    signs = {
+        **{"left_elbow": (1, -1.0), "right_elbow": (1, 1.0)},
+        **{"left_shoulder": (2, -1.0), "right_shoulder": (2, 1.0)},
+        **{"left_knee": (0, 0.7), "right_knee": (0, 0.7)},
+        **{name: (2, 0.3 * sign) for name, sign in _CURLS.items()},
+    }
+    mean = poses.mean(axis=0)
+    at = {joint: index for index, joint in enumerate(joints)}
+    bends = [
+        sign * float(np.clip(mean[at[JOINT_INDEX[name]], axis], -1, 1))
+        for name, (axis, sign) in signs.items()
+        if JOINT_INDEX[name] in at
+    ]
+    return sum(bends)
+
+
+def axis_angle(
+    rows: Float[np.ndarray, "T J width"], joints: tuple[int, ...], draft_name: str, told: str | None
+) -> tuple[Float[np.ndarray, "T J 3"], Assumption]:
+    """Rotations as axis-angle, and as which form they were understood.
 
     Raises:
-        MotionError: for any other shape, and where the named form does not fit it.
+        MotionError: for what are no rotations, or not of the form that was told.
     """
-    shape = array.shape
-    if array.ndim > 2 and shape[0] == 1:
-        array = array[0]
-        notes.append(f"{name} has a batch axis; its one motion was taken (shape {shape}).")
-    check_length(len(array), name)
-    numbers = int(np.prod(array.shape[1:]))
-    forms: list[tuple[Rotations, int]] = [
-        (form, joints)
-        for joints in (NUM_JOINTS, SMPLH_JOINTS)
-        for form in ROTATIONS
-        if numbers == joints * WIDTHS[form] and said in (None, form)
-    ]
-    if array.ndim not in (2, 3, 4) or not len(array) or not forms:
-        wanted = f" of {said}" if said else ""
+    forms = WIDTHS[rows.shape[-1]]
+    if told is not None and told not in forms:
         raise MotionError(
-            f"{name}: rotations must have the shape (frames, 165), (frames, 55, 3), or that of 52"
-            f" or 55 joints of 6, 4 or 9 numbers{wanted}; found {shape}."
+            f"{draft_name} has {rows.shape[-1]} numbers for a joint, which are none of {told}; say "
+            f"{' or '.join(forms)}."
         )
-    form, joints = forms[0]
-    if array.ndim == 3 and form == "axis-angle":
-        notes.append(f"{name} has one row for each joint ({shape}); they were laid side by side.")
-    if form != "axis-angle" and said is None:
-        told = {
-            "6d": "6D, the first two rows of each matrix, as PyTorch3D has them",
-            "quaternion-wxyz": "quaternions with w first (say --rotations quaternion-xyzw if last)",
-        }.get(form, "rotation matrices")
-        notes.append(f"{name} holds {WIDTHS[form]} numbers for each joint, taken as {told}.")
-    poses = _axis_angle(array.reshape(len(array), joints, WIDTHS[form]), form, name)
-    if form == "axis-angle" and np.linalg.norm(poses, axis=-1).max() > MOST_RADIANS:
-        raise MotionError(
-            f"{name} turns a joint by {np.linalg.norm(poses, axis=-1).max():.0f}; `poses` must be"
-            " in radians, not degrees."
-        )
-    if joints == SMPLH_JOINTS:
-        notes.append(
-            f"{name} has the 52 joints of SMPL-H; jaw and eyes, which it lacks, stay at rest."
-        )
-        poses = np.insert(poses, [min(FACE)] * len(FACE), 0.0, axis=1)
-    return poses.reshape(len(poses), -1).astype(np.float32)
+    if told is not None:
+        return _decoded(rows, told, draft_name), Assumption("rotations", told, "as you say", "told")
+    if len(forms) == 1:
+        form = forms[0]
+        usual = form == "axis-angle"
+        why = f"{rows.shape[-1]} numbers for a joint"
+        assumed = Assumption("rotations", form, why, "sure", (), usual)
+        return _decoded(rows, form, draft_name), assumed
+    if forms[0] == "6d":
+        return _judged_6d(rows, joints, draft_name)
+    first, last = (float(np.abs(rows[..., at]).mean()) for at in (0, 3))
+    form = forms[0] if first >= last else forms[1]
+    sure = "sure" if abs(first - last) > 0.1 else "unsure"
+    why = f"w is the {'first' if first >= last else 'last'} number, by which joints turn least"
+    return _decoded(rows, form, draft_name), Assumption("rotations", form, why, sure, forms)
 
 
-def _axis_angle(
-    array: Float[np.ndarray, "T J width"], form: Rotations, name: str
-) -> Float[np.ndarray, "T J 3"]:
-    if form == "axis-angle":
-        return array
-    if form.startswith("quaternion"):
-        if np.abs(np.linalg.norm(array, axis=-1) - 1).max() > 0.1:
-            raise MotionError(f"{name} holds no unit quaternions; name their form (--rotations).")
-        xyzw = array if form == "quaternion-xyzw" else np.roll(array, -1, axis=-1)
-        return Rotation.from_quat(xyzw.reshape(-1, 4)).as_rotvec().reshape(*array.shape[:2], 3)
-    if form == "6d":
-        rotmat = matrix_from_rot6d(torch.from_numpy(np.ascontiguousarray(array)).double())
+def _judged_6d(
+    rows: Float[np.ndarray, "T J 6"], joints: tuple[int, ...], name: str
+) -> tuple[Float[np.ndarray, "T J 3"], Assumption]:
+    """Two axes one after the other or turn by turn, and rows or columns of the matrix."""
+
+    def apart(six: np.ndarray) -> float:
+        a, b = six[..., :3], six[..., 3:]
+        unit = [np.abs(np.linalg.norm(each, axis=-1) - 1).mean() for each in (a, b)]
+        return float(sum(unit) + np.abs((a * b).sum(axis=-1)).mean())
+
+    forms = WIDTHS[6]
+    mixed = rows[..., [0, 2, 4, 1, 3, 5]]
+    if apart(mixed) < 0.5 * apart(rows):
+        why = "only as two columns, number by number, are they of length 1"
+        poses = _decoded(rows, "6d-interleaved", name)
+        return poses, Assumption("rotations", "6d-interleaved", why, "sure", forms)
+    poses = _decoded(rows, "6d", name)
+    natural = as_people_bend(poses, joints)
+    if natural < -0.3:
+        poses, form, why = -poses, "6d-columns", "as rows, elbows and hands bend backwards"
     else:
-        rotmat = torch.from_numpy(np.ascontiguousarray(array)).double().unflatten(-1, (3, 3))
-        apart = rotmat @ rotmat.mT - torch.eye(3, dtype=rotmat.dtype)
-        if float(apart.abs().max()) > 0.05:
-            raise MotionError(f"{name} holds no rotation matrices; name their form (--rotations).")
+        form, why = "6d", "the first two rows, by which joints bend as people's do"
+    sure: Sure = "sure" if abs(natural) > 1.0 else "likely" if abs(natural) > 0.3 else "unsure"
+    return poses, Assumption("rotations", form, why, sure, forms)
+
+
+def _decoded(rows: Float[np.ndarray, "T J width"], form: str, name: str) -> np.ndarray:
+    shape = (*rows.shape[:2], 3)
+    if form == "axis-angle":
+        largest = float(np.linalg.norm(rows, axis=-1).max(initial=0.0))
+        if largest > MOST_RADIANS:
+            raise MotionError(
+                f"{name} turns a joint by {largest:.0f}; its rotations must be in radians, not"
+                " degrees: multiply them by pi/180."
+            )
+        return rows.astype(np.float64)
+    if form.startswith("quaternion"):
+        if np.abs(np.linalg.norm(rows, axis=-1) - 1).max() > 0.1:
+            raise MotionError(
+                f"{name} has 4 numbers for a joint, which are no unit quaternions; save rotations."
+            )
+        xyzw = rows if form == "quaternion-xyzw" else np.roll(rows, -1, axis=-1)
+        return Rotation.from_quat(xyzw.reshape(-1, 4)).as_rotvec().reshape(shape)
+    if form.startswith("6d"):
+        six = rows[..., [0, 2, 4, 1, 3, 5]] if form == "6d-interleaved" else rows
+        rotmat = matrix_from_rot6d(torch.from_numpy(np.ascontiguousarray(six)).double())
+        poses = axis_angle_from_matrix(rotmat).numpy()
+        return poses if form == "6d" else -poses
+    rotmat = torch.from_numpy(np.ascontiguousarray(rows)).double().unflatten(-1, (3, 3))
+    apart = rotmat @ rotmat.mT - torch.eye(3, dtype=rotmat.dtype)
+    if float(apart.abs().max()) > 0.05:
+        raise MotionError(
+            f"{name} has 9 numbers for a joint, which are no rotation matrices; save rotations."
+        )
     return axis_angle_from_matrix(rotmat).numpy()
 
 
@@ -131,13 +275,13 @@ def check_fps(fps: float, name: str) -> float:
     if not LOWEST_FPS <= fps <= HIGHEST_FPS:
         raise MotionError(
             f"{name} has {fps:g} frames per second; {LOWEST_FPS:g} to {HIGHEST_FPS:g} can be"
-            f" resampled to {FPS}."
+            f" resampled to {FPS}. If it lies, say --assume rate=N."
         )
     return fps
 
 
-def at_30_fps(motion: Motion, fps: float, name: str, notes: list[str]) -> Motion:
-    """The same motion at 30 frames per second; a note says so.
+def at_30_fps(motion: Motion, fps: float) -> Motion:
+    """The same motion at 30 frames per second.
 
     More frames are thinned by slerp. Fewer are filled in along a cubic spline, which adds no kinks,
     and jitter that the file cannot have is not in it either.
@@ -145,13 +289,7 @@ def at_30_fps(motion: Motion, fps: float, name: str, notes: list[str]) -> Motion
     if abs(fps - FPS) < 0.01:
         return motion
     if fps > FPS - 1.0:
-        notes.append(f"{name} has {fps:g} frames per second and was resampled to {FPS}.")
         return motion_at_speed(motion, fps / FPS)
-    notes.append(
-        f"{name} has {fps:g} frames per second; frames between them were filled in to {FPS} along"
-        f" a smooth curve. It cannot hold movement above {fps / 2:g} Hz: its jerk and high"
-        " frequencies say nothing beside motion of 30."
-    )
     at = np.arange(int((motion.num_frames - 1) * FPS / fps + 1e-6) + 1) * fps / FPS
     known = np.arange(motion.num_frames)
     rotmat = motion.local_rotations().double().numpy()[..., :2, :]
@@ -171,17 +309,3 @@ def _along(
     if len(known) < 2:
         return np.repeat(rows, len(at), axis=0).astype(np.float64)
     return CubicSpline(known, rows.astype(np.float64), axis=0)(at)
-
-
-def plain_motion(
-    poses: Float32[np.ndarray, "T 165"],
-    trans: Float32[np.ndarray, "T 3"] | None = None,
-    expressions: Float32[np.ndarray, "T 100"] | None = None,
-) -> Motion:
-    """With zeros for what there is not."""
-    frames = len(poses)
-    if trans is None:
-        trans = np.zeros((frames, 3), np.float32)
-    if expressions is None:
-        expressions = np.zeros((frames, NUM_EXPRESSIONS), np.float32)
-    return Motion(poses, trans, expressions, "flame100", np.zeros(NUM_BETAS, np.float32))

@@ -1,308 +1,171 @@
-"""Numpy files: archives of BEAT2, AMASS or SMPL-X, and bare arrays."""
+"""Numpy files: archives of BEAT2, AMASS, SMPL-X parameters and what differs from them, and bare
+arrays."""
+
+from __future__ import annotations
 
 import zipfile
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float32
 
-from conventions.joints import HANDS, JOINT_INDEX, JOINT_NAMES, NUM_JOINTS
+from conventions.joints import FACE, HANDS, JOINT_INDEX, JOINT_NAMES, NUM_JOINTS
+from conventions.names import printable
 from conventions.rates import FPS
 from model.formats.numbers import (
-    ReadMotion,
-    ReadOptions,
-    at_30_fps,
-    check_fps,
-    joint_rotations,
-    plain_motion,
+    BODY,
+    JOINT_SETS,
+    SET_NAMES,
+    Draft,
+    are_positions,
+    axis_angle,
+    laid_out,
+    shape_of,
 )
-from model.motion.motion import (
-    NUM_BETAS,
-    NUM_EXPRESSIONS,
-    Motion,
-    check_length,
-    read_basis,
-)
+from model.formats.reading import Assumption
+from model.motion.motion import MAX_FRAMES, NUM_BETAS, NUM_EXPRESSIONS, check_length, read_basis
 from model.storage.npz import (
     MAX_ABS_VALUE,
     MAX_FILE_BYTES,
     Header,
     MotionError,
-    listed,
     opened_archive,
+    read_array,
     read_headers,
     read_npy_file,
-    read_numbers,
 )
 
-TRANSLATIONS = ("trans", "transl")
-RATE_KEYS = ("mocap_frame_rate", "mocap_framerate", "fps")
-"""BEAT2's name for it, AMASS's, and a usual one."""
-CENTIMETRES_FROM = 20.0
-"""Metres from the origin where nobody is filmed, but where centimetres begin."""
-PARTS = {
-    "global_orient": 1,
-    "body_pose": 21,
-    "jaw_pose": 1,
-    "leye_pose": 1,
-    "reye_pose": 1,
-    "left_hand_pose": 15,
-    "right_hand_pose": 15,
+POSES = ("poses", "pose", "fullpose", "full_pose", "pose_aa", "rotations", "rot6d", "motion")
+TRANSLATIONS = ("trans", "transl", "translation", "root_trans", "root_translation", "root_pos")
+EXPRESSIONS = ("expressions", "expression", "expr", "exp")
+RATES = ("mocap_frame_rate", "mocap_framerate", "fps", "frame_rate", "framerate")
+VALID = ("is_valid", "valid", "valid_mask")
+PARTS: dict[str, tuple[int, ...]] = {
+    "global_orient": (0,),
+    "body_pose": BODY[1:],
+    "jaw_pose": (JOINT_INDEX["jaw"],),
+    "leye_pose": (JOINT_INDEX["left_eye"],),
+    "reye_pose": (JOINT_INDEX["right_eye"],),
+    "left_hand_pose": HANDS[:15],
+    "right_hand_pose": HANDS[15:],
+    "root_orient": (0,),
+    "pose_body": BODY[1:],
+    "pose_jaw": (JOINT_INDEX["jaw"],),
+    "pose_eye": FACE[1:],
+    "pose_hand": HANDS,
 }
-"""SMPL-X's own parameters, in the order of its joints, and how many joints each has."""
-NEEDED_PARTS = ("global_orient", "body_pose")
+"""SMPL-X's own parameters, then AMASS's names of them, and the joints of each."""
+_ROOTS = ("global_orient", "root_orient")
+_DIFFSHEG = tuple(
+    JOINT_INDEX[name]
+    for name in (
+        *("spine1", "spine2", "spine3", "neck", "left_collar", "right_collar", "head"),
+        *("left_shoulder", "right_shoulder", "left_elbow", "right_elbow"),
+        *("left_wrist", "right_wrist"),
+        *(JOINT_NAMES[joint] for joint in HANDS),
+        "jaw",
+    )
+)
 
 
-def read_npz(path: Path, options: ReadOptions) -> ReadMotion:
+@dataclass(frozen=True)
+class Columns:
+    """A layout of numbers side by side: joints (3 numbers each unless ``width`` says so) or, by
+    name, other things."""
+
+    name: str
+    blocks: tuple[tuple[tuple[int, ...] | str, int], ...]
+    is_offset: bool | None = False
+    """See `Draft.is_offset`."""
+    lacks_place: str = ""
+    """Why a translation in it is not read."""
+    width: int = 3
+
+
+_ALL = JOINT_SETS[55]
+COLUMNS: dict[int, Columns] = {
+    265: Columns(
+        "TalkSHOW's: jaw, eyes, global orientation, body, hands, expression",
+        (((22,), 3), ((23, 24), 6), (BODY, 66), (HANDS, 90), ("expression", 100)),
+        is_offset=True,
+    ),
+    232: Columns(
+        "DiffSHEG's on TalkSHOW's data: upper body, hands, jaw, expression; pelvis, legs and eyes"
+        " stay at rest",
+        ((_DIFFSHEG, 3 * len(_DIFFSHEG)), ("expression", 100)),
+        is_offset=True,
+    ),
+    322: Columns(
+        "Motion-X's: root and body, hands, jaw, expression, face shape, translation, betas",
+        ((BODY, 66), (HANDS, 90), ((22,), 3), ("expression", 50), ("", 100), ("trans", 3),
+         ("betas", 10)),
+        is_offset=True,
+    ),
+    268: Columns(
+        "55 joints, translation, expression",
+        ((_ALL, 165), ("trans", 3), ("expression", 100)),
+    ),
+    168: Columns("55 joints and translation", ((_ALL, 165), ("trans", 3))),
+    75: Columns("SMPL's 24 joints and translation", ((BODY, 66), ("", 6), ("trans", 3))),
+    333: Columns("55 joints as 6D and translation", ((_ALL, 330), ("trans", 3)), width=6),
+    337: Columns(
+        "EMAGE's inside: 55 joints as 6D, translation, contacts",
+        ((_ALL, 330), ("", 7)),
+        lacks_place="its translation may be absolute or speeds, which the array does not tell, and"
+        " was left out",
+        width=6,
+    ),
+}  # fmt: skip
+"""By number of columns."""
+NOT_READ = {
+    104: "is of Audio2Photoreal's form: 104 angles of a skeleton that is told only by the model "
+    "that comes with its checkpoints, with no public list of which angle turns which joint, so "
+    "they cannot be laid onto SMPL-X's joints",
+    141: "is of the form of DiffSHEG on BEAT: 141 Euler angles less a mean and over a spread that "
+    "lie with its data, not in the file; give the .bvh that it writes beside",
+    263: "is HumanML3D's form (263 numbers a frame: root speeds, positions, velocities), whose "
+    "rotations were fitted to positions; turn it into SMPL with its joints2smpl and give that",
+    251: "is KIT-ML's form (251 numbers a frame, of 21 joints without SMPL's rotations); turn it "
+    "into SMPL with joints2smpl and give that",
+    623: "is HumanTOMATO's form (623 numbers a frame: speeds, positions, velocities); give the "
+    "322 of Motion-X that it was made from",
+    **dict.fromkeys(
+        (768, 1024), "holds features of speech (of wav2vec 2.0, HuBERT or WavLM), no motion"
+    ),
+    **dict.fromkeys((80, 128), "holds a mel spectrogram, by its width, and no motion"),
+}
+"""Widths of which no motion can be made, and why."""
+CONVERT = (
+    'python -c "import numpy as n,sys; f=lambda d,p=str(): {k: v for a,b in d.items() for k,v in '
+    "(f(b,p+str(a)+'/') if hasattr(b,'items') else {p+str(a): n.asarray(b)}).items()}; "
+    "d=n.load(sys.argv[1],allow_pickle=True); d=dict(d) if hasattr(d,'files') else d; "
+    "d=d if hasattr(d,'items') else d.item(); "
+    "d={k: v.item() if getattr(v,'dtype',0)==object and v.ndim==0 else v for k,v in d.items()}; "
+    "n.savez('motion.npz', **{k: v for k,v in f(d).items() if v.dtype!=object})\" FILE"
+)
+"""Run by whoever trusts a file of pickled objects: loading them runs what they say."""
+_READS = (
+    "rotations are (frames, joints x numbers) or (frames, joints, numbers) of 55, 53, 52, 24 or 22"
+    " joints with 3, 4, 6 or 9 numbers"
+)
+
+
+def read_npz(path: Path, told: dict[str, str]) -> Draft:
     """Read a BEAT2 npz, or one that differs from it in what can be made up for.
 
     Raises:
         MotionError: for all else; one sentence that names the file.
     """
     with opened_archive(path) as archive:
-        return _Reader(archive, path.name, options).read()
+        return _Archive(archive, path.name, told).read()
 
 
-class _Reader:
-    """One file and what has been said of it so far."""
-
-    def __init__(self, archive: zipfile.ZipFile, name: str, options: ReadOptions) -> None:
-        self._archive = archive
-        self._name = name
-        self._options = options
-        self._headers: dict[str, Header] = read_headers(archive, name)
-        self._notes: list[str] = []
-
-    def read(self) -> ReadMotion:
-        self._check_keys()
-        fps = self._frame_rate()
-        poses, trans, expressions = self._cut_alike(
-            self._poses(), self._trans(), self._expressions()
-        )
-        if expressions is None:
-            expressions = np.zeros((len(poses), NUM_EXPRESSIONS), np.float32)
-        motion = Motion(
-            poses=poses,
-            trans=trans,
-            expressions=expressions,
-            expression_basis=read_basis(self._archive, self._headers, self._name),
-            betas=self._betas(),
-        )
-        motion = at_30_fps(motion, fps, self._name, self._notes)
-        return ReadMotion(motion, tuple(self._notes))
-
-    def _check_keys(self) -> None:
-        has_parts = all(part in self._headers for part in NEEDED_PARTS)
-        missing = [] if has_parts or "poses" in self._headers else ["poses"]
-        if not any(key in self._headers for key in TRANSLATIONS):
-            missing.append("trans")
-        if self._options.fps is None and not any(key in self._headers for key in RATE_KEYS):
-            missing.append(RATE_KEYS[0])
-        if missing:
-            raise MotionError(
-                f"{self._name} lacks {listed(missing)}; it holds "
-                f"{listed(sorted(self._headers)) or 'nothing'}, but a motion file needs "
-                f"{listed(('poses', 'trans', RATE_KEYS[0]))} (the rate can be given: --fps)."
-            )
-
-    def _frame_rate(self) -> float:
-        if self._options.fps is not None:
-            self._note(f"was read at {self._options.fps:g} frames per second, as you say")
-            return check_fps(self._options.fps, self._name)
-        key = next(key for key in RATE_KEYS if key in self._headers)
-        array = self._array(key)
-        if array.size != 1:
-            raise MotionError(f"{self._name}: `{key}` must be one number.")
-        return check_fps(float(array.reshape(-1)[0]), self._name)
-
-    def _poses(self) -> Float32[np.ndarray, "T 165"]:
-        if "poses" not in self._headers:
-            return self._poses_of_parts()
-        shape, _ = self._headers["poses"]
-        self._check_frames("poses", shape)
-        return joint_rotations(
-            self._array("poses"), self._name, self._options.rotations, self._notes
-        )
-
-    def _poses_of_parts(self) -> Float32[np.ndarray, "T 165"]:
-        """SMPL-X's parameters side by side; what is not there stays at rest."""
-        found: dict[str, np.ndarray] = {}
-        for part, joints in PARTS.items():
-            if part not in self._headers:
-                continue
-            shape, _ = self._headers[part]
-            self._check_frames(part, shape)
-            array = self._array(part)
-            array = array[0] if array.ndim > 2 and shape[0] == 1 else array
-            array = array.reshape(len(array), -1)
-            if array.shape[1] != 3 * joints:
-                raise MotionError(
-                    f"{self._name}: `{part}` must have {3 * joints} numbers a frame (axis-angle,"
-                    f" no principal components); it has the shape {shape}."
-                )
-            found[part] = array
-        frames = min(len(array) for array in found.values())
-        lacking = [part for part in PARTS if part not in found]
-        rest = f"; {listed(lacking)} stay at rest" if lacking else ""
-        self._note(f"has its joints under {listed(list(found))}, laid side by side{rest}")
-        columns = [
-            found[part][:frames] if part in found else np.zeros((frames, 3 * joints), np.float32)
-            for part, joints in PARTS.items()
-        ]
-        poses = np.concatenate(columns, axis=1).astype(np.float32)
-        assert poses.shape[1] == 3 * NUM_JOINTS
-        return joint_rotations(poses, self._name, "axis-angle", self._notes)
-
-    def _check_frames(self, key: str, shape: tuple[int, ...]) -> None:
-        if len(shape) == 0:
-            raise MotionError(f"{self._name}: `{key}` must have a row for each frame; it has ().")
-        if 0 in shape[:2]:
-            raise MotionError(f"{self._name} has no frames in `{key}`; at least 1 is needed.")
-        has_batch = len(shape) > 2 and shape[0] == 1
-        check_length(shape[int(has_batch)], self._name)
-
-    def _trans(self) -> Float32[np.ndarray, "T 3"]:
-        key = next(key for key in TRANSLATIONS if key in self._headers)
-        trans = self._rows(key, 3)
-        distance = float(np.median(np.abs(trans).max(axis=1)))
-        if distance <= CENTIMETRES_FROM:
-            return trans
-        self._note(
-            f"stands {distance:.0f} from the origin, so its translation was taken as centimetres"
-            " and divided by 100"
-        )
-        return trans / 100
-
-    def _expressions(self) -> Float32[np.ndarray, "T 100"] | None:
-        if "expressions" not in self._headers:
-            self._note("has no `expressions`; the face stays at rest")
-            return None
-        return self._rows("expressions", NUM_EXPRESSIONS)
-
-    def _betas(self) -> Float32[np.ndarray, " 300"]:
-        betas = np.zeros(NUM_BETAS, np.float32)
-        if "betas" in self._headers:
-            given = self._array("betas")
-            if given.ndim != 1 or len(given) > NUM_BETAS:
-                raise MotionError(
-                    f"{self._name}: `betas` must be up to {NUM_BETAS} numbers; it has the shape "
-                    f"{given.shape}."
-                )
-            betas[: len(given)] = given
-        return betas
-
-    def _cut_alike(
-        self,
-        poses: Float32[np.ndarray, "P 165"],
-        trans: Float32[np.ndarray, "Q 3"],
-        expressions: Float32[np.ndarray, "R 100"] | None,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        arrays = {"poses": poses, "trans": trans, "expressions": expressions}
-        lengths = {key: len(array) for key, array in arrays.items() if array is not None}
-        shortest = min(lengths.values())
-        if shortest < max(lengths.values()):
-            found = ", ".join(f"{length} of `{key}`" for key, length in lengths.items())
-            self._note(f"has frames of different number ({found}); the first {shortest} were used")
-        cut = None if expressions is None else expressions[:shortest]
-        return poses[:shortest], trans[:shortest], cut
-
-    def _rows(self, key: str, columns: int) -> Float32[np.ndarray, "T columns"]:
-        """An array with one row for each frame."""
-        shape, _ = self._headers[key]
-        has_batch = len(shape) == 3 and shape[0] == 1
-        shape = shape[1:] if has_batch else shape
-        if len(shape) != 2 or shape[1] != columns:
-            raise MotionError(
-                f"{self._name}: `{key}` must have the shape (frames, {columns}); it has {shape}."
-            )
-        if shape[0] == 0:
-            raise MotionError(f"{self._name} has no frames in `{key}`; at least 1 is needed.")
-        check_length(shape[0], self._name)
-        return self._array(key).reshape(shape)
-
-    def _array(self, key: str) -> Float32[np.ndarray, "*shape"]:
-        _, dtype = self._headers[key]
-        if dtype.kind not in "fiu":
-            raise MotionError(f"{self._name}: `{key}` must hold numbers; it holds {dtype}.")
-        return read_numbers(self._archive, key, self._name)
-
-    def _note(self, what: str) -> None:
-        self._notes.append(f"{self._name} {what}.")
-
-
-TALKSHOW_COLUMNS = 265
-_BODY, _JAW, _EYES, _HANDS = slice(9, 75), slice(0, 3), slice(3, 9), slice(75, 165)
-"""Of TalkSHOW: jaw 3, eyes 6, global orientation 3 and body 63, hands 90, expression 100."""
-DIFFSHEG_COLUMNS = 232
-_DIFFSHEG_JOINTS = (
-    *("spine1", "spine2", "spine3", "neck", "left_collar", "right_collar", "head"),
-    *("left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist"),
-    *(JOINT_NAMES[joint] for joint in HANDS),
-    "jaw",
-)
-"""Of DiffSHEG on TalkSHOW's data, behind which come 100 of expression."""
-_NOT_READ = {
-    104: "is of Audio2Photoreal's form: 104 angles of a skeleton that is told only by the model "
-    "that comes with its checkpoints, with no public list of which angle turns which joint, so "
-    "they cannot be laid onto SMPL-X's joints",
-    141: "is of the form of DiffSHEG on BEAT: 141 Euler angles less a mean and over a spread that "
-    "lie with its data, not in the file; give the .bvh that it writes beside",
-}
-"""Widths of which no motion can be made, and why."""
-
-
-def read_npy(path: Path, options: ReadOptions) -> ReadMotion:
-    """A motion without translation, at the rate that the user says, or 30.
+def read_npy(path: Path, told: dict[str, str]) -> Draft:
+    """A motion of one array, without translation unless its columns have one.
 
     Raises:
         MotionError: as `model.formats.read.read_any_motion`.
     """
-    array, notes, name = _load(path), [], path.name
-    fps = check_fps(float(FPS) if options.fps is None else options.fps, name)
-    if options.fps is None:
-        notes.append(f"{name} tells no frame rate; {FPS} was taken (say another with --fps).")
-    expressions = None
-    width = array.shape[-1]
-    if array.ndim < 4 and width in _NOT_READ:
-        raise MotionError(f"{name} {_NOT_READ[width]}.")
-    if array.ndim == 3 and len(array) == 1 and width in (TALKSHOW_COLUMNS, DIFFSHEG_COLUMNS):
-        array = array[0]
-    if array.ndim == 2 and width == DIFFSHEG_COLUMNS:
-        check_length(len(array), name)
-        notes.append(
-            f"{name} has {DIFFSHEG_COLUMNS} columns and was read as DiffSHEG's on TalkSHOW's data: "
-            "upper body, hands, jaw, expression; pelvis, legs and eyes stay at rest."
-        )
-        array, expressions = _laid_by_joint(array)
-    if array.ndim == 2 and width == TALKSHOW_COLUMNS:
-        check_length(len(array), name)
-        notes.append(
-            f"{name} has {TALKSHOW_COLUMNS} columns and was read as TalkSHOW's: jaw, eyes, global"
-            " orientation, body, hands, expression."
-        )
-        expressions = np.ascontiguousarray(array[:, 165:])
-        order = [array[:, part] for part in (_BODY, _JAW, _EYES, _HANDS)]
-        array = np.concatenate(order, axis=1)
-    poses = joint_rotations(array, name, options.rotations, notes)
-    if expressions is None:
-        notes.append(f"{name} has no `expressions`; the face stays at rest.")
-    notes.append(f"{name} has no translation; the body stays in its place.")
-    motion = at_30_fps(plain_motion(poses, None, expressions), fps, name, notes)
-    return ReadMotion(motion, tuple(notes))
-
-
-def _laid_by_joint(array: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """DiffSHEG's columns as poses (T, 165), and its expressions (T, 100)."""
-    poses = np.zeros((len(array), NUM_JOINTS, 3), array.dtype)
-    count = len(_DIFFSHEG_JOINTS)
-    joints = [JOINT_INDEX[name] for name in _DIFFSHEG_JOINTS]
-    poses[:, joints] = array[:, : 3 * count].reshape(len(array), count, 3)
-    return poses.reshape(len(array), -1), np.ascontiguousarray(array[:, 3 * count :])
-
-
-def _load(path: Path) -> np.ndarray:
-    if not path.is_file():
-        raise MotionError(f"{path.name} does not exist; give a motion file.")
     if path.stat().st_size > MAX_FILE_BYTES:
         raise MotionError(
             f"{path.name} has {path.stat().st_size / 2**20:.0f} MiB; at most"
@@ -312,14 +175,476 @@ def _load(path: Path) -> np.ndarray:
         array = read_npy_file(path)
     except OSError as error:
         raise MotionError(f"{path.name} could not be read: {error.strerror or error}.") from error
-    if array is None:
+    if array is None or array.dtype.kind not in "fiu" or array.ndim < 2:
         raise MotionError(
-            f"{path.name} is no plain array of numbers (pickled objects are never loaded)."
+            f"{path.name} is no plain array of numbers with a row for each frame (pickled objects"
+            " are never loaded; if you trust it, convert it: docs/formats.md, Pickles)."
         )
-    if array.dtype.kind not in "fiu" or array.ndim < 2:
-        raise MotionError(f"{path.name} is no plain array of numbers with a row for each frame.")
-    if not np.isfinite(array).all() or np.abs(array).max(initial=0.0) > MAX_ABS_VALUE:
+    draft = _of_array(array, path.name, told)
+    _rate(draft, {})
+    _complete(draft)
+    return draft
+
+
+def _of_array(array: np.ndarray, name: str, told: dict[str, str], key: str = "") -> Draft:
+    """Of one array that holds everything."""
+    named = f"`{key}` of {name}" if key else name
+    width = array.shape[-1]
+    shape = shape_of(array.shape)
+    if shape is not None and shape.is_transposed and width in (*COLUMNS, *NOT_READ):
+        shape = None
+    if shape is None and array.ndim < 4 and width in NOT_READ:
+        raise MotionError(f"{named} {NOT_READ[width]}.")
+    if shape is None and array.ndim in (2, 3) and width in COLUMNS:
+        return _of_columns(array, COLUMNS[width], name, told)
+    if shape is None:
+        raise MotionError(f"{named} has the shape {array.shape}; {_READS}.")
+    return _of_rotations(array, name, told)
+
+
+def _of_columns(array: np.ndarray, layout: Columns, name: str, told: dict[str, str]) -> Draft:
+    draft = Draft(name, told, np.zeros((1, NUM_JOINTS, 3)), is_offset=layout.is_offset)
+    draft.assume("layout", str(array.shape[-1]), f"as {layout.name}")
+    rows = _one_of(draft, array.reshape(-1, *array.shape[-2:]))
+    check_length(len(rows), name)
+    _check_finite(draft, "the array", rows)
+    poses = np.zeros((len(rows), NUM_JOINTS, 3))
+    start = 0
+    for what, count in layout.blocks:
+        block = rows[:, start : start + count]
+        start += count
+        if isinstance(what, tuple):
+            turns, form = axis_angle(
+                block.reshape(len(rows), -1, layout.width), what, name, told.get("rotations")
+            )
+            poses[:, list(what)] = turns
+            if form not in draft.assumptions:
+                draft.assumptions.append(form)
+        elif what == "expression":
+            draft.expressions = np.pad(block, ((0, 0), (0, NUM_EXPRESSIONS - count)))
+        elif what == "trans":
+            draft.trans = block.astype(np.float64)
+        elif what == "betas":
+            draft.betas[:count] = block[0]
+    draft.poses = poses
+    if layout.lacks_place:
+        draft.lacks.add("place")
+        draft.assume("place", "none", layout.lacks_place, "unsure")
+    if layout is COLUMNS[232]:
+        draft.lacks |= {"legs", "place"}
+    if layout is COLUMNS[75]:
+        draft.lacks.add("hands")
+    return draft
+
+
+def _of_rotations(array: np.ndarray, name: str, told: dict[str, str]) -> Draft:
+    shape = shape_of(array.shape)
+    assert shape is not None
+    check_length(shape.frames, name)
+    draft = Draft(name, told, np.zeros((1, NUM_JOINTS, 3)), is_offset=False)
+    rows = _one_of(draft, shape.rows(array))
+    if shape.is_transposed:
+        why = f"frames lie along the second axis of {array.shape}"
+        draft.assume("layout", "transposed", why, "unsure")
+    _check_finite(draft, "rotations", rows)
+    joints = JOINT_SETS[shape.joints]
+    if shape.width == 3 and are_positions(rows, joints):
         raise MotionError(
-            f"{path.name} holds values that are not finite, or beyond {MAX_ABS_VALUE:g}."
+            f"{name} holds positions of joints, no rotations: its bones have constant lengths. Fit"
+            " SMPL-X to them (for instance with joints2smpl or SMPLify-X), or save the rotations."
         )
-    return array.astype(np.float32)
+    turns, form = axis_angle(rows[:, : len(joints)], joints, name, told.get("rotations"))
+    draft.poses = laid_out(turns, joints)
+    draft.assumptions.append(form)
+    _tell_joints(draft, joints, f"{SET_NAMES[shape.joints]}, by {shape.joints} joints")
+    return draft
+
+
+def _tell_joints(draft: Draft, joints: tuple[int, ...], why: str) -> None:
+    if not set(HANDS) & set(joints):
+        draft.lacks.add("hands")
+    lacking = [
+        words
+        for words, of in (("fingers", HANDS), ("jaw", FACE[:1]), ("eyes", FACE[1:]))
+        if not set(of) & set(joints)
+    ]
+    rest = f"; {', '.join(lacking)} stay at rest" if lacking else ""
+    draft.assume("joints", str(len(set(joints))), why + rest, "stated", (), not lacking)
+
+
+def _one_of(draft: Draft, batch: np.ndarray) -> np.ndarray:
+    """The motion of a batch that the user chose, or the first."""
+    count = len(batch)
+    if count == 1:
+        return batch[0]
+    choice = draft.told.get("motion", "1")
+    if not choice.isdigit() or not 1 <= int(choice) <= count:
+        raise MotionError(
+            f"{draft.name} holds {count} motions; say --assume motion=1 to motion={count}."
+        )
+    others = tuple(str(number) for number in range(1, count + 1))
+    why = f"the file holds a batch of {count} motions"
+    sure = "told" if "motion" in draft.told else "unsure"
+    draft.assume("motion", choice, why, sure, others)
+    draft.chosen = int(choice)
+    return batch[draft.chosen - 1]
+
+
+def _check_finite(draft: Draft, what: str, rows: np.ndarray, most: float = MAX_ABS_VALUE) -> None:
+    """Refuse, or bridge where the user says so, frames that hold no numbers; in place.
+
+    Raises:
+        MotionError: naming all of them.
+    """
+    flat = rows.reshape(len(rows), -1)
+    bad = np.asarray(~np.isfinite(flat).all(axis=1))
+    if bad.any() and draft.told.get("frames") == "bridge" and not bad.all():
+        good = np.flatnonzero(~bad)
+        for column in range(flat.shape[1]):
+            flat[bad, column] = np.interp(np.flatnonzero(bad), good, flat[good, column])
+        draft.assume("frames", "bridge", f"frames {stretches(bad)} of {what} were drawn", "told")
+    elif bad.any():
+        raise MotionError(
+            f"{draft.name} holds values that are not finite (NaN or infinite) in {what}, frames "
+            f"{stretches(bad)}; repair it, or say --assume frames=bridge."
+        )
+    largest = float(np.abs(flat).max(initial=0.0))
+    if largest > most:
+        raise MotionError(
+            f"{draft.name} holds {largest:.3g} in {what}, beyond {most:g}; radians and metres are "
+            "expected."
+        )
+
+
+def stretches(marks: np.ndarray) -> str:
+    """``3, 40-45``: where marks are set."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], marks.astype(int), [0]])))
+    pairs = edges.reshape(-1, 2)
+    named = [f"{a}-{b - 1}" if b - a > 1 else str(a) for a, b in pairs[:8]]
+    return ", ".join(named) + (f" and {len(pairs) - 8} more" if len(pairs) > 8 else "")
+
+
+@dataclass
+class _Archive:
+    """One archive: its arrays by their plain names, whatever stands before them."""
+
+    archive: zipfile.ZipFile
+    name: str
+    told: dict[str, str]
+    headers: dict[str, Header] = field(default_factory=dict)
+    plain: dict[str, str] = field(default_factory=dict)
+    """Key of each plain name."""
+    choice: Assumption | None = None
+    """Of one of several motions."""
+
+    def read(self) -> Draft:
+        self.headers = read_headers(self.archive, self.name)
+        chosen = self._choose()
+        draft = self._poses(chosen)
+        if self.choice is not None:
+            draft.assumptions.append(self.choice)
+        objects = [key for key, (_, dtype) in self.headers.items() if dtype.hasobject]
+        if objects:
+            draft.assume("layout", "npz", f"{self._listed(objects)}, pickled objects, not read")
+        frames = len(draft.poses)
+        if draft.trans is None and (key := self._find(TRANSLATIONS)):
+            trans = self._array(draft, key, 3, most=1e5)
+            _check_finite(draft, f"`{key}`", trans, most=1e5)
+            draft.trans = trans.astype(np.float64)
+        if draft.expressions is None and (key := self._find(EXPRESSIONS)):
+            self._expressions(draft, key)
+        self._betas(draft)
+        _rate(draft, {key: self._rate_of(key) for key in RATES if key in self.plain})
+        lengths = {
+            "poses": frames,
+            **({} if draft.trans is None else {"trans": len(draft.trans)}),
+            **({} if draft.expressions is None else {"expressions": len(draft.expressions)}),
+        }
+        shortest = min(lengths.values())
+        if shortest < max(lengths.values()):
+            found = ", ".join(f"{length} of {key}" for key, length in lengths.items())
+            draft.assume("frames", str(shortest), f"{found}; the first {shortest} were used")
+            draft.poses = draft.poses[:shortest]
+            draft.trans = None if draft.trans is None else draft.trans[:shortest]
+            faces = draft.expressions
+            draft.expressions = None if faces is None else faces[:shortest]
+        self._invalid(draft)
+        draft.basis = read_basis(self.archive, self.headers, self.name)
+        _complete(draft)
+        return draft
+
+    def _choose(self) -> str:
+        """The key of the poses (or of ``global_orient``), after the user's choice where there are
+        several; plain names stand for what is beside it."""
+        found: dict[str, str] = {}
+        for names in (POSES, _ROOTS):
+            for key, (shape, dtype) in self.headers.items():
+                before, plain = _split(key)
+                is_one = plain in names and dtype.kind in "fiu"
+                if is_one and (not before or names is _ROOTS or _is_motion(shape)):
+                    found.setdefault(before, key)
+        if not found:
+            usable = [
+                key
+                for key, (shape, dtype) in self.headers.items()
+                if dtype.kind in "fiu" and _is_motion(shape)
+            ]
+            if len(usable) != 1:
+                raise MotionError(self._nothing())
+            found = {"": usable[0]}
+        before = next(iter(found))
+        if len(found) > 1 and ("" not in found or "motion" in self.told):
+            names = [printable(each or "the plain one") for each in found]
+            choice = self.told.get("motion", "")
+            numbers = [str(number) for number in range(1, len(names) + 1)]
+            if choice not in (*found, *numbers):
+                raise MotionError(
+                    f"{self.name} holds {len(found)} motions: {', '.join(names[:12])}; say which: "
+                    f"--assume motion={names[0]}."
+                )
+            before = choice if choice in found else list(found)[numbers.index(choice)]
+            self.choice = Assumption("motion", choice, "as you say", "told", tuple(names))
+        elif len(found) > 1:
+            before = ""
+            others = tuple(each for each in found if each)
+            why = f"`{found['']}`, beside {', '.join(others)}"
+            self.choice = Assumption("motion", printable(found[""]), why, "likely", others)
+        for own in (False, True):
+            for key in self.headers:
+                prefix, plain = _split(key)
+                if (prefix == before) == own and (own or prefix not in found or not prefix):
+                    self.plain[plain] = key
+        return found[before]
+
+    def _nothing(self) -> str:
+        objects = [key for key, (_, dtype) in self.headers.items() if dtype.hasobject]
+        if objects:
+            return (
+                f"{self.name} holds pickled Python objects in {self._listed(objects)}, which are"
+                f" never loaded; if you trust it, convert it yourself: {CONVERT}"
+            )
+        return (
+            f"{self.name} holds {self._listed(list(self.headers)) or 'nothing'}, and among these no"
+            f" `poses` and no `global_orient` with `body_pose`; {_READS}."
+        )
+
+    def _listed(self, keys: list[str]) -> str:
+        named = [f"{printable(key[:40])} {self.headers[key][0]}" for key in keys[:16]]
+        return ", ".join(named) + (" and more" if len(keys) > 16 else "")
+
+    def _find(self, names: tuple[str, ...]) -> str | None:
+        return next((name for name in names if name in self.plain), None)
+
+    def _poses(self, key: str) -> Draft:
+        shape, _ = self.headers[key]
+        plain = _split(key)[1]
+        if 0 in shape:
+            raise MotionError(f"{self.name} has no frames in `{printable(key)}`; it has {shape}.")
+        if plain in _ROOTS:
+            return self._of_parts()
+        if not _is_motion(shape):
+            raise MotionError(
+                f"{self.name}: `{printable(key)}` has the shape {shape}; {_READS}. The file holds"
+                f" {self._listed(list(self.headers))}."
+            )
+        if max(shape[:2]) > MAX_FRAMES:
+            check_length(max(shape[:2]), self.name)
+        array = self._numbers(key)
+        draft = _of_array(array, self.name, self.told, printable(key))
+        if plain != "poses":
+            draft.assume("layout", printable(key), f"its array of shape {shape} holds rotations")
+        return draft
+
+    def _of_parts(self) -> Draft:
+        """SMPL-X's parameters side by side; what is not there stays at rest."""
+        draft = Draft(self.name, self.told, np.zeros((1, NUM_JOINTS, 3)), is_offset=True)
+        found: dict[tuple[int, ...], np.ndarray] = {}
+        keys = []
+        for part, joints in PARTS.items():
+            if part not in self.plain or not self._is_number(part):
+                continue
+            array = self._numbers(self.plain[part])
+            rows = self._part_rows(part, array, len(joints))
+            check_length(len(rows), self.name)
+            _check_finite(draft, f"`{part}`", rows)
+            found[joints] = rows
+            keys.append(part)
+        frames = min(len(rows) for rows in found.values())
+        if not set(BODY[1:]) <= {joint for joints in found for joint in joints}:
+            raise MotionError(f"{self.name} has `global_orient` and no `body_pose`; both needed.")
+        joints = tuple(joint for of in found for joint in of)
+        poses = np.zeros((frames, NUM_JOINTS, 3))
+        widths = {rows.shape[-1] for rows in found.values()}
+        groups = [list(found)] if len(widths) == 1 else [[of] for of in found]
+        for group in groups:
+            these = tuple(joint for of in group for joint in of)
+            rows = np.concatenate([found[of][:frames] for of in group], axis=1)
+            turns, form = axis_angle(rows, these, self.name, self.told.get("rotations"))
+            poses[:, list(these)] = turns
+            if form not in draft.assumptions:
+                draft.assumptions.append(form)
+        draft.poses = poses
+        draft.assume("layout", "parts", f"{', '.join(keys)}, laid side by side", "stated")
+        _tell_joints(draft, joints, "SMPL-X's parameters")
+        return draft
+
+    def _part_rows(self, part: str, array: np.ndarray, joints: int) -> np.ndarray:
+        """(T, joints, numbers) of one part."""
+        array = array[0] if array.ndim > 2 and len(array) == 1 < array.shape[1] else array
+        each, over = divmod(int(np.prod(array.shape[1:])), joints)
+        smpl = array.reshape(len(array), -1)
+        if part in ("body_pose", "pose_body") and smpl.shape[1] == 69:
+            return smpl[:, :63].reshape(len(array), 21, 3)
+        if over or each not in (3, 4, 6, 9):
+            is_hand = "hand" in part
+            why = (
+                " Hands as principal components need the licensed model: save them with"
+                " use_pca=False, or turn num_pca_comps numbers into 45 with its hand components."
+                if is_hand
+                else ""
+            )
+            raise MotionError(
+                f"{self.name}: `{part}` must have {3 * joints} numbers a frame (or 4, 6 or 9 for "
+                f"each of {joints} joints); it has the shape {array.shape}.{why}"
+            )
+        return smpl.reshape(len(array), joints, each)
+
+    def _is_number(self, plain: str) -> bool:
+        return self.headers[self.plain[plain]][1].kind in "fiu"
+
+    def _numbers(self, key: str) -> np.ndarray:
+        _, dtype = self.headers[key]
+        if dtype.kind not in "fiu":
+            raise MotionError(f"{self.name}: `{key}` must hold numbers; it holds {dtype}.")
+        return read_array(self.archive, key).astype(np.float32)
+
+    def _array(self, draft: Draft, plain: str, columns: int, most: float) -> np.ndarray:
+        """An array with one row for each frame, of the motion that was chosen of a batch."""
+        array = self._numbers(self.plain[plain])
+        shape = array.shape
+        if array.ndim == 3 and array.shape[1] != 1:
+            array = array[min(draft.chosen, len(array)) - 1]
+        if array.ndim == 2 and array.shape[1] != columns and array.shape[0] == columns:
+            array = array.T
+        array = array.reshape(len(array), -1)
+        if array.shape[1] != columns or not len(array):
+            raise MotionError(
+                f"{self.name}: `{plain}` must have the shape (frames, {columns}); it has {shape}."
+            )
+        check_length(len(array), self.name)
+        return array
+
+    def _expressions(self, draft: Draft, plain: str) -> None:
+        shape, dtype = self.headers[self.plain[plain]]
+        columns = shape[-1] if shape else 0
+        if dtype.kind not in "fiu" or len(shape) < 2 or not 0 < columns <= NUM_EXPRESSIONS:
+            why = f"`{plain}` {shape} are none of FLAME's up to {NUM_EXPRESSIONS} coefficients"
+            draft.assume("face", "none", f"{why}; it stays at rest")
+            return
+        face = self._array(draft, plain, columns, MAX_ABS_VALUE)
+        _check_finite(draft, f"`{plain}`", face)
+        draft.expressions = np.pad(face, ((0, 0), (0, NUM_EXPRESSIONS - columns)))
+        if columns < NUM_EXPRESSIONS or plain != "expressions":
+            draft.assume("face", "flame", f"`{plain}` {shape} taken as FLAME's coefficients")
+
+    def _betas(self, draft: Draft) -> None:
+        if "betas" not in self.plain:
+            return
+        shape, dtype = self.headers[self.plain["betas"]]
+        if dtype.kind not in "fiu" or 0 in shape or not shape or shape[-1] > NUM_BETAS:
+            draft.assume("shape", "mean", f"`betas` {shape} of {dtype} are no shape of a body")
+            return
+        given = self._numbers(self.plain["betas"]).reshape(-1, shape[-1])[0]
+        if not np.isfinite(given).all() or np.abs(given).max() > MAX_ABS_VALUE:
+            draft.assume("shape", "mean", "`betas` hold values that are not finite or too large")
+            return
+        draft.betas[: len(given)] = given
+        if len(shape) > 1:
+            draft.assume("shape", "betas", f"the first row of `betas` {shape} was taken", "likely")
+
+    def _rate_of(self, plain: str) -> str:
+        """What stands under one of `RATES`, as text."""
+        key = self.plain[plain]
+        shape, dtype = self.headers[key]
+        if dtype.kind not in "fiuUS" or int(np.prod(shape)) != 1 or dtype.itemsize > 400:
+            return ""
+        value = read_array(self.archive, key).reshape(-1)[0]
+        return value.decode("latin1") if isinstance(value, bytes) else str(value)
+
+    def _invalid(self, draft: Draft) -> None:
+        key = self._find(VALID)
+        if key is None or self.headers[self.plain[key]][1].kind not in "bui":
+            return
+        marks = read_array(self.archive, self.plain[key]).reshape(-1)[: len(draft.poses)] == 0
+        if marks.any():
+            why = f"`{key}` marks frames {stretches(marks)} as invalid; they were kept as they are"
+            draft.assume("frames", "as-is", why, "stated")
+
+
+def _is_motion(shape: tuple[int, ...]) -> bool:
+    known = shape_of(shape) or (len(shape) in (2, 3) and shape[-1] in (*COLUMNS, *NOT_READ))
+    return bool(known)
+
+
+def _split(key: str) -> tuple[str, str]:
+    """What stands before the plain name of an array, and that name: ``gt``, ``poses``."""
+    known = (*POSES, *TRANSLATIONS, *EXPRESSIONS, *RATES, *VALID, *PARTS, "betas")
+    for mark in ("/", ":", "."):
+        before, found, after = key.rpartition(mark)
+        if found and after in known:
+            return before, after
+    if key in known:
+        return "", key
+    suffixes = sorted((name for name in known if key.endswith(f"_{name}")), key=len)
+    return (key[: -len(suffixes[-1]) - 1], suffixes[-1]) if suffixes else ("", key)
+
+
+def _rate(draft: Draft, stated: dict[str, str]) -> None:
+    """From the user, the file, or as usual."""
+    numbers: dict[str, float] = {}
+    for key, value in stated.items():
+        try:
+            numbers[key] = float(value)
+        except ValueError:
+            continue
+    told = draft.told.get("rate")
+    usual = ("15", "20", "24", "25", "30", "60", "120")
+    if told is not None:
+        draft.fps = float(told)
+        draft.assume("rate", told, "as you say" + made_30(draft.fps), "told")
+    elif not numbers:
+        why = "the file tells none" if not stated else f"`{next(iter(stated))}` is no number"
+        draft.assume("rate", f"{FPS}", why, "unsure", usual)
+    else:
+        key, draft.fps = next(iter(numbers.items()))
+        others = {f"{value:g}" for value in numbers.values()}
+        if len(others) > 1:
+            said = ", ".join(f"`{key}` says {value:g}" for key, value in numbers.items())
+            draft.assume("rate", f"{draft.fps:g}", said, "unsure", tuple(sorted(others)))
+            return
+        is_ours = abs(draft.fps - FPS) < 0.01
+        why = f"as `{key}` says"
+        draft.assume("rate", f"{draft.fps:g}", why + made_30(draft.fps), "stated", (), is_ours)
+
+
+def made_30(fps: float) -> str:
+    """What another rate means, for the sentence that tells it."""
+    if abs(fps - FPS) < 0.01:
+        return ""
+    if fps > FPS - 1.0:
+        return f"; resampled to {FPS}"
+    return (
+        f"; frames between were filled in to {FPS} along a smooth curve, so it cannot hold movement"
+        f" above {fps / 2:g} Hz, and its jerk and high frequencies say nothing beside motion of 30"
+    )
+
+
+def _complete(draft: Draft) -> None:
+    """Say what there is not."""
+    if draft.expressions is None:
+        draft.lacks.add("face")
+        if not any(each.kind == "face" for each in draft.assumptions):
+            draft.assume("face", "none", "it has no expressions; the face stays at rest")
+    if draft.trans is None and "place" not in draft.lacks:
+        draft.lacks.add("place")
+        draft.assume("place", "none", "it has no translation; the body stays in its place")

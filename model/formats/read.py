@@ -1,85 +1,97 @@
-"""One door for all files: by its ending each has its reader, and a body that lies is turned
-upright."""
+"""One door for all motion files: each kind has its reader, and the motion itself says the rest."""
 
-from dataclasses import replace
+from __future__ import annotations
+
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+from jaxtyping import Float
 
-from conventions.joints import JOINT_INDEX
-from model.formats.numbers import ReadMotion, ReadOptions
-from model.motion.kinematics import open_body_skeleton
-from model.motion.motion import Motion
-from model.motion.tracks import track_points
-from model.storage.npz import MotionError
-
-ALONG = 0.9
-"""Cosine between the mean spine and the axis that is taken as up. A body that lies, on its back or
-its side, is turned too; the note says what was done."""
-_TURNS = {"z": (2, 1.0, "x", -90.0), "minus y": (1, -1.0, "x", 180.0)}
-"""Axis, its sign, and the turn that makes it y."""
-
-
-def turned_upright(read: ReadMotion, name: str) -> ReadMotion:
-    """The motion with y up, and a note where that took a turn."""
-    spine = _mean_spine(read.motion)
-    for up, (axis, sign, about, degrees) in _TURNS.items():
-        if sign * spine[axis] > ALONG:
-            turn = Rotation.from_euler(about, degrees, degrees=True)
-            note = (
-                f"{name} stands along {up}; it was turned by {abs(degrees):.0f}° about {about}, so"
-                " that y is up."
-            )
-            return ReadMotion(_turned(read.motion, turn), (*read.notes, note))
-    return read
-
-
-def _mean_spine(motion: Motion) -> np.ndarray:
-    """Mean direction from the pelvis to the neck, of at most 100 frames."""
-    some = motion.part(np.arange(0, motion.num_frames, max(1, motion.num_frames // 100)))
-    joints = track_points(some, open_body_skeleton()).joints
-    spine = (joints[:, JOINT_INDEX["neck"]] - joints[:, JOINT_INDEX["pelvis"]]).mean(axis=0)
-    return spine / max(float(np.linalg.norm(spine)), 1e-9)
-
-
-def _turned(motion: Motion, turn: Rotation) -> Motion:
-    """The pelvis, which stands at ``trans`` plus its place in the rest pose, is turned too."""
-    poses = motion.poses.reshape(len(motion.poses), -1, 3).copy()
-    poses[:, 0] = (turn * Rotation.from_rotvec(poses[:, 0])).as_rotvec()
-    rest = open_body_skeleton().rest_joints[0].double().numpy()
-    trans = turn.apply(motion.trans + rest) - rest
-    return replace(motion, poses=poses.reshape(len(poses), -1), trans=trans.astype(np.float32))
-
+from model.formats.reading import Reading, Told
+from model.storage.npz import MotionError, opened_archive, read_array, read_headers
 
 ENDINGS = (".npz", ".npy", ".bvh")
-PICKLES = (".pkl", ".pickle", ".pt", ".pth", ".p", ".joblib")
-CONVERT = (
-    "python -c \"import pickle,numpy,sys; d=pickle.load(open(sys.argv[1],'rb'));"
-    " numpy.savez('motion.npz',**{k:numpy.asarray(v) for k,v in d.items()})\" FILE"
-)
-"""Run by whoever trusts the file: loading a pickle runs what it says."""
+PICKLES = (".pkl", ".pickle", ".pt", ".pth", ".p", ".joblib", ".ckpt")
+_MAGIC = {b"PK\x03\x04": ".npz", b"\x93NUMPY": ".npy", b"HIERARCHY": ".bvh"}
+_WAYS = {
+    ".fbx": "export it as BVH from Blender",
+    ".glb": "export it as BVH from Blender",
+    ".gltf": "export it as BVH from Blender",
+    ".json": "save its arrays with numpy.savez",
+    ".csv": "save its arrays with numpy.savez",
+    ".c3d": "fit SMPL-X to its markers (SOMA, MoSh++)",
+}
 
 
-def read_any_motion(path: str | Path, options: ReadOptions | None = None) -> ReadMotion:
-    """Read a motion file, and say what was changed.
+def read_any_motion(
+    path: str | Path, told: Told | None = None, body: Path | None = None, *names: str
+) -> Reading:
+    """Read a motion file, with all that was assumed of it.
 
     Taken are npz files as BEAT2, AMASS and many models write them, ``.npy`` arrays and BVH; see
-    ``docs/formats.md``. A body whose up is z is turned.
+    ``docs/formats.md``.
+
+    Args:
+        told: what the user says of files (`read_told`).
+        body: a licensed SMPL-X file, whose mean hand is used.
+        names: by which ``told`` may name this file besides its own name and stem.
 
     Raises:
         MotionError: for all else; one sentence that names the file.
     """
     from model.formats.bvh_reader import read_bvh
-    from model.formats.numpy_reader import read_npy, read_npz
+    from model.formats.judged import finished
+    from model.formats.numpy_reader import CONVERT, read_npy, read_npz
 
-    path, options = Path(path), options or ReadOptions()
+    path = Path(path)
+    kind = _kind(path, CONVERT)
+    said = (told or Told()).of(path.name, path.stem, *names)
+    draft = {".npy": read_npy, ".bvh": read_bvh, ".npz": read_npz}[kind](path, said)
+    return finished(draft, mean_hands(body))
+
+
+def _kind(path: Path, convert: str) -> str:
+    """Of the ending, or of the first bytes where the ending tells nothing.
+
+    Raises:
+        MotionError: for what is not read, with what to do.
+    """
     ending = path.suffix.lower()
     if ending in PICKLES:
         raise MotionError(
             f"{path.name} is a pickle, which can run programs when it is read, and is never loaded."
-            f" If you trust it, convert it yourself: {CONVERT}"
+            f" If you trust it, convert it yourself: {convert}"
         )
-    readers = {".npy": read_npy, ".bvh": read_bvh}
-    read = readers.get(ending, read_npz)(path, options)
-    return turned_upright(read, path.name)
+    if ending in ENDINGS or not path.is_file():
+        kind = ending if ending in ENDINGS else ".npz"
+        if kind != ".npz" and not path.is_file():
+            raise MotionError(f"{path.name} does not exist; give a motion file.")
+        return kind
+    with path.open("rb") as file:
+        start = file.read(16)
+    kind = next((kind for magic, kind in _MAGIC.items() if start.startswith(magic)), None)
+    if kind is None:
+        way = _WAYS.get(ending, "save it as one of these")
+        raise MotionError(
+            f"{path.name} is no motion file that can be read; {', '.join(ENDINGS)} are: {way}."
+        )
+    return kind
+
+
+def mean_hands(body: Path | None) -> Float[np.ndarray, "30 3"] | None:
+    """Of a licensed SMPL-X file; None where there is none, or it has none.
+
+    Raises:
+        MotionError: if the file cannot be read.
+    """
+    if body is None or body.suffix.lower() != ".npz":
+        return None
+    with opened_archive(body) as archive:
+        headers = read_headers(archive, body.name)
+        keys = ("hands_meanl", "hands_meanr")
+        if any(key not in headers or headers[key][1].kind != "f" for key in keys):
+            return None
+        hands = [read_array(archive, key) for key in keys]
+    if any(hand.size != 45 for hand in hands):
+        return None
+    return np.concatenate([hand.reshape(15, 3) for hand in hands]).astype(np.float64)

@@ -68,7 +68,8 @@ def opened_archive(path: Path) -> Iterator[zipfile.ZipFile]:
 
 
 def read_headers(archive: zipfile.ZipFile, name: str) -> dict[str, Header]:
-    """Shape and dtype of every array; nothing is unpacked but the first bytes of each.
+    """Shape and dtype of every array; nothing is unpacked but the first bytes of each. Arrays of
+    Python objects are named with the others, and nobody ever loads them.
 
     Raises:
         MotionError: for too many or too large arrays, and for what is none.
@@ -94,12 +95,10 @@ def read_headers(archive: zipfile.ZipFile, name: str) -> dict[str, Header]:
         if header is None:
             raise MotionError(f"{name} is damaged: `{shown}` is not an array.")
         shape, dtype = header
-        if dtype.hasobject:
-            raise MotionError(
-                f"{name} holds pickled Python objects in `{shown}`, which are never loaded; "
-                "save it again with plain number arrays."
-            )
-        if math.prod(shape) * dtype.itemsize + header_bytes != entry.file_size:
+        if (
+            not dtype.hasobject
+            and math.prod(shape) * dtype.itemsize + header_bytes != entry.file_size
+        ):
             raise MotionError(f"{name} is damaged: `{shown}` does not have its stated size.")
         headers[key] = header
     return headers

@@ -15,11 +15,12 @@ from app.run.body_motion import body_motion
 from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
 from app.run.requests.display import Display, marks_of
-from app.run.requests.request import BODY, JOINT, Artefact
+from app.run.requests.request import ASSUME, BODY, JOINT, Artefact
 from app.run.videos.export import render_settings
 from app.run.videos.own_videos import OnFile
 from app.run.videos.videos import draw_videos
 from conventions.names import file_stem
+from model.formats.reading import Told
 
 if TYPE_CHECKING:
     from model.measures.error_growth import ErrorGrowth
@@ -37,7 +38,7 @@ _DRAWN = 0.85
 class MechanismRequest:
     """Which motion, how much noise, what to follow."""
 
-    motion: Path = field(metadata=flag(None, "MOTION.npz", Path, is_positional=True))
+    motion: Path = field(metadata=flag(None, "MOTION", Path, is_positional=True))
     out: Path = field(metadata=flag(None, "FILE.mp4", Path))
     """An mp4."""
     noise_rad: float = field(
@@ -55,6 +56,8 @@ class MechanismRequest:
     joint: str = field(default=TIP, metadata=JOINT)
     """The point whose trail and numbers are told."""
     speech: Path | None = field(default=None, metadata=SOUND)
+    told: Told = field(default=Told(), metadata=ASSUME)
+    """How the file is to be read."""
     body: Path | None = field(default=None, metadata=BODY)
     size: int = field(
         default=640, metadata=flag("height of a body (default: %(default)s)", "PX", int)
@@ -91,7 +94,7 @@ def show_mechanism(
     _check(request)
     if not moving_chain(request.joint):
         raise RunError(f"No rotation moves the {request.joint}; follow a joint further from it.")
-    found = read_any_motion(request.motion)
+    found = read_any_motion(request.motion, request.told, request.body)
     growth = measure_error_growth(
         found.motion, open_body_skeleton(), request.joint, request.noise_rad, seed=request.seed
     )

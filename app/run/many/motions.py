@@ -39,11 +39,11 @@ from app.run.many.table import Above, draw_spread, mean_of_samples, numbers_of, 
 from app.run.many.unpacked import unpacked_sets
 from app.run.output.result_folder import held_folder, remove_unfinished
 from conventions.names import REFERENCE_NAME, printable
+from model.formats.reading import MOTIONS, REFERENCE, Reading, Told
 from processes.job import Job
 from processes.pool import JobPool
 
 if TYPE_CHECKING:
-    from model.formats.numbers import ReadMotion
     from model.motion.motion import Motion
 
 FORMAT = 4
@@ -65,8 +65,10 @@ class ManyRequest:
     """Published ones (`model.measures.beats.read_mean_speeds`)."""
     emage_weights: Path | None = None
     """Of EMAGE's encoder (`model.systems.autoencoders.emage`), for FGD as papers tell it."""
-    fps: float | None = None
-    rotations: Any = None
+    told: Told = field(default_factory=Told)
+    """How files are to be read, where they do not say it."""
+    body: Path | None = None
+    """Licensed, whose mean hand is used."""
     names: tuple[str, ...] = ()
     """What to call the folders; by default as they are called."""
     channel: int | None = None
@@ -174,18 +176,18 @@ def _diagnose_clips(
             ),
             request.channel,
         )
-        said = request.fps, request.rotations
+        asked = request.told, request.body and request.body.absolute()
         measured_of = {
             f"{name} {sample}".strip(): path
             for name, samples in of_clip.items()
             for sample, path in samples.items()
         }
-        stamp = stamp_of(measured_of | beside.files, [FORMAT, *said, request.channel])
+        stamp = stamp_of(measured_of | beside.files, [FORMAT, *map(str, asked), request.channel])
         jobs.append(
             Job(
                 clip,
                 partial(_is_measured, records[clip], stamp, beside),
-                partial(_measure_clip, of_clip, beside, *said, records[clip], stamp),
+                partial(_measure_clip, of_clip, beside, asked, records[clip], stamp),
             )
         )
     known = sum(job.is_done() for job in jobs)
@@ -300,8 +302,7 @@ def _is_measured(record: Path, stamp: dict[str, Any], beside: _Beside) -> bool:
 def _measure_clip(
     files: dict[str, Samples],
     beside: _Beside,
-    fps: float | None,
-    rotations: Any,
+    asked: tuple[Told, Path | None],
     out: Path,
     stamp: dict[str, Any],
 ) -> None:
@@ -312,14 +313,12 @@ def _measure_clip(
         MotionError: if some system has no sample that can be read.
     """
     from model.diagnostics import raw_evidence
-    from model.faults.table import find_faults
-    from model.formats.numbers import ReadOptions
+    from model.faults.table import find_faults, without
     from model.motion.kinematics import open_body_skeleton
     from model.motion.motion import first_frames
 
-    said = ReadOptions(fps, rotations)
     unread: list[str] = []
-    readings = {name: _readings(samples, said, unread) for name, samples in files.items()}
+    readings = {name: _readings(name, files[name], asked, unread) for name in files}
     heard = beside.heard()
     shortest = min(each.motion.num_frames for found in readings.values() for each in found.values())
     reference = None
@@ -332,20 +331,23 @@ def _measure_clip(
             motions.setdefault(name, []).append(motion)
             evidence = raw_evidence(motion, open_body_skeleton(), reference, **heard)
             kept = {"codes": moments_of(motion), "sha256": file_sha256(files[name][sample])}
-            numbers = numbers_of(evidence.raw, find_faults(evidence)) | kept
-            numbers["values"] = without_what_lacks(numbers["values"], _assumed(reading)["lacks"])
+            faults = without(find_faults(evidence), reading.lacks)
+            numbers = numbers_of(evidence.raw, faults) | kept
+            numbers["values"] = without_what_lacks(numbers["values"], reading.lacks)
             told.append(numbers)
             if name == REFERENCE_NAME:
                 reference = evidence
         systems[name] = mean_of_samples(told)
-        systems[name]["assumed"] = [_assumed(each) for each in readings[name].values()]
+        systems[name]["assumed"] = [assumed_in(each) for each in readings[name].values()]
     if beside.emage_weights is not None:
         keep_codes(out, beside.emage_weights, motions)
     out.parent.mkdir(parents=True, exist_ok=True)
     keep(out, stamp, {"frames": shortest, "systems": systems, "unread": unread})
 
 
-def _readings(samples: Samples, said: Any, unread: list[str]) -> dict[str, ReadMotion]:
+def _readings(
+    name: str, samples: Samples, asked: tuple[Told, Path | None], unread: list[str]
+) -> dict[str, Reading]:
     """Of those samples that can be read; why others cannot goes to ``unread``.
 
     Raises:
@@ -354,21 +356,15 @@ def _readings(samples: Samples, said: Any, unread: list[str]) -> dict[str, ReadM
     from model.formats.read import read_any_motion
     from model.storage.npz import MotionError
 
-    found: dict[str, ReadMotion] = {}
+    kind = REFERENCE if name == REFERENCE_NAME else MOTIONS
+    found: dict[str, Reading] = {}
     why: MotionError | None = None
     for sample, path in samples.items():
         try:
-            found[sample] = read_any_motion(path, said)
+            found[sample] = read_any_motion(path, *asked, kind, name)
         except MotionError as error:
             why = error
             unread.append(f"Of the samples of one clip this is left out: {error}")
     if why is not None and not found:
         raise why
     return found
-
-
-def _assumed(reading: Any) -> dict[str, Any]:
-    if hasattr(reading, "assumptions"):
-        return assumed_in(reading)
-    lacks = ["detail"] if any("filled in" in note for note in reading.notes) else []
-    return {"said": [["file", note, "as read"] for note in reading.notes], "lacks": lacks}

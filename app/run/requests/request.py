@@ -13,7 +13,9 @@ from app.flags import OUT_FOLDER, SEED, SPEAKER, WEIGHTS, flag, flags_of, names_
 from app.run.requests.display import Display, check_display
 from conventions.names import POST_FILTERS, PostFilter
 from conventions.views import CLOSE_UPS, FRAMINGS, LOOKS, VIEWS, CloseUp, Framing, View
+from model.formats.reading import Told, read_told
 from model.speech.transcript import NOTHING_SAID, Transcript
+from model.storage.npz import MotionError
 
 if TYPE_CHECKING:
     from model.diagnostics import Diagnostics
@@ -151,7 +153,24 @@ STYLE = flag(
     "FILE.toml",
     Path,
 )
-REFERENCE = flag("recorded motion to compare with", "MOTION.npz", Path)
+REFERENCE = flag("recorded motion to compare with", "MOTION", Path)
+
+
+def read_assumptions(written: str) -> Told:
+    """What the user says of files. Raises `RunError` for what nobody can say."""
+    try:
+        return read_told(written)
+    except MotionError as error:
+        raise RunError(str(error)) from error
+
+
+ASSUME = flag(
+    "how files are to be read where they say too little: up=z,units=cm,rate=25,hands=mean,"
+    "rotations=6d-columns,facing=x,motion=2,frames=bridge,lag=.4; NAME:up=z for one of them",
+    "WHAT=VALUE,...",
+    read_assumptions,
+    "--assume",
+)
 BODY = flag(
     "licensed SMPLX_NEUTRAL*.npz (default: $SMPLX_MODEL, else the open body)",
     "FILE",
@@ -285,6 +304,8 @@ class GenerateRequest:
     """First of the 300 frames of Figure 6."""
     reference: Path | None = field(default=None, metadata=REFERENCE)
     """A motion file of the same speech, shown and measured beside the systems."""
+    told: Told = field(default=Told(), metadata=ASSUME)
+    """How that file is to be read."""
     body: Path | None = field(default=None, metadata=BODY)
     """A licensed SMPL-X npz; None is the open body."""
     look: str = field(default=LOOKS[0], metadata=LOOK)

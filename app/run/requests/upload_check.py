@@ -13,7 +13,7 @@ from conventions.names import printable
 NO_ZIP = "{name} is no readable zip; pack it again."
 
 UploadKind = Literal["speech", "reference", "motion", "sounds", "motions", "transcript", "plan"]
-"""What a file is meant to be: a reference is a BEAT2 npz, a motion any file that can be read; of
+"""What a file is meant to be: references and motions are any file that can be read; of
 motions and sounds a zip may hold many."""
 
 
@@ -37,14 +37,10 @@ def _read(kind: UploadKind, path: Path, max_speech_s: float) -> None:
             from model.speech.audio import SpeechLimits, load_speech
 
             load_speech(path, SpeechLimits(max_s=max_speech_s))
-        case "reference":
-            from model.motion.motion import load_motion
-
-            load_motion(path)
         case "motions" | "sounds" if path.suffix.lower() == ".zip":
             if not is_zipfile(path):
                 raise RunError(NO_ZIP.format(name=printable(path.name)))
-        case "motion" | "motions":
+        case "reference" | "motion" | "motions":
             from model.formats.read import read_any_motion
 
             read_any_motion(path)

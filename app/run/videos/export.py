@@ -13,6 +13,7 @@ from app.run.body_motion import body_motion
 from app.run.models import get_body
 from app.run.requests.display import Display, check_display, displayed, marks_of
 from app.run.requests.request import (
+    ASSUME,
     BODY,
     FRAMING,
     LOOK,
@@ -22,6 +23,7 @@ from app.run.requests.request import (
     read_views,
 )
 from conventions.views import LOOKS, VIEWS, CloseUp, Framing, View
+from model.formats.reading import Told, lengths_apart
 
 if TYPE_CHECKING:
     import numpy as np
@@ -45,10 +47,12 @@ ENDINGS = (".mp4", ".png", ".glb", ".bvh", ".blender.npz")
 class RenderRequest:
     """What is to be drawn of one motion file."""
 
-    motion: Path = field(metadata=flag(None, "MOTION.npz", Path, is_positional=True))
+    motion: Path = field(metadata=flag(None, "MOTION", Path, is_positional=True))
     out: Path = field(metadata=flag(None, f"FILE{'|'.join(ENDINGS)}", Path))
     """Its ending, one of `ENDINGS`, says what is made."""
     speech: Path | None = field(default=None, metadata=SOUND)
+    told: Told = field(default=Told(), metadata=ASSUME)
+    """How the file is to be read."""
     body: Path | None = field(default=None, metadata=BODY)
     look: str = field(default=LOOKS[0], metadata=LOOK)
     views: tuple[View, ...] = field(
@@ -127,17 +131,25 @@ def render_motion(
         RunError: if what is asked for cannot be.
         MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
-    from model.motion.motion import load_motion
+    from model.formats.read import read_any_motion
 
     _check(request)
-    read = load_motion(request.motion)
+    reading = read_any_motion(request.motion, request.told, request.body)
+    read = reading.motion
     motion = body_motion(read)
     body = get_body(request.body, request.look)
     if request.ending in (".mp4", ".png"):
         files = _draw(request, read, body, on_progress)
     else:
         files = _export(request, body, motion)
-    return files, body.notes(motion)
+    apart = () if request.speech is None else _apart(request.speech, read)
+    return files, (*reading.notes, *apart, *body.notes(motion))
+
+
+def _apart(speech: Path, motion: Motion) -> list[str]:
+    from model.speech.audio import load_speech
+
+    return lengths_apart(load_speech(speech).duration_s, {"the motion": motion.duration_s})
 
 
 def _check(request: RenderRequest) -> None:

@@ -104,7 +104,7 @@ def _read_speech(clip: Clip) -> Speech:
 
 
 def _read_motion(system: PlannedSystem, clip: Clip) -> tuple[Motion, str]:
-    from model.motion.motion import load_motion
+    from model.formats.read import read_any_motion
 
     assert system.motions is not None
     path = system.motions[clip.name]
@@ -112,7 +112,7 @@ def _read_motion(system: PlannedSystem, clip: Clip) -> tuple[Motion, str]:
         raise RunError(
             f"The motion of {system.name!r} for clip {clip.name!r} is missing: there is no {path}."
         )
-    return load_motion(path), sha256(path)
+    return read_any_motion(path).motion, sha256(path)
 
 
 def _read_plan(system: PlannedSystem, clip: Clip, path: Path, duration_s: float) -> GesturePlan:

@@ -1,0 +1,265 @@
+"""The text of a BVH file: its joints and rows of numbers, read as far as nothing is lost."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from model.motion.motion import check_length
+from model.storage.npz import MAX_FILE_BYTES, MotionError
+
+MAX_JOINTS = 400
+MAX_WORD = 200
+MAX_LINE = 2**22
+_CHANNELS = {
+    f"{axis}{kind}".lower(): f"{axis}{kind}" for axis in "XYZ" for kind in ("position", "rotation")
+}
+_FUSED = re.compile(r"(?<=[0-9])-(?=[0-9])")
+
+
+@dataclass
+class Joint:
+    """One joint as the file has it."""
+
+    name: str
+    parent: int
+    offset: tuple[float, ...] = (0.0, 0.0, 0.0)
+    channels: list[str] = field(default_factory=list)
+    first: int = 0
+    """Its first channel in a row."""
+    end: tuple[float, ...] | None = None
+    """Where its bone ends, if nothing hangs on it."""
+
+
+@dataclass
+class Text:
+    """What a file holds."""
+
+    joints: list[Joint]
+    frame_s: float
+    rows: Float[np.ndarray, "T channels"]
+    said: list[str]
+    """What was made up for, half a sentence each."""
+
+
+def read_text(path: Path) -> Text:
+    """Joints, seconds a frame and rows.
+
+    Raises:
+        MotionError: for what is no BVH; it names the line and the reason.
+    """
+    name = path.name
+    if path.stat().st_size > MAX_FILE_BYTES:
+        raise MotionError(f"{name} is over {MAX_FILE_BYTES // 2**20} MiB. Cut it first.")
+    try:
+        with path.open(encoding="latin-1", newline=None) as file:
+            return _Lines(name, enumerate(file, start=1)).read()
+    except OSError as error:
+        raise MotionError(f"{name} could not be read: {error.strerror or error}.") from error
+
+
+class _Lines:
+    """A file's numbered lines while they are read."""
+
+    def __init__(self, name: str, lines: Iterator[tuple[int, str]]) -> None:
+        self._name = name
+        self._lines = lines
+        self._line = 0
+        self._said: list[str] = []
+
+    def read(self) -> Text:
+        joints = self._hierarchy()
+        frames, frame_s = self._head()
+        channels = sum(len(joint.channels) for joint in joints)
+        joints = self._largest_skeleton(joints)
+        own = sum(len(joint.channels) for joint in joints)
+        if not own:
+            raise self._wrong("no joint has channels")
+        rows = self._rows(frames, channels, own if joints[0].first == 0 else channels)
+        return Text(joints, frame_s, rows, self._said)
+
+    def _wrong(self, why: str) -> MotionError:
+        return MotionError(f"{self._name} is no readable BVH file: line {self._line}, {why}.")
+
+    def _each(self) -> Iterator[str]:
+        for number, line in self._lines:
+            self._line = number
+            if len(line) > MAX_LINE:
+                raise self._wrong(f"it is over {MAX_LINE} characters long")
+            if line.strip():
+                yield line.strip()
+
+    def _next(self) -> str:
+        for line in self._each():
+            return line
+        raise self._wrong("the file ends")
+
+    def _words(self) -> Iterator[str]:
+        """Of the hierarchy, up to ``MOTION``."""
+        for line in self._each():
+            for word in re.findall(r"[{}]|[^\s{}]+", line):
+                if word.upper() == "MOTION":
+                    return
+                yield word[:MAX_WORD]
+        raise self._wrong("there is no MOTION")
+
+    def _hierarchy(self) -> list[Joint]:
+        """Joints in the order of the file, which is that of the channels."""
+        joints: list[Joint] = []
+        blocks: list[int] = []
+        current, is_end, width = -1, False, 0
+        words = self._words()
+        if next(words, "").lstrip("\ufeff\xef\xbb\xbf").upper() != "HIERARCHY":
+            raise self._wrong("it does not begin with HIERARCHY")
+        for word in words:
+            match word.upper():
+                case "ROOT" | "JOINT" | "END":
+                    label = self._name_before_brace(words)
+                    is_end = word.upper() == "END"
+                    if not is_end:
+                        joints.append(Joint(label, blocks[-1] if blocks else -1, first=width))
+                    current = -1 if is_end else len(joints) - 1
+                    blocks.append(blocks[-1] if is_end and blocks else current)
+                case "}":
+                    if not blocks:
+                        raise self._wrong("a } has no {")
+                    blocks.pop()
+                    is_end = False
+                    current = blocks[-1] if blocks else -1
+                case "OFFSET":
+                    offset = tuple(self._number(next(words, "")) for _ in range(3))
+                    if is_end and blocks:
+                        joints[blocks[-1]].end = offset
+                    elif current >= 0:
+                        joints[current].offset = offset
+                case "CHANNELS" if current >= 0:
+                    count = next(words, "")
+                    if not count.isdigit() or int(count) > 6:
+                        raise self._wrong(f"a joint cannot have {count[:20]!r} channels")
+                    names = [next(words, "").lower() for _ in range(int(count))]
+                    if not set(names) <= set(_CHANNELS) or len(set(names)) < len(names):
+                        raise self._wrong(f"these are no channels: {' '.join(names)[:80]}")
+                    joints[current].channels = [_CHANNELS[each] for each in names]
+                    width += len(names)
+                case _:
+                    raise self._wrong(f"{word[:40]!r} is none of ROOT, JOINT, OFFSET, CHANNELS")
+            if len(joints) > MAX_JOINTS:
+                raise self._wrong(f"it has over {MAX_JOINTS} joints")
+        if not joints:
+            raise self._wrong("it has no joints")
+        return joints
+
+    def _name_before_brace(self, words: Iterator[str]) -> str:
+        label: list[str] = []
+        for word in words:
+            if word == "{":
+                return " ".join(label).split(":")[-1].strip()
+            label.append(word)
+            if len(label) > 20:
+                break
+        raise self._wrong("a joint has no {")
+
+    def _head(self) -> tuple[int, float]:
+        counted = self._next()
+        timed = self._next()
+        frames = re.match(r"(?i)frames\s*:?\s*(\d+)\s*$", counted)
+        if frames is None:
+            raise self._wrong(f"'Frames: N' is expected; found {counted[:40]!r}")
+        time = re.match(r"(?i)frame\s*time\s*:?\s*(\S+)", timed)
+        if time is None:
+            raise self._wrong(f"'Frame Time: S' is expected; found {timed[:40]!r}")
+        frame_s = self._number(time[1])
+        if not 0 < frame_s < 1e3:
+            raise self._wrong(f"a frame cannot last {frame_s:g} s")
+        if int(frames[1]) == 0:
+            raise self._wrong("it has no frames")
+        check_length(int(frames[1]), self._name)
+        return int(frames[1]), frame_s
+
+    def _rows(self, frames: int, channels: int, own: int) -> np.ndarray:
+        """As many as are whole, up to what the file says; of all joints, or of the first
+        skeleton's own alone."""
+        rows: np.ndarray | None = None
+        found = 0
+        rest: list[str] = []
+        is_by_line = True
+        for line in self._each():
+            words = line.split()
+            if rest and is_by_line:
+                self._line -= 1
+                raise self._wrong(f"a row of {len(rest)} numbers; the joints have {channels}")
+            if rows is None and not rest:
+                channels = own if len(words) == own else channels
+                is_by_line = channels in (len(words), len(self._apart(words)))
+                rows = np.empty((frames, channels))
+            words = rest + (self._apart(words) if is_by_line else words)
+            whole = len(words) // channels * channels
+            if is_by_line and len(words) > channels:
+                raise self._wrong(f"a row of {len(words)} numbers; the joints have {channels}")
+            for start in range(0, min(whole, (frames - found) * channels), channels):
+                assert rows is not None
+                rows[found] = self._row(words[start : start + channels])
+                found += 1
+            rest = words[whole:]
+            if found == frames:
+                break
+        if rows is None or not found:
+            raise self._wrong(f"the only row has {len(rest)} numbers; the joints have {channels}")
+        if rest and found < frames:
+            self._say(f"row {found + 1} of {frames} is cut ({len(rest)} of {channels} numbers)")
+        elif found < frames:
+            self._say(f"it says {frames} frames and holds {found}")
+        bad = np.flatnonzero(~np.isfinite(rows[:found]).all(axis=1))
+        if len(bad):
+            raise MotionError(
+                f"{self._name} holds values that are not finite in frames"
+                f" {', '.join(map(str, bad[:8]))}; repair them first."
+            )
+        return rows[:found]
+
+    def _row(self, words: list[str]) -> list[float] | np.ndarray:
+        try:
+            return np.array(words, dtype=np.float64)
+        except ValueError:
+            return [self._number(word) for word in words]
+
+    def _apart(self, words: list[str]) -> list[str]:
+        """Numbers that run together are taken apart where a sign says where."""
+        if not any(_FUSED.search(word) for word in words):
+            return words
+        self._say("numbers that ran together were taken apart at their signs")
+        return [each for word in words for each in _FUSED.sub(" -", word).split()]
+
+    def _number(self, word: str) -> float:
+        try:
+            return float(word)
+        except ValueError:
+            pass
+        try:
+            value = float(word.replace(",", "."))
+        except ValueError:
+            raise self._wrong(f"{word[:40]!r} is no number") from None
+        self._say("it has decimal commas, which were taken as points")
+        return value
+
+    def _say(self, what: str) -> None:
+        if what not in self._said:
+            self._said.append(what)
+
+    def _largest_skeleton(self, joints: list[Joint]) -> list[Joint]:
+        """The largest of several roots, with its channels where they are."""
+        roots = [index for index, joint in enumerate(joints) if joint.parent < 0]
+        if len(roots) == 1:
+            return joints
+        ends = [*roots[1:], len(joints)]
+        start, end = max(zip(roots, ends, strict=True), key=lambda pair: pair[1] - pair[0])
+        self._say(f"it has {len(roots)} roots, and {joints[start].name[:40]!r} was taken")
+        kept = joints[start:end]
+        for joint in kept:
+            joint.parent = joint.parent - start if joint.parent >= 0 else -1
+        return kept

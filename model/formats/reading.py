@@ -1,0 +1,227 @@
+"""What a file was understood as: a motion, and each thing that was assumed of it to get there."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, get_args
+
+from model.storage.npz import MotionError
+
+if TYPE_CHECKING:
+    from model.motion.motion import Motion
+
+Kind = Literal[
+    "layout", "motion", "joints", "rotations", "hands", "up", "facing", "units", "rate", "place",
+    "frames", "face", "shape", "lag",
+]  # fmt: skip
+"""What can be assumed of a file; `lag` is never assumed, only told."""
+Sure = Literal["told", "stated", "sure", "likely", "unsure"]
+"""Told by the user, stated by the file, evident from the motion, likely, a guess."""
+Part = Literal["hands", "finger_angles", "face", "legs", "place", "detail"]
+"""What a motion may lack: `finger_angles` where a hand of ours stands in for the mean hand, `place`
+is its translation, `detail` what frames that were filled in never had."""
+
+_PARTS: dict[Part, str] = {
+    "hands": "has no fingers",
+    "face": "has no face",
+    "place": "has no translation",
+    "detail": "was filled in from fewer frames",
+}
+Rotations = Literal[
+    "axis-angle", "6d", "6d-columns", "6d-interleaved", "quaternion-wxyz", "quaternion-xyzw",
+    "matrix",
+]  # fmt: skip
+ROTATIONS: tuple[Rotations, ...] = get_args(Rotations)
+AXES = ("y", "-y", "z", "-z", "x", "-x")
+METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+TELLABLE: dict[str, tuple[str, ...]] = {
+    "up": AXES,
+    "facing": (*AXES[2:], "as-is"),
+    "units": tuple(METRES),
+    "rate": (),
+    "hands": ("flat", "mean"),
+    "rotations": ROTATIONS,
+    "motion": (),
+    "frames": ("refuse", "bridge"),
+    "lag": (),
+}
+"""What `--assume` takes, and its values; none stand for a number, or a name of what is in a
+file."""
+MOTIONS, REFERENCE = "motions", "reference"
+"""Names by which `Told` speaks of all motions but the reference, or of it alone."""
+_FLAG = re.compile(r"^(?:(?P<name>.+):)?(?P<kind>[a-z]+)=(?P<value>.+)$")
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """One thing that a file was taken to be."""
+
+    kind: Kind
+    value: str
+    """As `--assume` takes it, where it does."""
+    why: str
+    """Half a sentence: what it rests on."""
+    sure: Sure = "sure"
+    others: tuple[str, ...] = ()
+    """Values that it might have been."""
+    is_usual: bool = False
+    """Whether it is as our own files are, so that nobody needs to be told."""
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a person had better look."""
+        return self.sure == "unsure"
+
+    def sentence(self, name: str) -> str:
+        """For a note that names the file."""
+        way = ""
+        if self.others and self.sure in ("likely", "unsure") and self.kind in TELLABLE:
+            way = f" (if not, say --assume {self.kind}={'|'.join(self.others[:6])})"
+        return f"{name}: {self.kind} {self.value}, {self.why}{way}."
+
+    def as_json(self) -> dict[str, object]:
+        """For programs."""
+        return {
+            "what": self.kind,
+            "value": self.value,
+            "why": self.why,
+            "sure": self.sure,
+            "others": list(self.others),
+        }
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A motion as it was understood, at 30 frames a second, y up, in metres, with flat hands."""
+
+    motion: Motion
+    assumptions: tuple[Assumption, ...] = ()
+    name: str = ""
+    """Of the file."""
+    lacks: frozenset[Part] = frozenset()
+    """What the file does not tell, so that nothing is to be found of it."""
+
+    def of(self, kind: Kind) -> Assumption | None:
+        """What was assumed of one thing; None where nothing had to be."""
+        return next((each for each in self.assumptions if each.kind == kind), None)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A sentence for each assumption that is not as in our own files."""
+        return tuple(each.sentence(self.name) for each in self.assumptions if not each.is_usual)
+
+
+def counted(readings: Iterable[Reading]) -> list[str]:
+    """What was assumed of a set: ``up z in 40 of 40: …``, the most frequent first."""
+    readings = list(readings)
+    assumed = [each for one in readings for each in one.assumptions if not each.is_usual]
+    many = Counter((each.kind, each.value) for each in assumed)
+    why = {(each.kind, each.value): each.why for each in reversed(assumed)}
+    return [
+        f"{kind} {value} in {count} of {len(readings)}: {why[kind, value]}."
+        for (kind, value), count in many.most_common()
+    ]
+
+
+def apart(readings: Mapping[str, Reading]) -> list[str]:
+    """What differs between motions that are compared, so that numbers differ by it alone."""
+    sentences = []
+    kinds: dict[Kind, str] = {"rate": "frames a second", "hands": "what hands are told from"}
+    for kind, words in kinds.items():
+        values = {name: found.value for name, each in readings.items() if (found := each.of(kind))}
+        if len(set(values.values())) > 1:
+            said = ", ".join(f"{name} {value}" for name, value in list(values.items())[:6])
+            sentences.append(f"The motions differ in {words} ({said}); numbers may differ by it.")
+    for part, words in _PARTS.items():
+        without = [name for name, each in readings.items() if part in each.lacks]
+        if without and len(without) < len(readings):
+            said = ", ".join(without[:6])
+            sentences.append(f"{said} {words}; beside the others its numbers of that say nothing.")
+    return sentences
+
+
+LENGTHS_APART_S = 1.0
+"""Recordings of sound and motion that belong together differ by less."""
+
+
+def lengths_apart(speech_s: float, durations_s: Mapping[str, float]) -> list[str]:
+    """One note for all motions that are clearly no match of the speech in length, and the rate at
+    which they would be."""
+    others = {
+        name: duration_s
+        for name, duration_s in durations_s.items()
+        if abs(speech_s - duration_s) > LENGTHS_APART_S
+    }
+    if not others:
+        return []
+    if len(others) == 1:
+        named = " ".join(f"{name} {duration_s:.1f} s" for name, duration_s in others.items())
+    else:
+        ends = dict.fromkeys(f"{end(others.values()):.1f}" for end in (min, max))
+        named = f"{len(others)} of the motions {' to '.join(ends)} s"
+    shares = [duration_s / speech_s for duration_s in others.values() if speech_s > 0]
+    fitting = [
+        rate
+        for rate in (15, 20, 24, 25, 50, 60, 120)
+        if all(abs(share * 30 / rate - 1) < 0.01 for share in shares)
+    ]
+    hint = f" At {fitting[0]} frames a second it would fit (--assume rate=N)." if fitting else ""
+    return [f"The speech lasts {speech_s:.1f} s and {named}; only what both have is seen.{hint}"]
+
+
+@dataclass(frozen=True)
+class Told:
+    """What the user says of files, where these say too little or lie."""
+
+    says: tuple[tuple[str, str, str], ...] = ()
+    """Name of the file, `MOTIONS`, `REFERENCE` or nothing for all; kind; value."""
+
+    def of(self, *names: str) -> dict[str, str]:
+        """By kind, for a file of these names; what is said of it alone comes before what is said of
+        all."""
+        said = {kind: value for name, kind, value in self.says if not name}
+        return said | {kind: value for name, kind, value in self.says if name in names}
+
+    def __add__(self, other: Told) -> Told:
+        return Told(self.says + other.says)
+
+
+def told_as(fps: float | None, rotations: str | None, name: str = "") -> Told:
+    """One rate and form of rotations, of files of a name."""
+    said = {"rate": None if fps is None else f"{fps:g}", "rotations": rotations}
+    return Told(tuple((name, kind, value) for kind, value in said.items() if value is not None))
+
+
+def read_told(written: str) -> Told:
+    """``up=z,units=cm,NAME:rate=25``: what `--assume` takes.
+
+    Raises:
+        MotionError: for unknown kinds and values; it lists those that are known.
+    """
+    says = []
+    for part in filter(None, (part.strip() for part in written.split(","))):
+        found = _FLAG.match(part)
+        if found is None or found["kind"] not in TELLABLE:
+            raise MotionError(
+                f"{part[:60]!r} is no assumption; say WHAT=VALUE or NAME:WHAT=VALUE, of "
+                f"{', '.join(TELLABLE)}."
+            )
+        kind, value = found["kind"], found["value"].strip()
+        known = TELLABLE[kind]
+        if kind in ("rate", "lag") and not _is_number(value):
+            raise MotionError(f"{kind} must be a number; found {value[:40]!r}.")
+        if known and value not in known:
+            raise MotionError(f"{kind} must be one of {', '.join(known)}; found {value[:40]!r}.")
+        says.append((found["name"] or "", kind, value))
+    return Told(tuple(says))
+
+
+def _is_number(value: str) -> bool:
+    try:
+        float(value)
+    except ValueError:
+        return False
+    return True
