@@ -1,5 +1,5 @@
-"""The command line: generate, diagnose, steps, plan, hearing, render, mechanism, leaderboard,
-study, doctor.
+"""The command line: generate, diagnose, steps, plan, hearing, render, convert, mechanism,
+leaderboard, study, doctor.
 
 Exit status: 0 done, 1 failed with one sentence on standard error, 2 wrong arguments.
 """
@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from app import text
+from app.commands.convert import add_convert
 from app.commands.experiments import add_hearing, add_mechanism
 from app.commands.leaderboard import add_leaderboard
 from app.commands.many import add_pool, generate_over_many, pool_of, told_if_stopped
@@ -71,6 +72,7 @@ def make_parser() -> argparse.ArgumentParser:
     _add_diagnose(commands)
     _add_steps(commands)
     _add_render(commands)
+    add_convert(commands)
     add_plan(commands)
     add_hearing(commands)
     add_mechanism(commands)

@@ -16,7 +16,6 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Float32
-from scipy import fft
 from scipy.ndimage import gaussian_filter1d
 
 from conventions.joints import JOINT_INDEX
@@ -29,9 +28,9 @@ MOST_LAG_FRAMES = 3 * FPS
 CHANCE_LAG_FRAMES = 100
 LEAST_FRAMES = 12 * FPS
 """Of shorter clips nothing is told."""
-STANDS_OUT: dict[Ground, float] = {"face": 7.0, "body": 8.0}
+STANDS_OUT: dict[Ground, float] = {"face": 6.5, "body": 8.0}
 """Deviations by which the best lag exceeds the mean of lags that cannot be. Recorded faces of 30 s
-have 12 and more, of 15 s 6.5 and more; beside another speech at most 5.6, bodies 6.1 (600 and 300
+have 11 and more, of 15 s from 6; beside another speech at most 5.6, bodies 6.1 (600 and 300
 pairs of 12 s and more). Recorded bodies have no more beside their own: they give no ground."""
 BEYOND_CHANCE = 1.3
 """How many times the highest of those lags it must be."""
@@ -66,7 +65,8 @@ class Lag:
         return self.lag_ground != "unknown"
 
 
-UNKNOWN = Lag(*[float("nan")] * 4, "unknown", float("nan"))
+_NO = float("nan")
+UNKNOWN = Lag(_NO, _NO, _NO, _NO, "unknown", _NO)
 
 
 def heard_of(waveform: Float[np.ndarray, " N"]) -> Float32[np.ndarray, "T BANDS"]:
@@ -79,7 +79,7 @@ def heard_of(waveform: Float[np.ndarray, " N"]) -> Float32[np.ndarray, "T BANDS"
     power = np.empty((count, BANDS), np.float32)
     for first in range(0, count, 1000):
         windows = padded[starts[first : first + 1000, None] + np.arange(_WINDOW)] * taper
-        power[first : first + 1000] = np.abs(fft.rfft(windows, _FFT, axis=1)) ** 2 @ filters.T
+        power[first : first + 1000] = np.abs(np.fft.rfft(windows, _FFT, axis=1)) ** 2 @ filters.T
     floor = 1e-4 * np.median(power.max(axis=1)) if count else 0.0
     return np.log(power + np.float32(floor + 1e-9))
 
@@ -108,10 +108,12 @@ def _face(motion: Motion) -> Float[np.ndarray, "T columns"]:
 
 def _body(motion: Motion) -> Float[np.ndarray, "T columns"]:
     """How the head turns, and how fast the arms do: strokes end where they get slow."""
-    turns = np.gradient(motion.poses.reshape(motion.num_frames, -1, 3).astype(float), axis=0) * FPS
+    poses = motion.poses.reshape(motion.num_frames, -1, 3).astype(np.float64)
+    turns = np.asarray(np.gradient(poses, axis=0)) * FPS
     head = turns[:, [JOINT_INDEX["neck"], JOINT_INDEX["head"]]].reshape(motion.num_frames, -1)
     arms = [JOINT_INDEX[f"{side}_{j}"] for side in ("left", "right") for j in ("shoulder", "elbow")]
-    return np.hstack([head, 0.5 * np.log(np.linalg.norm(turns[:, arms], axis=-1) + 0.05)])
+    speeds = np.log(np.linalg.norm(turns[:, arms], axis=-1) + 0.05)
+    return np.hstack([each / max(float(each.std()), 1e-3) for each in (head, speeds)])
 
 
 def _parts(track: Float[np.ndarray, "T columns"]) -> Float[np.ndarray, "T parts"]:
@@ -131,7 +133,7 @@ def _lag(
 ) -> Lag | None:
     frames = len(moves)
     shared = _shared_in_a_circle(moves, sound)
-    distance = np.abs(fft.fftfreq(frames, 1 / frames))
+    distance = np.abs(np.fft.fftfreq(frames, 1 / frames))
     chance = shared[distance >= CHANCE_LAG_FRAMES]
     products = _products(moves, sound)
     slopes = [0]
@@ -165,11 +167,11 @@ def _shared_in_a_circle(
     moves: Float[np.ndarray, "T parts"], sound: Float[np.ndarray, "T parts2"]
 ) -> Float[np.ndarray, " T"]:
     """Entry ``lag``: the sum of squared correlations with the sound so many frames before."""
-    ours, theirs = fft.rfft(moves, axis=0), np.conj(fft.rfft(sound, axis=0))
+    ours, theirs = np.fft.rfft(moves, axis=0), np.conj(np.fft.rfft(sound, axis=0))
     found = np.zeros(len(moves))
-    for each in np.asarray(ours).T:
+    for each in ours.T:
         for other in theirs.T:
-            found += np.square(fft.irfft(each * other, len(moves)))
+            found += np.square(np.fft.irfft(each * other, len(moves)))
     return found / len(moves)
 
 

@@ -9,7 +9,7 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, cast, get_args
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 import torch
@@ -128,12 +128,16 @@ def in_step(motion: Motion, lag_s: float) -> Motion:
     return motion.part(np.maximum(np.arange(shift, motion.num_frames), 0))
 
 
-def save_motion(motion: Motion, path: str | Path) -> None:
+def save_motion(motion: Motion, path: str | Path, **texts: str) -> None:
     """Write BEAT2's npz plus ``expression_basis``; the file appears whole or not at all.
+
+    Args:
+        texts: further keys, which readers leave alone.
 
     Raises:
         WriteError: if the file cannot be written; the message says why.
     """
+    further: dict[str, Any] = {key: np.array(text) for key, text in texts.items()}
     with written_atomically(path) as temporary, open(temporary, "wb") as file:
         np.savez_compressed(
             file,
@@ -145,6 +149,7 @@ def save_motion(motion: Motion, path: str | Path) -> None:
             mocap_frame_rate=np.array(FPS, dtype=np.int32),
             gender=np.array("neutral"),
             model=np.array("smplx2020"),
+            **further,
         )
 
 

@@ -72,8 +72,8 @@ def check_sets(folders: tuple[Path, ...], reference: Path | None, out: Path) -> 
             if not folder.is_dir():
                 raise RunError(f"{folder} is no folder or archive; --check takes whole sets.")
         found = {name: _checked(folder, recorded) for name, folder in named.items()}
-    with written_atomically(out / "check.md") as temporary:
-        temporary.write_text("\n".join(_lines(found)) + "\n", "utf-8")
+        with written_atomically(out / "check.md") as temporary:
+            temporary.write_text("\n".join(_lines(found)) + "\n", "utf-8")
     return found
 
 

@@ -108,6 +108,7 @@ def test_arms_that_follow_the_sound_give_ground_where_there_is_no_face(sound: np
     fast = np.clip(level - level.min(), 0, None) / np.ptp(level)
     poses = motion.poses.copy()
     for joint, sign in ((16, 1), (17, -1), (18, 1), (19, -1)):
+        poses[:, 3 * joint : 3 * joint + 3] = 0
         poses[:, 3 * joint] = sign * np.cumsum(fast * np.sign(np.sin(np.arange(900) / 40))) / 30
     still = replace(motion, expressions=np.zeros_like(motion.expressions), poses=poses)
     lag = find_lag(moved(still, 14), heard_of(sound))

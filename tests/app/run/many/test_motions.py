@@ -14,7 +14,8 @@ from app.run.many.motions import ManyRequest, diagnose_folders
 from app.run.many.table import interval
 from conventions.rates import SAMPLE_RATE
 from model.evaluation.frechet import Features, distance, motion_features
-from model.motion.motion import load_motion, save_motion
+from model.formats.read import read_any_motion
+from model.motion.motion import save_motion
 from model.networks.autoencoder import load_encoder
 from model.speech.audio import write_wav
 from model.storage.cards import BUNDLED_WEIGHTS
@@ -93,7 +94,7 @@ def test_the_distance_of_sets_is_that_of_all_their_codes(folders: Path, tmp_path
 
     def codes(name: str) -> list[Features]:
         paths = [folders / name / f"{clip}.npz" for clip in CLIPS]
-        found = [motion_features(encoder, load_motion(path)) for path in paths]
+        found = [motion_features(encoder, read_any_motion(path).motion) for path in paths]
         return [features for features in found if features is not None]
 
     wanted = distance(codes("gt"), codes("lively"))

@@ -1,0 +1,184 @@
+"""The command ``convert``: anyone's motion files as they were understood, in another form."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from app.commands.said import name_file, say
+from app.errors import RunError, sentence_of
+from app.flags import add_flags, flag, read_flags
+from app.run.body_motion import body_motion
+from app.run.models import get_body
+from app.run.requests.request import ASSUME, BODY
+from conventions.names import printable
+from model.formats.reading import Told
+
+if TYPE_CHECKING:
+    from model.formats.reading import Reading
+
+FORMS = (".npz", ".bvh", ".glb")
+
+
+@dataclass(frozen=True)
+class ConvertRequest:
+    """Which files become what, and where."""
+
+    files: tuple[Path, ...] = field(
+        metadata=flag(
+            "motion files of any form that is read, folders or zips of them",
+            "FILE",
+            Path,
+            is_positional=True,
+            takes_several=True,
+        )
+    )
+    out: Path = field(
+        metadata=flag(f"a file ({', '.join(FORMS)}), or a folder for all", "FOLDER|FILE", Path)
+    )
+    to: str = field(
+        default=FORMS[0],
+        metadata=flag(
+            f"what a folder gets: {', '.join(FORMS)} (default: %(default)s)", "FORM", choices=FORMS
+        ),
+    )
+    told: Told = field(default=Told(), metadata=ASSUME)
+    body: Path | None = field(default=None, metadata=BODY)
+    """Its mean hand is used, and its bones in .bvh and .glb."""
+    is_json: bool = field(
+        default=False, metadata=flag("what was assumed, for programs", name="--json")
+    )
+
+
+def add_convert(commands) -> None:
+    """The command with its flags."""
+    parser = commands.add_parser(
+        "convert",
+        help="anyone's motion file to BEAT2 npz, BVH or glTF",
+        description="Write motion files as they were understood: at 30 frames a second, in metres, "
+        "y up, hands from the flat hand, 55 joints; and say what was assumed. A file that cannot "
+        "be read is named, and costs itself only (exit status 1).",
+    )
+    add_flags(parser, ConvertRequest)
+    parser.set_defaults(command=_convert)
+
+
+def _convert(options: argparse.Namespace) -> None:
+    request = read_flags(ConvertRequest, options)
+    told = convert(request)
+    failed = [each for each in told if "error" in each]
+    if request.is_json:
+        sys.stdout.write(json.dumps(told, indent=1) + "\n")
+    for each in told:
+        for sentence in [each["error"]] if "error" in each else each["notes"]:
+            say(sentence)
+        if "out" in each and not request.is_json:
+            name_file(Path(each["out"]))
+    if failed:
+        raise RunError(f"{len(failed)} of {len(told)} files could not be read.")
+
+
+def convert(request: ConvertRequest) -> list[dict[str, Any]]:
+    """Write all that can be read, and tell of each file what was assumed or why it was refused.
+
+    Raises:
+        RunError, BodyError, WriteError: each with one sentence.
+    """
+    from app.run.many.unpacked import unpacked_sets
+    from model.formats.read import ENDINGS
+
+    is_file = request.out.suffix.lower() in FORMS
+    missing = next((path for path in request.files if not path.exists()), None)
+    if missing is not None:
+        raise RunError(f"There is no {missing}.")
+    packed = [(path, ENDINGS) for path in request.files if not path.is_dir()]
+    if is_file:
+        request.out.parent.mkdir(parents=True, exist_ok=True)
+    else:
+        request.out.mkdir(parents=True, exist_ok=True)
+    with (
+        tempfile.TemporaryDirectory(dir=request.out.parent if is_file else request.out) as staging,
+        unpacked_sets(packed, Path(staging)) as folders,
+    ):
+        found = list(_found(request.files, folders, ENDINGS))
+        if is_file and len(found) != 1:
+            raise RunError(f"{len(found)} motions do not fit into one file; give --out a folder.")
+        if not found:
+            raise RunError(f"There is no motion file ({', '.join(ENDINGS)}) in what was given.")
+        outs = [request.out] if is_file else _outs(request, [name for _, name in found])
+        return [
+            _told(path, name, out, request) for (path, name), out in zip(found, outs, strict=True)
+        ]
+
+
+def _found(
+    files: Sequence[Path], folders: dict[Path, Path], endings: tuple[str, ...]
+) -> Iterator[tuple[Path, Path]]:
+    """Each motion file, and its name below the folder or zip that it was found in."""
+    for given in files:
+        folder = folders.get(given, given)
+        if not folder.is_dir():
+            yield given, Path(given.name)
+            continue
+        for path in sorted(folder.rglob("*")):
+            name = path.relative_to(folder)
+            is_hidden = any(part.startswith((".", "__MACOSX")) for part in name.parts)
+            if path.suffix.lower() in endings and path.is_file() and not is_hidden:
+                yield path, name
+
+
+def _outs(request: ConvertRequest, names: Sequence[Path]) -> list[Path]:
+    """Where each goes; a second one of a name gets its number."""
+    outs: list[Path] = []
+    for name in names:
+        out = request.out / name.with_suffix(request.to)
+        number = 2
+        while out in outs:
+            out = request.out / name.with_name(f"{name.stem}_{number}{request.to}")
+            number += 1
+        outs.append(out)
+    return outs
+
+
+def _told(path: Path, name: Path, out: Path, request: ConvertRequest) -> dict[str, Any]:
+    from model.formats.read import read_any_motion
+    from model.storage.npz import MotionError
+
+    told: dict[str, Any] = {"file": printable(str(name))}
+    try:
+        reading = read_any_motion(path, request.told, request.body, str(name))
+    except MotionError as error:
+        return told | {"error": sentence_of(error) or str(error)}
+    if out.resolve() in {each.resolve() for each in request.files}:
+        raise RunError(f"{out} would be written over; give another --out.")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    _write(reading, out, request.body)
+    return told | {
+        "out": str(out),
+        "frames": reading.motion.num_frames,
+        "assumed": [each.as_json() for each in reading.assumptions],
+        "lacks": sorted(reading.lacks),
+        "notes": list(reading.notes),
+    }
+
+
+def _write(reading: Reading, out: Path, body_file: Path | None) -> None:
+    from model.motion.motion import save_motion
+    from renderer.files.bvh import write_bvh
+    from renderer.files.glb import write_glb
+
+    motion = reading.motion
+    match out.suffix.lower():
+        case ".npz":
+            assumed = json.dumps([each.as_json() for each in reading.assumptions])
+            save_motion(motion, out, assumed=assumed)
+        case ".bvh":
+            write_bvh(get_body(body_file), body_motion(motion), out)
+        case _:
+            write_glb(get_body(body_file), body_motion(motion), out)
