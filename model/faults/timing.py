@@ -76,10 +76,10 @@ def shifted_speech(evidence: Evidence) -> list[Finding]:
     else:
         most_s = lag.lag_drift_s
         start, end = (lag.lag_s + sign * lag.lag_drift_s / 2 for sign in (-1, 1))
-        rate = FPS * (1 + lag.lag_drift_s * FPS / evidence.num_frames)
         sentence = (
             f"This drifts against the speech, {_apart(start)} at its start and {_apart(end)} at its"
-            f" end: {why}, as with {rate:.4g} frames a second that are taken for {FPS}."
+            f" end: {why}, as with {lag.lag_rate:.4g} frames a second that are taken for {FPS};"
+            f" --assume rate={lag.lag_rate:.4g} makes up for it."
         )
     excess = abs(most_s) * FPS / LEAST_SPEECH_LAG_FRAMES
     return [Finding("time_shift", sentence, numbers, excess)]

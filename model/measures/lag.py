@@ -55,6 +55,8 @@ class Lag:
     """Where it lies in 95 % of draws of the clip's blocks."""
     lag_drift_s: float
     """By how much it grows from the first to the last frame; 0 where that might be chance."""
+    lag_rate: float
+    """Frames a second that would make up for that; 30 where it does not grow."""
     lag_ground: Ground
     """What follows the speech; where that is unknown, all numbers but the last are NaN."""
     lag_stands_out: float
@@ -66,7 +68,7 @@ class Lag:
 
 
 _NO = float("nan")
-UNKNOWN = Lag(_NO, _NO, _NO, _NO, "unknown", _NO)
+UNKNOWN = Lag(_NO, _NO, _NO, _NO, _NO, "unknown", _NO)
 
 
 def heard_of(waveform: Float[np.ndarray, " N"]) -> Float32[np.ndarray, "T BANDS"]:
@@ -153,11 +155,13 @@ def _lag(
     low, high = np.quantile(lags, (0.025, 0.975)) / FPS
     drift = float(np.median(drifts))
     may_be_none = np.quantile(drifts, 0.025) <= 0 <= np.quantile(drifts, 0.975)
+    drift = 0.0 if may_be_none or abs(drift) < _LEAST_DRIFT else drift
     return Lag(
         lag_s=float(np.median(lags)) / FPS,
         lag_low_s=float(low),
         lag_high_s=float(high),
-        lag_drift_s=0.0 if may_be_none or abs(drift) < _LEAST_DRIFT else drift / FPS,
+        lag_drift_s=drift / FPS,
+        lag_rate=FPS / (1 - drift / frames),
         lag_ground=ground,
         lag_stands_out=stands_out,
     )

@@ -90,9 +90,8 @@ def apart_of(assumed: Mapping[str, Assumed]) -> list[str]:
         for name in some:
             count, files = assumed[name].lacks[part], assumed[name].files
             of = "" if count == files else f" in {count} of {files} files"
-            out = f"; of these is left out what that decides: {', '.join(titles)}" if titles else ""
-            others = " The others did not." if part == "detail" and len(some) < len(assumed) else ""
-            told.append(f"{name} {what}{of}{out}.{others}")
+            out = f": {', '.join(titles)} say nothing of it and are left out" if titles else ""
+            told.append(f"{name} {what}{of}{out}.")
     kinds = dict.fromkeys(kind for each in assumed.values() for kind, _ in each.counted)
     for kind in kinds:
         of_sets = {

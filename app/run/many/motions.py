@@ -127,7 +127,9 @@ def _with_folders(request: ManyRequest, folders: dict[Path, Path]) -> ManyReques
 
 def _diagnose_sets(request: ManyRequest, on_progress: Callable[[float], None]) -> ManyResult:
     folders = _named_folders(request)
-    of_sets = {name: (folder, ENDINGS) for name, folder in folders.items()}
+    of_sets: dict[str, tuple[Path, tuple[str, ...]]] = {
+        name: (folder, ENDINGS) for name, folder in folders.items()
+    }
     if (speech := _speech_folder(request)) is not None:
         of_sets[_SPEECH] = speech, SOUND_ENDINGS
     files = paired_files(of_sets, (REFERENCE_NAME, _SPEECH))
@@ -169,13 +171,11 @@ def _diagnose_clips(
             name: {sample: path.absolute() for sample, path in found[clip].items()}
             for name, found in files.items()
         }
-        beside = _Beside(
-            *(
-                path and path.absolute()
-                for path in (sounds.get(clip), request.mean_speeds, request.emage_weights)
-            ),
-            request.channel,
+        sound, speeds, weights = (
+            path and path.absolute()
+            for path in (sounds.get(clip), request.mean_speeds, request.emage_weights)
         )
+        beside = _Beside(sound, speeds, weights, request.channel)
         asked = request.told, request.body and request.body.absolute()
         measured_of = {
             f"{name} {sample}".strip(): path

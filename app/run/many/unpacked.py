@@ -201,7 +201,7 @@ def _unpack_tar(
     """Archives that were in it."""
     is_plain = archive.name.lower().endswith(".tar")
     with archive.open("rb") if is_plain else gzip.open(archive) as file:
-        capped = _Capped(file, name, left.limits)
+        capped = _Capped(cast(IO[bytes], file), name, left.limits)
         with tarfile.open(fileobj=cast(IO[bytes], capped), mode="r:") as opened:
             entries = []
             for member in opened:

@@ -294,7 +294,7 @@ def test_the_leaderboards_rules_are_told_file_by_file(tmp_path: Path):
     assert any(clips[1] in line and "fewer samples" in line for line in bad.wrong)
     assert "15 frames where the recording has 20" in bad.files[f"{clips[0]}_sample0.npz"]
     assert "the same file as" in bad.files[f"{clips[0]}_sample1.npz"]
-    assert "'trans'" in bad.files[f"{clips[1]}_sample0.npz"]
+    assert "lacks trans" in bad.files[f"{clips[1]}_sample0.npz"]
     report = (tmp_path / "out" / "check.md").read_text()
     assert all(sentence in report for sentence in told("bad", bad))
     with pytest.raises(RunError, match="give them, too"):
