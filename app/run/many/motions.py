@@ -211,13 +211,13 @@ def _diagnose_clips(
     numbers = list(read_records(records).values())
     notes += [sentence for each in numbers for sentence in each["unread"]]
     assumed = assumed_of(list(files), numbers)
-    notes[:0] = apart_of(assumed)
+    above = Above((*apart_of(assumed), *assumed_lines(assumed)), left_out)
+    notes[:0] = above.notes
     by_emage = EmageDistances()
     if request.emage_weights is not None:
         frames = [each["frames"] for each in numbers]
         by_emage = emage_distances(list(files), dict(zip(records.values(), frames, strict=True)))
     origin = origin_of(list(files), clips, numbers, FORMAT, request.mean_speeds)
-    above = Above((*apart_of(assumed), *assumed_lines(assumed)), left_out)
     written = write_tables(request.out, list(files), clips, numbers, origin, by_emage.rows, above)
     notes += filter(None, (why_left_out(numbers), by_emage.note))
     drawn, said = draw_spread(request.out, list(files), numbers)

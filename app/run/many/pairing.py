@@ -54,16 +54,11 @@ def paired_files(
         for name, (folder, endings) in folders.items()
     }
     clip_names = {each.parts[-1] for found in files.values() for each in found if not each.sample}
-    has_numbered_clips = any(
-        len(each.parts) > 1 and _BARE.match(each.parts[-1])
-        for name in recorded & files.keys()
-        for each in files[name]
+    numbers_are_clips = any(
+        map(_is_numbered, (f for name in recorded for f in files.get(name, ())))
     )
     files = {
-        name: [
-            each if name in recorded else _of_folder(each, found, clip_names, has_numbered_clips)
-            for each in found
-        ]
+        name: found if name in recorded else _of_folders(found, clip_names, numbers_are_clips)
         for name, found in files.items()
     }
     deepest = max((len(each.parts) for found in files.values() for each in found), default=1)
@@ -132,21 +127,21 @@ def _read(path: Path, inside: Path) -> _Found:
     return _Found(path, (*folders, printable(stem)))
 
 
-def _of_folder(
-    found: _Found, others: list[_Found], clip_names: set[str], has_numbered_clips: bool
-) -> _Found:
-    """A file called by a number alone is a sample of the clip that its folder is called after, if
+def _is_numbered(found: _Found) -> bool:
+    """Whether it is called by a number alone, in a folder."""
+    return not found.sample and len(found.parts) > 1 and bool(_BARE.match(found.parts[-1]))
+
+
+def _of_folders(files: list[_Found], clip_names: set[str], numbers_are_clips: bool) -> list[_Found]:
+    """Files called by a number alone are samples of the clip that their folder is called after, if
     there is one, or if all files are called so and no recording is."""
-    bare = _BARE.match(found.parts[-1])
-    if found.sample or bare is None or len(found.parts) < 2:
-        return found
-    is_clip = found.parts[-2] in clip_names
-    all_are = not has_numbered_clips and all(
-        len(each.parts) > 1 and _BARE.match(each.parts[-1]) for each in others
-    )
-    if not is_clip and not all_are:
-        return found
-    return _Found(found.path, found.parts[:-1], bare["sample"])
+    all_are = not numbers_are_clips and all(map(_is_numbered, files))
+    return [
+        _Found(each.path, each.parts[:-1], _number(_BARE, each.parts[-1]))
+        if _is_numbered(each) and (all_are or each.parts[-2] in clip_names)
+        else each
+        for each in files
+    ]
 
 
 def _number(pattern: re.Pattern[str], text: str) -> str:
