@@ -20,7 +20,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
-from model.motion.motion import Motion
+from model.motion.motion import Motion, first_frames
 from model.speech.acoustics import mel_filters
 
 Ground = Literal["face", "body", "unknown"]
@@ -92,10 +92,10 @@ def find_lag(motion: Motion, heard: Float[np.ndarray, "T2 BANDS"]) -> Lag:
     frames = min(motion.num_frames, len(heard))
     if frames < LEAST_FRAMES:
         return UNKNOWN
-    sound = _parts(heard[:frames])
+    motion, sound = first_frames(motion, frames), _parts(heard[:frames])
     tracks: dict[Ground, np.ndarray] = {"face": _face(motion), "body": _body(motion)}
     for ground, track in tracks.items():
-        moves = _parts(track[:frames])
+        moves = _parts(track)
         if moves.shape[1] and sound.shape[1]:
             lag = _lag(moves, sound, ground)
             if lag is not None:

@@ -85,11 +85,11 @@ def told(name: str, checked: Checked) -> list[str]:
     lines = [f"{name}: {sentence}" for sentence in checked.wrong]
     if checked.missing:
         lines.append(
-            f"{name}: {len(checked.missing)} clips are missing: {some_of(checked.missing)}."
+            f"{name}: clips that are missing: {len(checked.missing)}: {some_of(checked.missing)}."
         )
     if checked.extra:
         lines.append(
-            f"{name}: {len(checked.extra)} are no test clips; leave them out:"
+            f"{name}: clips that are none of the test set, to be left out: {len(checked.extra)}:"
             f" {some_of(checked.extra)}."
         )
     same = Counter(checked.files.values())

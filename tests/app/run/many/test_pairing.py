@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.commands.cli import main
 from app.errors import RunError
 from app.run.many.check import check_sets, told
 from app.run.many.motions import ManyRequest, diagnose_folders
@@ -171,6 +172,24 @@ def test_a_set_that_was_filled_in_is_told_above_the_numbers(made: Path, tmp_path
     assert jerk.split(" | ")[1] == "n/a" and jerk.split(" | ")[2] != "n/a"
     (speed,) = (line for line in sheet.splitlines() if line.startswith("| Followed point: Speed"))
     assert "n/a" not in speed
+
+
+def test_the_command_line_tells_by_its_exit_status(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    for clip in "ab":
+        (mine / f"{clip}.npz").write_bytes((made / "gt" / f"{clip}.npz").read_bytes())
+    argv = ["diagnose", str(mine), "--reference", str(made / "gt"), "--processes", "1", "--out"]
+    assert main([*argv, str(tmp_path / "whole")]) == 0
+    (mine / "b.npz").write_bytes(b"no motion")
+    assert main([*argv, str(tmp_path / "out")]) == 1
+    said = capsys.readouterr()
+    assert "1 of 2 clips could not be measured" in said.err and "sheet.md" in said.out
+    assert main([*argv, str(tmp_path / "check"), "--check", "genea"]) == 1
+    said = capsys.readouterr()
+    assert "mine: clips that are missing: 1: c." in said.err and "check.md" in said.out
 
 
 def archive(path: Path, **files: bytes) -> Path:
