@@ -60,7 +60,7 @@ FILTER_HELP = (
     "Off shows what the models made. On is what the official code does before anyone looks. "
     "The numbers always give both."
 )
-REFERENCE_LABEL = "Reference motion (BEAT2 .npz, optional)"
+REFERENCE_LABEL = "Reference motion (.npz, .npy or .bvh, optional)"
 POINT_LABEL = "Point to follow in plots and measures"
 START_LABEL = "First frame of the figure"
 TRANSCRIPT_LABEL = "Words: .TextGrid, or English as .txt (optional)"

@@ -19,7 +19,7 @@ from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 from model.formats.bvh_text import Joint, Text, read_text
 from model.formats.numbers import Draft
 from model.formats.numpy_reader import made_30
-from model.formats.reading import METRES, Sure
+from model.formats.reading import AXES, METRES, Sure, axis_of
 from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import point_words
 from model.storage.npz import MotionError
@@ -67,15 +67,14 @@ def read_bvh(path: Path, told: dict[str, str]) -> Draft:
     for what in text.said:
         draft.assume("frames", str(len(text.rows)), what)
     turn = Rotation.identity() if is_ours else skeleton.to_ours(found, draft)
-    world, places = skeleton.moved(text)
-    world = [turn * each * turn.inv() for each in world]
+    world = skeleton.moved(text.rows)
     turns = {} if is_ours else _rest_turns(skeleton.rest @ turn.as_matrix().T, found)
-    draft.poses = _poses(world, found, turns)
+    draft.poses = _poses(world, found, turns, turn)
     scale = _scale(skeleton.rest, found, draft)
     rest = open_body_skeleton().rest_joints.double().numpy()
-    pelvis = places[found["pelvis"][0]]
+    pelvis = skeleton.way(found["pelvis"][0], text.rows, world)
     if pelvis is not None:
-        draft.trans = turn.apply(scale * np.asarray(pelvis)) - rest[0]
+        draft.trans = turn.apply(scale * pelvis) - rest[0]
     else:
         draft.lacks.add("place")
         draft.assume("place", "none", "no joint has positions; the body stays in its place")
@@ -157,8 +156,7 @@ class _Skeleton:
         arms, heads = self._arms(chest)
         found: Found = {"pelvis": [pelvis]}
         spine = self._path(trunk, chest)
-        for ours, theirs in self._spread(spine, pelvis, heads).items():
-            found[ours] = theirs
+        found |= {"spine1": spine[:1], "spine2": spine[1:2], "spine3": spine[2:]}
         found |= self._neck(heads)
         for side, (leg, arm) in zip(
             ("left", "right"), zip(legs, self._pair(arms), strict=True), strict=True
@@ -252,7 +250,7 @@ class _Skeleton:
 
     def _limb(self, start: int, side: str, names: tuple[str, ...]) -> Found:
         """The two bones whose sum is longest are upper arm and forearm, thigh and shin."""
-        path = self._down(start)
+        path = [at for at in self._down(start) if not re.search("twist|roll", self._labels[at])]
         places = self.rest[path]
         lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
         if len(lengths) < 2:
@@ -264,8 +262,6 @@ class _Skeleton:
             found[f"{side}_{name}"] = [path[at]]
         if first and before:
             found[f"{side}_{before}"] = path[:first]
-        elif first:
-            found[f"{side}_{three[0]}"] = path[: first + 1]
         if after and len(path) > first + 3:
             shin = places[first + 2] - places[first + 1]
             steps = places[first + 3 :] - places[first + 2]
@@ -273,22 +269,6 @@ class _Skeleton:
             ball = int(np.argmax(along < 0.8))  # and no heel below the ankle; 0 if all are
             found[f"{side}_{after}"] = [path[first + 3 + ball]]
         return found
-
-    def _spread(self, spine: list[int], pelvis: int, heads: list[int]) -> Found:
-        """Joints of the trunk onto our three, by where they stand on it."""
-        if len(spine) >= 3:
-            return {"spine1": spine[:1], "spine2": spine[1:2], "spine3": spine[2:]}
-        top = self.rest[heads[0]] if heads else self.rest[spine[-1]] * 1.5
-        whole = max(float(np.linalg.norm(top - self.rest[pelvis])), 1e-9)
-        theirs = [float(np.linalg.norm(self.rest[at] - self.rest[pelvis])) / whole for at in spine]
-        rest = open_body_skeleton().rest_joints.double().numpy()[:, 1]
-        neck = rest[JOINT_INDEX["neck"]] - rest[0]
-        ours = [float(rest[JOINT_INDEX[f"spine{i}"]] - rest[0]) / neck for i in (1, 2, 3)]
-        best = min(
-            combinations(range(3), len(spine)),
-            key=lambda at: sum(abs(ours[i] - each) for i, each in zip(at, theirs, strict=True)),
-        )
-        return {f"spine{i + 1}": [at] for i, at in zip(best, spine, strict=True)}
 
     def _neck(self, heads: list[int]) -> Found:
         if not heads:
@@ -364,61 +344,73 @@ class _Skeleton:
             )
         y = _nearest_axis(up)
         x = _nearest_axis(across - y * (across @ y))
+        told = draft.told.get("up"), draft.told.get("facing")
+        if told[0] is not None or told[1] in AXES:
+            y = y if told[0] is None else axis_of(told[0])
+            z = np.cross(x, y) if told[1] not in AXES else axis_of(told[1])
+            x = np.cross(y, z)
+            if not np.linalg.norm(x):
+                raise MotionError(f"{self._name} cannot face the way that is up.")
+            draft.settled.add("up")
         z = np.cross(x, y)
         stands, faces = (
             ("-" if axis.sum() < 0 else "") + "xyz"[int(np.abs(axis).argmax())] for axis in (y, z)
         )
-        if stands != "y":
-            draft.assume("up", stands, "its rest pose stands along it; turned")
+        if draft.settled:
+            draft.assume("up", stands, "as you say", "told", AXES)
+            draft.assume("facing", faces, "as you say, or by its rest pose", "told", AXES)
+        elif stands != "y":
+            draft.assume("up", stands, "its rest pose stands along it; turned", "sure", AXES)
         elif faces != "z":
             draft.assume("facing", faces, "its rest pose faces it; turned")
         return Rotation.from_matrix(np.stack([x, y, z]))
 
-    def moved(self, text: Text) -> tuple[list[Rotation], list[np.ndarray | None]]:
-        """World rotation of each joint, and its place where any joint up to it has positions."""
+    def moved(self, rows: Float[np.ndarray, "T C"]) -> list[Rotation]:
+        """World rotation of each joint."""
         world: list[Rotation] = []
-        places: list[np.ndarray | None] = []
-        for index, joint in enumerate(self._joints):
-            turn, place = self._local(index, text.rows)
-            if joint.parent < 0:
-                world.append(turn)
-                places.append(place)
-                continue
-            above, offset = places[joint.parent], np.array(joint.offset)
-            world.append(world[joint.parent] * turn)
-            if above is None and place is None:
-                places.append(None)
-                continue
-            step = world[joint.parent].apply(offset if place is None else place)
-            start = self.rest[joint.parent] if above is None else above
-            places.append(start + step)
-        return world, places
+        for joint in self._joints:
+            at = [i for i, each in enumerate(joint.channels) if each.endswith("rotation")]
+            turn = Rotation.identity(len(rows))
+            if at:
+                order = "".join(joint.channels[i][0] for i in at)
+                angles = rows[:, [joint.first + i for i in at]]
+                turn = Rotation.from_euler(order, angles, degrees=True)
+            world.append(turn if joint.parent < 0 else world[joint.parent] * turn)
+        return world
 
-    def _local(self, index: int, rows: np.ndarray) -> tuple[Rotation, np.ndarray | None]:
-        joint = self._joints[index]
-        turns = [i for i, each in enumerate(joint.channels) if each.endswith("rotation")]
-        moves = [i for i, each in enumerate(joint.channels) if each.endswith("position")]
-        turn = Rotation.identity(len(rows))
-        if turns:
-            order = "".join(joint.channels[i][0] for i in turns)
-            angles = rows[:, [joint.first + i for i in turns]]
-            turn = Rotation.from_euler(order, angles, degrees=True)
-        if not moves:
-            return turn, None
-        place = np.zeros((len(rows), 3))
-        offset = np.array(joint.offset)
-        for i in moves:
-            place[:, "XYZ".index(joint.channels[i][0])] = rows[:, joint.first + i]
-        at = ["XYZ".index(joint.channels[i][0]) for i in moves]
-        if joint.parent >= 0:
-            mean = place.mean(axis=0)
-            if np.linalg.norm((mean - offset)[at]) > np.linalg.norm(mean[at]):
-                place += offset  # told as steps from where the joint rests
-                return turn, place
-        place[:, [i for i in range(3) if i not in at]] = offset[
-            [i for i in range(3) if i not in at]
-        ]
-        return turn, place
+    def way(
+        self, index: int, rows: Float[np.ndarray, "T C"], world: list[Rotation]
+    ) -> Float[np.ndarray, "T 3"] | None:
+        """Where a joint is, by the positions of all joints up to it; None where there are none."""
+        place: np.ndarray | None = None
+        for at in self._path(0, index):
+            joint = self._joints[at]
+            step = self._step(joint, rows)
+            if joint.parent < 0:
+                place = step
+            elif place is not None or step is not None:
+                start = self.rest[joint.parent] if place is None else place
+                offset = np.array(joint.offset) if step is None else step
+                place = start + world[joint.parent].apply(offset)
+        return place
+
+    def _step(self, joint: Joint, rows: Float[np.ndarray, "T C"]) -> np.ndarray | None:
+        """From its parent, in the parent's axes, where a joint has positions."""
+        axes = {
+            "XYZ".index(each[0]): joint.first + i
+            for i, each in enumerate(joint.channels)
+            if each.endswith("position")
+        }
+        if not axes:
+            return None
+        offset, known = np.array(joint.offset), list(axes)
+        step = np.tile(offset, (len(rows), 1))
+        told = rows[:, list(axes.values())]
+        mean = told.mean(axis=0)
+        far = np.linalg.norm(mean - offset[known]) > np.linalg.norm(mean)
+        # Nearer to zero than to where it rests, it is told as a step from there.
+        step[:, known] = told + offset[known] if joint.parent >= 0 and far else told
+        return step
 
 
 def _nearest_axis(vector: np.ndarray) -> np.ndarray:
@@ -450,7 +442,7 @@ def _side(name: str, label: str) -> str:
 
 
 def _poses(
-    world: list[Rotation], found: Found, turns: dict[str, Rotation]
+    world: list[Rotation], found: Found, turns: dict[str, Rotation], axes: Rotation
 ) -> Float[np.ndarray, "T 55 3"]:
     """Our joints' rotations against their parents; one that the file lacks goes with its parent."""
     ours: list[Rotation] = []
@@ -461,7 +453,8 @@ def _poses(
         if not theirs:
             ours.append(ours[parent])
             continue
-        turned = world[theirs[-1]] * turns[name] if name in turns else world[theirs[-1]]
+        turned = axes * world[theirs[-1]] * axes.inv()
+        turned = turned * turns[name] if name in turns else turned
         ours.append(turned)
         local = turned if parent < 0 else ours[parent].inv() * turned
         poses[:, joint] = local.as_rotvec()

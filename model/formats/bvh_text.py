@@ -74,12 +74,12 @@ class _Lines:
 
     def read(self) -> Text:
         joints = self._hierarchy()
-        frames, frame_s = self._head()
         channels = sum(len(joint.channels) for joint in joints)
         joints = self._largest_skeleton(joints)
         own = sum(len(joint.channels) for joint in joints)
         if not own:
             raise self._wrong("no joint has channels")
+        frames, frame_s = self._head()
         rows = self._rows(frames, channels, own if joints[0].first == 0 else channels)
         return Text(joints, frame_s, rows, self._said)
 

@@ -3,8 +3,6 @@ from what its hands are told, where samples were joined, at which rate it goes."
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
@@ -12,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from conventions.joints import HANDS, JOINT_INDEX, LEFT_HAND, RIGHT_HAND
 from conventions.rates import FPS
 from model.formats.numbers import Draft, at_30_fps, check_fps
-from model.formats.reading import AXES, METRES, Reading
+from model.formats.reading import AXES, METRES, Reading, axis_of
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, in_step
 from model.motion.tracks import Tracks, track_points
@@ -29,7 +27,7 @@ RELAXED_HANDS: Float[np.ndarray, "30 3"] = np.concatenate(
     [np.array(_LEFT_RELAXED), np.array(_LEFT_RELAXED) * (1, -1, -1)]
 )
 """Axis-angle of our own relaxed hands, which stand in for the licensed mean hand."""
-_UNIT = {axis: np.eye(3)["xyz".index(axis[-1])] * (-1 if "-" in axis else 1) for axis in AXES}
+_UNIT = {axis: axis_of(axis) for axis in AXES}
 _UPRIGHT = {
     "y": Rotation.identity(),
     "-y": Rotation.from_euler("x", 180, degrees=True),
@@ -48,6 +46,8 @@ SLIDES_M_S = 0.8
 """No motion's stiller foot goes that fast at the median (worst of published ones: .4)."""
 FAR = 20.0
 """Metres from the origin where nobody is filmed, but where centimetres begin."""
+_LOOKED_AT = 1800
+"""Frames, from the first, by which feet are judged."""
 _SAMPLES = range(2, 21)
 _JUMP = 2.5
 
@@ -69,9 +69,7 @@ def finished(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None = None) 
     if draft.fps <= FPS - 1.0:
         draft.lacks.add("detail")
     motion = _in_step(draft, motion)
-    order = [each.kind for each in draft.assumptions]
-    told = sorted(draft.assumptions, key=lambda each: order.index(each.kind))
-    return Reading(motion, tuple(told), draft.name, frozenset(draft.lacks))
+    return Reading(motion, tuple(draft.assumptions), draft.name, frozenset(draft.lacks))
 
 
 def _in_step(draft: Draft, motion: Motion) -> Motion:
@@ -116,9 +114,10 @@ def _samples(draft: Draft) -> None:
 
 
 def curl(poses: Float[np.ndarray, "T 55 3"]) -> float:
-    """Mean bend of the long fingers towards the palm, radians."""
-    left = -poses[:, list(LEFT_HAND[:12]), 2].mean()
-    return float((left + poses[:, list(RIGHT_HAND[:12]), 2].mean()) / 2)
+    """Mean bend of the long fingers towards the palm, radians, of hands that are not all zero."""
+    hands = ((LEFT_HAND, -1.0), (RIGHT_HAND, 1.0))
+    bends = [sign * poses[:, list(hand[:12]), 2] for hand, sign in hands if poses[:, hand].any()]
+    return float(np.mean(bends)) if bends else 0.0
 
 
 def _hands(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None) -> None:
@@ -170,9 +169,9 @@ def _units(draft: Draft) -> None:
         draft.trans = draft.trans * METRES[told]
         draft.assume("units", told, "as you say", "told", tuple(METRES))
         return
-    still = Draft(draft.name, {}, draft.poses).motion()
+    still = Draft(draft.name, {}, draft.poses[:_LOOKED_AT]).motion()
     feet = _tracks(still).joints[:, [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]]]
-    trans = draft.trans
+    trans = draft.trans[:_LOOKED_AT]
 
     def slide(scale: float) -> float:
         """Median speed of the stiller foot, m/s."""
@@ -183,23 +182,27 @@ def _units(draft: Draft) -> None:
 
     far = float(np.abs(np.median(trans, axis=0)).max())
     is_still = np.ptp(trans, axis=0).max() < 1e-6
-    if far < FAR and (is_still or slide(1.0) < SLIDES_M_S):
+    stands = slide(1.0) < max(SLIDES_M_S, 2 * slide(0.0))  # or its legs alone go as fast
+    if far < FAR and (is_still or stands):
         unit, sure, why = "m", "sure", "feet stand at that scale"
-    elif not is_still and slide(1.0) < SLIDES_M_S:
+    elif not is_still and stands:
         unit, sure = "m", "unsure"
         why = f"though the body stands {far:.0f} away, at that scale its feet stand"
     else:
-        unit = "mm" if far > 400 else "cm" if far > FAR else min(("cm", "mm"), key=_by(slide))
-        of_height = 60 < far < 200 or 600 < far < 2000
-        sure = "likely" if of_height and slide(METRES[unit]) < SLIDES_M_S else "unsure"
+        steps = np.linalg.norm(np.diff(trans, axis=0), axis=-1)
+        speed = float(np.median(steps) * draft.fps) if len(steps) else 0.0
+        odd = {unit: _oddness(METRES[unit] * far, METRES[unit] * speed) for unit in ("cm", "mm")}
+        unit = min(odd, key=lambda each: odd[each])
+        sure = "likely" if abs(odd["cm"] - odd["mm"]) > 1.0 else "unsure"
         why = f"in metres it would stand {far:.0f} away and its feet slide at {slide(1.0):.1f} m/s"
     if unit != "m":
-        draft.trans = trans * METRES[unit]
+        draft.trans = draft.trans * METRES[unit]
     draft.assume("units", unit, why, sure, ("m", "cm", "mm"), unit == "m" and sure == "sure")
 
 
-def _by(slide: Callable[[float], float]) -> Callable[[str], float]:
-    return lambda unit: slide(METRES[unit])
+def _oddness(far_m: float, speed_m_s: float) -> float:
+    """How far from a person's are where a pelvis stands and how fast it goes."""
+    return abs(np.log(max(far_m, 0.3))) + abs(np.log(max(speed_m_s, 1e-4) / 0.08))
 
 
 def _tracks(motion: Motion) -> Tracks:
@@ -224,6 +227,8 @@ def posture(motion: Motion) -> dict[str, float]:
 
 
 def _up_and_facing(draft: Draft) -> None:
+    if "up" in draft.settled:
+        return
     scores = posture(draft.motion())
     ranked = sorted(scores, key=lambda axis: -scores[axis])
     best, second = ranked[0], ranked[1]
@@ -245,7 +250,7 @@ def _up_and_facing(draft: Draft) -> None:
 
 
 def _facing(draft: Draft) -> None:
-    tracks = _tracks(draft.motion())
+    tracks = _tracks(Draft(draft.name, {}, draft.poses[:: 1 + len(draft.poses) // 600]).motion())
     hips = tracks.joints[:, JOINT_INDEX["left_hip"]] - tracks.joints[:, JOINT_INDEX["right_hip"]]
     ahead = np.cross(hips, (0.0, 1.0, 0.0))[:, [0, 2]]
     ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9)

@@ -67,6 +67,8 @@ class Draft:
     that they are not."""
     chosen: int = 1
     """Which motion of a batch."""
+    settled: set[Kind] = field(default_factory=set)
+    """What the reader did after the user's word, so that it is not done again."""
     is_scaled: bool = False
     """Whether `trans` is in metres already, and y is up unless the motion says otherwise."""
 
@@ -125,6 +127,7 @@ def shape_of(shape: tuple[int, ...]) -> Shape | None:
         case (frames, joints, width) if (joints, width) in pairs:
             return Shape(1, frames, joints, width)
         case (batch, frames, columns) if columns in flat:
+            batch, frames = (1, batch) if frames == 1 else (batch, frames)
             return Shape(batch, frames, *flat[columns])
         case (frames, joints, 3, 3) if joints in JOINT_SETS:
             return Shape(1, frames, joints, 9)
@@ -275,7 +278,7 @@ def check_fps(fps: float, name: str) -> float:
     if not LOWEST_FPS <= fps <= HIGHEST_FPS:
         raise MotionError(
             f"{name} has {fps:g} frames per second; {LOWEST_FPS:g} to {HIGHEST_FPS:g} can be"
-            f" resampled to {FPS}. If it lies, say --assume rate=N."
+            f" resampled to {FPS} (if it lies, say --assume rate=N)."
         )
     return fps
 

@@ -16,6 +16,7 @@ from model.formats.numbers import (
     BODY,
     JOINT_SETS,
     SET_NAMES,
+    WIDTHS,
     Draft,
     are_positions,
     axis_angle,
@@ -49,13 +50,17 @@ PARTS: dict[str, tuple[int, ...]] = {
     "left_hand_pose": HANDS[:15],
     "right_hand_pose": HANDS[15:],
     "root_orient": (0,),
+    "root_pose": (0,),
+    "lhand_pose": HANDS[:15],
+    "rhand_pose": HANDS[15:],
     "pose_body": BODY[1:],
     "pose_jaw": (JOINT_INDEX["jaw"],),
     "pose_eye": FACE[1:],
     "pose_hand": HANDS,
 }
-"""SMPL-X's own parameters, then AMASS's names of them, and the joints of each."""
-_ROOTS = ("global_orient", "root_orient")
+"""SMPL-X's own parameters, then SMPLer-X's and AMASS's names of them, and the joints of each."""
+_BEAT2 = {"poses", "trans", "expressions", "betas", "mocap_frame_rate"}
+_ROOTS = ("global_orient", "root_orient", "root_pose")
 _DIFFSHEG = tuple(
     JOINT_INDEX[name]
     for name in (
@@ -144,9 +149,11 @@ CONVERT = (
     "n.savez('motion.npz', **{k: v for k,v in f(d).items() if v.dtype!=object})\" FILE"
 )
 """Run by whoever trusts a file of pickled objects: loading them runs what they say."""
+_FARTHEST = 1e5
+"""A hundred metres in millimetres."""
 _READS = (
-    "rotations are (frames, joints x numbers) or (frames, joints, numbers) of 55, 53, 52, 24 or 22"
-    " joints with 3, 4, 6 or 9 numbers"
+    "rotations are (frames, 165), (frames, 55, 3) or of 53, 52, 24 or 22 joints, 3, 4, 6 or 9"
+    " numbers each"
 )
 
 
@@ -177,10 +184,10 @@ def read_npy(path: Path, told: dict[str, str]) -> Draft:
         raise MotionError(f"{path.name} could not be read: {error.strerror or error}.") from error
     if array is None or array.dtype.kind not in "fiu" or array.ndim < 2:
         raise MotionError(
-            f"{path.name} is no plain array of numbers with a row for each frame (pickled objects"
-            " are never loaded; if you trust it, convert it: docs/formats.md, Pickles)."
+            f"{path.name} is no plain array of numbers with a row for each frame; pickled objects"
+            f" are never loaded: if you trust it, convert it yourself: {CONVERT}."
         )
-    draft = _of_array(array, path.name, told)
+    draft = _of_array(array.astype(np.float32), path.name, told)
     _rate(draft, {})
     _complete(draft)
     return draft
@@ -207,7 +214,7 @@ def _of_columns(array: np.ndarray, layout: Columns, name: str, told: dict[str, s
     draft.assume("layout", str(array.shape[-1]), f"as {layout.name}")
     rows = _one_of(draft, array.reshape(-1, *array.shape[-2:]))
     check_length(len(rows), name)
-    _check_finite(draft, "the array", rows)
+    _check_finite(draft, "the array", rows, most=_FARTHEST)
     poses = np.zeros((len(rows), NUM_JOINTS, 3))
     start = 0
     for what, count in layout.blocks:
@@ -280,7 +287,7 @@ def _one_of(draft: Draft, batch: np.ndarray) -> np.ndarray:
     choice = draft.told.get("motion", "1")
     if not choice.isdigit() or not 1 <= int(choice) <= count:
         raise MotionError(
-            f"{draft.name} holds {count} motions; say --assume motion=1 to motion={count}."
+            f"{draft.name} holds {count} motions (say --assume motion=1 to motion={count})."
         )
     others = tuple(str(number) for number in range(1, count + 1))
     why = f"the file holds a batch of {count} motions"
@@ -306,7 +313,7 @@ def _check_finite(draft: Draft, what: str, rows: np.ndarray, most: float = MAX_A
     elif bad.any():
         raise MotionError(
             f"{draft.name} holds values that are not finite (NaN or infinite) in {what}, frames "
-            f"{stretches(bad)}; repair it, or say --assume frames=bridge."
+            f"{stretches(bad)}; repair it (or say --assume frames=bridge)."
         )
     largest = float(np.abs(flat).max(initial=0.0))
     if largest > most:
@@ -338,7 +345,7 @@ class _Archive:
     """Of one of several motions."""
 
     def read(self) -> Draft:
-        self.headers = read_headers(self.archive, self.name)
+        self.headers = read_headers(self.archive, self.name, names_objects=True)
         chosen = self._choose()
         draft = self._poses(chosen)
         if self.choice is not None:
@@ -348,8 +355,8 @@ class _Archive:
             draft.assume("layout", "npz", f"{self._listed(objects)}, pickled objects, not read")
         frames = len(draft.poses)
         if draft.trans is None and (key := self._find(TRANSLATIONS)):
-            trans = self._array(draft, key, 3, most=1e5)
-            _check_finite(draft, f"`{key}`", trans, most=1e5)
+            trans = self._array(draft, key, 3)
+            _check_finite(draft, f"`{key}`", trans, most=_FARTHEST)
             draft.trans = trans.astype(np.float64)
         if draft.expressions is None and (key := self._find(EXPRESSIONS)):
             self._expressions(draft, key)
@@ -369,6 +376,8 @@ class _Archive:
             faces = draft.expressions
             draft.expressions = None if faces is None else faces[:shortest]
         self._invalid(draft)
+        if _BEAT2 <= set(self.plain) and self.headers[self.plain["poses"]][0][-1:] == (165,):
+            draft.is_offset = None
         draft.basis = read_basis(self.archive, self.headers, self.name)
         _complete(draft)
         return draft
@@ -399,8 +408,8 @@ class _Archive:
             numbers = [str(number) for number in range(1, len(names) + 1)]
             if choice not in (*found, *numbers):
                 raise MotionError(
-                    f"{self.name} holds {len(found)} motions: {', '.join(names[:12])}; say which: "
-                    f"--assume motion={names[0]}."
+                    f"{self.name} holds {len(found)} motions: {', '.join(names[:12])}; give one of"
+                    f" them (say --assume motion={names[0]})."
                 )
             before = choice if choice in found else list(found)[numbers.index(choice)]
             self.choice = Assumption("motion", choice, "as you say", "told", tuple(names))
@@ -421,11 +430,11 @@ class _Archive:
         if objects:
             return (
                 f"{self.name} holds pickled Python objects in {self._listed(objects)}, which are"
-                f" never loaded; if you trust it, convert it yourself: {CONVERT}"
+                f" never loaded; if you trust it, convert it yourself: {CONVERT}."
             )
         return (
-            f"{self.name} holds {self._listed(list(self.headers)) or 'nothing'}, and among these no"
-            f" `poses` and no `global_orient` with `body_pose`; {_READS}."
+            f"{self.name} lacks poses, or `global_orient` with `body_pose`: it holds"
+            f" {self._listed(list(self.headers)) or 'nothing'}; {_READS}."
         )
 
     def _listed(self, keys: list[str]) -> str:
@@ -490,19 +499,18 @@ class _Archive:
 
     def _part_rows(self, part: str, array: np.ndarray, joints: int) -> np.ndarray:
         """(T, joints, numbers) of one part."""
-        array = array[0] if array.ndim > 2 and len(array) == 1 < array.shape[1] else array
         each, over = divmod(int(np.prod(array.shape[1:])), joints)
+        if len(array) == 1 and array.ndim > 2 and (over or each not in WIDTHS):
+            return self._part_rows(part, array[0], joints)
         smpl = array.reshape(len(array), -1)
         if part in ("body_pose", "pose_body") and smpl.shape[1] == 69:
             return smpl[:, :63].reshape(len(array), 21, 3)
-        if over or each not in (3, 4, 6, 9):
-            is_hand = "hand" in part
+        if over or each not in WIDTHS:
             why = (
                 " Hands as principal components need the licensed model: save them with"
                 " use_pca=False, or turn num_pca_comps numbers into 45 with its hand components."
-                if is_hand
-                else ""
             )
+            why = why if "hand" in part else ""
             raise MotionError(
                 f"{self.name}: `{part}` must have {3 * joints} numbers a frame (or 4, 6 or 9 for "
                 f"each of {joints} joints); it has the shape {array.shape}.{why}"
@@ -518,7 +526,7 @@ class _Archive:
             raise MotionError(f"{self.name}: `{key}` must hold numbers; it holds {dtype}.")
         return read_array(self.archive, key).astype(np.float32)
 
-    def _array(self, draft: Draft, plain: str, columns: int, most: float) -> np.ndarray:
+    def _array(self, draft: Draft, plain: str, columns: int) -> np.ndarray:
         """An array with one row for each frame, of the motion that was chosen of a batch."""
         array = self._numbers(self.plain[plain])
         shape = array.shape
@@ -541,7 +549,7 @@ class _Archive:
             why = f"`{plain}` {shape} are none of FLAME's up to {NUM_EXPRESSIONS} coefficients"
             draft.assume("face", "none", f"{why}; it stays at rest")
             return
-        face = self._array(draft, plain, columns, MAX_ABS_VALUE)
+        face = self._array(draft, plain, columns)
         _check_finite(draft, f"`{plain}`", face)
         draft.expressions = np.pad(face, ((0, 0), (0, NUM_EXPRESSIONS - columns)))
         if columns < NUM_EXPRESSIONS or plain != "expressions":

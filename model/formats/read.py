@@ -60,7 +60,7 @@ def _kind(path: Path, convert: str) -> str:
     if ending in PICKLES:
         raise MotionError(
             f"{path.name} is a pickle, which can run programs when it is read, and is never loaded."
-            f" If you trust it, convert it yourself: {convert}"
+            f" If you trust it, convert it yourself: {convert}."
         )
     if ending in ENDINGS or not path.is_file():
         kind = ending if ending in ENDINGS else ".npz"
@@ -87,7 +87,7 @@ def mean_hands(body: Path | None) -> Float[np.ndarray, "30 3"] | None:
     if body is None or body.suffix.lower() != ".npz":
         return None
     with opened_archive(body) as archive:
-        headers = read_headers(archive, body.name)
+        headers = read_headers(archive, body.name, names_objects=True)
         keys = ("hands_meanl", "hands_meanr")
         if any(key not in headers or headers[key][1].kind != "f" for key in keys):
             return None

@@ -8,6 +8,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
 
+import numpy as np
+
 from model.storage.npz import MotionError
 
 if TYPE_CHECKING:
@@ -53,6 +55,11 @@ file."""
 MOTIONS, REFERENCE = "motions", "reference"
 """Names by which `Told` speaks of all motions but the reference, or of it alone."""
 _FLAG = re.compile(r"^(?:(?P<name>.+):)?(?P<kind>[a-z]+)=(?P<value>.+)$")
+
+
+def axis_of(name: str) -> np.ndarray:
+    """The direction of one of `AXES`."""
+    return np.eye(3)["xyz".index(name[-1])] * (-1 if name[0] == "-" else 1)
 
 
 @dataclass(frozen=True)

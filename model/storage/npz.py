@@ -67,9 +67,14 @@ def opened_archive(path: Path) -> Iterator[zipfile.ZipFile]:
         raise MotionError(f"{path.name} could not be read: {error.strerror or error}.") from error
 
 
-def read_headers(archive: zipfile.ZipFile, name: str) -> dict[str, Header]:
-    """Shape and dtype of every array; nothing is unpacked but the first bytes of each. Arrays of
-    Python objects are named with the others, and nobody ever loads them.
+def read_headers(
+    archive: zipfile.ZipFile, name: str, names_objects: bool = False
+) -> dict[str, Header]:
+    """Shape and dtype of every array; nothing is unpacked but the first bytes of each.
+
+    Args:
+        names_objects: arrays of Python objects, which are never loaded, are named with the others
+            in place of being refused.
 
     Raises:
         MotionError: for too many or too large arrays, and for what is none.
@@ -95,10 +100,13 @@ def read_headers(archive: zipfile.ZipFile, name: str) -> dict[str, Header]:
         if header is None:
             raise MotionError(f"{name} is damaged: `{shown}` is not an array.")
         shape, dtype = header
-        if (
-            not dtype.hasobject
-            and math.prod(shape) * dtype.itemsize + header_bytes != entry.file_size
-        ):
+        if dtype.hasobject and not names_objects:
+            raise MotionError(
+                f"{name} holds pickled Python objects in `{shown}`, which are never loaded; "
+                "save it again with plain number arrays."
+            )
+        size_is = math.prod(shape) * dtype.itemsize + header_bytes
+        if not dtype.hasobject and size_is != entry.file_size:
             raise MotionError(f"{name} is damaged: `{shown}` does not have its stated size.")
         headers[key] = header
     return headers

@@ -140,7 +140,7 @@ def _wrong_keys(path: Path) -> None:
 
 def _wrong_shapes(path: Path) -> None:
     np.savez(
-        path, poses=np.zeros((30, 72)), trans=np.zeros((30, 3)), betas=np.zeros(300),
+        path, poses=np.zeros((30, 70)), trans=np.zeros((30, 3)), betas=np.zeros(300),
         expressions=np.zeros((30, 100)), mocap_frame_rate=30,
     )  # fmt: skip
 

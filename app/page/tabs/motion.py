@@ -295,7 +295,9 @@ def build_form(services: Services) -> FormParts:
             label=text.SAMPLER_LABEL,
             info=text.SAMPLER_HELP,
         )
-        reference = check.file("reference", text.REFERENCE_LABEL, [".npz"], "reference", height=150)
+        reference = check.file(
+            "reference", text.REFERENCE_LABEL, [".npz", ".npy", ".bvh"], "reference", height=150
+        )
         transcript = check.file(
             "transcript", text.TRANSCRIPT_LABEL, [".TextGrid", ".txt"], "transcript", height=150
         )

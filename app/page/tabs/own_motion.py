@@ -32,11 +32,16 @@ WINDOWS_HELP = (
     "period from 2 to 240 frames is tried."
 )
 PLANTED_LABEL = "Try an example with planted faults"
+ASSUME_LABEL = "How the files are to be read"
+ASSUME_HELP = (
+    "Where a note says that a file was misunderstood: up=z, facing=x, units=cm, rate=25, "
+    "hands=mean, rotations=6d-columns, motion=2, frames=bridge; NAME:up=z for one file alone."
+)
 SHOWN_LABEL = "Shown on the stage and in figures"
 SHOWN_HELP = "At most six with the reference; all are measured."
 INTRODUCTION = (
     "Measures motion files of your own as it measures the systems, raw and filtered: "
-    ".npz as BEAT2, AMASS and SMPL-X have them, .npy, .bvh; 12 to 240 frames a second. A zip of "
+    "nearly any .npz, .npy or .bvh of a whole body; how each was understood is told. A zip of "
     "clips is measured as a set, several beside each other by the clips' names."
 )
 
@@ -146,6 +151,10 @@ def _build_form(check: UploadCheck) -> FormParts:
     has_videos = gr.Checkbox(
         True, label=text.VIDEOS_LABEL, info=text.VIDEOS_HELP, elem_id="own-videos"
     )
+    with gr.Accordion("Read otherwise?", open=False):
+        assume = gr.Textbox(
+            "", max_length=400, label=ASSUME_LABEL, info=ASSUME_HELP, elem_id="own-assume"
+        )
     with gr.Accordion("Made of windows?", open=False):
         gr.HTML(f'<p class="hint">{WINDOWS_HELP}</p>')
         with gr.Row(elem_classes="pair"):
@@ -157,7 +166,7 @@ def _build_form(check: UploadCheck) -> FormParts:
         cancel = gr.Button(text.CANCEL, elem_id="own-cancel", min_width=110)
     check.guard(start, reason)
     fields = [motions, reference, speech, point, start_frame, window, overlap, shown]
-    fields += [has_videos, transcript, has_words]
+    fields += [has_videos, transcript, has_words, assume]
     return FormParts(fields, start, cancel, planted, [motions, reference, speech, transcript])
 
 

@@ -30,7 +30,14 @@ from app.page.tabs.services import Services
 from app.page.tabs.videos_run import VideosBehind, Wanted
 from app.run.output.result_folder import zip_files
 from app.run.output.telling import share_teller
-from app.run.requests.request import MAX_COMPARED, Artefact, Event, OnEvent, ShouldCancel
+from app.run.requests.request import (
+    MAX_COMPARED,
+    Artefact,
+    Event,
+    OnEvent,
+    ShouldCancel,
+    read_assumptions,
+)
 from app.run.videos.behind import VideosRequest
 from app.run.videos.own_videos import OnFile, VideoOptions
 from conventions.names import REFERENCE_NAME, printable
@@ -76,6 +83,8 @@ class OwnMotionForm:
     transcript: str | None = None
     has_words: bool = False
     """Recognised, where there is no transcript."""
+    assume: str = ""
+    """How files are to be read, as `--assume` takes it."""
 
     def to_request(self, out: Path, config: AppConfig) -> DiagnoseRequest:
         """The measuring that the form asks for.
@@ -114,6 +123,7 @@ class OwnMotionForm:
             window=_whole(self.window, "window"),
             overlap=_whole(self.overlap, "overlap") or 0,
             max_frames=MAX_FRAMES,
+            told=read_assumptions(self.assume),
         )
 
     @property

@@ -164,7 +164,7 @@ def _build_materials(
     motions = check.file(
         "motion",
         f"Other motion, each file named <system>{SEPARATOR}<clip>.npz (optional)",
-        [".npz"],
+        [".npz", ".npy", ".bvh"],
         "study-motions",
         height=150,
         file_count="multiple",

@@ -332,7 +332,7 @@ def _generated(
 
 def _read(folder: Path) -> dict[str, Grid]:
     """Motions of a folder, by what their names say."""
-    from model.motion.motion import load_motion
+    from model.formats.read import read_any_motion
 
     if not folder.is_dir():
         raise RunError(f"{folder} is no folder; name one with files SYSTEM__SPEECH__SEED.npz.")
@@ -345,7 +345,7 @@ def _read(folder: Path) -> dict[str, Grid]:
                 " underscores between, so that it is known what it was made of."
             )
         grid = grids.setdefault(named["system"] or folder.name, {})
-        grid[named["speech"], int(named["seed"])] = load_motion(path)
+        grid[named["speech"], int(named["seed"])] = read_any_motion(path).motion
     if not 1 <= len(grids) <= MAX_SYSTEMS:
         raise RunError(f"{folder} must hold 1 to {MAX_SYSTEMS} systems; found {len(grids)}.")
     return dict(grids)

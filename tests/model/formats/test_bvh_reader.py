@@ -1,0 +1,214 @@
+"""BVH: any tree of a person, its text read as far as nothing is lost, and our own files back."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from app.run.body_motion import body_motion
+from conventions.joints import HANDS, JOINT_INDEX, JOINT_NAMES
+from model.formats.read import read_any_motion
+from model.formats.reading import read_told
+from model.storage.npz import MotionError
+from renderer.body.body import load_body
+from renderer.files.bvh import write_bvh
+from tests.model.formats.made import BODY_JOINTS, Person, bvh_text, joints_of
+
+MOTION = Person(7).motion(20)
+WANTED = joints_of(MOTION)
+WHOLE = [*BODY_JOINTS, *HANDS]
+
+
+def text_of(joints: list[int] = BODY_JOINTS, names: list[str] | None = None, **more) -> str:
+    names = names or [JOINT_NAMES[joint] for joint in joints]
+    return bvh_text(MOTION, joints, Rotation.identity(), 1.0, names, **more)
+
+
+def read(folder: Path, text: str, assume: str = ""):
+    path = folder / "a.bvh"
+    path.write_bytes(text.encode("latin-1"))
+    return read_any_motion(path, read_told(assume))
+
+
+def test_our_own_bvh_comes_back(tmp_path: Path):
+    path = tmp_path / "own.bvh"
+    write_bvh(load_body(), body_motion(MOTION), path)
+    reading = read_any_motion(path)
+    np.testing.assert_allclose(joints_of(reading.motion), WANTED, atol=2e-3)
+    assert reading.notes == ()
+
+
+def test_joints_are_known_by_their_tree_where_names_say_nothing(tmp_path: Path):
+    """Sides by where feet point, fingers by where they start."""
+    reading = read(tmp_path, text_of(WHOLE, [f"bone{number}" for number in range(len(WHOLE))]))
+    np.testing.assert_allclose(joints_of(reading.motion)[:, WHOLE], WANTED[:, WHOLE], atol=2e-3)
+
+
+@pytest.mark.parametrize("sides", [("l", "r"), ("Links", "R")])
+def test_wrong_looking_names_do_not_matter(tmp_path: Path, sides: tuple[str, str]):
+    names = [
+        name.replace("left", sides[0]).replace("right", sides[1])
+        for name in (JOINT_NAMES[joint] for joint in BODY_JOINTS)
+    ]
+    found = joints_of(read(tmp_path, text_of(names=names)).motion)
+    np.testing.assert_allclose(found[:, BODY_JOINTS], WANTED[:, BODY_JOINTS], atol=2e-3)
+
+
+@pytest.mark.parametrize("arms_deg", [0.0, 45.0, -10.0])
+def test_limbs_of_another_rest_pose_point_as_in_the_file(tmp_path: Path, arms_deg: float):
+    reading = read(tmp_path, text_of(WHOLE, arms_deg=arms_deg))
+    found = joints_of(reading.motion)[:, WHOLE]
+    np.testing.assert_allclose(found, WANTED[:, WHOLE], atol=3e-3)
+    rest = reading.of("layout")
+    assert (rest is not None) == (arms_deg != 0.0) or rest is None or "0°" in rest.why
+
+
+def test_a_walk_on_a_root_above_the_hips_is_kept(tmp_path: Path):
+    found = joints_of(read(tmp_path, text_of(has_root=True)).motion)
+    np.testing.assert_allclose(found[:, 0], WANTED[:, 0], atol=1e-4)
+
+
+def test_positions_on_every_joint_are_its_place_beside_its_parent(tmp_path: Path):
+    """As Mixamo and MotionBuilder write them, whatever the offsets say."""
+    text = text_of()
+    lines = text.splitlines()
+    start = lines.index("MOTION")
+    offsets = [line.split()[1:] for line in lines[:start] if line.startswith("OFFSET")]
+    head = [
+        line.replace("CHANNELS 3 ", "CHANNELS 6 Xposition Yposition Zposition ")
+        for line in lines[:start]
+    ]
+    ends = [at for at, line in enumerate(lines[:start]) if line == "End Site"]
+    places = [at for at, line in enumerate(lines[:start]) if line.startswith("OFFSET")]
+    own = [offset for at, offset in zip(places, offsets, strict=True) if at - 2 not in ends]
+    rows = []
+    for line in lines[start + 3 :]:
+        numbers = line.split()
+        row = numbers[:6]
+        for joint in range(1, len(own)):
+            row += own[joint] + numbers[3 + 3 * joint : 6 + 3 * joint]
+        rows.append(" ".join(row))
+    reading = read(tmp_path, "\n".join([*head, *lines[start : start + 3], *rows]))
+    np.testing.assert_allclose(
+        joints_of(reading.motion)[:, BODY_JOINTS], WANTED[:, BODY_JOINTS], atol=2e-3
+    )
+
+
+def test_lengths_are_scaled_to_our_legs_unless_told(tmp_path: Path):
+    text = bvh_text(MOTION, BODY_JOINTS, Rotation.identity(), 50.0, list(JOINT_NAMES[:22]))
+    reading = read(tmp_path, text)
+    np.testing.assert_allclose(joints_of(reading.motion)[:, 0], WANTED[:, 0], atol=1e-3)
+    half = read(tmp_path, text, "units=cm").motion
+    np.testing.assert_allclose(joints_of(half)[:, 0], WANTED[:, 0] / 2, atol=1e-3)
+
+
+def test_a_row_less_than_stated_is_told_and_rates_are_stated_or_told(tmp_path: Path):
+    reading = read(tmp_path, text_of(fps=60.0).replace("Frames: 20", "Frames: 21"))
+    assert "says 21 frames and holds 20" in reading.notes[0]
+    assert reading.motion.num_frames == 10
+    assert read(tmp_path, text_of(fps=60.0), "rate=30").motion.num_frames == 20
+
+
+TEXT = text_of()
+ROW = TEXT.splitlines().index("MOTION") + 4
+"""The first row's line, from 1."""
+
+
+def changed_row(number: int, change: Callable[[str], str]) -> str:
+    lines = TEXT.splitlines()
+    lines[ROW - 1 + number] = change(lines[ROW - 1 + number])
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (TEXT.replace("\n", "\r\n"), ""),
+        (TEXT.replace("Frame Time", "\n frame time"), ""),
+        (TEXT.replace("Frames: ", "frames:\t"), ""),
+        ("\xef\xbb\xbf" + TEXT, ""),
+        (TEXT.replace("head", "K\xf6pf Head"), ""),
+        (changed_row(3, lambda row: row.replace(".", ",")), "decimal commas"),
+        (changed_row(4, lambda row: row.replace(" -", "-")), "ran together"),
+        (changed_row(19, lambda row: row[: len(row) // 2]), "row 20 of 20 is cut"),
+        (" ".join(TEXT.split("MOTION")[0].split()) + "\nMOTION" + TEXT.split("MOTION")[1], ""),
+    ],
+)
+def test_text_is_read_where_nothing_is_lost(tmp_path: Path, text: str, said: str):
+    reading = read(tmp_path, text)
+    frames = 19 if "is cut" in said else 20
+    found = joints_of(reading.motion)[:, BODY_JOINTS]
+    np.testing.assert_allclose(found, WANTED[:frames, BODY_JOINTS], atol=2e-3)
+    assert said in " ".join(reading.notes)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "line 0, there is no MOTION"),
+        ("BIERARCHY", "line 1, it does not begin with HIERARCHY"),
+        ("HIERARCHY\nROOT a\n{\nMOTION\n", "no joint has channels"),
+        ("HIERARCHY\nROOT a\n{\nCHANNELS 9 x", "cannot have '9' channels"),
+        ("HIERARCHY\nROOT a\n{\nCHANNELS 1 Wposition", "no channels: wposition"),
+        ("HIERARCHY\nROOT a {\nBONE", "'BONE' is none of"),
+        ("HIERARCHY\n}", "a } has no {"),
+        (TEXT.replace("Frames: 20", "Frames: many"), "'Frames: N' is expected; found"),
+        (TEXT.replace("Frame Time: 0.03333333", "Frame Time: 0"), "cannot last 0 s"),
+        (changed_row(2, lambda row: row + " 7"), f"line {ROW + 2}, a row of 70 numbers"),
+        (changed_row(2, lambda row: row[:90]), f"line {ROW + 2}, a row of"),
+        (changed_row(2, lambda row: "x" + row), "is no number"),
+        (changed_row(2, lambda row: "nan " + row.split(" ", 1)[1]), "not finite in frames 2"),
+        (TEXT.replace("\nMOTION", "\nMOVES"), "'MOVES' is none of"),
+        ("HIERARCHY\n" + "ROOT a {\n" * 500, "over 400 joints"),
+    ],
+)
+def test_text_that_is_none_is_refused_with_line_and_reason(tmp_path: Path, text: str, said: str):
+    with pytest.raises(MotionError) as caught:
+        read(tmp_path, text)
+    assert said in str(caught.value)
+
+
+def test_trees_that_are_no_person_are_refused(tmp_path: Path):
+    arm = [JOINT_INDEX[name] for name in JOINT_NAMES[:22] if "leg" not in name]
+    upper = [joint for joint in arm if JOINT_NAMES[joint].split("_")[-1] not in
+             ("hip", "knee", "ankle", "foot")]  # fmt: skip
+    with pytest.raises(MotionError, match="no joint from which two legs and a trunk go"):
+        read(tmp_path, text_of(upper))
+    lines = [
+        "OFFSET 0 0.4 0" if line.startswith("OFFSET") and "-0.3" in line else line
+        for line in TEXT.splitlines()
+    ]
+    with pytest.raises(MotionError, match="legs do not hang below the trunk"):
+        read(tmp_path, "\n".join(lines))
+
+
+def test_twist_joints_within_a_limb_are_part_of_its_bones(tmp_path: Path):
+    """As GENEA's skeleton has them, each with half of the bone's length."""
+    lines, text = text_of().splitlines(), []
+    depth = 0
+    for line in lines[: lines.index("MOTION")]:
+        if line == "JOINT left_elbow":
+            text += ["JOINT left_arm_twist", "{", "OFFSET 0.1 0 0", "CHANNELS 0"]
+            depth = 1
+        text.append(line)
+        if depth:
+            depth += (line == "{") - (line == "}")
+            if depth == 1 and line == "}":
+                text.append("}")
+                depth = 0
+    moved = [
+        "OFFSET 0.14 0 0" if text[at - 2] == "JOINT left_elbow" else line
+        for at, line in enumerate(text)
+    ]
+    rows = lines[lines.index("MOTION") :]
+    reading = read(tmp_path, "\n".join([*moved, *rows]))
+    plain = read(tmp_path, text_of())
+    joints = [JOINT_INDEX["left_shoulder"], JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"]]
+    turns = [
+        Rotation.from_rotvec(each.motion.poses.reshape(-1, 55, 3)[:, joints].reshape(-1, 3))
+        for each in (reading, plain)
+    ]
+    assert reading.of("joints") is not None
+    assert np.degrees((turns[0].inv() * turns[1]).magnitude()).max() < 25  # another rest pose

@@ -1,0 +1,80 @@
+"""Assumptions as sentences and for programs, sets of them counted, and what users may say."""
+
+import pytest
+
+from model.formats.reading import (
+    Assumption,
+    Reading,
+    apart,
+    counted,
+    lengths_apart,
+    read_told,
+    told_as,
+)
+from model.storage.npz import MotionError
+from tests.helpers import smooth_motion_example
+
+MOTION = smooth_motion_example(4)
+UP = Assumption("up", "z", "it stands along it", "unsure", ("y", "x"))
+USUAL = Assumption("rate", "30", "as stated", "stated", is_usual=True)
+
+
+def test_a_note_names_file_value_reason_and_the_way_out():
+    reading = Reading(MOTION, (UP, USUAL), "a.npz")
+    (note,) = reading.notes
+    assert note == "a.npz: up z, it stands along it (if not, say --assume up=y|x)."
+    assert reading.of("up") is UP and reading.of("hands") is None
+    assert UP.is_open and not USUAL.is_open
+    assert UP.as_json() == {
+        "what": "up",
+        "value": "z",
+        "why": "it stands along it",
+        "sure": "unsure",
+        "others": ["y", "x"],
+    }
+
+
+def test_of_sets_it_is_counted_what_was_assumed():
+    one, other = Reading(MOTION, (UP, USUAL)), Reading(MOTION, (USUAL,))
+    assert counted([one, one, other]) == ["up z in 2 of 3: it stands along it."]
+
+
+def test_what_differs_between_compared_motions_is_told():
+    slow = Assumption("rate", "15", "as stated")
+    one = Reading(MOTION, (slow,), lacks=frozenset({"detail", "face"}))
+    other = Reading(MOTION, (USUAL,), lacks=frozenset({"face"}))
+    first, second = apart({"a": one, "b": other})
+    assert "differ in frames a second (a 15, b 30)" in first
+    assert second.startswith("a was filled in from fewer frames")
+    assert apart({"a": one, "b": one}) == []
+
+
+def test_a_rate_at_which_the_speech_would_fit_is_told():
+    assert lengths_apart(10.0, {"a": 10.9, "b": 9.1}) == []
+    (note,) = lengths_apart(10.0, {"a": 5.0, "b": 20.0})
+    assert "2 of the motions 5.0 to 20.0 s" in note and "it would fit" not in note
+    (note,) = lengths_apart(10.0, {"a": 5.0})
+    assert "a 5.0 s" in note and "At 15 frames a second it would fit" in note
+
+
+def test_what_is_said_of_one_file_comes_before_what_is_said_of_all():
+    told = read_told("up=z, b.npz:up=x,reference:rate=25,units=cm") + told_as(24.0, None, "motions")
+    assert told.of("a.npz", "motions") == {"up": "z", "units": "cm", "rate": "24"}
+    assert told.of("b.npz") == {"up": "x", "units": "cm"}
+    assert told.of("reference")["rate"] == "25"
+    assert read_told("").says == ()
+
+
+@pytest.mark.parametrize(
+    ("written", "said"),
+    [
+        ("up", "is no assumption"),
+        ("colour=red", "is no assumption"),
+        ("up=w", "up must be one of y, -y"),
+        ("rate=fast", "rate must be a number"),
+        ("hands=big", "hands must be one of flat, mean"),
+    ],
+)
+def test_what_nobody_can_say_is_refused(written: str, said: str):
+    with pytest.raises(MotionError, match=said):
+        read_told(written)
