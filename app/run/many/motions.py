@@ -16,13 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.errors import RunError, sentence_of
 from app.run.diagnostics import onsets_of
-from app.run.many.assumed import (
-    apart_of,
-    assumed_in,
-    assumed_lines,
-    assumed_of,
-    without_what_lacks,
-)
+from app.run.many.assumed import assumed_in, told_above, without_what_lacks
 from app.run.many.distances import (
     EmageDistances,
     check_weights,
@@ -210,8 +204,7 @@ def _diagnose_clips(
     records = {clip: records[clip] for clip in clips}
     numbers = list(read_records(records).values())
     notes += [sentence for each in numbers for sentence in each["unread"]]
-    assumed = assumed_of(list(files), numbers)
-    above = Above((*apart_of(assumed), *assumed_lines(assumed)), left_out)
+    above = Above(told_above(files, numbers), left_out)
     notes[:0] = above.notes
     by_emage = EmageDistances()
     if request.emage_weights is not None:
