@@ -150,7 +150,7 @@ def test_it_is_a_finding_that_says_how_to_put_it_right(sound: np.ndarray):
 @pytest.mark.beat2
 @pytest.mark.parametrize("name", ["2_scott_0_1_1", "2_scott_0_2_2"])
 def test_recorded_clips_are_placed_to_a_tenth_of_a_second(name: str):
-    """Whole, and from a piece of 30 s; `test_lag_figures` has all that stands in docs/formats.md."""
+    """Whole and from pieces of 30 s; `test_lag_figures` has all that docs/formats.md tells."""
     motion = load_motion(beat2_folder() / "smplxflame_30" / f"{name}.npz")
     heard = heard_of(load_speech(beat2_folder() / "wave16k" / f"{name}.wav").waveform)
     length = min(motion.num_frames, len(heard))
