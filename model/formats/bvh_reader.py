@@ -8,7 +8,7 @@ that is made up for: their bones point in the world as the file's do.
 from __future__ import annotations
 
 import re
-from itertools import combinations, product
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -152,18 +152,22 @@ class _Skeleton:
         chest = next((at for at in self._down(trunk) if len(self._limbs(at)) >= 2), None)
         if chest is None:
             raise self._unknown("no joint from which two arms go")
-        legs = self._pair([each for each in self._limbs(pelvis) if each != trunk])
-        arms, heads = self._arms(chest)
-        found: Found = {"pelvis": [pelvis]}
+        two = self._mirrored([each for each in self._limbs(pelvis) if each != trunk])
+        arms = self._mirrored(self._limbs(chest))
+        soles = [self._down(leg)[-2:] for leg in two]
+        ahead = sum((self.rest[toe] - self.rest[ankle] for ankle, toe in soles), np.zeros(3))
+        up = self.rest[chest] - self.rest[[sole[-1] for sole in soles]].mean(axis=0)
+        left = np.cross(up, ahead)
+        others = [each for each in self._children[chest] if each not in arms]
+        head = max(others, key=lambda each: self._sizes[each], default=None)
         spine = self._path(trunk, chest)
-        found |= {"spine1": spine[:1], "spine2": spine[1:2], "spine3": spine[2:]}
-        found |= self._neck(heads)
-        for side, (leg, arm) in zip(
-            ("left", "right"), zip(legs, self._pair(arms), strict=True), strict=True
-        ):
+        found: Found = {"pelvis": [pelvis], "spine1": spine[:1], "spine2": spine[1:2]}
+        found |= {"spine3": spine[2:]} | ({} if head is None else self._neck(self._down(head)))
+        limbs = zip(self._sided(two, left), self._sided(arms, left), strict=True)
+        for side, (leg, arm) in zip(("left", "right"), limbs, strict=True):
             found |= self._limb(leg, side, ("", "hip", "knee", "ankle", "foot"))
             found |= self._limb(arm, side, ("collar", "shoulder", "elbow", "wrist", ""))
-            found |= self._fingers(found[f"{side}_wrist"][-1], side)
+            found |= self._fingers(found[f"{side}_wrist"][-1], side, ahead)
         return found
 
     def _unknown(self, why: str) -> MotionError:
@@ -191,16 +195,11 @@ class _Skeleton:
                 return each
         raise self._unknown("no trunk from which two arms go")
 
-    def _arms(self, chest: int) -> tuple[list[int], list[int]]:
-        """The two branches that are each other's mirror, and the path to the head, if any."""
-        branches = self._children[chest]
-        if len(self._limbs(chest)) == 2 or len(branches) == 2:
-            arms = self._limbs(chest)[:2]
-        else:
-            arms = list(min(combinations(self._limbs(chest), 2), key=lambda two: self._apart(*two)))
-        others = [each for each in branches if each not in arms]
-        head = max(others, key=lambda each: self._sizes[each], default=None)
-        return arms, [] if head is None else self._down(head)
+    def _mirrored(self, limbs: list[int]) -> tuple[int, int]:
+        """The two branches that are most likely each other's mirror."""
+        if len(limbs) < 2:
+            raise self._unknown("fewer than two limbs at its trunk")
+        return min(combinations(limbs, 2), key=lambda two: self._apart(*two))
 
     def _apart(self, one: int, other: int) -> float:
         """By how much two branches differ in length; the neck's is no arm."""
@@ -218,35 +217,14 @@ class _Skeleton:
             path.append(self._joints[path[-1]].parent)
         return path[::-1]
 
-    def _pair(self, two: list[int]) -> tuple[int, int]:
+    def _sided(self, two: tuple[int, int], left: np.ndarray) -> tuple[int, int]:
         """Left and right, by name or else by where feet point."""
-        if len(two) > 2:
-            two = sorted(two, key=lambda each: -self._sizes[each])[:2]
-        if len(two) < 2:
-            raise self._unknown("fewer than two limbs at its trunk")
-        for order in (two, two[::-1]):
+        swapped = (two[1], two[0])
+        for order in (two, swapped):
             sides = [_side(self._joints[each].name, self._labels[each]) for each in order]
             if sides in (["left", "right"], ["left", ""], ["", "right"]):
-                return order[0], order[1]
-        up, ahead = self._up_and_ahead()
-        across = self.rest[two[0]] - self.rest[two[1]]
-        is_left = float(across @ np.cross(up, ahead)) > 0
-        return (two[0], two[1]) if is_left else (two[1], two[0])
-
-    def _up_and_ahead(self) -> tuple[np.ndarray, np.ndarray]:
-        """By the file's joints: from the lowest of a leg to the trunk; from ankle to toe."""
-        pelvis = next(at for at in self._down(0) if len(self._limbs(at)) >= 3)
-        trunk = self._trunk(pelvis)
-        legs = [each for each in self._limbs(pelvis) if each != trunk][:2]
-        up = self.rest[self._down(trunk)[-1]] - np.mean(
-            [self.rest[self._down(each)[-1]] for each in legs], axis=0
-        )
-        up /= max(float(np.linalg.norm(up)), 1e-9)
-        ahead = np.zeros(3)
-        for leg in legs:
-            path = self._down(leg)
-            ahead += self.rest[path[-1]] - self.rest[path[-2]]
-        return up, ahead - up * (ahead @ up)
+                return order
+        return two if (self.rest[two[0]] - self.rest[two[1]]) @ left > 0 else swapped
 
     def _limb(self, start: int, side: str, names: tuple[str, ...]) -> Found:
         """The two bones whose sum is longest are upper arm and forearm, thigh and shin."""
@@ -265,23 +243,18 @@ class _Skeleton:
         if after and len(path) > first + 3:
             shin = places[first + 2] - places[first + 1]
             steps = places[first + 3 :] - places[first + 2]
-            along = steps @ shin / np.linalg.norm(shin) / np.linalg.norm(steps, axis=1)
-            ball = int(np.argmax(along < 0.8))  # and no heel below the ankle; 0 if all are
+            far = np.linalg.norm(steps, axis=1) * np.linalg.norm(shin)
+            ball = int(np.argmax(steps @ shin < 0.8 * far))  # no heel below the ankle; else 0
             found[f"{side}_{after}"] = [path[first + 3 + ball]]
         return found
 
     def _neck(self, heads: list[int]) -> Found:
-        if not heads:
-            return {}
-        named = [at for at in heads if "head" in self._labels[at]]
-        if named and named[0] != heads[0]:
-            end = heads.index(named[0])
-        else:
-            end = min(1, len(heads) - 1) if not named else 0
+        named = [at for at, each in enumerate(heads) if "head" in self._labels[each]]
+        end = named[0] if named else min(1, len(heads) - 1)
         found: Found = {"head": [heads[end]]}
         return found | ({"neck": heads[:end]} if end else {})
 
-    def _fingers(self, wrist: int, side: str) -> Found:
+    def _fingers(self, wrist: int, side: str, ahead: np.ndarray) -> Found:
         """By names with numbers, else by chains: of a name, or the thumb's starts nearest and the
         others' in a row."""
         below = [at for at in range(wrist + 1, wrist + self._sizes[wrist])]
@@ -303,7 +276,6 @@ class _Skeleton:
                 if any(each in self._labels[chain[0]] for each in spellings):
                     named.setdefault(finger, chain)
         if len(named) < len(chains) == 5:
-            ahead = self._up_and_ahead()[1]
             places = np.array([self.rest[chain[0]] - self.rest[wrist] for chain in chains])
             thumb = int(np.argmin(np.linalg.norm(places, axis=1)))
             others = sorted((i for i in range(5) if i != thumb), key=lambda i: -places[i] @ ahead)
@@ -318,21 +290,13 @@ class _Skeleton:
 
     def to_ours(self, found: Found, draft: Draft) -> Rotation:
         """The turn of the file's axes to ours: y up and facing z, in quarters."""
-        sides = [
-            self.rest[found[f"left_{each}"][0]] - self.rest[found[f"right_{each}"][0]]
-            for each in ("hip", "shoulder")
-        ]
-        across = sides[0] + sides[1]
-        hips = (self.rest[found["left_hip"][0]] + self.rest[found["right_hip"][0]]) / 2
-        low = [
-            self.rest[found[f"{side}_{each}"][0]]
-            for side, each in product(("left", "right"), ("knee", "ankle"))
-            if found.get(f"{side}_{each}")
-        ]
-        shoulders = (
-            self.rest[found["left_shoulder"][0]] + self.rest[found["right_shoulder"][0]]
-        ) / 2
-        legs = hips - np.mean(low, axis=0) if low else shoulders - hips
+        at = {name: self.rest[theirs[0]] for name, theirs in found.items() if theirs}
+        across = sum((at[f"left_{e}"] - at[f"right_{e}"] for e in ("hip", "shoulder")), np.zeros(3))
+        hips, shoulders, knees, ankles = (
+            (at[f"left_{each}"] + at[f"right_{each}"]) / 2
+            for each in ("hip", "shoulder", "knee", "ankle")
+        )
+        legs = hips - (knees + ankles) / 2
         trunk = shoulders - hips
         up = trunk / max(float(np.linalg.norm(trunk)), 1e-9)
         stands = float(up @ legs) / max(float(np.linalg.norm(legs)), 1e-9)

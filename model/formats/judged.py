@@ -104,10 +104,7 @@ def _samples(draft: Draft) -> None:
     numbers = tuple(str(number) for number in range(1, count + 1))
     why = f"the body jumps every {length} frames, as where {count} samples are joined end to end"
     if choice in numbers:
-        part = slice(length * (int(choice) - 1), length * int(choice))
-        draft.poses = draft.poses[part]
-        draft.trans = None if draft.trans is None else draft.trans[part]
-        draft.expressions = None if draft.expressions is None else draft.expressions[part]
+        draft.keep(slice(length * (int(choice) - 1), length * int(choice)))
         draft.assume("motion", choice, f"as you say of {count}", "told", (*numbers, "all"))
     else:
         draft.assume("motion", "all", why, "unsure", numbers)

@@ -85,6 +85,12 @@ class Draft:
         others = tuple(each for each in others if each != value)
         self.assumptions.append(Assumption(kind, value, why, sure, others, is_usual))
 
+    def keep(self, frames: slice) -> None:
+        """These alone."""
+        self.poses = self.poses[frames]
+        self.trans = None if self.trans is None else self.trans[frames]
+        self.expressions = None if self.expressions is None else self.expressions[frames]
+
     def motion(self) -> Motion:
         """As it stands, with zeros for what there is not."""
         frames = len(self.poses)

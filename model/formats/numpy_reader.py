@@ -353,7 +353,6 @@ class _Archive:
         objects = [key for key, (_, dtype) in self.headers.items() if dtype.hasobject]
         if objects:
             draft.assume("layout", "npz", f"{self._listed(objects)}, pickled objects, not read")
-        frames = len(draft.poses)
         if draft.trans is None and (key := self._find(TRANSLATIONS)):
             trans = self._array(draft, key, 3)
             _check_finite(draft, f"`{key}`", trans, most=_FARTHEST)
@@ -362,19 +361,13 @@ class _Archive:
             self._expressions(draft, key)
         self._betas(draft)
         _rate(draft, {key: self._rate_of(key) for key in RATES if key in self.plain})
-        lengths = {
-            "poses": frames,
-            **({} if draft.trans is None else {"trans": len(draft.trans)}),
-            **({} if draft.expressions is None else {"expressions": len(draft.expressions)}),
-        }
+        arrays = {"poses": draft.poses, "trans": draft.trans, "expressions": draft.expressions}
+        lengths = {key: len(array) for key, array in arrays.items() if array is not None}
         shortest = min(lengths.values())
         if shortest < max(lengths.values()):
             found = ", ".join(f"{length} of {key}" for key, length in lengths.items())
             draft.assume("frames", str(shortest), f"{found}; the first {shortest} were used")
-            draft.poses = draft.poses[:shortest]
-            draft.trans = None if draft.trans is None else draft.trans[:shortest]
-            faces = draft.expressions
-            draft.expressions = None if faces is None else faces[:shortest]
+            draft.keep(slice(shortest))
         self._invalid(draft)
         if _BEAT2 <= set(self.plain) and self.headers[self.plain["poses"]][0][-1:] == (165,):
             draft.is_offset = None

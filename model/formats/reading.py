@@ -54,6 +54,7 @@ TELLABLE: dict[str, tuple[str, ...]] = {
 file."""
 MOTIONS, REFERENCE = "motions", "reference"
 """Names by which `Told` speaks of all motions but the reference, or of it alone."""
+_NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)$")
 _FLAG = re.compile(r"^(?:(?P<name>.+):)?(?P<kind>[a-z]+)=(?P<value>.+)$")
 
 
@@ -164,11 +165,9 @@ def lengths_apart(speech_s: float, durations_s: Mapping[str, float]) -> list[str
     }
     if not others:
         return []
-    if len(others) == 1:
-        named = " ".join(f"{name} {duration_s:.1f} s" for name, duration_s in others.items())
-    else:
-        ends = dict.fromkeys(f"{end(others.values()):.1f}" for end in (min, max))
-        named = f"{len(others)} of the motions {' to '.join(ends)} s"
+    ends = dict.fromkeys(f"{end(others.values()):.1f}" for end in (min, max))
+    who = next(iter(others)) if len(others) == 1 else f"{len(others)} of the motions"
+    named = f"{who} {' to '.join(ends)} s"
     shares = [duration_s / speech_s for duration_s in others.values() if speech_s > 0]
     fitting = [
         rate
@@ -218,17 +217,9 @@ def read_told(written: str) -> Told:
             )
         kind, value = found["kind"], found["value"].strip()
         known = TELLABLE[kind]
-        if kind in ("rate", "lag") and not _is_number(value):
+        if kind in ("rate", "lag") and not _NUMBER.match(value):
             raise MotionError(f"{kind} must be a number; found {value[:40]!r}.")
         if known and value not in known:
             raise MotionError(f"{kind} must be one of {', '.join(known)}; found {value[:40]!r}.")
         says.append((found["name"] or "", kind, value))
     return Told(tuple(says))
-
-
-def _is_number(value: str) -> bool:
-    try:
-        float(value)
-    except ValueError:
-        return False
-    return True

@@ -300,7 +300,7 @@ def test_a_sheet_of_too_many_pictures_says_what_would_do(
     ("changes", "words"),
     [
         ({"trans": np.full((40, 3), np.nan)}, "not finite"),
-        ({"trans": np.full((40, 3), 500.0)}, "500 m away; at most 100 m"),
+        ({"trans": np.linspace((500.0,) * 3, (500.2,) * 3, 40)}, "500 m away; at most 100 m"),
         ({"poses": np.zeros((0, 165)), "trans": np.zeros((0, 3))}, "no frames"),
     ],
 )
