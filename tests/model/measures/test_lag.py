@@ -76,6 +76,13 @@ def test_a_lag_is_found_to_half_a_frame_with_its_sign(sound: np.ndarray, frames:
     assert lag.lag_drift_s == 0.0
 
 
+def test_a_lag_between_two_frames_is_told_between_them(sound: np.ndarray):
+    motion = speaking(sound)
+    first, second = (moved(motion, frames).expressions for frames in (12, 13))
+    lag = find_lag(replace(motion, expressions=(first + second) / 2), heard_of(sound))
+    assert lag.lag_s == pytest.approx(12.5 / FPS, abs=0.2 / FPS)
+
+
 @pytest.mark.parametrize("times", [0.98, 1.01, 1.05])
 def test_a_lag_that_grows_is_told_from_one_that_does_not(sound: np.ndarray, times: float):
     motion = stretched(speaking(sound), times)
