@@ -147,18 +147,16 @@ def _outs(request: ConvertRequest, names: Sequence[Path]) -> list[Path]:
 
 
 def _told(path: Path, name: Path, out: Path, request: ConvertRequest) -> dict[str, Any]:
-    from model.formats.read import read_any_motion
-    from model.storage.npz import MotionError
-
     told: dict[str, Any] = {"file": printable(str(name))}
     try:
-        reading = read_any_motion(path, request.told, request.body, str(name))
-    except MotionError as error:
-        return told | {"error": sentence_of(error) or str(error)}
-    if out.resolve() in {each.resolve() for each in request.files}:
-        raise RunError(f"{out} would be written over; give another --out.")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    _write(reading, out, request.body)
+        if out.resolve() in {each.resolve() for each in request.files}:
+            raise RunError(f"{out} would be written over; give another --out.")
+        reading = _written(path, str(name), out, request)
+    except Exception as error:
+        sentence = sentence_of(error)
+        if sentence is None:
+            raise
+        return told | {"error": sentence}
     return told | {
         "out": str(out),
         "frames": reading.motion.num_frames,
@@ -168,17 +166,18 @@ def _told(path: Path, name: Path, out: Path, request: ConvertRequest) -> dict[st
     }
 
 
-def _write(reading: Reading, out: Path, body_file: Path | None) -> None:
+def _written(path: Path, name: str, out: Path, request: ConvertRequest) -> Reading:
+    from model.formats.read import read_any_motion
     from model.motion.motion import save_motion
     from renderer.files.bvh import write_bvh
     from renderer.files.glb import write_glb
 
-    motion = reading.motion
-    match out.suffix.lower():
-        case ".npz":
-            assumed = json.dumps([each.as_json() for each in reading.assumptions])
-            save_motion(motion, out, assumed=assumed)
-        case ".bvh":
-            write_bvh(get_body(body_file), body_motion(motion), out)
-        case _:
-            write_glb(get_body(body_file), body_motion(motion), out)
+    reading = read_any_motion(path, request.told, request.body, name)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    if out.suffix.lower() == ".npz":
+        assumed = json.dumps([each.as_json() for each in reading.assumptions])
+        save_motion(reading.motion, out, assumed=assumed)
+    else:
+        write = write_bvh if out.suffix.lower() == ".bvh" else write_glb
+        write(get_body(request.body), body_motion(reading.motion), out)
+    return reading
