@@ -32,6 +32,7 @@ from model.measures.joints import (
     range_measures,
     rotation_measures,
 )
+from model.measures.lag import find_lag
 from model.measures.point import point_measures
 from model.measures.posture import posture_measures
 from model.measures.results import BeatMeasures, BeatSpeeds, Measures
@@ -166,7 +167,7 @@ def diagnose(
     tip_source: str | None = None,
     joint: str | None = None,
     onsets_s: Float[np.ndarray, " onsets"] | None = None,
-    loudness: Float[np.ndarray, " frames"] | None = None,
+    heard: Float[np.ndarray, "frames bands"] | None = None,
     mean_speeds: Float[np.ndarray, " 13"] | None = None,
 ) -> Diagnostics:
     """Measure motions and the reference, raw and filtered.
@@ -184,7 +185,7 @@ def diagnose(
             fingertip and 'joint' for a joint.
         joint: a fingertip or joint to follow in place of ``tip``.
         onsets_s: times of the speech's onsets (`beats.speech_onsets`), for BeatAlign.
-        loudness: of the speech by frame (`faults.timing.loudness_of`), for time shifts.
+        heard: of the speech by frame (`lag.heard_of`), for how late the motion is.
         mean_speeds: published ones for BeatAlign (`beats.read_mean_speeds`).
 
     Raises:
@@ -195,7 +196,7 @@ def diagnose(
         point=_known_point(joint or tip),
         tip_track=tip_track,
         onsets_s=onsets_s,
-        loudness=loudness,
+        heard=heard,
         mean_speeds=mean_speeds,
     )
     windows = windows or {}
@@ -247,14 +248,14 @@ def raw_evidence(
     windows: Windows | None = None,
     point: str = TIP,
     onsets_s: Float[np.ndarray, " onsets"] | None = None,
-    loudness: Float[np.ndarray, " frames"] | None = None,
+    heard: Float[np.ndarray, "frames bands"] | None = None,
     mean_speeds: Float[np.ndarray, " 13"] | None = None,
 ) -> Evidence:
     """One motion's measures as it is only, and what faults are looked for in, where filtered
     numbers are not asked for. A reference must be as long.
 
     Args:
-        onsets_s, loudness, mean_speeds: see `diagnose`.
+        onsets_s, heard, mean_speeds: see `diagnose`.
     """
     tracks = track_points(motion, skeleton)
     period = find_period(tracks)
@@ -265,7 +266,9 @@ def raw_evidence(
         recorded = None if reference is None else reference.tracks
         usual_speed = _usual_speed(mean_speeds, recorded, tracks)
         numbers = replace(numbers, beats=_measure_beats(tracks, *usual_speed, onsets_s))
-    return Evidence(motion, tracks, numbers, point, reference, loudness)
+    if heard is not None:
+        numbers = replace(numbers, lag=find_lag(motion, heard))
+    return Evidence(motion, tracks, numbers, point, reference)
 
 
 @dataclass(frozen=True)
@@ -274,7 +277,7 @@ class _Settings:
     point: str
     tip_track: TipTrack | None
     onsets_s: Float[np.ndarray, " onsets"] | None
-    loudness: Float[np.ndarray, " frames"] | None
+    heard: Float[np.ndarray, "frames bands"] | None
     mean_speeds: Float[np.ndarray, " 13"] | None
 
 
@@ -313,6 +316,7 @@ def _measured(
     faults: list[Finding] = []
     period = evidence = None
     usual_speed = None
+    lag = None if settings.heard is None else find_lag(motion, settings.heard)
     for kind, version in versions:
         if kind == "raw":  # it comes first
             period = find_period(version.tracks)
@@ -331,12 +335,10 @@ def _measured(
             errors = error_to_reference(version.tracks, recorded[kind].tracks)
         if settings.onsets_s is not None and usual_speed is not None:
             beats = _measure_beats(version.tracks, *usual_speed, settings.onsets_s)
-        numbers = replace(numbers, errors=errors, beats=beats)
+        numbers = replace(numbers, errors=errors, beats=beats, lag=lag)
         found.append(numbers)
         if kind == "raw":
-            evidence = Evidence(
-                motion, version.tracks, numbers, settings.point, reference, settings.loudness
-            )
+            evidence = Evidence(motion, version.tracks, numbers, settings.point, reference)
             faults = find_faults(evidence)
             if not is_reference:
                 evidence = None  # a long clip's tracks are large

@@ -130,6 +130,12 @@ def _add_diagnose(commands) -> None:
         "tell it (docs/many-clips.md)",
     )
     parser.add_argument(
+        "--check",
+        choices=["genea"],
+        help="measure nothing: hold sets against the rules of the GENEA leaderboard, beside "
+        "--reference, the recorded test clips (docs/many-clips.md)",
+    )
+    parser.add_argument(
         "--fps", type=float, metavar="N", help="frame rate of files that do not tell theirs, or lie"
     )
     parser.add_argument(
@@ -147,6 +153,19 @@ def _add_diagnose(commands) -> None:
     parser.set_defaults(command=_diagnose)
 
 
+def _check_sets(options: argparse.Namespace) -> None:
+    from app.run.many.check import check_sets, told
+
+    found = check_sets(tuple(options.motions), options.reference, options.out)
+    for name, checked in found.items():
+        for sentence in told(name, checked):
+            say(sentence)
+    name_file(options.out / "check.md")
+    wrong = [name for name, checked in found.items() if not checked.is_right]
+    if wrong:
+        raise RunError(f"{', '.join(wrong)}: not as the leaderboard asks; see above.")
+
+
 def _diagnose_folders(options: argparse.Namespace) -> None:
     from app.commands.said import ProgressBar
     from app.run.many.motions import ManyRequest, diagnose_folders
@@ -158,19 +177,28 @@ def _diagnose_folders(options: argparse.Namespace) -> None:
         speech=options.speech,
         mean_speeds=options.mean_speeds,
         emage_weights=options.emage_weights,
-        fps=options.fps,
-        rotations=options.rotations,
+        told=told_as(options.fps, options.rotations, MOTIONS) + options.told,
+        body=options.body,
+        channel=options.channel,
         pool=pool_of(options),
     )
     with ProgressBar("measure clips") as bar, told_if_stopped():
         result = diagnose_folders(request, bar.show)
     _finish(result.files, result.notes)
+    if result.left_out:
+        raise RunError(
+            f"{len(result.left_out)} of {len(result.left_out) + len(result.clips)} clips could not"
+            " be measured; the tables are of the others."
+        )
 
 
 def _diagnose(options: argparse.Namespace) -> None:
-    from app.run.many.unpacked import is_zip
+    from app.run.many.unpacked import is_packed
 
-    if any(path.is_dir() or is_zip(path) for path in options.motions):
+    if options.check is not None:
+        _check_sets(options)
+        return
+    if any(path.is_dir() or is_packed(path) for path in options.motions):
         _diagnose_folders(options)
         return
     if options.emage_weights is not None:
@@ -186,9 +214,10 @@ def _diagnose(options: argparse.Namespace) -> None:
     )
     with ProgressBar("measure and draw") as bar:
         diagnosis = diagnose_files(request, bar.show)
-    beats = sentences_of(diagnosis.diagnostics)["beats"]
+    sentences = sentences_of(diagnosis.diagnostics)
+    heard = filter(None, (sentences["step"], sentences["beats"]))
     found = told_findings(diagnosis.diagnostics.findings)
-    _finish(diagnosis.files, [*diagnosis.notes, *([beats] if beats else []), *found])
+    _finish(diagnosis.files, [*diagnosis.notes, *heard, *found])
 
 
 def _add_steps(commands) -> None:

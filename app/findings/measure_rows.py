@@ -35,47 +35,50 @@ class Measure:
     """Whether nearness to the reference says something; not for chance or for errors."""
     is_first: bool = False
     """Whether it is among the few that are shown before the others are asked for."""
+    needs: str = ""
+    """A part that a motion may lack (`model.formats.reading.Part`), without which this says
+    nothing; ``detail`` is what frames that were filled in never had."""
 
 
 _POINT, _JOINTS, _FEET, _POSTURE = "Followed point", "All joints", "Feet", "Posture"
 _HANDS, _ERROR = "Hands", "Error against the reference"
-_BEATS, _DIVERSITY = "Beat alignment", "Diversity"
+_BEATS, _STEP, _DIVERSITY = "Beat alignment", "In step with the speech", "Diversity"
 MEASURES = (
     Measure(_POINT, "Speed", "m/s",
             "Mean speed. Compare jerk at equal speed: what hardly moves is always smooth.",
             lambda m: m.point.tip_path_m_s, is_first=True),
     Measure(_POINT, "Acceleration", "m/s²", "Mean change of velocity.",
-            lambda m: m.point.tip_acceleration_m_s2),
+            lambda m: m.point.tip_acceleration_m_s2, needs="detail"),
     Measure(_POINT, "Jerk", "m/s³", "Mean change of acceleration: how much it trembles and jolts.",
-            lambda m: m.point.tip_jerk_m_s3, is_first=True),
+            lambda m: m.point.tip_jerk_m_s3, is_first=True, needs="detail"),
     Measure(_POINT, "Power above 5 Hz", "%",
             "Share of the velocity's power that is faster than gestures are: mostly tremble.",
-            lambda m: m.point.tip_velocity_power_above_5hz, 100),
+            lambda m: m.point.tip_velocity_power_above_5hz, 100, needs="detail"),
     Measure(_POINT, "SPARC", "",
             "Spectral arc length of the speed: nearer to 0 is smoother.",
-            lambda m: m.point.tip_sparc),
+            lambda m: m.point.tip_sparc, needs="detail"),
     Measure(_POINT, "Log dimensionless jerk", "",
             "Jerk for the speed and length of the movement, as a logarithm: nearer to 0 is "
             "smoother.",
-            lambda m: m.point.tip_log_dimensionless_jerk),
+            lambda m: m.point.tip_log_dimensionless_jerk, needs="detail"),
     Measure(_JOINTS, "Mean jerk", "m/s³", "Of all 55 joints' positions.",
-            lambda m: mean(m.positions.joint_jerk_m_s3), is_first=True),
+            lambda m: mean(m.positions.joint_jerk_m_s3), is_first=True, needs="detail"),
     Measure(_JOINTS, "Rotation noise", "°",
             "White noise that the joints' rotations seem to hold; recordings have under 0.3.",
-            lambda m: mean(m.rotations.joint_rotation_noise_deg)),
+            lambda m: mean(m.rotations.joint_rotation_noise_deg), needs="detail"),
     Measure(_JOINTS, "Peak jerk at joins", "times elsewhere",
             "Where windows of generated motion join; 1 means that joins cannot be told from the "
             "rest.",
-            lambda m: m.seams.seam_jerk_ratio, is_first=True),
+            lambda m: m.seams.seam_jerk_ratio, is_first=True, needs="detail"),
     Measure(_FEET, "Slide on the ground", "cm/s",
             "Mean horizontal speed of a foot while it is on the ground.",
-            lambda m: m.posture.foot_slide_m_s, 100, is_first=True),
+            lambda m: m.posture.foot_slide_m_s, 100, is_first=True, needs="place"),
     Measure(_FEET, "Height, left, 95 %", "cm",
             "The foot is lower than this in 95 % of the frames.",
-            lambda m: m.posture.foot_height_m.left.p95, 100),
+            lambda m: m.posture.foot_height_m.left.p95, 100, needs="place"),
     Measure(_FEET, "Height, right, 95 %", "cm",
             "The foot is lower than this in 95 % of the frames.",
-            lambda m: m.posture.foot_height_m.right.p95, 100),
+            lambda m: m.posture.foot_height_m.right.p95, 100, needs="place"),
     Measure(_POSTURE, "Spine tilt, mean", "°",
             "Angle between the vertical and the line from pelvis to neck.",
             lambda m: m.posture.spine_tilt_deg.mean),
@@ -83,13 +86,13 @@ MEASURES = (
             lambda m: m.posture.spine_tilt_deg.p95),
     Measure(_POSTURE, "Drift of the pelvis", "cm",
             "Distance between its places in the first and in the last second.",
-            lambda m: m.posture.root_drift_m, 100),
+            lambda m: m.posture.root_drift_m, 100, needs="place"),
     Measure(_HANDS, "Moving alike", "correlation",
             "Of the two wrists' speeds: 1 where both always move at once.",
             lambda m: m.posture.hand_speed_symmetry),
     Measure(_HANDS, "Fingers beyond range", "%",
             "Frames and finger joints bent further than a hand can.",
-            lambda m: m.ranges.finger_angle_outside_share, 100),
+            lambda m: m.ranges.finger_angle_outside_share, 100, needs="finger_angles"),
     Measure(_HANDS, "Left fingers still", "%", "Frames in which no joint of the hand turns.",
             lambda m: m.rotations.fingers_still_share.left, 100),
     Measure(_HANDS, "Right fingers still", "%", "Frames in which no joint of the hand turns.",
@@ -114,6 +117,12 @@ MEASURES = (
     Measure(_BEATS, "Beats of each joint", "1/s",
             "Moments in a second at which a joint is slowest.",
             lambda m: m.beats and m.beats.beats_per_joint_s),
+    Measure(_STEP, "Lag", "s",
+            "How much later than the speech the face moves, or else the body; nothing where "
+            "neither follows this speech.",
+            lambda m: m.lag and m.lag.lag_s, 1, False, is_first=True),
+    Measure(_STEP, "Drift", "s", "By how much that grows from the start to the end.",
+            lambda m: m.lag and m.lag.lag_drift_s, 1, False),
     Measure(_DIVERSITY, "L1 diversity", "m",
             "How far poses lie from the clip's mean pose, summed over all coordinates.",
             lambda m: m.diversity.l1_diversity_m),

@@ -57,8 +57,8 @@ def seams_of(measures: Measures) -> float:
 def sentences_of(diagnostics: Diagnostics) -> dict[str, str]:
     """The sentences of a run's numbers, by plot; empty where there is nothing to say.
 
-    The keys are trajectory, depth, spectrum, attribution, seams, reference and beats. Samples of
-    one system, ``<system>.s2`` and on, are taken together.
+    The keys are trajectory, depth, spectrum, attribution, seams, reference, beats and step. Samples
+    of one system, ``<system>.s2`` and on, are taken together.
     """
     return {
         "trajectory": _trajectory(diagnostics),
@@ -68,6 +68,7 @@ def sentences_of(diagnostics: Diagnostics) -> dict[str, str]:
         "seams": _seams(diagnostics),
         "reference": _reference(diagnostics),
         "beats": _beats(diagnostics),
+        "step": _step(diagnostics),
     }
 
 
@@ -296,6 +297,22 @@ def _beats(diagnostics: Diagnostics) -> str:
     speeds = SPEEDS_OF[next(iter(beats.values())).beat_speeds_of]
     onsets = min(each.beat_onsets for each in beats.values())
     return f"BeatAlign over {onsets} onsets, with {speeds}: {told}. {verdict}"
+
+
+def _step(diagnostics: Diagnostics) -> str:
+    """How late each motion is."""
+    measured = dict(diagnostics.systems)
+    if diagnostics.reference is not None:
+        measured["the reference"] = diagnostics.reference
+    told = [
+        f"{name} {lag.lag_s:+.2f} s ({lag.lag_low_s:+.2f} to {lag.lag_high_s:+.2f}, by its"
+        f" {lag.lag_ground})"
+        if lag.is_known
+        else f"{name} unknown, as neither its face nor its body follows this speech"
+        for name, versions in measured.items()
+        if (lag := versions.raw.lag) is not None
+    ]
+    return f"Behind the speech: {'; '.join(told)}." if told else ""
 
 
 def _point(diagnostics: Diagnostics) -> str:

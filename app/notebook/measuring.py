@@ -17,7 +17,7 @@ from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
 from conventions.names import REFERENCE_NAME
 from model.diagnostics import Diagnostics
-from model.faults.timing import loudness_of
+from model.measures.lag import heard_of
 from model.motion.kinematics import open_body_skeleton
 from model.plan.found import found_plan
 from model.plan.plan import GesturePlan
@@ -55,7 +55,7 @@ def diagnose(
             named,
             tip,
             onsets_s=None if sound is None else onsets_of(sound),
-            loudness=None if sound is None else loudness_of(sound.waveform),
+            heard=None if sound is None else heard_of(sound.waveform),
             on_share=bar.show,
         )
 

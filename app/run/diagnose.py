@@ -26,6 +26,7 @@ from app.run.output.result_folder import ResultFolder
 from app.run.requests.request import (
     ASSUME,
     BODY,
+    CHANNEL,
     JOINT,
     MAX_COMPARED,
     REFERENCE,
@@ -88,6 +89,8 @@ class DiagnoseRequest:
         ),
     )
     """The sound that all of them belong to, for BeatAlign."""
+    channel: int | None = field(default=None, metadata=CHANNEL)
+    """Of that sound, from 0; None mixes all."""
     mean_speeds: Path | None = field(
         default=None,
         metadata=flag(
@@ -362,21 +365,21 @@ def _measure(
     on_progress: OnShare,
 ) -> Diagnostics:
     from model.faults.table import without
-    from model.faults.timing import loudness_of
     from model.measures.beats import read_mean_speeds
-    from model.speech.audio import load_speech
+    from model.measures.lag import heard_of
+    from model.speech.audio import SpeechLimits, load_speech
 
     if request.mean_speeds is not None and request.speech is None:
         raise RunError("Mean speeds are of use with a speech only; give both (--speech).")
     mean_speeds = None if request.mean_speeds is None else read_mean_speeds(request.mean_speeds)
-    onsets_s = loudness = None
+    onsets_s = heard = None
     if request.speech is not None:
-        speech = load_speech(request.speech)
+        speech = load_speech(request.speech, SpeechLimits(channel=request.channel))
         read.notes.extend(speech.notes)
         read.notes.extend(lengths_apart(speech.duration_s, _durations(read.all)))
         on_progress(_READ)
         onsets_s = onsets_of(speech)
-        loudness = loudness_of(speech.waveform)
+        heard = heard_of(speech.waveform)
         words.begin(speech.waveform)
     measured = measure_motions(
         read.all,
@@ -384,7 +387,7 @@ def _measure(
         onsets_s,
         on_share=lambda part: on_progress(_READ + (_MEASURED - _READ) * part),
         windows=_windows(request, read),
-        loudness=loudness,
+        heard=heard,
         mean_speeds=mean_speeds,
     )
     readings = read.readings

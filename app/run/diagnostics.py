@@ -48,7 +48,7 @@ def measure_motions(
     onsets_s: np.ndarray | None = None,
     on_share: Callable[[float], None] = lambda share: None,
     windows: Mapping[str, Windows] | None = None,
-    loudness: np.ndarray | None = None,
+    heard: np.ndarray | None = None,
     mean_speeds: np.ndarray | None = None,
 ) -> Diagnostics:
     """All numbers of the motions, with what stands out in each.
@@ -60,7 +60,7 @@ def measure_motions(
         on_share: told the share done, 0 to 1, of each motion as it is and filtered, more than once
             in a long one; what it raises ends the work.
         windows: how motions were cut, by name, where that is known.
-        loudness: of the speech frame by frame, for time shifts.
+        heard: of the speech frame by frame, for how late they are.
         mean_speeds: published ones of the joints, for BeatAlign.
     """
     from model.diagnostics import diagnose
@@ -80,7 +80,7 @@ def measure_motions(
         open_body_skeleton(),
         reference=motions.get(REFERENCE_NAME),
         windows=windows,
-        loudness=loudness,
+        heard=heard,
         mean_speeds=mean_speeds,
         tip_track=follow,
         tip_source=tip.name,

@@ -64,7 +64,9 @@ def read_inputs(
     from model.plan.style import read_wish
     from model.speech.audio import SpeechLimits, load_speech, write_wav
 
-    speech = load_speech(request.speech, SpeechLimits(max_s=request.max_speech_s))
+    speech = load_speech(
+        request.speech, SpeechLimits(max_s=request.max_speech_s, channel=request.channel)
+    )
     reporter.note(*speech.notes)
     body = get_body(request.body, request.look)
     systems = _load_systems(request)

@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING
 
 from app.errors import RunError
 from app.flags import MANNER, SEED, WEIGHTS, flag
-from app.run.requests.request import ASSUME, MAX_GUIDANCE, STYLE, TRANSCRIPT, WORDS, WordsAsked
+from app.run.requests.request import (
+    ASSUME,
+    CHANNEL,
+    MAX_GUIDANCE,
+    STYLE,
+    TRANSCRIPT,
+    WORDS,
+    WordsAsked,
+)
 from app.run.words import SpokenWords
 from model.formats.reading import Told
 
@@ -41,6 +49,8 @@ class PlanRequest:
         ),
     )
     """Strength of the speech; None as suits the planner."""
+    channel: int | None = field(default=None, metadata=CHANNEL)
+    """See `GenerateRequest.channel`."""
     transcript: Path | None = field(default=None, metadata=TRANSCRIPT)
     """See `GenerateRequest.transcript`."""
     words: WordsAsked = field(default="none", metadata=WORDS)
@@ -102,7 +112,7 @@ def make_plan(request: PlanRequest) -> Edited:
     check_ending(request.out)
     if request.is_empty and request.style is not None:
         raise RunError("An empty plan has no style; leave one of the two out.")
-    speech = load_speech(request.speech, SpeechLimits(max_s=MAX_SPEECH_S))
+    speech = load_speech(request.speech, SpeechLimits(max_s=MAX_SPEECH_S, channel=request.channel))
     if request.is_empty:
         plan = GesturePlan(speech.duration_s)
         write_plan_file(plan, request.out, request.speech)

@@ -36,8 +36,6 @@ class Evidence:
     """What the ``tip_`` measures follow."""
     reference: Evidence | None = None
     """Recorded motion of the same speech, of as many frames."""
-    loudness: Float[np.ndarray, " N"] | None = None
-    """Of the speech, frame by frame (`timing.loudness_of`)."""
 
     @property
     def num_frames(self) -> int:

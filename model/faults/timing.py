@@ -3,8 +3,8 @@
 import numpy as np
 from jaxtyping import Float
 
-from conventions.joints import JOINT_INDEX, UPPER_BODY
-from conventions.rates import FPS, SAMPLE_RATE
+from conventions.joints import UPPER_BODY
+from conventions.rates import FPS
 from model.faults.evidence import BODY, Evidence, Finding
 
 SAME_RAD = 1e-5
@@ -12,22 +12,9 @@ MOST_LAG_FRAMES = 3 * FPS
 LEAST_LAG_FRAMES = 3
 COPY_CORRELATION = 0.85
 """Of upper body speeds at the best lag; a copy has 1."""
-JAW_LAG_FRAMES = 4
-"""Clean: jaws follow the sound by no more than a frame."""
-JAW_PEAK = 5.5
-"""Deviations by which the best lag of jaw and loudness stands out of the other lags; clean, and at
-the right time: 5.7 to 13.6 where the jaw follows the sound at all. Jaws that do not: 3.9 at most.
-"""
-LEVEL_FRAMES = 61
+LEAST_SPEECH_LAG_FRAMES = 4
+"""Clean: faces are within a frame of the sound."""
 _LEAST_FRAMES = 10 * FPS
-
-
-def loudness_of(waveform: Float[np.ndarray, " N"]) -> Float[np.ndarray, " T"]:
-    """Logarithm of the root mean square of each thirtieth of a second of 16 kHz speech."""
-    count = int(len(waveform) / SAMPLE_RATE * FPS)
-    edges = np.round(np.arange(count + 1) * SAMPLE_RATE / FPS).astype(int)
-    energy = np.add.reduceat(np.square(waveform, dtype=np.float64), edges[:-1]) if count else []
-    return np.log(np.sqrt(np.asarray(energy) / (SAMPLE_RATE / FPS)) + 1e-3)
 
 
 def identical(evidence: Evidence) -> list[Finding]:
@@ -71,35 +58,35 @@ def shifted_reference(evidence: Evidence) -> list[Finding]:
 
 
 def shifted_speech(evidence: Evidence) -> list[Finding]:
-    """The jaw's opening beside the loudness of the speech, both less their level of two seconds."""
-    if evidence.loudness is None or evidence.num_frames < _LEAST_FRAMES:
+    """Late or early all along, or more and more."""
+    lag = evidence.raw.lag
+    if lag is None or not lag.is_known:
         return []
-    frames = min(evidence.num_frames, len(evidence.loudness))
-    jaw = evidence.motion.poses.reshape(-1, 55, 3)[:frames, JOINT_INDEX["jaw"], 0]
-    if frames < _LEAST_FRAMES or jaw.std() < 1e-4:
+    is_apart = min(abs(lag.lag_low_s), abs(lag.lag_high_s)) * FPS >= LEAST_SPEECH_LAG_FRAMES - 0.5
+    if not lag.lag_drift_s and not (is_apart and lag.lag_low_s * lag.lag_high_s > 0):
         return []
-    loud = np.convolve(evidence.loudness[:frames], np.ones(3) / 3, "same")
-    by_lag = _correlations(_less_level(jaw), _less_level(loud))
-    best = int(by_lag.argmax())
-    lag = best - MOST_LAG_FRAMES
-    others = by_lag[np.abs(np.arange(len(by_lag)) - best) > FPS // 2]
-    peak = float((by_lag[best] - others.mean()) / max(float(others.std()), 1e-9))
-    if abs(lag) < JAW_LAG_FRAMES or peak < JAW_PEAK:
-        return []
-    return [
-        Finding(
-            "time_shift",
-            f"The jaw is {abs(lag) / FPS:.2f} s {'behind' if lag > 0 else 'ahead of'} the speech:"
-            f" there its opening fits the loudness best (correlation {by_lag[best]:.2f}, against"
-            f" {by_lag[MOST_LAG_FRAMES]:.2f} as it is).",
-            {"against": "speech", "lag_frames": lag, "correlation": float(by_lag[best])},
-            excess=abs(lag) / JAW_LAG_FRAMES,
+    numbers = {"against": "speech", "lag_frames": round(lag.lag_s * FPS), **vars(lag)}
+    why = f"there its {lag.lag_ground} fits the speech best"
+    if not lag.lag_drift_s:
+        most_s = lag.lag_s
+        sentence = (
+            f"This seems {_apart(lag.lag_s)}: {why} (between {lag.lag_low_s:.2f} and"
+            f" {lag.lag_high_s:.2f} s); --assume lag={lag.lag_s:.2f} moves it there."
         )
-    ]
+    else:
+        most_s = lag.lag_drift_s
+        start, end = (lag.lag_s + sign * lag.lag_drift_s / 2 for sign in (-1, 1))
+        sentence = (
+            f"This drifts against the speech, {_apart(start)} at its start and {_apart(end)} at its"
+            f" end: {why}, as with {lag.lag_rate:.4g} frames a second that are taken for {FPS};"
+            f" --assume rate={lag.lag_rate:.4g} makes up for it."
+        )
+    excess = abs(most_s) * FPS / LEAST_SPEECH_LAG_FRAMES
+    return [Finding("time_shift", sentence, numbers, excess)]
 
 
-def _less_level(track: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
-    return track - np.convolve(track, np.ones(LEVEL_FRAMES) / LEVEL_FRAMES, "same")
+def _apart(lag_s: float) -> str:
+    return f"{abs(lag_s):.2f} s {'late' if lag_s > 0 else 'early'}"
 
 
 def _correlations(

@@ -12,8 +12,9 @@ from conventions.rates import FPS
 from model.formats.numbers import Draft, at_30_fps, check_fps
 from model.formats.reading import AXES, METRES, Reading, axis_of
 from model.motion.kinematics import open_body_skeleton
-from model.motion.motion import Motion
+from model.motion.motion import Motion, in_step
 from model.motion.tracks import Tracks, track_points
+from model.storage.npz import MotionError
 
 _LEFT_RELAXED = (
     *((-0.005, 0.045, -0.209), (0, 0, -0.349), (0, 0, -0.157)),
@@ -67,7 +68,21 @@ def finished(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None = None) 
     motion = at_30_fps(draft.motion(), check_fps(draft.fps, draft.name))
     if draft.fps <= FPS - 1.0:
         draft.lacks.add("detail")
+    motion = _in_step(draft, motion)
     return Reading(motion, tuple(draft.assumptions), draft.name, frozenset(draft.lacks))
+
+
+def _in_step(draft: Draft, motion: Motion) -> Motion:
+    """Moved by the lag that the user tells."""
+    told = draft.told.get("lag")
+    if told is None:
+        return motion
+    try:
+        moved = in_step(motion, float(told))
+    except (ValueError, OverflowError) as error:
+        raise MotionError(f"{draft.name}: --assume lag={told}: {error}") from error
+    draft.assume("lag", told, "as you say; moved by so many seconds", "told")
+    return moved
 
 
 def _samples(draft: Draft) -> None:

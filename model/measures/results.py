@@ -16,6 +16,7 @@ from model.measures.joints import (
     RangeMeasures,
     RotationMeasures,
 )
+from model.measures.lag import Lag
 from model.measures.point import PointMeasures
 from model.measures.posture import PostureMeasures
 from model.measures.seams import SeamMeasures
@@ -56,6 +57,8 @@ class Measures:
     """None without a reference."""
     beats: BeatMeasures | None = None
     """None without speech."""
+    lag: Lag | None = None
+    """Of the motion as it is; None without speech."""
 
     def as_json(self) -> dict[str, Any]:
         """By the keys of ``diagnostics.json``."""

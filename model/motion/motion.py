@@ -113,6 +113,21 @@ def first_frames(motion: Motion, num_frames: int) -> Motion:
     return motion.part(slice(num_frames))
 
 
+def in_step(motion: Motion, lag_s: float) -> Motion:
+    """The motion moved to where its speech is: one that is late loses its first frames, one that
+    is early holds its first pose as long as it is early.
+
+    Raises:
+        ValueError: if nothing would be left of it, or it would hold longer than it lasts.
+    """
+    shift = round(lag_s * FPS)
+    if abs(shift) >= motion.num_frames:
+        raise ValueError(
+            f"A lag of {lag_s:g} s is as long as the motion, which lasts {motion.duration_s:.1f} s."
+        )
+    return motion.part(np.maximum(np.arange(shift, motion.num_frames), 0))
+
+
 def save_motion(motion: Motion, path: str | Path, **texts: str) -> None:
     """Write BEAT2's npz plus ``expression_basis``; the file appears whole or not at all.
 

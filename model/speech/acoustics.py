@@ -1,5 +1,7 @@
 """What sound is made of, as librosa hears it: mel bands, pitch, and when sounds begin."""
 
+import functools
+
 import numpy as np
 from jaxtyping import Float, Float32, Float64
 
@@ -7,6 +9,14 @@ from model.speech.prepared_librosa import librosa
 
 ONSET_HOP = 512
 """Samples a step, by which BeatAlign is defined."""
+
+
+@functools.cache
+def mel_filters(
+    sample_rate: int, fft_size: int, num_mels: int, lowest_hz: float
+) -> Float32[np.ndarray, "mels bins"]:
+    """Weights of the ``fft_size // 2 + 1`` powers of a spectrum in each mel power."""
+    return librosa().filters.mel(sr=sample_rate, n_fft=fft_size, n_mels=num_mels, fmin=lowest_hz)
 
 
 def mel_powers(

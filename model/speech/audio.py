@@ -29,7 +29,9 @@ SILENT_BELOW = 1e-3
 CANCELLED_BELOW = 0.25
 """Level of the mean of all channels, relative to the loudest one, under which it is not used."""
 
-_CONTAINERS = "wav,w64,aiff,au,caf,flac,ogg,mp3,aac,mov,matroska,amr,asf,wv,avi"
+_CONTAINERS = "wav,w64,aiff,au,caf,flac,ogg,mp3,aac,mov,matroska,amr,asf,wv,avi,mpegts,mpeg"
+_MOST_TRACKS = 8
+"""Of which the first that is not silent is looked for."""
 _BLOCK_BYTES = 1 << 20
 _LOG_BYTES = 1 << 16
 _TIMEOUT_S = 300
@@ -47,6 +49,8 @@ class SpeechLimits:
     min_s: float | int = 0.5
     max_s: float | int = 600
     max_bytes: int = 2 * 2**30
+    channel: int | None = None
+    """The one that is heard, from 0; None mixes all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,14 +81,16 @@ class _Decoded:
     rate: int | None
     """Sample rate of the file, where ffmpeg names it."""
     declared_s: float | None
-    """Length by the file's own header, where it has one."""
+    """Length by the file's own header, where it has one that is of the sound."""
+    num_tracks: int
+    """Of sound."""
 
 
 def load_speech(path: str | Path, limits: SpeechLimits = SpeechLimits()) -> Speech:
     """Decode a sound file of any common format, or the first sound track of a video.
 
-    Channels are mixed to one. Where they cancel each other the loudest alone is used. What was
-    changed or missing is said in ``notes``.
+    Channels are mixed to one. Where they cancel each other the loudest alone is used. Of several
+    tracks the first that is not silent is taken. What was changed or missing is said in ``notes``.
 
     Raises:
         SpeechError: if the file is missing, is no sound file, is too short, too long, too large,
@@ -93,14 +99,21 @@ def load_speech(path: str | Path, limits: SpeechLimits = SpeechLimits()) -> Spee
     path = Path(path)
     name = _shown(path)
     digest = _checked_sha256(path, name, limits)
-    decoded = _decode(path, name, limits, channel=None)
+    decoded, track, notes = _speaking_track(path, name, limits)
     num_channels = len(decoded.channel_rms)
-    notes = []
-    if num_channels > 1:
+    if limits.channel is not None:
+        if limits.channel >= num_channels > 0:
+            raise SpeechError(
+                f"{name} has {_counted(num_channels, 'channel')}; number {limits.channel + 1} was "
+                "asked for."
+            )
+        if num_channels > 1:
+            notes.append(f"Of {num_channels} channels only number {limits.channel + 1} was used.")
+    elif num_channels > 1:
         notes.append(f"The file has {num_channels} channels; they were mixed to one.")
         loudest = int(decoded.channel_rms.argmax())
         if _rms(decoded.waveform) < CANCELLED_BELOW * decoded.channel_rms[loudest]:
-            decoded = _decode(path, name, limits, channel=loudest)
+            decoded = _decode(path, name, limits, loudest, track)
             notes[-1] = (
                 f"The file has {num_channels} channels that nearly vanish when mixed; only channel "
                 f"{loudest + 1}, the loudest, was used."
@@ -123,6 +136,21 @@ def load_speech(path: str | Path, limits: SpeechLimits = SpeechLimits()) -> Spee
                 f"The samples reached {peak:.3g} times full scale; they were scaled down to fit."
             )
     return Speech(waveform=waveform, sha256=digest, notes=tuple(notes))
+
+
+def _speaking_track(path: Path, name: str, limits: SpeechLimits) -> tuple[_Decoded, int, list[str]]:
+    """The first that is not silent, its number from 0, and what must be said of that; the first
+    where all are silent."""
+    first = _decode(path, name, limits, limits.channel)
+    if first.num_tracks < 2:
+        return first, 0, []
+    for track in range(min(first.num_tracks, _MOST_TRACKS)):
+        decoded = first if track == 0 else _decode(path, name, limits, limits.channel, track)
+        if np.abs(decoded.waveform).max(initial=0.0) >= SILENT_BELOW:
+            why = ", the first that is not silent," if track else ""
+            note = f"Of {first.num_tracks} sound tracks number {track + 1}{why} was used."
+            return decoded, track, [note]
+    return first, 0, []
 
 
 def write_wav(path: str | Path, waveform: Float[np.ndarray, " N"]) -> None:
@@ -187,8 +215,10 @@ def _check_waveform(waveform: Float32[np.ndarray, " N"], name: str, limits: Spee
         )
 
 
-def _decode(path: Path, name: str, limits: SpeechLimits, channel: int | None) -> _Decoded:
-    """One pass over the file; ``channel`` picks one instead of the mean of all."""
+def _decode(
+    path: Path, name: str, limits: SpeechLimits, channel: int | None, track: int = 0
+) -> _Decoded:
+    """One pass over the file; ``channel`` picks one, if there is one, in place of all's mean."""
     try:
         ffmpeg = imageio_ffmpeg.get_ffmpeg_exe()
     except RuntimeError as error:
@@ -200,7 +230,7 @@ def _decode(path: Path, name: str, limits: SpeechLimits, channel: int | None) ->
         *("-threads", "1", "-max_alloc", str(2**28)),
         *("-protocol_whitelist", "file", "-format_whitelist", _CONTAINERS),
         *("-i", f"file:{path.resolve()}"),
-        *("-map", "0:a:0", "-vn", "-sn", "-dn", "-map_metadata", "-1"),
+        *("-map", f"0:a:{track}", "-vn", "-sn", "-dn", "-map_metadata", "-1"),
         # Sun's .au is raw samples after a header that says how many channels there are.
         *("-t", f"{limits.max_s + 1:.3f}", "-ar", str(SAMPLE_RATE)),
         *("-c:a", "pcm_f32be", "-f", "au", "pipe:1"),
@@ -229,10 +259,10 @@ def _decode(path: Path, name: str, limits: SpeechLimits, channel: int | None) ->
         raise SpeechError(
             f"{name} took longer than {_TIMEOUT_S} s to decode; save it as WAV and try again."
         )
-    rate, declared_s = _parse_log(log.decode("utf-8", "replace"))
+    rate, declared_s, num_tracks = _parse_log(log.decode("utf-8", "replace"), track)
     if rate is None and len(waveform) == 0:
         raise SpeechError(f"{name} is not a sound file that can be read; {_READABLE}.")
-    return _Decoded(waveform, channel_rms, rate, declared_s)
+    return _Decoded(waveform, channel_rms, rate, declared_s, num_tracks)
 
 
 def _read_au(
@@ -261,7 +291,8 @@ def _read_au(
                 f"{bad / SAMPLE_RATE:.2f} s; export it again as 16-bit WAV."
             )
         energy += np.square(block, dtype=np.float64).sum(axis=0)
-        blocks.append(_mean(block) if channel is None else block[:, channel].copy())
+        is_one = channel is not None and channel < num_channels
+        blocks.append(block[:, channel].copy() if is_one else _mean(block))
         num_samples += len(block)
         if num_samples > max_samples:
             raise SpeechError(
@@ -283,20 +314,40 @@ def _drain(stream: IO[bytes], log: bytearray) -> None:
         log.extend(data[: max(0, _LOG_BYTES - len(log))])
 
 
-def _parse_log(log: str) -> tuple[int | None, float | None]:
-    """Sample rate and stated length in seconds of the input, as ffmpeg prints them."""
+_ERRORS = re.compile(r"^\[.*\b(?:Error|Invalid|partial file|truncat|corrupt)", re.M | re.I)
+_STREAM = re.compile(r"^  Stream #0:\d+.*?: (Audio|Video): (.*(?:\n   .*)*)", re.MULTILINE)
+
+
+def _parse_log(log: str, track: int) -> tuple[int | None, float | None, int]:
+    """Sample rate and stated length in seconds of a sound track, and how many there are, as ffmpeg
+    prints them.
+
+    A length that ffmpeg only estimates is none; that of a video is not the sound's, unless it tells
+    of damage, too.
+    """
     source = log.split("\nOutput #0", 1)[0]
-    rate = re.search(r"^  Stream #0:\d+.*: Audio: .*?, (\d+) Hz", source, re.MULTILINE)
-    length = re.search(r"^  Duration: (\d+):(\d\d):(\d\d\.\d+)", source, re.MULTILINE)
+    streams = _STREAM.findall(source)
+    sounds = [told for kind, told in streams if kind == "Audio"]
+    has_video = any(kind == "Video" and "attached pic" not in told for kind, told in streams)
+    own = sounds[track] if track < len(sounds) else ""
+    rate = re.search(r"^.*?, (\d+) Hz", own)
+    length = re.search(r"^ +DURATION +: (\d+):(\d\d):(\d\d\.\d+)", own, re.MULTILINE)
+    is_whole_files = "Estimating duration from bitrate" not in source
+    if length is None and is_whole_files and (not has_video or _ERRORS.search(log)):
+        length = re.search(r"^  Duration: (\d+):(\d\d):(\d\d\.\d+)", source, re.MULTILINE)
     declared_s = None
     if length:
         hours, minutes, seconds = length.groups()
         declared_s = 3600 * int(hours) + 60 * int(minutes) + float(seconds)
-    return int(rate.group(1)) if rate else None, declared_s
+    return int(rate.group(1)) if rate else None, declared_s, len(sounds)
 
 
 def _rms(waveform: Float32[np.ndarray, " N"]) -> float:
     return float(np.sqrt(np.mean(np.square(waveform, dtype=np.float64)))) if len(waveform) else 0.0
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def _minutes(seconds: float | int) -> str:

@@ -191,8 +191,9 @@ def _is_known(measure: Measure, columns: Sequence[Column]) -> bool:
 
 
 def _beats(diagnostics: Diagnostics) -> str:
-    sentence = sentences_of(diagnostics)["beats"]
-    return f'<p class="says">{escape(sentence)}</p>' if sentence else ""
+    sentences = sentences_of(diagnostics)
+    said = filter(None, (sentences["step"], sentences["beats"]))
+    return "".join(f'<p class="says">{escape(sentence)}</p>' for sentence in said)
 
 
 def _finding(name: str, finding: Finding) -> str:

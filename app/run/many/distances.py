@@ -136,11 +136,16 @@ def codes_path(record: Path) -> Path:
     return record.with_suffix(".emage.npz")
 
 
-def keep_codes(record: Path, weights: Path, motions: Mapping[str, Motion]) -> None:
-    """Leave the codes of one clip's motions beside its record, whole or not at all."""
+def keep_codes(record: Path, weights: Path, motions: Mapping[str, Sequence[Motion]]) -> None:
+    """Leave the codes of one clip's motions beside its record, whole or not at all; of each system
+    those of all samples."""
     from model.systems.autoencoders.emage import emage_codes
 
-    codes = [emage_codes(_emage_encoder(weights), motions[name]) for name in sorted(motions)]
+    encoder = _emage_encoder(weights)
+    codes = [
+        np.concatenate([emage_codes(encoder, motion) for motion in motions[name]])
+        for name in sorted(motions)
+    ]
     with written_atomically(codes_path(record)) as temporary:
         np.savez(temporary, *codes)
 

@@ -1,20 +1,22 @@
 """Folders, or zips, of motion files beside each other: each measure with an interval over clips.
 
-Files at any depth are paired by name, without ``res_`` or ``gt_`` before it and ``_output`` behind.
-Each clip is measured by one process, as it is, and its numbers are kept in ``clips``, so that a run
-that was stopped goes on where it was.
+Files at any depth are paired by clip and sample (`app.run.many.pairing`). Each clip is measured by
+one process, as it is, and its numbers, means over its samples, are kept in ``clips``, so that a run
+that was stopped goes on where it was. A clip of which some set has no file that can be read is left
+out of the tables, and told of.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from app.errors import RunError, sentence_of
 from app.run.diagnostics import onsets_of
+from app.run.many.assumed import assumed_in, told_above, without_what_lacks
 from app.run.many.distances import (
     EmageDistances,
     check_weights,
@@ -24,22 +26,24 @@ from app.run.many.distances import (
     moments_of,
     why_left_out,
 )
+from app.run.many.pairing import Samples, first_of, no_pair, paired_files, some_of
 from app.run.many.record import file_sha256, is_kept, keep, origin_of, read_records, stamp_of
 from app.run.many.speeches import ENDINGS as SOUND_ENDINGS
-from app.run.many.table import draw_spread, numbers_of, write_tables
+from app.run.many.table import Above, draw_spread, mean_of_samples, numbers_of, write_tables
 from app.run.many.unpacked import unpacked_sets
 from app.run.output.result_folder import held_folder, remove_unfinished
 from conventions.names import REFERENCE_NAME, printable
+from model.formats.reading import MOTIONS, REFERENCE, Reading, Told
 from processes.job import Job
 from processes.pool import JobPool
 
-FORMAT = 3
+if TYPE_CHECKING:
+    from model.motion.motion import Motion
+
+FORMAT = 4
 """Of a clip's record; another one is measured anew."""
 ENDINGS = (".npz", ".npy", ".bvh")
-GENERATED, RECORDED = "res_", "gt_"
-"""How EMAGE's code and those after it begin the names of results, and of the recordings beside."""
-OUTPUT = "_output"
-"""How the results of its newer code end."""
+_SPEECH = "the speech"
 
 
 @dataclass(frozen=True)
@@ -55,12 +59,14 @@ class ManyRequest:
     """Published ones (`model.measures.beats.read_mean_speeds`)."""
     emage_weights: Path | None = None
     """Of EMAGE's encoder (`model.systems.autoencoders.emage`), for FGD as papers tell it."""
-    fps: float | None = None
-    rotations: Any = None
+    told: Told = field(default_factory=Told)
+    """How files are to be read, where they do not say it."""
+    body: Path | None = None
+    """Licensed, whose mean hand is used."""
     names: tuple[str, ...] = ()
     """What to call the folders; by default as they are called."""
-    leaves_out: bool = False
-    """Whether a clip that cannot be read is left out and told of, rather than an error."""
+    channel: int | None = None
+    """Of that sound, from 0; None mixes all."""
     pool: JobPool = field(default_factory=JobPool)
 
 
@@ -75,6 +81,8 @@ class ManyResult:
     """By system, and the reference, the motion file of each of these clips."""
     sounds: dict[str, Path]
     """Of those clips that have one."""
+    left_out: dict[str, str]
+    """By clip, why nothing of it is in the tables."""
 
 
 def diagnose_folders(
@@ -85,7 +93,7 @@ def diagnose_folders(
 
     Raises:
         RunError: where folders have no clip in common, a folder is none, or a zip is hostile.
-        MotionError: for a file that cannot be read, once all others are measured; these are kept.
+        MotionError, SpeechError: if no clip can be read.
         CheckpointError: for weights that are not EMAGE's.
         JobsError: if those who measure are lost.
     """
@@ -113,19 +121,27 @@ def _with_folders(request: ManyRequest, folders: dict[Path, Path]) -> ManyReques
 
 def _diagnose_sets(request: ManyRequest, on_progress: Callable[[float], None]) -> ManyResult:
     folders = _named_folders(request)
-    files = {
-        name: _files(folder, RECORDED if name == REFERENCE_NAME else GENERATED)
-        for name, folder in folders.items()
+    of_sets: dict[str, tuple[Path, tuple[str, ...]]] = {
+        name: (folder, ENDINGS) for name, folder in folders.items()
     }
+    if (speech := _speech_folder(request)) is not None:
+        of_sets[_SPEECH] = speech, SOUND_ENDINGS
+    files = paired_files(of_sets, (REFERENCE_NAME, _SPEECH))
+    sounds = {clip: first_of(samples) for clip, samples in files.pop(_SPEECH, {}).items()}
     clips = sorted(set.intersection(*(set(found) for found in files.values())))
     if not clips:
-        raise RunError(f"No file name is in all of {', '.join(files)}; clips are paired by name.")
+        raise no_pair(files)
     notes = [
-        f"{name}: {len(found) - len(clips)} of {len(found)} files have no partner of that name."
+        f"{name}: {len(found) - len(clips)} of {len(found)} clips have no partner of that name:"
+        f" {some_of(set(found) - set(clips))}."
         for name, found in files.items()
         if len(found) > len(clips)
     ]
-    sounds = _sounds(request)
+    notes += [
+        f"{name} has {told} samples of each clip, which are averaged first."
+        for name, found in files.items()
+        if (told := _counts(len(found[clip]) for clip in clips)) != "1"
+    ]
     silent = [clip for clip in clips if clip not in sounds]
     if request.speech is not None and silent:
         notes.append(f"{len(silent)} of {len(clips)} clips have no sound of their name.")
@@ -134,7 +150,7 @@ def _diagnose_sets(request: ManyRequest, on_progress: Callable[[float], None]) -
 
 def _diagnose_clips(
     request: ManyRequest,
-    files: dict[str, dict[str, Path]],
+    files: dict[str, dict[str, Samples]],
     sounds: dict[str, Path],
     clips: list[str],
     notes: list[str],
@@ -145,20 +161,27 @@ def _diagnose_clips(
     records = {clip: (kept / f"{clip}.json").absolute() for clip in clips}
     jobs = []
     for clip in clips:
-        of_clip = {name: found[clip].absolute() for name, found in files.items()}
-        beside = _Beside(
-            *(
-                path and path.absolute()
-                for path in (sounds.get(clip), request.mean_speeds, request.emage_weights)
-            )
+        of_clip = {
+            name: {sample: path.absolute() for sample, path in found[clip].items()}
+            for name, found in files.items()
+        }
+        sound, speeds, weights = (
+            path and path.absolute()
+            for path in (sounds.get(clip), request.mean_speeds, request.emage_weights)
         )
-        said = request.fps, request.rotations
-        stamp = stamp_of(of_clip | beside.files, [FORMAT, *said])
+        beside = _Beside(sound, speeds, weights, request.channel)
+        asked = request.told, request.body and request.body.absolute()
+        measured_of = {
+            f"{name} {sample}".strip(): path
+            for name, samples in of_clip.items()
+            for sample, path in samples.items()
+        }
+        stamp = stamp_of(measured_of | beside.files, [FORMAT, *map(str, asked), request.channel])
         jobs.append(
             Job(
                 clip,
                 partial(_is_measured, records[clip], stamp, beside),
-                partial(_measure_clip, of_clip, beside, *said, records[clip], stamp),
+                partial(_measure_clip, of_clip, beside, asked, records[clip], stamp),
             )
         )
     known = sum(job.is_done() for job in jobs)
@@ -172,24 +195,37 @@ def _diagnose_clips(
         on_progress(done / len(jobs))
 
     failed = request.pool.do_all(jobs, on_done)
-    for error in failed.values():
-        if not request.leaves_out or len(failed) == len(jobs) or sentence_of(error) is None:
+    left_out = {clip: sentence_of(error) or "" for clip, error in sorted(failed.items())}
+    for clip, error in failed.items():
+        if len(failed) == len(jobs) or not left_out[clip]:
             raise error
-        notes.append(f"Left out: {sentence_of(error)}")
+    notes += [f"Left out: {clip}: {sentence}" for clip, sentence in left_out.items()]
     clips = [clip for clip in clips if clip not in failed]
     records = {clip: records[clip] for clip in clips}
     numbers = list(read_records(records).values())
+    notes += [sentence for each in numbers for sentence in each["unread"]]
+    above = Above(told_above(files, numbers), left_out)
+    notes[:0] = above.notes
     by_emage = EmageDistances()
     if request.emage_weights is not None:
         frames = [each["frames"] for each in numbers]
         by_emage = emage_distances(list(files), dict(zip(records.values(), frames, strict=True)))
     origin = origin_of(list(files), clips, numbers, FORMAT, request.mean_speeds)
-    written = write_tables(request.out, list(files), clips, numbers, origin, by_emage.rows)
+    written = write_tables(request.out, list(files), clips, numbers, origin, by_emage.rows, above)
     notes += filter(None, (why_left_out(numbers), by_emage.note))
     drawn, said = draw_spread(request.out, list(files), numbers)
-    measured = {name: {clip: found[clip] for clip in clips} for name, found in files.items()}
+    measured = {
+        name: {clip: first_of(found[clip]) for clip in clips} for name, found in files.items()
+    }
     heard = {clip: sounds[clip] for clip in clips if clip in sounds}
-    return ManyResult((*written, *drawn), (*notes, *said), tuple(clips), measured, heard)
+    notes += said
+    return ManyResult((*written, *drawn), tuple(notes), tuple(clips), measured, heard, left_out)
+
+
+def _counts(numbers: Iterable[int]) -> str:
+    """``5``, or ``3 to 5``."""
+    counts = sorted(set(numbers))
+    return str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
 
 
 def _named_folders(request: ManyRequest) -> dict[str, Path]:
@@ -205,44 +241,15 @@ def _named_folders(request: ManyRequest) -> dict[str, Path]:
     return folders
 
 
-def _sounds(request: ManyRequest) -> dict[str, Path]:
-    """By clip."""
+def _speech_folder(request: ManyRequest) -> Path | None:
     if request.mean_speeds is not None and request.speech is None:
         raise RunError("Mean speeds are of use with sound only; give both (--speech FOLDER).")
-    if request.speech is None:
-        return {}
-    if not request.speech.is_dir():
+    if request.speech is not None and not request.speech.is_dir():
         raise RunError(
             f"{request.speech} is no folder or zip; sets of motion go with a set of sound, "
             "whose files have the clips' names."
         )
-    return _files(request.speech, RECORDED, SOUND_ENDINGS)
-
-
-def _files(folder: Path, kind: str, endings: tuple[str, ...] = ENDINGS) -> dict[str, Path]:
-    """By clip; where results and recordings lie side by side, those of the kind that is asked."""
-    paths = sorted(
-        path for path in folder.rglob("*") if _ends_in(endings, path.relative_to(folder))
-    )
-    if any(path.name.startswith(kind) for path in paths):
-        paths = [path for path in paths if path.name.startswith(kind)]
-    found: dict[str, Path] = {}
-    for path in paths:
-        stem = path.stem.removeprefix(GENERATED).removeprefix(RECORDED)
-        name = printable(stem.removesuffix(OUTPUT) or stem)
-        other = found.get(name, path)
-        if (other.parent, other.stem) != (path.parent, path.stem):
-            raise RunError(
-                f"Two files in {folder} would both be called {name!r}: {other.relative_to(folder)} "
-                f"and {path.relative_to(folder)}. Rename one."
-            )
-        found[name] = path
-    return found
-
-
-def _ends_in(endings: tuple[str, ...], path: Path) -> bool:
-    is_hidden = any(part.startswith((".", "__MACOSX")) for part in path.parts)
-    return path.suffix in endings and not is_hidden
+    return request.speech
 
 
 @dataclass(frozen=True)
@@ -252,6 +259,7 @@ class _Beside:
     speech: Path | None
     mean_speeds: Path | None
     emage_weights: Path | None
+    channel: int | None
 
     @property
     def files(self) -> dict[str, Path]:
@@ -265,16 +273,16 @@ class _Beside:
 
     def heard(self) -> dict[str, Any]:
         """What `raw_evidence` is told of it."""
-        from model.faults.timing import loudness_of
         from model.measures.beats import read_mean_speeds
-        from model.speech.audio import load_speech
+        from model.measures.lag import heard_of
+        from model.speech.audio import SpeechLimits, load_speech
 
         if self.speech is None:
             return {}
-        speech = load_speech(self.speech)
+        speech = load_speech(self.speech, SpeechLimits(channel=self.channel))
         return {
             "onsets_s": onsets_of(speech),
-            "loudness": loudness_of(speech.waveform),
+            "heard": heard_of(speech.waveform),
             "mean_speeds": self.mean_speeds and read_mean_speeds(self.mean_speeds),
         }
 
@@ -285,36 +293,71 @@ def _is_measured(record: Path, stamp: dict[str, Any], beside: _Beside) -> bool:
 
 
 def _measure_clip(
-    files: dict[str, Path],
+    files: dict[str, Samples],
     beside: _Beside,
-    fps: float | None,
-    rotations: Any,
+    asked: tuple[Told, Path | None],
     out: Path,
     stamp: dict[str, Any],
 ) -> None:
-    """All systems of one clip beside its reference, over the frames that all have."""
+    """All systems of one clip beside its reference, over the frames that all have; of each the mean
+    over its samples.
+
+    Raises:
+        MotionError: if some system has no sample that can be read.
+    """
     from model.diagnostics import raw_evidence
-    from model.faults.table import find_faults
-    from model.formats.read import read_any_motion
-    from model.formats.reading import told_as
+    from model.faults.table import find_faults, without
     from model.motion.kinematics import open_body_skeleton
     from model.motion.motion import first_frames
 
-    said = told_as(fps, rotations)
-    motions = {name: read_any_motion(path, said).motion for name, path in files.items()}
+    unread: list[str] = []
+    readings = {name: _readings(name, files[name], asked, unread) for name in files}
     heard = beside.heard()
-    shortest = min(motion.num_frames for motion in motions.values())
-    motions = {name: first_frames(motion, shortest) for name, motion in motions.items()}
+    shortest = min(each.motion.num_frames for found in readings.values() for each in found.values())
     reference = None
     systems: dict[str, Any] = {}
-    for name in sorted(motions, key=lambda name: name != REFERENCE_NAME):  # the reference first
-        motion = motions[name]
-        evidence = raw_evidence(motion, open_body_skeleton(), reference, **heard)
-        told = numbers_of(evidence.raw, find_faults(evidence))
-        kept = {"codes": moments_of(motion), "sha256": file_sha256(files[name])}
-        systems[name] = told | kept
-        if name == REFERENCE_NAME:
-            reference = evidence
+    motions: dict[str, list[Motion]] = {}
+    for name in sorted(readings, key=lambda name: name != REFERENCE_NAME):  # the reference first
+        told = []
+        for sample, reading in readings[name].items():
+            motion = first_frames(reading.motion, shortest)
+            motions.setdefault(name, []).append(motion)
+            evidence = raw_evidence(motion, open_body_skeleton(), reference, **heard)
+            kept = {"codes": moments_of(motion), "sha256": file_sha256(files[name][sample])}
+            faults = without(find_faults(evidence), reading.lacks)
+            numbers = numbers_of(evidence.raw, faults) | kept
+            numbers["values"] = without_what_lacks(numbers["values"], reading.lacks)
+            told.append(numbers)
+            if name == REFERENCE_NAME:
+                reference = evidence
+        systems[name] = mean_of_samples(told)
+        systems[name]["assumed"] = [assumed_in(each) for each in readings[name].values()]
     if beside.emage_weights is not None:
         keep_codes(out, beside.emage_weights, motions)
-    keep(out, stamp, {"frames": shortest, "systems": systems})
+    out.parent.mkdir(parents=True, exist_ok=True)
+    keep(out, stamp, {"frames": shortest, "systems": systems, "unread": unread})
+
+
+def _readings(
+    name: str, samples: Samples, asked: tuple[Told, Path | None], unread: list[str]
+) -> dict[str, Reading]:
+    """Of those samples that can be read; why others cannot goes to ``unread``.
+
+    Raises:
+        MotionError: if none can.
+    """
+    from model.formats.read import read_any_motion
+    from model.storage.npz import MotionError
+
+    kind = REFERENCE if name == REFERENCE_NAME else MOTIONS
+    found: dict[str, Reading] = {}
+    why: MotionError | None = None
+    for sample, path in samples.items():
+        try:
+            found[sample] = read_any_motion(path, *asked, kind, name)
+        except MotionError as error:
+            why = error
+            unread.append(f"Of the samples of one clip this is left out: {error}")
+    if why is not None and not found:
+        raise why
+    return found

@@ -83,7 +83,6 @@ def measure_sets(
     asked = ManyRequest(
         *(folders, request.out, reference, speech),
         names=request.names,
-        leaves_out=True,
         pool=JobPool(1),
     )
     found = diagnose_folders(asked, lambda share: on_progress(_UNPACKED + (1 - _UNPACKED) * share))

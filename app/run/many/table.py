@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -49,12 +49,47 @@ def numbers_of(raw: Measures, findings: Iterable[Finding]) -> dict[str, Any]:
     }
 
 
+def mean_of_samples(told: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """What is kept of a clip: of each measure the mean over samples, and in ``spread`` their
+    standard deviation; of findings those that half of the samples have; what they share, put
+    together."""
+    if len(told) == 1:
+        return dict(told[0])
+    columns = list(zip(*(each["values"] for each in told), strict=True))
+    known = [[value for value in column if value is not None] for column in columns]
+    counts = Counter(kind for each in told for kind in set(each["findings"]))
+    codes = [each["codes"] for each in told]
+    return {
+        "values": [float(np.mean(values)) if values else None for values in known],
+        "spread": [float(np.std(values, ddof=1)) if len(values) > 1 else None for values in known],
+        "samples": len(told),
+        "findings": [kind for kind, count in counts.items() if 2 * count >= len(told)],
+        "codes": {
+            "count": sum(each["count"] for each in codes),
+            **{
+                key: np.sum([each[key] for each in codes], axis=0).tolist()
+                for key in ("total", "products")
+            },
+        },
+        "sha256": [each["sha256"] for each in told],
+    }
+
+
 def interval(values: Sequence[float]) -> tuple[float, float, float]:
     """Mean over clips and its 95 % bootstrap interval; the mean alone for a single clip."""
     from model.evaluation.tables import bootstrap
 
     found = bootstrap(values)
     return found.mean, found.low, found.high
+
+
+@dataclass(frozen=True)
+class Above:
+    """What stands above the numbers, and which clips are not in them."""
+
+    notes: Sequence[str] = ()
+    left_out: Mapping[str, str] = field(default_factory=dict)
+    """By clip, why."""
 
 
 def write_tables(
@@ -64,6 +99,7 @@ def write_tables(
     numbers: list[dict[str, Any]],
     origin: Mapping[str, Any] | None = None,
     more: Iterable[Row] = (),
+    above: Above | None = None,
 ) -> tuple[Path, ...]:
     """Write ``many.csv``, ``many.json``, ``clips.csv``, ``sheet.md`` and ``table.tex``.
 
@@ -72,6 +108,7 @@ def write_tables(
         origin: where they come from, as `app.run.many.record.origin_of` tells it.
         more: rows of measures that are taken of whole sets.
     """
+    above = above or Above()
     rows = [*_rows(systems, numbers), *distance_rows(systems, numbers), *more]
     table, sheet, content = out / "many.csv", out / "sheet.md", out / "many.json"
     by_clip, paper = out / "clips.csv", out / "table.tex"
@@ -92,24 +129,29 @@ def write_tables(
         "measures": named,
         "clips_with_finding": findings,
         "worst": [asdict(each) for each in worst],
+        "notes": list(above.notes),
+        "left_out": dict(above.left_out),
     }
     told |= {"provenance": dict(origin)} if origin is not None else {}
     content.write_text(json.dumps(told, indent=1, allow_nan=False) + "\n")
-    by_clip.write_text(csv_text(_clip_rows(of_systems)), "utf-8", newline="")
+    by_clip.write_text(csv_text(_clip_rows(of_systems, above.left_out)), "utf-8", newline="")
     means = cells_of(systems, named)
-    texts = [*_sheet(systems, len(clips), means, findings), *_worst_lines(worst)]
+    texts = [*_sheet(systems, len(clips), means, findings, above), *_worst_lines(worst)]
+    texts += _spread_lines(systems, numbers)
     sheet.write_text("\n".join(texts) + "\n", "utf-8")
     paper.write_text(_latex(systems, len(clips), means), "utf-8")
     return table, content, by_clip, sheet, paper
 
 
-def _clip_rows(of_systems: OfSystems) -> Iterator[tuple[Any, ...]]:
-    """A header, and a row for each clip of each system."""
+def _clip_rows(of_systems: OfSystems, left_out: Mapping[str, str]) -> Iterator[tuple[Any, ...]]:
+    """A header, a row for each clip of each system, and one for each that is left out."""
     titles = [f"{row.group}: {row.title}{f' ({row.unit})' if row.unit else ''}" for row in MEASURES]
-    yield ("clip", "system", "findings", *titles)
+    yield ("clip", "system", "findings", *titles, "left out because")
     for name, clips in of_systems.items():
         for clip, told in clips:
-            yield (clip, name, "; ".join(dict.fromkeys(told["findings"])), *told["values"])
+            yield (clip, name, "; ".join(dict.fromkeys(told["findings"])), *told["values"], "")
+    for clip, why in left_out.items():
+        yield (clip, "", "", *[""] * len(titles), why)
 
 
 @dataclass(frozen=True)
@@ -152,6 +194,31 @@ def _worst_lines(worst: list[WorstClip]) -> list[str]:
     (unit,) = (row.unit for row in MEASURES if (row.group, row.title) == JERK)
     head = f"| system | clip | findings | jerk ({unit}) |", "|---|---|---|---|"
     return ["", f"{title} first. All are in `clips.csv`.", "", *head, *lines]
+
+
+def _spread_lines(systems: list[str], numbers: list[dict[str, Any]]) -> list[str]:
+    """How far samples of one clip lie apart, where there are some."""
+    told = {name: [each["systems"][name] for each in numbers] for name in systems}
+    several = [name for name in systems if any("spread" in each for each in told[name])]
+    if not several:
+        return []
+    lines = []
+    for place, row in enumerate(MEASURES):
+        spreads = {
+            name: [
+                value
+                for each in told[name]
+                if "spread" in each and (value := each["spread"][place]) is not None
+            ]
+            for name in several
+        }
+        if any(spreads.values()):
+            unit = f" ({row.unit})" if row.unit else ""
+            cells = (written(float(np.mean(v))) if v else "n/a" for v in spreads.values())
+            lines.append(f"| {row.group}: {row.title}{unit} | " + " | ".join(cells) + " |")
+    title = "How far samples of one clip lie apart: their standard deviation, mean over clips."
+    head = f"| measure | {' | '.join(map(markdown, several))} |", "|---|" + "---|" * len(several)
+    return ["", title, "", *head, *lines]
 
 
 def _latex(systems: list[str], clips: int, means: Cells) -> str:
@@ -213,12 +280,20 @@ def _cell(rows: list[dict[str, Any]], name: str, last: str) -> str:
 
 
 def _sheet(
-    systems: list[str], clips: int, means: Cells, findings: dict[str, dict[str, int]]
+    systems: list[str],
+    clips: int,
+    means: Cells,
+    findings: dict[str, dict[str, int]],
+    above: Above,
 ) -> list[str]:
     last = systems[-1]
+    out = [f"Left out: {clip}: {why}" for clip, why in above.left_out.items()]
+    noted = [f"- {markdown(note)}" for note in (*above.notes, *out)]
     lines = [
         f"# {clips} clips",
         "",
+        *noted,
+        *([""] if noted else []),
         "Mean over clips [95 % bootstrap interval over clips], as generated, never filtered. `*`:"
         f" the interval of the paired difference to {markdown(last)} leaves out 0. Differences of"
         " all pairs are in `many.csv`.",

@@ -119,6 +119,16 @@ def _known(written: str, known: Mapping[str, T], refusal: str) -> tuple[T, ...]:
     return tuple(known[name] for name in dict.fromkeys(names))
 
 
+def read_channel(written: str) -> int:
+    """``left``, ``right`` or a number from 1, as one from 0. Raises `RunError` for all else."""
+    sides = {"left": 0, "right": 1}
+    if written in sides:
+        return sides[written]
+    if not written.isdecimal() or not 1 <= int(written) <= 64:
+        raise RunError(f"{written!r} is no channel; say left, right, or a number from 1")
+    return int(written) - 1
+
+
 TRANSCRIPT = flag(
     "what is said: a TextGrid, or a plain English text (.txt), which is looked for in the speech",
     "FILE",
@@ -128,6 +138,11 @@ WORDS = flag(
     "recognise English words where there is no transcript; a fifth of the speech's length on one "
     "core (default: %(default)s)",
     choices=WORDS_ASKED,
+)
+CHANNEL = flag(
+    "the one of several channels that is heard, such as a side of a dialogue (default: all, mixed)",
+    "left|right|N",
+    read_channel,
 )
 JOINT = flag(
     "fingertip or joint to follow, such as left_index or right_wrist (default: %(default)s)", "NAME"
@@ -151,7 +166,7 @@ def read_assumptions(written: str) -> Told:
 
 ASSUME = flag(
     "how files are to be read where they say too little: up=z,units=cm,rate=25,hands=mean,"
-    "rotations=6d-columns,facing=x,motion=2,frames=bridge; NAME:up=z for one of them",
+    "rotations=6d-columns,facing=x,motion=2,frames=bridge,lag=.4; NAME:up=z for one of them",
     "WHAT=VALUE,...",
     read_assumptions,
     "--assume",
@@ -261,6 +276,8 @@ class GenerateRequest:
             choices=POST_FILTERS,
         ),
     )
+    channel: int | None = field(default=None, metadata=CHANNEL)
+    """Of the speech, from 0; None mixes all."""
     transcript: Path | None = field(default=None, metadata=TRANSCRIPT)
     """A TextGrid of the speech, or a plain text (.txt) of it, whose words are looked for in it; the
     words go to the numbers."""

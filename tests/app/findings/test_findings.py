@@ -188,7 +188,7 @@ def test_the_nearest_to_the_reference_need_not_be_the_smoothest() -> None:
 def test_missing_numbers_are_told_and_never_crash() -> None:
     empty = both()
     found = sentences_of(diagnostics_of(a=empty, b=empty))
-    assert list(found) == [*PLOTS, "beats"]
+    assert list(found) == [*PLOTS, "beats", "step"]
     assert "too short" in found["trajectory"] and "too short" in found["depth"]
     assert "long enough" in found["spectrum"] and "long enough" in found["seams"]
     half = trajectory(a=empty, b=jerks(100.0))

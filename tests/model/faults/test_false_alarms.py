@@ -8,7 +8,6 @@ That is a fault, whether or not it is found, and cuts that hold one are left out
 
 import os
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ import pytest
 from model.diagnostics import raw_evidence
 from model.faults.evidence import Evidence
 from model.faults.table import find_faults
-from model.faults.timing import loudness_of
+from model.measures.lag import heard_of
 from model.measures.posture import WRISTS
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, load_motion
@@ -52,12 +51,12 @@ def told_of(motion: Motion, loud: np.ndarray) -> list[str]:
             cut = motion.part(slice(start, start + frames))
             if cut.num_frames < frames / 2:
                 continue  # a rest; it is part of the longer cuts
-            evidence = raw_evidence(cut, open_body_skeleton())
+            heard = loud[start : start + frames]
+            evidence = raw_evidence(cut, open_body_skeleton(), heard=heard)
             if largest_step_m(evidence) > STEP_M:
                 left_out += 1
                 continue
             judged += 1
-            evidence = replace(evidence, loudness=loud[start : start + frames])
             said += [f"{start}+{frames}: {found.sentence}" for found in find_faults(evidence)]
             if evidence.raw.seams.period is not None:
                 said.append(f"{start}+{frames}: a period of {evidence.raw.seams.period.frames}")
@@ -70,7 +69,7 @@ def test_nothing_is_found_in_five_minutes_of_a_procedural_speaker(number: int, f
     speaker = SPEAKERS[number % len(SPEAKERS)]
     clip = make_clip(open_body_rig(), speaker, "train", 300.0, [17, number])
     motion = motion_of(clip)
-    assert told_of(motion, loudness_of(clip.utterance.waveform)) == []
+    assert told_of(motion, heard_of(clip.utterance.waveform)) == []
 
 
 @pytest.mark.beat2
@@ -79,4 +78,4 @@ def test_nothing_is_found_in_a_recording(name: str):
     folder = beat2_folder()
     motion = load_motion(folder / "smplxflame_30" / f"{name}.npz")
     sound = load_speech(folder / "wave16k" / f"{name}.wav")
-    assert told_of(motion, loudness_of(sound.waveform)) == []
+    assert told_of(motion, heard_of(sound.waveform)) == []

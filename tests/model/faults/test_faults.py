@@ -10,8 +10,8 @@ from conventions.joints import JOINT_INDEX
 from model.diagnostics import raw_evidence
 from model.faults.evidence import Evidence, Finding, by_gravity, clock, ranked, stretches_of
 from model.faults.table import FAULTS, STILL, find_faults, without
-from model.faults.timing import loudness_of
 from model.formats.read import read_any_motion
+from model.measures.lag import heard_of
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, load_motion
 from model.speech.audio import load_speech
@@ -30,25 +30,25 @@ __all__ = ["flite"]
 @dataclass(frozen=True, eq=False)
 class Person:
     motion: Motion
-    loudness: np.ndarray
+    heard: np.ndarray
     evidence: Evidence
 
 
-def person(motion: Motion, loudness: np.ndarray) -> Person:
-    return Person(motion, loudness, raw_evidence(motion, SKELETON))
+def person(motion: Motion, heard: np.ndarray) -> Person:
+    return Person(motion, heard, raw_evidence(motion, SKELETON))
 
 
 @pytest.fixture(scope="module")
 def example() -> Person:
     """14 s that come with the program."""
-    return person(load_motion(CLEAN), loudness_of(load_speech(CLEAN.with_suffix(".wav")).waveform))
+    return person(load_motion(CLEAN), heard_of(load_speech(CLEAN.with_suffix(".wav")).waveform))
 
 
 @pytest.fixture(scope="module")
 def procedural(flite: None) -> Person:
     speaker = next(s for s in SPEAKERS if s.name == "ewan")
     clip = make_clip(open_body_rig(), speaker, "train", 33.0, [10, speaker.number])
-    return person(motion_of(clip), loudness_of(clip.utterance.waveform))
+    return person(motion_of(clip), heard_of(clip.utterance.waveform))
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def recorded() -> Person:
     folder = beat2_folder()
     sound = load_speech(folder / "wave16k" / "2_scott_0_1_1.wav")
     motion = load_motion(folder / "smplxflame_30" / "2_scott_0_1_1.npz")
-    return person(motion, loudness_of(sound.waveform))
+    return person(motion, heard_of(sound.waveform))
 
 
 def found_in(motion: Motion, person: Person, planted: Planted) -> list[Finding]:
@@ -66,16 +66,15 @@ def found_in(motion: Motion, person: Person, planted: Planted) -> list[Finding]:
         reference = person.evidence
         if motion.num_frames != person.motion.num_frames:
             reference = raw_evidence(person.motion.part(slice(motion.num_frames)), SKELETON)
-    loudness = person.loudness if planted.beside == "speech" else None
-    evidence = raw_evidence(motion, SKELETON, reference, planted.windows, loudness=loudness)
+    heard = person.heard if planted.beside == "speech" else None
+    evidence = raw_evidence(motion, SKELETON, reference, planted.windows, heard=heard)
     return find_faults(evidence)
 
 
 @pytest.mark.parametrize("planted", PLANTED, ids=lambda p: f"{p.name}-{p.kind}-{p.beside}")
 def test_a_planted_fault_is_found_and_told(example: Person, planted: Planted):
-    if planted.beside == "speech":  # a jaw that follows it from frame to frame
-        jaw = example.motion.poses[:, 3 * JOINT_INDEX["jaw"]].astype(np.float64)
-        example = replace(example, loudness=jaw)
+    if planted.beside == "speech":  # a face that follows it from frame to frame
+        example = replace(example, heard=example.motion.expressions[:, :12])
     found = found_in(planted.plant(example.motion), example, planted)
     assert {finding.kind for finding in found} == {planted.kind, *planted.also}
     assert found == by_gravity(found)
@@ -108,7 +107,7 @@ def test_every_fault_of_the_table_is_planted():
 
 
 def test_a_clean_clip_is_left_alone_whole_and_in_parts(example: Person):
-    assert find_faults(replace(example.evidence, loudness=example.loudness)) == []
+    assert find_faults(raw_evidence(example.motion, SKELETON, heard=example.heard)) == []
     for part in (slice(0, 300), slice(100, 140), slice(4), slice(3), slice(2), slice(1)):
         assert find_faults(raw_evidence(example.motion.part(part), SKELETON)) == []
 
@@ -125,7 +124,8 @@ def test_one_recording_beside_another_is_left_alone(recorded: Person):
     other = load_motion(beat2_folder() / "smplxflame_30" / "2_scott_0_2_2.npz")
     frames = min(other.num_frames, recorded.motion.num_frames)
     one, two = (raw_evidence(m.part(slice(frames)), SKELETON) for m in (recorded.motion, other))
-    assert find_faults(replace(one, loudness=recorded.loudness[:frames])) == []
+    first = recorded.motion.part(slice(frames))
+    assert find_faults(raw_evidence(first, SKELETON, heard=recorded.heard[:frames])) == []
     for evidence, reference in ((one, two), (two, one)):
         beside = raw_evidence(evidence.motion, SKELETON, reference)
         assert find_faults(beside) == []

@@ -54,7 +54,7 @@ def test_distances_are_those_of_all_codes_and_of_each_draw(weights: Path, tmp_pa
     for seed, (clip, length) in enumerate(FRAMES.items()):
         motions = _motions(length, seed)
         record = tmp_path / f"{clip}.json"
-        keep_codes(record, weights, motions)
+        keep_codes(record, weights, {name: [motion] for name, motion in motions.items()})
         frames[record] = length
         for name, motion in motions.items():
             codes[name] += [emage_codes(encoder, motion)] * (length >= 32)

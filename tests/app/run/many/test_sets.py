@@ -81,6 +81,7 @@ def test_a_zip_is_measured_as_its_folder(folders: Path, tmp_path: Path) -> None:
     diagnose_folders(asked)
     plain = json.loads((tmp_path / "plain" / "many.json").read_text())
     named = json.loads(json.dumps(found.told).replace("My system", "mine"))
+    assert list(named.pop("left_out")) == ["broken"] and not plain.pop("left_out")
     for told in (named, plain):
         del told["provenance"]["made_at"]
     assert named == plain
@@ -104,7 +105,8 @@ def test_names_that_would_be_one_and_zips_without_a_common_clip_are_refused(fold
     twice = tmp_path / "twice.zip"
     with zipfile.ZipFile(twice, "w") as archive:
         for folder in ("one", "other"):
-            archive.write(next(folders.rglob("res_a.npz")), f"{folder}/res_a.npz")
+            for name in ("a", "a_output"):
+                archive.write(next(folders.rglob("res_a.npz")), f"{folder}/{name}.npz")
     with pytest.raises(RunError, match="would both be called"):
         measure_sets(SetsRequest((twice,), ("twice",), tmp_path / "first"))
     other = tmp_path / "other.zip"

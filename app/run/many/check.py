@@ -1,0 +1,179 @@
+"""Is a set what a leaderboard takes? Clips that are missing or too many, forms, lengths, samples.
+
+The GENEA leaderboard asks for motion of every recording of BEAT2's English test set, in SMPL-X's
+form as BEAT2 has it, as long as the recording, and for five samples of each where a system draws.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from app.errors import RunError
+from app.run.many.pairing import Samples, paired_files, some_of
+from app.run.many.record import file_sha256
+from app.run.many.unpacked import stem_of, unpacked_sets
+from app.run.output.result_folder import held_folder, remove_unfinished
+from conventions.names import REFERENCE_NAME, printable
+from conventions.rates import FPS
+from model.storage.files import written_atomically
+
+GENEA = "genea"
+SAMPLES = 5
+SPLIT = "train_test_split.csv"
+ENDINGS = (".npz", ".npy", ".bvh")
+_MOST_FRAMES_APART = 1
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What is wrong with one set; nothing where it can be handed in."""
+
+    clips: int
+    samples: int
+    wrong: tuple[str, ...]
+    """Sentences."""
+    missing: tuple[str, ...] = ()
+    extra: tuple[str, ...] = ()
+    files: Mapping[str, str] = field(default_factory=dict)
+    """By file, what is wrong with it."""
+
+    @property
+    def is_right(self) -> bool:
+        return not (self.wrong or self.missing or self.extra or self.files)
+
+
+def check_sets(folders: tuple[Path, ...], reference: Path | None, out: Path) -> dict[str, Checked]:
+    """Hold sets against the leaderboard's rules and write ``check.md``; by name of the set.
+
+    Args:
+        reference: the recorded test clips, a folder or an archive; or BEAT2's folder, of which
+            those of its test split are meant.
+
+    Raises:
+        RunError: without a reference, for what is no set, or a hostile archive.
+    """
+    if reference is None:
+        raise RunError(
+            "--check genea holds a set against the recorded test clips, for names and lengths; "
+            "give them, too (--reference BEAT2's folder, or one of the recorded clips)."
+        )
+    remove_unfinished(out)
+    sets = [(path, ENDINGS) for path in (*folders, reference)]
+    with held_folder(out), unpacked_sets(sets, out) as opened:
+        recorded = opened.get(reference, reference)
+        named = {_name_of(path): opened.get(path, path) for path in folders}
+        if len(named) < len(folders) or REFERENCE_NAME in named:
+            raise RunError("Two sets have the same name, or one is called 'reference'; rename one.")
+        for folder in (*named.values(), recorded):
+            if not folder.is_dir():
+                raise RunError(f"{folder} is no folder or archive; --check takes whole sets.")
+        found = {name: _checked(folder, recorded) for name, folder in named.items()}
+        with written_atomically(out / "check.md") as temporary:
+            temporary.write_text("\n".join(_lines(found)) + "\n", "utf-8")
+    return found
+
+
+def told(name: str, checked: Checked) -> list[str]:
+    """Sentences for a person, the gravest first; one that all is right where it is."""
+    if checked.is_right:
+        random = f", {checked.samples} samples of each" if checked.samples > 1 else ""
+        return [f"{name}: all {checked.clips} clips are as the leaderboard asks{random}."]
+    lines = [f"{name}: {sentence}" for sentence in checked.wrong]
+    if checked.missing:
+        lines.append(
+            f"{name}: clips that are missing: {len(checked.missing)}: {some_of(checked.missing)}."
+        )
+    if checked.extra:
+        lines.append(
+            f"{name}: clips that are none of the test set, to be left out: {len(checked.extra)}:"
+            f" {some_of(checked.extra)}."
+        )
+    same = Counter(checked.files.values())
+    return lines + [
+        f"{name}: {some_of(file for file, other in checked.files.items() if other == why)}: {why}"
+        for why in same
+    ]
+
+
+def _name_of(path: Path) -> str:
+    return printable(stem_of(path) if path.is_file() else path.resolve().name)
+
+
+def _of_test_split(clips: Mapping[str, Samples], folder: Path) -> dict[str, Path]:
+    """Of recorded clips those that are meant."""
+    split = next((each for each in (folder, folder.parent) if (each / SPLIT).is_file()), None)
+    wanted = {clip: next(iter(samples.values())) for clip, samples in clips.items()}
+    if split is not None:
+        with (split / SPLIT).open(newline="", encoding="utf-8") as file:
+            test = {row["id"] for row in csv.DictReader(file) if row.get("type") == "test"}
+        wanted = {clip: path for clip, path in wanted.items() if clip in test}
+    if not wanted:
+        raise RunError(f"{folder} holds no recorded clips ({', '.join(ENDINGS)}) of a test set.")
+    return wanted
+
+
+def _checked(folder: Path, recorded: Path) -> Checked:
+    sets = {"set": (folder, ENDINGS), REFERENCE_NAME: (recorded, ENDINGS)}
+    files_of = paired_files(sets, (REFERENCE_NAME,))
+    found, wanted = files_of["set"], _of_test_split(files_of[REFERENCE_NAME], recorded)
+    wrong = []
+    counts = {clip: len(found[clip]) for clip in found if clip in wanted}
+    most = max(counts.values(), default=0)
+    uneven = [clip for clip, count in counts.items() if count != most]
+    if uneven:
+        wrong.append(f"{some_of(uneven)} have fewer samples than the {most} of others.")
+    if most not in (0, 1, SAMPLES):
+        wrong.append(
+            f"it has {most} samples of a clip; a system that draws hands in {SAMPLES}, one that "
+            "does not hands in 1."
+        )
+    files: dict[str, str] = {}
+    for clip in sorted(counts):
+        files |= _wrong_files(folder, found[clip], wanted[clip])
+    return Checked(
+        clips=len(counts),
+        samples=most,
+        wrong=tuple(wrong),
+        missing=tuple(sorted(set(wanted) - set(found))),
+        extra=tuple(sorted(set(found) - set(wanted))),
+        files=files,
+    )
+
+
+def _wrong_files(folder: Path, samples: Samples, recorded: Path) -> dict[str, str]:
+    from model.formats.read import read_any_motion
+    from model.motion.motion import load_motion
+    from model.storage.npz import MotionError
+
+    frames = read_any_motion(recorded).motion.num_frames
+    wrong: dict[str, str] = {}
+    seen: dict[str, str] = {}
+    for path in samples.values():
+        name = str(path.relative_to(folder))
+        try:
+            motion = load_motion(path)
+        except MotionError as error:
+            wrong[name] = str(error).replace(f"{path.name} ", "it ", 1)
+            continue
+        if abs(motion.num_frames - frames) > _MOST_FRAMES_APART:
+            wrong[name] = (
+                f"it has {motion.num_frames} frames where the recording has {frames} at {FPS} a "
+                "second."
+            )
+        other = seen.setdefault(file_sha256(path), name)
+        if other != name:
+            wrong[name] = f"it is the same file as {other}, so they are no samples."
+    return wrong
+
+
+def _lines(found: Mapping[str, Checked]) -> list[str]:
+    lines = ["# Held against the rules of the GENEA leaderboard", ""]
+    for name, checked in found.items():
+        lines += [f"- {line}" for line in told(name, checked)]
+        for title, names in (("Missing", checked.missing), ("Extra", checked.extra)):
+            lines += [f"  - {title}: {each}" for each in names]
+    return lines

@@ -1,0 +1,321 @@
+"""Sets as people have them: how files are paired, averaged and checked, and how they are packed."""
+
+import csv
+import json
+import tarfile
+import zipfile
+from dataclasses import replace
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.commands.cli import main
+from app.errors import RunError
+from app.run.many.check import check_sets, told
+from app.run.many.motions import ManyRequest, diagnose_folders
+from app.run.many.pairing import paired_files
+from app.run.many.unpacked import Limits, unpacked
+from conventions.names import REFERENCE_NAME
+from model.motion.motion import save_motion
+from processes.pool import JobPool
+from tests.helpers import smooth_motion_example
+
+NPZ = (".npz",)
+
+
+def sets(top: Path, **files: tuple[str, ...]) -> dict[str, tuple[Path, tuple[str, ...]]]:
+    for name, paths in files.items():
+        for path in paths:
+            (top / name / path).parent.mkdir(parents=True, exist_ok=True)
+            (top / name / path).touch()
+    return {name: (top / name, NPZ) for name in files}
+
+
+def names(found: dict[str, dict[str, dict[str, Path]]], top: Path) -> dict[str, dict[str, list]]:
+    return {
+        name: {
+            clip: [(sample, str(path.relative_to(top / name))) for sample, path in files.items()]
+            for clip, files in clips.items()
+        }
+        for name, clips in found.items()
+    }
+
+
+REFERENCE = ("2_scott_0_1_1.npz", "2_scott_0_2_2.npz")
+
+
+@pytest.mark.parametrize(
+    "form",
+    ["{clip}_sample{n}.npz", "x/{clip}_sample_{n}_output.npz", "res_{clip}.s{n}.npz",
+     "sample{n}/{clip}.npz", "sample_{n}/a/res_{clip}.npz", "{clip}/{n}.npz",
+     "mine/{clip}/sample{n}.npz", "seed-{n}/{clip}.npz"],
+)  # fmt: skip
+def test_samples_of_a_clip_are_known_by_name_or_folder(form: str, tmp_path: Path):
+    ids = [Path(each).stem for each in REFERENCE]
+    files = tuple(form.format(clip=clip, n=n) for clip in ids for n in range(3))
+    found = paired_files(sets(tmp_path, mine=files, reference=REFERENCE), ("reference",))
+    assert names(found, tmp_path) == {
+        "mine": {clip: [(str(n), form.format(clip=clip, n=n)) for n in range(3)] for clip in ids},
+        "reference": {clip: [("", f"{clip}.npz")] for clip in ids},
+    }
+
+
+def test_folders_tell_clips_apart_where_names_do_not(tmp_path: Path):
+    speakers = ("scott/1.npz", "scott/2.npz", "nora/1.npz")
+    deep = tuple(f"epoch/{each}" for each in speakers)
+    found = paired_files(sets(tmp_path, mine=deep, reference=speakers), ("reference",))
+    assert set(found["mine"]) == set(found["reference"]) == {"scott/1", "scott/2", "nora/1"}
+    alone = paired_files(sets(tmp_path / "b", mine=("scott/1.npz", "scott/2.npz", "nora/1.npz")))
+    assert {clip: list(files) for clip, files in alone["mine"].items()} == {
+        "scott": ["1", "2"],
+        "nora": ["1"],
+    }
+    with pytest.raises(RunError, match=r"both be called .a.: a\.npz and a_output\.npz"):
+        paired_files(sets(tmp_path / "c", mine=("a.npz", "a_output.npz")))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three recorded clips, and a system with two samples of each, one of a quarter more."""
+    top = tmp_path_factory.mktemp("samples")
+    for name in ("gt", "mine"):
+        (top / name).mkdir()
+    for seed, clip in enumerate("abc"):
+        motion = smooth_motion_example(60, seed)
+        save_motion(motion, top / "gt" / f"{clip}.npz")
+        for sample, times in ((0, 1.0), (1, 1.25)):
+            poses = (times * motion.poses).astype(np.float32)
+            save_motion(replace(motion, poses=poses), top / "mine" / f"{clip}_sample{sample}.npz")
+    return top
+
+
+def asked(top: Path, out: Path, *systems: Path) -> ManyRequest:
+    return ManyRequest(systems or (top / "mine",), out, top / "gt", pool=JobPool(1))
+
+
+def rows_of(out: Path) -> dict[tuple[str, str], dict[str, str]]:
+    with (out / "clips.csv").open() as file:
+        return {(row["clip"], row["system"]): row for row in csv.DictReader(file)}
+
+
+def test_samples_are_averaged_first_and_their_spread_is_told(made: Path, tmp_path: Path):
+    found = diagnose_folders(asked(made, tmp_path / "both"))
+    assert "mine has 2 samples of each clip, which are averaged first." in found.notes
+    both = rows_of(tmp_path / "both")
+    parts = []
+    for sample in (0, 1):
+        one = tmp_path / f"one{sample}"
+        one.mkdir()
+        for clip in "abc":
+            name = f"{clip}_sample{sample}.npz"
+            (one / f"{clip}.npz").write_bytes((made / "mine" / name).read_bytes())
+        diagnose_folders(asked(made, tmp_path / f"out{sample}", one))
+        parts.append(rows_of(tmp_path / f"out{sample}"))
+    title = "Followed point: Speed (m/s)"
+    for clip in "abc":
+        first, second = (
+            float(part[clip, f"one{sample}"][title]) for sample, part in enumerate(parts)
+        )
+        assert float(both[clip, "mine"][title]) == pytest.approx((first + second) / 2)
+        assert first != pytest.approx(second, rel=0.1)
+    spread = np.mean(
+        [
+            np.std([float(part[clip, f"one{n}"][title]) for n, part in enumerate(parts)], ddof=1)
+            for clip in "abc"
+        ]
+    )
+    sheet = (tmp_path / "both" / "sheet.md").read_text().split("How far samples of one clip")[1]
+    (line,) = (line for line in sheet.splitlines() if title in line)
+    assert float(line.split("|")[2]) == pytest.approx(spread, rel=0.01)
+
+
+def test_a_bad_clip_costs_itself_only(made: Path, tmp_path: Path):
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    for path in (made / "mine").iterdir():
+        (mine / path.name).write_bytes(path.read_bytes())
+    for broken in ("b_sample0", "b_sample1", "c_sample0"):
+        (mine / f"{broken}.npz").write_bytes(b"no motion")
+    found = diagnose_folders(asked(made, tmp_path / "out", mine))
+    assert found.clips == ("a", "c") and set(found.left_out) == {"b"}
+    assert "b_sample" in found.left_out["b"]
+    assert any("c_sample0.npz" in note for note in found.notes)
+    rows = rows_of(tmp_path / "out")
+    assert rows["b", ""]["left out because"] == found.left_out["b"]
+    assert rows["a", "mine"]["left out because"] == ""
+    many = json.loads((tmp_path / "out" / "many.json").read_text())
+    assert many["clips"] == ["a", "c"] and many["left_out"] == found.left_out
+    assert found.left_out["b"] in (tmp_path / "out" / "sheet.md").read_text()
+    for path in mine.iterdir():
+        path.write_bytes(b"no motion")
+    with pytest.raises(ValueError, match="sample"):
+        diagnose_folders(asked(made, tmp_path / "none", mine))
+
+
+def test_a_set_that_was_filled_in_is_told_above_the_numbers(made: Path, tmp_path: Path):
+    slow = tmp_path / "slow"
+    slow.mkdir()
+    for clip in "abc":
+        with np.load(made / "gt" / f"{clip}.npz") as file:
+            content = {name: file[name] for name in file.files}
+        for name in ("poses", "trans", "expressions"):
+            content[name] = content[name][::2]
+        np.savez(slow / f"{clip}.npz", **content | {"mocap_frame_rate": np.array(15)})
+    found = diagnose_folders(asked(made, tmp_path / "out", slow))
+    assert found.notes[0].startswith("slow was filled in from fewer frames a second")
+    sheet = (tmp_path / "out" / "sheet.md").read_text()
+    table = sheet.index("| measure |")
+    assert "slow was filled in" in sheet[:table] and "15" in sheet[:table]
+    (jerk,) = (line for line in sheet.splitlines() if line.startswith("| Followed point: Jerk"))
+    assert jerk.split(" | ")[1] == "n/a" and jerk.split(" | ")[2] != "n/a"
+    (speed,) = (line for line in sheet.splitlines() if line.startswith("| Followed point: Speed"))
+    assert "n/a" not in speed
+
+
+def test_the_command_line_tells_by_its_exit_status(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    for clip in "ab":
+        (mine / f"{clip}.npz").write_bytes((made / "gt" / f"{clip}.npz").read_bytes())
+    argv = ["diagnose", str(mine), "--reference", str(made / "gt"), "--processes", "1", "--out"]
+    assert main([*argv, str(tmp_path / "whole")]) == 0
+    (mine / "b.npz").write_bytes(b"no motion")
+    assert main([*argv, str(tmp_path / "out")]) == 1
+    said = capsys.readouterr()
+    assert "1 of 2 clips could not be measured" in said.err and "sheet.md" in said.out
+    assert main([*argv, str(tmp_path / "check"), "--check", "genea"]) == 1
+    said = capsys.readouterr()
+    assert "mine: clips that are missing: 1: c." in said.err and "check.md" in said.out
+
+
+def archive(path: Path, **files: bytes) -> Path:
+    if path.suffix == ".zip":
+        with zipfile.ZipFile(path, "w") as opened:
+            for name, content in files.items():
+                opened.writestr(name, content)
+        return path
+    with tarfile.open(path, "w:gz" if path.suffix == ".gz" else "w") as opened:
+        for name, content in files.items():
+            info = tarfile.TarInfo(name)
+            info.size = len(content)
+            opened.addfile(info, BytesIO(content))
+    return path
+
+
+def below(folder: Path) -> dict[str, bytes]:
+    paths = (path for path in folder.rglob("*") if path.is_file())
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
+
+
+@pytest.fixture
+def into(tmp_path: Path) -> Path:
+    (tmp_path / "into").mkdir()
+    return tmp_path / "into"
+
+
+@pytest.mark.parametrize("name", ["a.zip", "a.tar.gz", "a.tar"])
+def test_archives_of_windows_and_in_archives_are_unpacked(name: str, tmp_path: Path, into: Path):
+    inner = archive(tmp_path / "in.tar.gz", **{"./deep/c.npz": b"three", "no.txt": b"no"})
+    files = {"my\\a.npz": b"one", "my/b.NPZ": b"two", "my/in.tar.gz": inner.read_bytes()}
+    if name != "a.zip":
+        files["my/a.npz"] = files.pop("my\\a.npz")
+    assert unpacked(archive(tmp_path / name, **files), into, NPZ) == 3
+    assert below(into) == {"my/a.npz": b"one", "my/b.NPZ": b"two", "my/in/deep/c.npz": b"three"}
+
+
+@pytest.mark.parametrize("kind", ["symlink", "hard link", "device", "sparse", "out", "root"])
+def test_hostile_tars_leave_nothing(kind: str, tmp_path: Path, into: Path):
+    info = tarfile.TarInfo("x.npz")
+    info.type = {
+        "symlink": tarfile.SYMTYPE,
+        "hard link": tarfile.LNKTYPE,
+        "device": tarfile.CHRTYPE,
+        "sparse": tarfile.GNUTYPE_SPARSE,
+    }.get(kind, tarfile.REGTYPE)
+    info.linkname = "/etc/passwd"
+    info.name = {"out": "../x.npz", "root": "/x.npz"}.get(kind, "x.npz")
+    with tarfile.open(tmp_path / "a.tar", "w") as opened:
+        opened.addfile(info)
+    with pytest.raises(RunError, match=r"link or device|leads out|no readable tar"):
+        unpacked(tmp_path / "a.tar", into, NPZ)
+    assert below(tmp_path).keys() == {"a.tar"}
+
+
+def test_limits_hold_for_tars_and_for_all_archives_together(tmp_path: Path, into: Path):
+    zeros = bytes(3 * 2**20)
+    bomb = archive(tmp_path / "a.tar.gz", **{"a.npz": zeros, "b.npz": zeros})
+    assert bomb.stat().st_size < 20_000
+    for limits, said in (
+        (Limits(file_bytes=2**20), "'a.npz' of 3 MiB; at most 1 MiB a file"),
+        (Limits(files=10, total_bytes=5 * 2**20), "unpack to"),
+        (Limits(files=1), "at most 1 are read"),
+    ):
+        with pytest.raises(RunError, match=said):
+            unpacked(bomb, into, NPZ, limits)
+        assert not below(into)
+    unread = archive(tmp_path / "u.tar.gz", **{"a.txt": zeros, "b.npz": b"b"})
+    with pytest.raises(RunError, match="would unpack to over 1 MiB"):
+        unpacked(unread, into, NPZ, Limits(files=10, total_bytes=2**20))
+    twice = archive(tmp_path / "t.zip", **{"x.tar.gz": bomb.read_bytes(), "c.npz": zeros})
+    with pytest.raises(RunError, match=r"x\.tar\.gz would unpack to"):
+        unpacked(twice, into, NPZ, Limits(files=10, total_bytes=8 * 2**20))
+
+
+def test_archives_too_deep_cut_or_none_are_refused(tmp_path: Path, into: Path):
+    deep = archive(tmp_path / "0.zip", **{"a.npz": b"a"})
+    for place in range(1, 4):
+        deep = archive(tmp_path / f"{place}.zip", **{"in.zip": deep.read_bytes()})
+    with pytest.raises(RunError, match="an archive 3 deep; at most 2"):
+        unpacked(deep, into, NPZ)
+    whole = archive(tmp_path / "w.tar.gz", **{"a.npz": np.random.default_rng(0).bytes(9000)})
+    content = whole.read_bytes()
+    huge = tarfile.TarInfo("x")
+    huge.type, huge.size = tarfile.XHDTYPE, 2**31
+    for bad in (content[:600], content[:-500], b"", b"\x1f\x8b no", huge.tobuf()):
+        path = tmp_path / ("bad.tar" if bad == huge.tobuf() else "bad.tar.gz")
+        path.write_bytes(bad)
+        with pytest.raises(RunError, match=r"no readable tar|holds none"):
+            unpacked(path, into, NPZ)
+
+
+def test_the_leaderboards_rules_are_told_file_by_file(tmp_path: Path):
+    clips = [f"2_scott_0_{n}_{n}" for n in (1, 2, 3)]
+    for folder in ("beat2/smplxflame_30", "good", "bad"):
+        (tmp_path / folder).mkdir(parents=True)
+    lines = ["id,type", *(f"{clip},test" for clip in clips), "2_scott_0_9_9,train"]
+    (tmp_path / "beat2" / "train_test_split.csv").write_text("\n".join(lines))
+    for seed, clip in enumerate([*clips, "2_scott_0_9_9"]):
+        motion = smooth_motion_example(20 + seed, seed)
+        save_motion(motion, tmp_path / "beat2" / "smplxflame_30" / f"{clip}.npz")
+        for sample in range(5 if clip in clips else 0):
+            other = replace(motion, poses=motion.poses + np.float32(0.01 * sample))
+            save_motion(other, tmp_path / "good" / f"{clip}_sample_{sample}.npz")
+    for sample in range(3):
+        save_motion(
+            smooth_motion_example(15, 0), tmp_path / "bad" / f"{clips[0]}_sample{sample}.npz"
+        )
+    np.savez(tmp_path / "bad" / f"{clips[1]}_sample0.npz", poses=np.zeros((21, 165)))
+    save_motion(smooth_motion_example(9, 0), tmp_path / "bad" / "2_scott_0_9_9.npz")
+
+    folders = (tmp_path / "good", tmp_path / "bad")
+    found = check_sets(folders, tmp_path / "beat2", tmp_path / "out")
+    assert found["good"].is_right
+    assert told("good", found["good"]) == [
+        "good: all 3 clips are as the leaderboard asks, 5 samples of each."
+    ]
+    bad = found["bad"]
+    assert bad.missing == (clips[2],) and bad.extra == ("2_scott_0_9_9",)
+    assert any("3 samples" in line and "in 5" in line for line in bad.wrong)
+    assert any(clips[1] in line and "fewer samples" in line for line in bad.wrong)
+    assert "15 frames where the recording has 20" in bad.files[f"{clips[0]}_sample0.npz"]
+    assert "the same file as" in bad.files[f"{clips[0]}_sample1.npz"]
+    assert "lacks trans" in bad.files[f"{clips[1]}_sample0.npz"]
+    report = (tmp_path / "out" / "check.md").read_text()
+    assert all(sentence in report for sentence in told("bad", bad))
+    with pytest.raises(RunError, match="give them, too"):
+        check_sets(folders, None, tmp_path / "none")
+    assert REFERENCE_NAME not in found
