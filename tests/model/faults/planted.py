@@ -247,7 +247,7 @@ PLANTED = (
     planted("half a second late", "time_shift", LATE, "frozen copied_face", beside="reference",
             says="0.50 s later", numbers={"lag_frames": 15}),
     planted("half a second late", "time_shift", LATE, "frozen", beside="speech",
-            says="0.50 s behind the speech", numbers={"lag_frames": 15}),
+            says="seems 0.50 s late", numbers={"lag_frames": 15}),
     planted("a finger bent backwards", "finger_range", finger_backwards,
             says="right index joint 2 (100%)", numbers={"joints": {"right_index2": 1.0}}),
     planted("a frozen hand", "frozen_hand", frozen_hand, says="the left hand are frozen in 100%",
