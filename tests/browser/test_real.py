@@ -664,6 +664,7 @@ def test_a_study_is_made_taken_part_in_and_analysed(page: Page, tmp_path: Path) 
         expect_fit(page, researcher)
     researcher.click()
     expect(page.get_by_text("There is nothing to fetch here")).to_be_visible()
+    page.go_back()
 
 
 def test_an_example_fills_in_the_speech_also_after_all_files_were_swept(

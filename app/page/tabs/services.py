@@ -72,13 +72,15 @@ class UploadCheck:
         that are watched since the last form."""
         refusals, self._refusals = self._refusals, []
 
-        def held(*sentences: str) -> tuple[Any, Any]:
+        def held(was_held: str, *sentences: str) -> tuple[Any, Any]:
             is_held = any(sentences)
+            if is_held == bool(was_held):  # a run that has begun meanwhile keeps the button
+                return gr.skip(), gr.skip()
             why = markup.refusal(text.UNUSABLE) if is_held else ""
             return gr.update(interactive=not is_held), shown(why)
 
         gr.on(
-            [refusal.change for refusal in refusals], held, refusals, [button, reason],
+            [refusal.change for refusal in refusals], held, [reason, *refusals], [button, reason],
             **PRIVATE, queue=False,
         )  # fmt: skip
 

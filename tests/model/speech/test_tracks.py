@@ -10,9 +10,19 @@ from app.errors import RunError
 from app.run.requests.request import read_channel
 from conventions.rates import SAMPLE_RATE
 from model.speech.audio import SpeechLimits, load_speech
-from tests.model.speech.test_audio import assert_refused, encode, tone
+from tests.model.speech.test_audio import assert_refused, ffmpeg
 
 PICTURES = ("-f", "lavfi", "-i", "color=size=64x64:rate=25:duration=6")
+
+
+def tone(duration_s: float, rate: int = SAMPLE_RATE, hertz: float = 440.0) -> np.ndarray:
+    moments = np.arange(round(duration_s * rate)) / rate
+    return (0.5 * np.sin(2 * np.pi * hertz * moments)).astype(np.float32)
+
+
+def encode(source: Path, target: Path, *options: str) -> Path:
+    ffmpeg("-i", source, *options, target)
+    return target
 
 
 def hertz(waveform: np.ndarray) -> int:
