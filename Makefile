@@ -14,6 +14,8 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 export PYTHON
 BIN := .venv/bin
+# One more than there are cores, since a browser is waited for; a file is one worker's.
+WORKERS = -n $(shell echo $$(($$(nproc 2>/dev/null || echo 2) + 1))) --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 .PHONY: demo test check style types imports javascript fuzz soak slow bench golden lock audit sbom clean
 .DEFAULT_GOAL := demo
@@ -46,7 +48,7 @@ javascript:
 	@.ci/javascript
 
 test: check
-	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
+	$(BIN)/python -m pytest $(WORKERS)
 
 fuzz: .venv/.test-ready
 	FUZZ_SECONDS=3600 $(BIN)/python -m pytest tests/fuzz
@@ -55,8 +57,8 @@ soak: .venv/.test-ready
 	SOAK_SECONDS=1800 ATTACKED_VISITORS=20 COLD_STARTS=20 ATTACK_BODIES=34 $(BIN)/python -m pytest tests/soak
 
 slow: .venv/.test-ready
-	CHECK_SHAPES=everywhere $(BIN)/python -m pytest -m "slow or not slow" -n auto --maxprocesses 4 \
-		--dist loadfile --timeout 1800
+	CHECK_SHAPES=everywhere $(BIN)/python -m pytest -m "slow or not slow" $(WORKERS) \
+		--timeout 1800
 
 bench: .venv/.run-ready
 	$(BIN)/python -m app.bench

@@ -27,6 +27,11 @@ SHAPES = (ROOT / "tests" / "model", ROOT / "tests" / "renderer")
 MadeOnce = Callable[[str, Callable[[Path], object]], Path]
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files of the browser first: they wait much, and the others fill the cores beside them."""
+    items.sort(key=lambda item: "browser" not in item.path.parts)
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """A call of a checked function costs several times one that is not."""

@@ -188,6 +188,7 @@ def test_faces_in_other_units_are_left_out_of_what_sees_faces(data, system, judg
     assert "ARKit" in sentence and others == [*left_out(None), UNKNOWN_SPEAKERS, speakers.LEFT_OUT]
 
 
+@pytest.mark.slow
 def test_an_untrained_network_gains_nothing_from_the_right_speech_in_batches_of_any_size(
     data, system, plain
 ):
@@ -204,6 +205,7 @@ def test_numbers_do_not_depend_on_processes(data, system, judges, monkeypatch):
     assert alone == shared
 
 
+@pytest.mark.slow
 def test_a_stopped_evaluation_goes_on_with_what_is_not_measured(
     data, system, plain, kept, tmp_path
 ):

@@ -75,7 +75,12 @@ def test_processes_that_begin_at_once_share_what_is_compiled_though_the_first_is
     assert not list(place.glob("*.begun-*"))
 
 
-@pytest.mark.parametrize("damage", ["cut", "gone", "unreadable"])
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    "damage", ["cut", pytest.param("gone", marks=SLOW), pytest.param("unreadable", marks=SLOW)]
+)
 def test_a_damaged_cache_is_made_anew(tmp_path: Path, damage: str) -> None:
     told, _ = heard(start(tmp_path, SMALL))
     code = next(folder_of(tmp_path).rglob("*.nbc"))
