@@ -101,7 +101,7 @@ _FAILED_SCRIPTS: list[str] = []
 # ---------------------------------------------------------------- the browser
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # it holds the event loop of its thread
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     """Its microphone hears a buzz that comes and goes."""
     if CHROMIUM is None:
