@@ -11,7 +11,6 @@ one whose files are not what was written is made anew.
 
 import functools
 import hashlib
-import importlib
 import importlib.metadata
 import json
 import logging
@@ -31,8 +30,6 @@ log = logging.getLogger(__name__)
 
 WHOLE = "whole.json"
 """In a folder that is whole: the checksum of every other file."""
-PARTS = ("librosa.feature", "librosa.filters", "librosa.onset", "librosa.core.pitch")
-"""What is used here, and so imported, by which it is compiled."""
 _importing = threading.Lock()
 
 
@@ -52,9 +49,13 @@ def _imported() -> ModuleType:
 
 
 def _import() -> ModuleType:
-    for part in PARTS:
-        importlib.import_module(part)
-    return sys.modules[PARTS[0].partition(".")[0]]
+    """All that is used of it, by which it is compiled."""
+    import librosa.core.pitch
+    import librosa.feature
+    import librosa.filters
+    import librosa.onset
+
+    return librosa
 
 
 def _filled_folder() -> Path | None:

@@ -12,10 +12,10 @@ import pytest
 from tests.helpers import ROOT
 
 SMALL = """
+from importlib import import_module
 from model.speech import prepared_librosa
-prepared_librosa.PARTS = ("tests.model.speech.compiled_part",)
-library = prepared_librosa.librosa()
-print("hears", library.model.speech.compiled_part.doubled(21.0))
+prepared_librosa._import = lambda: import_module("tests.model.speech.compiled_part")
+print("hears", prepared_librosa.librosa().doubled(21.0))
 """
 WHOLE = """
 import numpy as np
