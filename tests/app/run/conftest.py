@@ -32,7 +32,7 @@ def drawing_children() -> Callable[[], list[str]]:
     """Command lines of the processes that draw for this one."""
 
     def found() -> list[str]:
-        command = ["ps", "--ppid", str(os.getpid()), "-o", "stat=,args="]
+        command = ["ps", "-ww", "--ppid", str(os.getpid()), "-o", "stat=,args="]
         told = subprocess.run(command, check=True, capture_output=True, text=True).stdout
         return [
             line
