@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.study.design import blinding
 from app.study.design.blinding import blinding_of, draw_blinding, make_key
 from app.study.design.plan import Plan, read_plan
 from app.study.design.size import ANSWER_S, BEFORE_S, StudySize, size_of
-from app.study.design.tells import LEVEL, order_probability, value_tells
+from app.study.design.tells import LEVEL, order_probability, order_tells, value_tells
 from app.study.design.trials import (
     Design,
     Stimulus,
@@ -156,11 +157,28 @@ def test_a_plan_gives_the_same_design_each_time_and_its_seed_another(tmp_path: P
 def test_names_are_drawn_anew_and_a_key_gives_them_back(tmp_path: Path) -> None:
     for protocol in PROTOCOLS:
         plan, design = design_of(tmp_path, protocol, participants=5)
-        blinding, other = draw_blinding(design), draw_blinding(design)
-        assert not set(blinding.videos.values()) & set(other.videos.values())
-        key = make_key(plan, design, blinding, {})
-        assert blinding_of(key, plan, design) == blinding
+        drawn, other = draw_blinding(design), draw_blinding(design)
+        assert not set(drawn.videos.values()) & set(other.videos.values())
+        key = make_key(plan, design, drawn, {})
+        assert blinding_of(key, plan, design) == drawn
         assert len(key.lists) == 5
+
+
+def test_names_that_would_tell_the_system_by_their_order_are_drawn_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, design = design_of(tmp_path, "rating")
+    by_system = sorted(design.stimuli, key=lambda stimulus: stimulus.system)
+    telling = [f"{by_system.index(stimulus):016x}" for stimulus in design.stimuli]
+    first, distinct = [telling], blinding._distinct
+    monkeypatch.setattr(
+        blinding,
+        "_distinct",
+        lambda count, size: first.pop() if size == 8 and first else distinct(count, size),
+    )
+    drawn = draw_blinding(design)
+    assert order_tells(dict(zip(design.stimuli, telling, strict=True))) and not first
+    assert not set(drawn.videos.values()) & set(telling) and not order_tells(drawn.videos)
 
 
 def test_what_a_study_asks_is_counted_as_by_hand(tmp_path: Path) -> None:
