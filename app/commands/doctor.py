@@ -75,7 +75,7 @@ def _backends() -> list[Finding]:
     from renderer.draw.offscreen import GLError
     from renderer.draw.probe import DEBIAN_PACKAGES, choose_backend, probe_backends
 
-    reports = probe_backends("body")
+    reports = probe_backends()
     try:
         used = choose_backend()
     except GLError:

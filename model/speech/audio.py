@@ -2,7 +2,8 @@
 
 Files come from strangers: ffmpeg opens nothing but that one file, knows sound containers only (no
 playlists), runs without a shell, and is killed when it takes too long or gives too much. Memory
-holds the mono result and one block, whatever the file's rate, channels or length.
+holds the mono result and one block, whatever the file's rate, channels or length: librosa, which
+would read and resample wave files as well, holds all of a file at its own rate, in this process.
 """
 
 import hashlib

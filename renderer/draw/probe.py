@@ -8,7 +8,6 @@ import sys
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -23,8 +22,6 @@ _TIMED_FRAMES = 5
 _ON_CPU = ("llvmpipe", "softpipe", "swrast", "swr ", "software rasterizer")
 """In the names of drivers that need no graphics processor."""
 
-Shown = Literal["ball", "body"]
-
 
 @dataclass(frozen=True)
 class BackendReport:
@@ -35,7 +32,7 @@ class BackendReport:
     renderer_string: str
     """The driver's own name; empty if it does not work."""
     ms_per_frame: float | None
-    """What was shown, at 512 x 512 pixels."""
+    """Of the body, at 512 x 512 pixels."""
     error: str
     """Why it does not work, in one sentence; empty if it does."""
 
@@ -46,9 +43,9 @@ class BackendReport:
 
 
 @functools.cache
-def probe_backends(shown: Shown = "ball") -> tuple[BackendReport, ...]:
+def probe_backends() -> tuple[BackendReport, ...]:
     """Try every backend, the preferred one first. The answer is kept for this process."""
-    return tuple(probe_backend(name, shown=shown) for name in BACKENDS)
+    return tuple(probe_backend(name) for name in BACKENDS)
 
 
 @functools.cache
@@ -59,10 +56,10 @@ def choose_backend() -> Backend:
     Raises:
         GLError: if none works, naming the packages to install.
     """
-    egl = probe_backend("egl", shown="body")
+    egl = probe_backend("egl")
     if egl.has_hardware:
         return "egl"
-    reports = (egl, probe_backend("osmesa", shown="body"))
+    reports = (egl, probe_backend("osmesa"))
     quickest = min(reports, key=lambda report: report.ms_per_frame or math.inf)
     if not quickest.works:
         raise GLError(
@@ -73,16 +70,13 @@ def choose_backend() -> Backend:
 
 
 @functools.cache
-def probe_backend(
-    name: Backend, python: str = sys.executable, shown: Shown = "ball"
-) -> BackendReport:
-    """Draw a few frames in a child process.
+def probe_backend(name: Backend, python: str = sys.executable) -> BackendReport:
+    """Draw a few frames of the body in a child process.
 
     Args:
         python: the interpreter of the child.
-        shown: a ball is enough to see whether it works; the body says how fast it is.
     """
-    command = [python, "-m", "renderer.draw.probe", name, shown]
+    command = [python, "-m", "renderer.draw.probe", name]
     try:
         child = subprocess.run(
             command,
@@ -109,18 +103,15 @@ def _broken(name: Backend, error: str) -> BackendReport:
     return BackendReport(name, works=False, renderer_string="", ms_per_frame=None, error=error)
 
 
-def try_backend(name: Backend, shown: Shown = "ball") -> BackendReport:
+def try_backend(name: Backend) -> BackendReport:
     """Draw through a backend in this process, and look whether there is something."""
     from renderer.body.body import load_body
     from renderer.scene.camera import frame_points
     from renderer.scene.stage import Stage
     from renderer.scene.studio import FramePreparer, Studio, Subject
 
-    if shown == "body":
-        body = load_body()
-        vertices, faces = body.template, body.faces
-    else:
-        vertices, faces = _octahedron()
+    body = load_body()
+    vertices, faces = body.template, body.faces
     camera = frame_points(vertices)
     stage = Stage(camera, floor_m=-1.0, centre_xz=(0.0, 0.0), extent_m=0.0)
     prepare = FramePreparer(faces, len(vertices), stage, Studio())
@@ -144,16 +135,9 @@ def try_backend(name: Backend, shown: Shown = "ball") -> BackendReport:
     return BackendReport(name, True, driver, ms_per_frame, "")
 
 
-def _octahedron() -> tuple[np.ndarray, np.ndarray]:
-    """Six vertices on the axes, and eight faces that look outwards."""
-    vertices = np.concatenate([np.eye(3), -np.eye(3)]).astype(np.float32)
-    faces = [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]]
-    return vertices, np.array(faces)
-
-
 def _main() -> int:
-    name, shown = sys.argv[1:]
-    report = try_backend(name, shown)  # type: ignore[arg-type]  # as written by probe_backend
+    (name,) = sys.argv[1:]
+    report = try_backend(name)  # type: ignore[arg-type]  # as written by probe_backend
     sys.stdout.write(json.dumps(asdict(report)) + "\n")
     return 0
 

@@ -18,7 +18,7 @@ LOADED_LATER = ["renderer.draw.gl", "renderer.files.still"]
 @pytest.mark.slow
 @pytest.mark.gl
 def test_every_backend_is_reported():
-    reports = probe_backends("body")
+    reports = probe_backends()
     assert tuple(report.name for report in reports) == BACKENDS
     for report in reports:
         if report.works:
@@ -43,7 +43,7 @@ def test_every_backend_is_reported():
     ],
 )
 def test_a_graphics_processor_draws_and_else_whichever_is_quicker(monkeypatch, drivers, chosen):
-    def report(name, shown):
+    def report(name):
         driver, cost_ms = drivers.get(name, ("", None))
         return BackendReport(name, name in drivers, driver, cost_ms, "")
 
