@@ -24,6 +24,7 @@ from app.findings.comparison import (
     values_by_system,
     word,
 )
+from conventions.names import REFERENCE_NAME
 
 if TYPE_CHECKING:
     from model.diagnostics import Diagnostics
@@ -37,8 +38,8 @@ SMALL_SHARE = 0.05
 CHANCE_SHIFTS = 20
 """As `model.measures.beats` makes them, which brings scipy; a test holds them equal."""
 SPEEDS_OF = {
-    "reference": "the reference's mean speeds, which no paper has",
-    "own": "each motion's own mean speeds, which no paper has",
+    "reference": "the reference's mean speeds",
+    "own": "each motion's own mean speeds",
     "emage": "EMAGE's published mean speeds",
 }
 """Whose mean speeds decide which minima are beats."""
@@ -324,10 +325,22 @@ GRAVEST = 3
 
 
 def told_findings(findings: Mapping[str, Sequence[Finding]]) -> list[str]:
-    """One line each: the gravest few under a heading of their own, the rest by gravity too."""
+    """One line each: the gravest few under a heading of their own, the rest by gravity too; last
+    in what nothing was found."""
     from model.faults.evidence import ranked
 
     lines = [f"{name}: {finding.sentence}" for name, finding in ranked(findings)]
-    if len(lines) <= GRAVEST:
-        return lines
-    return ["Gravest first:", *lines[:GRAVEST], "Also found:", *lines[GRAVEST:]]
+    if len(lines) > GRAVEST:
+        lines = ["Gravest first:", *lines[:GRAVEST], "Also found:", *lines[GRAVEST:]]
+    return [*lines, *filter(None, [clean_line(findings)])]
+
+
+def clean_line(findings: Mapping[str, Sequence[Finding]]) -> str:
+    """The motions in which nothing was found; empty where there is none."""
+    from model.faults.evidence import listed
+
+    motions = [name for name in findings if name != REFERENCE_NAME]
+    clean = [name for name in motions if not findings[name]]
+    if not clean:
+        return ""
+    return "Nothing stands out." if len(motions) == 1 else f"Nothing stands out in {listed(clean)}."

@@ -65,7 +65,8 @@ class Evidence:
 
 MOST_STRETCHES = 20
 WRONG, SEEN, MEASURED = 3, 2, 1
-"""Gravities: no person moves so, anyone sees it, a careful eye or a number sees it."""
+"""Gravities: no person moves so; it shows in where points of the body are; it is in angles between
+neighbours, or in numbers alone, and counts half."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,8 @@ class Finding:
     """What the sentence was made from."""
     excess: float = 1.0
     """How many times its limit; 1 where there is no measure."""
+    span: float = 4.0
+    """How many times as much one clip of people has of it as another, at most."""
     worst_frame: int | None = None
     """Where it is worst; None where it is everywhere alike."""
     stretches: tuple[tuple[int, int], ...] = ()
@@ -91,6 +94,12 @@ class Finding:
     def worst_s(self) -> float | None:
         """Seconds from the start of the clip."""
         return None if self.worst_frame is None else self.worst_frame / FPS
+
+    @property
+    def severity(self) -> float:
+        """How far it is outside of what people do, in steps by which they differ."""
+        steps = np.log(max(self.excess, 1.0)) / np.log(self.span)
+        return float(steps) * (0.5 if self.gravity == MEASURED else 1.0)
 
     def as_json(self) -> dict[str, Any]:
         return {
@@ -106,18 +115,21 @@ class Finding:
 
 
 def by_gravity(findings: Iterable[Finding]) -> list[Finding]:
-    """The gravest first; of equally grave ones those furthest beyond their limit."""
-    return sorted(findings, key=_rank)
+    """What no person does first, then what is furthest outside of what people do."""
+    return sorted(findings, key=lambda each: (each.gravity != WRONG, -each.severity))
 
 
 def ranked(findings: Mapping[str, Sequence[Finding]]) -> list[tuple[str, Finding]]:
-    """The findings of several motions with their names, the gravest first."""
-    named = [(name, finding) for name, found in findings.items() for finding in found]
-    return sorted(named, key=lambda pair: _rank(pair[1]))
+    """The findings of several motions with their names: the worst motion first, by all that is
+    found in it together, each with its gravest first."""
 
+    def badness(found: Sequence[Finding]) -> tuple[int, float]:
+        return sum(each.gravity == WRONG for each in found), sum(
+            (each.severity for each in found), 0.0
+        )
 
-def _rank(finding: Finding) -> tuple[float, float]:
-    return float(-finding.gravity), -finding.excess
+    order = sorted(findings, key=lambda name: badness(findings[name]), reverse=True)
+    return [(name, finding) for name in order for finding in by_gravity(findings[name])]
 
 
 def clock(frame: int) -> str:

@@ -52,9 +52,11 @@ def joint_noise(evidence: Evidence) -> list[Finding]:
     worst = sorted(noise, key=lambda name: -noise[name])[:NAMED]
     named = listed([f"{point_words(name)} ({noise[name]:.1f}°)" for name in worst])
     if len(noise) > len(worst):
-        sentence = f"{len(noise)} of {len(JOINT_NAMES)} joints shake, most of all {named}."
+        who = f"{len(noise)} of {len(JOINT_NAMES)} joints shake"
+        most = f", most of all {named}"
     else:
-        sentence = f"The {named} {'shakes' if len(noise) == 1 else 'shake'} from frame to frame."
+        who, most = f"The {named} {'shakes' if len(noise) == 1 else 'shake'}", ""
+    sentence = f"{who} from frame to frame in the angle to the parent bone{most}."
     numbers: dict[str, Any] = {"noise_deg": noise}
     attribution = raw.point.tip_jerk_attribution
     shares = dict(zip(attribution.joints, np.nan_to_num(attribution.share).tolist(), strict=True))
@@ -228,8 +230,8 @@ def period(evidence: Evidence) -> list[Finding]:
         Finding(
             "period",
             f"The {found.part} {verb} anew every {found.frames} frames"
-            f" ({found.frames / FPS:.2f} s): jerk is {how}, {found.periods} times over (by chance"
-            f" once in {_one_in(found.chance)} clips).",
+            f" ({found.frames / FPS:.2f} s): jerk is {how}, in {found.periods} such stretches;"
+            f" by chance in one of {_one_in(found.chance)} clips.",
             {
                 "period_frames": found.frames,
                 "part": found.part,

@@ -75,6 +75,7 @@ class Level:
                 {"value": value, "people": [people.lowest, people.highest]},
                 is_low,
                 excess,
+                people.highest / people.lowest,
                 evidence,
             )
         ]
@@ -96,12 +97,19 @@ class Level:
                 {"value": value, "reference": recorded, "ratio": ratio, "people": people.differ},
                 ratio < 1.0,
                 off / people.differ,
+                people.differ,
                 evidence,
             )
         ]
 
     def _finding(
-        self, found: str, numbers: dict, is_low: bool, excess: float, evidence: Evidence
+        self,
+        found: str,
+        numbers: dict,
+        is_low: bool,
+        excess: float,
+        span: float,
+        evidence: Evidence,
     ) -> Finding:
         worst = _worst(self, evidence, is_low)
         where = f" Most of all at {clock(worst)}." if worst is not None and not is_low else ""
@@ -111,6 +119,7 @@ class Level:
             f"{found}: {means}.{where}",
             {"unit": self.unit, **numbers},
             excess=excess,
+            span=span,
             worst_frame=worst,
             stretches=() if worst is None else ((max(0, worst - 15), worst + 15),),
         )
@@ -163,7 +172,7 @@ def turning_speed_deg_s(evidence: Evidence) -> float:
 
 JERK = Level(
     "jerk",
-    "Fingertip jerk",
+    "The jerk of all ten fingertips",
     "m/s³",
     fingertip_jerk,
     long=People(65.0, 135.0, 2.0, 55.0, 175.0),

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from app import text
 from app.findings.comparison import point_title
 from app.findings.measure_rows import MEASURES, Measure, nearest, signed, written
-from app.findings.sentences import GRAVEST, sentences_of
+from app.findings.sentences import GRAVEST, clean_line, sentences_of
 from app.findings.verdict import short_names
 from app.page.parts import markup
 from conventions.names import REFERENCE_NAME, VERSIONS, Version
@@ -215,11 +215,12 @@ def _findings(findings: Mapping[str, Sequence[Finding]]) -> str:
     from model.faults.evidence import ranked
 
     items = [_finding(name, finding) for name, finding in ranked(findings)]
+    clean = f"<p>{escape(clean_line(findings))}</p>" if clean_line(findings) else ""
     if not items:
-        return ""
+        return f'<div class="findings">{clean}</div>' if clean else ""
     rest = "".join(items[GRAVEST:])
     more = f"<h3>{text.ALSO_FOUND}</h3><ul>{rest}</ul>" if rest else ""
     return (
         f'<div class="findings"><h3>{text.FINDINGS_TITLE}</h3>'
-        f"<ul>{''.join(items[:GRAVEST])}</ul>{more}</div>"
+        f"<ul>{''.join(items[:GRAVEST])}</ul>{more}{clean}</div>"
     )

@@ -2,14 +2,17 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from app.findings.comparison import Ratio, plain, point_title, ratio_of, samples_by_system
-from app.findings.sentences import CHANCE_SHIFTS, SPEEDS_OF, sentences_of
+from app.findings.sentences import CHANCE_SHIFTS, SPEEDS_OF, sentences_of, told_findings
 from app.findings.verdict import short_names, verdict_of
+from app.run.diagnose import DiagnoseRequest, diagnose_files
+from app.run.examples import STORED
 from model.diagnostics import Versions
 from model.measures import beats
 from model.measures.point import JerkAttribution
@@ -304,3 +307,18 @@ def test_full_is_said_to_be_worse_than_global_where_it_clearly_is() -> None:
     for full, is_worse in [(100.0, False), (104.0, False), (112.0, True)]:
         verdict = said(globaldiff_global=100, globaldiff_full=full)
         assert verdict is not None and ("jerks more than global" in verdict.text) == is_worse
+
+
+def test_the_first_finding_is_of_the_motion_that_the_headline_tells_to_be_worst(
+    tmp_path: Path,
+) -> None:
+    (look,) = STORED.iterdir()
+    motions = (look / "A.npz", look / "B.npz")
+    request = DiagnoseRequest(motions, tmp_path / "out", names=("A", "B"), has_pictures=False)
+    diagnostics = diagnose_files(request, lambda share: None).diagnostics
+    verdict = verdict_of(diagnostics)
+    assert verdict is not None and verdict.numbers.endswith("A 190, B 1318.")
+    first, *_, last = told_findings(diagnostics.findings)
+    assert first.startswith("B: The jerk of all ten fingertips is 687 m/s³")
+    assert last == "Nothing stands out in A."
+    assert told_findings({"A": []}) == ["Nothing stands out."]

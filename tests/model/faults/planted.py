@@ -180,6 +180,8 @@ class Planted:
     also: frozenset[str] = frozenset()
     """What else is true of the example clip then."""
     windows: Windows | None = None
+    first: str = ""
+    """What is told first, where a consequence shows more than the fault itself."""
 
 
 def planted(name: str, kind: str, plant: Fault, also: str = "", **more: Any) -> Planted:
@@ -189,11 +191,12 @@ def planted(name: str, kind: str, plant: Fault, also: str = "", **more: Any) -> 
 LATE = frames(lambda frame: np.maximum(frame - 15, 0))
 EVERY_52 = {"period_frames": 52, "phase_frame": 5}
 PLANTED = (
-    planted("1 Hz low-pass", "jerk", low_passed(1.0), "high_frequency"),
+    planted("1 Hz low-pass", "jerk", low_passed(1.0), "high_frequency",
+            first="high_frequency"),
     planted("2 Hz low-pass", "high_frequency", low_passed(2.0), says="as behind a low-pass"),
     planted("amplitude x .4", "amplitude", smaller, says="gestures are small"),
     planted("amplitude x .4", "speed", smaller, "copied_face amplitude jerk",
-            beside="reference", numbers={"ratio": 0.4}),
+            beside="reference", numbers={"ratio": 0.4}, first="copied_face"),
     planted("freeze of 2 s", "frozen", frames(frozen), says="0:10.0",
             numbers={"times": 1, "longest_s": 2.0, "total_s": 2.0}),
     planted("one pose", "still", frames(np.zeros_like)),
@@ -205,9 +208,9 @@ PLANTED = (
             numbers={"attributed_joint": None}),
     planted("noise everywhere", "joint_noise", noisy(*JOINT_NAMES),
             "jerk high_frequency foot_slide speed",
-            says="55 of 55 joints shake, most of all left index"),
+            says="55 of 55 joints shake", first="jerk"),
     planted("7 Hz in the arms", "high_frequency", shaking, "joint_noise jerk period",
-            says="fine shaking on top"),
+            says="fine shaking on top", first="jerk"),
     planted("jumps every 52 frames", "period", jumping, "high_frequency jerk",
             says="every 52 frames (1.73 s)", numbers=EVERY_52),
     planted("jumps every 52 frames, windows of 60", "period", jumping, "high_frequency jerk",
@@ -253,5 +256,5 @@ PLANTED = (
     planted("a frozen hand", "frozen_hand", frozen_hand, says="the left hand are frozen in 100%",
             numbers={"side": "left", "still_share": 1.0}),
     planted("hand in the body", "hand_in_body", hand_in_body, "high_frequency jerk",
-            says="The right hand goes into", numbers={"side": "right"}),
+            says="The right hand goes into", numbers={"side": "right"}, first="high_frequency"),
 )  # fmt: skip

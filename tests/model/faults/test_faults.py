@@ -79,6 +79,7 @@ def test_a_planted_fault_is_found_and_told(example: Person, planted: Planted):
     found = found_in(planted.plant(example.motion), example, planted)
     assert {finding.kind for finding in found} == {planted.kind, *planted.also}
     assert found == by_gravity(found)
+    assert found[0].kind == (planted.first or planted.kind)
     finding = next(finding for finding in found if finding.kind == planted.kind)
     assert finding.excess >= 1.0 and finding.sentence.endswith(".")
     assert planted.says in finding.sentence
@@ -165,11 +166,17 @@ def test_a_finding_tells_where_it_is_worst_and_the_gravest_come_first(example: P
     told = found[0].as_json()
     assert (told["worst_frame"], told["worst_s"], told["frames"]) == (300, 10.0, [[300, 359]])
     assert told["gravity"] == 3 and told["excess"] > 1
-    slight, grave = Finding("x", "X.", {}, gravity=1), Finding("y", "Y.", {}, gravity=3)
-    further = replace(slight, excess=4.0)
-    assert ranked({"a": [slight], "b": [further, grave]}) == [
-        ("b", grave), ("b", further), ("a", slight),
-    ]  # fmt: skip
+
+
+def test_the_worst_motion_comes_first_and_of_each_what_is_furthest_from_people():
+    twice, narrow = Finding("x", "X.", {}, 2.0, 4.0), Finding("y", "Y.", {}, 2.0, 2.0)
+    angles, grave = replace(narrow, gravity=1), Finding("z", "Z.", {}, gravity=3)
+    assert [each.severity for each in (twice, narrow, angles, grave)] == [0.5, 1.0, 0.5, 0.0]
+    found = {"a": [narrow], "b": [twice, angles, twice], "c": [angles, grave], "d": []}
+    assert ranked(found) == [
+        *(("c", grave), ("c", angles)),
+        *(("b", twice), ("b", angles), ("b", twice), ("a", narrow)),
+    ]
 
 
 def test_times_and_stretches():

@@ -34,7 +34,7 @@ from app.run.examples import CLEAN, FACTS, STEADY, TREMBLING, FirstLook, first_l
 from app.run.followed_point import choose_tip_source
 from app.run.pieces import HEADER, frames_message
 from app.run.requests.request import Artefact, GenerateRequest, Piece
-from model.faults.evidence import MEASURED, SEEN, WRONG, Finding
+from model.faults.evidence import SEEN, WRONG, Finding
 from model.motion.motion import first_frames, load_motion, save_motion
 from model.plan.plan import GesturePlan, HandPhase, Nod, read_plan
 from model.speech.audio import Speech, load_speech
@@ -209,7 +209,6 @@ def test_the_gravest_findings_come_first_each_with_its_second():
     findings = {
         "a": [Finding("seam", "It jumps.", {}, excess=3.0, worst_frame=45, gravity=SEEN)],
         "b": [
-            Finding("still", "It stands.", {}, gravity=MEASURED),
             Finding("through", "A hand is in the chest.", {}, gravity=WRONG),
             Finding("noise", "It trembles.", {}, excess=9.0, gravity=SEEN),
         ],
