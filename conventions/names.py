@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -46,3 +47,8 @@ def printable(text: str) -> str:
     """With ? for what a terminal would obey, what turns the text around, and what no file of text
     can hold."""
     return "".join(char if char.isprintable() else "?" for char in text)
+
+
+def listed(items: Sequence[str]) -> str:
+    """a, b and c."""
+    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"

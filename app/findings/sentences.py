@@ -24,7 +24,7 @@ from app.findings.comparison import (
     values_by_system,
     word,
 )
-from conventions.names import REFERENCE_NAME
+from conventions.names import REFERENCE_NAME, listed
 
 if TYPE_CHECKING:
     from model.diagnostics import Diagnostics
@@ -337,8 +337,6 @@ def told_findings(findings: Mapping[str, Sequence[Finding]]) -> list[str]:
 
 def clean_line(findings: Mapping[str, Sequence[Finding]]) -> str:
     """The motions in which nothing was found; empty where there is none."""
-    from model.faults.evidence import listed
-
     motions = [name for name in findings if name != REFERENCE_NAME]
     clean = [name for name in motions if not findings[name]]
     if not clean:

@@ -17,6 +17,7 @@ from app.findings.comparison import (
     values_by_system,
 )
 from app.findings.sentences import jerk_of
+from conventions.names import listed
 from model.systems.registry import families
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ def verdict_of(diagnostics: Diagnostics) -> Verdict | None:
     numbers = f"{point_title(diagnostics.point)} jerk in m/s³: {told}{ending}."
     sentences = []
     for claim in [family.claim for family in families() if family.claim is not None]:
-        sentences += [*_claim(claim, jerk, names), *_worse(claim, jerk, names)]
+        sentences += _ladder(claim, jerk, names)
     return Verdict(numbers, " ".join([*sentences, *_needed(jerk)]))
 
 
@@ -67,31 +68,51 @@ def short_names(systems: Iterable[str]) -> dict[str, str]:
     }
 
 
-def _claim(claim: Claim, jerk: Mapping[str, Samples], names: Mapping[str, str]) -> list[str]:
-    """Whether the systems that should jerk less do."""
-    rungs = [name for name in claim.less if name in jerk]
-    if claim.more not in jerk or not rungs:
+def _ladder(claim: Claim, jerk: Mapping[str, Samples], names: Mapping[str, str]) -> list[str]:
+    """The way through the claim's systems: what the first step gains, and whether what is added
+    after it gains more."""
+    rungs = [name for name in (claim.plain, *claim.less) if name in jerk]
+    if not rungs:
         return []
-    showing = [name for name in rungs if _is_less(jerk[claim.more], jerk[name])]
-    if len(showing) == len(rungs):
-        return [f"On this clip the paper's claim shows: {claim.sentence}."]
-    if not showing:
-        return [f"On this clip the paper's claim, that {claim.sentence}, does not show."]
-    yes, no = (
-        " and ".join(names[name] for name in rungs if (name in showing) == is_shown)
-        for is_shown in (True, False)
-    )
-    return [
-        f"On this clip the paper's claim, that {claim.sentence}, shows with {yes}, not with {no}."
-    ]
+    base, sentences = rungs[0], []
+    if claim.more in jerk:
+        less = _is_less(jerk[claim.more], jerk[base])
+        shows = "shows" if less else "does not show"
+        sentences.append(
+            f"On this clip the paper's claim, that {claim.sentence}, {shows}: from "
+            f"{names[claim.more]} to {names[base]} {_change(jerk[claim.more], jerk[base])}."
+        )
+    added = [name for name in dict.fromkeys(rungs) if name != base]
+    if not added:
+        return sentences
+    found = {name: _change(jerk[base], jerk[name]) for name in added}
+    told = ", ".join(f"{names[name]} {change}" for name, change in found.items())
+    calmer = [names[name] for name in added if _is_less(jerk[base], jerk[name])]
+    which = f"{listed(calmer)} {'is' if len(calmer) == 1 else 'are'}" if calmer else "none is"
+    sentences.append(f"Beside {names[base]}: {told}; {which} calmer here.")
+    if claim.full in added and _is_less(jerk[claim.full], jerk[base]):
+        sentences.append(
+            f"{names[claim.full].capitalize()} jerks more than {names[base]}: {claim.added} did not"
+            " help."
+        )
+    return sentences
 
 
-def _worse(claim: Claim, jerk: Mapping[str, Samples], names: Mapping[str, str]) -> list[str]:
-    """Whether all that the paper adds together jerks more than none of it."""
-    plain_one, full = claim.plain, claim.full
-    if not {plain_one, full} <= jerk.keys() or not _is_less(jerk[full], jerk[plain_one]):
-        return []
-    return [f"Here {names[full]} jerks more than {names[plain_one]}: {claim.added} did not help."]
+def _change(of: Samples, to: Samples) -> str:
+    """How much less or more, with the range of the interval where there are several samples."""
+    ratio = ratio_of(to, of)
+    if ratio is None:
+        return "cannot be compared"
+    if ratio.is_open:
+        return f"not told apart by {ratio.num_samples} samples"
+    if ratio.is_alike:
+        return "alike within 5 %"
+    less = ratio.value < 1.0
+    share = f"{'less' if less else 'more'} by {abs(ratio.value - 1.0):.0%}"
+    if ratio.low is None or ratio.high is None:
+        return share
+    low, high = sorted((abs(ratio.low - 1.0), abs(ratio.high - 1.0)))
+    return f"{share} ({low:.0%} to {high:.0%}, {ratio.num_samples} samples)"
 
 
 def _is_less(more: Samples, other: Samples) -> bool:

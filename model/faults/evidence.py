@@ -151,8 +151,3 @@ def most_in_a_second(values: Float[np.ndarray, " N"], is_least: bool = False) ->
         return None
     means = np.convolve(values, np.ones(FPS) / FPS, "valid")
     return int(means.argmin() if is_least else means.argmax()) + FPS // 2
-
-
-def listed(items: list[str]) -> str:
-    """a, b and c."""
-    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from conventions.joints import JOINT_NAMES
+from conventions.names import listed
 from conventions.rates import FPS
 from model.faults.evidence import (
     BODY,
@@ -13,7 +14,6 @@ from model.faults.evidence import (
     Evidence,
     Finding,
     clock,
-    listed,
     stretches_of,
 )
 from model.motion.tracks import point_words

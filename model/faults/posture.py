@@ -5,7 +5,8 @@ from itertools import pairwise
 import numpy as np
 
 from conventions.joints import JOINT_INDEX
-from model.faults.evidence import Evidence, Finding, clock, listed, most_in_a_second, stretches_of
+from conventions.names import listed
+from model.faults.evidence import Evidence, Finding, clock, most_in_a_second, stretches_of
 from model.measures.joints import FINGER_JOINT_NAMES
 from model.measures.posture import FEET, FLOATING_M, SINKING_M, WRISTS
 from model.measures.smoothness import derivative_magnitudes
