@@ -19,6 +19,7 @@ from app.study.statistics.results import (
     SystemResult,
 )
 from app.study.statistics.screening import SLIDER_TOLERANCE, Screened
+from conventions.names import listed
 
 NO_BREAK = "\N{NO-BREAK SPACE}"
 """Between a number and what belongs to it."""
@@ -112,7 +113,7 @@ def headline(result: QuestionResult, key: Key) -> str:
         good = [one for one in result.systems if _is_beyond(one.share, one.p_holm, above=True)]
         if not good:
             return f"{name}for no system was the matching speech told from another's beyond chance."
-        names = _listed([key.systems[one.system] for one in good])
+        names = listed([key.systems[one.system] for one in good])
         return (
             f"{name}the matching speech was told from another's beyond chance for {names} "
             f"({len(good)} of {counted(len(result.systems), 'system')})."
@@ -124,8 +125,19 @@ def headline(result: QuestionResult, key: Key) -> str:
     beaten = [other for other in order[1:] if _beats(result, best, other)]
     if len(beaten) == len(order) - 1:
         return f"{name}{key.systems[best]} came first, ahead of every other system beyond chance."
-    open_ones = _listed([key.systems[other] for other in order[1:] if other not in beaten])
-    return f"{name}{key.systems[best]} came first, but is not told apart from {open_ones}."
+    alike = [system for system in order if system not in beaten]
+    sentence = f"{name}{listed([key.systems[system] for system in alike])} are not told apart"
+    if len(order) == 2 and result.means is None:
+        (votes,) = (pair.share for pair in result.pairs)
+        first, second = votes.wins, votes.losses
+        if result.pairs[0].first != best:
+            first, second = second, first
+        ties = f", {counted(votes.ties, 'tie')}" if votes.ties else ""
+        return f"{sentence}: {first} and {second} votes{ties}."
+    if beaten:
+        behind = listed([key.systems[system] for system in beaten])
+        return f"{sentence}; {key.systems[best]} is ahead of {behind} beyond chance."
+    return f"{sentence}."
 
 
 def _order(result: QuestionResult) -> list[int]:
@@ -307,10 +319,6 @@ def jitter(found: JitterJoin) -> list[str]:
             "only a guide)."
         )
     return sentences
-
-
-def _listed(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def methods(key: Key) -> list[str]:

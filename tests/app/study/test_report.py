@@ -157,8 +157,8 @@ def test_measured_jitter_is_joined(pairwise: Report) -> None:
     assert "more often than by chance" in page
 
 
-def pair_of(wins: int, losses: int) -> PairResult:
-    score = [1.0] * wins + [0.0] * losses
+def pair_of(wins: int, losses: int, ties: int = 0) -> PairResult:
+    score = [1.0] * wins + [0.0] * losses + [0.5] * ties
     share = share_of(made_votes([(rater, 0, 1, value) for rater, value in enumerate(score)]))
     return PairResult(0, 1, share, share.p)
 
@@ -200,9 +200,25 @@ def test_headline_and_power_say_who_came_first_and_how_surely() -> None:
     assert share is not None
     assert f"a side that {text.percent(share)} of participants lean to" in text.power(strong.power)
     weak = analyse_participants(made_participants(key, 4, ALIKE), key)[0]
-    assert text.headline(weak, key) == (
-        "realism: global came first, but is not told apart from local and rival."
-    )
+    assert text.headline(weak, key) == "realism: global, local and rival are not told apart."
+
+
+def test_a_tie_has_no_winner_in_its_first_line() -> None:
+    key = made_key(num_clips=10)
+    result = analyse_participants(made_participants(key, 4, ALIKE), key)[0]
+    assert result.strengths is not None
+
+    def said(wins: int, ties: int, losses: int) -> str:
+        pair = pair_of(wins, losses, ties)
+        lead = np.array([1.0, -1.0]) * (wins - losses)
+        strengths = replace(result.strengths, log_strength=lead)
+        return text.headline(replace(result, pairs=(pair,), strengths=strengths), key)
+
+    assert said(2, 0, 2) == "realism: local and global are not told apart: 2 and 2 votes."
+    assert said(1, 0, 0) == "realism: local and global are not told apart: 1 and 0 votes."
+    assert said(1, 1, 3) == "realism: global and local are not told apart: 3 and 1 votes, 1 tie."
+    assert said(0, 5, 0) == "realism: local and global are not told apart: 0 and 0 votes, 5 ties."
+    assert said(2, 0, 20).startswith("realism: global came first")
 
 
 def test_the_headline_of_rankings_and_ratings_agrees_with_the_strengths() -> None:
