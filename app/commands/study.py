@@ -175,9 +175,9 @@ def _add_analyse(parts) -> None:
 
 
 def _analyse(options: argparse.Namespace) -> None:
-    from app.study.analyse import analyse
+    from app.study.analyse import AnalysisRequest, analyse
 
-    analyse(options.answers, options.key, options.out, options.diagnostics)
+    analyse(AnalysisRequest(options.answers, options.key, options.out, options.diagnostics))
 
 
 def _add_simulate(parts) -> None:

@@ -14,7 +14,7 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import RunError
-from app.study.analyse import analyse
+from app.study.analyse import AnalysisRequest, analyse
 from app.study.design.key import Expected, Key, read_key, write_key
 from app.study.design.links import list_of, new_secret, token_of
 from app.study.statistics.answers import MAX_FILE_BYTES, Participant, collect
@@ -277,7 +277,7 @@ def test_twenty_forged_files_change_nothing_and_the_report_shows_what_they_would
     pages, tables = {}, {}
     for name, sent in (("with", files + forged), ("clean", files)):
         key, answers = written_study(tmp_path / name, LONG, sent)
-        analyse([answers], key, tmp_path / name / "report")
+        analyse(AnalysisRequest([answers], key, tmp_path / name / "report"))
         pages[name] = (tmp_path / name / "report" / "report.html").read_text()
         tables[name] = (tmp_path / name / "report" / "results.csv").read_bytes()
     assert tables["with"] == tables["clean"]
