@@ -22,6 +22,10 @@ class CancelledRun(Exception):
     """The person stopped the run; nothing was kept."""
 
 
+class FaultElsewhere(Exception):
+    """A fault of the program in another process, with its traceback; no sentence for anyone."""
+
+
 _DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _NOT_ALLOWED = {errno.EACCES, errno.EPERM, errno.EROFS}
 _OUR_PACKAGES = ("app", "model", "renderer", "processes")
@@ -37,6 +41,8 @@ def sentence_of(error: BaseException) -> str | None:
     Errors that this project raises carry their sentence. Of the system's errors only those are
     put into words that a person can do something about.
     """
+    if isinstance(error, FaultElsewhere):
+        return None
     is_ours = type(error).__module__.split(".")[0] in _OUR_PACKAGES
     if is_ours and str(error):
         return printable(str(error))

@@ -213,7 +213,7 @@ def _diagnose(options: argparse.Namespace) -> None:
         told=told_as(options.fps, options.rotations, MOTIONS) + options.told,
     )
     with ProgressBar("measure and draw") as bar:
-        diagnosis = diagnose_files(request, bar.show)
+        diagnosis = diagnose_files(request, bar.take)
     sentences = sentences_of(diagnosis.diagnostics)
     heard = filter(None, (sentences["step"], sentences["beats"]))
     found = told_findings(diagnosis.diagnostics.findings)
@@ -242,7 +242,7 @@ def _steps_command(options: argparse.Namespace) -> None:
     use_family_files(options)
     request = read_flags(StepCurveRequest, options)
     with ProgressBar("measure") as bar:
-        curve = measure_step_curve(request, bar.show)
+        curve = measure_step_curve(request, bar.take)
     for point in curve.points:
         say(
             f"{point.system}, {point.steps} steps: {point.ms_per_frame:.2f} ms a frame, jerk "

@@ -47,7 +47,7 @@ def _hearing(options: argparse.Namespace) -> None:
         ),
     )
     with ProgressBar("compare") as bar:
-        hearing = measure_hearing(request, bar.show)
+        hearing = measure_hearing(request, bar.take)
     for sentence in hearing.sentences():
         say(sentence)
     for path in hearing.files:
@@ -72,7 +72,7 @@ def _mechanism(options: argparse.Namespace) -> None:
 
     request = read_flags(MechanismRequest, options)
     with ProgressBar(f"draw {options.out.name}") as bar:
-        _, sentences = show_mechanism(request, bar.show)
+        _, sentences = show_mechanism(request, bar.take)
     for sentence in sentences:
         say(sentence)
     name_file(options.out)

@@ -119,7 +119,7 @@ def _add_links(parts) -> None:
         "links",
         help="signed links for participants, each good for once",
         description="Write participant, list and link of each as CSV. From then on the analysis "
-        "sets answers aside that came by no link, a forged one, or one that was used before. "
+        "sets answers aside that came by no link, a forged one, or one that was used twice. "
         "Called again, it gives the same links.",
     )
     parser.add_argument("study", type=Path, metavar="DIR", help="folder that the export made")
@@ -175,9 +175,9 @@ def _add_analyse(parts) -> None:
 
 
 def _analyse(options: argparse.Namespace) -> None:
-    from app.study.analyse import analyse
+    from app.study.analyse import AnalysisRequest, analyse
 
-    analyse(options.answers, options.key, options.out, options.diagnostics)
+    analyse(AnalysisRequest(options.answers, options.key, options.out, options.diagnostics))
 
 
 def _add_simulate(parts) -> None:

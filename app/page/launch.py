@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from gradio import Blocks
 
     from app.page.player.first_look_shown import FirstLooks
-    from app.page.queue.run_processes import RunProcesses
+    from app.page.queue.worker import Worker
 
 PORT_TAKEN = (
     "Port {port} of {host} is taken, perhaps by this page, which then is open there already; "
@@ -150,15 +150,15 @@ def read_accounts(path: Path) -> tuple[tuple[str, str], ...]:
 def launch(
     config: AppConfig,
     is_warmed_up: bool = True,
-    make_processes: Callable[..., RunProcesses] | None = None,
+    make_worker: Callable[..., Worker] | None = None,
 ) -> Blocks:
     """Serve the page from threads of this process; its address is ``local_url`` of the result.
 
     Args:
         is_warmed_up: whether the models are read as soon as the page is up, rather than at the
             first run.
-        make_processes: makes what does the runs, with arguments as of `RunProcesses`, which is
-            taken where there is none.
+        make_worker: makes what does the runs, with arguments as of `Worker`, which is taken where
+            there is none.
 
     Raises:
         RunError, CheckpointError: if the weights cannot be offered.
@@ -180,8 +180,8 @@ def launch(
     from app.page.page import build_app
     from app.page.parts.catalogue import find_examples, read_catalogue
     from app.page.player.first_look_shown import FirstLooks
-    from app.page.queue.jobs import NUM_ASIDE, JobBook
-    from app.page.queue.run_processes import Limits, RunProcesses
+    from app.page.queue.jobs import JobBook
+    from app.page.queue.worker import Limits, Worker
     from app.page.results.kept_runs import KeptRuns
     from app.page.results.run_file import run_file_routes
     from app.page.results.study_preview import preview_routes
@@ -216,26 +216,24 @@ def launch(
     visitor_files.keep_swept(jobs.in_use)
     atexit.register(jobs.cancel_all)
 
-    processes = (make_processes or RunProcesses)(
+    worker = (make_worker or Worker)(
         config.num_slots,
         Limits(config.max_run_bytes, config.max_run_s),
         warm=(config.weights, config.body) if is_warmed_up else None,
-        num_aside=NUM_ASIDE,
     )
-    atexit.register(processes.close)
-    # Apart from the runs: nobody should wait for another's run to hear that a file is silent.
-    gate = RunProcesses(1, Limits(CHECK_BYTES, CHECK_S, CHECK_S))
+    atexit.register(worker.close)
+    gate = Worker(1, Limits(CHECK_BYTES, CHECK_S, CHECK_S))
     atexit.register(gate.close)
     addresses = MediaAddresses()
     first_look = None
     if is_warmed_up:
-        first_look = FirstLooks(config, catalogue, jobs, addresses, processes.make_first_look)
+        first_look = FirstLooks(config, catalogue, jobs, addresses, worker)
     services = Services(
         config=config,
         catalogue=catalogue,
         jobs=jobs,
-        processes=processes,
-        check=UploadCheck(gate.refuse, config.max_speech_s),
+        worker=worker,
+        check=UploadCheck(gate, config.max_speech_s),
         kept=KeptRuns(config.keep_results_s),
         handover=Handover(config.private_folder, config.keep_results_s),
         live=LiveSessions(config.weights),
@@ -303,7 +301,7 @@ def launch(
         raise
     # Only now: reading models beside it would hold up the page's own start.
     if is_warmed_up:
-        arguments = (config, processes, first_look)
+        arguments = (config, worker, first_look)
         threading.Thread(target=_warm_up, args=arguments, name="warm-up", daemon=True).start()
     return page
 
@@ -371,7 +369,7 @@ def _remove(folder: Path) -> None:
         time.sleep(0.1)
 
 
-def _warm_up(config: AppConfig, processes: RunProcesses, first_look: FirstLooks | None) -> None:
+def _warm_up(config: AppConfig, worker: Worker, first_look: FirstLooks | None) -> None:
     """Load in this process what the stage and live speech need; a failure shows where they are
     wanted. First of all what a visitor sees first: the stage, and the example that plays before the
     first run."""
@@ -383,7 +381,7 @@ def _warm_up(config: AppConfig, processes: RunProcesses, first_look: FirstLooks 
         if first_look is not None:
             first_look.make()
         time.sleep(FIRST_S)
-        processes.start()
+        worker.start()
         warm_up(config.weights, config.body)
     except Exception:
         if not _is_ending.is_set():  # no thread nor process can be started any longer

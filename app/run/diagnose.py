@@ -23,6 +23,7 @@ from app.run.diagnostics import (
 from app.run.followed_point import TIP, TipSource, choose_tip_source
 from app.run.models import get_body, nothing_draws
 from app.run.output.result_folder import ResultFolder
+from app.run.output.telling import share_teller
 from app.run.requests.request import (
     ASSUME,
     BODY,
@@ -33,6 +34,8 @@ from app.run.requests.request import (
     START,
     TRANSCRIPT,
     WORDS,
+    OnEvent,
+    ShouldCancel,
     WordsAsked,
 )
 from app.run.videos.comparison import Snapshots, draw_poses
@@ -182,8 +185,8 @@ class _Read:
 
 def diagnose_files(
     request: DiagnoseRequest,
-    on_progress: OnShare = lambda share: None,
-    on_file: OnFile = lambda artefact: None,
+    on_event: OnEvent = lambda event: None,
+    should_cancel: ShouldCancel = lambda: False,
 ) -> Diagnosis:
     """Measure motion files and leave the results in ``request.out``, all of them or none.
 
@@ -191,18 +194,19 @@ def diagnose_files(
     for. The page calls this for motions that a visitor brings, the command line for `diagnose`.
 
     Args:
-        on_progress: told of the share done, 0 to 1, between all steps; what it raises ends the
-            work and leaves nothing.
-        on_file: told of what a player shows, as soon as it is whole.
+        on_event: told of progress between all steps, and of what a player shows as soon as it is
+            whole.
 
     Raises:
+        CancelledRun: when ``should_cancel`` said so; nothing is left.
         RunError, MotionError, SpeechError, TranscriptError, BodyError, GLError, FigureError,
         WriteError: each with one sentence.
     """
     with SpokenWords(request.transcript, request.words) as words:
         if words.need_speech and request.speech is None:
             raise RunError(_NO_SPEECH)
-        return _diagnose(request, words, on_progress, on_file)
+        on_progress = share_teller("numbers", on_event, should_cancel)
+        return _diagnose(request, words, on_progress, on_event)
 
 
 def _diagnose(

@@ -15,7 +15,7 @@ from app.config import EXAMPLES
 from app.run.followed_point import choose_tip_source
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
-from app.run.requests.request import GenerateRequest
+from app.run.requests.request import GenerateRequest, OnEvent, ShouldCancel
 from app.run.videos.own_videos import picture_motions
 from conventions.names import file_stem
 
@@ -159,6 +159,7 @@ class FirstLook:
     folder: Path
     speech: Path
     system: str
+    weights: Path
 
     @property
     def beginning(self) -> Path:
@@ -179,7 +180,7 @@ def first_look(kept: Path, weights: Path, system: str, speech: Path) -> FirstLoo
     key = hashlib.sha256(f"{FORMAT} {system} {NOISE_RAD}".encode())
     key.update((weights / f"{file_stem(system)}.json").read_bytes())
     key.update(speech.read_bytes())
-    return FirstLook(kept / "first-look" / key.hexdigest()[:16], speech, system)
+    return FirstLook(kept / "first-look" / key.hexdigest()[:16], speech, system, weights)
 
 
 def take_stored(look: FirstLook, stored: Path = STORED) -> bool:
@@ -197,14 +198,14 @@ def take_stored(look: FirstLook, stored: Path = STORED) -> bool:
 
 
 def make_first_look(
-    look: FirstLook, weights: Path, on_share: Callable[[float], None] = lambda share: None
+    look: FirstLook,
+    on_event: OnEvent = lambda event: None,
+    should_cancel: ShouldCancel = lambda: False,
 ) -> None:
     """Generate and plant; leaves the whole folder or nothing.
 
-    Args:
-        on_share: told of the share done; what it raises ends the work.
-
     Raises:
+        CancelledRun: when ``should_cancel`` said so.
         RunError, SpeechError: each with one sentence.
     """
     from app.run.pipeline import generate_all
@@ -220,12 +221,12 @@ def make_first_look(
         waveform = load_speech(look.speech).waveform
         write_wav(beginning, waveform[: round(SAMPLE_RATE * LOOK_S)])
         request = GenerateRequest(
-            *(beginning, Path(temporary, "run"), weights),
+            *(beginning, Path(temporary, "run"), look.weights),
             systems=(look.system,),
             has_video=False,
             has_figures=False,
         )
-        result = generate_all(request, lambda event: on_share(0.0))
+        result = generate_all(request, on_event, should_cancel)
         motion = load_motion(result.out / f"{file_stem(look.system)}.npz")
         provenance = json.loads((result.out / "provenance.json").read_text())
         sound = beginning.read_bytes()

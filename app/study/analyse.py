@@ -2,39 +2,54 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from app.errors import RunError
 from app.run.output.result_folder import held_folder
+from app.run.requests.request import OnEvent, ShouldCancel
 from app.study.design.key import read_key
-from app.study.report.figures import preference_bars, write_pdf
-from app.study.report.html import Findings, page_of
-from app.study.report.tables import latex_table, write_csv
-from app.study.statistics.answers import collect
-from app.study.statistics.jitter_join import read_jitter
-from app.study.statistics.results import analyse_participants, balance_reached
-from app.study.statistics.screening import screen
-from app.study.statistics.votes import clips_of
 from model.storage.files import written_atomically
 
 MAX_REASONS_SHOWN = 3
 
 
-def analyse(
-    answer_paths: list[Path], key_path: Path, out: Path, diagnostics: Path | None = None
-) -> None:
-    """Write ``report.html``, ``results.csv``, ``table.tex`` and ``preference.pdf`` to ``out``.
+@dataclass(frozen=True)
+class AnalysisRequest:
+    """What is to be analysed."""
 
-    Args:
-        answer_paths: answers files, and folders of them.
-        diagnostics: folder of measured clips (see `app.study.statistics.jitter_join.read_jitter`).
+    answers: Sequence[Path]
+    """Files, and folders of them."""
+    key: Path
+    out: Path
+    diagnostics: Path | None = None
+    """Folder of measured clips (see `app.study.statistics.jitter_join.read_jitter`)."""
+
+
+def analyse(
+    request: AnalysisRequest,
+    on_event: OnEvent = lambda event: None,
+    should_cancel: ShouldCancel = lambda: False,
+) -> tuple[Path, ...]:
+    """Write ``report.html``, ``results.csv``, ``table.tex`` and ``preference.pdf``, the report
+    first of those returned.
 
     Raises:
         RunError: if the key cannot be used, or nobody is left to analyse.
     """
-    key = read_key(key_path)
+    from app.study.report.figures import preference_bars, write_pdf
+    from app.study.report.html import Findings, page_of
+    from app.study.report.tables import latex_table, write_csv
+    from app.study.statistics.answers import collect
+    from app.study.statistics.jitter_join import read_jitter
+    from app.study.statistics.results import analyse_participants, balance_reached
+    from app.study.statistics.screening import screen
+    from app.study.statistics.votes import clips_of
+
+    key, out, diagnostics = read_key(request.key), request.out, request.diagnostics
     jitter = read_jitter(diagnostics, clips_of(key), key.systems) if diagnostics else None
-    collected = collect(answer_paths, key)
+    collected = collect(list(request.answers), key)
     screened = screen(collected.participants, key)
     results = analyse_participants(screened.kept, key, jitter)
     if not results:
@@ -55,3 +70,4 @@ def analyse(
             write_pdf(preference_bars(results, key), part)
         with written_atomically(out / "report.html") as part:
             part.write_text(page_of(findings), "utf-8", errors="replace")  # names of files
+    return (out / "report.html", *sorted(p for p in out.iterdir() if p.suffix != ".html"))

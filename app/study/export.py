@@ -5,16 +5,18 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from app.errors import RunError
 from app.run.models import get_system
 from app.run.output.result_folder import held_folder
+from app.run.output.telling import share_teller
+from app.run.requests.request import OnEvent, ShouldCancel
 from app.run.videos.videos import draw_videos
 from app.study.design.blinding import Blinding, blinding_of, draw_blinding, make_key
 from app.study.design.key import read_key, write_key
-from app.study.design.plan import Plan
+from app.study.design.plan import Plan, read_plan
 from app.study.design.trials import Design, make_design
 from app.study.leaks import check_study
 from app.study.make.adapters import write_adapters
@@ -23,6 +25,29 @@ from app.study.make.participant_page import write_page
 from app.study.make.records import write_records
 from app.study.make.scenes import Draw, Maker
 from app.study.make.workspace import ExportOptions, Workspace, sha256
+
+
+@dataclass(frozen=True)
+class ExportRequest:
+    """A study that is to be made of the plan in a file."""
+
+    plan: Path
+    out: Path
+    options: ExportOptions
+
+
+def export_planned(
+    request: ExportRequest, on_event: OnEvent, should_cancel: ShouldCancel, draw: Draw = draw_videos
+) -> Workspace:
+    """As `export_study`."""
+    return export_study(
+        read_plan(request.plan),
+        request.out,
+        request.options,
+        on_progress=share_teller("video", on_event, should_cancel),
+        should_cancel=should_cancel,
+        draw=draw,
+    )
 
 
 def export_study(

@@ -287,7 +287,7 @@ def _value(field: str, told: Any) -> Any:
     if field in _WORDS:
         if not isinstance(told, str) or len(told) > 80:
             raise PlanError(f"{field} that is no short text.")
-        return told
+        return told.encode("utf-8", "replace").decode()  # no file of text holds half a character
     if field == "goal":
         place = [_number(value) for value in told] if isinstance(told, list) else []
         if len(place) != 3 or not all(map(math.isfinite, place)):
@@ -301,7 +301,10 @@ def _value(field: str, told: Any) -> Any:
 
 def _number(value: object) -> float:
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return float(value) if is_number else math.nan  # pyright: ignore[reportArgumentType]
+    try:
+        return float(value) if is_number else math.nan  # pyright: ignore[reportArgumentType]
+    except OverflowError:  # of a whole number with hundreds of digits
+        return math.inf
 
 
 def _check(name: str, event: Any) -> None:

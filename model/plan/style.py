@@ -369,10 +369,9 @@ def _within(name: str, value: float) -> float:
 
 def _number(name: str, value: object, least: float, most: float) -> float:
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    number = float(value) if is_number else math.nan  # pyright: ignore[reportArgumentType]
-    if not least <= number <= most:
+    if not (is_number and least <= value <= most):  # pyright: ignore[reportOperatorIssue]
         raise PlanError(f"{name} is a number from {least:g} to {most:g}; got {str(value)[:20]}.")
-    return number
+    return float(value)  # pyright: ignore[reportArgumentType]
 
 
 MANNER_LIMITS = {

@@ -16,7 +16,7 @@ from app.errors import CancelledRun
 from app.live.sessions import LiveSessions
 from app.page.parts.catalogue import Catalogue, Example
 from app.page.queue.jobs import JobBook
-from app.page.queue.run_processes import RunProcesses
+from app.page.queue.worker import Task, Worker
 from app.page.results.kept_runs import KeptRuns
 from app.page.tabs.motion import row_names
 from app.page.tabs.services import Services, UploadCheck
@@ -33,7 +33,6 @@ from app.run.requests.request import (
     Progress,
     ShouldCancel,
 )
-from app.run.requests.upload_check import refusal_of
 from app.run.videos.behind import VideosRequest
 from conventions.joints import JOINT_INDEX
 from conventions.names import REFERENCE_NAME, file_stem
@@ -56,28 +55,41 @@ def catalogue_of(*speeches: Path) -> Catalogue:
     return replace(CATALOGUE, examples=tuple(Example(path.stem, path) for path in speeches))
 
 
-class FakeProcesses(RunProcesses):
-    """Has some runs done by functions of a test's own."""
+class FakeWorker(Worker):
+    """Does tasks in this process, some by functions of a test's own."""
 
     def __init__(self, *arguments: Any, does: Mapping[str, Callable[..., Any]], **options: Any):
         """
         Args:
-            does: by the name of the method that they take the place of.
+            does: by the name of the task that they take the place of.
         """
         super().__init__(*arguments, **options)
-        vars(self).update(does)
+        self._does = does
+
+    def start(self) -> None:
+        """There is no process."""
+
+    def do(
+        self,
+        task: Task[Any, Any],
+        request: Any,
+        on_event: OnEvent = lambda event: None,
+        should_cancel: ShouldCancel = lambda: False,
+    ) -> Any:
+        return self._does.get(task.__name__, task)(request, on_event, should_cancel)
 
 
 def made_services(
     folder: Path, does: Mapping[str, Callable[..., Any]] | None = None, **given: Any
 ) -> Services:
     """Of a page without models: what is not given is made."""
+    worker = FakeWorker(does=does or {})
     usual = {
         "config": AppConfig(temp=folder),
         "catalogue": CATALOGUE,
         "jobs": JobBook(folder / "jobs"),
-        "processes": FakeProcesses(does=does or {}),
-        "check": UploadCheck(refusal_of, 60.0),
+        "worker": worker,
+        "check": UploadCheck(worker, 60.0),
         "kept": KeptRuns(60.0),
         "handover": Handover(folder / "private"),
         "live": LiveSessions(folder),

@@ -25,10 +25,9 @@ from playwright.sync_api import (
 from app import text
 from app.config import AppConfig
 from app.page.launch import launch
-from app.page.queue.run_process_child import TASKS
 from app.run.requests.request import GenerateRequest, OnEvent, ShouldCancel
 from app.study.design.plan import read_plan
-from app.study.export import export_study
+from app.study.export import ExportRequest, export_study
 from model.plan.plan import GesturePlan, HandPhase, Nod
 from model.speech.audio import write_wav
 from tests.app import fakes
@@ -195,10 +194,10 @@ def served(
     says, for all pages of a process: a page that was open before gets its place back.
 
     Args:
-        does: runs by functions of a test's own, as of `FakeProcesses`.
+        does: tasks by functions of a test's own, as of `FakeWorker`.
     """
     before = os.environ.get("GRADIO_TEMP_DIR")
-    page = launch(config, is_warmed_up, partial(fakes.FakeProcesses, does=does))
+    page = launch(config, is_warmed_up, partial(fakes.FakeWorker, does=does))
     assert page.local_url is not None
     yield page.local_url
     page.close()
@@ -206,15 +205,11 @@ def served(
         os.environ["GRADIO_TEMP_DIR"] = before
 
 
-def _here(
-    task: str, arguments: tuple[Any, ...], on_event: OnEvent, should_cancel: ShouldCancel
-) -> Any:
-    """In place of a process that would read all models anew; small noise is what studies show."""
-    if task == "export_study":
-        path, out, options = arguments
-        plan = replace(read_plan(path), size=64)
-        return export_study(plan, out, options, should_cancel=should_cancel, draw=draw_noise)
-    return TASKS[task](*arguments, on_event, should_cancel)
+def _of_noise(request: ExportRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
+    """A study of small noise."""
+    plan = replace(read_plan(request.plan), size=64)
+    asked = (request.out, request.options)
+    return export_study(plan, *asked, should_cancel=should_cancel, draw=draw_noise)
 
 
 class Gate:
@@ -257,8 +252,12 @@ class Fake:
         return draw(*arguments)
 
     @property
-    def does(self) -> dict[str, Callable[..., Any]]:
-        return {"generate": self.generate, "draw_behind": self.draw_behind, "do": _here}
+    def does(self) -> dict[str, Any]:
+        return {
+            "generate_all": self.generate,
+            "draw_behind": self.draw_behind,
+            "export_planned": _of_noise,
+        }
 
 
 @pytest.fixture(scope="session")
@@ -305,7 +304,9 @@ def page_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def real_address(made_once: MadeOnce, page_files: Path) -> Iterator[str]:
     """Of the real page, with a system that performs plans among its tiny ones."""
     weights = made_once("systems-of-all-kinds", _systems_of_all_kinds)
-    with served(AppConfig(port=0, weights=weights, temp=page_files), do=_here) as url:
+    with served(
+        AppConfig(port=0, weights=weights, temp=page_files), export_planned=_of_noise
+    ) as url:
         yield url
 
 

@@ -85,7 +85,7 @@ def address(
         save_motion(load_motion(CLEAN).part(slice(45)), look.folder / f"{name}.npz")
     facts = {"jerk_m_s3": {STEADY: 100, TREMBLING: 2000}, "noise_rad": 0.012, "provenance": {}}
     (look.folder / FACTS).write_text(json.dumps(facts))
-    with served(config, is_warmed_up=True, start=bool, **the_fake.does) as address:
+    with served(config, is_warmed_up=True, **the_fake.does) as address:
         yield address
 
 

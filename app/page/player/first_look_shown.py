@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from html import escape
-from pathlib import Path
 from typing import Any
 
 import gradio as gr
@@ -16,8 +14,17 @@ from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
 from app.page.player.player import Showing, own_writers, picture_layout
 from app.page.queue.jobs import JobBook
+from app.page.queue.worker import Worker
 from app.page.routes.media import MediaAddresses
-from app.run.examples import STEADY, TREMBLING, FirstLook, first_look, take_stored
+from app.run.diagnose import DiagnoseRequest
+from app.run.examples import (
+    STEADY,
+    TREMBLING,
+    FirstLook,
+    first_look,
+    make_first_look,
+    take_stored,
+)
 from app.run.requests.request import Artefact
 from model.systems.registry import usual_systems
 
@@ -35,16 +42,12 @@ class FirstLooks:
         catalogue: Catalogue,
         jobs: JobBook,
         addresses: MediaAddresses,
-        make: Callable[[FirstLook, Path], None],
+        worker: Worker,
     ) -> None:
-        """
-        Args:
-            make: as `app.run.examples.make_first_look`.
-        """
         self._config = config
         self._jobs = jobs
         self._addresses = addresses
-        self._make = make
+        self._worker = worker
         paths = {example.path.stem: example.path for example in catalogue.examples}
         self._look: FirstLook | None = None
         systems = [name for name in usual_systems("first-look") if name in catalogue.systems]
@@ -72,7 +75,7 @@ class FirstLooks:
                     with self._jobs.slot(job) as turn:
                         for _ in turn:
                             pass
-                        self._make(self._look, self._config.weights)
+                        self._worker.do(make_first_look, self._look)
                 finally:
                     self._jobs.close(job)
             showing = self._showing(self._look)
@@ -96,8 +99,6 @@ class FirstLooks:
         self.version += 1
 
     def _showing(self, look: FirstLook) -> Showing:
-        from app.run.diagnose import DiagnoseRequest
-
         names = (STEADY, TREMBLING)
         files = {name: look.folder / f"{name}.npz" for name in names}
         asked = DiagnoseRequest(tuple(files.values()), look.folder, speech=look.beginning)

@@ -12,10 +12,8 @@ import itertools
 import secrets
 import shutil
 import threading
-import time
-import zipfile
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,44 +22,6 @@ from typing import Any, Literal
 from app import text
 from app.errors import CancelledRun, RunError
 from app.page.visitors.visitor_files import VisitorFiles, size_of
-
-LARGE_BYTES = 6 * 10**6
-"""Half a minute of sound as recorders write it, or a minute and a half of motion."""
-_PACKED_SOUND = {".mp3", ".m4a", ".aac", ".ogg", ".oga", ".opus", ".webm", ".mp4", ".wma"}
-_PACKED_TIMES = 10
-_ZIPPED = {".npz", ".zip"}
-
-
-def is_large(uploads: Iterable[Path]) -> bool:
-    """Whether a run on these is likely to take long. It only decides whose turn it is: who is taken
-    for small and takes long all the same has to step aside or back."""
-    return sum(map(_unpacked_bytes, uploads)) > LARGE_BYTES
-
-
-def _unpacked_bytes(upload: Path) -> int:
-    try:
-        size = upload.stat().st_size
-        if size > LARGE_BYTES:  # of a zip, its list of contents might be as long
-            return size
-        if upload.suffix.lower() in _ZIPPED:
-            with zipfile.ZipFile(upload) as archive:
-                return sum(each.file_size for each in archive.infolist())
-    except Exception:  # who reads it in earnest tells what is wrong with it
-        return 0
-    return size * (_PACKED_TIMES if upload.suffix.lower() in _PACKED_SOUND else 1)
-
-
-LONG_S = 12.0
-"""At work; what takes longer steps aside for others."""
-LARGE_S = 2.0
-"""The same of a large run, for a small one of its own address."""
-BACK_S = 60.0
-"""At work; what takes longer is put back for another visitor of its own address, where its address
-has one aside already. For other addresses that is `LONG_S`."""
-PATIENCE_S = 120.0
-"""A large run that has waited so long has its turn like a small one."""
-NUM_ASIDE = 1
-"""Runs that have stepped aside; each takes the memory of one at work."""
 
 Tab = Literal[
     "generate", "own_motion", "live", "mechanism", "hearing", "steps", "study", "analysis",
@@ -85,10 +45,6 @@ class Job:
         """Of the machine that asks; visitors behind one share its turns."""
         self.uploads: list[Path] = []
         """What the visitor has given it to work with."""
-        self.begun_at = float("inf")
-        """When it came to work, by time.monotonic."""
-        self.is_large = False
-        """Goes after the small ones of its address: for what it was given, or as it took long."""
         self.is_turned_out = False
         """Has lost its place to a visitor who had fewer."""
         self.is_put_back = False
@@ -119,8 +75,6 @@ class _Place:
     job: Job
     number: int
     num_begun: int
-    since: float
-    """By time.monotonic."""
 
 
 class JobBook:
@@ -139,7 +93,6 @@ class JobBook:
         self.max_waiting = max_waiting
         self._places: list[_Place] = []
         self._working: list[Job] = []
-        self._aside: list[Job] = []
         self._jobs: list[Job] = []
         self._numbers = itertools.count()
         self._num_begun = 0
@@ -164,10 +117,9 @@ class JobBook:
             self._visitor_files.admit(address)
             job.uploads = self._visitor_files.uploads_of(uses)
             self._visitor_files.touch(job.uploads)
-            job.is_large = is_large(job.uploads)
         with self._changed:
             ahead = [each for each in self._jobs if job.is_behind or not each.is_behind]
-            if len(ahead) - len(self._aside) >= self.num_slots + self.max_waiting:
+            if len(ahead) >= self.num_slots + self.max_waiting:
                 self._make_room(job)
             self._enter(job)
         return job
@@ -178,7 +130,7 @@ class JobBook:
         if not job.is_put_back:
             return None
         anew = Job(job.visitor, job.tab, self.root / secrets.token_hex(16), job.address)
-        anew.uploads, anew.is_large = job.uploads, job.is_large or not job.is_behind
+        anew.uploads = job.uploads
         with self._changed:
             if job not in self._jobs or job.is_cancelled_by_visitor:
                 return None
@@ -191,7 +143,7 @@ class JobBook:
     def _enter(self, job: Job) -> None:
         job.folder.mkdir(parents=True, mode=0o700)
         self._jobs.append(job)
-        place = _Place(job, next(self._numbers), self._num_begun, time.monotonic())
+        place = _Place(job, next(self._numbers), self._num_begun)
         self._places.append(place)
 
     def cancel(self, visitor: str, tab: Tab) -> bool:
@@ -245,11 +197,11 @@ class JobBook:
                     raise RunError(text.TURNED_OUT.format(limit=self.max_waiting))
                 if job.is_cancelled():
                     raise CancelledRun
-                self._step_aside(job)
+                self._make_way(job)
                 order = [place.job for place in sorted(self._places, key=self._turn)]
                 ahead = order.index(job) + len(self._working)
                 is_next = order[0] is job and len(self._working) < self.num_slots
-                if is_next and not self._is_held_back(job, self._aside):
+                if is_next:
                     self._begin(job)
                     return
                 if ahead == told:
@@ -258,57 +210,27 @@ class JobBook:
             told = ahead
             yield ahead
 
-    def _step_aside(self, waiting: Job) -> None:
-        """Make way for a job that waits, where a run of another takes long, or one at work that
-        nobody waits for."""
-        if self._is_held_back(waiting, self._aside) or len(self._working) < self.num_slots:
+    def _make_way(self, waiting: Job) -> None:
+        """Put back one at work that nobody waits for, for a job that waits."""
+        if len(self._working) < self.num_slots:
             return
         for job in self._working:
             if job.rank > waiting.rank:
                 job.is_put_back = True  # it leaves as soon as it has stopped
                 return
-        if waiting.is_behind:
-            return
-        for job in self._working:
-            if (job.address, job.visitor) == (waiting.address, waiting.visitor):
-                continue
-            at_work_s = time.monotonic() - job.begun_at
-            is_near = job.address == waiting.address
-            is_alone = not any(other.address == job.address for other in self._aside)
-            if is_alone and len(self._aside) < NUM_ASIDE:
-                is_quick = is_near and job.is_large and not waiting.is_large
-                if at_work_s > (LARGE_S if is_quick else LONG_S):
-                    if not self._is_held_back(waiting, [*self._aside, job]):
-                        self._working.remove(job)
-                        self._aside.append(job)
-                        self._changed.notify_all()
-                        return
-            elif not is_alone and not job.is_large:
-                if at_work_s > (BACK_S if is_near else LONG_S):
-                    job.is_put_back = True  # it leaves as soon as it has stopped
 
-    def _is_held_back(self, job: Job, aside: Sequence[Job]) -> bool:
-        """Whether it waits for one that has stepped aside."""
-        return any(
-            other.address == job.address and (job.is_large or other.visitor == job.visitor)
-            for other in aside
-        )
-
-    def _turn(self, place: _Place) -> tuple[bool, int, float, bool, float, int]:
-        """What sorts the places: whose last run began longest ago goes first, and of one address
-        the small runs before the large; last what nobody waits for."""
+    def _turn(self, place: _Place) -> tuple[int, float, float, int]:
+        """What sorts the places: whose last run began longest ago goes first; last what nobody
+        waits for."""
         turns = [
             max(self._last_begun.get(name, 0.0), place.num_begun)
             for name in (f"address {place.job.address}", f"visitor {place.job.visitor}")
         ]
-        is_held_back = self._is_held_back(place.job, self._aside)
-        goes_after = place.job.is_large and time.monotonic() - place.since < PATIENCE_S
-        return is_held_back, place.job.rank, turns[0], goes_after, turns[1], place.number
+        return place.job.rank, turns[0], turns[1], place.number
 
     def _begin(self, job: Job) -> None:
         self._places = [place for place in self._places if place.job is not job]
         self._working.append(job)
-        job.begun_at = time.monotonic()
         if job.is_behind:  # takes nobody's turn
             self._changed.notify_all()
             return
@@ -319,9 +241,8 @@ class JobBook:
 
     def _leave(self, job: Job) -> None:
         self._places = [place for place in self._places if place.job is not job]
-        for jobs in (self._working, self._aside):
-            if job in jobs:
-                jobs.remove(job)
+        if job in self._working:
+            self._working.remove(job)
         if not self._places and not self._working:
             self._last_begun.clear()
         self._changed.notify_all()

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import gradio as gr
@@ -30,6 +31,7 @@ from app.page.tabs.services import Services
 from app.page.tabs.videos_run import VideosBehind, Wanted
 from app.page.visitors.visitors import cookie_of
 from app.run.output.result_folder import zip_files
+from app.run.pipeline import generate_all
 from app.run.requests.request import (
     Artefact,
     Event,
@@ -118,7 +120,7 @@ class GenerateRunner(TabRunner[GenerateResult]):
         asked = self.asked(job, cookie, values)
         self._videos.give_up(job.visitor)
         yield _Work(
-            generate=self._services.processes.generate,
+            generate=partial(self._services.worker.do, generate_all),
             asked=asked,
             job=job,
             showing=self._showing(asked, job, cookie, given_words(asked.transcript)),

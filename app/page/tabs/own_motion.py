@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from app.page.tabs.services import Services, UploadCheck
 from app.page.tabs.videos_run import VideosBehind
 from app.run.examples import planted_files
 from app.run.followed_point import TIP
+from app.run.many.sets import measure_sets
 from app.run.requests.request import MAX_COMPARED
 
 TAB = "Your motion"
@@ -56,7 +58,7 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
             of_sets = build_sets()
             parts = build_results("own-")
     videos = VideosBehind(services, parts, "own_videos")
-    sets = SetsTools(services.processes.measure_sets, of_sets, KeptSets())
+    sets = SetsTools(partial(services.worker.do, measure_sets), of_sets, KeptSets())
     runner, opener = (kind(services, parts, videos, sets) for kind in (OwnMotionRunner, ClipRunner))
     asks = {
         "inputs": form.fields,

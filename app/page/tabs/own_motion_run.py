@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,8 +29,8 @@ from app.page.routes.media import MediaAddresses
 from app.page.tabs.own_sets_run import MIXED, NO_SETS, REFERENCE_TOO, SetsTools, is_zip
 from app.page.tabs.services import Services
 from app.page.tabs.videos_run import VideosBehind, Wanted
+from app.run.diagnose import DiagnoseRequest, diagnose_files
 from app.run.output.result_folder import zip_files
-from app.run.output.telling import share_teller
 from app.run.requests.request import (
     MAX_COMPARED,
     Artefact,
@@ -39,11 +40,11 @@ from app.run.requests.request import (
     read_assumptions,
 )
 from app.run.videos.behind import VideosRequest
-from app.run.videos.own_videos import OnFile, VideoOptions
+from app.run.videos.own_videos import VideoOptions
 from conventions.names import REFERENCE_NAME, printable
 
 if TYPE_CHECKING:
-    from app.run.diagnose import DiagnoseRequest, Diagnosis
+    from app.run.diagnose import Diagnosis
     from app.run.many.sets import SetsRequest
 
 NO_MOTION = "Choose at least one motion file (.npz, .npy or .bvh), or a zip of many."
@@ -63,7 +64,7 @@ MAX_NAMED = 3
 """Files that a run's title names."""
 
 VIDEOS = VideoOptions(size=512, has_posters=True)
-Diagnose = Callable[["DiagnoseRequest", Callable[[float], None], OnFile], "Diagnosis"]
+Diagnose = Callable[[DiagnoseRequest, OnEvent, ShouldCancel], "Diagnosis"]
 
 
 @dataclass(frozen=True)
@@ -92,8 +93,6 @@ class OwnMotionForm:
         Raises:
             RunError: with a sentence for the visitor.
         """
-        from app.run.diagnose import DiagnoseRequest
-
         paths = [Path(path) for path in self.motions or ()]
         if not paths:
             raise RunError(NO_MOTION)
@@ -248,7 +247,7 @@ class OwnMotionRunner(TabRunner[Any]):
         showing.is_drawn = has_videos
         return _Work(
             title=title,
-            diagnose=self._services.processes.diagnose,
+            diagnose=partial(self._services.worker.do, diagnose_files),
             asked=asked,
             job=job,
             cookie=cookie,
@@ -309,8 +308,6 @@ def asked_of(
     files: Mapping[str, Path], speech: Path | None, out: Path, config: AppConfig
 ) -> DiagnoseRequest:
     """The measuring of motions that have names already, the reference among them."""
-    from app.run.diagnose import DiagnoseRequest
-
     motions = {name: path for name, path in files.items() if name != REFERENCE_NAME}
     return DiagnoseRequest(
         motions=tuple(motions.values()),
@@ -355,8 +352,7 @@ class _Work:
     """What is known of a run that was saved."""
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Diagnosis:
-        on_progress = share_teller("numbers", on_event, should_cancel)
-        return self.diagnose(self.asked, on_progress, on_event)
+        return self.diagnose(self.asked, on_event, should_cancel)
 
     def progress(self, events: list[Event]) -> Updates:
         updates: Updates = {}

@@ -22,7 +22,6 @@ from app.page.results.result_parts import FiguresShown, ResultParts
 from app.page.results.sets_shown import KeptSets, number_of, sets_html
 from app.page.routes.media import MediaAddresses
 from app.run.output.result_folder import zip_files
-from app.run.output.telling import share_teller
 from app.run.requests.request import Event, OnEvent, ShouldCancel
 
 if TYPE_CHECKING:
@@ -40,7 +39,7 @@ CLIP_DAMAGED = "What was asked for is no clip of these sets; load the page again
 SETS_ZIP = "Tables and figures as one zip"
 MAX_ASKED = 2000
 
-MeasureSets = Callable[["SetsRequest", Callable[[float], None]], "Sets"]
+MeasureSets = Callable[["SetsRequest", OnEvent, ShouldCancel], "Sets"]
 
 
 @dataclass(frozen=True)
@@ -137,7 +136,7 @@ class SetsWork:
     parts: ResultParts
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Sets:
-        return self.tools.measure(self.asked, share_teller("numbers", on_event, should_cancel))
+        return self.tools.measure(self.asked, on_event, should_cancel)
 
     def progress(self, events: list[Event]) -> Updates:
         share = last_share(events)

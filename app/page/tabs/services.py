@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,23 +18,26 @@ from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import PRIVATE, shown
 from app.page.player.first_look_shown import FirstLooks
 from app.page.queue.jobs import JobBook
-from app.page.queue.run_processes import RunProcesses
+from app.page.queue.worker import Worker
 from app.page.results.kept_runs import KeptRuns
 from app.page.results.study_preview import StudyPreviews
 from app.page.routes.media import MediaAddresses
 from app.page.visitors.researcher_part import Handover
-from app.run.requests.upload_check import UploadKind
+from app.run.requests.upload_check import Given, UploadKind, refusal_of
 
 log = logging.getLogger(__name__)
-Refuse = Callable[[UploadKind, Sequence[Path], float], str]
-"""As `app.run.requests.upload_check.refusal_of`, in a process of its own."""
 
 
 class UploadCheck:
     """Watches the fields of a page."""
 
-    def __init__(self, refuse: Refuse, max_speech_s: float) -> None:
-        self._refuse = refuse
+    def __init__(self, worker: Worker, max_speech_s: float) -> None:
+        """
+        Args:
+            worker: apart from that of the runs: nobody should wait for another's run to hear that a
+                file is silent.
+        """
+        self._worker = worker
         self._max_speech_s = max_speech_s
         self._refusals: list[gr.HTML] = []
 
@@ -87,7 +89,8 @@ class UploadCheck:
     def _told(self, kind: UploadKind, value: str | list[str] | None) -> Any:
         paths = [Path(path) for path in ([value] if isinstance(value, str) else value or ())]
         try:
-            sentence = self._refuse(kind, paths, self._max_speech_s) if paths else ""
+            given = Given(kind, paths, self._max_speech_s)
+            sentence = self._worker.do(refusal_of, given) if paths else ""
         except Exception as error:  # of the checking, which took too long or failed itself
             log.warning("an upload could not be checked: %s", error)
             sentence = ""
@@ -103,8 +106,8 @@ class Services:
     config: AppConfig
     catalogue: Catalogue
     jobs: JobBook
-    processes: RunProcesses
-    """Do all runs."""
+    worker: Worker
+    """Does all runs."""
     check: UploadCheck
     """Of uploads, before there is a run."""
     kept: KeptRuns

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,7 @@ from app.page.tabs.study_run import (
 from app.page.visitors.uploads import MAX_FILES
 from app.page.visitors.visitors import VISITOR_ROUTE
 from app.run.requests.request import Event, OnEvent, ShouldCancel
+from app.study.analyse import AnalysisRequest, analyse
 from conventions.views import VIEWS
 from model.systems.registry import usual_planner
 
@@ -223,7 +225,7 @@ NO_KEY = "The key is missing: drop in key.json from the researcher's zip."
 TOO_MANY = "At most {limit} files are analysed here; {count} were given. Use the command line."
 ANALYSED = "Analysed. The report stands below; its files are the ones to keep."
 
-Analyse = Callable[[list[Path], Path, Path, OnEvent, ShouldCancel], tuple[Path, ...]]
+Analyse = Callable[[AnalysisRequest, OnEvent, ShouldCancel], tuple[Path, ...]]
 """Answers, key and folder to the files written there, the report first."""
 
 
@@ -297,7 +299,7 @@ class AnalysisRunner(TabRunner[tuple[Path, ...]]):
 
     def __init__(self, services: Services, parts: AnalysisParts) -> None:
         super().__init__(services.jobs, parts.status)
-        self._analyse: Analyse = services.processes.analyse_study
+        self._analyse: Analyse = partial(services.worker.do, analyse)
         self._parts = parts
 
     @contextmanager
@@ -310,7 +312,8 @@ class AnalysisRunner(TabRunner[tuple[Path, ...]]):
         if len(form.answers) > MAX_FILES:
             raise RunError(TOO_MANY.format(limit=MAX_FILES, count=len(form.answers)))
         answers = [Path(path) for path in form.answers]
-        yield _Work(self._analyse, answers, Path(form.key), job.folder / "results", self._parts)
+        asked = AnalysisRequest(answers, Path(form.key), job.folder / "results")
+        yield _Work(self._analyse, asked, self._parts)
 
     def blank(self) -> Updates:
         return self.stopped(markup.sentence_status(text.STARTING), "")
@@ -330,13 +333,11 @@ class _Work:
     """One analysis."""
 
     analyse: Analyse
-    answers: list[Path]
-    key: Path
-    out: Path
+    asked: AnalysisRequest
     parts: AnalysisParts
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> tuple[Path, ...]:
-        return self.analyse(self.answers, self.key, self.out, on_event, should_cancel)
+        return self.analyse(self.asked, on_event, should_cancel)
 
     def progress(self, events: list[Event]) -> Updates:
         return {}

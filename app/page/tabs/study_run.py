@@ -9,8 +9,9 @@ import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gradio as gr
 
@@ -31,11 +32,9 @@ from app.run.requests.request import Event, OnEvent, ShouldCancel
 from app.study.design.plan import read_plan
 from app.study.design.size import size_of
 from app.study.design.trials import make_design
-from app.study.make.workspace import Workspace
+from app.study.export import ExportRequest, export_planned
+from app.study.make.workspace import ExportOptions, Workspace
 from model.systems.registry import usual_planner
-
-if TYPE_CHECKING:
-    from app.study.make.workspace import ExportOptions
 
 SEPARATOR = "--"
 PROTOCOLS = {
@@ -194,7 +193,7 @@ PREVIEW = "Preview as participant"
 PREVIEW_HELP = "In a new tab; nothing is sent."
 
 
-Export = Callable[[Path, Path, "ExportOptions", OnEvent, ShouldCancel], Workspace]
+Export = Callable[[ExportRequest, OnEvent, ShouldCancel], Workspace]
 
 
 @dataclass(frozen=True)
@@ -242,8 +241,6 @@ class StudyRunner(TabRunner[Workspace]):
 
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
-        from app.study.make.workspace import ExportOptions
-
         if not cookie:
             raise RunError(NO_COOKIE)
         services = self._services
@@ -253,8 +250,9 @@ class StudyRunner(TabRunner[Workspace]):
             plan_path, size = _write_plan(form, private)
             collect_files(form, private)
             options = ExportOptions(services.config.weights, services.config.body)
+            export = partial(services.worker.do, export_planned)
             yield _Work(
-                *(services.processes.export_study, plan_path, size, options, job, cookie),
+                *(export, plan_path, size, options, job, cookie),
                 *(services.handover, services.previews, self._parts),
                 services.config.keep_results_s,
             )
@@ -294,7 +292,8 @@ class _Work:
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Workspace:
         out = self.plan_path.parent / "study"
-        return self.export(self.plan_path, out, self.options, on_event, should_cancel)
+        asked = ExportRequest(self.plan_path, out, self.options)
+        return self.export(asked, on_event, should_cancel)
 
     def progress(self, events: list[Event]) -> Updates:
         share = last_share(events)

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import gradio as gr
@@ -21,7 +22,7 @@ from app.page.tabs.services import Services
 from app.page.visitors.visitors import address_of, cookie_of, visitor_of
 from app.run.requests.request import Artefact, Event, OnEvent, Piece, ShouldCancel
 from app.run.takes.edits import MAX_PLAN_CHARACTERS, Edit, Locked, edits_of, locked_of
-from app.run.takes.take import Take, TakeRequest, row_of
+from app.run.takes.take import Take, TakeRequest, make_take, row_of
 
 MAX_ASKED = MAX_PLAN_CHARACTERS + 100_000
 """Characters."""
@@ -79,7 +80,7 @@ class TakesRunner:
     """Makes the takes of one tab's runs."""
 
     def __init__(self, services: Services, runs: EditedRuns, parts: ResultParts) -> None:
-        self._make: MakeTake = services.processes.make_take
+        self._make: MakeTake = partial(services.worker.do, make_take)
         self._runs = runs
         self._jobs = services.jobs
         self._parts = parts

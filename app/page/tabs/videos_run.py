@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ from app.page.visitors.visitors import address_of, visitor_of
 from app.run.output.result_folder import zip_files
 from app.run.requests.display import Display, finite, whole
 from app.run.requests.request import Artefact, Event, OnEvent, ShouldCancel
-from app.run.videos.behind import VideosRequest
+from app.run.videos.behind import VideosRequest, draw_behind
 from app.run.videos.seen_video import (
     BODY,
     MAX_BODIES,
@@ -37,6 +38,7 @@ from app.run.videos.seen_video import (
     SeenPanel,
     SeenRequest,
     SeenVideo,
+    draw_seen,
 )
 from conventions.names import printable
 from renderer.scene.camera import Orbit
@@ -165,8 +167,8 @@ class SeenRunner(TabRunner[SeenVideo]):
             speech=None if asked.sound is None else self._file(asked.sound, cookie, ".wav"),
             body=self._services.config.body,
         )
-        draw, addresses = self._services.processes.draw_seen, self._services.addresses
-        yield _SeenWork(draw, request, self._parts, addresses, cookie)
+        draw = partial(self._services.worker.do, draw_seen)
+        yield _SeenWork(draw, request, self._parts, self._services.addresses, cookie)
 
     def _file(self, address: str, cookie: str, suffix: str) -> Path:
         """What the page has given an address.
@@ -327,7 +329,7 @@ class VideosBehind:
 
     def _work(self, wanted: Wanted, job: Job) -> _StandardWork:
         asked = wanted.request.within(job.folder)
-        draw = self._services.processes.draw_behind
+        draw = partial(self._services.worker.do, draw_behind)
         return _StandardWork(draw, asked, wanted, self._parts, self._services.kept)
 
 

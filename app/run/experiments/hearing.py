@@ -19,6 +19,8 @@ from app.flags import MANNER, WEIGHTS, flag, names_of
 from app.run.body_motion import body_motion
 from app.run.models import get_body, get_system
 from app.run.output.result_folder import ResultFolder
+from app.run.output.telling import share_teller
+from app.run.requests.request import OnEvent, ShouldCancel
 from app.run.videos.export import render_settings
 from app.run.videos.own_videos import in_register
 from app.run.videos.videos import draw_videos
@@ -234,20 +236,21 @@ class Hearing:
 
 
 def measure_hearing(
-    request: HearingRequest, on_progress: Callable[[float], None] = lambda share: None
+    request: HearingRequest,
+    on_event: OnEvent = lambda event: None,
+    should_cancel: ShouldCancel = lambda: False,
 ) -> Hearing:
     """Generate each speech with each seed, or read what is in the folder; write numbers, the
     figure, and what was generated.
 
-    Args:
-        on_progress: told the share done before each motion; what it raises ends the work.
-
     Raises:
+        CancelledRun: when ``should_cancel`` said so.
         RunError, SpeechError, MotionError, UnknownNameError, CheckpointError, WriteError: with a
             sentence.
     """
     from model.motion.motion import save_motion
 
+    on_progress = share_teller("numbers", on_event, should_cancel)
     generated = _GENERATED_BEFORE_VIDEOS if request.has_videos else 1.0
     with ResultFolder(request.out) as folder:
         if request.motions is not None:

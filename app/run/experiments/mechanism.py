@@ -14,10 +14,10 @@ from app.flags import SEED, SOUND, flag
 from app.run.body_motion import body_motion
 from app.run.followed_point import TIP, choose_tip_source
 from app.run.models import get_body
+from app.run.output.telling import share_teller
 from app.run.requests.display import Display, marks_of
-from app.run.requests.request import ASSUME, BODY, JOINT, Artefact
+from app.run.requests.request import ASSUME, BODY, JOINT, Artefact, OnEvent, ShouldCancel
 from app.run.videos.export import render_settings
-from app.run.videos.own_videos import OnFile
 from app.run.videos.videos import draw_videos
 from conventions.names import file_stem
 from model.formats.reading import Told
@@ -70,18 +70,16 @@ class MechanismRequest:
 
 def show_mechanism(
     request: MechanismRequest,
-    on_progress: Callable[[float], None] = lambda fraction: None,
-    on_file: OnFile = lambda artefact: None,
+    on_event: OnEvent = lambda event: None,
+    should_cancel: ShouldCancel = lambda: False,
 ) -> tuple[Path | None, tuple[str, ...]]:
     """Move two bodies, measure what the noise does, and draw them beside each other.
-
-    Args:
-        on_progress: told of the share done, 0 to 1; what it raises ends the work.
 
     Returns:
         The video, where one was asked for, and what the bodies show in sentences.
 
     Raises:
+        CancelledRun: when ``should_cancel`` said so.
         RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
     from model.formats.read import read_any_motion
@@ -104,9 +102,9 @@ def show_mechanism(
         for name, motion in noisy.items():
             path = request.out.with_name(f"{file_stem(name)}.npz")
             save_motion(motion, path)
-            on_file(Artefact("motion", name, path))
+            on_event(Artefact("motion", name, path))
     if request.has_video:
-        _draw(request, found.motion, noisy, on_progress)
+        _draw(request, found.motion, noisy, share_teller("video", on_event, should_cancel))
     sentences = (*found.notes, *_told(growth, request.noise_rad))
     return request.out if request.has_video else None, sentences
 

@@ -14,6 +14,8 @@ from app.errors import RunError
 from app.flags import OUT_FOLDER, SEED, SPEAKER, SPEECH, WEIGHTS, flag, names_of
 from app.run.models import get_system
 from app.run.output.result_folder import ResultFolder
+from app.run.output.telling import share_teller
+from app.run.requests.request import OnEvent, ShouldCancel
 from model.storage.harmless import csv_text
 from renderer.figures.style import MAX_SYSTEMS
 
@@ -90,20 +92,21 @@ class StepCurve:
 
 
 def measure_step_curve(
-    request: StepCurveRequest, on_progress: Callable[[float], None] = lambda share: None
+    request: StepCurveRequest,
+    on_event: OnEvent = lambda event: None,
+    should_cancel: ShouldCancel = lambda: False,
 ) -> StepCurve:
     """Generate with each system and number of steps, and write the table and the plot.
 
-    Args:
-        on_progress: told the share done before each generation; what it raises ends the work.
-
     Raises:
+        CancelledRun: when ``should_cancel`` said so.
         RunError, SpeechError, UnknownNameError, CheckpointError, WriteError: with a sentence.
     """
     from conventions.rates import SAMPLE_RATE
     from model.speech.audio import SpeechLimits, load_speech
     from renderer.figures.step_curve import Mark, step_curve_figure
 
+    on_progress = share_teller("numbers", on_event, should_cancel)
     whole = load_speech(request.speech, SpeechLimits(max_s=request.max_speech_s))
     speech = replace(whole, waveform=whole.waveform[: int(MAX_S * SAMPLE_RATE)])
     systems = [get_system(name, request.weights) for name in request.systems]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,8 @@ from typing import Any
 from app.run.many.motions import ENDINGS, ManyRequest, diagnose_folders
 from app.run.many.speeches import ENDINGS as SOUND_ENDINGS
 from app.run.many.unpacked import Limits, unpacked
+from app.run.output.telling import share_teller
+from app.run.requests.request import OnEvent, ShouldCancel
 from conventions.names import REFERENCE_NAME, printable
 from processes.pool import JobPool
 
@@ -51,17 +52,18 @@ class Sets:
 
 
 def measure_sets(
-    request: SetsRequest, on_progress: Callable[[float], None] = lambda share: None
+    request: SetsRequest,
+    on_event: OnEvent = lambda event: None,
+    should_cancel: ShouldCancel = lambda: False,
 ) -> Sets:
     """Unpack, then measure one clip after the other; those that cannot be read are left out.
 
-    Args:
-        on_progress: told of the share done; what it raises ends the work.
-
     Raises:
+        CancelledRun: when ``should_cancel`` said so.
         RunError: for zips that cannot be read, hold too much, or share no clip.
         MotionError: where no clip can be read.
     """
+    on_progress = share_teller("numbers", on_event, should_cancel)
     top = request.out / "unpacked"
     left = Limits(files=MAX_FILES, total_bytes=MAX_BYTES)
 

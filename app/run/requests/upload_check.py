@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 from zipfile import is_zipfile
 
 from app.errors import RunError, sentence_of
+from app.run.requests.request import OnEvent, ShouldCancel
 from conventions.names import printable
 
 NO_ZIP = "{name} is no readable zip; pack it again."
@@ -17,12 +19,25 @@ UploadKind = Literal["speech", "reference", "motion", "sounds", "motions", "tran
 motions and sounds a zip may hold many."""
 
 
-def refusal_of(kind: UploadKind, paths: Sequence[Path], max_speech_s: float) -> str:
+@dataclass(frozen=True)
+class Given:
+    """Files that somebody has put in a field."""
+
+    kind: UploadKind
+    paths: Sequence[Path]
+    max_speech_s: float
+
+
+def refusal_of(
+    given: Given,
+    on_event: OnEvent = lambda event: None,
+    should_cancel: ShouldCancel = lambda: False,
+) -> str:
     """Why the first of these files that cannot be used cannot be, in one sentence; empty where all
     can."""
-    for path in paths:
+    for path in given.paths:
         try:
-            _read(kind, path, max_speech_s)
+            _read(given.kind, path, given.max_speech_s)
         except Exception as error:
             sentence = sentence_of(error)
             if sentence is None:

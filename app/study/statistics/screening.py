@@ -144,18 +144,21 @@ def screen(participants: Iterable[Participant], key: Key) -> Screened:
     )
 
 
-def _link_doubts(participants: Iterable[Participant], key: Key) -> dict[str, str]:
-    """By participant why they did not come by a link of their own. Of several by one link, the one
-    who finished first did."""
+def _link_doubts(participants: Sequence[Participant], key: Key) -> dict[str, str]:
+    """By participant why they did not come by a link of their own. Of several by one link with
+    other answers none counts: whoever has it can write any time."""
     found: dict[str, str] = {}
-    used: dict[str, Participant] = {}
-    for one in sorted(participants, key=lambda one: one.finished or one.started):
-        why = doubt_of(key, one.link, one.list_number)
-        if why is None and key.link_secret is not None and one.link is not None:
-            first = used.setdefault(one.link, one)
-            why = f"the link was used by {first.source} before" if first is not one else None
-        if why is not None:
+    used: dict[str, list[Participant]] = {}
+    for one in participants:
+        if (why := doubt_of(key, one.link, one.list_number)) is not None:
             found[one.id] = why
+        elif key.link_secret is not None and one.link is not None:
+            used.setdefault(one.link, []).append(one)
+    for first, *others in used.values():
+        are_copies = all(_content(one) == _content(first) for one in others)
+        for one in others if are_copies else (first, *others) if others else ():
+            other = others[0] if one is first else first
+            found[one.id] = f"the link was used by {other.source} too"
     return found
 
 

@@ -28,7 +28,7 @@ def handler(page: gr.Blocks, button: str) -> Callable[..., Any]:
 
 
 def test_a_tabs_cancel_stops_its_own_run_alone_and_closing_the_page_those_of_all(speech, tmp_path):
-    does = {"generate": fakes.make_generate()}
+    does = {"generate_all": fakes.make_generate()}
     jobs = JobBook(tmp_path / "jobs")
     page = build_app(fakes.made_services(tmp_path, does, config=AppConfig(), jobs=jobs))
     systems = list(fakes.CATALOGUE.systems)

@@ -19,6 +19,6 @@ def look_in(kept: Path) -> FirstLook:
 if __name__ == "__main__":
     shutil.rmtree(STORED, ignore_errors=True)
     look = look_in(STORED)
-    make_first_look(look, BUNDLED_WEIGHTS)
+    make_first_look(look)
     look.folder.rename(STORED / look.folder.name)
     look.folder.parent.rmdir()

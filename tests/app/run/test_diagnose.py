@@ -18,7 +18,6 @@ from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
 from app.run.examples import CLEAN, FAULTY, TWO_MINUTES, planted_files, tremble, with_faults
 from app.run.followed_point import choose_tip_source
 from app.run.output.result_folder import ResultFolder
-from app.run.requests.request import Artefact
 from app.run.videos.own_videos import VideoOptions
 from model.diagnostics import diagnose
 from model.measures.beats import speech_onsets
@@ -29,6 +28,7 @@ from model.speech.audio import Speech, load_speech, write_wav
 from model.speech.transcript import Interval, Transcript, Word
 from renderer.body.body import load_body
 from renderer.video.encoder import read_facts
+from tests.app.heard import Heard
 from tests.app.measured import both, diagnostics_of
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_waveform
@@ -54,8 +54,9 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
         reference=reference, transcript=text, words="recognise", joint="left_wrist",
         start_frame=20, has_pictures=False,
     )  # fmt: skip
-    shares: list[float] = []
-    found = diagnose_files(request, shares.append)
+    heard = Heard()
+    found = diagnose_files(request, heard.take)
+    shares = heard.shares
     assert {path.name for path in request.out.iterdir()} == {
         *("diagnostics.json", "diagnostics.csv", "error_growth.json"),
         *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg", "pdf")),
@@ -154,13 +155,9 @@ def test_motions_of_one_name_are_told_apart_by_their_folders_or_refused(tmp_path
 def test_a_run_that_is_ended_at_any_point_leaves_nothing(
     motion: Path, tmp_path: Path, share: float
 ) -> None:
-    def stop(told: float) -> None:
-        if told >= share:
-            raise CancelledRun
-
     request = DiagnoseRequest((motion, motion), tmp_path / "out", ("a", "b"), has_pictures=False)
     with pytest.raises(CancelledRun):
-        diagnose_files(request, stop)
+        diagnose_files(request, (heard := Heard(share)).take, heard.should_stop)
     assert not request.out.exists()
 
 
@@ -169,15 +166,10 @@ def test_a_run_that_is_ended_at_any_point_leaves_nothing(
 def test_poses_that_are_being_drawn_can_be_ended(
     motion: Path, tmp_path: Path, drawing_children: Callable[[], list[str]]
 ) -> None:
-    told: list[float] = []
-
-    def stop_at_the_fifth(share: float) -> None:
-        told.append(share)
-        if sum(0.7 <= each < 0.9 for each in told) == 5:
-            raise CancelledRun
-
+    heard = Heard(0.7, count=4)
     with pytest.raises(CancelledRun):
-        diagnose_files(DiagnoseRequest((motion,), tmp_path / "out"), stop_at_the_fifth)
+        asked = DiagnoseRequest((motion,), tmp_path / "out")
+        diagnose_files(asked, heard.take, heard.should_stop)
     assert not (tmp_path / "out").exists() and not drawing_children()
 
 
@@ -270,7 +262,7 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
     save_motion(clean, tmp_path / "clean.npz")
     calmer = replace(clean, expressions=(0.9 * clean.expressions).astype(np.float32))
     save_motion(tremble(calmer), tmp_path / f"{name}.npz")
-    told: list[Artefact] = []
+    heard = Heard()
     request = DiagnoseRequest(
         motions=(tmp_path / f"{name}.npz",),
         out=tmp_path / "out",
@@ -279,8 +271,8 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
         videos=VideoOptions(size=256, close_ups=("hands",), has_posters=True),
         is_played=True,
     )
-    shares: list[float] = []
-    found = diagnose_files(request, shares.append, told.append)
+    found = diagnose_files(request, heard.take)
+    shares, told = heard.shares, heard.files
     assert shares == sorted(shares) and shares[-1] == pytest.approx(1.0)
     names, kinds = (name, "reference"), ("motion", "poster", "video")
     assert {(each.kind, each.name) for each in told} == {(k, n) for k in kinds for n in names}

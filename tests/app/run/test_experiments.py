@@ -16,7 +16,6 @@ from app.run.experiments.hearing import HearingRequest, measure_hearing
 from app.run.experiments.mechanism import NAMES, MechanismRequest, show_mechanism
 from app.run.experiments.step_curve import MAX_S, StepCurveRequest, measure_step_curve
 from app.run.models import get_system
-from app.run.requests.request import Artefact
 from model.diagnostics import diagnose
 from model.generation.windows import GenerateOptions, generate_motion
 from model.motion.kinematics import open_body_skeleton
@@ -24,6 +23,7 @@ from model.motion.motion import load_motion, save_motion
 from model.motion.tracks import track_points
 from model.speech.audio import load_speech, write_wav
 from renderer.video.encoder import read_facts
+from tests.app.heard import Heard
 from tests.conftest import MadeOnce
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_waveform
@@ -43,13 +43,13 @@ def speeches(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ...]:
 def test_each_speech_is_heard_with_each_seed_and_two_speakers_on_the_first(
     speeches: tuple[Path, ...], weights: Path, tmp_path: Path
 ) -> None:
-    shares: list[float] = []
+    heard = Heard()
     out = tmp_path / "out"
     request = HearingRequest(
         out, speeches, (WORLD,), weights=weights, guidance=4.0, speakers=("bob", "ann")
     )
-    hearing = measure_hearing(request, shares.append)
-    assert shares == pytest.approx([k / 8 for k in range(9)])
+    hearing = measure_hearing(request, heard.take)
+    assert heard.shares == pytest.approx([k / 8 for k in range(9)])
     assert sorted(path.name for path in hearing.files) == [
         *(f"globaldiff-global__{stem}__{seed}.npz" for stem in ("one", "two") for seed in (0, 1)),
         *(f"hearing.{ending}" for ending in ("csv", "json", "pdf", "png", "svg")),
@@ -163,12 +163,13 @@ def asked(tmp_path: Path) -> MechanismRequest:
 
 @pytest.mark.gl
 def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(asked: MechanismRequest) -> None:
-    shares: list[float] = []
-    path, sentences = show_mechanism(replace(asked, noise_rad=0.05), shares.append)
+    heard = Heard()
+    path, sentences = show_mechanism(replace(asked, noise_rad=0.05), heard.take)
     assert path == asked.out
     with av.open(str(path)) as video:
         frames = [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]
     assert len(frames) == 12 and frames[0].shape[1] == 2 * 192
+    shares = heard.shares
     assert shares == sorted(shares) and shares[-1] == pytest.approx(1.0, abs=0.1)
     told = " ".join(sentences)
     assert "Noise of 0.05 rad on every joint moves the right middle fingertip" in told
@@ -179,9 +180,10 @@ def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(asked: Mechanism
 
 
 def test_both_motions_are_left_for_a_player_without_a_video(asked: MechanismRequest) -> None:
-    told: list[Artefact] = []
+    heard = Heard()
     played = replace(asked, is_played=True, has_video=False, noise_rad=0.05)
-    path, sentences = show_mechanism(played, on_file=told.append)
+    path, sentences = show_mechanism(played, heard.take)
+    told = heard.files
     assert path is None and not asked.out.exists() and "0.05 rad" in " ".join(sentences)
     assert [(each.kind, each.name) for each in told] == [("motion", name) for name in NAMES]
     clean = load_motion(asked.motion)
@@ -223,8 +225,8 @@ def test_points_are_what_generation_and_measures_say(
     request = StepCurveRequest(
         noise, out, (WORLD,), counts=(1, 3), speaker="ann", seed=5, weights=weights
     )
-    shares: list[float] = []
-    curve = measure_step_curve(request, shares.append)
+    heard = Heard()
+    curve = measure_step_curve(request, heard.take)
     system, skeleton, speech = get_system(WORLD, weights), open_body_skeleton(), load_speech(noise)
     one, three = (
         generate_motion(system, speech, GenerateOptions("ann", seed=5, steps=steps))[0]
@@ -238,7 +240,7 @@ def test_points_are_what_generation_and_measures_say(
     measures = diagnose({"a": one}, skeleton).systems["a"]
     assert curve.points[0].tip_jerk_m_s3 == pytest.approx(measures.raw.point.tip_jerk_m_s3)
     assert all(point.ms_per_frame > 0 and point.face_steps is None for point in curve.points)
-    assert shares == sorted(shares) and shares[-1] == 1.0
+    assert heard.shares == sorted(heard.shares) and heard.shares[-1] == 1.0
     endings = ("json", "csv", "png", "svg", "pdf")
     assert [path.name for path in curve.files] == [f"steps.{ending}" for ending in endings]
     table = json.loads((out / "steps.json").read_text())

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 
-from app.config import BUNDLED_WEIGHTS
 from app.run.examples import STEADY, STORED, TREMBLING, make_first_look, take_stored
 from model.motion.motion import load_motion
 from tests.app.run.made_first_look import look_in
@@ -12,7 +11,7 @@ from tests.app.run.made_first_look import look_in
 
 def test_what_is_stored_is_what_the_bundled_weights_make(tmp_path: Path) -> None:
     made, taken = look_in(tmp_path / "made"), look_in(tmp_path / "taken")
-    make_first_look(made, BUNDLED_WEIGHTS)
+    make_first_look(made)
     assert not taken.is_made
     assert take_stored(taken), "weights or speech have changed: make examples/first_look anew"
     assert taken.is_made

@@ -9,7 +9,7 @@ from app.errors import RunError
 from app.run.examples import CLEAN
 from app.run.followed_point import choose_tip_source
 from app.run.requests.display import TOLD, Display, check_display, displayed, marks_of
-from app.run.requests.upload_check import refusal_of
+from app.run.requests.upload_check import Given, refusal_of
 from conventions.joints import JOINT_INDEX
 from model.motion.motion import Motion
 from model.speech.audio import write_wav
@@ -157,10 +157,10 @@ def test_what_can_be_used_is_not_refused(tmp_path: Path) -> None:
         ("transcript", [CLEAN.with_suffix(".TextGrid")]),
         ("transcript", [text]),
     ):
-        assert refusal_of(kind, files, MAX_S) == "", (kind, files)
-    assert refusal_of("speech", [wav(tmp_path / "b.wav", 3.0)], MAX_S).endswith(".")
+        assert refusal_of(Given(kind, files, MAX_S)) == "", (kind, files)
+    assert refusal_of(Given("speech", [wav(tmp_path / "b.wav", 3.0)], MAX_S)).endswith(".")
     text.write_text("?")
-    assert refusal_of("transcript", [text], MAX_S) == "said.txt holds no words."
+    assert refusal_of(Given("transcript", [text], MAX_S)) == "said.txt holds no words."
 
 
 def test_the_first_wrong_file_is_named(tmp_path: Path) -> None:
@@ -168,5 +168,5 @@ def test_the_first_wrong_file_is_named(tmp_path: Path) -> None:
         wrong = [tmp_path / f"{name}.npz" for name in ("first", "second")]
         for path in wrong:
             path.write_bytes(b"\x00" * 64)
-        sentence = refusal_of(kind, wrong, MAX_S)
+        sentence = refusal_of(Given(kind, wrong, MAX_S))
         assert "first" in sentence and "second" not in sentence

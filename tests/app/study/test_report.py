@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.study.analyse import analyse
+from app.study.analyse import AnalysisRequest, analyse
 from app.study.design.key import Key
 from app.study.report import text
 from app.study.simulate import ALIKE, RaterModel, World, answers_file
@@ -35,7 +35,7 @@ Report = tuple[str, list[dict[str, str]], str]
 def report_of(tmp_path: Path, key: Key, files: list, measured: Path | None = None) -> str:
     """The page; tables lie beside it."""
     key_path, answers = written_study(tmp_path, key, files)
-    analyse([answers], key_path, tmp_path / "report", measured)
+    analyse(AnalysisRequest([answers], key_path, tmp_path / "report", measured))
     return (tmp_path / "report" / "report.html").read_text("utf-8")
 
 
@@ -123,7 +123,7 @@ def test_who_and_what_is_left_out_is_told(tmp_path: Path) -> None:
     key_path, answers = written_study(tmp_path, key, files)
     for name in ("<cut>", "\udcff"):  # the last is no text
         (answers / f"{name}.json").write_text('{"format": 1')
-    analyse([answers], key_path, tmp_path / "report")
+    analyse(AnalysisRequest([answers], key_path, tmp_path / "report"))
     page = (tmp_path / "report" / "report.html").read_text("utf-8")
     assert "3 of 5 participants count; 4 were planned." in page
     for told in (

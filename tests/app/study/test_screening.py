@@ -14,7 +14,7 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import RunError
-from app.study.analyse import analyse
+from app.study.analyse import AnalysisRequest, analyse
 from app.study.design.key import Expected, Key, read_key, write_key
 from app.study.design.links import list_of, new_secret, token_of
 from app.study.statistics.answers import MAX_FILE_BYTES, Participant, collect
@@ -277,7 +277,7 @@ def test_twenty_forged_files_change_nothing_and_the_report_shows_what_they_would
     pages, tables = {}, {}
     for name, sent in (("with", files + forged), ("clean", files)):
         key, answers = written_study(tmp_path / name, LONG, sent)
-        analyse([answers], key, tmp_path / name / "report")
+        analyse(AnalysisRequest([answers], key, tmp_path / name / "report"))
         pages[name] = (tmp_path / name / "report" / "report.html").read_text()
         tables[name] = (tmp_path / name / "report" / "results.csv").read_bytes()
     assert tables["with"] == tables["clean"]
@@ -318,13 +318,19 @@ def test_forged_links_are_set_aside() -> None:
         assert words in screened.set_aside[0].why and len(screened.kept) == 3
 
 
-def test_a_link_counts_once_for_whoever_finished_first_and_for_its_own_list() -> None:
-    first, second, *_ = signed()
+def test_a_link_counts_once_and_for_its_own_list_and_an_earlier_time_displaces_nobody() -> None:
+    first, *others = signed()
     assert first.finished is not None
-    again = replace(second, list_number=first.list_number, link=first.link, id="thief")
-    again = replace(again, answers=first.answers, finished=first.finished + timedelta(hours=1))
-    (aside,) = screen([again, first], LINKED).set_aside
-    assert aside.participant.id == "thief" and f"used by {first.source} before" in aside.why
+    hour = timedelta(hours=1)
+    copy = replace(first, id="thief", started=first.started - hour, finished=first.finished - hour)
+    (aside,) = screen([first, copy, *others], LINKED).set_aside
+    assert aside.participant is copy and f"used by {first.source} too" in aside.why
+    answer, *rest = copy.answers
+    forged = replace(copy, source="forged.json", answers=(replace(answer, value="tie"), *rest))
+    screened = screen([first, forged, *others], LINKED)
+    assert [one.participant for one in screened.set_aside] == [first, forged]
+    assert "used by forged.json too" in screened.set_aside[0].why
+    assert list(screened.kept) == others
     number = next(n for n in range(9) if list_of(LINKED, n) != first.list_number)
     (aside,) = screen([replace(first, link=token_of(LINKED, number))], LINKED).set_aside
     assert "another list" in aside.why

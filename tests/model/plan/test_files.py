@@ -64,6 +64,7 @@ BAD = [
     ("[" * 100_000, "is no plan"),
     ('{"format": 2}', "is no plan of format 1"),
     ('{"format": 1, "duration_s": "x"}', "lasts nan s"),
+    (f'{{"format": 1, "duration_s": {10**400}}}', "lasts inf s"),
     (plan_with("dance", "[]"), "'dance', which no plan has"),
     (plan_with("nods", "3"), "nods is no list"),
     (plan_with("nods", "[7]"), "has not the fields time_s, depth_deg"),
@@ -98,6 +99,16 @@ def test_what_is_no_plan_is_refused_in_a_sentence(tmp_path: Path) -> None:
         with pytest.raises(PlanError, match=r"^plan\.json") as told:
             read_plan(path)
         assert says in str(told.value)
+
+
+def test_half_a_character_of_a_word_leaves_a_plan_that_every_form_can_hold(tmp_path: Path) -> None:
+    path, told = tmp_path / "plan.json", json.loads(made_plan().as_json())
+    told["right"][1]["word"] = "ne\ud800ver"
+    path.write_text(json.dumps(told))
+    plan = read_plan(path)
+    for name in ("a.eaf", "a.TextGrid", "a.json"):
+        write_plan_file(plan, tmp_path / name)
+        assert read_plan_file(tmp_path / name).plan.right[1].word == "ne?ver"
 
 
 def test_times_between_milliseconds_are_rounded_once(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gradio as gr
 
@@ -16,11 +16,9 @@ from app.page.parts.asked import form_of
 from app.page.parts.catalogue import USUAL, strength_choices, strength_of
 from app.page.tabs.services import Services
 from app.page.tabs.systems.measured_figure import FigureRunner, build_measuring_sheet
+from app.run.experiments.hearing import Hearing, HearingRequest, measure_hearing
 from model.storage.cards import CALM_AND_LIVELY
 from model.systems.registry import usual_systems
-
-if TYPE_CHECKING:
-    from app.run.experiments.hearing import Hearing, HearingRequest
 
 TITLE = "Does it hear?"
 INTRODUCTION = (
@@ -39,7 +37,7 @@ def build_hearing(page: gr.Blocks, services: Services) -> None:
     sheet = build_measuring_sheet(
         "hearing", services.catalogue, usual_systems("hearing-tab"), _build_fields, "Compare"
     )
-    HearingRunner(services, services.processes.measure_hearing, sheet.parts).wire(page, sheet)
+    HearingRunner(services, measure_hearing, sheet.parts).wire(page, sheet)
 
 
 def _build_fields() -> list[Any]:
@@ -80,7 +78,7 @@ class HearingForm:
     has_speakers: bool
 
 
-class HearingRunner(FigureRunner["HearingRequest", "Hearing"]):
+class HearingRunner(FigureRunner[HearingRequest, Hearing]):
     """Compares two speeches by two seeds."""
 
     tab = "hearing"
@@ -89,8 +87,6 @@ class HearingRunner(FigureRunner["HearingRequest", "Hearing"]):
 
     def request(self, values: tuple[Any, ...], out: Path) -> HearingRequest:
         """See `FigureRunner.request`."""
-        from app.run.experiments.hearing import HearingRequest
-
         form = form_of(HearingForm, values)
         if not form.systems:
             raise RunError(NO_SYSTEM)

@@ -6,6 +6,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
@@ -18,9 +19,9 @@ from app.page.parts.html_parts import AT_ONCE, IN_TURN, mount, named_fields, rev
 from app.page.queue.in_turn import Updates, last_share
 from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner
+from app.page.queue.worker import Task
 from app.page.results.result_parts import FiguresShown
 from app.page.tabs.services import Services
-from app.run.output.telling import share_teller
 from app.run.requests.request import Event, OnEvent, ShouldCancel
 
 MEASURING = "Measuring: {share:.0%}"
@@ -113,13 +114,13 @@ class FigureRunner(TabRunner[Found], Generic[Asked, Found]):
     def __init__(
         self,
         services: Services,
-        measure: Callable[[Asked, Callable[[float], None]], Found],
+        measure: Task[Asked, Found],
         parts: FigureParts,
     ) -> None:
         super().__init__(services.jobs, parts.status)
         self.examples = tuple(example.path for example in services.catalogue.examples)
         self.config = services.config
-        self.measure = measure
+        self.measure: Task[Asked, Found] = partial(services.worker.do, measure)
         self.parts = parts
         self._addresses = services.addresses
 
@@ -177,7 +178,7 @@ class _Work(Generic[Asked, Found]):
     figures: FiguresShown
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Found:
-        return self.runner.measure(self.asked, share_teller("numbers", on_event, should_cancel))
+        return self.runner.measure(self.asked, on_event, should_cancel)
 
     def progress(self, events: list[Event]) -> Updates:
         share = last_share(events)

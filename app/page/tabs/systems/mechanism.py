@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -20,11 +21,10 @@ from app.page.queue.jobs import Job
 from app.page.queue.runner import TabRunner
 from app.page.routes.media import MediaAddresses
 from app.page.tabs.services import Services
+from app.run.diagnose import DiagnoseRequest
 from app.run.examples import CLEAN
-from app.run.experiments.mechanism import NAMES, NOISE_RAD, MechanismRequest
-from app.run.output.telling import share_teller
+from app.run.experiments.mechanism import NAMES, NOISE_RAD, MechanismRequest, show_mechanism
 from app.run.requests.request import Artefact, Event, OnEvent, ShouldCancel
-from app.run.videos.own_videos import OnFile
 
 TITLE = "The argument in ten seconds: equal noise on local and on global rotations"
 INTRODUCTION = (
@@ -49,7 +49,7 @@ _ON_OPENING = (
 
 Shown = tuple[Path | None, tuple[str, ...]]
 """A video, where one was drawn, and what the bodies show in sentences."""
-Show = Callable[[MechanismRequest, Callable[[float], None], OnFile], Shown]
+Show = Callable[[MechanismRequest, OnEvent, ShouldCancel], Shown]
 
 
 @dataclass(frozen=True)
@@ -124,8 +124,6 @@ class MechanismRunner(TabRunner[Shown]):
 
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_Work]:
-        from app.run.diagnose import DiagnoseRequest
-
         noise, motion, needs_video = values
         asked = MechanismRequest(
             motion=Path(motion) if motion else CLEAN,
@@ -142,8 +140,8 @@ class MechanismRunner(TabRunner[Shown]):
             *(job.folder, self._services.addresses, cookie),
         )
         showing.is_drawn = False
-        show, addresses = self._services.processes.show_mechanism, self._services.addresses
-        yield _Work(show, asked, addresses, cookie, self._parts, showing)
+        show = partial(self._services.worker.do, show_mechanism)
+        yield _Work(show, asked, self._services.addresses, cookie, self._parts, showing)
 
     def blank(self) -> Updates:
         return self.stopped(markup.sentence_status(text.STARTING), "")
@@ -169,8 +167,7 @@ class _Work:
     showing: Showing
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> Shown:
-        on_progress = share_teller("video", on_event, should_cancel)
-        return self.show(self.asked, on_progress, on_event)
+        return self.show(self.asked, on_event, should_cancel)
 
     def progress(self, events: list[Event]) -> Updates:
         updates: Updates = {}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gradio as gr
 
@@ -13,10 +13,8 @@ from app.page.parts import markup
 from app.page.parts.asked import form_of
 from app.page.tabs.services import Services
 from app.page.tabs.systems.measured_figure import FigureRunner, build_measuring_sheet
+from app.run.experiments.step_curve import StepCurve, StepCurveRequest, measure_step_curve
 from model.systems.registry import usual_systems
-
-if TYPE_CHECKING:
-    from app.run.experiments.step_curve import StepCurve, StepCurveRequest
 
 TITLE = "What steps buy, measured here"
 INTRODUCTION = (
@@ -35,7 +33,7 @@ def build_step_curve(page: gr.Blocks, services: Services) -> None:
     sheet = build_measuring_sheet(
         "steps", services.catalogue, usual_systems("steps"), _build_fields, "Measure"
     )
-    StepCurveRunner(services, services.processes.measure_steps, sheet.parts).wire(page, sheet)
+    StepCurveRunner(services, measure_step_curve, sheet.parts).wire(page, sheet)
 
 
 def _build_fields() -> list[Any]:
@@ -56,7 +54,7 @@ class StepCurveForm:
     speech: str | None
 
 
-class StepCurveRunner(FigureRunner["StepCurveRequest", "StepCurve"]):
+class StepCurveRunner(FigureRunner[StepCurveRequest, StepCurve]):
     """Measures ticked systems with few and with many steps."""
 
     tab = "steps"
@@ -65,8 +63,6 @@ class StepCurveRunner(FigureRunner["StepCurveRequest", "StepCurve"]):
 
     def request(self, values: tuple[Any, ...], out: Path) -> StepCurveRequest:
         """See `FigureRunner.request`."""
-        from app.run.experiments.step_curve import StepCurveRequest
-
         form = form_of(StepCurveForm, values)
         path = Path(form.speech) if form.speech else next(iter(self.examples), None)
         if not form.systems:

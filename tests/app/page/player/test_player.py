@@ -30,7 +30,7 @@ from app.page.player.timeline import (
 )
 from app.page.queue.jobs import JobBook
 from app.page.routes.media import MediaAddresses
-from app.run.examples import CLEAN, FACTS, STEADY, TREMBLING, FirstLook, first_look
+from app.run.examples import CLEAN, FACTS, STEADY, TREMBLING, first_look
 from app.run.followed_point import choose_tip_source
 from app.run.pieces import HEADER, frames_message
 from app.run.requests.request import Artefact, GenerateRequest, Piece
@@ -43,7 +43,7 @@ from model.storage.cards import BUNDLED_WEIGHTS
 from model.systems.globaldiff.config import BEST
 from renderer.body.body import load_body
 from renderer.figures.style import REFERENCE_STYLE, SYSTEM_STYLES
-from tests.app.fakes import made_motion
+from tests.app.fakes import FakeWorker, made_motion
 from tests.helpers import ROOT, smooth_motion_example
 from tests.model.made import made_waveform
 from tests.renderer.body.test_body import expanded_to_smplx
@@ -363,12 +363,14 @@ def config(tmp_path: Path) -> AppConfig:
 def test_what_has_been_made_is_shown_to_every_visitor_without_a_cookie(config, tmp_path):
     media = MediaAddresses()
 
-    def fail(look: FirstLook, weights: Path) -> None:
+    def fail(*asked: Any) -> None:
         raise AssertionError("it was there, or cannot be made")
+
+    worker = FakeWorker(does={"make_first_look": fail})
 
     def begun() -> FirstLooks:
         catalogue = Catalogue((BEST,), ("ann",), "", (Example("Three reasons", SPEECH),))
-        return FirstLooks(config, catalogue, JobBook(tmp_path / "jobs"), media, fail)
+        return FirstLooks(config, catalogue, JobBook(tmp_path / "jobs"), media, worker)
 
     looks = begun()
     looks.make()

@@ -1,59 +1,68 @@
-"""What a child process does in the middle of its work, each by its own hand."""
+"""Tasks that end as they do, each by its own hand."""
 
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
-
-class Ending:
-    """Files to be looked at, which do that to whoever begins to look."""
-
-    def __init__(self, end: Callable[[], None]) -> None:
-        self.end = end
-
-    def __iter__(self) -> Iterator[Path]:
-        self.end()
-        return iter(())
+from app.errors import RunError
 
 
-def carry_on() -> None:
-    """Nothing ends."""
+def carry_on(request: str, *_: Any) -> str:
+    """Say it back."""
+    return request
 
 
-def wait() -> None:
+def wait(*_: Any) -> None:
     """Until somebody ends it from outside."""
     while True:
         signal.pause()
 
 
-def take_five_gigabytes() -> None:
+def wait_for_stop(request: str, on_event: Any, should_cancel: Callable[[], bool]) -> None:
+    while not should_cancel():
+        pass
+
+
+def say_no(*_: Any) -> None:
+    raise RunError("It is no <good>.")
+
+
+def fail(*_: Any) -> None:
+    raise OverflowError("a secret of /home/somebody")
+
+
+def take_five_gigabytes(*_: Any) -> None:
     """Which are never touched."""
     np.empty(5 * 10**9, np.uint8)
 
 
-def segfault() -> None:
+def segfault(*_: Any) -> None:
     os.kill(os.getpid(), signal.SIGSEGV)
 
 
-def terminate() -> None:
+def terminate(*_: Any) -> None:
     os.kill(os.getpid(), signal.SIGTERM)
 
 
-def kill() -> None:
+def kill(*_: Any) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def leave_with_3() -> None:
+def leave_with_3(*_: Any) -> None:
     sys.stderr.write("the last words of it\x1b[2J\n")
     sys.exit(3)
 
 
-def run_out_of_memory_in_c() -> None:
+def run_out_of_memory_in_c(*_: Any) -> None:
     """As C++ does where nobody catches it."""
     sys.stderr.write("terminate called after throwing an instance of 'std::bad_alloc'\n")
     sys.stderr.flush()
     os.abort()
+
+
+def niceness(*_: Any) -> int:
+    return os.getpriority(os.PRIO_PROCESS, 0)

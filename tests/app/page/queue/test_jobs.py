@@ -6,11 +6,8 @@ from contextlib import ExitStack
 
 import pytest
 
-from app.config import AppConfig
 from app.errors import CancelledRun, RunError
 from app.page.queue.jobs import Job, JobBook
-from app.page.visitors.visitor_files import VisitorFiles
-from tests.app.page.queue.test_run_processes import zeros
 
 
 def in_threads(*calls: Callable[[], None]) -> None:
@@ -124,49 +121,6 @@ def test_who_has_no_run_waiting_gets_a_place_of_who_has_many(tmp_path):
         [jobs.open("flood", "own_motion", "10.0.0.1") for _ in range(5)]
 
 
-def test_what_was_uploaded_tells_which_runs_are_large(tmp_path):
-    visitor_files = VisitorFiles(AppConfig(temp=tmp_path, min_free_bytes=0))
-    jobs = JobBook(tmp_path / "jobs", visitor_files=visitor_files)
-    uploads = tmp_path / "gradio"
-    uploads.mkdir()
-    zeros(uploads / "hour.npz", 5_600)  # 6.0 MB of motion
-    zeros(uploads / "short.npz", 5_500)
-    (uploads / "broken.npz").write_bytes(b"PK")
-    (uploads / "minutes.mp3").write_bytes(bytes(610_000))
-    (uploads / "seconds.mp3").write_bytes(bytes(600_000))
-    (uploads / "seconds.wav").write_bytes(bytes(610_000))
-    large = {
-        path.name
-        for path in uploads.iterdir()
-        if jobs.open("a", "own_motion", "10.0.0.1", uses=[[str(path)], 3]).is_large
-    }
-    assert large == {"hour.npz", "minutes.mp3"}
-    assert uploads / "hour.npz" in jobs.in_use()
-
-
-@pytest.mark.parametrize(
-    ("visitor", "address", "is_let_through"),
-    [("b", "10.0.0.2", True), ("b", "10.0.0.1", True), ("a", "10.0.0.1", False)],
-)
-def test_what_takes_long_lets_one_of_somebody_else_through(
-    tmp_path, monkeypatch, visitor, address, is_let_through
-):
-    jobs = JobBook(tmp_path)
-    long = jobs.open("a", "generate", "10.0.0.1")
-    other = jobs.open(visitor, "generate", address)
-    more = jobs.open("c", "generate", address)
-    with jobs.slot(long) as turn, jobs.slot(other) as waiting, jobs.slot(more) as behind:
-        assert list(turn) == [] and next(waiting) == (1 if is_let_through else 2)
-        monkeypatch.setattr("app.page.queue.jobs.LONG_S", 0.0)
-        if is_let_through:
-            assert list(waiting) == [] and next(behind) == 1, "and no more than one"
-        else:
-            assert list(behind) in ([], [1])
-            jobs.cancel("a", "generate")
-            with pytest.raises(CancelledRun):
-                next(waiting)
-
-
 def test_videos_come_last_and_make_way_those_that_were_asked_for_before_the_others(tmp_path):
     jobs = JobBook(tmp_path, max_waiting=1)
     usual, another = (jobs.open(name, "videos", f"10.0.0.{name}") for name in "12")
@@ -178,7 +132,7 @@ def test_videos_come_last_and_make_way_those_that_were_asked_for_before_the_othe
             assert next(waiting) == 1 and usual.is_put_back
             at_work.close()
             anew = jobs.again(usual)
-            assert anew is not None and not usual.folder.exists() and not anew.is_large
+            assert anew is not None and not usual.folder.exists()
             assert list(waiting) == []
             jobs.max_waiting = 3
             asked = jobs.open("1", "seen", "10.0.0.1")

@@ -3,7 +3,7 @@
 import json
 import shutil
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -32,12 +32,11 @@ from app.page.tabs.own_motion_run import ClipRunner, OwnMotionRunner
 from app.page.tabs.own_sets_run import SetsTools, build_sets
 from app.page.tabs.study_run import NO_COOKIE, StudyParts, StudyRunner
 from app.page.tabs.videos_run import Draw, VideosBehind, Wanted
-from app.run.diagnose import DiagnoseRequest, Diagnosis, OnShare
+from app.run.diagnose import DiagnoseRequest, Diagnosis
 from app.run.many.sets import Sets, SetsRequest
 from app.run.output.result_folder import zip_files
-from app.run.requests.request import Artefact
+from app.run.requests.request import Artefact, OnEvent, Progress, ShouldCancel
 from app.run.videos.behind import VideosRequest, names_that_fit
-from app.run.videos.own_videos import OnFile
 from conventions.views import CLOSE_UPS
 from model.motion.motion import load_motion, save_motion
 from model.speech.audio import load_speech
@@ -58,7 +57,7 @@ class Own:
     def __init__(self, folder: Path, diagnose: Any, measure_sets: Any = None) -> None:
         with gr.Blocks():
             self.parts, sets = build_results(), build_sets()
-        does = {"diagnose": diagnose, "draw_behind": fakes.make_draw()}
+        does = {"diagnose_files": diagnose, "draw_behind": fakes.make_draw()}
         services = fakes.made_services(folder, does, config=AppConfig())
         tools = SetsTools(measure_sets, sets, KeptSets())
         self.sets_shown = sets.shown
@@ -67,8 +66,8 @@ class Own:
         self.opener = ClipRunner(services, self.parts, videos, tools)
 
 
-def diagnose(request: DiagnoseRequest, on_progress: OnShare, on_file: OnFile) -> Diagnosis:
-    on_progress(0.5)
+def diagnose(request: DiagnoseRequest, on_event: OnEvent, should_cancel: ShouldCancel) -> Diagnosis:
+    on_event(Progress("numbers", 0.5))
     request.out.mkdir()
     files = tuple(request.out / name for name in ("diagnostics.json", "jitter.png"))
     for file in files:
@@ -97,9 +96,11 @@ class Measured:
         self.asked: list[SetsRequest] = []
         self._folder = folder
 
-    def __call__(self, request: SetsRequest, on_progress: Callable[[float], None]) -> Sets:
+    def __call__(
+        self, request: SetsRequest, on_event: OnEvent, should_cancel: ShouldCancel
+    ) -> Sets:
         self.asked.append(request)
-        on_progress(0.5)
+        on_event(Progress("numbers", 0.5))
         request.out.mkdir()
         table = request.out / "many.csv"
         table.write_text("0")
@@ -177,7 +178,7 @@ def keeps(live: LiveSessions, weights: Path, tmp_path: Path) -> LiveRunner:
     with gr.Blocks():
         form = FormParts((), gr.Button(), gr.Button())
         results = build_results("live-")
-    does = {"generate": make_generate(), "draw_behind": make_draw()}
+    does = {"generate_all": make_generate(), "draw_behind": make_draw()}
     config = AppConfig(weights=weights, temp=tmp_path)
     services = made_services(tmp_path, does, config=config, live=live)
     return LiveRunner(services, form, results, VideosBehind(services, results, "live_videos"))

@@ -1,6 +1,5 @@
 """The tab of systems: what its parts ask for, and what they show of it."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +15,7 @@ from app.run.examples import CLEAN
 from app.run.experiments.hearing import Heard, Hearing, HearingRequest
 from app.run.experiments.mechanism import NAMES, MechanismRequest, show_mechanism
 from app.run.experiments.step_curve import StepCurve, StepCurveRequest, StepPoint
-from app.run.requests.request import Artefact
-from app.run.videos.own_videos import OnFile
+from app.run.requests.request import Artefact, OnEvent, Progress, ShouldCancel
 from model.measures.hearing import Decided
 from model.motion.motion import save_motion
 from model.systems.globaldiff.config import BEST, LADDER, SYSTEMS
@@ -26,7 +24,6 @@ from tests.app.fakes import catalogue_of, made_motion, made_services
 from tests.app.page.made import updates_of
 
 EXAMPLES = tuple(Path(f"/examples/{name}.wav") for name in "abc")
-OnShare = Callable[[float], None]
 
 
 class Measured:
@@ -39,9 +36,11 @@ class Measured:
         self.runner = kind(services, self.measure, self.parts)
         self.asked: list[Any] = []
 
-    def measure(self, request: Any, on_progress: OnShare) -> StepCurve | Hearing:
+    def measure(
+        self, request: Any, on_event: OnEvent, should_cancel: ShouldCancel
+    ) -> StepCurve | Hearing:
         self.asked.append(request)
-        on_progress(0.5)
+        on_event(Progress("numbers", 0.5))
         request.out.mkdir()
         is_hearing = isinstance(request, HearingRequest)
         figure = request.out / ("hearing.png" if is_hearing else "steps.png")
@@ -110,14 +109,14 @@ def test_both_bodies_play_and_what_they_show_is_told(tmp_path, needs_video):
     asked: list[MechanismRequest] = []
 
     def show(
-        request: MechanismRequest, on_progress: OnShare, on_file: OnFile
+        request: MechanismRequest, on_event: OnEvent, should_cancel: ShouldCancel
     ) -> tuple[Path | None, tuple[str, ...]]:
         asked.append(request)
         for name in NAMES:
             path = request.out.with_name(f"{name}.npz")
             save_motion(made_motion(10), path)
-            on_file(Artefact("motion", name, path))
-        on_progress(0.5)
+            on_event(Artefact("motion", name, path))
+        on_event(Progress("numbers", 0.5))
         request.out.write_bytes(b"0")
         return request.out if request.has_video else None, ("Moved by <1> cm.",)
 

@@ -15,6 +15,7 @@ from conventions.rates import SAMPLE_RATE
 from model.motion.motion import save_motion
 from model.speech.audio import write_wav
 from processes.pool import JobPool
+from tests.app.heard import Heard
 from tests.helpers import smooth_motion_example
 
 CLIPS = ("a", "b", "c", "d", "e")
@@ -48,7 +49,7 @@ def zipped(folder: Path, out: Path, **more: bytes) -> Path:
 
 
 def test_a_zip_is_measured_as_its_folder(folders: Path, tmp_path: Path) -> None:
-    shares: list[float] = []
+    heard = Heard()
     found = measure_sets(
         SetsRequest(
             (zipped(folders / "mine", tmp_path / "mine.zip", res_broken=b"no motion"),),
@@ -57,9 +58,10 @@ def test_a_zip_is_measured_as_its_folder(folders: Path, tmp_path: Path) -> None:
             zipped(folders / "gt", tmp_path / "gt.zip", gt_broken=b"no motion"),
             zipped(folders / "sound", tmp_path / "sound.zip"),
         ),
-        shares.append,
+        heard.take,
     )
     assert found.told["clips"] == list(CLIPS)
+    shares = heard.shares
     assert sorted(shares) == shares and shares[-1] > 0.8, "the last clip could not be read"
     assert list(found.clips) == ["My system", "reference"]
     assert sorted(found.sounds) == list(CLIPS)

@@ -1,0 +1,209 @@
+"""Tasks in processes of their own, with limits of memory, time and silence.
+
+A task is a function of a request, an ear for events, and what says whether to stop; it is found by
+its name in the process, which reads the models once and is kept for the next task. It is ended when
+it does not hear a cancel at once, takes too long, says nothing new for long, or has grown much.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import queue
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from app.errors import CancelledRun, FaultElsewhere, RunError
+from app.run.requests.request import Artefact, OnEvent, ShouldCancel
+from processes.child import Child, Gone
+
+Asked = TypeVar("Asked")
+Found = TypeVar("Found")
+Task = Callable[[Asked, OnEvent, ShouldCancel], Found]
+
+GRACE_S = 1.0
+"""How long a process may go on after it was told to stop."""
+GROWN_BYTES = 10**9
+"""A process that is larger by this than before its task is not kept."""
+HEARD = True
+"""Sent back for a file that has been told of: only then may the child move it."""
+_POLL_S = 0.05
+
+TOO_LONG = (
+    "This run took longer than the {minutes:.0f} minutes that a run may take here; ask for less."
+)
+SILENT = (
+    "This run had stopped getting on and was ended after {seconds:.0f} s; start it again, and if "
+    "that happens again, ask for less."
+)
+ENDED = "The process of this run"
+FOR_MEMORY = "a run may take {gigabytes:.1f} GB here, so ask for less"
+AGAIN = "start it again, which is done by a fresh process"
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Of one task."""
+
+    memory_bytes: int = 4 * 10**9
+    """Above what the process has before it."""
+    seconds: float = 2 * 3600.0
+    silent_s: float = 240.0
+    """Without any progress."""
+
+
+class Worker:
+    """Does tasks, as many at once as it has processes. Safe to use from several threads."""
+
+    def __init__(
+        self,
+        num_processes: int = 1,
+        limits: Limits = Limits(),
+        warm: tuple[Path, Path | None] | None = None,
+        niceness: int = 0,
+    ) -> None:
+        """
+        Args:
+            warm: weights and body that every process reads before its first task; None reads what a
+                task needs when it needs it.
+            niceness: 19 works only while nobody else wants to.
+        """
+        self._num_processes = num_processes
+        self._limits = limits
+        self._warm = warm
+        self._niceness = niceness
+        self._is_closed = False
+        self._free: queue.LifoQueue[_Process | None] = queue.LifoQueue()
+        self._all: set[_Process] = set()
+        for _ in range(num_processes):
+            self._free.put(None)
+
+    def start(self) -> None:
+        """Start all processes, so that the first visitors need not wait for that."""
+        for process in [self._fit(self._free.get()) for _ in range(self._num_processes)]:
+            self._free.put(process)
+
+    def do(
+        self,
+        task: Task[Asked, Found],
+        request: Asked,
+        on_event: OnEvent = lambda event: None,
+        should_cancel: ShouldCancel = lambda: False,
+    ) -> Found:
+        """Do a task, which is a function of a module, as soon as a process is free.
+
+        Raises:
+            CancelledRun: within about a second of ``should_cancel`` saying so.
+            RunError: with the sentence of what went wrong, or the limit that was met.
+            FaultElsewhere: for a fault of the program.
+        """
+        process = self._next_free(should_cancel)
+        try:
+            process = self._fit(process)
+            return process.do((task, request), self._limits, on_event, should_cancel)
+        finally:
+            if self._is_closed:
+                self._drop(process)
+            elif process is not None and not process.is_fit():
+                # At once: the next visitor should find its models read.
+                process = self._fit(process)
+            self._free.put(process)
+
+    def close(self) -> None:
+        """End all processes."""
+        self._is_closed = True
+        for process in list(self._all):
+            self._drop(process)
+
+    def _next_free(self, should_cancel: ShouldCancel) -> _Process | None:
+        while not should_cancel():
+            try:
+                return self._free.get(timeout=_POLL_S)
+            except queue.Empty:
+                continue
+        raise CancelledRun
+
+    def _fit(self, process: _Process | None) -> _Process:
+        """This one, or another in its place."""
+        if process is not None and process.is_fit():
+            return process
+        self._drop(process)
+        process = _Process(self._warm, self._niceness)
+        self._all.add(process)
+        return process
+
+    def _drop(self, process: _Process | None) -> None:
+        if process is not None:
+            process.child.end()
+            self._all.discard(process)
+
+
+class _Process:
+    """One child, and what it was like at first."""
+
+    def __init__(self, warm: tuple[Path, Path | None] | None, niceness: int) -> None:
+        needed = (str(path) for path in warm or () if path is not None)
+        self.child = Child("app.page.queue.worker_child", *needed, is_log_handed_on=True)
+        if niceness:
+            os.setpriority(os.PRIO_PROCESS, self.child.pid, niceness)  # and all that it starts
+        self._is_idle = True
+        self._grown = 0
+
+    def is_fit(self) -> bool:
+        """Whether it can take another task."""
+        return self._is_idle and self._grown < GROWN_BYTES and self.child.is_alive()
+
+    def do(
+        self,
+        work: tuple[Task[Any, Found], Any],
+        limits: Limits,
+        on_event: OnEvent,
+        should_cancel: ShouldCancel,
+    ) -> Found:
+        self._is_idle = False
+        self.child.forget()
+        started = told_at = time.monotonic()
+        news: object = None
+        stop_by: float | None = None
+        try:
+            self.child.send((pickle.dumps(work), limits.memory_bytes))
+            while True:
+                now = time.monotonic()
+                if stop_by is None and should_cancel():
+                    stop_by = now + GRACE_S
+                    self.child.send(None)
+                if stop_by is not None and now > stop_by:
+                    raise CancelledRun
+                if now - started > limits.seconds:
+                    raise RunError(TOO_LONG.format(minutes=limits.seconds / 60))
+                if now - told_at > limits.silent_s:
+                    raise RunError(SILENT.format(seconds=limits.silent_s))
+                if not self.child.has_message(_POLL_S):
+                    continue
+                kind, value = self.child.receive()
+                if kind != "event":
+                    self._is_idle = True
+                    return self._outcome(kind, value)
+                if value != news:
+                    news, told_at = value, now
+                on_event(value)
+                if isinstance(value, Artefact):
+                    self.child.send(HEARD)
+        except Gone as error:
+            if stop_by is not None:
+                raise CancelledRun from error
+            allowed = FOR_MEMORY.format(gigabytes=limits.memory_bytes / 1e9)
+            raise RunError(self.child.ended().sentences(ENDED, allowed, AGAIN)) from error
+
+    def _outcome(self, kind: str, value: Any) -> Any:
+        if kind == "done":
+            result, self._grown = value
+            return result
+        if kind == "cancelled":
+            raise CancelledRun
+        if kind == "sentence":
+            raise RunError(value)
+        raise FaultElsewhere(value)

@@ -1,0 +1,171 @@
+"""Tasks in processes of their own: limits, cancelling, and what is left after each."""
+
+import os
+import shutil
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from app.errors import CancelledRun, FaultElsewhere, RunError, sentence_of, visitor_sentence
+from app.page.queue.worker import Limits, Worker
+from app.run.diagnose import DiagnoseRequest, diagnose_files
+from app.run.requests.request import Artefact, Event, Progress
+from model.motion.motion import save_motion
+from processes import ended
+from tests.app.page.queue import ends
+from tests.helpers import smooth_motion_example
+
+
+@pytest.fixture(scope="module")
+def worker() -> Iterator[Worker]:
+    """One process for all tests that need not end it; whoever ends it leaves another."""
+    worker = Worker(limits=Limits(seconds=100))
+    yield worker
+    worker.close()
+
+
+def small(tmp_path: Path) -> DiagnoseRequest:
+    path = tmp_path / "small.npz"
+    save_motion(smooth_motion_example(60), path)
+    return DiagnoseRequest((path,), tmp_path / "results", has_pictures=False, is_played=True)
+
+
+def pid_of(worker: Worker) -> int:
+    (process,) = worker._all
+    return process.child.pid
+
+
+def test_a_process_is_kept_and_gives_what_tasks_give_their_files_sentences_and_faults(
+    worker, tmp_path
+):
+    events: list[Event] = []
+
+    def on_event(event: Event) -> None:
+        events.append(event)
+        if isinstance(event, Artefact):
+            (process,) = worker._all
+            assert not process.child.has_message(0.3), "it waits until the file has been looked at"
+            assert event.path.is_file()
+
+    diagnosis = worker.do(diagnose_files, small(tmp_path), on_event)
+    assert diagnosis.files and all(path.is_file() for path in diagnosis.files)
+    assert {type(event) for event in events} == {Progress, Artefact}
+    first = pid_of(worker)
+    with pytest.raises(RunError, match=r"^It is no <good>\.$"):
+        worker.do(ends.say_no, "")
+    with pytest.raises(FaultElsewhere, match="Traceback") as fault:
+        worker.do(ends.fail, "")
+    assert worker.do(ends.carry_on, "said") == "said" and pid_of(worker) == first
+    assert sentence_of(fault.value) is None
+
+
+def test_a_visitor_is_told_a_number_of_a_fault_and_the_log_where_it_was(worker, caplog):
+    with pytest.raises(FaultElsewhere) as fault:
+        worker.do(ends.fail, "")
+    sentence = visitor_sentence(fault.value)
+    assert "Traceback" not in sentence and "somebody" not in sentence and "\n" not in sentence
+    (logged,) = caplog.messages
+    assert logged.split()[-1] in sentence
+    assert "OverflowError" in caplog.text and "in fail" in caplog.text
+
+
+def test_cancel_ends_a_process_that_does_not_hear_it_and_a_successor_is_there_at_once(worker):
+    worker.do(ends.carry_on, "")
+    first, asked = pid_of(worker), iter([False] * 3)
+    with pytest.raises(CancelledRun):
+        worker.do(ends.wait, "", should_cancel=lambda: next(asked, True))
+    assert pid_of(worker) != first and worker.do(ends.carry_on, "said") == "said"
+    with pytest.raises(CancelledRun):
+        worker.do(ends.carry_on, "", should_cancel=lambda: True)
+
+
+def test_a_cancel_that_comes_with_the_work_is_heard(worker):
+    worker.do(ends.carry_on, "")
+    first = pid_of(worker)
+    for _ in range(20):
+        asked = iter([False])
+        worker.do(ends.wait_for_stop, "", should_cancel=lambda asked=asked: next(asked, True))
+    assert pid_of(worker) == first
+
+
+def test_only_the_process_that_is_to_be_nice_is():
+    polite = Worker(2, niceness=19)
+    try:
+        assert polite.do(ends.niceness, "") == 19
+        assert os.getpriority(os.PRIO_PROCESS, 0) < 19
+    finally:
+        polite.close()
+
+
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        (Limits(seconds=0.5), "took longer than the 0 minutes"),
+        (Limits(silent_s=0.5), "stopped getting on and was ended after 0 s"),
+    ],
+)
+def test_what_takes_too_long_is_ended(limits, words):
+    worker = Worker(limits=limits)
+    try:
+        with pytest.raises(RunError, match=words):
+            worker.do(ends.wait, "")
+    finally:
+        worker.close()
+
+
+@pytest.mark.parametrize(
+    ("end", "words"),
+    [
+        (ends.segfault, ["signal 11 (SIGSEGV)", "Segmentation fault", "fresh process", "report"]),
+        (ends.leave_with_3, ["with exit status 3", "the last words of it", "report"]),
+        (ends.terminate, ["by signal 15 (SIGTERM), which was sent to it", "start it again"]),
+        (ends.kill, ["by signal 9 (SIGKILL)", "tells of no want of memory"]),
+        (ends.run_out_of_memory_in_c, ["for want of memory, as its log says", "may take 4.0 GB"]),
+        (ends.take_five_gigabytes, ["ran out of memory"]),
+    ],
+)
+def test_a_process_that_dies_says_how_and_the_next_task_goes_well(end, words, worker, capsys):
+    """Each ends itself in the middle of its run, but the last, which meets its limit."""
+    with pytest.raises(RunError) as told:
+        worker.do(end, "")
+    sentence = str(told.value)
+    assert all(word in sentence for word in words) and sentence.isprintable(), sentence
+    wants_memory = "for want of memory" in sentence or "ran out of memory" in sentence
+    assert wants_memory == (end in (ends.run_out_of_memory_in_c, ends.take_five_gigabytes))
+    if end is ends.leave_with_3:
+        assert "the last words of it" in capsys.readouterr().err, "what it says goes to the log"
+    assert worker.do(ends.carry_on, "said") == "said"
+
+
+def test_memory_is_named_where_the_kernel_has_ended_it(worker, tmp_path, monkeypatch):
+    """The counter of a control group rises while the run goes on."""
+    (tmp_path / "memory.events").write_text("oom 0\noom_kill 4\n")
+    monkeypatch.setattr(ended, "_counters", lambda: iter([tmp_path / "memory.events"]))
+
+    def strike() -> bool:
+        if worker._free.empty():
+            (tmp_path / "memory.events").write_text("oom 1\noom_kill 5\n")
+            os.kill(pid_of(worker), signal.SIGKILL)
+        return False
+
+    with pytest.raises(RunError, match=r"want of memory, as the system says; .* 4\.0 GB"):
+        worker.do(ends.wait, "", should_cancel=strike)
+
+
+@pytest.mark.slow
+def test_a_successor_is_warm_and_work_that_is_there_is_done_before_models_are_read(
+    weights, tmp_path
+):
+    never = tmp_path / "weights"
+    shutil.copytree(weights, never)
+    for path in never.glob("*.safetensors"):
+        path.unlink()
+        os.mkfifo(path)  # whoever reads it waits for ever
+    worker = Worker(limits=Limits(seconds=100.0), warm=(never, None))
+    worker.start()
+    try:
+        assert worker.do(diagnose_files, small(tmp_path)).files
+    finally:
+        worker.close()
