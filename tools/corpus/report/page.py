@@ -30,6 +30,7 @@ def report_page(speakers: Speakers, real: list[MeasuredClip], seed: int | None) 
             _HEAD,
             _statistics(speakers, real),
             _about(speakers, seed),
+            _HOW,
             _realism(speakers, real, "Can it be told from real motion?", _body),
             _realism(speakers, real, "Can its head and jaw be told from real ones?", _head_and_jaw),
             _OF_JAWS,
@@ -78,8 +79,8 @@ def _about(speakers: Speakers, seed: int | None) -> str:
     listening = sum(clip.listening_s for clip in clips) / frames_s
     return (
         f"Medians over {len(clips)} clips{of_seed} of {len(speakers)} speakers; real"
-        f" clips are in bold. Speakers listen for {listening:.1%} of the time, which is counted"
-        " here and left out below, where they are told from real ones.\n"
+        f" clips are in bold. Speakers listen for {listening:.1%} of the time, which counts here"
+        " and is left out below.\n"
     )
 
 
@@ -106,22 +107,15 @@ def _realism(
     first, second = (clip.clip_id for clip in real[:2])
     bound = max(AIM, realism.floor + AIM_OVER_FLOOR)
     return (
-        f"{title}A logistic regression on the {len(realism.features)} figures below, over windows"
-        f" of 2 s, trained on one real clip ({first} or {second}) and half of the corpus's clips"
-        " and tested on the other real clip and the other half, tells real from made with an area"
-        f" under the curve of **{realism.joint:.2f}** (mean of both ways; 0.5 is chance). The two"
-        f" real clips are told from each other with {realism.floor:.2f}, trained on three quarters"
-        f" of both and tested on the fourth. The aim, at most {AIM:g} or the floor +"
-        f" {AIM_OVER_FLOOR:g}, {_verdict(realism, bound)}\n\nSpeaker by speaker: "
+        f"{title}Told from real with an area under the curve of **{realism.joint:.2f}**, by"
+        f" {len(realism.features)} figures; real from real with {realism.floor:.2f}. The aim, at"
+        f" most {AIM:g} or that + {AIM_OVER_FLOOR:g}, {_verdict(realism, bound)}\n\nBy speaker: "
         + ", ".join(f"{name} {realism.by_speaker[name]:.2f}" for name in ranked)
-        + ". Calm speakers differ from a lively man also as people do.\n\n"
+        + ".\n\n"
         + _table(
             ["figure", first, second, "corpus", "by itself", "real against real", "share"],
             [_feature_row(feature) for feature in realism.features],
         )
-        + "\nMedians of windows; the area under the curve by the figure alone, and of the two real"
-        " clips against each other; the figure's share in the regression's distance between real"
-        " and made, negative where it works against the others.\n"
     )
 
 
@@ -167,10 +161,10 @@ def _separability(speakers: Speakers) -> str:
     worst = sorted(scores, key=lambda pair: scores[pair])[:5]
     listed = ", ".join(f"{a} and {b} {scores[a, b]:.2f}" for a, b in worst)
     return (
-        f"{title}A linear discriminant on the means of hand places, speeds and finger curl in"
-        " windows of 4 s, trained on half of the clips of two speakers and tested on the other"
-        f" half, tells them apart with an area under the curve of {np.median(values):.2f} in the"
-        f" median of {len(values)} pairs; {np.mean(values >= 0.8):.0%} of the pairs reach .80."
+        f"{title}A linear discriminant on means of hand places, speeds and finger curl in windows"
+        " of 4 s, trained on half of two speakers' clips, tells the other half apart with an area"
+        f" under the curve of {np.median(values):.2f} in the median of {len(values)} pairs;"
+        f" {np.mean(values >= 0.8):.0%} of them reach .80."
         f" Nearest to each other: {listed}.\n"
     )
 
@@ -189,9 +183,9 @@ def _alignment(speakers: Speakers) -> str:
     return (
         f"{title}Hand speed predicted from 12 bands of sound (ridge regression over 0.8 s to"
         " either side, trained on half of the clips) correlates with the true speed at"
-        f" {right.mean():.3f} on the other {len(gain)} clips, and at {shifted.mean():.3f} when the"
-        f" speech is shifted by {SHIFT_S:g} s: a difference of {gain.mean():.3f} with a 95 %"
-        f" interval of {gain.mean() - half_width:.3f} to {gain.mean() + half_width:.3f}.\n"
+        f" {right.mean():.3f} on the other {len(gain)}, at {shifted.mean():.3f} with speech shifted"
+        f" by {SHIFT_S:g} s: a difference of {gain.mean():.3f} [{gain.mean() - half_width:.3f},"
+        f" {gain.mean() + half_width:.3f}] (95 %).\n"
     )
 
 
@@ -213,13 +207,22 @@ def _repeats(speakers: Speakers) -> str:
 
 _HEAD = """# The procedural corpus in figures
 
-Made by `python -m tools.corpus.report`; do not edit by hand. What the corpus is and how it is made
-is told in `tools/corpus/`, from `texts.py` to `layout.py`.
-
-Real clips, where there are any, are one man's minutes from BEAT2's test split. They guide tuning;
-nothing measured on them is a test result, and no frame of them is in the corpus.
+Made by `python -m tools.corpus.report`; do not edit by hand. How the corpus is made is told in
+`tools/corpus/`, from `words` to `layout.py`. Real clips are one man's minutes from BEAT2's test
+split. They guide tuning; nothing measured on them is a test result, and no frame of them is in the
+corpus.
 
 ## Statistics
+"""
+
+_HOW = """## How it is told from real motion
+
+A logistic regression over windows of 2 s is trained on one real clip and half of the corpus's clips
+and tested on the other real clip and half (mean of both ways; 0.5 is chance); the real clips are
+told from each other after training on three quarters of both. Tables have medians of windows, the
+area under the curve by the figure alone and of the two real clips, and the figure's share in the
+regression's distance, negative where it works against the others. Calm speakers differ from a
+lively man also as people do.
 """
 
 _OF_JAWS = """Recordings open the mouth by face units as well as by the jaw, the corpus by the jaw
@@ -241,13 +244,10 @@ Eight frames, half a second apart, of a clip of each speaker.
 - Speech is flite's: clear, but flat, and it hesitates in words ("um") only. Accents are raised by
   level and pitch, more than people do, so that motion can be learned from them.
 - Speakers are calmer than the man of the real clips: wrists, elbows and feet are slower than his.
-  What of it gives the corpus away is in the table above.
-- Hands keep off the body and touch each other when folded; they touch no face and no thing, which
-  real hands do.
-- Feet hardly slip and stand on a floor that is flat and empty; nobody walks or turns away.
-- Words call for some fifty literal gestures, but those are always the same: "two" shows two
-  fingers.
-- Faces blink, speak, smile and raise brows; they do not show feelings that the text has.
+- Hands keep off the body and touch each other when folded; they touch no face and no thing.
+- Feet hardly slip, the floor is flat and empty; nobody walks or turns away.
+- Words call for some fifty literal gestures, always the same: "two" shows two fingers.
+- Faces blink, speak, smile and raise brows; they show no feelings that the text has.
 - While speakers listen, hands lie and the mouth is shut, but nobody is heard: silence is digital
   zero, nods answer nothing, and a question may be answered by who asked it.
 """
