@@ -54,7 +54,7 @@ fuzz: .venv/.test-ready
 	FUZZ_SECONDS=3600 $(BIN)/python -m pytest tests/fuzz
 
 soak: .venv/.test-ready
-	SOAK_SECONDS=1800 ATTACKED_VISITORS=20 COLD_STARTS=20 ATTACK_BODIES=34 $(BIN)/python -m pytest tests/soak
+	SOAK_SECONDS=1800 COLD_STARTS=20 ATTACK_BODIES=34 $(BIN)/python -m pytest tests/soak
 
 slow: .venv/.test-ready
 	CHECK_SHAPES=everywhere $(BIN)/python -m pytest -m "slow or not slow" $(WORKERS) \

@@ -34,20 +34,13 @@ class AppConfig:
     """Ten minutes of 48 kHz stereo are 115 MB; Gradio refuses more than this while uploading."""
     num_slots: int = 1
     """Runs at work at the same time; each draws two videos at once."""
-    max_waiting: int = 16
+    max_waiting: int = 32
+    """For their turn, videos behind a stage among them."""
     keep_results_s: float = 3600.0
     """Results and uploads are deleted this long after they were made."""
     max_run_s: float = 2 * 3600.0
     max_run_bytes: int = 4 * 10**9
     """Of memory that a run may take beyond the models."""
-    max_kept_bytes: int = 16 * 10**9
-    """Of all that visitors have left at a time; further uploads and runs are refused."""
-    max_kept_bytes_each: int = 4 * 10**9
-    """Of one address in the time that results are kept."""
-    max_kept_files: int = 25_000
-    """Of all visitors at a time; each file counts 4 KB beside its content."""
-    max_kept_files_each: int = 2_500
-    """Of one address in the time that results are kept."""
     min_free_bytes: int = 10**9
     """Of the disk, which is never filled further."""
     host_names: tuple[str, ...] = ()

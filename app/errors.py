@@ -60,10 +60,15 @@ def visitor_sentence(error: BaseException) -> str:
         return text.DISK_FULL
     sentence = sentence_of(error)
     if sentence is not None:
-        return page_sentence(_FOLDERS.sub("", sentence))
+        return page_sentence(without_folders(sentence))
     fault_id = secrets.token_hex(4)
     log.error("fault %s", fault_id, exc_info=error)
     return text.FAULT.format(fault_id=fault_id)
+
+
+def without_folders(sentence: str) -> str:
+    """A sentence without the folders of files that it names."""
+    return _FOLDERS.sub("", sentence)
 
 
 def page_sentence(sentence: str) -> str:

@@ -213,12 +213,7 @@ STAGE_NAMES = {
 }
 READY = "Ready."
 STARTING = "Starting, as soon as the models are read."
-WAITING = "Waiting: {ahead} ahead of you on this machine."
-WAITING_ONE = "Waiting: one run ahead of you on this machine."
-PUT_BACK = (
-    "This run takes long, and others wait: it stops, and begins anew once the long run of your "
-    "address has ended."
-)
+WAITING = "Waiting for its turn on this machine."
 DONE = "Done in {seconds:.0f} s: {rows}, {frames} frames each at 30 per second."
 SEEN_STARTING = "The video of the stage begins as soon as there is room."
 SEEN_COMING = "The video of the stage is drawn: {share:.0%}."
@@ -243,7 +238,6 @@ VIDEOS_COMING = "Videos are being drawn behind it: {share:.0%}."
 VIDEOS_DONE = "Its videos are drawn."
 VIDEOS_FAILED = "Its videos could not be drawn: {why}"
 STOPPED = "Stopped. Nothing was kept."
-STOPPING = "Stopping: the step at work ends first."
 CANCELLED = "Cancelled. Nothing was kept."
 FAILED_TITLE = "This run stopped"
 NOTES_TITLE = "Good to know"
@@ -257,20 +251,6 @@ TOO_MANY_VIDEOS = (
     "{systems} with {samples} of each make {count} bodies, with the reference if there is one; "
     "this page shows at most {limit}. Choose fewer."
 )
-BUSY = "This machine has {limit} runs waiting already; try again in a few minutes."
-TURNED_OUT = (
-    "All {limit} waiting places were taken and others had none; your newest run gave its place up. "
-    "Start it again once one of your runs has ended."
-)
-TOO_MUCH_KEPT = (
-    "From your address {limit:.3g} GB came within {minutes} minutes, the most that is kept; try "
-    "again in a while."
-)
-TOO_MANY_KEPT = (
-    "From your address {limit} files came within {minutes} minutes, the most that are kept; try "
-    "again in a while."
-)
-CLOSING = "This page is closing and takes nothing more; load it again in a minute."
 DISK_FULL = "This machine has no room for more files just now; try again in a while."
 FAULT = (
     "Something went wrong inside the program, not with your input. Please report it with this "

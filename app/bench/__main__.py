@@ -71,6 +71,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--no-memory", action="store_true", help="leave out the ten-minute clip, which takes long"
     )
+    parser.add_argument(
+        "--short",
+        action="store_true",
+        help="a few minutes: without training, families, busy cores, browser, stages of drawing "
+        "and memory",
+    )
     options = parser.parse_args(argv)
     speech = options.speech or min(EXAMPLES.glob("*.wav"))
     figures: list[Figure] = []
@@ -87,15 +93,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         add(time_page_start(options.weights, folder))
         warm_up(options.weights, None)
         add(time_motion(clip, options.weights))
-        add(time_families())
-        add(time_training(options.weights))
-        add(time_beside_busy_cores(clip, options.weights, folder))
+        if not options.short:
+            add(time_families())
+            add(time_training(options.weights))
+            add(time_beside_busy_cores(clip, options.weights, folder))
         add(time_run(clip, options.weights, folder))
         add(time_page_run(clip, options.weights, folder))
-        add(time_browser(clip, options.weights, folder))
+        if not options.short:
+            add(time_browser(clip, options.weights, folder))
         add(time_measures(folder / "run" / f"{file_stem(usual_systems('bench-busy')[0])}.npz"))
-        add(time_rendering(options.weights, folder))
-        if not options.no_memory:
+        add(time_rendering(options.weights, folder, options.short))
+        if not (options.no_memory or options.short):
             add(measure_memory(speech, options.weights, folder))
     record = {
         "figures": [asdict(figure) for figure in figures],
@@ -352,12 +360,15 @@ def time_measures(motion_file: Path) -> list[Figure]:
     return [Figure("all measures, 1-minute clip, one system", seconds, "s", "at most 1 s")]
 
 
-def time_rendering(weights: Path, folder: Path) -> list[Figure]:
-    """Videos of the first system's motion, the stages of drawing it, and the usual loop beside."""
+def time_rendering(weights: Path, folder: Path, is_short: bool) -> list[Figure]:
+    """Videos of the first system's motion, and unless in short by each backend, the stages of
+    drawing it, and the usual loop beside."""
     from model.motion.motion import load_motion
 
     path = folder / "run" / f"{file_stem(list_systems(weights)[0])}.npz"
     motion = body_motion(load_motion(path))
+    if is_short:
+        return _video_rates(motion, folder)
     return [
         *_video_rates(motion, folder),
         *_other_backends(motion, folder),
@@ -459,7 +470,8 @@ def measure_memory(speech: Path, weights: Path, folder: Path) -> list[Figure]:
 def _peak_mb(*arguments: str) -> float:
     """Peak memory of Python with these arguments, or of a process it starts if that is more."""
     command = [sys.executable, *arguments]
-    child = subprocess.Popen(command, cwd=PROJECT, stdout=subprocess.DEVNULL)
+    nowhere = subprocess.DEVNULL  # its bars, which would stand between the rows
+    child = subprocess.Popen(command, cwd=PROJECT, stdout=nowhere, stderr=nowhere)
     _, status, usage = os.wait4(child.pid, 0)
     if status:
         raise RuntimeError(f"It failed: {' '.join(command)}")

@@ -269,7 +269,7 @@ def _render(options: argparse.Namespace) -> None:
 
     request = read_flags(RenderRequest, options)
     with ProgressBar(f"draw {options.out.name}") as bar:
-        files, notes = render_motion(request, bar.show)
+        files, notes = render_motion(request, bar.take)
     _finish(files, notes)
 
 

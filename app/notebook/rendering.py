@@ -37,5 +37,5 @@ def render(
         bar = held.enter_context(Bar(f"draw {out.name}", progress))
         sound = None if speech is None else held.enter_context(speech_file(speech))
         moved = held.enter_context(motion_file(motion))
-        files, _ = render_motion(RenderRequest(moved, out, sound, **asked), bar.show)
+        files, _ = render_motion(RenderRequest(moved, out, sound, **asked), bar.take)
     return files

@@ -15,6 +15,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -48,8 +49,12 @@ FIRST_S = 6.0
 """In which a browser that was opened at once is left both cores for what it shows first."""
 
 _ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
-CHECK_BYTES, CHECK_S = 2 * 10**9, 30.0
-"""Memory and time that the check of an upload may take."""
+CHECK_BYTES, CHECK_S = 2 * 10**9, 60.0
+"""Memory and time that the check of an upload may take, or a motion in another form."""
+PATIENT_S = 960.0
+"""What is drawn while others work may be silent for so long."""
+END_WITHIN_S = 15.0
+"""Of a signal; what visitors have left is then removed at the next start."""
 
 
 def parse_config(argv: list[str] | None = None) -> AppConfig:
@@ -180,7 +185,7 @@ def launch(
     from app.page.page import build_app
     from app.page.parts.catalogue import find_examples, read_catalogue
     from app.page.player.first_look_shown import FirstLooks
-    from app.page.queue.jobs import JobBook
+    from app.page.queue.jobs import Jobs
     from app.page.queue.worker import Limits, Worker
     from app.page.results.kept_runs import KeptRuns
     from app.page.results.run_file import run_file_routes
@@ -190,16 +195,17 @@ def launch(
         HostNames,
         guarded,
         quieten_sockets,
-        refuse_unknown_functions,
+        tell_wrong_calls,
     )
     from app.page.routes.live_route import live_routes
     from app.page.routes.media import MediaAddresses, media_routes, motion_file_routes
     from app.page.routes.stage_route import stage_routes
     from app.page.tabs.services import Services, UploadCheck
     from app.page.theme import CSS, head_style, make_theme
+    from app.page.visitors.files import keep_swept
     from app.page.visitors.researcher_part import Handover, study_routes
     from app.page.visitors.uploads import keep_uploads_tidy
-    from app.page.visitors.visitor_files import VisitorFiles
+    from app.run.videos.export import render_motion
 
     for sentence in left_out():
         log.warning("%s", sentence)
@@ -207,32 +213,31 @@ def launch(
         if (why := family.why_not_on_page()) is not None:
             raise RunError(why)
     catalogue = read_catalogue(config.weights, find_examples(EXAMPLES))
-    keep_uploads_tidy()
-    refuse_unknown_functions()
+    keep_uploads_tidy(config.temp, config.min_free_bytes)
+    tell_wrong_calls()
     quieten_sockets()
-    visitor_files = VisitorFiles(config)
-    atexit.register(visitor_files.close)
-    jobs = JobBook(config.jobs_folder, config.num_slots, config.max_waiting, visitor_files)
-    visitor_files.keep_swept(jobs.in_use)
+    jobs = Jobs(config.jobs_folder)
+    keep_swept(config.temp, config.keep_results_s, jobs.in_use)
     atexit.register(jobs.cancel_all)
 
-    worker = (make_worker or Worker)(
-        config.num_slots,
-        Limits(config.max_run_bytes, config.max_run_s),
-        warm=(config.weights, config.body) if is_warmed_up else None,
-    )
-    atexit.register(worker.close)
+    limits = Limits(config.max_run_bytes, config.max_run_s)
+    warm = (config.weights, config.body) if is_warmed_up else None
+    make = make_worker or Worker
+    worker = make(config.num_slots, limits, warm=warm)
+    videos = make(1, replace(limits, silent_s=PATIENT_S), niceness=19, is_kept=False)
     gate = Worker(1, Limits(CHECK_BYTES, CHECK_S, CHECK_S))
-    atexit.register(gate.close)
+    for each in (worker, videos, gate):
+        atexit.register(each.close)
     addresses = MediaAddresses()
     first_look = None
     if is_warmed_up:
-        first_look = FirstLooks(config, catalogue, jobs, addresses, worker)
+        first_look = FirstLooks(config, catalogue, addresses, worker)
     services = Services(
         config=config,
         catalogue=catalogue,
         jobs=jobs,
         worker=worker,
+        videos=videos,
         check=UploadCheck(gate, config.max_speech_s),
         kept=KeptRuns(config.keep_results_s),
         handover=Handover(config.private_folder, config.keep_results_s),
@@ -241,7 +246,7 @@ def launch(
         first_look=first_look,
     )
     page = build_app(services)
-    page.queue(max_size=4 * config.max_waiting)
+    page.queue(max_size=config.max_waiting, default_concurrency_limit=config.num_slots)
     routes = [
         *run_file_routes(services.kept),
         *run_page_routes(services.kept),
@@ -249,7 +254,10 @@ def launch(
         *study_routes(services.handover),
         *preview_routes(services.previews),
     ]
-    routes += [*stage_routes(), *motion_file_routes(addresses, config.temp)]
+    routes += [
+        *stage_routes(),
+        *motion_file_routes(addresses, config.temp, partial(gate.do, render_motion)),
+    ]
     routes += live_routes(services.live, [example.path for example in catalogue.examples])
     try:
         page.launch(
@@ -289,7 +297,6 @@ def launch(
                 "routes": routes,
                 "lifespan": guarded(
                     HostNames(config.host, config.host_names),
-                    visitor_files,
                     Framing(config.embedders),
                     has_proxy=bool(config.proxies),
                 ),
@@ -339,7 +346,7 @@ def check_port(config: AppConfig) -> None:
 
 def own_folders(config: AppConfig) -> AppConfig:
     """The configuration with a folder of this process alone, which is removed when it ends."""
-    from app.page.visitors.visitor_files import claim_folder
+    from app.page.visitors.files import claim_folder
 
     temp = claim_folder(config.temp)
     scratch = temp / "scratch"
@@ -357,6 +364,9 @@ def _end(number: int, frame: object) -> None:
     _is_ending.set()
     for each in _ENDING:
         signal.signal(each, signal.SIG_IGN)
+    timer = threading.Timer(END_WITHIN_S, os._exit, (1,))
+    timer.daemon = True
+    timer.start()
     sys.exit(0)
 
 

@@ -9,10 +9,10 @@ import gradio as gr
 
 from app import text
 from app.page.parts import markup
-from app.page.parts.html_parts import AT_ONCE, IN_TURN, mount, named_fields, reveal_on_click
+from app.page.parts.html_parts import AT_ONCE, in_turn, mount, named_fields, reveal_on_click
 from app.page.player.edited_runs import EditedRuns
 from app.page.player.first_look_shown import FirstLooks
-from app.page.queue.in_turn import Updates
+from app.page.queue.runner import Updates
 from app.page.results.kept_runs import PARAMETER
 from app.page.results.result_parts import ResultParts, build_results
 from app.page.tabs import live as live_tab
@@ -27,7 +27,9 @@ from app.page.tabs.systems.step_curve import build_step_curve
 from app.page.tabs.systems.systems import build_systems_tab
 from app.page.tabs.takes_run import TakesRunner
 from app.page.tabs.videos_run import SeenRunner, VideosBehind
+from app.page.visitors.visitors import VISITOR_ROUTE
 
+_ASK_FOR_COOKIE = f"() => {{ fetch('.{VISITOR_ROUTE}', {{ method: 'POST' }}); }}"
 EXAMPLE_EVERY_S = 0.5
 """How often a page asks for an example that is being made."""
 
@@ -58,24 +60,25 @@ def build_app(services: Services) -> gr.Blocks:
             with gr.Tab(own_motion_tab.TAB, id="own_motion"):
                 own_results = own_motion_tab.build_own_motion_tab(page, services)
             with gr.Tab(text.LADDER_TAB) as systems_tab:
-                build_mechanism(page, systems_tab, services)
+                build_mechanism(systems_tab, services)
                 build_systems_tab(services.catalogue.systems)
-                build_hearing(page, services)
-                build_step_curve(page, services)
+                build_hearing(services)
+                build_step_curve(services)
             with gr.Tab(text.STUDY_TAB):
-                build_study_tab(page, services)
-                build_analysis(page, services)
+                build_study_tab(services)
+                build_analysis(services)
         for parts, prefix in ((results, ""), (live_results, "live-"), (own_results, "own-")):
-            SeenRunner(services, parts).wire(page, prefix)
+            SeenRunner(services, parts).wire(prefix)
         videos = VideosBehind(services, results, "videos")
         edited = EditedRuns()
         runner = GenerateRunner(services, form, results, videos, edited)
-        TakesRunner(services, edited, results).wire(page)
+        TakesRunner(services, edited, results).wire()
         if services.first_look is not None:
             _await_example(page, form, results, services.first_look)
         _wire(page, form, results, runner, videos)
         places = {"generate": results, "own_motion": own_results}
         named = dict(zip([field.name for field in fields(Form)], form.fields, strict=True))
+        page.load(None, js=_ASK_FOR_COOKIE)
         opening = Opening(services, tabs, places, named)
         page.load(opening.opened, outputs=opening.outputs, **AT_ONCE)
     return page
@@ -113,14 +116,16 @@ def _wire(
     videos: VideosBehind,
 ) -> None:
     reveal_on_click(form.generate, results.status)
+    # Listeners of a click are served in turn: this before the run.
+    form.generate.click(runner.waits, outputs=[results.status, form.cancel], **AT_ONCE)
+    outputs = [*results.all, form.generate, form.cancel]
     run = form.generate.click(
         named_fields(runner.run, Form, optional=("reference", "transcript", "plan")),
         inputs=list(form.fields),
-        outputs=[*results.all, form.generate, form.cancel],
+        outputs=outputs,
         api_name="generate",
-        **IN_TURN,
+        **in_turn(results.status),
     )
     videos.follow(run)
     page.unload(videos.left)
-    form.cancel.click(runner.cancel, **AT_ONCE)
-    page.unload(runner.cancel)
+    form.cancel.click(runner.cancel, outputs=outputs, cancels=run, **AT_ONCE)

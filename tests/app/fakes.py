@@ -15,7 +15,7 @@ from app.config import AppConfig
 from app.errors import CancelledRun
 from app.live.sessions import LiveSessions
 from app.page.parts.catalogue import Catalogue, Example
-from app.page.queue.jobs import JobBook
+from app.page.queue.jobs import Jobs
 from app.page.queue.worker import Task, Worker
 from app.page.results.kept_runs import KeptRuns
 from app.page.tabs.motion import row_names
@@ -87,8 +87,9 @@ def made_services(
     usual = {
         "config": AppConfig(temp=folder),
         "catalogue": CATALOGUE,
-        "jobs": JobBook(folder / "jobs"),
+        "jobs": Jobs(folder / "jobs"),
         "worker": worker,
+        "videos": worker,
         "check": UploadCheck(worker, 60.0),
         "kept": KeptRuns(60.0),
         "handover": Handover(folder / "private"),

@@ -6,10 +6,12 @@ All of them are bounded in count and time, and come from one address. Each tells
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import secrets
 import threading
 import time
+import zipfile
 from collections.abc import Iterator
 from urllib.parse import urlsplit
 
@@ -17,8 +19,7 @@ import httpx
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from tests.soak.visitor import Refused, Visitor
-
+NAMED, ENTRIES = 60, 120_000
 TINY_BYTES = 8
 ASK_LIVE = {"system": "globaldiff/global", "speaker": "ann", "seed": 1}
 
@@ -124,42 +125,10 @@ def live_socket(address: str, own: str) -> Iterator[ClientConnection]:
         yield socket
 
 
-class HoursOfNothing(contextlib.AbstractContextManager["HoursOfNothing"]):
-    """So many pages of one address, each of which wants an hour of zeros measured, once or again
-    and again."""
-
-    def __init__(
-        self, address: str, number: int, hour: bytes, pages: int, again: bool = False
-    ) -> None:
-        self._over = threading.Event()
-        self._address, self._number, self._hour = only_here(address), number, hour
-        self._again = again
-        self.num_done = 0
-        """Of runs that came to their end."""
-        self._asked = threading.Semaphore(0)
-        self._threads = [
-            threading.Thread(target=self._ask, args=(k,), daemon=True) for k in range(pages)
-        ]
-        for thread in self._threads:
-            thread.start()
-            self._asked.acquire(timeout=30)
-
-    def __exit__(self, *_: object) -> None:
-        self._over.set()
-        for thread in self._threads:
-            thread.join(60)
-
-    def _ask(self, page: int) -> None:
-        with Visitor(self._address, self._number) as visitor:
-            while True:
-                motions = [visitor.upload(f"{page}.npz", self._hour)]
-                self._asked.release()
-                try:
-                    for _ in visitor.events("own_motion", {"motions": motions}):
-                        if self._over.is_set():
-                            return
-                    self.num_done += 1
-                except Refused:
-                    self._over.wait(0.2)
-                if not self._again or self._over.is_set():
-                    return
+def zip_of_nothing() -> bytes:
+    """Of `ENTRIES` empty files, in a few megabytes."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        for number in range(ENTRIES):
+            archive.writestr(f"{number}.npz", b"")
+    return file.getvalue()

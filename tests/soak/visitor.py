@@ -55,7 +55,7 @@ class Visitor(AbstractContextManager["Visitor"]):
         config = self._client.get("config").json()
         self._functions = {each["api_name"]: each["id"] for each in config["dependencies"]}
         self._forms = self._client.get("gradio_api/info").json()["named_endpoints"]
-        self._client.post("study/visitor").raise_for_status()
+        self._client.post("visitor").raise_for_status()
 
     def __exit__(self, *_: object) -> None:
         self._client.close()

@@ -142,9 +142,15 @@ PRIVATE: dict[str, Any] = {"api_visibility": "private", "show_progress": "hidden
 """By the page alone: no program calls it, and nothing spins while it works."""
 AT_ONCE: dict[str, Any] = {"queue": False, **PRIVATE}
 """Before all that waits."""
-IN_TURN: dict[str, Any] = {
-    "show_progress": "hidden",
-    "trigger_mode": "once",
-    "concurrency_limit": None,
-}
-"""Of a run: `app.page.queue.jobs.JobBook` lets them in one by one."""
+
+
+def in_turn(status: gr.HTML) -> dict[str, Any]:
+    """Of a run: one after the other, whoever asks; its place in the queue is told on the status,
+    and another click of the same button is none."""
+    return {
+        "show_progress": "minimal",
+        "show_progress_on": status,
+        "trigger_mode": "once",
+        "concurrency_id": "run",
+        "concurrency_limit": "default",
+    }

@@ -13,7 +13,6 @@ from app.config import AppConfig
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
 from app.page.player.player import Showing, own_writers, picture_layout
-from app.page.queue.jobs import JobBook
 from app.page.queue.worker import Worker
 from app.page.routes.media import MediaAddresses
 from app.run.diagnose import DiagnoseRequest
@@ -40,12 +39,10 @@ class FirstLooks:
         self,
         config: AppConfig,
         catalogue: Catalogue,
-        jobs: JobBook,
         addresses: MediaAddresses,
         worker: Worker,
     ) -> None:
         self._config = config
-        self._jobs = jobs
         self._addresses = addresses
         self._worker = worker
         paths = {example.path.stem: example.path for example in catalogue.examples}
@@ -70,14 +67,7 @@ class FirstLooks:
             return
         try:
             if not self._look.is_made and not take_stored(self._look):
-                job = self._jobs.open("", "generate")
-                try:
-                    with self._jobs.slot(job) as turn:
-                        for _ in turn:
-                            pass
-                        self._worker.do(make_first_look, self._look)
-                finally:
-                    self._jobs.close(job)
+                self._worker.do(make_first_look, self._look)
             showing = self._showing(self._look)
             showing.sound()
             self._show(showing.value(), self._look)

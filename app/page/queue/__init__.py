@@ -1,1 +1,1 @@
-"""Whose run is next, and the processes that runs are worked off in; may import visitors."""
+"""Runs whose turn has come, and the worker that does them; may import visitors."""

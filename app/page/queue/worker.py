@@ -64,17 +64,20 @@ class Worker:
         limits: Limits = Limits(),
         warm: tuple[Path, Path | None] | None = None,
         niceness: int = 0,
+        is_kept: bool = True,
     ) -> None:
         """
         Args:
             warm: weights and body that every process reads before its first task; None reads what a
                 task needs when it needs it.
             niceness: 19 works only while nobody else wants to.
+            is_kept: whether processes stay for the next task.
         """
         self._num_processes = num_processes
         self._limits = limits
         self._warm = warm
         self._niceness = niceness
+        self._is_kept = is_kept
         self._is_closed = False
         self._free: queue.LifoQueue[_Process | None] = queue.LifoQueue()
         self._all: set[_Process] = set()
@@ -105,8 +108,9 @@ class Worker:
             process = self._fit(process)
             return process.do((task, request), self._limits, on_event, should_cancel)
         finally:
-            if self._is_closed:
+            if self._is_closed or not self._is_kept:
                 self._drop(process)
+                process = None
             elif process is not None and not process.is_fit():
                 # At once: the next visitor should find its models read.
                 process = self._fit(process)

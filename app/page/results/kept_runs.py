@@ -23,8 +23,8 @@ from app.errors import page_sentence
 from app.page.parts import markup
 from app.page.parts.html_parts import shown
 from app.page.player.player import NOTHING, Showing
-from app.page.queue.in_turn import Updates
 from app.page.queue.jobs import Job
+from app.page.queue.runner import Updates
 from app.page.results.measures_table import measures_table
 from app.page.results.result_parts import FiguresShown, ResultParts
 from app.page.visitors.visitors import is_same

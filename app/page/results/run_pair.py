@@ -19,7 +19,7 @@ from app.page.parts import markup
 from app.page.parts.html_parts import shown
 from app.page.player.player import NOTHING
 from app.page.player.timeline import series_looks, worst_of_both
-from app.page.queue.in_turn import Updates
+from app.page.queue.runner import Updates
 from app.page.results.kept_runs import EndedRun, KeptRun, address_of
 from app.page.results.measures_table import Column, table_of
 from app.page.results.result_parts import ResultParts

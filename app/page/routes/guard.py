@@ -1,4 +1,4 @@
-"""What stands before every route: who may ask, from which page, how much; faults become sentences.
+"""What stands before every route: who may ask, and from which page; faults become sentences.
 
 Requests for another host name are refused, since a name that an attacker owns can be made to point
 here; so are requests that another site's page makes, whatever they ask for.
@@ -10,27 +10,27 @@ import contextlib
 import ipaddress
 import logging
 import os
-from collections.abc import AsyncIterator, Callable, Collection, MutableMapping
+import traceback
+from collections.abc import AsyncIterator, Callable, Collection
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+import gradio as gr
 from fastapi import FastAPI, HTTPException
 from gradio import route_utils
 from starlette.datastructures import Headers
-from starlette.requests import ClientDisconnect, HTTPConnection
+from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
-from app.errors import RunError
-from app.page.visitors.uploads import MAX_FILES, NO_ROOM, TOO_MANY_AT_ONCE
-from app.page.visitors.visitor_files import VisitorFiles
-from app.page.visitors.visitors import address_of
+from app.errors import visitor_sentence, without_folders
 from conventions.names import printable
 
-OWN_ROUTES = ("/media/", "/live/", "/study/")
+log = logging.getLogger(__name__)
+OWN_ROUTES = ("/media/", "/live/", "/study/", "/visitor")
 """Gradio asks for a login before its own routes; these stand beside them."""
-UPLOAD_ROUTE = "/gradio_api/upload"
 UNUSED_ROUTES = ("/gradio_api/component_server", "/gradio_api/process_recording")
 """Gradio has them for parts that this page has not; they take files that nobody counts."""
 PROXY_ROUTE = "/gradio_api/proxy="
@@ -38,8 +38,6 @@ PROXY_ROUTE = "/gradio_api/proxy="
 _SPACES = ("https://huggingface.co", "https://*.hf.space")
 """Where a hosted space is shown in a frame."""
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
-_CHECK_BYTES = 1 << 24
-"""Of an upload between two looks at the room there is."""
 _LOCAL = ("localhost", "127.0.0.1", "::1")
 _ANYWHERE = ("0.0.0.0", "::")
 FOREIGN = "This request comes from the page of another site, which may not use this one."
@@ -57,8 +55,6 @@ class Refusal(Exception):
     def __init__(self, sentence: str, status: int) -> None:
         super().__init__(sentence)
         self.status = status
-        self.is_heard_out = False
-        """All of the request has come already."""
 
 
 class HostNames:
@@ -123,7 +119,7 @@ def _name_of(host: str) -> str:
 
 
 def guarded(
-    names: HostNames, visitor_files: VisitorFiles, framing: Framing, *, has_proxy: bool = False
+    names: HostNames, framing: Framing, *, has_proxy: bool = False
 ) -> Callable[[FastAPI], contextlib.AbstractAsyncContextManager[None]]:
     """A lifespan that puts the guard before all of an app, its CORS headers among it.
 
@@ -135,7 +131,7 @@ def guarded(
     @contextlib.asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         inner = app.middleware_stack or app.build_middleware_stack()
-        app.middleware_stack = Guard(inner, app, names, visitor_files, framing, is_believed)
+        app.middleware_stack = Guard(inner, app, names, framing, is_believed)
         yield
 
     return lifespan
@@ -149,7 +145,6 @@ class Guard:
         inner: ASGIApp,
         app: Any,
         names: HostNames,
-        visitor_files: VisitorFiles,
         framing: Framing,
         is_believed: bool = False,
     ) -> None:
@@ -157,7 +152,7 @@ class Guard:
         Args:
             is_believed: whether a proxy says under which of the page's names it was asked.
         """
-        self._inner, self._app, self._names, self._visitor_files = inner, app, names, visitor_files
+        self._inner, self._app, self._names = inner, app, names
         self._framing, self._is_believed = framing, is_believed
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -168,9 +163,6 @@ class Guard:
         try:
             self._check(scope)
             self._forget_forwarded(scope)
-            if scope["type"] == "http" and _is_upload(scope):
-                await self._take_upload(scope, receive, send)
-                return
         except Refusal as refusal:
             await _refuse(refusal, scope, receive, send)
             return
@@ -220,69 +212,6 @@ class Guard:
         names += (f"access-token-unsecure-{self._app.cookie_id}",)
         return any(self._app.tokens.get(asked.cookies.get(name)) is not None for name in names)
 
-    async def _take_upload(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Let an upload through for as long as there is room for it.
-
-        Raises:
-            Refusal: if there is no room from the start.
-        """
-        address = address_of(HTTPConnection(scope))
-        stated = Headers(scope=scope).get("content-length", "0")
-        uncharged = num_files = 0
-        has_more = True
-        refusal: Refusal | None = None
-
-        def admit(size: int, num_files: int = 0) -> None:
-            try:
-                self._visitor_files.admit(address, size, num_files)
-            except RunError as error:
-                raise Refusal(str(error), 507) from error
-
-        def no_room_for_a_file() -> str:
-            nonlocal num_files, refusal
-            try:
-                if num_files == MAX_FILES:
-                    raise Refusal(TOO_MANY_AT_ONCE.format(limit=MAX_FILES), 413)
-                admit(0, num_files=1)
-            except Refusal as error:
-                refusal = error
-                return str(error)
-            num_files += 1
-            self._visitor_files.charge(address, 0, num_files=1)
-            return ""
-
-        async def counted() -> Message:
-            nonlocal uncharged, refusal, has_more
-            message = await receive()
-            has_more = message.get("more_body", False)
-            uncharged += len(message.get("body", b""))
-            if uncharged < _CHECK_BYTES:
-                return message
-            self._visitor_files.charge(address, uncharged)
-            uncharged = 0
-            try:
-                admit(0)
-            except Refusal as error:
-                refusal = error
-                return {"type": "http.disconnect"}
-            return message
-
-        async def told(message: Message) -> None:
-            if refusal is None:
-                await send(message)
-
-        NO_ROOM.set(no_room_for_a_file)
-        admit(int(stated) if stated.isdecimal() else 0)
-        try:
-            await self._inner(scope, counted, told)
-        except ClientDisconnect:
-            pass  # what had come is gone; see `app.page.visitors.uploads.TidyParser`
-        finally:
-            self._visitor_files.charge(address, uncharged)
-        if refusal is not None:
-            refusal.is_heard_out = not has_more
-            raise refusal
-
 
 def is_from_page(origin: str | None, host: str | None) -> bool:
     """Whether a browser says that a page of this very server asks."""
@@ -293,29 +222,26 @@ def is_from_page(origin: str | None, host: str | None) -> bool:
     return bool(origin and host) and netloc.lower() == (host or "").lower()
 
 
-def _is_upload(scope: MutableMapping[str, Any]) -> bool:
-    return scope["method"] == "POST" and scope["path"].rstrip("/").endswith(UPLOAD_ROUTE)
-
-
 async def _refuse(refusal: Refusal, scope: Scope, receive: Receive, send: Send) -> None:
     if scope["type"] == "websocket":
         await WebSocketClose(code=4000 + refusal.status)(scope, receive, send)
         return
-    message: Message = {"more_body": _is_upload(scope) and not refusal.is_heard_out}
-    while message.get("more_body"):  # a browser that still sends would not hear the sentence
-        message = await receive()
     headers = {"Connection": "close", "X-Content-Type-Options": "nosniff"}
     response = PlainTextResponse(str(refusal), status_code=refusal.status, headers=headers)
     await response(scope, receive, send)
 
 
 UNKNOWN_FUNCTION = "This page has no such function; load it again, or ask /gradio_api/info for all."
+WRONG_CALL = "This function cannot be called so: {why}"
+_MAX_WHY = 300
 _NO_TEXT = "Invalid UTF-8 sequence received from client."
-_find = route_utils.get_fn
+_find, _call = route_utils.get_fn, route_utils.call_process_api
+_OWN_FUNCTIONS = str(Path(__file__).parents[1])
 
 
-def refuse_unknown_functions() -> None:
-    """Let Gradio answer to a number or name of no function with status 404."""
+def tell_wrong_calls() -> None:
+    """Let Gradio answer to a number or name of no function with status 404, and to a call that a
+    function cannot have with a sentence, and a line in the log."""
 
     def get_fn(*arguments: Any, **named: Any) -> Any:
         try:
@@ -323,7 +249,28 @@ def refuse_unknown_functions() -> None:
         except (KeyError, route_utils.FnIndexInferError):
             raise HTTPException(404, UNKNOWN_FUNCTION) from None
 
-    route_utils.get_fn = get_fn
+    async def call_process_api(*arguments: Any, **named: Any) -> Any:
+        try:
+            return await _call(*arguments, **named)
+        except HTTPException:
+            raise
+        except gr.Error as error:
+            if not error.print_exception:  # a function has told it already
+                raise
+            raise _wrong_call(str(error.message)) from None
+        except Exception as error:
+            _, *frames = traceback.extract_tb(error.__traceback__)
+            if any(frame.filename.startswith(_OWN_FUNCTIONS) for frame in frames):
+                raise gr.Error(visitor_sentence(error), print_exception=False) from None
+            raise _wrong_call(f"{type(error).__name__}: {error}") from None
+
+    route_utils.get_fn, route_utils.call_process_api = get_fn, call_process_api
+
+
+def _wrong_call(why: str) -> gr.Error:
+    told = printable(without_folders(why))[:_MAX_WHY]
+    log.warning("a wrong call: %s", told)
+    return gr.Error(WRONG_CALL.format(why=told), print_exception=False)
 
 
 def quieten_sockets() -> None:

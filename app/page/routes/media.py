@@ -14,6 +14,8 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import anyio
@@ -26,7 +28,7 @@ from starlette.background import BackgroundTask
 from app.errors import visitor_sentence
 from app.page.visitors.token_files import TokenFiles
 from app.page.visitors.visitors import cookie_of
-from app.run.videos.export import MARKERS_ENDING, RenderRequest, render_motion
+from app.run.videos.export import MARKERS_ENDING, RenderRequest
 
 MEDIA_ROUTE = "/media"
 WEB_ROUTE = "/web"
@@ -111,11 +113,14 @@ PLAN_SUFFIX = ".tiers.json"
 """Of plans as the page shows them."""
 
 
-def motion_file_routes(addresses: MediaAddresses, temp: Path) -> list[APIRoute]:
+def motion_file_routes(
+    addresses: MediaAddresses, temp: Path, write_motion: Callable[[RenderRequest], object]
+) -> list[APIRoute]:
     """Serve them, one at a time, as each takes memory.
 
     Args:
         temp: folder where a file lies until it is sent.
+        write_motion: as `app.run.videos.export.render_motion`, in a process of its own.
     """
     turns: list[anyio.CapacityLimiter] = []  # made within the loop that it is of
 
@@ -131,9 +136,11 @@ def motion_file_routes(addresses: MediaAddresses, temp: Path) -> list[APIRoute]:
         try:
             stem = file.name.removesuffix(PLAN_SUFFIX) if is_plan else file.stem
             out = folder / f"{stem}{endings[kind]}"
-            await anyio.to_thread.run_sync(
-                _write_plan if is_plan else _write_motion, file, out, limiter=turns[0]
-            )
+            if is_plan:
+                write = partial(_write_plan, file, out)
+            else:
+                write = partial(write_motion, RenderRequest(file, out))
+            await anyio.to_thread.run_sync(write, limiter=turns[0])
         except Exception as error:
             shutil.rmtree(folder, ignore_errors=True)
             return PlainTextResponse(visitor_sentence(error), status_code=400)
@@ -150,10 +157,6 @@ def motion_file_routes(addresses: MediaAddresses, temp: Path) -> list[APIRoute]:
 
     route = MEDIA_ROUTE + "/{token}/{kind}"
     return [APIRoute(route, motion_file, methods=["GET"], include_in_schema=False)]
-
-
-def _write_motion(motion: Path, out: Path) -> None:
-    render_motion(RenderRequest(motion, out))
 
 
 def _write_plan(shown: Path, out: Path) -> None:

@@ -8,7 +8,7 @@ import gradio as gr
 
 from app import text
 from app.page.parts.catalogue import Catalogue
-from app.page.parts.html_parts import AT_ONCE, IN_TURN, mount, reveal_on_click
+from app.page.parts.html_parts import AT_ONCE, in_turn, mount, reveal_on_click
 from app.page.queue.jobs import Job
 from app.page.results.result_parts import ResultParts, build_results
 from app.page.routes.live_route import EXAMPLE_ROUTE
@@ -102,18 +102,19 @@ def build_live_tab(
     videos = VideosBehind(services, results, "live_videos")
     runner = LiveRunner(services, form, results, videos)
     reveal_on_click(keep, results.status)
+    keep.click(runner.waits, outputs=[results.status, cancel], **AT_ONCE)
+    outputs = [*results.all, keep, cancel]
     run = keep.click(
         runner.run,
         inputs=[token],
-        outputs=[*results.all, keep, cancel],
+        outputs=outputs,
         js=_TOKEN_OF_PAGE,
         api_visibility="private",
-        **IN_TURN,
+        **in_turn(results.status),
     )
     videos.follow(run)
     page.unload(videos.left)
-    cancel.click(runner.cancel, **AT_ONCE)
-    page.unload(runner.cancel)
+    cancel.click(runner.cancel, outputs=outputs, cancels=run, **AT_ONCE)
     return results
 
 

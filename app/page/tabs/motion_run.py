@@ -18,9 +18,8 @@ from app.page.parts.asked import form_of
 from app.page.parts.html_parts import shown
 from app.page.player.edited_runs import EditedRuns, own_speech
 from app.page.player.player import NOTHING, Showing
-from app.page.queue.in_turn import Updates
 from app.page.queue.jobs import Job
-from app.page.queue.runner import TabRunner
+from app.page.queue.runner import TabRunner, Updates
 from app.page.results.kept_runs import PARAMETER, EndedRun, KeptRun, KeptRuns, sha256_of
 from app.page.results.measures_table import measures_table
 from app.page.results.result_parts import FiguresShown, ResultParts
@@ -84,10 +83,11 @@ class RunView:
 
     @property
     def line(self) -> str:
-        doing = [stage for stage, fraction in self.fractions.items() if fraction < 1]
-        if not doing:
+        if not self.fractions:
             return text.STARTING
-        return f"{text.STAGE_NAMES[doing[-1]]} ({self.seconds:.0f} s so far)"
+        doing = [stage for stage, fraction in self.fractions.items() if fraction < 1]
+        stage = (doing or list(self.fractions))[-1]  # between two stages, the one before
+        return f"{text.STAGE_NAMES[stage]} ({self.seconds:.0f} s so far)"
 
 
 class GenerateRunner(TabRunner[GenerateResult]):
@@ -182,6 +182,15 @@ class GenerateRunner(TabRunner[GenerateResult]):
             parts.numbers: shown(""),
             parts.downloads_part: gr.update(visible=False),
         }
+
+    def waits(self) -> Updates:
+        """From the click until its turn has come."""
+        line = markup.sentence_status(text.WAITING)
+        return {self._results.status: line, self._form.cancel: gr.update(visible=True)}
+
+    def idle(self) -> Updates:
+        ready = markup.idle_status(text.READY)
+        return {self._results.status: ready, **self._buttons(is_running=False)}
 
     def _buttons(self, is_running: bool) -> Updates:
         return {

@@ -11,7 +11,7 @@ import gradio as gr
 
 from app import text
 from app.page.parts.catalogue import point_choices
-from app.page.parts.html_parts import AT_ONCE, IN_TURN, PRIVATE, named_fields, reveal_on_click
+from app.page.parts.html_parts import AT_ONCE, PRIVATE, in_turn, named_fields, reveal_on_click
 from app.page.results.result_parts import ResultParts, build_results
 from app.page.results.sets_shown import KeptSets
 from app.page.tabs.own_motion_run import (
@@ -60,11 +60,10 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
     videos = VideosBehind(services, parts, "own_videos")
     sets = SetsTools(partial(services.worker.do, measure_sets), of_sets, KeptSets())
     runner, opener = (kind(services, parts, videos, sets) for kind in (OwnMotionRunner, ClipRunner))
-    asks = {
+    asks: dict[str, Any] = {
         "inputs": form.fields,
         "outputs": [*parts.all, of_sets.shown],
-        "show_progress": "hidden",
-        "concurrency_limit": None,  # JobBook lets them in one by one
+        **in_turn(parts.status),
     }
     for button in (form.start, form.planted):
         reveal_on_click(button, parts.status)
@@ -72,7 +71,6 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
         named_fields(runner.run, OwnMotionForm, optional=("reference", "speech", "transcript")),
         **asks,
         api_name="own_motion",
-        trigger_mode="once",
     )
     planted = form.planted.click(
         lambda: planted_files(services.config.temp / "planted"),
@@ -89,11 +87,10 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
         outputs=parts.all,
         js="() => [document.querySelector('#own-sets .sets')?.asked ?? '']",
         api_visibility="private",
-        **IN_TURN,
+        **in_turn(parts.status),
     )
     page.unload(videos.left)
-    form.cancel.click(runner.cancel, **AT_ONCE)
-    page.unload(runner.cancel)
+    form.cancel.click(runner.cancel, outputs=asks["outputs"], cancels=[started, planted], **AT_ONCE)
     return parts
 
 

@@ -18,9 +18,8 @@ from app.page.parts import markup
 from app.page.parts.asked import form_of
 from app.page.parts.html_parts import shown
 from app.page.player.player import NOTHING, Showing, gravest_of, own_writers, picture_layout
-from app.page.queue.in_turn import Updates, Work, last_share
 from app.page.queue.jobs import Job
-from app.page.queue.runner import TabRunner
+from app.page.queue.runner import TabRunner, Updates, Work, last_share
 from app.page.results.kept_runs import EndedRun, KeptRuns, sha256_of
 from app.page.results.result_parts import FiguresShown, ResultParts
 from app.page.results.run_file import OpenedRun, SavedRun, is_saved_run, open_run

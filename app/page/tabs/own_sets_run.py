@@ -16,8 +16,8 @@ from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.html_parts import mount, shown
 from app.page.player.player import NOTHING
-from app.page.queue.in_turn import Updates, last_share
 from app.page.queue.jobs import Job
+from app.page.queue.runner import Updates, last_share
 from app.page.results.result_parts import FiguresShown, ResultParts
 from app.page.results.sets_shown import KeptSets, number_of, sets_html
 from app.page.routes.media import MediaAddresses

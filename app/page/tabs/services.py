@@ -17,7 +17,7 @@ from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
 from app.page.parts.html_parts import PRIVATE, shown
 from app.page.player.first_look_shown import FirstLooks
-from app.page.queue.jobs import JobBook
+from app.page.queue.jobs import Jobs
 from app.page.queue.worker import Worker
 from app.page.results.kept_runs import KeptRuns
 from app.page.results.study_preview import StudyPreviews
@@ -105,9 +105,11 @@ class Services:
 
     config: AppConfig
     catalogue: Catalogue
-    jobs: JobBook
+    jobs: Jobs
     worker: Worker
     """Does all runs."""
+    videos: Worker
+    """Draws what nobody waits for."""
     check: UploadCheck
     """Of uploads, before there is a run."""
     kept: KeptRuns

@@ -20,16 +20,15 @@ from app.page.parts.asked import form_of
 from app.page.parts.catalogue import Catalogue, default_systems
 from app.page.parts.html_parts import (
     AT_ONCE,
-    IN_TURN,
     PRIVATE,
+    in_turn,
     mount,
     named_fields,
     reveal_on_click,
     shown,
 )
-from app.page.queue.in_turn import Updates
 from app.page.queue.jobs import Job
-from app.page.queue.runner import TabRunner
+from app.page.queue.runner import TabRunner, Updates
 from app.page.tabs.motion import fresh_copy
 from app.page.tabs.services import Services, UploadCheck
 from app.page.tabs.study_run import (
@@ -42,7 +41,6 @@ from app.page.tabs.study_run import (
     StudyRunner,
 )
 from app.page.visitors.uploads import MAX_FILES
-from app.page.visitors.visitors import VISITOR_ROUTE
 from app.run.requests.request import Event, OnEvent, ShouldCancel
 from app.study.analyse import AnalysisRequest, analyse
 from conventions.views import VIEWS
@@ -52,10 +50,9 @@ INTRODUCTION = (
     "Makes a blind study: a web page with videos under random names for your participants, and a "
     "key that only you get. The same as <code>python -m app study export</code>."
 )
-_ASK_FOR_COOKIE = f"() => {{ fetch('.{VISITOR_ROUTE}', {{ method: 'POST' }}); }}"
 
 
-def build_study_tab(page: gr.Blocks, services: Services) -> None:
+def build_study_tab(services: Services) -> None:
     """Lay out the tab inside the current context and wire it."""
     catalogue = services.catalogue
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
@@ -99,16 +96,14 @@ def build_study_tab(page: gr.Blocks, services: Services) -> None:
         show_progress="hidden",
     )
     reveal_on_click(start, results.status)
-    start.click(
+    run = start.click(
         named_fields(runner.run, StudyForm, optional),
         fields,
         results.all,
         api_name="study",
-        **IN_TURN,
+        **in_turn(results.status),
     )
-    cancel.click(runner.cancel, **AT_ONCE)
-    page.load(None, js=_ASK_FOR_COOKIE)
-    page.unload(runner.cancel)
+    cancel.click(runner.cancel, outputs=results.all, cancels=run, **AT_ONCE)
 
 
 @dataclass(frozen=True)
@@ -251,7 +246,7 @@ class AnalysisParts:
         return [self.status, self.message, self.report, self.files]
 
 
-def build_analysis(page: gr.Blocks, services: Services) -> None:
+def build_analysis(services: Services) -> None:
     """Lay out the part inside the current context and wire it."""
     gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{ANALYSIS_INTRODUCTION}</p>')
     with gr.Row(elem_classes="columns"):
@@ -288,8 +283,8 @@ def build_analysis(page: gr.Blocks, services: Services) -> None:
             )
     runner = AnalysisRunner(services, parts)
     reveal_on_click(start, parts.status)
-    start.click(runner.run, [answers, key], parts.all, api_visibility="private", **IN_TURN)
-    page.unload(runner.cancel)
+    asks = in_turn(parts.status)
+    start.click(runner.run, [answers, key], parts.all, api_visibility="private", **asks)
 
 
 class AnalysisRunner(TabRunner[tuple[Path, ...]]):

@@ -20,13 +20,12 @@ from app.errors import RunError, visitor_sentence
 from app.page.parts import markup
 from app.page.parts.asked import form_of, whole_number
 from app.page.parts.html_parts import shown
-from app.page.queue.in_turn import Updates, last_share
 from app.page.queue.jobs import Job
-from app.page.queue.runner import TabRunner
+from app.page.queue.runner import TabRunner, Updates, last_share
 from app.page.results.study_preview import StudyPreviews
 from app.page.tabs.services import Services
 from app.page.visitors.researcher_part import FILE_NAME, RESEARCHER_ROUTE, Handover
-from app.page.visitors.visitors import address_of, visitor_of
+from app.page.visitors.visitors import visitor_of
 from app.run.output.result_folder import zip_folder
 from app.run.requests.request import Event, OnEvent, ShouldCancel
 from app.study.design.plan import read_plan
@@ -227,13 +226,11 @@ class StudyRunner(TabRunner[Workspace]):
         Raises:
             gr.Error: with one sentence.
         """
-        job = self._jobs.open(visitor_of(request), self.tab, address_of(request))
-        try:
-            path, size = _write_plan(StudyForm.of(values), job.folder)
-        except Exception as error:
-            raise gr.Error(visitor_sentence(error), print_exception=False) from error
-        finally:
-            self._jobs.close(job)
+        with self._jobs.opened(visitor_of(request), self.tab) as job:
+            try:
+                path, size = _write_plan(StudyForm.of(values), job.folder)
+            except Exception as error:
+                raise gr.Error(visitor_sentence(error), print_exception=False) from error
         return {
             self._parts.status: markup.sentence_status(f"The plan is written. {size}"),
             self._parts.plan: gr.update(value=str(path), visible=True),

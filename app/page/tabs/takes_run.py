@@ -13,13 +13,13 @@ import gradio as gr
 
 from app import text
 from app.errors import CancelledRun, RunError, visitor_sentence
-from app.page.parts.html_parts import PRIVATE
+from app.page.parts.html_parts import PRIVATE, in_turn
 from app.page.player.edited_runs import MAX_TAKES, EditedRun, EditedRuns, KeptTake
-from app.page.queue.in_turn import InTurn, Updates, waiting_line
-from app.page.queue.jobs import Job, JobBook
+from app.page.queue.jobs import Job
+from app.page.queue.runner import Updates, follow
 from app.page.results.result_parts import ResultParts
 from app.page.tabs.services import Services
-from app.page.visitors.visitors import address_of, cookie_of, visitor_of
+from app.page.visitors.visitors import cookie_of, visitor_of
 from app.run.requests.request import Artefact, Event, OnEvent, Piece, ShouldCancel
 from app.run.takes.edits import MAX_PLAN_CHARACTERS, Edit, Locked, edits_of, locked_of
 from app.run.takes.take import Take, TakeRequest, make_take, row_of
@@ -85,7 +85,7 @@ class TakesRunner:
         self._jobs = services.jobs
         self._parts = parts
 
-    def wire(self, page: gr.Blocks) -> None:
+    def wire(self) -> None:
         """Have the editor's button start it."""
         parts = self._parts
         parts.take_start.click(
@@ -93,15 +93,8 @@ class TakesRunner:
             inputs=[parts.take_asked],
             outputs=[parts.player],
             js="() => [document.querySelector('#player .lockstep').edits()]",
-            **PRIVATE,
-            trigger_mode="multiple",
-            concurrency_limit=None,  # JobBook lets them in one by one
+            **{**in_turn(parts.status), **PRIVATE, "trigger_mode": "multiple"},
         )
-        page.unload(self.left)
-
-    def left(self, request: gr.Request) -> None:
-        """The visitor has closed the page."""
-        self._jobs.cancel(visitor_of(request), "takes")
 
     def run(self, request: gr.Request, told: object) -> Iterator[Updates]:
         """Updates of the player while a take is made.
@@ -117,10 +110,11 @@ class TakesRunner:
             if edited is None:
                 raise RunError(text.EDITS_GONE)
             asked = Asked.of(known)
-            yield from _Performing(self._jobs, self._parts, edited).in_turn(
-                lambda: self._jobs.open(visitor, "takes", address_of(request)),
-                lambda job: self._begin(job, edited, asked),
-            )
+            with self._jobs.opened(visitor, "takes") as job:
+                with self._begin(job, edited, asked) as work:
+                    edited.say(text.TAKE_STARTING, state="working")
+                    yield _shown(self._parts, edited)
+                    yield from follow(work, job, {self._parts.player: gr.skip()})
         except CancelledRun:
             if run is not None:
                 run.say(text.CANCELLED)
@@ -162,28 +156,6 @@ class TakesRunner:
         finally:
             if number and name not in run.known:
                 run.showing.drop_take(name)
-
-
-class _Performing(InTurn[Take]):
-    """What the editor says meanwhile."""
-
-    def __init__(self, jobs: JobBook, parts: ResultParts, run: EditedRun) -> None:
-        super().__init__(jobs)
-        self._parts = parts
-        self._run = run
-
-    def blank(self) -> Updates:
-        return self._says(text.TAKE_STARTING)
-
-    def waits(self, ahead: int) -> Updates:
-        return self._says(waiting_line(ahead)) if ahead else self.blank()
-
-    def stops(self, job: Job) -> Updates:
-        return self._says(text.PUT_BACK if job.is_put_back else text.STOPPING)
-
-    def _says(self, sentence: str) -> Updates:
-        self._run.say(sentence, state="working")
-        return _shown(self._parts, self._run)
 
 
 @dataclass

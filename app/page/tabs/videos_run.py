@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import shutil
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from html import escape
@@ -17,15 +18,14 @@ import gradio as gr
 from app import text
 from app.errors import CancelledRun, RunError, visitor_sentence
 from app.page.parts import markup
-from app.page.parts.html_parts import AT_ONCE, IN_TURN, PRIVATE, shown
-from app.page.queue.in_turn import InTurn, Updates, last_share
-from app.page.queue.jobs import Job, JobBook, Tab
-from app.page.queue.runner import TabRunner
-from app.page.results.kept_runs import KeptRun, KeptRuns
+from app.page.parts.html_parts import AT_ONCE, PRIVATE, in_turn, shown
+from app.page.queue.jobs import Job, Tab
+from app.page.queue.runner import TabRunner, Updates, follow, last_share
+from app.page.results.kept_runs import KeptRun
 from app.page.results.result_parts import ResultParts
 from app.page.routes.media import MEDIA_ROUTE, MediaAddresses
 from app.page.tabs.services import Services
-from app.page.visitors.visitors import address_of, visitor_of
+from app.page.visitors.visitors import visitor_of
 from app.run.output.result_folder import zip_files
 from app.run.requests.display import Display, finite, whole
 from app.run.requests.request import Artefact, Event, OnEvent, ShouldCancel
@@ -135,23 +135,23 @@ class SeenRunner(TabRunner[SeenVideo]):
         self._services = services
         self._parts = parts
 
-    def wire(self, page: gr.Blocks, prefix: str = "") -> None:
+    def wire(self, prefix: str = "") -> None:
         """Have the stage's button start it.
 
         Args:
             prefix: of the ids of the tab's parts, with its hyphen.
         """
         parts = self._parts
-        parts.seen_start.click(
+        run = parts.seen_start.click(
             self.run,
             inputs=[parts.seen_asked],
             outputs=[parts.seen, parts.seen_cancel],
             js=f"() => [document.querySelector('#{prefix}player .lockstep').seen()]",
             api_visibility="private",
-            **IN_TURN,
+            **in_turn(parts.status),
         )
-        parts.seen_cancel.click(self.cancel, **AT_ONCE)
-        page.unload(self.cancel)
+        outputs = [parts.seen, parts.seen_cancel]
+        parts.seen_cancel.click(self.cancel, outputs=outputs, cancels=run, **AT_ONCE)
 
     @contextmanager
     def begin(self, job: Job, cookie: str, values: tuple[Any, ...]) -> Iterator[_SeenWork]:
@@ -194,9 +194,6 @@ class SeenRunner(TabRunner[SeenVideo]):
             self._parts.seen: shown(message or status),
             self._parts.seen_cancel: gr.update(visible=False),
         }
-
-    def says(self, line: str) -> Updates:
-        return {self._parts.seen: shown(told(line))}
 
 
 @dataclass
@@ -248,10 +245,6 @@ def told(line: str, share: float | None = None, more: str = "") -> str:
     return f'<div class="seen-told" role="status"><p>{escape(line)}</p>{bar}{more}</div>'
 
 
-Draw = Callable[[VideosRequest, OnEvent, ShouldCancel], tuple[Path, ...]]
-"""As `app.run.videos.behind.draw_behind`."""
-
-
 @dataclass(frozen=True)
 class Wanted:
     """What is to be drawn of a run, and what was said when that had ended."""
@@ -260,8 +253,13 @@ class Wanted:
     request: VideosRequest
 
 
+_PATIENCE_S = 1.0
+"""Between two looks at whether the visitor is still there."""
+
+
 class VideosBehind:
-    """Draws what a tab's runs have left to be drawn, one visitor's newest run at a time."""
+    """Draws what a tab's runs have left to be drawn, one visitor's newest run at a time, while
+    nobody waits for a run; it gives way to one by being ended, and begins anew."""
 
     def __init__(self, services: Services, parts: ResultParts, tab: Tab) -> None:
         """
@@ -297,7 +295,8 @@ class VideosBehind:
             outputs=self._outputs,
             **PRIVATE,
             trigger_mode="multiple",
-            concurrency_limit=None,
+            concurrency_id="videos",
+            concurrency_limit=1,
         )
 
     @property
@@ -311,59 +310,51 @@ class VideosBehind:
         with self._lock:
             wanted = self._wanted.pop(visitor, None)
         if wanted is None:
-            yield {
-                self._parts.status: gr.skip()
-            }  # of a listener that gives nothing Gradio empties all parts
+            yield {self._parts.status: gr.skip()}  # of one that gives nothing Gradio empties all
             return
-
         try:
-            yield from _Behind(self._jobs, self._parts, wanted).in_turn(
-                lambda: self._jobs.open(visitor, self._tab, address_of(request)),
-                lambda job: nullcontext(self._work(wanted, job)),
-            )
+            with self._jobs.opened(visitor, self._tab) as job:
+                yield from self._drawn(job, wanted)
         except CancelledRun:
-            return  # another run has begun, and shows itself
+            return  # another run of the visitor has begun, and shows itself
         except Exception as error:  # whatever it is, the run that has ended stays and says so
             sentence = text.VIDEOS_FAILED.format(why=visitor_sentence(error))
             yield {self._parts.status: _line(wanted, sentence)}
 
-    def _work(self, wanted: Wanted, job: Job) -> _StandardWork:
-        asked = wanted.request.within(job.folder)
-        draw = partial(self._services.worker.do, draw_behind)
-        return _StandardWork(draw, asked, wanted, self._parts, self._services.kept)
-
-
-class _Behind(InTurn[tuple[Path, ...]]):
-    """What is said of videos in the line of the run that they are of."""
-
-    def __init__(self, jobs: JobBook, parts: ResultParts, wanted: Wanted) -> None:
-        super().__init__(jobs)
-        self._parts = parts
-        self._wanted = wanted
-
-    def blank(self) -> Updates:
-        return {self._parts.status: gr.skip()}
-
-    def waits(self, ahead: int) -> Updates:
-        line = _line(self._wanted, text.VIDEOS_WAIT) if ahead else gr.skip()
-        return {self._parts.status: line}
-
-    def stops(self, job: Job) -> Updates:
-        return self.blank()
+    def _drawn(self, job: Job, wanted: Wanted) -> Iterator[Updates]:
+        work = _StandardWork(self._services, wanted, job.folder / "drawn", self._parts)
+        while True:
+            while not self._jobs.wait_for_rest(_PATIENCE_S):
+                if job.is_cancelled():
+                    raise CancelledRun
+                yield {self._parts.status: _line(wanted, text.VIDEOS_WAIT)}
+            work.folder.mkdir()
+            try:
+                yield from follow(work, job, {self._parts.status: gr.skip()})
+                return
+            except CancelledRun:
+                if job.is_cancelled():
+                    raise
+            shutil.rmtree(work.folder, ignore_errors=True)
 
 
 @dataclass(frozen=True)
 class _StandardWork:
     """The videos of one run."""
 
-    draw: Draw
-    asked: VideosRequest
+    services: Services
     wanted: Wanted
+    folder: Path
     parts: ResultParts
-    kept: KeptRuns
 
     def run(self, on_event: OnEvent, should_cancel: ShouldCancel) -> tuple[Path, ...]:
-        return self.draw(self.asked, on_event, should_cancel)
+        jobs = self.services.jobs
+        asked = self.wanted.request.within(self.folder)
+
+        def gives_way() -> bool:
+            return should_cancel() or jobs.is_anyone_waiting()
+
+        return self.services.videos.do(draw_behind, asked, on_event, gives_way)
 
     def progress(self, events: list[Event]) -> Updates:
         showing = self.wanted.kept.run.showing
@@ -382,7 +373,7 @@ class _StandardWork:
         run = self.wanted.kept.run
         files = (*run.files, *result)
         bundle = zip_files(files, run.bundle)
-        self.kept.complete(self.wanted.kept.token, bundle, files)
+        self.services.kept.complete(self.wanted.kept.token, bundle, files)
         return {
             self.parts.status: _line(self.wanted, text.VIDEOS_DONE),
             self.parts.bundle: gr.update(value=str(bundle)),

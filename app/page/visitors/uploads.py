@@ -1,13 +1,12 @@
-"""Uploads that break off, or find no room, leave nothing; and each of their files is counted as it
-begins."""
+"""Uploads within their limits; those that break off, or find no room, leave nothing."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncGenerator, Callable
-from contextvars import ContextVar
+import shutil
+from collections.abc import AsyncGenerator
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from gradio import route_utils
 from starlette.formparsers import MultiPartException
@@ -17,26 +16,33 @@ from app.errors import is_disk_full
 
 MAX_FILES = 250
 """In one request."""
+MAX_BODY_BYTES = 2 * 10**9
+"""The same."""
 MAX_FIELD_BYTES = 1 << 16
 """Of a field that is no file, which is held in memory."""
+_CHECK_BYTES = 1 << 24
+"""Of an upload between two looks at the disk."""
 _PARTS_AT_ONCE, _PIECE_BYTES = 16, 2048
 TOO_MANY_AT_ONCE = "At most {limit} files can be uploaded at once; send the others after them."
+TOO_MUCH_AT_ONCE = "At most {limit:.0f} GB can be uploaded at once; send the others after them."
 FIELD_TOO_LONG = "A field that is no file may have {limit} bytes, and one of this upload has more."
-
-NO_ROOM: ContextVar[Callable[[], str]] = ContextVar("NO_ROOM", default=str)
-"""Called for each file of the upload that is being read; returns why it finds no room, or nothing.
-Set by who lets the upload in."""
 
 
 class TidyParser(route_utils.GradioMultiPartParser):
     """Gradio's parser of uploads, which leaves nothing of one that breaks off or finds no room."""
 
+    root: ClassVar[Path]
+    """Where uploads lie."""
+    min_free_bytes: ClassVar[int]
+    """Of the disk, which is never filled further."""
+    _num_files = _num_bytes = _checked_bytes = 0
+
     def on_headers_finished(self) -> None:
         super().on_headers_finished()
         if self._current_part.file is not None:
-            refusal = NO_ROOM.get()()
-            if refusal:
-                raise MultiPartException(refusal)
+            self._num_files += 1
+            if self._num_files > MAX_FILES:
+                raise MultiPartException(TOO_MANY_AT_ONCE.format(limit=MAX_FILES))
 
     def on_part_data(self, data: bytes, start: int, end: int) -> None:
         part = self._current_part
@@ -45,29 +51,50 @@ class TidyParser(route_utils.GradioMultiPartParser):
         super().on_part_data(data, start, end)
 
     async def parse(self) -> Any:
-        self.stream = _in_pieces(self.stream)
+        stated = self.headers.get("content-length", "0")
+        stream, self.stream = self.stream, self._within_limits(self.stream)
         try:
+            self._see_room(int(stated) if stated.isdecimal() else 0)
             return await super().parse()
         except BaseException as error:
             for file in self._files_to_close_on_error:
                 file.close()
                 Path(file.name).unlink(missing_ok=True)
             if is_disk_full(error):
-                raise MultiPartException(text.DISK_FULL) from error
-            raise
+                error = MultiPartException(text.DISK_FULL)
+            if isinstance(error, MultiPartException):
+                async for _ in stream:  # a browser that still sends would not hear the sentence
+                    pass
+            raise error
+
+    def _see_room(self, num_bytes: int) -> None:
+        """
+        Raises:
+            MultiPartException: where so much more is too much for a request, or for the disk.
+        """
+        if self._num_bytes + num_bytes > MAX_BODY_BYTES:
+            raise MultiPartException(TOO_MUCH_AT_ONCE.format(limit=MAX_BODY_BYTES / 1e9))
+        if shutil.disk_usage(self.root).free < self.min_free_bytes + num_bytes:
+            raise MultiPartException(text.DISK_FULL)
+        self._checked_bytes = self._num_bytes
+
+    async def _within_limits(
+        self, stream: AsyncGenerator[bytes, None]
+    ) -> AsyncGenerator[bytes, None]:
+        """What comes, and of many small parts a few at a time: others have their turn between."""
+        async for chunk in stream:
+            self._num_bytes += len(chunk)
+            if self._num_bytes - self._checked_bytes > _CHECK_BYTES:
+                self._see_room(0)
+            if chunk.count(b"\r\n--") <= _PARTS_AT_ONCE:
+                yield chunk
+                continue
+            for at in range(0, len(chunk), _PIECE_BYTES):
+                yield chunk[at : at + _PIECE_BYTES]
+                await asyncio.sleep(0)
 
 
-async def _in_pieces(stream: AsyncGenerator[bytes, None]) -> AsyncGenerator[bytes, None]:
-    """What comes, and of many small parts a few at a time: others have their turn in between."""
-    async for chunk in stream:
-        if chunk.count(b"\r\n--") <= _PARTS_AT_ONCE:
-            yield chunk
-            continue
-        for at in range(0, len(chunk), _PIECE_BYTES):
-            yield chunk[at : at + _PIECE_BYTES]
-            await asyncio.sleep(0)
-
-
-def keep_uploads_tidy() -> None:
+def keep_uploads_tidy(root: Path, min_free_bytes: int) -> None:
     """Let Gradio parse uploads by `TidyParser`."""
+    TidyParser.root, TidyParser.min_free_bytes = root, min_free_bytes
     route_utils.GradioMultiPartParser = TidyParser

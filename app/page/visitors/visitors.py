@@ -10,8 +10,8 @@ import gradio as gr
 from fastapi.routing import APIRoute
 from starlette.requests import HTTPConnection
 
-COOKIE = "study_visitor"
-VISITOR_ROUTE = "/study/visitor"
+COOKIE = "visitor"
+VISITOR_ROUTE = "/visitor"
 _COOKIE_BYTES = 32
 
 

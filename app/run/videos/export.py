@@ -11,12 +11,15 @@ from app.errors import RunError
 from app.flags import SOUND, flag, flags_of
 from app.run.body_motion import body_motion
 from app.run.models import get_body
+from app.run.output.telling import share_teller
 from app.run.requests.display import Display, check_display, displayed, marks_of
 from app.run.requests.request import (
     ASSUME,
     BODY,
     FRAMING,
     LOOK,
+    OnEvent,
+    ShouldCancel,
     check_size,
     close_up_flag,
     read_size,
@@ -125,7 +128,9 @@ class RenderRequest:
 
 
 def render_motion(
-    request: RenderRequest, on_progress: Callable[[float], None] = lambda fraction: None
+    request: RenderRequest,
+    on_event: OnEvent = lambda event: None,
+    should_cancel: ShouldCancel = lambda: False,
 ) -> tuple[tuple[Path, ...], tuple[str, ...]]:
     """Make what is asked for.
 
@@ -133,6 +138,7 @@ def render_motion(
         The files written, and what a person should know of them.
 
     Raises:
+        CancelledRun: when ``should_cancel`` said so.
         RunError: if what is asked for cannot be.
         MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
@@ -144,7 +150,7 @@ def render_motion(
     motion = body_motion(read)
     body = get_body(request.body, request.look)
     if request.ending in (".mp4", ".png"):
-        files = _draw(request, read, body, on_progress)
+        files = _draw(request, read, body, share_teller("video", on_event, should_cancel))
     else:
         files = _export(request, body, motion)
     apart = () if request.speech is None else _apart(request.speech, read)

@@ -15,12 +15,9 @@ from starlette.testclient import TestClient
 
 from app.config import AppConfig
 from app.page.launch import launch
-from app.page.visitors.uploads import MAX_FILES
 
 ADDRESS = "http://127.0.0.1/"
 UPLOAD = {"files": ("a.wav", b"sound")}
-BOUND_BYTES = 20 * 10**6
-"""Of one address on the page that tests share."""
 
 
 class Served:
@@ -88,9 +85,8 @@ def served_page(weights: Path, temp: Path, **settings: Any) -> Iterator[Served]:
 @pytest.fixture(scope="session")
 def served(weights: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     """One page for all tests that need no other; it is swept all the time."""
-    bounds = {"max_kept_bytes_each": BOUND_BYTES, "max_kept_files_each": MAX_FILES + 50}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("app.page.visitors.visitor_files.SWEEP_EVERY_S", 0.2)
+        patch.setattr("app.page.visitors.files.SWEEP_EVERY_S", 0.2)
         temp = tmp_path_factory.mktemp("page")
-        with served_page(weights, temp, host_names=("lab.example",), **bounds) as page:
+        with served_page(weights, temp, host_names=("lab.example",)) as page:
             yield page

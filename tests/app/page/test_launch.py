@@ -55,7 +55,7 @@ def page(weights: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bl
         started = start_server(*args, **options)
         with httpx.Client(base_url=started[2], timeout=60) as client:
             ANSWERS.append(client.get("web/player/player.js").status_code)
-            ANSWERS.append(client.post("study/visitor").status_code)
+            ANSWERS.append(client.post("visitor").status_code)
             ANSWERS.append(client.get("media/none").status_code)
         return started
 
@@ -231,3 +231,23 @@ def test_a_server_is_made_without_what_is_slow_to_import_and_leaves_nothing_howe
     assert [p for p in tmp_path.rglob("*") if p.is_file() and p.name != ".lock"] == []
     # torch's own finalizers may complain where the end comes amid its import.
     assert str(ROOT / "app") not in told
+
+
+STUCK = """
+import atexit, signal
+from app.page import launch
+launch.END_WITHIN_S = 0.1
+atexit.register(signal.pause)
+signal.signal(signal.SIGTERM, launch._end)
+print("ready", flush=True)
+signal.pause()
+"""
+
+
+def test_what_cannot_be_tidied_up_in_time_does_not_keep_it_from_ending():
+    command = [sys.executable, "-c", STUCK]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None and child.stdout.readline() == "ready\n"
+        child.send_signal(signal.SIGTERM)
+        child.send_signal(signal.SIGTERM)
+        assert child.wait(60) == 1

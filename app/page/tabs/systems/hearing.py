@@ -31,13 +31,13 @@ NO_SYSTEM = "Tick at least one system to compare."
 NO_SPEECH = "Upload two speeches to compare; this installation has fewer than two examples."
 
 
-def build_hearing(page: gr.Blocks, services: Services) -> None:
+def build_hearing(services: Services) -> None:
     """Lay out the part inside the current context and wire it."""
     gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{INTRODUCTION}</p>')
     sheet = build_measuring_sheet(
         "hearing", services.catalogue, usual_systems("hearing-tab"), _build_fields, "Compare"
     )
-    HearingRunner(services, measure_hearing, sheet.parts).wire(page, sheet)
+    HearingRunner(services, measure_hearing, sheet.parts).wire(sheet)
 
 
 def _build_fields() -> list[Any]:

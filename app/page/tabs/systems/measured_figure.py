@@ -15,10 +15,9 @@ import gradio as gr
 from app import text
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue
-from app.page.parts.html_parts import AT_ONCE, IN_TURN, mount, named_fields, reveal_on_click, shown
-from app.page.queue.in_turn import Updates, last_share
+from app.page.parts.html_parts import AT_ONCE, in_turn, mount, named_fields, reveal_on_click, shown
 from app.page.queue.jobs import Job
-from app.page.queue.runner import TabRunner
+from app.page.queue.runner import TabRunner, Updates, last_share
 from app.page.queue.worker import Task
 from app.page.results.result_parts import FiguresShown
 from app.page.tabs.services import Services
@@ -155,18 +154,18 @@ class FigureRunner(TabRunner[Found], Generic[Asked, Found]):
             self.parts.figure: shown(""),
         }
 
-    def wire(self, page: gr.Blocks, sheet: MeasuringSheet) -> None:
+    def wire(self, sheet: MeasuringSheet) -> None:
         """Let the buttons begin and end it; the tab's name is that of the API."""
         reveal_on_click(sheet.start, self.parts.status)
-        sheet.start.click(
+        outputs = [self.parts.status, self.parts.message, self.parts.figure]
+        run = sheet.start.click(
             named_fields(self.run, self.form, self.optional),
             inputs=sheet.fields,
-            outputs=[self.parts.status, self.parts.message, self.parts.figure],
+            outputs=outputs,
             api_name=self.tab,
-            **IN_TURN,
+            **in_turn(self.parts.status),
         )
-        sheet.cancel.click(self.cancel, **AT_ONCE)
-        page.unload(self.cancel)
+        sheet.cancel.click(self.cancel, outputs=outputs, cancels=run, **AT_ONCE)
 
 
 @dataclass(frozen=True)

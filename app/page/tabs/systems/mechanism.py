@@ -14,11 +14,10 @@ import gradio as gr
 
 from app import text
 from app.page.parts import markup
-from app.page.parts.html_parts import AT_ONCE, player_part, reveal_on_click, shown
+from app.page.parts.html_parts import AT_ONCE, in_turn, player_part, reveal_on_click, shown
 from app.page.player.player import NOTHING, Showing, own_writers, picture_layout
-from app.page.queue.in_turn import Updates, last_share
 from app.page.queue.jobs import Job
-from app.page.queue.runner import TabRunner
+from app.page.queue.runner import TabRunner, Updates, last_share
 from app.page.routes.media import MediaAddresses
 from app.page.tabs.services import Services
 from app.run.diagnose import DiagnoseRequest
@@ -63,7 +62,7 @@ class MechanismParts:
     """What the bodies show, and a video where the browser draws none."""
 
 
-def build_mechanism(page: gr.Blocks, tab: gr.Tab, services: Services) -> None:
+def build_mechanism(tab: gr.Tab, services: Services) -> None:
     """Lay out the part inside the current context and wire it.
 
     Args:
@@ -101,15 +100,14 @@ def build_mechanism(page: gr.Blocks, tab: gr.Tab, services: Services) -> None:
         "inputs": [noise, motion, needs_video],
         "outputs": [parts.status, parts.message, parts.player, parts.says],
         "js": _WITH_GL,
-        "show_progress": "hidden",
-        "trigger_mode": "once",
-        "concurrency_limit": None,  # JobBook lets them in one by one
+        **in_turn(parts.status),
     }
-    start.click(runner.run, **asks, api_name="mechanism")
-    first.click(runner.run, **asks, api_visibility="private")
+    runs: list[Any] = [
+        start.click(runner.run, **asks, api_name="mechanism"),
+        first.click(runner.run, **asks, api_visibility="private"),
+    ]
     tab.select(None, js=_ON_OPENING, api_visibility="private")
-    cancel.click(runner.cancel, **AT_ONCE)
-    page.unload(runner.cancel)
+    cancel.click(runner.cancel, outputs=asks["outputs"], cancels=runs, **AT_ONCE)
 
 
 class MechanismRunner(TabRunner[Shown]):

@@ -27,13 +27,13 @@ NO_SPEECH = "Upload speech to measure with; this installation has no examples."
 MEASURED = "Measured {count} motions."
 
 
-def build_step_curve(page: gr.Blocks, services: Services) -> None:
+def build_step_curve(services: Services) -> None:
     """Lay out the part inside the current context and wire it."""
     gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{INTRODUCTION}</p>')
     sheet = build_measuring_sheet(
         "steps", services.catalogue, usual_systems("steps"), _build_fields, "Measure"
     )
-    StepCurveRunner(services, measure_step_curve, sheet.parts).wire(page, sheet)
+    StepCurveRunner(services, measure_step_curve, sheet.parts).wire(sheet)
 
 
 def _build_fields() -> list[Any]:

@@ -28,7 +28,6 @@ from app.page.player.timeline import (
     waveform_peaks,
     worst_seconds,
 )
-from app.page.queue.jobs import JobBook
 from app.page.routes.media import MediaAddresses
 from app.run.examples import CLEAN, FACTS, STEADY, TREMBLING, first_look
 from app.run.followed_point import choose_tip_source
@@ -370,7 +369,7 @@ def test_what_has_been_made_is_shown_to_every_visitor_without_a_cookie(config, t
 
     def begun() -> FirstLooks:
         catalogue = Catalogue((BEST,), ("ann",), "", (Example("Three reasons", SPEECH),))
-        return FirstLooks(config, catalogue, JobBook(tmp_path / "jobs"), media, worker)
+        return FirstLooks(config, catalogue, media, worker)
 
     looks = begun()
     looks.make()

@@ -1,5 +1,6 @@
-"""What all tabs do alike between a click and the end of a run, and how a run is followed."""
+"""What all tabs do alike from the turn of a run to its end, and what each run leaves."""
 
+import os
 import shutil
 import threading
 from collections.abc import Callable, Iterator
@@ -14,9 +15,9 @@ import pytest
 
 from app import text
 from app.errors import CancelledRun, RunError
-from app.page.queue.in_turn import Updates, follow_run
-from app.page.queue.jobs import Job, JobBook
-from app.page.queue.runner import TabRunner
+from app.page.queue.jobs import Job, Jobs
+from app.page.queue.runner import TabRunner, Updates, follow
+from app.page.visitors.files import sweep
 from app.run.requests.request import (
     Artefact,
     Event,
@@ -38,9 +39,9 @@ class Runner(TabRunner[str]):
 
     tab = "study"
 
-    def __init__(self, jobs: JobBook, do: Do) -> None:
-        super().__init__(jobs, status="status")  # type: ignore[arg-type]
-        self.run_it = do
+    def __init__(self, jobs: Jobs, do: Do, status: Any = "status", message: Any = "message"):
+        super().__init__(jobs, status)
+        self.run_it, self.message = do, message
         self.begun: list[Any] = []
         self.has_ended = False
 
@@ -52,24 +53,24 @@ class Runner(TabRunner[str]):
 
         def shares(events: list[Event]) -> Updates:
             found = [event.fraction for event in events if isinstance(event, Progress)]
-            return {"shares": found} if events else {}
+            return {self._status: found} if events else {}
 
         try:
-            finished = {"finished": lambda result: {"result": result}}
+            finished = {"finished": lambda result: {self._status: result}}
             yield SimpleNamespace(run=self.run_it, progress=shares, **finished)
         finally:
             self.has_ended = True
 
     def blank(self) -> Updates:
-        return {"blank": True}
+        return {self._status: "blank"}
 
     def stopped(self, status: str, message: str) -> Updates:
-        return {"status": status, "message": message}
+        return {self._status: status, self.message: message}
 
 
 @pytest.fixture
-def jobs(tmp_path: Path) -> JobBook:
-    return JobBook(tmp_path)
+def jobs(tmp_path: Path) -> Jobs:
+    return Jobs(tmp_path / "jobs")
 
 
 def half_done(on_event: OnEvent, should_cancel: ShouldCancel) -> str:
@@ -77,11 +78,16 @@ def half_done(on_event: OnEvent, should_cancel: ShouldCancel) -> str:
     return "done"
 
 
+def wait_to_stop(on_event: OnEvent, should_cancel: ShouldCancel) -> str:
+    moment = threading.Event()
+    while not should_cancel():
+        moment.wait(0.01)
+    raise CancelledRun
+
+
 def test_a_run_is_blank_then_tells_its_news_then_its_result(jobs):
     runner = Runner(jobs, half_done)
-    first, *between, last = list(runner.run(VISITOR, "a", 1))
-    assert first == {"blank": True} and last == {"result": "done"}
-    assert between == [{"shares": [0.5]}]
+    assert [each["status"] for each in runner.run(VISITOR, "a", 1)] == ["blank", [0.5], "done"]
     assert runner.begun == [("cookie", ("a", 1))] and runner.has_ended and not jobs.in_use()
 
 
@@ -99,66 +105,87 @@ def test_what_goes_wrong_is_told_in_a_sentence_and_ends_what_was_begun(jobs):
             for each in runner.run(VISITOR, *values):
                 told.append(each)
         assert str(raised.value.message) == sentence and len(told) <= updates
-        assert ("blank" in told[0]) == bool(values)
+        assert (told[0]["status"] == "blank") == bool(values)
         assert text.STOPPED in told[-1]["status"]
         assert sentence.replace("<", "&lt;").replace(">", "&gt;") in told[-1]["message"]
     assert runner.has_ended and not jobs.in_use()
 
 
-def test_cancel_is_heard_at_once_and_is_no_error(jobs):
-    has_stopped = threading.Event()
-
-    def do(on_event: OnEvent, should_cancel: ShouldCancel) -> str:
-        on_event(Progress("numbers", 0.5))
-        while not should_cancel():
-            has_stopped.wait(0.01)
-        has_stopped.wait(60)  # a step that cannot be interrupted
-        raise CancelledRun
-
-    runner = Runner(jobs, do)
-    told: list[Updates] = []
-    for updates in runner.run(VISITOR, 1):
-        told.append(updates)
-        if "shares" in updates:
-            runner.cancel(VISITOR)
-        if text.STOPPING in str(updates):
-            has_stopped.set()
-    assert text.STOPPING in told[-2]["status"]
-    assert text.CANCELLED in told[-1]["status"] and told[-1]["message"] == ""
-
-
-def test_who_waits_is_told_how_many_are_before_and_can_stop_waiting(jobs):
-    runner = Runner(jobs, half_done)
-    with jobs.slot(jobs.open("another", "study")) as turn:
-        list(turn)
-        clicked = runner.run(VISITOR, 1)
-        assert next(clicked) == {"blank": True}
-        assert text.WAITING_ONE in next(clicked)["status"]
-        third = Runner(jobs, half_done).run(browser("other", session="other"), 1)
-        next(third)
-        assert text.WAITING.format(ahead=2) in next(third)["status"]
-        runner.cancel(VISITOR)
-        assert text.CANCELLED in next(clicked)["status"]
-        assert next(clicked, None) is None
-    assert runner.has_ended and list(third)[-1] == {"result": "done"}
+def test_cancel_is_no_error_and_clears_a_tab_only_whose_run_had_begun(jobs):
+    runner = Runner(jobs, wait_to_stop)
+    untouched = {"status": gr.skip()}
+    assert runner.cancel(VISITOR) == untouched
+    clicked = runner.run(VISITOR, 1)
+    assert next(clicked) == {"status": "blank"}
+    assert runner.cancel(browser("cookie", session="other")) == untouched
+    assert next(clicked) == untouched, "the other's click was of another page"
+    assert text.CANCELLED in runner.cancel(VISITOR)["status"]
+    assert text.CANCELLED in list(clicked)[-1]["status"] and not jobs.in_use()
+    clicked = runner.run(VISITOR, 1)
+    next(clicked)
+    next(clicked)
+    clicked.close()  # what Gradio does, which may be before the button's own call
+    assert runner.has_ended and not jobs.in_use()
+    assert text.CANCELLED in runner.cancel(VISITOR)["status"]
+    assert runner.cancel(VISITOR) == untouched
 
 
 def test_news_come_in_order_then_the_result_and_files_outlive_the_run_that_stops_with_its_visitor(
     jobs,
 ):
-    job, systems = jobs.open("one", "generate"), fakes.CATALOGUE.systems
-    asked = GenerateRequest(Path("/speech.wav"), job.folder / "out", Path("/weights"), systems)
-    *news, result = follow_run(partial(fakes.make_generate(), asked), job)
-    assert isinstance(result, GenerateResult) and result.num_frames == 30
-    events = [event for batch in news for event in batch]  # type: ignore[union-attr]
-    files = [event for event in events if isinstance(event, Artefact)]
-    names = ["globaldiff/local", "globaldiff/global", "figure6"]
-    assert [event.name for event in files] == names
-    assert all(event.path.is_file() and event.path.parent != asked.out for event in files)
-    last = {event.stage: event.fraction for event in events if isinstance(event, Progress)}
-    assert set(last.values()) == {1.0} and not job.is_cancelled()
-    shutil.rmtree(asked.out)
-    following = follow_run(partial(fakes.make_generate(hold=threading.Event()), asked), job)
-    next(following)
-    following.close()  # what Gradio does when the connection ends
-    assert job.is_cancelled()
+    work = SimpleNamespace(progress=lambda events: {"news": events}, finished=lambda done: done)
+    with jobs.opened("one", "generate") as job:
+        systems = fakes.CATALOGUE.systems
+        asked = GenerateRequest(Path("/speech.wav"), job.folder / "out", Path("/weights"), systems)
+        work.run = partial(fakes.make_generate(), asked)
+        *news, result = follow(work, job, {})
+        assert isinstance(result, GenerateResult) and result.num_frames == 30
+        events = [event for batch in news for event in batch["news"]]
+        files = [event for event in events if isinstance(event, Artefact)]
+        names = ["globaldiff/local", "globaldiff/global", "figure6"]
+        assert [event.name for event in files] == names
+        assert all(event.path.is_file() and event.path.parent != asked.out for event in files)
+        last = {event.stage: event.fraction for event in events if isinstance(event, Progress)}
+        assert set(last.values()) == {1.0} and not job.is_cancelled()
+        shutil.rmtree(asked.out)
+    assert job.is_cancelled(), "whatever still works for it stops"
+
+
+def test_jobs_have_folders_of_their_own_and_are_stopped_by_tab_and_page(jobs):
+    with (
+        jobs.opened("one", "generate") as first,
+        jobs.opened("one", "study") as second,
+        jobs.opened("two", "generate") as other,
+    ):
+        folders = {job.folder for job in (first, second, other)}
+        assert len(folders) == 3 and set(jobs.in_use()) == folders
+        assert all(folder.stat().st_mode & 0o777 == 0o700 for folder in folders)
+        jobs.cancel("one", "generate")
+        assert first.is_cancelled() and not second.is_cancelled() and not other.is_cancelled()
+        jobs.cancel_all()
+        assert second.is_cancelled() and other.is_cancelled()
+    assert not jobs.in_use() and all(folder.is_dir() for folder in folders), "for the downloads"
+
+
+def test_an_upload_stays_for_as_long_as_its_run_goes_on(jobs, tmp_path):
+    upload = tmp_path / "gradio" / "aa" / "speech.wav"
+    upload.parent.mkdir(parents=True)
+    upload.write_bytes(b"sound")
+
+    def aged() -> bool:
+        os.utime(upload, (0, 0))  # while others' runs go on
+        sweep(tmp_path, 1000, jobs.in_use())
+        return upload.exists()
+
+    with jobs.opened("visitor", "generate", ["a form", 3, [str(upload)], "/etc/passwd"]) as job:
+        assert jobs.in_use() == [job.folder, upload] and aged()
+    sweep(tmp_path, 1000, jobs.in_use())
+    assert upload.exists() and not aged()
+
+
+def test_what_nobody_waits_for_waits_until_nobody_waits(jobs):
+    with jobs.opened("one", "videos"):
+        assert jobs.wait_for_rest(0) and not jobs.is_anyone_waiting()
+        with jobs.opened("two", "seen"):
+            assert not jobs.wait_for_rest(0) and jobs.is_anyone_waiting()
+        assert jobs.wait_for_rest(0)

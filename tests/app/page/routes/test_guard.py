@@ -45,7 +45,7 @@ def test_pages_of_other_sites_get_nothing(client, origin, host):
         client.get("/config", headers=headers),
         client.post("/gradio_api/upload", files=UPLOAD, headers=headers),
         client.post("/gradio_api/call/generate", json={"data": []}, headers=headers),
-        client.post("/study/visitor", headers=headers),
+        client.post("/visitor", headers=headers),
         client.options("/gradio_api/upload", headers=preflight),
     ):
         assert answer.status_code == 403
@@ -91,7 +91,7 @@ def test_with_accounts_nothing_is_given_before_the_login(weights, tmp_path):
         client = page.client
         for path in ("/config", "/media/x", "/live/example/0", "/live/body.glb", "/web/../media/x"):
             assert client.get(path).status_code == 401, path
-        for path in ("/gradio_api/upload", "/study/visitor"):
+        for path in ("/gradio_api/upload", "/visitor"):
             assert client.post(path, files=UPLOAD).status_code == 401, path
         wrong, right = ({"username": "ann", "password": p} for p in ("guess", "her pass:word"))
         assert client.post("/login", data=wrong).status_code == 400
@@ -161,3 +161,24 @@ def test_what_the_page_has_not_is_told_in_a_sentence(client):
     for path in ("component_server", "component_server/", "process_recording"):
         answer = client.post(f"/gradio_api/{path}", files={"video": ("a.wav", b"sound")})
         assert answer.status_code == 404 and "fields of its forms" in answer.text
+
+
+def test_a_wrong_call_is_told_without_folders_and_costs_a_line_of_the_log(
+    client, served, caplog, capsys
+):
+    outside = {"path": "/etc/passwd", "meta": {"_type": "gradio.FileData"}}
+    ours = {"path": str(served.temp / "jobs" / "x"), "meta": {"_type": "gradio.FileData"}}
+    for name, data in (
+        ("mechanism", []),
+        ("mechanism", [{"a": 1}, 3, None]),
+        ("own_motion", [[outside]]),
+        ("own_motion", [[ours]]),
+        ("study_plan", ["t", "no such protocol", [ours]]),
+    ):
+        caplog.clear()
+        event = client.post(f"/gradio_api/call/{name}", json={"data": data}).json()["event_id"]
+        answer = client.get(f"/gradio_api/call/{name}/{event}").text
+        assert "event: error" in answer and str(served.temp) not in answer
+        (line,) = caplog.messages
+        assert "a wrong call" in line and "\n" not in line and len(line) < 400
+    assert "Traceback" not in capsys.readouterr().err

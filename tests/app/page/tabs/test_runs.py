@@ -3,6 +3,7 @@
 import json
 import shutil
 import threading
+import zipfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -19,8 +20,8 @@ from app.live.session import LiveAsk
 from app.live.sessions import LiveSessions
 from app.page.parts import markup
 from app.page.player.player import Showing, Writers
-from app.page.queue.in_turn import Updates
-from app.page.queue.jobs import JobBook
+from app.page.queue.jobs import Job
+from app.page.queue.runner import Updates
 from app.page.results.kept_runs import KeptRuns
 from app.page.results.result_parts import ResultParts, build_results
 from app.page.results.sets_shown import KeptSets
@@ -31,7 +32,7 @@ from app.page.tabs.motion_run import Opening
 from app.page.tabs.own_motion_run import ClipRunner, OwnMotionRunner
 from app.page.tabs.own_sets_run import SetsTools, build_sets
 from app.page.tabs.study_run import NO_COOKIE, StudyParts, StudyRunner
-from app.page.tabs.videos_run import Draw, VideosBehind, Wanted
+from app.page.tabs.videos_run import VideosBehind, Wanted
 from app.run.diagnose import DiagnoseRequest, Diagnosis
 from app.run.many.sets import Sets, SetsRequest
 from app.run.output.result_folder import zip_files
@@ -164,6 +165,24 @@ def test_zips_are_measured_as_sets_and_their_browser_opens_any_clip(tmp_path):
     assert len(opened) == 1
 
 
+def test_nobody_but_the_worker_opens_a_zip(tmp_path, monkeypatch):
+    """However often a form names one: its list of contents may be long."""
+    opened: list[object] = []
+
+    class Watched(zipfile.ZipFile):
+        def __init__(self, file: Any, mode: Any = "r", *more: Any, **named: Any) -> None:
+            opened.extend([file] if mode == "r" else [])
+            super().__init__(file, mode, *more, **named)
+
+    upload = tmp_path / "mine.zip"
+    with zipfile.ZipFile(upload, "w") as archive:
+        archive.writestr("a.npz", b"")
+    monkeypatch.setattr(zipfile, "ZipFile", Watched)
+    own = Own(tmp_path / "jobs", diagnose, Measured(tmp_path))
+    *_, last = updates_of(own.runner, own.parts, 4 * [str(upload)], *ONE)
+    assert "Measured 2 clips" in last["status"] and not opened
+
+
 USUAL = "gan/5"
 ASK = LiveAsk("globaldiff/global", "bob", 7)
 
@@ -194,7 +213,8 @@ def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why
         live.put(session, block)
     live._turn()
     live._turn()
-    job = JobBook(tmp_path / "jobs").open("me", "live")
+    job = Job("me", "live", tmp_path / "kept")
+    job.folder.mkdir()
     asked = keeps.asked(job, "mine", (session.token,))
     assert (asked.systems, asked.speaker, asked.seed) == (("globaldiff/global",), "bob", 7)
     assert asked.speech.parent == job.folder and asked.take is not None
@@ -344,7 +364,7 @@ def test_every_tab_lists_the_visitors_runs_and_of_one_that_is_gone_a_sentence_sa
 class Tab:
     """A run that has ended, whose videos are wanted."""
 
-    def __init__(self, folder: Path, draw: Draw) -> None:
+    def __init__(self, folder: Path, draw: Any) -> None:
         with gr.Blocks():
             self.parts: ResultParts = build_results()
         services = fakes.made_services(folder, {"draw_behind": draw})
@@ -382,6 +402,31 @@ def test_videos_come_into_the_player_the_zip_and_the_run_that_a_link_opens(tmp_p
     assert opened.run.bundle.stat().st_size > sum(path.stat().st_size for path in opened.run.files)
     assert list(tab.updates()) == [{tab.parts.status: gr.skip()}], "once, and all stays"
     assert not tab.jobs.in_use()
+
+
+def test_videos_give_way_to_whoever_waits_for_a_run_and_begin_anew(tmp_path):
+    may_draw, drawn = threading.Event(), []
+
+    def held(number: int) -> threading.Event:
+        drawn.append(number)
+        return may_draw
+
+    tab = Tab(tmp_path, fakes.make_draw(held, seconds=0.2))
+    updates = tab.updates()
+    next(updates)
+    with tab.jobs.opened("another", "generate"):
+        line = next(
+            each[tab.parts.status] for each in updates if each[tab.parts.status] != gr.skip()
+        )
+        assert text.VIDEOS_WAIT in line and set(drawn) == {0}
+    may_draw.set()
+    assert text.VIDEOS_DONE in list(updates)[-1][tab.parts.status] and drawn[-2:] == [0, 1]
+    tab.videos.want("visitor", Wanted(tab.run, VideosRequest(tab.showing.drawn(), tmp_path)))
+    with tab.jobs.opened("another", "generate"):
+        updates = tab.updates()
+        assert text.VIDEOS_WAIT in next(updates)[tab.parts.status]
+        tab.videos.give_up("visitor")
+        assert list(updates) == [], "another run of the visitor has begun"
 
 
 def test_another_run_ends_them_without_a_word_and_a_failure_is_told_beside_how_the_run_went(

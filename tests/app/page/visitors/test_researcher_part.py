@@ -27,7 +27,7 @@ def page(handover: Handover) -> FastAPI:
 def visitor(page: FastAPI) -> TestClient:
     """A browser that has opened the page."""
     client = TestClient(page)
-    assert client.post("/study/visitor").status_code == 204
+    assert client.post("/visitor").status_code == 204
     return client
 
 
@@ -78,13 +78,13 @@ def test_the_page_serves_no_file_of_the_private_folder(served):
 
 
 def test_the_cookie_is_kept_from_scripts_and_other_sites(page):
-    reply = TestClient(page).post("/study/visitor")
+    reply = TestClient(page).post("/visitor")
     cookie = SimpleCookie(reply.headers["set-cookie"])[COOKIE]
     assert cookie["httponly"] and cookie["samesite"].lower() == "strict" and not cookie["secure"]
     assert len(cookie.value) >= 43
-    kept = TestClient(page, cookies={COOKIE: cookie.value}).post("/study/visitor")
+    kept = TestClient(page, cookies={COOKIE: cookie.value}).post("/visitor")
     assert "set-cookie" not in kept.headers
-    reply = TestClient(page, base_url="https://lab.example").post("/study/visitor")
+    reply = TestClient(page, base_url="https://lab.example").post("/visitor")
     assert SimpleCookie(reply.headers["set-cookie"])[COOKIE]["secure"]
 
 
