@@ -109,6 +109,12 @@ def parse_config(argv: list[str] | None = None) -> AppConfig:
         "--auth", type=Path, metavar="FILE", help="lines of NAME:PASSWORD; visitors must log in"
     )
     parser.add_argument(
+        "--open",
+        type=Path,
+        metavar="FOLDER",
+        help="results of `generate` or `diagnose`, or their zip: shown when the page opens",
+    )
+    parser.add_argument(
         "--max-minutes",
         type=float,
         default=10.0,
@@ -127,6 +133,7 @@ def parse_config(argv: list[str] | None = None) -> AppConfig:
         host_names=tuple(options.host_name),
         proxies=tuple(options.proxy),
         embedders=tuple(options.embed_in),
+        opened=options.open,
         accounts=read_accounts(options.auth) if options.auth else (),
     )
 
@@ -182,7 +189,7 @@ def launch(
     from app.page.player.first_look_shown import FirstLooks
     from app.page.queue.jobs import NUM_ASIDE, JobBook
     from app.page.queue.run_processes import Limits, RunProcesses
-    from app.page.results.kept_runs import KeptRuns
+    from app.page.results.kept_runs import KeptRuns, keep_own
     from app.page.results.run_file import run_file_routes
     from app.page.results.study_preview import preview_routes
     from app.page.routes.guard import (
@@ -228,19 +235,23 @@ def launch(
     atexit.register(gate.close)
     addresses = MediaAddresses()
     first_look = None
-    if is_warmed_up:
+    if is_warmed_up and config.opened is None:
         first_look = FirstLooks(config, catalogue, jobs, addresses, processes.make_first_look)
+    kept, opened = KeptRuns(config.keep_results_s), ()
+    if config.opened is not None:
+        opened = (keep_own(kept, config.opened, config.temp / "opened", addresses),)
     services = Services(
         config=config,
         catalogue=catalogue,
         jobs=jobs,
         processes=processes,
         check=UploadCheck(gate.refuse, config.max_speech_s),
-        kept=KeptRuns(config.keep_results_s),
+        kept=kept,
         handover=Handover(config.private_folder, config.keep_results_s),
         live=LiveSessions(config.weights),
         addresses=addresses,
         first_look=first_look,
+        opened=opened,
     )
     page = build_app(services)
     page.queue(max_size=4 * config.max_waiting)

@@ -15,7 +15,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from app import text
 from app.errors import CancelledRun
 from app.page.queue.jobs import Job, JobBook
-from app.run.requests.request import Artefact, Event, OnEvent, Piece, Progress, ShouldCancel
+from app.run.requests.request import Artefact, Event, Grown, OnEvent, Progress, ShouldCancel
 
 Result = TypeVar("Result")
 _REFRESH_S = 0.25
@@ -71,7 +71,7 @@ def follow_run(
                     has_ended = True
                 else:
                     batch.append(event)
-                    if isinstance(event, Piece):  # somebody waits to see it move
+                    if isinstance(event, Grown):  # somebody waits to see it move
                         deadline = min(deadline, time.monotonic() + _SOON_S)
             yield batch
     except GeneratorExit:

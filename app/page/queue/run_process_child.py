@@ -24,13 +24,13 @@ _NO_MEMORY = ("allocate memory", "not enough memory", "bad_alloc")
 def generate(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
     from app.run.pipeline import generate_all
 
-    return generate_all(request, on_event, should_cancel)
+    generate_all(request, on_event, should_cancel)
 
 
 def diagnose(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:
-    from app.run.diagnose import diagnose_files
+    from app.run.many.opened import diagnose_opened
 
-    return diagnose_files(request, share_teller("numbers", on_event, should_cancel), on_event)
+    diagnose_opened(request, share_teller("numbers", on_event, should_cancel), on_event)
 
 
 def measure_sets(request: Any, on_event: OnEvent, should_cancel: ShouldCancel) -> Any:

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any
 from app.errors import CancelledRun, RunError
 from app.run.requests.request import (
     Artefact,
+    Event,
     GenerateRequest,
-    GenerateResult,
     OnEvent,
     Progress,
     ShouldCancel,
@@ -28,7 +28,7 @@ from app.run.requests.request import (
 from processes.child import Child, Gone
 
 if TYPE_CHECKING:
-    from app.run.diagnose import DiagnoseRequest, Diagnosis
+    from app.run.diagnose import DiagnoseRequest
     from app.run.examples import FirstLook
     from app.run.experiments.hearing import Hearing, HearingRequest
     from app.run.experiments.mechanism import MechanismRequest
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from app.run.videos.seen_video import SeenRequest, SeenVideo
     from app.study.make.workspace import ExportOptions, Workspace
 
-OnFile = Callable[[Artefact], None]
 
 GRACE_S = 1.0
 """How long a process may go on after it was told to stop."""
@@ -112,18 +111,18 @@ class RunProcesses:
 
     def generate(
         self, request: GenerateRequest, on_event: OnEvent, should_cancel: ShouldCancel
-    ) -> GenerateResult:
-        """As `app.run.pipeline.generate_all`."""
-        return self.do("generate", (request,), on_event, should_cancel)
+    ) -> None:
+        """As `app.run.pipeline.generate_all`; all of it is in the run's folder."""
+        self.do("generate", (request,), on_event, should_cancel)
 
     def diagnose(
         self,
         request: DiagnoseRequest,
         on_share: Callable[[float], None],
-        on_file: OnFile = lambda artefact: None,
-    ) -> Diagnosis:
-        """As `app.run.diagnose.diagnose_files`."""
-        return self._with_shares("diagnose", (request,), on_share, on_file)
+        on_event: OnEvent = lambda event: None,
+    ) -> None:
+        """As `app.run.many.opened.diagnose_opened`; all of it is in the run's folder."""
+        self._with_shares("diagnose", (request,), on_share, on_event)
 
     def measure_sets(self, request: SetsRequest, on_share: Callable[[float], None]) -> Sets:
         """As `app.run.many.sets.measure_sets`."""
@@ -151,10 +150,10 @@ class RunProcesses:
         self,
         request: MechanismRequest,
         on_share: Callable[[float], None],
-        on_file: OnFile = lambda artefact: None,
+        on_event: OnEvent = lambda event: None,
     ) -> tuple[Path | None, tuple[str, ...]]:
         """As `app.run.experiments.mechanism.show_mechanism`."""
-        return self._with_shares("show_mechanism", (request,), on_share, on_file)
+        return self._with_shares("show_mechanism", (request,), on_share, on_event)
 
     def make_first_look(self, look: FirstLook, weights: Path) -> None:
         """As `app.run.examples.make_first_look`."""
@@ -263,17 +262,17 @@ class RunProcesses:
         task: str,
         arguments: tuple[Any, ...],
         on_share: Callable[[float], None],
-        on_file: OnFile = lambda artefact: None,
+        on_event: OnEvent = lambda event: None,
     ) -> Any:
         """``on_share`` ends the run by raising CancelledRun, which it must be asked for."""
         share = 0.0
 
-        def on_event(event: object) -> None:
+        def take(event: Event) -> None:
             nonlocal share
             if isinstance(event, Progress):
                 share = event.fraction
-            elif isinstance(event, Artefact):
-                on_file(event)
+            else:
+                on_event(event)
 
         def should_cancel() -> bool:
             try:
@@ -282,7 +281,7 @@ class RunProcesses:
                 return True
             return False
 
-        return self.do(task, arguments, on_event, should_cancel)
+        return self.do(task, arguments, take, should_cancel)
 
 
 class _Process:

@@ -21,7 +21,7 @@ from app.run.requests.request import (
     Artefact,
     Event,
     GenerateRequest,
-    GenerateResult,
+    Grown,
     OnEvent,
     Progress,
     ShouldCancel,
@@ -144,17 +144,24 @@ def test_who_waits_is_told_how_many_are_before_and_can_stop_waiting(jobs):
 
 
 def test_news_come_in_order_then_the_result_and_files_outlive_the_run_that_stops_with_its_visitor(
-    jobs,
+    jobs, speech
 ):
     job, systems = jobs.open("one", "generate"), fakes.CATALOGUE.systems
-    asked = GenerateRequest(Path("/speech.wav"), job.folder / "out", Path("/weights"), systems)
-    *news, result = follow_run(partial(fakes.make_generate(), asked), job)
-    assert isinstance(result, GenerateResult) and result.num_frames == 30
-    events = [event for batch in news for event in batch]  # type: ignore[union-attr]
-    files = [event for event in events if isinstance(event, Artefact)]
-    names = ["globaldiff/local", "globaldiff/global", "figure6"]
-    assert [event.name for event in files] == names
-    assert all(event.path.is_file() and event.path.parent != asked.out for event in files)
+    asked = GenerateRequest(speech, job.folder / "out", Path("/weights"), systems)
+    file = job.folder / "a.mp4"
+
+    def do(on_event: OnEvent, should_cancel: ShouldCancel) -> str:
+        file.write_bytes(b"0")
+        on_event(Artefact("video", "a", file))
+        fakes.make_generate()(asked, on_event, should_cancel)
+        return "done"
+
+    *news, result = follow_run(do, job)
+    assert result == "done"
+    events = [event for batch in news for event in batch]
+    (kept,) = [event.path for event in events if isinstance(event, Artefact)]
+    file.unlink()
+    assert kept.is_file() and Grown in {type(event) for event in events}
     last = {event.stage: event.fraction for event in events if isinstance(event, Progress)}
     assert set(last.values()) == {1.0} and not job.is_cancelled()
     shutil.rmtree(asked.out)
